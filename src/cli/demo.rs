@@ -1,5 +1,7 @@
-//! `telltale demo`: everything on one machine, with a simulated shuttle in a DDS participant of its own.
-//! Its configuration is part of the binary.
+//! `telltale demo`: everything on one computer, with a simulated shuttle or robot in a DDS participant of its
+//! own. Their configurations are part of the binary.
+
+mod patience;
 
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::process::ExitCode;
@@ -9,26 +11,29 @@ use tokio::sync::mpsc;
 
 use super::server::{self, Server};
 use super::shutdown_signal::ShutdownSignal;
+use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
 use super::{EXIT_USAGE, check, log};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, DOMAIN_MAX, DdsProcess};
-use crate::sim::shuttle::{Departure, Fault};
+use crate::sim::machine::{Departure, FaultInfo};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
-use crate::web::{DemoFaults, Enrolled, FaultSwitch};
+use crate::web::{DemoFault, DemoFaults, Enrolled};
 use crate::yaml::Problems;
+use patience::{PATIENCE, patient};
 
-const CONFIG: &str = include_str!("../../config/shuttle.yaml");
+const SHUTTLE: &str = include_str!("../../config/shuttle.yaml");
+const ROBOT: &str = include_str!("../../config/robot.yaml");
 
 /// Domains that hardly anybody uses. All their ports lie below those that Linux assigns by itself.
 const DOMAINS: std::ops::RangeInclusive<u16> = 60..=99;
 
-/// See it work: a simulated shuttle over real DDS on the loopback interface, and the display.
+/// See it work: a simulated shuttle, or robot, over real DDS on the loopback interface, and the display.
 ///
 /// Nothing else is needed, nothing leaves this machine, nothing is kept.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  telltale demo --listen 127.0.0.1:9000")]
+#[command(after_help = "Examples:\n  telltale demo --listen 127.0.0.1:9000\n  telltale demo --robot")]
 pub struct Args {
     /// Where browsers find the display
     #[arg(long, value_name = "ADDR", default_value = server::LISTEN, value_parser = server::address)]
@@ -42,11 +47,15 @@ pub struct Args {
     /// Let the shuttle leave every stop by itself, without an operator
     #[arg(long)]
     drive: bool,
+    /// A warehouse robot instead of the shuttle: it works without an operator, and has no stages
+    #[arg(long, conflicts_with = "drive")]
+    robot: bool,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("warn");
-    let loaded = match load_config() {
+    let kind = Kind::of(args.robot, args.drive);
+    let loaded = match load_config(kind) {
         Ok(loaded) => loaded,
         Err(problems) => {
             check::report(&problems);
@@ -55,10 +64,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?
-        .block_on(demo(args, loaded))
+        .block_on(demo(args, kind, loaded))
 }
 
-async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
+async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let signal = ShutdownSignal::listen()?;
     server::check_plain(args.listen, false, args.insecure_http)?;
     let listener = server::bind(args.listen).await?;
@@ -67,15 +76,13 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
     store.add_demo_users().await?;
-    let departure = if args.drive { Departure::Alone } else { Departure::Cleared };
-    let vehicle = Vehicle::open(&options, &loaded, departure, clock).await?;
-    let (fault_sender, faults) = mpsc::channel(SWITCHES);
-    let (switch, switches) = mpsc::channel(SWITCHES);
-    let driving = tokio::spawn(vehicle.run(faults));
-    tokio::spawn(forward(switches, fault_sender));
-    let names = Fault::ALL.map(Fault::as_str).to_vec();
-    print!("{}", introduction(listener.local_addr()?, options.domain, args.drive));
-    let demo = Some(DemoFaults::new(names, switch));
+    let vehicle = Vehicle::open(&options, &loaded, kind, clock).await?;
+    let loaded = patient(loaded);
+    let (switch, faults) = mpsc::channel(SWITCHES);
+    let running = tokio::spawn(vehicle.run(faults));
+    print!("{}", introduction(listener.local_addr()?, options.domain, kind));
+    let on_the_page = |FaultInfo { name, title, about }| DemoFault { name, title, about };
+    let demo = Some(DemoFaults::new(kind.faults().into_iter().map(on_the_page).collect(), switch));
     let server = Server {
         loaded,
         file: None,
@@ -90,23 +97,15 @@ async fn demo(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
         clock,
     };
     server.run(signal).await?;
-    driving.await.context("the simulated shuttle failed")?;
+    running.await.context("the simulation failed")?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Hands the page's switches to the shuttle, which ends with the server's end of the channel.
-async fn forward(mut switches: mpsc::Receiver<FaultSwitch>, faults: mpsc::Sender<(Fault, bool)>) {
-    while let Some(switch) = switches.recv().await {
-        if let Some(fault) = Fault::from_word(switch.name)
-            && faults.send((fault, switch.active)).await.is_err()
-        {
-            return;
-        }
+fn load_config(kind: Kind) -> Result<Loaded, Problems> {
+    match kind {
+        Kind::Shuttle(_) => config::parse("config/shuttle.yaml", SHUTTLE),
+        Kind::Robot => config::parse("config/robot.yaml", ROBOT),
     }
-}
-
-fn load_config() -> Result<Loaded, Problems> {
-    config::parse("config/shuttle.yaml", CONFIG)
 }
 
 /// The given domain, or one that no participant on this machine uses.
@@ -127,10 +126,11 @@ fn is_free(domain: u16) -> bool {
 }
 
 /// Prints the address, the users and what can be tried, on one screen.
-fn introduction(address: SocketAddr, domain: u16, alone: bool) -> String {
+fn introduction(address: SocketAddr, domain: u16, kind: Kind) -> String {
     let url = server::url(address, false);
+    let what = if kind == Kind::Robot { "warehouse robot" } else { "shuttle" };
     let mut text = format!(
-        "Telltale demo: a simulated shuttle over real DDS, domain {domain}, on this machine alone.\n\n\
+        "Telltale demo: a simulated {what} over real DDS, domain {domain}, on this computer alone.\n\n\
          \x20 Look      {url}\n\n  Log in\n"
     );
     for (name, role, secret) in DEMO_USERS {
@@ -141,17 +141,25 @@ fn introduction(address: SocketAddr, domain: u16, alone: bool) -> String {
         };
         text += &format!("            {name:<10} {kind:<8} {secret:<15} {sees}\n");
     }
-    text += if alone {
-        "\n  The shuttle leaves every stop by itself after 10 s and drives for about a minute.\n"
-    } else {
-        "\n  Drive     Log in as operator. Say that the shuttle stands at the Depot. When there is a goal,\n\
-         \x20           clear it; it drives to the next stop, waits for the next clearance, and so on.\n"
+    text += match kind {
+        Kind::Robot => "\n  The robot drives from its dock to two places and back, and charges.\n",
+        Kind::Shuttle(Departure::Alone) => {
+            "\n  The shuttle leaves every stop by itself after 10 s and drives for about a minute.\n"
+        }
+        Kind::Shuttle(Departure::Cleared) => {
+            "\n  Drive     Log in as operator. Say that the shuttle stands at the Depot. When there is a goal,\n\
+             \x20           clear it; it drives to the next stop, waits for the next clearance, and so on.\n"
+        }
     };
     text += &format!("\n  Faults    {url}/demo\n");
-    for fault in Fault::ALL {
-        text += &format!("            {:<18} {}\n", fault.as_str(), fault.about());
+    for fault in kind.faults() {
+        text += &format!("            {:<18} {}\n", fault.name, fault.about.en);
     }
-    text += "\n  End       Ctrl-C\n";
+    text += &format!(
+        "\n  A busy computer lets messages wait, so here a fault counts {:.1} s later than on a vehicle.\n\n\
+         \x20 End       Ctrl-C\n",
+        PATIENCE.as_nanos() as f64 / 1e9
+    );
     text
 }
 

@@ -1,18 +1,20 @@
-//! `telltale sim`: runs only the simulated shuttle, on DDS.
+//! `telltale sim`: runs only the simulated shuttle or robot, on DDS.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use tokio::sync::mpsc;
 
 use super::shutdown_signal::ShutdownSignal;
+use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
 use super::{EXIT_USAGE, check, dds, log};
 use crate::clock::Clock;
 use crate::config;
-use crate::sim::shuttle::{Departure, Fault};
+use crate::sim::machine::FaultInfo;
+use crate::web::FaultSwitch;
 
 /// Publish what the nodes of a shuttle would, for a `telltale serve` in another process.
 ///
@@ -22,8 +24,10 @@ use crate::sim::shuttle::{Departure, Fault};
 /// `ROS_DISTRO`, or they fail on announcements of another size.
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Faults: sensor_outage, localization_jump, costmap_delay, planner_stall, can_loss, low_battery,\n  camera_crash\n\n\
-    Example:\n  telltale sim --config config/shuttle.yaml --interface loopback --domain 7 --drive --fault sensor_outage@40..50"
+    after_help = "Faults: sensor_outage, localization_jump, costmap_delay, planner_stall, can_loss, low_battery,\n  camera_crash\n\
+    Faults of the robot: lidar_outage, wheel_slip, localization_lost, navigation_stall, controller_crash,\n  docking_failed, battery_low\n\n\
+    Examples:\n  telltale sim --config config/shuttle.yaml --interface loopback --domain 7 --drive --fault sensor_outage@40..50\n  \
+    telltale sim --robot --config config/robot.yaml --interface loopback --fault lidar_outage@20..30"
 )]
 pub struct Args {
     /// The configuration of the vehicle: its stops, and the topics on which it is spoken to
@@ -32,6 +36,9 @@ pub struct Args {
     /// Drive from stop to stop without an operator
     #[arg(long)]
     drive: bool,
+    /// The warehouse robot instead of the shuttle
+    #[arg(long, conflicts_with = "drive")]
+    robot: bool,
     /// A fault from so many seconds after the start on, `NAME@20` or `NAME@20..30`; may be repeated
     #[arg(long = "fault", value_name = "NAME@SECONDS[..SECONDS]", value_parser = planned_fault)]
     faults: Vec<PlannedFault>,
@@ -39,9 +46,9 @@ pub struct Args {
     dds: dds::DdsFlags,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 struct PlannedFault {
-    fault: Fault,
+    name: String,
     from: Duration,
     until: Option<Duration>,
 }
@@ -56,37 +63,52 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     };
     let options = args.dds.resolve()?;
-    let departure = if args.drive { Departure::Alone } else { Departure::Cleared };
+    let kind = Kind::of(args.robot, args.drive);
+    let switches = switches(&args.faults, &kind.faults())?;
     tokio::runtime::Runtime::new().context("the async runtime cannot be started")?.block_on(async {
         let mut signal = ShutdownSignal::listen()?;
-        let vehicle = Vehicle::open(&options, &loaded, departure, Clock::start()).await?;
+        let vehicle = Vehicle::open(&options, &loaded, kind, Clock::start()).await?;
         let (switch, faults) = mpsc::channel(SWITCHES);
-        tracing::info!("the simulated shuttle publishes: {}; end it with Ctrl-C", dds::describe(&options));
+        tracing::info!("the simulation publishes: {}; end it with Ctrl-C", dds::describe(&options));
         let driving = tokio::spawn(vehicle.run(faults));
         tokio::select! {
             () = signal.requested() => {}
-            () = inject(&args.faults, &switch) => {}
+            () = inject(switches, &switch) => {}
         }
         drop(switch);
-        driving.await.context("the simulated shuttle failed")?;
+        driving.await.context("the simulation failed")?;
         Ok(ExitCode::SUCCESS)
     })
 }
 
-/// Switches the faults when they are due, and never returns.
-async fn inject(planned: &[PlannedFault], switch: &mpsc::Sender<(Fault, bool)>) {
-    let on = planned.iter().map(|planned| (planned.from, planned.fault, true));
-    let off = planned.iter().filter_map(|planned| Some((planned.until?, planned.fault, false)));
-    let mut switches: Vec<_> = on.chain(off).collect();
+/// A fault that is switched on or off after this time.
+type Planned = (Duration, FaultInfo, bool);
+
+/// The switches in order of time; the machine must have the faults.
+fn switches(planned: &[PlannedFault], known: &[FaultInfo]) -> anyhow::Result<Vec<Planned>> {
+    let mut switches = Vec::new();
+    for planned in planned {
+        let Some(fault) = known.iter().find(|fault| fault.name == planned.name) else {
+            let names: Vec<&str> = known.iter().map(|fault| fault.name).collect();
+            bail!("there is no fault {:?}; there are {}", planned.name, names.join(", "));
+        };
+        switches.push((planned.from, fault.clone(), true));
+        switches.extend(planned.until.map(|until| (until, fault.clone(), false)));
+    }
     switches.sort_by_key(|(at, ..)| *at);
+    Ok(switches)
+}
+
+/// Switches the faults when they are due, and never returns.
+async fn inject(switches: Vec<Planned>, switch: &mpsc::Sender<FaultSwitch>) {
     let mut passed = Duration::ZERO;
-    for (at, fault, on) in switches {
+    for (at, fault, active) in switches {
         tokio::time::sleep(at - passed).await;
         passed = at;
-        let what = if on { fault.about() } else { "it is over" };
-        tracing::info!("fault {}: {what}", fault.as_str());
-        if switch.send((fault, on)).await.is_err() {
-            tracing::error!("the simulated shuttle has ended");
+        let what = if active { &*fault.about.en } else { "it is over" };
+        tracing::info!("fault {}: {what}", fault.name);
+        if switch.send(FaultSwitch { name: fault.name, active }).await.is_err() {
+            tracing::error!("the simulation has ended");
         }
     }
     std::future::pending().await
@@ -95,10 +117,6 @@ async fn inject(planned: &[PlannedFault], switch: &mpsc::Sender<(Fault, bool)>) 
 fn planned_fault(text: &str) -> Result<PlannedFault, String> {
     let (name, when) =
         text.split_once('@').ok_or("write it as NAME@SECONDS: sensor_outage@20 or sensor_outage@20..30")?;
-    let fault = Fault::from_word(name).ok_or_else(|| {
-        let names = Fault::ALL.map(Fault::as_str).join(", ");
-        format!("there is no fault {name:?}; there are {names}")
-    })?;
     let (from, until) = match when.split_once("..") {
         Some((from, until)) => (seconds(from)?, Some(seconds(until)?)),
         None => (seconds(when)?, None),
@@ -106,7 +124,7 @@ fn planned_fault(text: &str) -> Result<PlannedFault, String> {
     if until.is_some_and(|until| until <= from) {
         return Err(format!("{when} ends before it begins; exchange the two"));
     }
-    Ok(PlannedFault { fault, from, until })
+    Ok(PlannedFault { name: name.to_owned(), from, until })
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -121,12 +139,11 @@ mod tests {
     #[test]
     fn faults_are_planned_with_a_name_and_seconds() {
         let planned = planned_fault("can_loss@2.5").unwrap();
-        assert_eq!((planned.fault, planned.from.as_millis(), planned.until), (Fault::CanLoss, 2500, None));
+        assert_eq!((&*planned.name, planned.from.as_millis(), planned.until), ("can_loss", 2500, None));
         let planned = planned_fault("can_loss@2.5..4").unwrap();
         assert_eq!(planned.until, Some(Duration::from_secs(4)));
         for (text, words) in [
             ("can_loss", "NAME@SECONDS"),
-            ("can@1", "there is no fault \"can\"; there are sensor_outage"),
             ("can_loss@soon", "no number of seconds"),
             ("can_loss@-1", "cannot be waited for"),
             ("can_loss@nan", "cannot be waited for"),
@@ -136,5 +153,11 @@ mod tests {
             let error = planned_fault(text).unwrap_err();
             assert!(error.contains(words), "{text}: {error}");
         }
+        let switches = |text, kind: Kind| switches(&[planned_fault(text).unwrap()], &kind.faults());
+        let shuttle = Kind::of(false, true);
+        assert_eq!(switches("can_loss@2.5..4", shuttle).unwrap().len(), 2);
+        let error = switches("lidar_outage@1", shuttle).unwrap_err().to_string();
+        assert!(error.contains("there is no fault \"lidar_outage\"; there are sensor_outage"), "{error}");
+        assert!(switches("lidar_outage@1", Kind::Robot).is_ok());
     }
 }

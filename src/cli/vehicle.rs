@@ -1,7 +1,9 @@
-//! Runs the simulated shuttle in real time: it publishes over DDS and obeys the requests that it hears.
+//! Runs a simulated machine in real time: it publishes over DDS and obeys the requests that it hears.
 
+pub(super) mod machine;
 mod orders;
-pub(super) mod wire;
+mod robot_wire;
+pub(super) mod shuttle_wire;
 
 use std::time::Duration;
 
@@ -13,14 +15,12 @@ use crate::config::Loaded;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages::GidSize;
 use crate::ros::{BridgeError, BridgeOptions, Publisher};
-use crate::sim::shuttle::{Departure, Fault, STEP, Sent, Shuttle};
+use crate::sim::machine::STEP;
+use crate::web::FaultSwitch;
+use machine::{Kind, Machine};
 use orders::Orders;
-use wire::Wire;
 
-/// The seed of the simulation: with the same one, each demo runs alike.
-const SEED: u64 = 1;
-
-/// Switches that may wait for the shuttle: far more than it has faults.
+/// Switches that may wait for the machine: far more than it has faults.
 pub const SWITCHES: usize = 64;
 
 /// How often the publisher is asked whether it still works.
@@ -30,12 +30,11 @@ const LOOK: Duration = Duration::from_millis(500);
 /// distributions.
 const ASKING: Span = Span::from_secs(3);
 
-/// The shuttle with DDS participants of its own: one to publish, one to listen.
+/// The machine with DDS participants of its own: one to publish, one to listen.
 pub struct Vehicle {
-    shuttle: Shuttle,
+    machine: Machine,
     publisher: Publisher,
     orders: Orders,
-    wire: Wire,
     /// Its nodes, as they were announced last.
     announced: Vec<&'static str>,
     opened: Timestamp,
@@ -49,33 +48,30 @@ impl Vehicle {
     pub async fn open(
         options: &BridgeOptions,
         loaded: &Loaded,
-        departure: Departure,
+        kind: Kind,
         clock: Clock,
     ) -> Result<Vehicle, BridgeError> {
-        let wire = Wire::of(&loaded.model);
-        let publisher = publisher(options, &wire).await?;
-        let orders = Orders::listen(options, &loaded.publishing, clock).await?;
         let opened = clock.now();
-        let shuttle = Shuttle::new(SEED, opened, &loaded.model.driving.stops, departure);
+        let machine = Machine::new(kind, loaded, opened);
+        let publisher = publisher(options, &machine).await?;
+        let orders = Orders::listen(options, &loaded.publishing, clock).await?;
         let (announced, options) = (Vec::new(), options.clone());
-        Ok(Vehicle { shuttle, publisher, orders, wire, announced, opened, options, clock })
+        Ok(Vehicle { machine, publisher, orders, announced, opened, options, clock })
     }
 
     /// Drives, obeys and takes faults until their sender is gone, then leaves DDS.
-    pub async fn run(mut self, mut faults: mpsc::Receiver<(Fault, bool)>) {
+    pub async fn run(mut self, mut faults: mpsc::Receiver<FaultSwitch>) {
         let mut steps = every(Duration::from_nanos(STEP.as_nanos()));
         let mut looks = every(LOOK);
         loop {
             tokio::select! {
                 fault = faults.recv() => match fault {
-                    Some((fault, on)) => self.shuttle.set_fault(fault, on),
+                    Some(FaultSwitch { name, active }) => self.machine.set_fault(name, active),
                     None => break,
                 },
-                order = self.orders.next() => self.shuttle.obey(order),
+                order = self.orders.next() => self.machine.obey(order),
                 _ = steps.tick() => {
-                    for sent in self.shuttle.advance(self.clock.now()) {
-                        self.publish(&sent).await;
-                    }
+                    self.publish().await;
                     self.announce().await;
                 }
                 _ = looks.tick() => self.reopen_if_stopped().await,
@@ -85,26 +81,28 @@ impl Vehicle {
         self.orders.shutdown().await;
     }
 
-    /// Publishes the messages. A reader loses what it does not take in time, as on a vehicle.
-    async fn publish(&self, sent: &Sent) {
-        let stamp = clock::wall_at(self.clock.wall(), self.clock.now(), sent.at);
-        let (topic, body) = self.wire.encode(&sent.message, stamp);
-        if let Err(error) = self.publisher.publish(topic, body).await {
-            tracing::debug!("the simulated shuttle: {error}");
+    /// Publishes the messages until now. A reader loses what it does not take in time, as on a vehicle.
+    async fn publish(&mut self) {
+        let now = self.clock.now();
+        let wall = self.clock.wall();
+        for (topic, body) in self.machine.advance(now, |at| clock::wall_at(wall, now, at)) {
+            if let Err(error) = self.publisher.publish(topic, body).await {
+                tracing::debug!("the simulation: {error}");
+            }
         }
     }
 
     /// Announces the nodes, if they have changed.
     async fn announce(&mut self) {
-        let nodes = self.shuttle.nodes();
+        let nodes = self.machine.nodes();
         if nodes == self.announced {
             return;
         }
         let alone = self.clock.now() >= self.opened + ASKING;
         let Some(size) = self.orders.gid_size().or(alone.then_some(GidSize::Bytes16)) else { return };
-        let entities: Vec<_> = nodes.iter().map(|node| (*node, self.wire.topics_of(node))).collect();
+        let entities: Vec<_> = nodes.iter().map(|node| (*node, self.machine.topics_of(node))).collect();
         if let Err(error) = self.publisher.announce(&entities, size).await {
-            tracing::debug!("the simulated shuttle: {error}");
+            tracing::debug!("the simulation: {error}");
         }
         self.announced = nodes;
     }
@@ -114,19 +112,19 @@ impl Vehicle {
         if !self.publisher.has_stopped() {
             return;
         }
-        match publisher(&self.options, &self.wire).await {
+        match publisher(&self.options, &self.machine).await {
             Ok(publisher) => {
                 self.announced.clear();
                 std::mem::replace(&mut self.publisher, publisher).shutdown().await;
             }
-            Err(error) => tracing::warn!("the simulated shuttle cannot publish: {error}"),
+            Err(error) => tracing::warn!("the simulation cannot publish: {error}"),
         }
     }
 }
 
-async fn publisher(options: &BridgeOptions, wire: &Wire) -> Result<Publisher, BridgeError> {
+async fn publisher(options: &BridgeOptions, machine: &Machine) -> Result<Publisher, BridgeError> {
     let mut publisher = Publisher::open(options, &[]).await?;
-    for (topic, type_name, quality) in wire.offers() {
+    for (topic, type_name, quality) in machine.offers() {
         publisher.offer(topic, type_name, quality)?;
     }
     publisher.offer_announcements();

@@ -125,6 +125,26 @@ groups:
 }
 
 #[test]
+fn the_robot_is_valid_and_has_words_for_people_who_stand_beside_it() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/robot.yaml");
+    let loaded = load(&path).unwrap_or_else(|problems| panic!("{problems}"));
+    assert!(loaded.soundness().1.is_none());
+    for module in &loaded.model.modules {
+        let (name, help) = (module.name.as_ref().unwrap(), module.help.as_ref().unwrap());
+        for state in [State::Error, State::Unknown] {
+            let (name, help) = (name.of(state, Stage::Active), help.of(state, Stage::Active));
+            let (Some(name), Some(help)) = (name, help) else { panic!("{} {state:?}", module.id) };
+            for said in [&name.en, &name.de, &help.text.en, &help.text.de] {
+                let lower = said.to_lowercase();
+                for shuttle in ["take over", "übernehm", "stop", "anhalten", "control room", "leitstelle"] {
+                    assert!(!lower.contains(shuttle), "{}: {said}", module.id);
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn all_problems_come_at_once_in_the_order_of_the_file() {
     check(
         "vehicle: { id: v, stges: none }\ngroups:\n  - id: a\n    depends_on: [b]\n    modules: [{ id: m, status: s, timeout: 2 sek }]\n",

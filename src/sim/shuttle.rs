@@ -5,11 +5,7 @@
 //! from the flow of data as in a vehicle: a node that uses the data at once notices at once, one that
 //! counts in a sliding window notices later (paper, Sec. V).
 
-mod drive;
-mod feed;
 mod localizer;
-mod obedience;
-mod route;
 mod statuses;
 mod topics;
 mod world;
@@ -18,30 +14,18 @@ use crate::engine::input::StatusArray;
 use crate::engine::model::Stop;
 use crate::engine::model::sample::Pose;
 use crate::engine::time::{Span, Timestamp};
-pub use drive::Departure;
-use drive::Drive;
-use route::{Pose2d, Route};
+use crate::sim::machine::clockwork::{Clockwork, STEP_MS};
+use crate::sim::machine::drive::{Departure, Drive, Pace};
+use crate::sim::machine::route::{Pose2d, Route};
+use crate::sim::machine::{self, FaultInfo};
 use statuses::Node;
 use topics::Topics;
 use world::World;
 
-/// The step of the shuttle's own time. Calling [`Shuttle::advance`] this often loses nothing.
-pub const STEP: Span = Span::from_millis(STEP_MS);
-const STEP_MS: u64 = 10;
-
-/// The longest time that one call catches up: a process that was stopped does not flood the bus.
-const CATCH_UP_STEPS: u64 = 500;
-
 /// Long enough that every part of the shuttle has its data when the first message is sent.
 const WARM_UP_STEPS: u64 = 300;
 
-/// A message of a node of the shuttle and its time, which is the stamp of its header, if it has one, unless
-/// the message says otherwise.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sent {
-    pub at: Timestamp,
-    pub message: Message,
-}
+pub type Sent = machine::Sent<Message>;
 
 /// Metres, seconds and radians; poses are in the frame of the map unless stated otherwise.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,9 +91,9 @@ pub enum Order {
 pub enum Fault {
     /// No packets from the LiDAR.
     SensorOutage,
-    /// The position jumps by more than a metre, and back, again and again.
+    /// The position jumps by more than a metre, again and again.
     LocalizationJump,
-    /// The obstacle map is late.
+    /// The obstacle map falls behind.
     CostmapDelay,
     /// The planner submits no trajectory, which matters only while driving.
     PlannerStall,
@@ -132,34 +116,61 @@ impl Fault {
         Fault::CameraCrash,
     ];
 
-    /// The word on the command line and in the demo's form.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Fault::SensorOutage => "sensor_outage",
-            Fault::LocalizationJump => "localization_jump",
-            Fault::CostmapDelay => "costmap_delay",
-            Fault::PlannerStall => "planner_stall",
-            Fault::CanLoss => "can_loss",
-            Fault::LowBattery => "low_battery",
-            Fault::CameraCrash => "camera_crash",
-        }
-    }
-
     pub fn from_word(word: &str) -> Option<Fault> {
-        Fault::ALL.into_iter().find(|fault| fault.as_str() == word)
+        Fault::ALL.into_iter().find(|fault| fault.info().name == word)
     }
 
-    /// Its effect, in one line for people.
-    pub const fn about(self) -> &'static str {
-        match self {
-            Fault::SensorOutage => "LiDAR packets stop; Localization notices before Sensors does",
-            Fault::LocalizationJump => "the position jumps by 1.2 m and back",
-            Fault::CostmapDelay => "the obstacle map comes 350 ms late",
-            Fault::PlannerStall => "no trajectories; matters only while driving",
-            Fault::CanLoss => "no frames from the vehicle's bus",
-            Fault::LowBattery => "a warning",
-            Fault::CameraCrash => "the front camera's node is gone, and with it all that it said",
-        }
+    pub fn info(self) -> FaultInfo {
+        let (name, title, about) = match self {
+            Fault::SensorOutage => (
+                "sensor_outage",
+                ("Sensor outage", "Sensorausfall"),
+                (
+                    "The LiDAR falls silent. Localization notices before Sensors does.",
+                    "Der LiDAR verstummt. Die Lokalisierung merkt es vor den Sensoren.",
+                ),
+            ),
+            Fault::LocalizationJump => (
+                "localization_jump",
+                ("Localization jump", "Positionssprung"),
+                (
+                    "The position jumps by more than a metre, again and again.",
+                    "Die Position springt immer wieder um mehr als einen Meter.",
+                ),
+            ),
+            Fault::CostmapDelay => (
+                "costmap_delay",
+                ("Costmap delay", "Hinderniskarte verspätet"),
+                (
+                    "The map of obstacles falls behind, by up to two seconds.",
+                    "Die Hinderniskarte bleibt zurück, um bis zu zwei Sekunden.",
+                ),
+            ),
+            Fault::PlannerStall => (
+                "planner_stall",
+                ("Planner stall", "Planung steht"),
+                ("No new path. Matters only while driving.", "Kein neuer Weg. Zählt nur während der Fahrt."),
+            ),
+            Fault::CanLoss => (
+                "can_loss",
+                ("CAN loss", "CAN-Ausfall"),
+                ("The vehicle bus falls silent.", "Der Fahrzeugbus verstummt."),
+            ),
+            Fault::LowBattery => (
+                "low_battery",
+                ("Low battery", "Batterie schwach"),
+                ("A warning that stops nothing.", "Eine Warnung, die nichts anhält."),
+            ),
+            Fault::CameraCrash => (
+                "camera_crash",
+                ("Camera crash", "Kamera abgestürzt"),
+                (
+                    "The program of the front camera ends, and with it all that it said.",
+                    "Das Programm der Frontkamera endet, und mit ihm seine Meldungen.",
+                ),
+            ),
+        };
+        FaultInfo::new(name, title, about)
     }
 }
 
@@ -168,38 +179,28 @@ impl Fault {
 pub struct Shuttle {
     world: World,
     topics: Topics,
-    /// When the next step is due.
-    due: Timestamp,
+    clockwork: Clockwork,
 }
 
 impl Shuttle {
     /// A shuttle that has been standing at its first stop for a while at `start`. One that drives by itself
     /// knows its position; another one waits to be told.
     pub fn new(seed: u64, start: Timestamp, stops: &[Stop], departure: Departure) -> Shuttle {
-        let drive = Drive::new(Route::through(stops), departure);
+        let drive = Drive::new(Route::through(stops), departure, pace(departure));
         let mut world = World::new(seed, drive, departure == Departure::Alone);
         for _ in 0..WARM_UP_STEPS {
             world.step(STEP_MS);
         }
-        Shuttle { world, topics: Topics::default(), due: start + STEP }
+        Shuttle { world, topics: Topics::default(), clockwork: Clockwork::new(start) }
     }
 
-    /// Advances to `now` and returns the messages published meanwhile, in order. Of more than five seconds,
-    /// only the last five happen.
+    /// Advances to `now` and returns the messages published meanwhile, in order.
     pub fn advance(&mut self, now: Timestamp) -> Vec<Sent> {
-        let backlog = now.since(self.due).as_nanos() / STEP.as_nanos();
-        if backlog > CATCH_UP_STEPS {
-            let skipped = Span::from_millis((backlog - CATCH_UP_STEPS) * STEP_MS);
-            self.due = self.due + skipped;
-        }
-        let mut sent = Vec::new();
-        while self.due <= now {
-            self.world.step(STEP_MS);
-            let at = self.due;
-            self.topics.publish(&mut self.world, |message| sent.push(Sent { at, message }));
-            self.due = self.due + STEP;
-        }
-        sent
+        let Shuttle { world, topics, clockwork } = self;
+        clockwork.advance(now, |send| {
+            world.step(STEP_MS);
+            topics.publish(world, send);
+        })
     }
 
     /// The names of its running nodes.
@@ -224,6 +225,15 @@ impl Shuttle {
             Order::Stop(asked) => self.world.drive.obedience.maneuver_stop(asked),
         }
     }
+}
+
+/// A shuttle that drives by itself stands longer, so that somebody who has just started to watch sees it stand.
+fn pace(departure: Departure) -> Pace {
+    let (stands_ms, first_stands_ms) = match departure {
+        Departure::Alone => (7_500, 17_500),
+        Departure::Cleared => (5_000, 5_000),
+    };
+    Pace { speed_mps_max: 7.0, acceleration_mps2: 1.0, stands_ms, first_stands_ms }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The page that switches faults of the simulated shuttle. A real vehicle does not have it.
+//! The page that switches faults of the simulated machine. A real one does not have it.
 
 use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
@@ -20,10 +20,10 @@ use super::view::{self, DemoFault};
 use super::{AppState, Live};
 use crate::store::audit::{Action, Record};
 
-/// The faults of the simulated shuttle, and the channel that switches them.
+/// The faults of the simulated machine, and the channel that switches them.
 #[derive(Debug)]
 pub struct DemoFaults {
-    names: Vec<&'static str>,
+    faults: Vec<DemoFault>,
     switch: mpsc::Sender<FaultSwitch>,
     active: Mutex<BTreeSet<&'static str>>,
 }
@@ -36,16 +36,13 @@ pub struct FaultSwitch {
 }
 
 impl DemoFaults {
-    /// `names` are the faults that the simulation knows; it receives from `switch`.
-    pub fn new(names: Vec<&'static str>, switch: mpsc::Sender<FaultSwitch>) -> DemoFaults {
-        DemoFaults { names, switch, active: Mutex::default() }
+    /// The faults that the simulation knows; it receives from `switch`.
+    pub fn new(faults: Vec<DemoFault>, switch: mpsc::Sender<FaultSwitch>) -> DemoFaults {
+        DemoFaults { faults, switch, active: Mutex::default() }
     }
 
-    fn list(&self) -> Vec<DemoFault> {
-        let active = self.active.lock().unwrap_or_else(PoisonError::into_inner);
-        let fault =
-            |name: &&'static str| DemoFault { name: (*name).to_owned(), active: active.contains(name) };
-        self.names.iter().map(fault).collect()
+    fn names(&self) -> Vec<&'static str> {
+        self.faults.iter().map(|fault| fault.name).collect()
     }
 
     /// Switches a fault; false if the simulation does not take it.
@@ -66,7 +63,8 @@ impl DemoFaults {
 /// `GET /demo`
 pub async fn page(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
     let Some(faults) = &app.settings.demo else { return refusal(&reader, HttpError::NotFound) };
-    Html(view::demo_page(&faults.list(), &page_context(&app, &session, &reader))).into_response()
+    let active = faults.active.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    Html(view::demo_page(&faults.faults, &active, &page_context(&app, &session, &reader))).into_response()
 }
 
 #[derive(Debug, Deserialize)]
@@ -87,12 +85,12 @@ pub async fn fault(
     let form = match form {
         Ok(Form(form)) => form,
         Err(rejection) => {
-            let wrong = json!({ "error": rejection.body_text(), "names": faults.names });
+            let wrong = json!({ "error": rejection.body_text(), "names": faults.names() });
             return json_answer(rejection.status(), &wrong);
         }
     };
-    let Some(&name) = faults.names.iter().find(|name| **name == form.name) else {
-        let wrong = json!({ "error": format!("there is no fault {:?}", form.name), "names": faults.names });
+    let Some(name) = faults.names().into_iter().find(|name| *name == form.name) else {
+        let wrong = json!({ "error": format!("there is no fault {:?}", form.name), "names": faults.names() });
         return json_answer(StatusCode::UNPROCESSABLE_ENTITY, &wrong);
     };
     if !faults.set(FaultSwitch { name, active: form.active }) {

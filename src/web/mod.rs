@@ -50,6 +50,7 @@ pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use serve::accept::serve;
 pub use serve::tls::{RENEW_BEFORE, Tls, TlsError, Validity};
 pub use source::{Live, Player, Replay, Source};
+pub use view::DemoFault;
 
 /// The settings of the server from the command line.
 #[derive(Debug)]
@@ -59,7 +60,7 @@ pub struct Settings {
     pub secure: bool,
     /// The displays at which a PIN is enough.
     pub enrolled: Enrolled,
-    /// Switches of the simulated shuttle; `None` on a vehicle.
+    /// Switches of the simulated machine; `None` on a real one.
     pub demo: Option<DemoFaults>,
     /// Requests to read the configuration file again; `None` without a file.
     pub rereads: Option<mpsc::Sender<Reread>>,

@@ -171,6 +171,17 @@ def release(page):
     raise AssertionError("a release is taken back again and again")
 
 
+def arrive(page, seconds=120):
+    """Waits for the next stop. A fault of a very busy machine holds the vehicle: it is released once that is over."""
+    offered, stands = page.locator("#actions button[name=release]"), page.locator("body[data-stage=standby]")
+    for _ in range(5):
+        offered.or_(stands).first.wait_for(timeout=seconds * 1000)
+        if stands.count():
+            return
+        release(page)
+    raise AssertionError("the vehicle is held again and again")
+
+
 def acknowledge_all(page):
     """One tap for each alarm, and each does what it says: the button goes, or means another one."""
     button = page.locator("#causes button[name=acknowledge]")

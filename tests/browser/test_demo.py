@@ -1,79 +1,31 @@
 """`telltale demo --drive` from the outside: every fault of the data shows as it should, through real
 DDS and the real monitors, read as a program reads it."""
 
-import contextlib
-import json
 import re
 import signal
 import time
-import urllib.error
 
 import pytest
-from websockets.sync.client import connect
 
+from demo import (
+    A_LEG_S,
+    DEPARTURE_S,
+    OPERATOR,
+    Faults,
+    Stream,
+    acknowledge_all,
+    brief,
+    group,
+    healthy,
+    masked_by,
+    roots,
+    state,
+    wait_for_a_stop,
+)
 from vehicle import Client, Server, own_domain, until
 
 # The simulation lives in real time.
 pytestmark = pytest.mark.timed
-
-OPERATOR = ("operator", "246810")
-DEPARTURE_S = 30
-# From a departure to the next stop, with a fault on the way.
-A_LEG_S = 70
-
-
-class Stream:
-    """The snapshots of `/api/v1/stream`, each at the moment it came."""
-
-    def __init__(self, server, client):
-        url = server.url.replace("http", "ws", 1) + "/api/v1/stream"
-        self.open = contextlib.ExitStack()
-        headers = {"Cookie": client.cookie()}
-        self.socket = self.open.enter_context(connect(url, additional_headers=headers, origin=server.url, max_size=2**22))
-
-    def wait(self, condition, seconds, what):
-        """All snapshots until the first that meets the condition, which is the last of them."""
-        deadline, seen = time.monotonic() + seconds, []
-        while True:
-            left = deadline - time.monotonic()
-            try:
-                seen.append(json.loads(self.socket.recv(timeout=max(left, 0.001))))
-            except TimeoutError:
-                raise AssertionError(f"not within {seconds} s: {what}; last: {brief(seen[-1:])}") from None
-            if condition(seen[-1]):
-                return seen
-
-    def close(self):
-        self.open.close()
-
-
-def brief(snapshots):
-    return [(s["stage"], {g["id"]: g["state"] for g in s["groups"]}, roots(s)) for s in snapshots]
-
-
-def group(snapshot, name):
-    return next(group for group in snapshot["groups"] if group["id"] == name)
-
-
-def state(snapshot, name):
-    return group(snapshot, name)["state"]
-
-
-def roots(snapshot):
-    return [root["node"] for root in snapshot["roots"]]
-
-
-def masked_by(snapshot, name):
-    reason = group(snapshot, name)["reason"]
-    return reason["by"] if reason and reason["kind"] == "masked" else None
-
-
-def healthy(snapshot):
-    # No group takes the statuses of `other`, so they do not count.
-    shown = {group["id"]: group["state"] for group in snapshot["groups"] if group["id"] != "other"}
-    planner = [shown.pop("planning"), shown.pop("execution")]
-    driving = snapshot["stage"] == "active"
-    return set(shown.values()) == {"ok"} and planner == (["ok"] * 2 if driving else ["ignore"] * 2) and not roots(snapshot)
 
 
 @pytest.fixture(scope="module")
@@ -101,56 +53,16 @@ def test_a_demo_that_was_put_to_sleep_wakes_up_whole(demo, client, stream):
     demo.send(signal.SIGCONT)
     woken = time.monotonic()
     # Its statuses would be silent for longer than their timeout of 2 s by then.
-    stream.wait(lambda s: time.monotonic() - woken > 4 and healthy(s), 10, "all is well again")
-    # Nothing was heard for a moment, in the middle of a drive: the shuttle was asked to slow down.
+    stream.wait(lambda s: time.monotonic() - woken > 4 and healthy(s), 20, "all is well again")
+    # If nothing was heard for long enough in the middle of a drive, the shuttle was asked to slow down.
     acknowledge_all(client)
     client.release()
-    stream.wait(lambda s: not s["countermeasures"], 5, "countermeasures are released")
-
-
-class Faults:
-    def __init__(self, client):
-        self.client = client
-
-    def set(self, name, active):
-        self.client.post("/demo/fault", name=name, active="true" if active else "false")
-
-    def over(self, name, stream):
-        """Ends the fault and releases the countermeasure that it led to: the shuttle drives on."""
-        self.set(name, False)
-        seen = stream.wait(healthy, 10, "all is well again")
-        acknowledge_all(self.client)
-        self.client.release()
-        return seen
-
-
-def acknowledge_all(client):
-    for _ in range(10):
-        snapshot = client.snapshot()
-        try:
-            for alarm in snapshot["alarms"]:
-                client.post(f"/alarms/{alarm['id']}/acknowledge", version=snapshot["seq"])
-            return
-        except urllib.error.HTTPError as error:
-            # It has changed or gone meanwhile.
-            assert error.code in (404, 409), error.read()
-    raise AssertionError(f"the alarms change all the time: {snapshot['alarms']}")
+    stream.wait(lambda s: not s["countermeasures"], 10, "countermeasures are released")
 
 
 @pytest.fixture
 def faults(client):
     return Faults(client)
-
-
-def wait_for_a_stop(stream, client):
-    """A busy machine may be late enough for a fault of its own: the shuttle goes on once it is over."""
-    for _ in range(5):
-        held = lambda s: any(it["request"] != "notify" for it in s["countermeasures"])
-        reached = lambda s: healthy(s) and (s["stage"] == "standby" or held(s))
-        if not held(stream.wait(reached, A_LEG_S, "all is well at a stop")[-1]):
-            return
-        client.release()
-    raise AssertionError("the shuttle is stopped again and again")
 
 
 def test_a_stalled_planner_matters_only_while_driving(client, stream, faults):
@@ -159,25 +71,25 @@ def test_a_stalled_planner_matters_only_while_driving(client, stream, faults):
     seen = stream.wait(lambda s: s["stage"] == "active", DEPARTURE_S, "departure")
     for snapshot in seen[:-1]:
         assert state(snapshot, "planning") == "ignore" and not roots(snapshot), brief([snapshot])
-    seen = stream.wait(lambda s: state(s, "planning") == "error", 2, "Planning in ERROR")
+    seen = stream.wait(lambda s: state(s, "planning") == "error", 10, "Planning in ERROR")
     assert roots(seen[-1]) == ["planning/planner_submitted"]
     assert masked_by(seen[-1], "execution") == ["planning/planner_submitted"]
-    measure = stream.wait(lambda s: s["countermeasures"], 2, "a countermeasure")[-1]["countermeasures"][0]
+    measure = stream.wait(lambda s: s["countermeasures"], 5, "a countermeasure")[-1]["countermeasures"][0]
     assert (measure["request"], measure["mps2"]) == ("decelerate", 1.0), measure
     faults.over("planner_stall", stream)
-    stream.wait(lambda s: s["stage"] == "active" and healthy(s), 10, "all is well while driving")
-    stream.wait(lambda s: not s["countermeasures"], 5, "the countermeasure is released")
+    stream.wait(lambda s: s["stage"] == "active" and healthy(s), 20, "all is well while driving")
+    stream.wait(lambda s: not s["countermeasures"], 10, "the countermeasure is released")
 
 
 def test_in_a_sensor_outage_localization_shows_it_first_and_then_waits_for_the_cause(stream, faults):
     cause = "sensors/velodyne_packet_alive"
     stream.wait(healthy, A_LEG_S, "all is well")
     faults.set("sensor_outage", True)
-    seen = stream.wait(lambda s: state(s, "sensors") == "error", 5, "Sensors in ERROR")
+    seen = stream.wait(lambda s: state(s, "sensors") == "error", 15, "Sensors in ERROR")
     states = [(state(snapshot, "sensors"), state(snapshot, "localization")) for snapshot in seen]
     assert ("ok", "error") in states, states
     assert ("warning", "error") in states, states
-    last = stream.wait(lambda s: masked_by(s, "localization") == [cause], 1, "Localization waits")[-1]
+    last = stream.wait(lambda s: masked_by(s, "localization") == [cause], 5, "Localization waits")[-1]
     assert roots(last) == [cause]
     assert group(last, "localization")["own"] == "error"
     seen = faults.over("sensor_outage", stream)
@@ -200,7 +112,7 @@ def test_a_fault_shows_at_its_group_and_what_depends_on_it_waits(stream, faults,
     faults.set(fault, True)
     seen = stream.wait(
         lambda s: state(s, group_name) == shown and all(masked_by(s, name) == [cause] for name in waits),
-        5,
+        15,
         f"{group_name} in {shown}, {waits} wait",
     )
     assert roots(seen[-1]) == ([cause] if cause else [])

@@ -10,6 +10,7 @@ from playwright.sync_api import expect
 from operating import (
     DEMO_OPERATOR,
     acknowledge_all,
+    arrive,
     clear,
     localize,
     log_in_by_touch,
@@ -60,7 +61,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     before = sounded(page)
 
     client.post("/demo/fault", name="localization_jump", active="true")
-    expect(page.locator("#tile-localization")).to_have_attribute("data-state", "error")
+    expect(page.locator("#tile-localization")).to_have_attribute("data-state", "error", timeout=15_000)
     banner = page.locator("#countermeasure[data-request=decelerate]")
     expect(banner).to_be_visible()
     expect(banner).to_have_attribute("data-state", "engaged")
@@ -97,7 +98,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     release(page)
     expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_have_count(0)
     assert step(page, "stop").bounding_box() == place
-    stage(page, "standby", 90)
+    arrive(page)
     # A tap right after a change does not count.
     expect(page.locator("#actions[data-quiet]")).to_have_count(0)
     step(page, "logout").tap()

@@ -1,4 +1,4 @@
-//! The bodies of the messages that the simulated shuttle publishes. Poses are in metres, their rotations
+//! The bodies of the messages that simulated machines publish. Poses are in metres, their rotations
 //! are unit quaternions; fields that a simulation does not use are zero, as ROS 2 initializes them.
 
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -9,6 +9,8 @@ use crate::engine::model::sample::Pose;
 pub const ACCEL_STAMPED: &str = "geometry_msgs/msg/AccelStamped";
 pub const BATTERY_STATE: &str = "sensor_msgs/msg/BatteryState";
 pub const FLOAT64: &str = "std_msgs/msg/Float64";
+pub const IMU: &str = "sensor_msgs/msg/Imu";
+pub const LASER_SCAN: &str = "sensor_msgs/msg/LaserScan";
 pub const OCCUPANCY_GRID: &str = "nav_msgs/msg/OccupancyGrid";
 pub const ODOMETRY: &str = "nav_msgs/msg/Odometry";
 pub const PATH: &str = "nav_msgs/msg/Path";
@@ -18,6 +20,7 @@ pub const POSE_STAMPED: &str = "geometry_msgs/msg/PoseStamped";
 pub const POSE_WITH_COVARIANCE_STAMPED: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
 pub const STRING: &str = "std_msgs/msg/String";
 pub const TF_MESSAGE: &str = "tf2_msgs/msg/TFMessage";
+pub const TWIST: &str = "geometry_msgs/msg/Twist";
 pub const TWIST_STAMPED: &str = "geometry_msgs/msg/TwistStamped";
 pub const VELODYNE_SCAN: &str = "velodyne_msgs/msg/VelodyneScan";
 
@@ -78,6 +81,10 @@ pub fn odometry(head: Header<'_>, child_frame_id: &str, at: Pose, velocity: Moti
         motion(writer, velocity);
         covariance(writer);
     })
+}
+
+pub fn twist(velocity: Motion) -> Vec<u8> {
+    body(|writer| motion(writer, velocity))
 }
 
 pub fn twist_stamped(head: Header<'_>, velocity: Motion) -> Vec<u8> {
@@ -180,6 +187,38 @@ pub fn velodyne_scan(head: Header<'_>, packets: usize) -> Vec<u8> {
             stamp(writer, head.stamp);
             writer.octets(&[0; VELODYNE_PACKET_BYTES]);
         }
+    })
+}
+
+/// `sensor_msgs/Imu` that does not know its orientation.
+pub fn imu(head: Header<'_>, motions: Motion) -> Vec<u8> {
+    let unknown = |writer: &mut Writer, first: f64| {
+        writer.f64(first);
+        (0..8).for_each(|_| writer.f64(0.0));
+    };
+    let vector =
+        |writer: &mut Writer, values: [f64; 3]| values.into_iter().for_each(|value| writer.f64(value));
+    body(|writer| {
+        header(writer, head);
+        [0.0, 0.0, 0.0, 1.0].into_iter().for_each(|value| writer.f64(value));
+        unknown(writer, -1.0);
+        vector(writer, motions.angular);
+        unknown(writer, 0.0);
+        vector(writer, motions.linear);
+        unknown(writer, 0.0);
+    })
+}
+
+/// `sensor_msgs/LaserScan` around itself, ten times a second, with these distances.
+pub fn laser_scan(head: Header<'_>, ranges_m: &[f32]) -> Vec<u8> {
+    let step = std::f32::consts::TAU / ranges_m.len().max(1) as f32;
+    let around = [-std::f32::consts::PI, std::f32::consts::PI - step, step];
+    body(|writer| {
+        header(writer, head);
+        around.into_iter().chain([0.0, 0.1, 0.1, 25.0]).for_each(|value| writer.f32(value));
+        count(writer, ranges_m.len());
+        ranges_m.iter().for_each(|&range_m| writer.f32(range_m));
+        count(writer, 0);
     })
 }
 

@@ -1,7 +1,7 @@
 //! The localization of the shuttle: scans that are matched against the map, and wheels that count.
 
-use super::feed::Noise;
-use super::route::Pose2d;
+use crate::sim::machine::feed::Noise;
+use crate::sim::machine::route::Pose2d;
 
 /// The largest error of a given position with which the scans still find the true one.
 const FINDS_WITHIN_M: f64 = 5.0;
@@ -12,8 +12,11 @@ const SETTLE_MS: u64 = 200;
 /// Without scans the position stays the same for so long, then none is published any more.
 const GIVES_UP_AFTER_MS: u64 = 500;
 pub(super) const JUMP_M: f64 = 1.2;
-/// A position between two places that fit jumps from one to the other and back.
-const JUMP_EVERY_MS: u64 = 500;
+/// A position with three places that fit jumps from one to the next. Half a second ago it was always at another
+/// one, also where messages come early or late by 150 ms.
+const JUMP_EVERY_MS: u64 = 333;
+/// The corners of a triangle with equal sides, ahead and to the left; the last one is the true place.
+const JUMPS_M: [(f64, f64); 3] = [(0.0, JUMP_M), (0.866 * JUMP_M, JUMP_M / 2.0), (0.0, 0.0)];
 /// The error of the wheels: unknown tyre pressure, an uneven road.
 const WHEEL_ERROR: f64 = 1.003;
 const YAW_ERROR: f64 = 1.002;
@@ -107,11 +110,10 @@ impl Localizer {
         if now_ms - since_ms >= SETTLE_MS {
             self.pose_at_ms = now_ms;
             self.silent = false;
-            let beside = self
-                .jumps_since_ms
-                .is_some_and(|since_ms| ((now_ms - since_ms) / JUMP_EVERY_MS).is_multiple_of(2));
-            let left_m = if beside { JUMP_M } else { 0.0 };
-            self.pose = truth.moved(noise.around(0.015), left_m + noise.around(0.015), noise.around(0.001));
+            let place = |since_ms| JUMPS_M[((now_ms - since_ms) / JUMP_EVERY_MS % 3) as usize];
+            let (ahead_m, left_m) = self.jumps_since_ms.map_or((0.0, 0.0), place);
+            let (ahead_m, left_m) = (ahead_m + noise.around(0.015), left_m + noise.around(0.015));
+            self.pose = truth.moved(ahead_m, left_m, noise.around(0.001));
         }
     }
 

@@ -312,8 +312,8 @@ fn faults_are_faults_of_the_data() {
                 assert!(missing == [false, true, false] && jumps >= 3, "{jumps} {missing:?}")
             }
             Fault::CostmapDelay => {
-                let mut late = ages.iter().filter(|(at_ms, _)| *at_ms > from_ms);
-                assert!(missing == [false; 3] && late.all(|(_, age_ms)| (340..375).contains(age_ms)));
+                let last_ms = ages.last().expect("maps come").1;
+                assert!(missing == [false; 3] && (1_800..2_100).contains(&last_ms), "{last_ms}");
             }
             Fault::PlannerStall => assert_eq!(missing, [false, true, false]),
             Fault::CanLoss => assert_eq!((missing[0], missing[2]), (false, true)),
@@ -359,7 +359,7 @@ fn a_stopped_process_does_not_flood_the_bus_afterwards() {
 #[test]
 fn the_words_of_faults_are_read_back() {
     for fault in Fault::ALL {
-        assert_eq!(Fault::from_word(fault.as_str()), Some(fault));
+        assert_eq!(Fault::from_word(fault.info().name), Some(fault));
     }
     assert_eq!(Fault::from_word("none"), None);
 }

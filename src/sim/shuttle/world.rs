@@ -2,9 +2,9 @@
 //! input.
 
 use super::Fault;
-use super::drive::Drive;
-use super::feed::{Feed, Noise};
 use super::localizer::{Fed, Localizer};
+use crate::sim::machine::drive::Drive;
+use crate::sim::machine::feed::{Feed, Noise};
 
 const SCAN_PERIOD_MS: u64 = 100;
 const FRAME_PERIOD_MS: u64 = 20;
@@ -13,13 +13,14 @@ const PLAN_PERIOD_MS: u64 = 100;
 const SCAN_AGE_MS_MAX: u64 = 150;
 const FRAME_AGE_MS_MAX: u64 = 200;
 const COSTMAP_DELAY_MS: f64 = 62.0;
-const COSTMAP_DELAY_MS_FAULTY: f64 = 350.0;
-/// Diagnosis complains earlier; a planner gives up on a map that is older than this.
-const COSTMAP_DELAY_MS_MAX: f64 = 500.0;
+/// A map that falls behind does so as fast as time passes, up to here.
+const COSTMAP_DELAY_MS_FAULTY: f64 = 2_000.0;
+/// It catches up so many times as fast.
+const COSTMAP_CATCHES_UP: f64 = 4.0;
+/// Diagnosis complains earlier; a planner gives up on a map that misses scans or positions for longer than this.
+const COSTMAP_MISSES_MS_MAX: f64 = 440.0;
 /// A map without new data is not published for ever.
 const COSTMAP_MISSED_MS_MAX: u64 = 2000;
-/// After a slow period the map works off its backlog for a while.
-const COSTMAP_BACKLOG_MS: u64 = 600;
 /// Without a scan for so long, nothing is seen.
 const BLIND_AFTER_MS: u64 = 400;
 const POSE_GAP_MS_MAX: u64 = 250;
@@ -42,7 +43,8 @@ pub(super) struct World {
     /// When the position was last good enough to drive.
     pose_good_at_ms: u64,
     costmap_delay_ms: f64,
-    costmap_slow_at_ms: Option<u64>,
+    /// Without what it misses.
+    costmap_own_ms: f64,
     charge: f64,
 }
 
@@ -67,7 +69,7 @@ impl World {
             arrived: Arrived::default(),
             pose_good_at_ms: 0,
             costmap_delay_ms: COSTMAP_DELAY_MS,
-            costmap_slow_at_ms: None,
+            costmap_own_ms: COSTMAP_DELAY_MS,
             charge: CHARGE,
         }
     }
@@ -108,23 +110,21 @@ impl World {
         if self.pose_is_good() {
             self.pose_good_at_ms = now;
         }
-        self.map_obstacles();
+        self.map_obstacles(step_ms as f64);
         let plannable = self.drive.planner_runs()
             && !self.has(Fault::PlannerStall)
             && self.pose_is_good()
-            && self.costmap_delay_ms <= COSTMAP_DELAY_MS_MAX;
+            && self.costmap_delay_ms - self.costmap_own_ms <= COSTMAP_MISSES_MS_MAX;
         self.arrived.plan = self.plans.run(now, jitter_ms / 2, plannable);
         let used = 2e-8 * self.drive.speed_mps * step_ms as f64 / 10.0;
         self.charge = (self.charge - used).max(0.25);
     }
 
     /// The map is made of scans at known positions, so it is as late as both.
-    fn map_obstacles(&mut self) {
-        if self.has(Fault::CostmapDelay) {
-            self.costmap_slow_at_ms = Some(self.now_ms);
-        }
-        let slow = within(self.costmap_slow_at_ms, self.now_ms, COSTMAP_BACKLOG_MS);
-        let own_ms = if slow { COSTMAP_DELAY_MS_FAULTY } else { COSTMAP_DELAY_MS };
+    fn map_obstacles(&mut self, step_ms: f64) {
+        let changed_ms = if self.has(Fault::CostmapDelay) { step_ms } else { -COSTMAP_CATCHES_UP * step_ms };
+        let own_ms = (self.costmap_own_ms + changed_ms).clamp(COSTMAP_DELAY_MS, COSTMAP_DELAY_MS_FAULTY);
+        self.costmap_own_ms = own_ms;
         let pose_age_ms = self.localizer.pose_age_ms(self.now_ms);
         let missed_ms = self.scan_age_ms().saturating_sub(SCAN_PERIOD_MS).max(pose_age_ms);
         self.costmap_delay_ms = own_ms + missed_ms.min(COSTMAP_MISSED_MS_MAX) as f64;
@@ -169,8 +169,4 @@ impl World {
     pub fn measured(&mut self, mean: f64, spread: f64) -> f64 {
         mean + self.noise.around(spread)
     }
-}
-
-fn within(then_ms: Option<u64>, now_ms: u64, span_ms: u64) -> bool {
-    then_ms.is_some_and(|then_ms| now_ms - then_ms < span_ms)
 }

@@ -22,7 +22,7 @@ use telltale::engine::time::Span;
 use telltale::runtime::Stamped;
 use telltale::runtime::{self, Link, Rehearsal, Reread};
 use telltale::store::{DemoSecrets, History, Store};
-use telltale::web::{AppState, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
+use telltale::web::{AppState, DemoFault, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tower::ServiceExt;
@@ -129,18 +129,39 @@ impl Fixture {
         Fixture::on(Store::in_memory(clock, demo).unwrap(), clock, address, secure, demo).await
     }
 
+    /// A machine without stages.
+    pub async fn without_stages() -> Fixture {
+        let clock = Clock::start();
+        let store = Store::in_memory(clock, DemoSecrets::Accepted).unwrap();
+        let parts = Parts { stages: StageModel::None, ..Parts::clone(&model()) };
+        Fixture::of(Model::new(parts).unwrap(), store, clock, ADDRESS, false, DemoSecrets::Accepted).await
+    }
+
     async fn on(store: Store, clock: Clock, address: &str, secure: bool, demo: DemoSecrets) -> Fixture {
+        Fixture::of(model(), store, clock, address, secure, demo).await
+    }
+
+    async fn of(
+        model: Model,
+        store: Store,
+        clock: Clock,
+        address: &str,
+        secure: bool,
+        demo: DemoSecrets,
+    ) -> Fixture {
         let (history, records) = History::in_memory(clock).unwrap();
         let link = match store.recall().await.unwrap() {
-            Some(restored) => runtime::resume(Arc::new(model()), &restored, clock, Some(records)),
-            None => runtime::start_recorded(Arc::new(model()), clock, Some(records)),
+            Some(restored) => runtime::resume(Arc::new(model), &restored, clock, Some(records)),
+            None => runtime::start_recorded(Arc::new(model), clock, Some(records)),
         };
         if store.fault().borrow().is_none() {
             store.add_demo_users().await.unwrap();
         }
         let (switch, faults) = mpsc::channel(4);
         let origins = Origins::of_listener(address.parse().unwrap(), secure);
-        let faulty = DemoFaults::new(vec!["sensor_outage", "can_loss"], switch);
+        let fault =
+            |name| DemoFault { name, title: Text::plain(name), about: Text::plain("It falls silent.") };
+        let faulty = DemoFaults::new(["sensor_outage", "can_loss"].map(fault).to_vec(), switch);
         let (asks, rereads) = mpsc::channel(4);
         let settings = Settings {
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),

@@ -297,6 +297,21 @@ async fn while_it_drives_operators_change_at_its_displays_alone() {
 }
 
 #[tokio::test]
+async fn a_machine_without_stages_never_drives_and_has_its_operator_wherever_a_password_is_typed() {
+    let fixture = Fixture::without_stages().await;
+    for name in ["anna", "bert"] {
+        fixture.store.add_user(name, Role::Operator, "a long password").await.unwrap();
+    }
+    for name in ["anna", "bert"] {
+        let form = format!("name={name}&secret=a+long+password&take_over=1");
+        let answer = log_in_from(&fixture, "10.0.0.9", &form).await;
+        assert_eq!(answer.status, StatusCode::OK, "{name}: {}", answer.body);
+        let snapshot = fixture.until(|snapshot| snapshot.operator.as_deref() == Some(name)).await;
+        assert_eq!((snapshot.stage, fixture.app.hand_overs.is_announced()), (Stage::Active, false));
+    }
+}
+
+#[tokio::test]
 async fn a_driving_vehicle_without_operator_gets_one_at_its_displays_alone() {
     let (fixture, hand) = Fixture::with_hand().await;
     for name in ["anna", "bert"] {

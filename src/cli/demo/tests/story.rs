@@ -5,7 +5,9 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use crate::cli::demo::load_config;
-use crate::cli::vehicle::wire::Wire;
+use crate::cli::demo::patience::patient;
+use crate::cli::vehicle::machine::Kind;
+use crate::cli::vehicle::shuttle_wire::ShuttleWire;
 use crate::config::Loaded;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Place, Response};
@@ -20,7 +22,8 @@ use crate::msg::fields::{BooleanReader, Definitions, Reader};
 use crate::msg::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
 use crate::ros::DIAGNOSTICS;
 use crate::ros::Nodes;
-use crate::sim::shuttle::{Departure, Fault, Message, Order, Sent, Shuttle};
+use crate::sim::machine::Departure;
+use crate::sim::shuttle::{Fault, Message, Order, Sent, Shuttle};
 
 const REPEAT_MS: u64 = 50;
 
@@ -28,7 +31,7 @@ pub struct Story {
     shuttle: Shuttle,
     engine: Engine,
     ears: Ears,
-    wire: Wire,
+    wire: ShuttleWire,
     pub now_ms: u64,
     /// Every root cause that was shown.
     pub roots: BTreeSet<String>,
@@ -41,24 +44,25 @@ pub struct Story {
     true_mps: f64,
     pose: u64,
     clearance: bool,
+    /// In each period, messages wait for so long and then come all at once: milliseconds.
+    pub stalls_ms: Option<(u64, u64)>,
+    waiting: Vec<Sent>,
 }
 
 impl Story {
     /// Nobody is logged in, and the shuttle stands at its depot.
     pub fn locked() -> Story {
-        let loaded = load_config().unwrap();
-        let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
-        let ears = Ears::of(&loaded);
-        for source in loaded.model.watched.topics.iter().cloned() {
-            let news = PublisherReport { source, publishers: 1, other_type: None };
-            engine.handle(&Input::Topic(news), Timestamp::ZERO);
-        }
+        Story::of(&load_config(Kind::Shuttle(Departure::Cleared)).unwrap())
+    }
+
+    fn of(loaded: &Loaded) -> Story {
+        let (engine, ears) = listening(loaded);
         let stops = &loaded.model.driving.stops;
         let mut story = Story {
             shuttle: Shuttle::new(1, Timestamp::ZERO, stops, Departure::Cleared),
             engine,
             ears,
-            wire: Wire::of(&loaded.model),
+            wire: ShuttleWire::of(&loaded.model),
             now_ms: 0,
             roots: BTreeSet::new(),
             bad: BTreeSet::new(),
@@ -68,6 +72,8 @@ impl Story {
             true_mps: 0.0,
             pose: 0,
             clearance: false,
+            stalls_ms: None,
+            waiting: Vec::new(),
         };
         story.pass(1_000);
         story
@@ -75,7 +81,16 @@ impl Story {
 
     /// The operator has logged in and said where the shuttle stands, and nothing is unsettled.
     pub fn begin() -> Story {
-        let mut story = Story::locked();
+        Story::locked().at_the_depot()
+    }
+
+    /// The same with the demo's patience.
+    pub fn patient() -> Story {
+        Story::of(&patient(load_config(Kind::Shuttle(Departure::Cleared)).unwrap())).at_the_depot()
+    }
+
+    fn at_the_depot(self) -> Story {
+        let mut story = self;
         story.log_in();
         story.pass(2_500);
         story.localize("depot");
@@ -154,10 +169,16 @@ impl Story {
         while self.now_ms < start_ms + within_ms {
             self.now_ms += 10;
             let now = Timestamp::from_millis(self.now_ms);
-            for sent in self.shuttle.advance(now) {
-                self.hear(&sent, now);
+            let sent = self.shuttle.advance(now);
+            self.waiting.extend(sent);
+            if self.stalls_ms.is_none_or(|(period_ms, stall_ms)| self.now_ms % period_ms >= stall_ms) {
+                for sent in std::mem::take(&mut self.waiting) {
+                    self.hear(&sent, now);
+                }
             }
-            self.probe(now);
+            for probe in self.ears.probes(self.shuttle.nodes(), now) {
+                self.engine.handle(&probe, now);
+            }
             self.engine.handle(&Input::Tick, now);
             let snapshot = self.engine.snapshot();
             self.speak(&snapshot);
@@ -176,29 +197,12 @@ impl Story {
             Message::Active(false) => self.true_mps = 0.0,
             _ => {}
         }
-        let wall = |at: Timestamp| SystemTime::UNIX_EPOCH + EPOCH + Duration::from_nanos(at.as_nanos());
         let (topic, body) = self.wire.encode(message, wall(*at));
         if self.silenced == Some(topic) {
             return;
         }
         for input in self.ears.inputs(topic, &body, wall(now)) {
             self.engine.handle(&input, now);
-        }
-    }
-
-    /// Asks for the nodes that watchdogs watch, as the shuttle announces them.
-    fn probe(&mut self, now: Timestamp) {
-        let named = |name| NodeEntities { name, ..NodeEntities::default() };
-        let nodes: Vec<_> = self.shuttle.nodes().into_iter().map(named).collect();
-        let body = encode_nodes([1; 16], &nodes, GidSize::Bytes16);
-        self.ears.nodes.announce([1; 16], &body, Endian::Little, None);
-        for source in self.ears.watchdogs.clone() {
-            if let ProbeTarget::Node { name } = &source.target
-                && now.as_nanos().is_multiple_of(source.every.as_nanos())
-            {
-                let outcome = self.ears.nodes.ask(name, now);
-                self.engine.handle(&Input::Probe(Probe { source, outcome }), now);
-            }
         }
     }
 
@@ -236,8 +240,22 @@ impl Story {
 /// Some day in 2026: stamps are of the wall clock.
 const EPOCH: Duration = Duration::from_secs(1_800_000_000);
 
+pub fn wall(at: Timestamp) -> SystemTime {
+    SystemTime::UNIX_EPOCH + EPOCH + Duration::from_nanos(at.as_nanos())
+}
+
+/// An engine that knows of a publisher of each topic, and its ears.
+pub fn listening(loaded: &Loaded) -> (Engine, Ears) {
+    let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
+    for source in loaded.model.watched.topics.iter().cloned() {
+        let news = PublisherReport { source, publishers: 1, other_type: None };
+        engine.handle(&Input::Topic(news), Timestamp::ZERO);
+    }
+    (engine, Ears::of(loaded))
+}
+
 /// The bridge's part: what is read of each topic.
-struct Ears {
+pub struct Ears {
     watched: BTreeMap<Box<str>, (Arc<TopicSpec>, Reader)>,
     /// `None`: each message is an event.
     signals: Vec<(Box<str>, Box<str>, Option<BooleanReader>)>,
@@ -266,7 +284,21 @@ impl Ears {
         }
     }
 
-    fn inputs(&self, topic: &str, body: &[u8], received: SystemTime) -> Vec<Input> {
+    /// The answers to watchdogs that are due, where these nodes are announced.
+    pub fn probes(&mut self, nodes: Vec<&'static str>, now: Timestamp) -> Vec<Input> {
+        let named = |name| NodeEntities { name, ..NodeEntities::default() };
+        let body = encode_nodes([1; 16], &nodes.into_iter().map(named).collect::<Vec<_>>(), GidSize::Bytes16);
+        self.nodes.announce([1; 16], &body, Endian::Little, None);
+        let due = |source: &&Arc<WatchdogSpec>| now.as_nanos().is_multiple_of(source.every.as_nanos());
+        let answer = |source: &Arc<WatchdogSpec>| {
+            let ProbeTarget::Node { name } = &source.target else { return None };
+            let outcome = self.nodes.ask(name, now);
+            Some(Input::Probe(Probe { source: source.clone(), outcome }))
+        };
+        self.watchdogs.iter().filter(due).filter_map(answer).collect()
+    }
+
+    pub fn inputs(&self, topic: &str, body: &[u8], received: SystemTime) -> Vec<Input> {
         if topic == DIAGNOSTICS {
             let (array, fault) = diagnostic_array(body, Endian::Little, &Limits::default());
             assert_eq!(fault, None);

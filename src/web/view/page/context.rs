@@ -61,7 +61,7 @@ pub struct PageContext {
     pub palette: Palette,
     pub user: String,
     pub role: Role,
-    /// The simulated shuttle runs in this process: pages may link to `/demo`.
+    /// A simulated machine runs in this process: pages may link to `/demo`.
     pub demo: bool,
     /// The configuration comes from a file: pages may link to its page.
     pub configuration: bool,

@@ -1,24 +1,29 @@
-//! The page that switches faults of the simulated shuttle.
+//! The page that switches faults of the simulated machine.
+
+use std::collections::BTreeSet;
 
 use askama::Template;
 
 use super::PageContext;
 use super::frame::PageFrame;
+use crate::engine::text::Text;
 use crate::web::view::html;
-use crate::web::view::text::{NAME, clean};
+use crate::web::view::text::{MESSAGE, NAME};
 
-/// A fault of the simulated shuttle.
+/// A fault of the simulated machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DemoFault {
     /// As `POST /demo/fault` takes it: `sensor_outage`.
-    pub name: String,
-    pub active: bool,
+    pub name: &'static str,
+    pub title: Text,
+    /// Its effect.
+    pub about: Text,
 }
 
 struct FaultHtml {
-    name: String,
+    name: &'static str,
     title: String,
-    text: &'static str,
+    text: String,
     active: bool,
 }
 
@@ -29,23 +34,15 @@ struct DemoHtml {
     faults: Vec<FaultHtml>,
 }
 
-/// The switches of the simulated shuttle's faults.
-pub fn demo_page(faults: &[DemoFault], context: &PageContext) -> String {
-    let words = context.lang.words();
-    let faults = faults.iter().map(|fault| {
-        let (title, text) = match &*fault.name {
-            "sensor_outage" => (words.sensor_outage, words.sensor_outage_text),
-            "localization_jump" => (words.localization_jump, words.localization_jump_text),
-            "costmap_delay" => (words.costmap_delay, words.costmap_delay_text),
-            "planner_stall" => (words.planner_stall, words.planner_stall_text),
-            "can_loss" => (words.can_loss, words.can_loss_text),
-            "low_battery" => (words.low_battery, words.low_battery_text),
-            "camera_crash" => (words.camera_crash, words.camera_crash_text),
-            _ => ("", ""),
-        };
-        let title = if title.is_empty() { clean(&fault.name, NAME) } else { title.to_owned() };
-        FaultHtml { name: clean(&fault.name, NAME), title, text, active: fault.active }
+/// The switches of the simulated machine's faults; `active` names those that are on.
+pub fn demo_page(faults: &[DemoFault], active: &BTreeSet<&'static str>, context: &PageContext) -> String {
+    let lang = context.lang;
+    let faults = faults.iter().map(|fault| FaultHtml {
+        name: fault.name,
+        title: lang.pick(&fault.title, NAME),
+        text: lang.pick(&fault.about, MESSAGE),
+        active: active.contains(fault.name),
     });
     let faults = faults.collect();
-    html(&DemoHtml { frame: PageFrame::new(context.lang, context.palette), faults })
+    html(&DemoHtml { frame: PageFrame::new(lang, context.palette), faults })
 }

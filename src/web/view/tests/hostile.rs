@@ -17,10 +17,8 @@ fn text_from_outside_is_text_and_nothing_else() {
     pages.extend(
         crate::web::developer::tests::pages(&published, &by_evil, evil).into_iter().map(|(_, html)| html),
     );
-    pages.push(demo_page(
-        &[DemoFault { name: evil.to_owned(), active: true }],
-        &context(Lang::En, Palette::Day),
-    ));
+    let fault = DemoFault { name: "fault", title: text(evil, evil), about: text(evil, evil) };
+    pages.push(demo_page(&[fault], &BTreeSet::new(), &context(Lang::En, Palette::Day)));
     pages.push(message_page(404, evil, evil, Lang::En, Palette::Day));
     pages.push(login_page(&LoginContext {
         name: evil.to_owned(),

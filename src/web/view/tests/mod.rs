@@ -11,6 +11,8 @@ mod stages;
 mod states;
 mod words;
 
+use std::collections::BTreeSet;
+
 use super::versions::Versions;
 use super::*;
 use crate::engine::input::{AlarmRef, OperatorAction, TroubleKind};

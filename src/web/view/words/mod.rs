@@ -111,24 +111,10 @@ words! {
     back: "Back to the vehicle", "Zurück zum Fahrzeug";
     not_now: "Cancel", "Abbrechen";
 
-    demo_title: "Faults of the simulated shuttle", "Fehler des simulierten Shuttles";
-    demo_text: "Each button switches one fault. The vehicle's page shows what becomes of it.", "Jeder Knopf schaltet einen Fehler. Die Seite des Fahrzeugs zeigt, was daraus wird.";
+    demo_title: "Faults to try", "Fehler zum Ausprobieren";
+    demo_text: "Each button switches one fault. The page of the vehicle shows what becomes of it, after at least 1.5 s: this computer does other work too, which must not look like a fault.", "Jeder Knopf schaltet einen Fehler. Die Seite des Fahrzeugs zeigt, was daraus wird, frühestens nach 1,5 s: Dieser Rechner tut auch anderes, und das darf nicht wie ein Fehler aussehen.";
     demo_on: "on", "an";
     demo_off: "off", "aus";
-    sensor_outage: "Sensor outage", "Sensorausfall";
-    sensor_outage_text: "The LiDAR falls silent. Localization notices first.", "Der LiDAR verstummt. Die Lokalisierung merkt es zuerst.";
-    localization_jump: "Localization jump", "Positionssprung";
-    localization_jump_text: "The position jumps by more than a metre.", "Die Position springt um mehr als einen Meter.";
-    costmap_delay: "Costmap delay", "Hinderniskarte verspätet";
-    costmap_delay_text: "The map of obstacles comes late.", "Die Hinderniskarte kommt zu spät.";
-    planner_stall: "Planner stall", "Planung steht";
-    planner_stall_text: "No new path. Matters only while driving.", "Kein neuer Weg. Zählt nur während der Fahrt.";
-    can_loss: "CAN loss", "CAN-Ausfall";
-    can_loss_text: "The vehicle bus falls silent.", "Der Fahrzeugbus verstummt.";
-    low_battery: "Low battery", "Batterie schwach";
-    low_battery_text: "A warning that stops nothing.", "Eine Warnung, die nichts anhält.";
-    camera_crash: "Camera crash", "Kamera abgestürzt";
-    camera_crash_text: "The program of the front camera ends.", "Das Programm der Frontkamera endet.";
 }
 
 impl Lang {

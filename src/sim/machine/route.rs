@@ -62,7 +62,7 @@ fn wrapped(angle: f64) -> f64 {
 
 /// A closed loop of stops.
 #[derive(Debug, Clone)]
-pub(super) struct Route {
+pub(in crate::sim) struct Route {
     legs: Vec<Leg>,
 }
 

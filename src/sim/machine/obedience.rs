@@ -14,7 +14,7 @@ const COMFORT_MPS3: f64 = 0.8;
 
 /// The countermeasures in force.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Obedience {
+pub(in crate::sim) struct Obedience {
     /// The deceleration, and for how long it holds without another request.
     deceleration: Option<(f64, u64)>,
     stop: bool,

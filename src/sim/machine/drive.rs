@@ -1,21 +1,13 @@
-//! The journey of the shuttle: stand at a stop, drive to the next one, and again.
+//! The journey of a machine: stand at a stop, drive to the next one, and again.
 
 use super::obedience::Obedience;
 use super::route::{Pose2d, Route};
 
-/// From the arrival until the mission names the next goal.
-const BOARDING_MS: u64 = 5_000;
-/// A shuttle that drives by itself stands longer, so that somebody who has just started to watch sees it
-/// stand.
-const BOARDING_ALONE_MS: u64 = 7_500;
-const FIRST_BOARDING_ALONE_MS: u64 = 17_500;
 /// The planner starts before the shuttle, so that its checks have settled when they begin to matter.
 const PLANNER_LEAD_MS: u64 = 2_500;
 /// The planner runs a little beyond the arrival, so that its last messages do not race the end of the
 /// drive.
 const PLANNER_TRAIL_MS: u64 = 500;
-const SPEED_MPS_MAX: f64 = 7.0;
-const ACCELERATION_MPS2: f64 = 1.0;
 /// Without a trajectory it rolls to a halt.
 const ROLL_OUT_MPS2: f64 = 0.5;
 /// The speed on the last centimetres; the braking curve alone would never end.
@@ -30,10 +22,22 @@ pub enum Departure {
     Cleared,
 }
 
+/// How fast a machine is, and how long it stands.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::sim) struct Pace {
+    pub speed_mps_max: f64,
+    pub acceleration_mps2: f64,
+    /// From the arrival until the mission names the next goal.
+    pub stands_ms: u64,
+    /// The same before the first drive.
+    pub first_stands_ms: u64,
+}
+
 #[derive(Debug, Clone)]
-pub(super) struct Drive {
+pub(in crate::sim) struct Drive {
     route: Route,
     departure: Departure,
+    pace: Pace,
     /// The stop where it stands, or which it left last.
     stop: usize,
     phase: Phase,
@@ -65,14 +69,12 @@ enum Phase {
 }
 
 impl Drive {
-    pub fn new(route: Route, departure: Departure) -> Drive {
-        let total_ms = match departure {
-            Departure::Alone => FIRST_BOARDING_ALONE_MS,
-            Departure::Cleared => BOARDING_MS,
-        };
+    pub fn new(route: Route, departure: Departure, pace: Pace) -> Drive {
+        let total_ms = pace.first_stands_ms;
         Drive {
             route,
             departure,
+            pace,
             stop: 0,
             phase: Phase::Boarding { elapsed_ms: PLANNER_TRAIL_MS, total_ms },
             cleared: false,
@@ -126,26 +128,23 @@ impl Drive {
     }
 
     fn next_speed(&self, step_s: f64, left_m: f64, has_plan: bool, braking_mps2: Option<f64>) -> f64 {
+        let Pace { speed_mps_max, acceleration_mps2, .. } = self.pace;
         let (wanted, brake_mps2) = if has_plan {
-            let curve = (2.0 * ACCELERATION_MPS2 * left_m).sqrt().clamp(CREEP_MPS, SPEED_MPS_MAX);
-            (curve, ACCELERATION_MPS2)
+            let curve = (2.0 * acceleration_mps2 * left_m).sqrt().clamp(CREEP_MPS, speed_mps_max);
+            (curve, acceleration_mps2)
         } else {
             (0.0, ROLL_OUT_MPS2)
         };
-        let change = (wanted - self.speed_mps).clamp(-brake_mps2 * step_s, ACCELERATION_MPS2 * step_s);
+        let change = (wanted - self.speed_mps).clamp(-brake_mps2 * step_s, acceleration_mps2 * step_s);
         let limit = braking_mps2.map_or(f64::INFINITY, |mps2| self.speed_mps - mps2 * step_s);
         (self.speed_mps + change).min(limit).max(0.0)
     }
 
     fn arrive(&mut self) {
-        let total_ms = match self.departure {
-            Departure::Alone => BOARDING_ALONE_MS,
-            Departure::Cleared => BOARDING_MS,
-        };
         self.speed_mps = 0.0;
         self.fresh = false;
         self.stop = self.route.next(self.stop);
-        self.phase = Phase::Boarding { elapsed_ms: 0, total_ms };
+        self.phase = Phase::Boarding { elapsed_ms: 0, total_ms: self.pace.stands_ms };
     }
 
     /// It drives by itself: true until the arrival, also while it waits on the way.
@@ -203,6 +202,11 @@ impl Drive {
             Phase::Departing { .. } => "departing",
             Phase::Driving { .. } => "driving",
         }
+    }
+
+    /// The number of the stop where it stands.
+    pub fn stands_at(&self) -> Option<usize> {
+        (!self.active()).then_some(self.stop)
     }
 
     pub fn here(&self) -> &str {

@@ -2,8 +2,8 @@
 
 use std::time::SystemTime;
 
+use super::machine::{Offer, diagnostics};
 use crate::engine::model::{ACTIVE_SIGNAL, Model};
-use crate::msg::messages;
 use crate::msg::messages::encode;
 use crate::msg::messages::encode::{Grid, Header, Motion, Transform};
 use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
@@ -35,21 +35,21 @@ const COSTMAP_CELLS: usize = 60;
 
 /// How the messages of the shuttle travel.
 #[derive(Debug, Clone)]
-pub struct Wire {
+pub struct ShuttleWire {
     /// Where the configuration wants to hear whether it drives.
     active: Box<str>,
 }
 
-impl Wire {
-    pub fn of(model: &Model) -> Wire {
+impl ShuttleWire {
+    pub fn of(model: &Model) -> ShuttleWire {
         let active = model.signals.iter().find(|signal| &*signal.name == ACTIVE_SIGNAL);
         let source = active.and_then(|signal| signal.source.field());
-        Wire { active: source.map_or(ACTIVE.into(), |source| source.topic.clone()) }
+        ShuttleWire { active: source.map_or(ACTIVE.into(), |source| source.topic.clone()) }
     }
 
     /// Every topic with its type and its quality of service: sensors as sensors have it, states for
     /// those who join late.
-    pub fn offers(&self) -> [(&str, &'static str, Quality); 16] {
+    pub fn offers(&self) -> [Offer<'_>; 16] {
         use Quality::{BestEffort, LastValue, Reliable};
         [
             (DIAGNOSTICS, DIAGNOSTIC_ARRAY, Reliable),
@@ -74,7 +74,7 @@ impl Wire {
     /// What a node publishes; its drivers and the mission speak for the rest of the vehicle.
     pub fn topics_of(&self, node: &str) -> Vec<&str> {
         let all = self.offers();
-        let of = |(topic, ..): &(&str, &str, Quality)| match *topic {
+        let of = |(topic, ..): &Offer<'_>| match *topic {
             PACKETS | WHEEL_SPEED | BATTERY => "lidar_drivers",
             TF | ODOMETRY => "localization",
             COSTMAP | OBJECTS | FREE_DISTANCE => "perception",
@@ -122,11 +122,6 @@ impl Wire {
             Message::Stops(on) => (STOPS, encode::boolean(*on)),
         }
     }
-}
-
-/// A node of the shuttle has few statuses: they fit one message.
-fn diagnostics(array: &crate::engine::input::StatusArray, stamp: SystemTime) -> Vec<u8> {
-    messages::encode_diagnostic_arrays(array, stamp, usize::MAX).swap_remove(0)
 }
 
 /// Free road between two kerbs.

@@ -2,7 +2,7 @@
 
 /// A stream of messages: when the last one arrived.
 #[derive(Debug, Clone)]
-pub(super) struct Feed {
+pub(in crate::sim) struct Feed {
     period_ms: u64,
     next_ms: u64,
     last_ms: u64,
@@ -32,7 +32,7 @@ impl Feed {
 
 /// SplitMix64: good enough for plausible numbers, and the same everywhere.
 #[derive(Debug, Clone)]
-pub(super) struct Noise {
+pub(in crate::sim) struct Noise {
     state: u64,
 }
 

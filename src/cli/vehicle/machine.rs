@@ -1,0 +1,125 @@
+//! The simulated machine that a demo runs, with its topics.
+
+use std::time::SystemTime;
+
+use super::robot_wire;
+use super::shuttle_wire::ShuttleWire;
+use crate::config::Loaded;
+use crate::engine::input::StatusArray;
+use crate::engine::time::Timestamp;
+use crate::msg::messages;
+use crate::ros::Quality;
+use crate::sim::machine::{Departure, FaultInfo};
+use crate::sim::robot::{self, Robot};
+use crate::sim::shuttle::{self, Order, Shuttle};
+
+/// The seed of the simulation: with the same one, each demo runs alike.
+const SEED: u64 = 1;
+
+/// A topic with its type and its quality of service.
+pub type Offer<'a> = (&'a str, &'static str, Quality);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    Shuttle(Departure),
+    Robot,
+}
+
+impl Kind {
+    /// What the flags `--robot` and `--drive` ask for.
+    pub fn of(robot: bool, alone: bool) -> Kind {
+        match (robot, alone) {
+            (true, _) => Kind::Robot,
+            (false, true) => Kind::Shuttle(Departure::Alone),
+            (false, false) => Kind::Shuttle(Departure::Cleared),
+        }
+    }
+
+    pub fn faults(self) -> Vec<FaultInfo> {
+        match self {
+            Kind::Shuttle(_) => shuttle::Fault::ALL.map(shuttle::Fault::info).to_vec(),
+            Kind::Robot => robot::Fault::ALL.map(robot::Fault::info).to_vec(),
+        }
+    }
+}
+
+#[derive(Debug)]
+pub enum Machine {
+    Shuttle(Box<Shuttle>, ShuttleWire),
+    Robot(Box<Robot>),
+}
+
+impl Machine {
+    pub fn new(kind: Kind, loaded: &Loaded, start: Timestamp) -> Machine {
+        match kind {
+            Kind::Shuttle(departure) => {
+                let shuttle = Shuttle::new(SEED, start, &loaded.model.driving.stops, departure);
+                Machine::Shuttle(Box::new(shuttle), ShuttleWire::of(&loaded.model))
+            }
+            Kind::Robot => Machine::Robot(Box::new(Robot::new(SEED, start))),
+        }
+    }
+
+    pub fn offers(&self) -> Vec<Offer<'_>> {
+        match self {
+            Machine::Shuttle(_, wire) => wire.offers().to_vec(),
+            Machine::Robot(_) => robot_wire::OFFERS.to_vec(),
+        }
+    }
+
+    pub fn nodes(&self) -> Vec<&'static str> {
+        match self {
+            Machine::Shuttle(shuttle, _) => shuttle.nodes(),
+            Machine::Robot(robot) => robot.nodes(),
+        }
+    }
+
+    pub fn topics_of(&self, node: &str) -> Vec<&str> {
+        match self {
+            Machine::Shuttle(_, wire) => wire.topics_of(node),
+            Machine::Robot(_) => robot_wire::topics_of(node),
+        }
+    }
+
+    /// The messages until `now`, each with its topic and its body; `wall` is the wall time of an instant.
+    pub fn advance(
+        &mut self,
+        now: Timestamp,
+        wall: impl Fn(Timestamp) -> SystemTime,
+    ) -> Vec<(&str, Vec<u8>)> {
+        match self {
+            Machine::Shuttle(shuttle, wire) => {
+                let sent = shuttle.advance(now);
+                sent.iter().map(|sent| wire.encode(&sent.message, wall(sent.at))).collect()
+            }
+            Machine::Robot(robot) => {
+                let sent = robot.advance(now);
+                sent.iter().map(|sent| robot_wire::encode(&sent.message, wall(sent.at))).collect()
+            }
+        }
+    }
+
+    /// Switches the fault of this name, if the machine has it.
+    pub fn set_fault(&mut self, name: &str, on: bool) {
+        match self {
+            Machine::Shuttle(shuttle, _) => {
+                shuttle::Fault::from_word(name).into_iter().for_each(|fault| shuttle.set_fault(fault, on));
+            }
+            Machine::Robot(robot) => {
+                robot::Fault::from_word(name).into_iter().for_each(|fault| robot.set_fault(fault, on));
+            }
+        }
+    }
+
+    /// The robot is asked for nothing.
+    pub fn obey(&mut self, order: Order) {
+        if let Machine::Shuttle(shuttle, _) = self {
+            shuttle.obey(order);
+        }
+    }
+}
+
+/// A node of a simulated machine has few statuses: they fit one message.
+pub fn diagnostics(array: &StatusArray, stamp: SystemTime) -> Vec<u8> {
+    messages::encode_diagnostic_arrays(array, stamp, usize::MAX).swap_remove(0)
+}
