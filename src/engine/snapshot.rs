@@ -68,6 +68,16 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
+    /// Whether the machine has stages (`vehicle.stages` is not `none`).
+    pub fn has_stages(&self) -> bool {
+        !self.clearance_refusals.contains(&Refusal::NoStages)
+    }
+
+    /// Whether it is a vehicle that drives. A machine without stages is always active and never drives.
+    pub fn drives(&self) -> bool {
+        self.stage == Stage::Active && self.has_stages()
+    }
+
     /// The strongest countermeasure: the operator has to know it first.
     pub fn countermeasure(&self) -> Option<&Countermeasure> {
         self.countermeasures.first()

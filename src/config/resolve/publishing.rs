@@ -21,24 +21,30 @@ pub(in crate::config) fn publishing(
     topics: &Topics,
     log: &mut Log,
 ) -> Publishing {
-    let default = Publishing::default();
+    let asks = |wanted: fn(Request) -> bool| rules.iter().any(|rule| wanted(rule.request));
+    let decelerates = asks(|request| matches!(request, Request::Decelerate { .. }));
+    let stops = asks(|request| request == Request::ManeuverStop);
+    let full = Publishing::default();
+    // A machine without stages is commanded only by the countermeasures of its configuration.
+    let default = match stages {
+        StageModel::Shuttle => full.clone(),
+        StageModel::None => Publishing {
+            initialpose: None,
+            stage: None,
+            clearance: None,
+            deceleration_request: full.deceleration_request.clone().filter(|_| decelerates),
+            maneuver_stop_request: full.maneuver_stop_request.clone().filter(|_| stops),
+            ..full.clone()
+        },
+    };
     let Some(raw) = raw else {
         check_loops(&default, None, topics, log);
         return default;
     };
-    let asks = |wanted: fn(Request) -> bool| rules.iter().any(|rule| wanted(rule.request));
     let needed = [
         (off(&raw.initialpose), stages == StageModel::Shuttle, "operators could not localize the vehicle"),
-        (
-            off(&raw.deceleration_request),
-            asks(|request| matches!(request, Request::Decelerate { .. })),
-            "a countermeasure asks for a deceleration",
-        ),
-        (
-            off(&raw.maneuver_stop_request),
-            asks(|request| request == Request::ManeuverStop),
-            "a countermeasure asks for a stop",
-        ),
+        (off(&raw.deceleration_request), decelerates, "a countermeasure asks for a deceleration"),
+        (off(&raw.maneuver_stop_request), stops, "a countermeasure asks for a stop"),
     ];
     for (off, needed, why) in needed {
         if let Some(span) = off.filter(|_| needed) {
@@ -49,29 +55,50 @@ pub(in crate::config) fn publishing(
     let found = Publishing {
         diagnostics_agg: aggregated(&raw.diagnostics_agg, default.diagnostics_agg, log),
         toplevel_state: aggregated(&raw.toplevel_state, default.toplevel_state, log),
-        initialpose: once(&raw.initialpose, default.initialpose, log),
-        stage: once(&raw.stage, default.stage, log),
-        clearance: once(&raw.clearance, default.clearance, log),
-        deceleration_request: periodic(&raw.deceleration_request, default.deceleration_request, log),
-        maneuver_stop_request: once(&raw.maneuver_stop_request, default.maneuver_stop_request, log),
+        initialpose: once(&raw.initialpose, default.initialpose, full.initialpose, log),
+        stage: once(&raw.stage, default.stage, full.stage, log),
+        clearance: once(&raw.clearance, default.clearance, full.clearance, log),
+        deceleration_request: periodic(
+            &raw.deceleration_request,
+            default.deceleration_request,
+            full.deceleration_request,
+            log,
+        ),
+        maneuver_stop_request: once(
+            &raw.maneuver_stop_request,
+            default.maneuver_stop_request,
+            full.maneuver_stop_request,
+            log,
+        ),
     };
     check_loops(&found, Some(raw), topics, log);
     found
 }
 
-fn once(raw: &Option<Switch<RawOnce>>, default: Option<Box<str>>, log: &mut Log) -> Option<Box<str>> {
+/// `default` is published without a written key, `on` with one that does not name the topic.
+fn once(
+    raw: &Option<Switch<RawOnce>>,
+    default: Option<Box<str>>,
+    on: Option<Box<str>>,
+    log: &mut Log,
+) -> Option<Box<str>> {
     match raw {
         None => default,
         Some(Switch::Off(_)) => None,
-        Some(Switch::On(raw)) => topic(raw.topic.as_ref(), log).or(default),
+        Some(Switch::On(raw)) => topic(raw.topic.as_ref(), log).or(on),
     }
 }
 
-fn periodic(raw: &Option<Switch<RawPeriodic>>, default: Option<Periodic>, log: &mut Log) -> Option<Periodic> {
+fn periodic(
+    raw: &Option<Switch<RawPeriodic>>,
+    default: Option<Periodic>,
+    on: Option<Periodic>,
+    log: &mut Log,
+) -> Option<Periodic> {
     match raw {
         None => default,
         Some(Switch::Off(_)) => None,
-        Some(Switch::On(raw)) => default.map(|default| raw.over(default, log)),
+        Some(Switch::On(raw)) => on.map(|on| raw.over(on, log)),
     }
 }
 

@@ -25,6 +25,28 @@ fn names_and_rates_can_be_chosen() {
 }
 
 #[test]
+fn a_machine_without_stages_is_told_nothing_but_what_its_configuration_asks_for() {
+    let of = |more: &str| {
+        let text = format!("vehicle: {{ stages: none }}\n{GROUP}{more}");
+        parse("c", &text).unwrap_or_else(|problems| panic!("{problems}")).publishing
+    };
+    let full = Publishing::default();
+    let diagnosis = Publishing {
+        initialpose: None,
+        stage: None,
+        clearance: None,
+        deceleration_request: None,
+        maneuver_stop_request: None,
+        ..full.clone()
+    };
+    assert_eq!(of(""), diagnosis);
+    let stage = Publishing { stage: full.stage.clone(), ..diagnosis.clone() };
+    assert_eq!(of("publish: { stage: {} }\n"), stage);
+    let stops = Publishing { maneuver_stop_request: full.maneuver_stop_request, ..diagnosis };
+    assert_eq!(of("countermeasures:\n- { request: maneuver_stop, when: { groups: [a] } }\n"), stops);
+}
+
+#[test]
 fn what_is_published_can_be_and_is_not_read() {
     check_beside_group(
         "publish: { stage: { topic: stage }, clearence: false, toplevel_state: { rate: 0 }, clearance: { rate: 1 } }\n",

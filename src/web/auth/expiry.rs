@@ -5,7 +5,6 @@ use std::time::Duration;
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
 use crate::engine::input::{OperatorAction, Response};
-use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record, TELLTALE};
@@ -55,7 +54,7 @@ impl AppState {
     fn drives(&self, session: &Session) -> bool {
         let Source::Live(link) = &self.source else { return false };
         let published = link.snapshots.borrow();
-        published.snapshot.stage == Stage::Active && is_in_charge(session, &published.snapshot)
+        published.snapshot.drives() && is_in_charge(session, &published.snapshot)
     }
 
     /// Why a session that has expired did so.
@@ -106,7 +105,7 @@ async fn lock_if_empty(app: &Live) {
     let _change = app.operator_change.lock().await;
     let snapshot = app.published().snapshot;
     // A vehicle that drives keeps its operator; the engine would refuse anyway.
-    let Some(operator) = snapshot.operator.as_deref().filter(|_| snapshot.stage != Stage::Active) else {
+    let Some(operator) = snapshot.operator.as_deref().filter(|_| !snapshot.drives()) else {
         return;
     };
     let is_empty = !app.store.sessions().iter().any(|session| is_in_charge(session, &snapshot));

@@ -9,7 +9,6 @@ use tokio::sync::oneshot;
 use super::expiry::is_in_charge;
 use super::handover;
 use crate::engine::input::{OperatorAction, Refusal, Response as Answer};
-use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record};
 use crate::store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
@@ -116,7 +115,7 @@ impl LoginAttempt {
             return Err(NotOpened::OtherOperator(other.to_owned()));
         }
         let snapshot = app.published().snapshot;
-        let drives = snapshot.stage == Stage::Active;
+        let drives = snapshot.drives();
         let takes = role == Role::Operator && snapshot.operator.as_deref() != Some(name);
         if takes && drives && app.caller(self.source) != Caller::Vehicle {
             let why = "the vehicle drives, and this is none of its displays";
@@ -183,7 +182,7 @@ impl LoginAttempt {
     fn is_refused_logout(&self, app: &Live) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
         let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
-        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.stage == Stage::Active;
+        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.drives();
         is_refused.then_some(Refusal::LogoutWhileActive)
     }
 

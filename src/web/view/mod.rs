@@ -92,7 +92,7 @@ impl<'a> View<'a> {
 
     /// Whether the machine has stages (`vehicle.stages` is not `none`).
     pub(super) fn has_stages(&self) -> bool {
-        !self.snapshot.clearance_refusals.contains(&Refusal::NoStages)
+        self.snapshot.has_stages()
     }
 
     /// Whether the vehicle drives, or may start at any moment.
