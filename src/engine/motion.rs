@@ -7,7 +7,7 @@ use super::Engine;
 use super::model::monitors::TopicId;
 use super::model::motion::SpeedSource;
 use super::model::sample::{FieldValue, Sample};
-use super::model::{Model, Stage, Stop};
+use super::model::{Model, Stage, StageModel, Stop};
 use super::snapshot::{Motion, Moving};
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
@@ -124,8 +124,9 @@ impl Engine {
     pub(super) fn show_motion(&mut self) -> bool {
         let driving = &self.model.driving;
         self.motion.judge(driving.speed.as_ref(), self.now);
-        // As a goal is one, until the drive to it is over.
-        let counts = self.has_set_goal() || self.vehicle.stage == Stage::Active;
+        // As a goal is one, until the drive to it is over. A machine without stages has no end of a drive.
+        let is_driving = self.vehicle.model == StageModel::Shuttle && self.vehicle.stage == Stage::Active;
+        let counts = self.has_set_goal() || is_driving;
         self.motion.goal = self.motion.goal.filter(|_| counts);
         self.motion.shown.destination = self.motion.goal.and_then(|goal| nearest_stop(&driving.stops, goal));
         self.motion.shown.has_source = driving.speed.is_some();

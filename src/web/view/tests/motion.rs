@@ -65,6 +65,6 @@ fn without_a_source_nothing_is_said_of_driving() {
     let machine = || Sample::of(ModelParts { stages: StageModel::None, ..parts() }).pass(2);
     check_motion(&machine().published(), Lang::En, "unknown", "Running");
     check_motion(&machine().published(), Lang::De, "unknown", "In Betrieb");
-    check_motion(&moved(machine(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h");
-    check_motion(&moved(machine(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
+    check_motion(&moved(machine(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h · Main Station");
+    check_motion(&moved(machine(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown · Main Station");
 }
