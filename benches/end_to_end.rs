@@ -73,7 +73,7 @@ async fn probe(server: &Server, domain: &Domain, what: &str) {
 }
 
 /// From the status that a foreign peer writes to the request that another one receives; between two
-/// of them the operator acknowledges, so that each is a new one.
+/// of them the operator lets the vehicle go on, so that each is a new one.
 fn countermeasures(server: &Server, domain: &Domain, what: &str) {
     let mut active = Peer::start(domain, "pub --topic rt/mission/active --type Bool");
     active.wait_matched(1);
@@ -100,7 +100,7 @@ fn countermeasures(server: &Server, domain: &Domain, what: &str) {
         }
         status.write(&say(0));
         while server.snapshot()["countermeasures"].as_array().is_some_and(|all| !all.is_empty()) {
-            server.acknowledge("can/wheel_speed");
+            server.release();
         }
         // What was repeated meanwhile.
         std::thread::sleep(Duration::from_millis(60));

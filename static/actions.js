@@ -78,7 +78,7 @@
     bar.dataset.refused = "";
     clearTimeout(refusedTimer);
     refusedTimer = setTimeout(() => delete bar.dataset.refused, REFUSED_MS);
-    if (bar.querySelector("[name=checks]")) document.getElementById("sheet-checks").showPopover();
+    if (bar.querySelector("[name=checks]:not([hidden])")) document.getElementById("sheet-checks").showPopover();
   };
 
   // --- the second step of a clearance or a release

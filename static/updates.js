@@ -7,6 +7,7 @@
 
   const body = document.body;
   const hidden = new HiddenPanels();
+  const alarms = new SteadyAlarms();
   // The server's wall clock at the last heartbeat.
   let serverAt = NaN;
   // The first message that came and is not on the screen yet.
@@ -25,6 +26,8 @@
     return `${Math.floor(s / 86400)} d`;
   };
 
+  const timeOfDay = (ms) => new Date(ms).toTimeString().slice(0, 5);
+
   // Where times are visible: in the list of faults and in open panels.
   const open = new Set([document.querySelector("aside")]);
 
@@ -33,7 +36,8 @@
     const now = serverAt + live.late_ms + (performance.now() - live.lastBeat);
     for (const part of open) {
       for (const time of part.querySelectorAll("time[datetime]")) {
-        Live.setText(time, span(now - Date.parse(time.dateTime)));
+        const then = Date.parse(time.dateTime);
+        Live.setText(time, time.classList.contains("clock") ? timeOfDay(then) : span(now - then));
       }
     }
   };
@@ -51,7 +55,11 @@
   // --- live, stale, dead
 
   const judged = (is, now) => {
-    if (is === "dead") dispatchEvent(new Event("telltale:dead"));
+    if (is === "dead") {
+      const at = document.getElementById("clock").textContent;
+      for (const since of document.querySelectorAll(".frozen-at")) Live.setText(since, at);
+      dispatchEvent(new Event("telltale:dead"));
+    }
     if (is === "live") tickTimes();
     body.toggleAttribute("data-ebb", now % CALL_MS >= CALL_MS / 2);
     hidden.updateNext();
@@ -121,7 +129,9 @@
   document.addEventListener("htmx:ws:before:message:incoming", ({ detail: { message } }) => {
     if (typeof message.data !== "string") return;
     const read = Live.read(message.data);
-    message.json = async () => read;
+    const { content } = read;
+    const shown = typeof content === "string" ? { ...read, content: alarms.filter(content) } : read;
+    message.json = async () => shown;
     hidden.receive(read);
   });
 

@@ -130,15 +130,23 @@ impl Server {
         self.snapshot()["counters"].clone()
     }
 
-    pub fn acknowledge(&self, node: &str) {
-        let body = format!("version={}", self.snapshot()["seq"]);
+    fn post(&self, path: &str, body: &str) -> String {
         let head = format!(
-            "POST /alarms/{node}/acknowledge HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nCookie: {1}\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {2}\r\n",
+            "POST {path} HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nCookie: {1}\r\nAccept: application/json\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {2}\r\n",
             self.address,
             self.cookie,
             body.len()
         );
-        self.exchange(&format!("{head}Connection: close\r\n\r\n{body}"));
+        self.exchange(&format!("{head}Connection: close\r\n\r\n{body}"))
+    }
+
+    /// Lets the vehicle go on: asks for it, and confirms it if that is granted.
+    pub fn release(&self) {
+        let asked = self.post("/vehicle/release", &format!("version={}", self.snapshot()["seq"]));
+        let token = asked.split("\"token\":\"").nth(1).and_then(|rest| rest.split('"').next());
+        if let Some(token) = token {
+            self.post("/vehicle/release/confirm", &format!("token={token}"));
+        }
     }
 
     pub fn snapshot(&self) -> Value {

@@ -322,6 +322,8 @@ pub struct Alarm {
     /// The time at which it ended.
     pub ended: Option<Timestamp>,
     pub acknowledged: bool,
+    /// The time of the acknowledgement; not known for one from before a restart.
+    pub acknowledged_at: Option<Timestamp>,
     pub active: bool,
     /// Earlier alarms of the node that are only counted here.
     pub repeats: u32,

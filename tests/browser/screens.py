@@ -96,7 +96,7 @@ def story(page, server, camera):
     camera.take("two")
     client.post("/demo/fault", name="sensor_outage", active="false")
     client.post("/demo/fault", name="low_battery", active="false")
-    expect(page.locator("#countermeasure .confirmed")).to_have_text(re.compile("Weiterfahren|Continue"))
+    expect(page.locator("#instruction strong")).to_have_text(re.compile("Weiterfahren|Continue"))
     expect(page.locator("#causes [data-node]")).to_have_count(0)
     camera.take("held")
     acknowledge_all(page)

@@ -98,10 +98,10 @@ def test_the_timeline_goes_on_and_back(server, vehicle, developer, trouble):
     page = developer
     visit(page, server, "/developer/timeline?span=30")
     lane = page.locator('.lane[data-node="sensors"]')
-    expect(lane.locator(".chip")).to_have_text("Okay")
+    expect(lane.locator(".chip")).to_have_text("OK")
     # Wide enough to be pointed at.
-    okay = lane.locator(".bar-ok").last
-    until(lambda: okay.bounding_box()["width"] > 10, 10, lambda: f"time goes on: {okay.bounding_box()}")
+    well = lane.locator(".bar-ok").last
+    until(lambda: well.bounding_box()["width"] > 10, 10, lambda: f"time goes on: {well.bounding_box()}")
     vehicle.set(STATUS, 2, "no packets")
     expect(lane.locator(".bar-error")).to_be_attached()
     expect(lane.locator(".chip")).to_have_text("Error")
@@ -110,7 +110,7 @@ def test_the_timeline_goes_on_and_back(server, vehicle, developer, trouble):
     strip = lane.locator("svg").bounding_box()
     at = round((box["x"] + box["width"] / 2 - strip["x"]) / strip["width"] * 1000)
     page.locator("[data-moment]").fill(str(at))
-    expect(lane.locator(".chip")).to_have_text("Okay")
+    expect(lane.locator(".chip")).to_have_text("OK")
     expect(page.locator(".past")).to_be_visible()
     page.get_by_role("link", name="Live", exact=True).click()
     expect(lane.locator(".chip")).to_have_text("Error")

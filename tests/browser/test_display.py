@@ -9,7 +9,8 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import DEMO_OPERATOR, let_colours_settle, localize, log_in_by_touch, stage, step, touch_context, watch
-from test_looks import check_sizes, violations
+from accessible import violations
+from sizes import check_sizes
 from vehicle import OPERATOR, TELLTALE, Client, Server, Writer, own_domain
 
 LATCHED = """vehicle: { stages: none }
@@ -104,7 +105,7 @@ def test_other_sizes_do_not_break(demo, display, width, height):
     page.set_viewport_size({"width": width, "height": height})
     wide = page.evaluate("() => document.documentElement.scrollWidth")
     assert wide <= width, f"{wide} px of {width}"
-    for part in ("#top .stage", "#live", "#tile-localization", "#causes .cause", "#step button", "#causes button[name=acknowledge]"):
+    for part in ("#top .stage", "#live", "#tile-localization", "#causes .cause", "#step button:not([hidden])", "#causes button[name=acknowledge]"):
         expect(page.locator(part).first).to_be_visible()
         box = page.locator(part).first.bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= width + 0.5, f"{part}: {box}"
@@ -220,7 +221,7 @@ def test_a_browser_without_sockets_says_that_it_shows_nothing_live(demo, display
     page.add_init_script("delete window.WebSocket")
     page.reload()
     expect(page.locator("body")).to_have_attribute("data-live", "dead")
-    expect(page.locator(".banner .when-dead").filter(visible=True)).to_contain_text("take over")
+    expect(page.locator(".frozen b").filter(visible=True)).to_have_text(["Display frozen.", "Take over."])
     unfit = page.locator(".unfit span").filter(visible=True)
     expect(unfit).to_contain_text("Use another one")
     check_sizes(page, "no sockets")
@@ -293,7 +294,7 @@ def test_an_error_that_is_held_is_reset_at_its_component(tmp_path, chromium, tro
         report(0)
         expect(held.locator("button:not([aria-disabled])")).to_be_visible()
         expect(tile).to_have_attribute("data-state", "error")
-        expect(page.locator("#causes .help").first).to_contain_text("touch here")
+        expect(page.locator("#instruction")).to_contain_text("touch here")
         held.locator("button").tap()
         expect(tile).to_have_attribute("data-state", "ok")
         expect(held).to_have_count(0)
@@ -336,7 +337,7 @@ def test_what_is_outside_of_the_configuration_is_one_quiet_line(tmp_path, chromi
         bottom = lambda where: (box := page.locator(where).bounding_box())["y"] + box["height"]
         top = lambda where: page.locator(where).bounding_box()["y"]
         assert bottom("#causes .cause:last-child") <= top("#causes-aside") + 1
-        assert bottom("#causes-aside") <= top("#causes-row") + 1
+        assert bottom("#causes-aside") <= bottom("#causes") + 1
         for width, height in ((390, 844), (800, 1280), (1920, 1080)):
             page.set_viewport_size({"width": width, "height": height})
             expect(line).to_be_visible()

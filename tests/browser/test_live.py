@@ -37,13 +37,13 @@ def test_a_server_that_hangs_makes_the_page_stale_then_dead_and_live_again(serve
     assert 0.5 < stale_s < 1.6, f"stale after {stale_s:.2f} s"
     dead_s = reached(page, "dead", stopped_ms)
     assert 1.5 < dead_s < 2.6, f"dead after {dead_s:.2f} s"
-    expect(page.get_by_text("take over").filter(visible=True).first).to_be_visible()
+    expect(page.get_by_text("Take over.").filter(visible=True).first).to_be_visible()
     continued_ms = page.evaluate(WATCH)
     server.send(signal.SIGCONT)
     live_s = reached(page, "live", continued_ms)
     assert live_s < 2, f"live after {live_s:.2f} s"
     expect_standing(page)
-    expect(page.get_by_text("take over").filter(visible=True)).to_have_count(0)
+    expect(page.get_by_text("Take over.").filter(visible=True)).to_have_count(0)
 
 
 # Sockets that a page opens.

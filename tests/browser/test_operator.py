@@ -42,16 +42,15 @@ def test_a_fault_over_dds_turns_its_tile_red_and_what_waits_for_it_grey(server, 
     expect(tile(page, "sensors")).to_contain_text("Error")
     for name in BEHIND_SENSORS:
         expect_tile(page, name, "ignore", "masked")
-        expect(tile(page, name)).to_contain_text("Ignored")
-        expect(tile(page, name)).to_contain_text("waits for")
-        expect(tile(page, name)).not_to_contain_text("not driving")
+        expect(tile(page, name)).to_contain_text("Waiting for")
+        expect(tile(page, name)).not_to_contain_text("Not active")
     for name in ("can", "mission"):
         expect_tile(page, name, "ok")
     causes = page.locator("#causes [data-node]")
     expect(causes).to_have_count(1)
     expect(causes).to_have_attribute("data-node", CAUSE)
     expect(causes).to_contain_text("LiDAR data missing")
-    expect(causes).to_contain_text("Stop. Call the control room.")
+    expect(page.locator("#instruction[data-urgency=be_ready] strong")).to_have_text("Stop. Call the control room.")
 
     vehicle.set("velodyne_packet_alive", 0)
     for name in TILES:
@@ -97,7 +96,7 @@ def test_a_warning_and_the_unknown_mask_nothing(server, vehicle, page, trouble, 
         expect_tile(page, name, "ok")
 
 
-def test_a_status_that_stops_coming_is_unknown_never_okay(server, vehicle, page, trouble):
+def test_a_status_that_stops_coming_is_unknown_never_ok(server, vehicle, page, trouble):
     log_in(page, server)
     expect_standing(page)
     del vehicle.statuses["mission: server"]

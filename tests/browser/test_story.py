@@ -66,7 +66,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     expect(banner).to_be_visible()
     expect(banner).to_have_attribute("data-state", "engaged")
     expect(banner).to_contain_text("Slowing down")
-    expect(banner).to_contain_text("Confirmed by the vehicle")
+    expect(page.locator("#step .next")).to_contain_text("Confirmed by the vehicle")
     expect(page.locator("#causes [data-node]").first).to_have_attribute("data-waiting", "")
     assert sounded(page) == before + 1, "one sound for one fault, none for what it masks"
     page.locator("#tile-perception").tap()
@@ -77,7 +77,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
 
     client.post("/demo/fault", name="localization_jump", active="false")
     expect(page.locator("#tile-localization")).to_have_attribute("data-state", "ok", timeout=20_000)
-    expect(banner).to_contain_text("The cause is gone. Continue?")
+    expect(page.locator("#instruction[data-urgency=act] strong")).to_contain_text("Cause gone. Continue?")
     # Each resulting alarm is acknowledged by itself. That moves nothing.
     acknowledge_all(page)
     expect(banner).to_be_visible()
@@ -127,7 +127,7 @@ def test_a_refused_clearance_lists_every_check_and_a_double_tap_clears_nothing(d
     sheet.evaluate("sheet => sheet.showPopover()")
     assert page.locator("#all-checks li:not(.holds)").count() >= 2
     sheet.evaluate("sheet => sheet.hidePopover()")
-    expect(page.locator("#causes button[name=acknowledge]")).to_be_visible()
+    expect(page.locator("#causes button[name=acknowledge]").first).to_be_visible()
     trouble.expect("409")
 
     client.post("/demo/fault", name="costmap_delay", active="false")

@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import expect_tile, step
+from sizes import SIZES, faults
 
 pytestmark = pytest.mark.timed
 
@@ -32,7 +33,7 @@ def let_go(held):
 
 def test_a_stop_goes_out_while_another_tap_is_not_answered(driving, trouble):
     page, notice = driving, driving.locator("#notice")
-    acknowledge = page.locator("#causes button[name=acknowledge]")
+    acknowledge = page.locator("#causes button[name=acknowledge]").first
     expect(acknowledge).to_be_visible()
     held = hold(page, "**/acknowledge")
     acknowledge.click()
@@ -79,12 +80,17 @@ def test_a_double_tap_on_continue_releases_nothing(driving):
     step(page, "stop").click()
     expect(step(page, "release")).to_be_visible()
     expect(page.locator("#actions[data-quiet]")).to_have_count(0)
-    box = step(page, "release").bounding_box()
-    for share in (0.1, 0.5, 0.9):
-        step(page, "release").click(position={"x": box["width"] * share, "y": box["height"] / 2})
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        box, stop = step(page, "release").bounding_box(), step(page, "stop").bounding_box()
+        step(page, "release").click()
         expect(confirm).to_be_visible()
-        other = confirm.bounding_box()
-        assert not other["x"] <= box["x"] + box["width"] * share <= other["x"] + other["width"], "Confirm lies under the finger"
+        for name, button in (("Confirm", confirm.bounding_box()), ("STOP", stop)):
+            beside = button["x"] >= box["x"] + box["width"] - 1 or box["x"] >= button["x"] + button["width"] - 1
+            apart = button["y"] >= box["y"] + box["height"] - 1 or box["y"] >= button["y"] + button["height"] - 1
+            assert beside or apart, f"{name} lies under the finger at {width}x{height}: {button}, {box}"
+        assert step(page, "stop").bounding_box() == stop
+        assert not faults(page), f"{width}x{height}: {faults(page)}"
         step(page, "cancel").click(force=True, timeout=5_000)
         expect(confirm).to_be_hidden()
         expect(page.locator("#actions[data-quiet]")).to_have_count(0)

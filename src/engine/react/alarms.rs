@@ -95,6 +95,7 @@ impl Alarms {
         for alarm in self.list.iter_mut().filter(|alarm| which(alarm)) {
             found = true;
             if !std::mem::replace(&mut alarm.acknowledged, true) {
+                alarm.acknowledged_at = Some(now);
                 events.push(now, EventKind::AlarmAcknowledged { id: alarm.id, node: alarm.node });
             }
         }
@@ -168,6 +169,7 @@ impl Alarms {
                     raised: now,
                     ended: None,
                     acknowledged: false,
+                    acknowledged_at: None,
                     active: true,
                     repeats: 0,
                 });
@@ -327,7 +329,16 @@ mod tests {
         for (acknowledged, left) in [(true, vec![]), (false, vec![(7, A, false)])] {
             let mut alarms = Alarms::default();
             let (raised, ended) = (Timestamp::ZERO, None);
-            let alarm = Alarm { id: 7, node: A, raised, ended, acknowledged, active: true, repeats: 0 };
+            let alarm = Alarm {
+                id: 7,
+                node: A,
+                raised,
+                ended,
+                acknowledged,
+                acknowledged_at: None,
+                active: true,
+                repeats: 0,
+            };
             alarms.restore(vec![alarm], 7);
             let follow = |alarms: &mut Alarms, roots: &[NodeId]| {
                 alarms.follow(&calling(roots), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());

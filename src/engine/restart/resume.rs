@@ -191,7 +191,16 @@ impl Engine {
             let raised = Timestamp::from_nanos(self.now.as_nanos().saturating_sub(it.age.as_nanos()));
             let RestoredAlarm { id, acknowledged, active, .. } = *it;
             let ended = Some(self.now).filter(|_| !active);
-            Some(Alarm { id, node: find(&it.node)?, raised, ended, acknowledged, active, repeats: 0 })
+            Some(Alarm {
+                id,
+                node: find(&it.node)?,
+                raised,
+                ended,
+                acknowledged,
+                acknowledged_at: None,
+                active,
+                repeats: 0,
+            })
         };
         self.alarms.restore(restored.alarms.iter().filter_map(alarm).collect(), restored.last_alarm);
         for measure in &restored.countermeasures {

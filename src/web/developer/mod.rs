@@ -133,7 +133,7 @@ impl DevFrame {
             links: links.collect(),
             vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
             stage: snapshot.stage.as_str(),
-            stage_word: view.lang.stage(snapshot.stage, snapshot.overall),
+            stage_word: view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
             overall: snapshot.overall.as_str(),
             user: clean(&context.user, NAME),
             locked: snapshot.stage == Stage::Locked,

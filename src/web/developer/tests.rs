@@ -414,7 +414,7 @@ fn the_timeline_tells_a_silence_from_an_error_that_was_reported() {
         &["seit 2 s still; zuletzt: Images", "data-state=\"error\">Fehler</span> <small>no picture<"],
     );
     // Where all is well the words stay behind the strip.
-    holds(&page(Lang::En, "100"), &["data-state=\"ok\">Okay</span> <small></small>"]);
+    holds(&page(Lang::En, "100"), &["data-state=\"ok\">OK</span> <small></small>"]);
 }
 
 #[test]

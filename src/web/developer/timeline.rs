@@ -14,7 +14,6 @@ use crate::engine::model::Stage;
 use crate::web::AppState;
 
 use super::request::PageRequest;
-use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::picture::bars::patterns;
 use crate::picture::strips::{Axis, stamp};
@@ -242,9 +241,7 @@ fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> 
         let (what, detail, cause) = match what {
             PastEvent::Started { anew: false } => (words.ev_started, String::new(), String::new()),
             PastEvent::Started { anew: true } => (words.ev_reloaded, String::new(), String::new()),
-            PastEvent::Stage(stage) => {
-                (words.ev_stage, lang.stage(*stage, State::Ok).to_owned(), String::new())
-            }
+            PastEvent::Stage(stage) => (words.ev_stage, lang.stage(*stage, true).to_owned(), String::new()),
             PastEvent::Signal { name: signal, value } => {
                 let value = value.map_or("unknown", |value| if value { "true" } else { "false" });
                 (words.ev_signal, format!("{} {value}", name(signal)), String::new())

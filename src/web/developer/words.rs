@@ -35,7 +35,7 @@ words! {
     group: "Group", "Gruppe";
     all_groups: "All groups", "Alle Gruppen";
     all_states: "All states", "Alle Zustände";
-    abnormal: "Not okay", "Nicht okay";
+    abnormal: "Not OK", "Nicht OK";
     apply: "Apply", "Anwenden";
     shown: "Shown", "Gezeigt";
     own: "Own", "Eigener";

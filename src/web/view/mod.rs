@@ -9,6 +9,7 @@ mod faults;
 pub(super) mod node_names;
 pub(super) mod page;
 mod permitted;
+mod requests;
 #[cfg(test)]
 pub(super) mod tests;
 pub mod text;
@@ -21,12 +22,12 @@ use std::time::{Duration, SystemTime};
 use crate::clock::wall_at;
 use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
-use crate::engine::snapshot::Snapshot;
+use crate::engine::snapshot::{Moving, Snapshot};
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
-use bars::{action_bar, countermeasure, motion, top_bar};
+use bars::{action_bar, motion, top_bar};
 use board::{Board, tile, tile_detail};
-use faults::{entries, list};
+use faults::{entries, instruction, list};
 use versions::Seen;
 use words::Words;
 
@@ -100,6 +101,13 @@ impl<'a> View<'a> {
         self.has_stages() && matches!(self.snapshot.stage, Stage::Cleared | Stage::Active)
     }
 
+    /// The stage whose advice counts: a vehicle that is held on its way and stands is advised as at a stop.
+    pub(super) fn stage_of_advice(&self) -> Stage {
+        let held = requests::has_banner(self) && !requests::waits_for_release(self);
+        let stands = self.snapshot.motion.moving == Moving::No;
+        if held && stands && self.drives() { Stage::Standby } else { self.snapshot.stage }
+    }
+
     /// The wall clock's time of `then`, rounded to a second. The page counts on from there. A finer time
     /// would differ a little with each snapshot, and unchanged elements would be sent again.
     pub(super) fn wall(&self, then: Timestamp) -> String {
@@ -113,7 +121,7 @@ impl<'a> View<'a> {
 struct Parts {
     motion: Fragment,
     top: Fragment,
-    countermeasure: Fragment,
+    instruction: Fragment,
     arrows: Fragment,
     tiles: Vec<Fragment>,
     causes: Fragment,
@@ -131,7 +139,7 @@ impl Parts {
         Parts {
             motion: motion::motion(view),
             top: top_bar::top(view),
-            countermeasure: countermeasure::countermeasure(view),
+            instruction: instruction::instruction(view, &entries),
             arrows: tile::arrows(view),
             tiles: (0..view.board.tiles.len()).map(|tile| tile::tile(view, tile)).collect(),
             causes: list::causes(view, &entries),
@@ -144,7 +152,7 @@ impl Parts {
     }
 
     fn into_fragments(self) -> Vec<Fragment> {
-        let mut all = vec![self.motion, self.top, self.countermeasure, self.arrows];
+        let mut all = vec![self.motion, self.top, self.instruction, self.arrows];
         all.extend(self.tiles);
         all.extend([self.causes, self.step, self.stops, self.checks, self.all_causes]);
         all.extend(self.details);

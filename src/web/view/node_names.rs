@@ -1,7 +1,7 @@
 //! Names, icons, messages and reasons of groups and modules, for all parts of a page.
 
 use crate::engine::model::wording::Urgency;
-use crate::engine::model::{GroupId, ModuleId, NodeId};
+use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
 use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason, Report};
 use crate::engine::state::State;
 
@@ -47,12 +47,6 @@ pub struct Silence {
 impl ModuleMessage {
     pub fn is_empty(&self) -> bool {
         self.silent.is_none() && self.text.is_empty()
-    }
-
-    /// A text about as long as the shown one, to estimate the room that it needs.
-    pub fn estimate(&self) -> String {
-        let silent = self.silent.as_ref().map(|it| format!("{}00 min{}; last: ", it.before, it.after));
-        silent.unwrap_or_default() + &self.text
     }
 }
 
@@ -108,7 +102,7 @@ impl View<'_> {
             return name;
         }
         match state {
-            State::Unknown if view.received.is_none() || view.silent => self.lang.no_news_from(place),
+            State::Unknown if view.received.is_none() || view.silent => self.lang.not_reporting(place),
             State::Unknown => self.lang.state_unknown(place),
             // A publisher's message may be anything, so it is no title.
             _ => format!("{place}: {}", self.lang.state(state)),
@@ -154,12 +148,14 @@ impl View<'_> {
         self.lang.with_silence(self.last_message(module), module.silent_for(self.snapshot.now))
     }
 
-    /// The configuration's `help` for a node in this state and stage, and what it asks of the operator; nothing
-    /// where the vehicle stands.
+    /// The configuration's `help` for a node in this state and stage, and how soon the operator has to act; a
+    /// vehicle that stands asks for nothing soon.
     pub(super) fn help(&self, node: NodeId, state: State) -> Option<(String, Option<Urgency>)> {
         let NodeId::Module(id) = node else { return None };
-        let help = self.snapshot.module(id).0.help.as_ref()?.of(state, self.snapshot.stage)?;
-        Some((self.lang.pick(&help.text, 120), help.urgency.filter(|_| self.drives())))
+        let stage = self.stage_of_advice();
+        let help = self.snapshot.module(id).0.help.as_ref()?.of(state, stage)?;
+        let drives = matches!(stage, Stage::Cleared | Stage::Active) && self.has_stages();
+        Some((self.lang.pick(&help.text, 120), help.urgency.filter(|_| drives)))
     }
 
     /// Why a node is ignored: `waits for Localization`, `not driving`. Empty where it is not.
@@ -167,15 +163,21 @@ impl View<'_> {
         match reason {
             None => String::new(),
             Some(Reason::NotRelevant(because)) => self.lang.not_relevant(because),
-            Some(Reason::Masked { by }) => {
-                let Some(&root) = by.first() else { return String::new() };
-                // Within one component, the module's name tells more than the component's.
-                let near = self.board.tile_of(root) == self.board.tile_of(node);
-                self.lang.waits_for(&match root {
-                    NodeId::Module(id) if near => self.label(self.snapshot.module(id).0),
-                    _ => self.tile_name(root),
-                })
-            }
+            Some(Reason::Masked { by }) => match self.cause_name(node, by) {
+                name if name.is_empty() => name,
+                name => self.lang.waits_for(&name),
+            },
+        }
+    }
+
+    /// The name of the first root cause that masks a node. Within one component, the module's name tells more
+    /// than the component's.
+    pub(super) fn cause_name(&self, node: NodeId, by: &[NodeId]) -> String {
+        let near = |root: NodeId| self.board.tile_of(root) == self.board.tile_of(node);
+        match by.first() {
+            None => String::new(),
+            Some(&NodeId::Module(id)) if near(NodeId::Module(id)) => self.label(self.snapshot.module(id).0),
+            Some(&root) => self.tile_name(root),
         }
     }
 

@@ -87,7 +87,7 @@ impl TimelineStrips<'_> {
     }
 
     fn stage(&self, held: &[Period<Stage>]) -> StripHtml {
-        let word = |stage| self.lang.stage(stage, State::Ok);
+        let word = |stage| self.lang.stage(stage, true);
         let class = |stage| if stage == Stage::Active { "stage bar-driving" } else { "stage" };
         self.level(self.words.stage.to_owned(), StripKind::Stage, held, |stage| {
             (class(stage), None, word(stage))

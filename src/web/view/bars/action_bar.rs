@@ -8,18 +8,14 @@ use crate::engine::snapshot::Unreached;
 use crate::engine::state::State;
 
 use super::clearance_checks::Check;
-use super::countermeasure;
-use crate::web::view::text::width::{SMALL_EM_BAR, SMALL_EM_BAR_NARROW, lines};
 use crate::web::view::text::{ID, NAME, clean};
 use crate::web::view::versions::Aspect;
 use crate::web::view::words::Words;
 use crate::web::view::words::action_words::StepWords;
-use crate::web::view::{Fragment, View, html};
+use crate::web::view::{Fragment, View, html, requests};
 
 /// Stops that have room in the bar; more of them stand on a sheet of their own.
 const STOPS_IN_BAR: usize = 3;
-/// Lines of small type in the bar.
-const LINES: usize = 4;
 
 pub struct StopHtml {
     id: String,
@@ -46,8 +42,8 @@ enum NextStep {
     Localize { stops: Vec<StopHtml>, more: bool },
     /// The pose is given; the vehicle checks it.
     Locating { title: String, text: String },
-    /// Give clearance; `ready` if no check fails.
-    Clear { ready: bool, checks: Vec<Check>, more: usize },
+    /// Give clearance; `ready` if no check fails. The page's script hides the checks that have no room.
+    Clear { ready: bool, checks: Vec<Check> },
     /// The vehicle may drive: stop it, or let it go on.
     Drive(Drive),
     /// No step: the condition of the vehicle.
@@ -61,7 +57,7 @@ struct Drive {
     withdraw: bool,
     icon: &'static str,
     title: &'static str,
-    text: String,
+    text: &'static str,
 }
 
 pub fn step(view: &View<'_>) -> Fragment {
@@ -95,7 +91,7 @@ fn of_stage(view: &View<'_>) -> NextStep {
         }
         Stage::Standby => clear(view),
         // A machine without stages is not driven, and has no mission that could be asked to stop.
-        Stage::Active if !view.has_stages() && !countermeasure::has_banner(view) => {
+        Stage::Active if !view.has_stages() && !requests::has_banner(view) => {
             NextStep::Watch { icon: "ready", title: steps.runs, text: condition(view) }
         }
         Stage::Active if view.has_stages() && snapshot.operator.is_none() => {
@@ -112,18 +108,20 @@ fn drive(view: &View<'_>) -> Drive {
     let steps = view.lang.steps();
     let requested = snapshot.stop_requested();
     let unreached = snapshot.unreached(Output::ManeuverStop).map(|why| match why {
-        Unreached::Unheard => steps.no_listener.to_owned(),
-        Unreached::Unpublished => steps.not_stoppable.to_owned(),
+        Unreached::Unheard => steps.no_listener,
+        Unreached::Unpublished => steps.not_stoppable,
     });
     let is_offered = view.has_stages() && (requested || unreached.is_none());
     let cleared = snapshot.stage == Stage::Cleared;
-    let release = countermeasure::waits_for_release(view);
-    let (icon, title) = match () {
-        () if cleared => ("ready", steps.may_start),
-        () if release && !requested => ("ready", steps.cause_gone),
-        () if requested => ("stop", steps.stop_requested),
-        () if countermeasure::has_banner(view) => ("stop", steps.held_back),
-        () => ("drive", steps.drives),
+    let release = requests::waits_for_release(view);
+    let request = requests::moving(view).next();
+    let progress = request.map(|it| requests::progress(view, it));
+    let (icon, title, text) = match progress {
+        _ if cleared => ("ready", steps.may_start, ""),
+        Some(progress) if requested && !release => ("stop", progress, ""),
+        Some(progress) if release => ("idle", steps.held_until, progress),
+        Some(progress) => ("slow", progress, ""),
+        None => ("drive", steps.drives, ""),
     };
     Drive {
         stop: is_offered.then_some(requested),
@@ -131,7 +129,7 @@ fn drive(view: &View<'_>) -> Drive {
         withdraw: cleared,
         icon,
         title,
-        text: unreached.unwrap_or_else(|| condition(view)),
+        text: unreached.unwrap_or(text),
     }
 }
 
@@ -160,26 +158,7 @@ fn locating(view: &View<'_>) -> NextStep {
 }
 
 fn clear(view: &View<'_>) -> NextStep {
-    let mut checks = view.checks();
-    let ready = view.snapshot.clearance_refusals.is_empty();
-    let fitting = |em: f64| {
-        let mut used = 0;
-        let fits = |check: &&Check| {
-            used += lines(&check.text, em, LINES);
-            used <= LINES
-        };
-        checks.iter().take_while(fits).count()
-    };
-    // What fails and has no room is counted, and stands on the sheet, whose button takes room of its
-    // own; what holds may be left out.
-    let failing = checks.iter().filter(|check| !check.holds).count();
-    let mut shown = fitting(SMALL_EM_BAR);
-    if shown < failing {
-        shown = fitting(SMALL_EM_BAR_NARROW).clamp(1, (failing - 1).max(1));
-    }
-    let more = failing.saturating_sub(shown);
-    checks.truncate(shown);
-    NextStep::Clear { ready, checks, more }
+    NextStep::Clear { ready: view.snapshot.clearance_refusals.is_empty(), checks: view.checks() }
 }
 
 /// The condition of the vehicle. What to do about it stands beside the causes.

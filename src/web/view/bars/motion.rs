@@ -58,7 +58,7 @@ fn destination(view: &View<'_>) -> Option<String> {
     let name = view.lang.pick(&view.snapshot.destination()?.name, NAME);
     match view.snapshot.motion.moving {
         Moving::No => Some(format!("{}: {name}", view.lang.motion().next)),
-        Moving::Yes | Moving::Unknown if view.snapshot.stage == Stage::Active => Some(name),
+        Moving::Yes if view.snapshot.stage == Stage::Active => Some(name),
         Moving::Yes | Moving::Unknown => None,
     }
 }

@@ -1,10 +1,9 @@
-//! The top bar: the vehicle, its stage, what it waits for, and its operator.
+//! The top bar: the vehicle, its stage and its operator.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use askama::Template;
 
-use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
 
 use crate::web::assets;
@@ -23,8 +22,6 @@ struct TopHtml {
     layout: String,
     vehicle: String,
     word: &'static str,
-    /// What the stage waits for, or where it leads.
-    now: &'static str,
     operator: Option<String>,
     steps: &'static StepWords,
     /// The button that ends the work, in every stage but driving.
@@ -41,8 +38,7 @@ pub fn top(view: &View<'_>) -> Fragment {
         overall: if locked { "" } else { snapshot.overall.as_str() },
         layout: layout_mark(view),
         vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
-        word: view.lang.stage(snapshot.stage, snapshot.overall),
-        now: now(view),
+        word: view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
         steps: view.lang.steps(),
         shutdown: snapshot.operator.is_some()
@@ -50,22 +46,6 @@ pub fn top(view: &View<'_>) -> Fragment {
             && !matches!(snapshot.stage, Stage::Locked | Stage::Active),
     });
     Fragment { id: "top".to_owned(), html }
-}
-
-fn now(view: &View<'_>) -> &'static str {
-    let steps = view.lang.steps();
-    let snapshot = view.snapshot;
-    let no_goal = || snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
-    match snapshot.stage {
-        Stage::Locked => "",
-        Stage::Localizing if snapshot.localization.given.is_some() => "",
-        Stage::Localizing => steps.waits_stop,
-        Stage::Standby if no_goal() => steps.waits_goal,
-        Stage::Standby => steps.waits_clearance,
-        Stage::Cleared => steps.waits_start,
-        Stage::Active if snapshot.operator.is_none() => steps.without_operator,
-        Stage::Active => steps.by_itself,
-    }
 }
 
 /// Changes with the tiles and with the program: a page with another value reloads itself.

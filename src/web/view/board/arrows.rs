@@ -5,17 +5,17 @@ use std::fmt::Write;
 use super::{Board, Tile};
 
 /// The inside of the board in pixels of the reference display. Other sizes stretch the drawing.
-const BOARD: (f64, f64) = (864.0, 515.0);
+const BOARD: (f64, f64) = (860.0, 405.0);
 /// Share of the board that the tiles take, by number of columns and rows.
 pub const WIDTH: [f64; 7] = [1.0, 0.36, 0.68, 1.0, 1.0, 1.0, 1.0];
-pub const HEIGHT: [f64; 5] = [1.0, 0.56, 1.0, 1.0, 1.0];
+pub const HEIGHT: [f64; 8] = [1.0, 0.56, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0];
 /// Gap between columns and rows, as a share of what the tiles take.
-pub const GAP_X: [f64; 7] = [0.0, 0.0, 0.11, 0.075, 0.046, 0.036, 0.03];
-pub const GAP_Y: [f64; 5] = [0.0, 0.0, 0.1, 0.085, 0.07];
+pub const GAP_X: [f64; 7] = [0.0, 0.0, 0.11, 0.05, 0.026, 0.024, 0.022];
+pub const GAP_Y: [f64; 8] = [0.0, 0.0, 0.11, 0.08, 0.06, 0.035, 0.03, 0.025];
 
 const CORNER: f64 = 9.0;
-/// Between the tip of an arrow and the tile.
-const AIR: f64 = 3.0;
+/// Between the end of the line and the tile; the head covers it.
+const AIR: f64 = 6.0;
 
 /// One arrow as SVG path data.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,7 +23,10 @@ pub struct TileArrow {
     pub from: Tile,
     pub to: Tile,
     pub line: String,
-    pub head: String,
+    /// Where the head touches the tile, in percent of the drawing, and the head as a path around that point, in
+    /// pixels: it keeps its shape however the drawing is stretched.
+    pub tip: (String, String),
+    pub head: &'static str,
 }
 
 /// The size of the drawing and its arrows, in the order of `edges`.
@@ -216,19 +219,20 @@ impl Plan {
                 points.push((tip.0, self.row_y(first)));
             }
         }
-        let (dx, dy) = match route.end.side {
-            TileSide::Left => (1.0, 0.0),
-            TileSide::Right => (-1.0, 0.0),
-            TileSide::Top => (0.0, 1.0),
-            TileSide::Bottom => (0.0, -1.0),
+        let ((dx, dy), head) = match route.end.side {
+            TileSide::Left => ((1.0, 0.0), "M-2 0L-14 -7.5L-14 7.5z"),
+            TileSide::Right => ((-1.0, 0.0), "M2 0L14 -7.5L14 7.5z"),
+            TileSide::Top => ((0.0, 1.0), "M0 -2L-7.5 -14L7.5 -14z"),
+            TileSide::Bottom => ((0.0, -1.0), "M0 2L-7.5 14L7.5 14z"),
         };
-        let tip = (tip.0 - dx * AIR, tip.1 - dy * AIR);
-        points.push((tip.0 - dx * 8.0, tip.1 - dy * 8.0));
+        points.push((tip.0 - dx * AIR, tip.1 - dy * AIR));
+        let percent = |at: f64, of: f64| format!("{:.2}", 100.0 * at / of);
         TileArrow {
             from: route.start.tile,
             to: route.end.tile,
             line: rounded(&points),
-            head: head(tip, dx, dy),
+            tip: (percent(tip.0, self.width), percent(tip.1, self.height)),
+            head,
         }
     }
 }
@@ -247,18 +251,6 @@ fn tracks(spans: &[(f64, f64, usize, usize)]) -> (Vec<usize>, usize) {
     });
     let tracks = tracks.collect();
     (tracks, ends.len())
-}
-
-fn head((x, y): (f64, f64), dx: f64, dy: f64) -> String {
-    let (back, half) = (12.0, 7.5);
-    let (bx, by) = (x - dx * back, y - dy * back);
-    format!(
-        "M{x:.1} {y:.1}L{:.1} {:.1}L{:.1} {:.1}z",
-        bx - dy * half,
-        by + dx * half,
-        bx + dy * half,
-        by - dx * half
-    )
 }
 
 /// A line through the points with round corners.
@@ -365,7 +357,7 @@ mod tests {
         for arrow in &arrows {
             for pair in points(&arrow.line).windows(2) {
                 let ((x1, y1), (x2, y2)) = (pair[0], pair[1]);
-                if (y1 - y2).abs() < 0.1 && (x1 - x2).abs() > 2.0 * CORNER {
+                if (y1 - y2).abs() < 0.1 && (x1 - x2).abs() > CORNER {
                     runs.push((y1, x1.min(x2), x1.max(x2)));
                 }
             }

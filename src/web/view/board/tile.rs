@@ -2,18 +2,17 @@
 
 use askama::Template;
 
-use crate::engine::model::NodeId;
+use crate::engine::model::{GroupId, NodeId};
+use crate::engine::snapshot::Reason;
 use crate::engine::state::State;
 
 use super::{Tile, arrows as lines};
 use crate::web::view::node_names::{icon, reason_word};
-use crate::web::view::words::Words;
 use crate::web::view::{Fragment, View, html};
 
 #[derive(Template)]
 #[template(path = "partials/tile.html")]
 struct TileHtml<'a> {
-    words: &'static Words,
     swap: bool,
     path: &'a str,
     place: (usize, usize),
@@ -29,16 +28,16 @@ struct TileHtml<'a> {
 pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
     let id = view.board.tiles[tile];
     let (info, group) = view.snapshot.group(id);
-    let line = match group.state {
-        State::Ignore => view.reason(NodeId::Group(id), group.reason.as_ref()),
-        State::Ok if group.counted == 0 => view.words.none_undeclared.to_owned(),
-        _ if group.counted == 0 => view.no_member(id),
-        State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
-        _ => view.lang.ok_of(group.ok, group.counted),
+    let (word, line) = match (group.state, &group.reason) {
+        // `Waiting for` and the name of the cause, or `Not active`.
+        (State::Ignore, Some(Reason::Masked { by })) => {
+            (view.words.waiting, view.cause_name(NodeId::Group(id), by))
+        }
+        (State::Ignore, _) => (view.words.not_active, String::new()),
+        (state, _) => (view.lang.state(state), count(view, id)),
     };
     let (column, row) = view.board.places[tile];
     let html = html(&TileHtml {
-        words: view.words,
         swap: view.swap,
         path: &info.path,
         place: (column + 1, row + 1),
@@ -46,11 +45,22 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
         state: group.state.as_str(),
         reason: reason_word(group.reason.as_ref()),
         icon: icon(group.state, group.reason.as_ref()),
-        word: view.lang.state(group.state),
+        word,
         line,
         flashes: flashes(view, tile),
     });
     Fragment { id: format!("tile-{}", info.path), html }
+}
+
+/// How many of the modules are OK: `3/3 OK`.
+fn count(view: &View<'_>, id: GroupId) -> String {
+    let (_, group) = view.snapshot.group(id);
+    match group.state {
+        State::Ok if group.counted == 0 => view.words.none_undeclared.to_owned(),
+        _ if group.counted == 0 => view.no_member(id),
+        State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
+        _ => view.lang.ok_of(group.ok, group.counted),
+    }
 }
 
 /// A tile flashes while an alarm in it waits to be acknowledged.
@@ -65,7 +75,8 @@ struct ArrowHtml<'a> {
     to: &'a str,
     hot: bool,
     line: String,
-    head: String,
+    tip: (String, String),
+    head: &'static str,
 }
 
 #[derive(Template)]
@@ -91,6 +102,7 @@ pub fn arrows(view: &View<'_>) -> Fragment {
             to: path(arrow.to),
             hot: hot.contains(&(arrow.from, arrow.to)),
             line: arrow.line,
+            tip: arrow.tip,
             head: arrow.head,
         })
         .collect();

@@ -77,7 +77,6 @@ struct DetailHtml<'a> {
     because: String,
     since: String,
     count: String,
-    behind: Option<String>,
     /// Names of the components from the root cause to this one.
     chain: Vec<String>,
     root: String,
@@ -90,8 +89,6 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
     let (info, group) = view.snapshot.group(id);
     let mut modules = view.modules_of(id);
     let masked = matches!(group.reason, Some(Reason::Masked { .. }));
-    let failing = |module: &&ModuleId| view.snapshot.module(**module).1.own == State::Error;
-    let behind = if masked { modules.iter().filter(failing).count() } else { 0 };
     modules.sort_by_key(|&module| std::cmp::Reverse(weight(view.snapshot.module(module).1)));
     let (chain, root) = if masked { why(view, tile) } else { (Vec::new(), String::new()) };
     let mut detail = DetailHtml {
@@ -110,7 +107,6 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
             0 => view.hint(id).unwrap_or_default(),
             counted => view.lang.ok_of(group.ok, counted),
         },
-        behind: (behind > 0).then(|| view.lang.errors_behind(behind)),
         chain,
         root,
         rows: modules.iter().take(ROWS).enumerate().map(|(index, &id)| row(view, tile, id, index)).collect(),

@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use crate::engine::model::wording::Urgency;
 use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
-use crate::engine::snapshot::{Reason, RootCause};
+use crate::engine::snapshot::{Alarm, Reason, RootCause};
 use crate::engine::state::State;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 
 use crate::web::view::View;
 use crate::web::view::node_names::ModuleMessage;
@@ -26,14 +27,18 @@ pub struct FaultEntry {
     pub places: Vec<String>,
     pub since: Timestamp,
     pub waits: String,
-    /// How many masked modules report an ERROR, as words that go on after `waits`.
-    pub behind: String,
     pub masks: u32,
     pub help: String,
+    /// How soon the operator of a driving vehicle has to act, if the configuration says so.
+    pub urgency: Option<Urgency>,
     /// It is an alarm that nobody has acknowledged.
     pub unacknowledged: bool,
     /// The fault is over, and nobody has acknowledged it.
     pub over: bool,
+    /// For how long it lasted, once it is over.
+    pub lasted: Option<Span>,
+    /// Somebody has acknowledged it, and when, if that is known.
+    pub seen: Option<Option<Timestamp>>,
     /// What an acknowledgement of this entry is for.
     pub acknowledge: Option<AcknowledgeTarget>,
 }
@@ -46,9 +51,8 @@ pub struct AcknowledgeTarget {
 }
 
 pub fn entries(view: &View<'_>) -> Vec<FaultEntry> {
-    let behind = masked_errors(view);
     let roots = view.snapshot.roots.iter();
-    let mut entries: Vec<FaultEntry> = roots.map(|root| of_root(view, root, &behind)).collect();
+    let mut entries: Vec<FaultEntry> = roots.map(|root| of_root(view, root)).collect();
     add_unexplained(view, &mut entries);
     add_past_alarms(view, &mut entries);
     add_causes_of_countermeasures(view, &mut entries);
@@ -86,23 +90,22 @@ fn joined(view: &View<'_>, a: FaultEntry, b: FaultEntry) -> FaultEntry {
         (Some(_), Some(_)) => Some(by_name(view, entry.node)),
         (one, another) => one.clone().or_else(|| another.clone()),
     };
-    let masks_more = other.masks > entry.masks;
-    let (waits, behind) = if masks_more { (other.waits, other.behind) } else { (entry.waits, entry.behind) };
+    let waits = if other.masks > entry.masks { other.waits } else { entry.waits };
     FaultEntry {
         title,
         place,
         places,
         since: entry.since.min(other.since),
         waits,
-        behind,
         masks: entry.masks.max(other.masks),
         unacknowledged: entry.unacknowledged || other.unacknowledged,
         acknowledge,
+        seen: entry.seen.and(other.seen),
         ..entry
     }
 }
 
-fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -> FaultEntry {
+fn of_root(view: &View<'_>, root: &RootCause) -> FaultEntry {
     let state = view.snapshot.shown(root.node).0;
     let entry = match root.node {
         NodeId::Module(id) => of_module(view, id, state),
@@ -114,14 +117,14 @@ fn of_root(view: &View<'_>, root: &RootCause, behind: &HashMap<NodeId, usize>) -
         since: root.since,
         masks: root.masks,
         waits: waits(view, root),
-        behind: behind.get(&root.node).map(|&count| view.lang.with_errors(count)).unwrap_or_default(),
         unacknowledged: target.is_some(),
         acknowledge: target.map(|alarm| by_number(alarm.id)),
+        seen: alarm.filter(|alarm| alarm.acknowledged).map(|alarm| alarm.acknowledged_at),
         ..entry
     }
 }
 
-/// What a root cause masks: `Four others wait`.
+/// What a root cause masks: `Four wait`.
 fn waits(view: &View<'_>, root: &RootCause) -> String {
     let own = view.board.tile_of(root.node);
     let masked =
@@ -136,32 +139,18 @@ fn waits(view: &View<'_>, root: &RootCause) -> String {
     }
 }
 
-/// How many masked modules report an ERROR themselves, by the root cause that hides them.
-fn masked_errors(view: &View<'_>) -> HashMap<NodeId, usize> {
-    let mut behind = HashMap::new();
-    if view.snapshot.roots.iter().all(|root| root.masks == 0) {
-        return behind;
-    }
-    for module in view.snapshot.modules.iter().filter(|module| module.own == State::Error) {
-        if let Some(Reason::Masked { by }) = &module.reason {
-            for &root in by.iter() {
-                *behind.entry(root).or_default() += 1;
-            }
-        }
-    }
-    behind
-}
-
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
     let (_, module) = view.snapshot.module(id);
     let component = view.tile_name(NodeId::Module(id));
     let (title, place) = titled(view, id, state, &component);
     let mut message = view.message_of(module);
-    // Beside UNKNOWN only a silence tells something new. A message that is the title already is left out.
-    if message.text == title || (state == State::Unknown && message.silent.is_none()) {
+    // What a module reports and measures stands behind its component, if it has one; here only its silence counts.
+    let is_behind_tile = view.board.tile_of(NodeId::Module(id)).is_some();
+    if state == State::Unknown || (module.received.is_some() && is_behind_tile) {
         message.text.clear();
     }
     let node = NodeId::Module(id);
+    let (help, urgency) = help(view, node, state);
     FaultEntry {
         node,
         state,
@@ -171,11 +160,13 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
         places: vec![component],
         since: module.since,
         waits: String::new(),
-        behind: String::new(),
         masks: 0,
-        help: help(view, node, state),
+        help,
+        urgency,
         unacknowledged: false,
         over: false,
+        lasted: None,
+        seen: None,
         acknowledge: None,
     }
 }
@@ -189,18 +180,18 @@ fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (Str
     (view.fault_at(id, state, components), place)
 }
 
-/// What to do: the configuration's `help`, or else the page's advice for this state and stage.
-fn help(view: &View<'_>, node: NodeId, state: State) -> String {
+/// What to do, and how soon: the configuration's `help`, or else the page's advice for this state and stage.
+fn help(view: &View<'_>, node: NodeId, state: State) -> (String, Option<Urgency>) {
     if is_held(view, node) {
-        return view.lang.steps().reset_here.to_owned();
+        return (view.lang.steps().reset_here.to_owned(), None);
     }
-    view.help(node, state).map_or_else(|| advice(view, node, state).to_owned(), |(text, _)| text)
+    view.help(node, state).unwrap_or_else(|| (advice(view, node, state).to_owned(), None))
 }
 
 /// The page's own advice. To take over is advised only while the vehicle drives.
 fn advice(view: &View<'_>, node: NodeId, state: State) -> &'static str {
     let steps = view.lang.steps();
-    let (drives, fails) = match (view.snapshot.stage, state) {
+    let (drives, fails) = match (view.stage_of_advice(), state) {
         (_, State::Ok | State::Ignore) | (Stage::Locked, _) => return "",
         (stage, state) => (matches!(stage, Stage::Cleared | Stage::Active), state != State::Warning),
     };
@@ -226,6 +217,7 @@ fn is_held(view: &View<'_>, node: NodeId) -> bool {
 
 fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultEntry {
     let node = NodeId::Group(id);
+    let (help, urgency) = help(view, node, state);
     FaultEntry {
         node,
         state,
@@ -235,11 +227,13 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultE
         places: Vec::new(),
         since: view.snapshot.group(id).1.since,
         waits: String::new(),
-        behind: String::new(),
         masks: 0,
-        help: help(view, node, state),
+        help,
+        urgency,
         unacknowledged: false,
         over: false,
+        lasted: None,
+        seen: None,
         acknowledge: None,
     }
 }
@@ -301,14 +295,15 @@ fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<
 /// Adds alarms that are over and not acknowledged: one entry for each node. If the fault of the node is
 /// back, its entry acknowledges them too.
 fn add_past_alarms(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
-    let mut of_node: BTreeMap<NodeId, (usize, u64, Timestamp)> = BTreeMap::new();
+    let mut of_node: BTreeMap<NodeId, (usize, &Alarm)> = BTreeMap::new();
     for alarm in view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged) {
-        let (count, id, raised) = of_node.entry(alarm.node).or_insert((0, alarm.id, alarm.raised));
+        let (count, last) = of_node.entry(alarm.node).or_insert((0, alarm));
         *count += 1 + alarm.repeats as usize;
-        (*id, *raised) = (alarm.id, alarm.raised);
+        *last = alarm;
     }
     let mut found: Vec<(u64, FaultEntry)> = Vec::new();
-    for (node, (count, id, raised)) in of_node {
+    for (node, (count, alarm)) in of_node {
+        let id = alarm.id;
         if let Some(back) = entries.iter_mut().find(|entry| entry.node == node) {
             let of_both = back.acknowledge.is_some();
             back.acknowledge = Some(if of_both || count > 1 { by_name(view, node) } else { by_number(id) });
@@ -321,7 +316,9 @@ fn add_past_alarms(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
         let acknowledge = Some(if count > 1 { by_name(view, node) } else { by_number(id) });
         let message = ModuleMessage { text: view.lang.so_often(count), silent: None };
         let help = String::new();
-        found.push((id, FaultEntry { since: raised, message, help, over: true, acknowledge, ..entry }));
+        let lasted = alarm.ended.map(|ended| ended.since(alarm.raised));
+        let since = alarm.raised;
+        found.push((id, FaultEntry { since, message, help, over: true, lasted, acknowledge, ..entry }));
     }
     found.sort_by_key(|(id, _)| *id);
     entries.extend(found.into_iter().map(|(_, entry)| entry));

@@ -31,7 +31,7 @@ struct OperatorHtml {
     top: String,
     arrows: String,
     tiles: Vec<String>,
-    countermeasure: String,
+    instruction: String,
     causes: String,
     step: String,
     /// The sheets that a button opens over the board: name, title in both languages, content.
@@ -64,7 +64,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
         top: parts.top.html,
         arrows: parts.arrows.html,
         tiles: parts.tiles.into_iter().map(text).collect(),
-        countermeasure: parts.countermeasure.html,
+        instruction: parts.instruction.html,
         causes: parts.causes.html,
         step: parts.step.html,
         sheets: [

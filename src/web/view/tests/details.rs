@@ -10,8 +10,7 @@ fn behind_a_masked_tile_stand_its_own_errors_and_the_way_to_the_cause() {
         .pass(4)
         .published();
     let expect = [
-        "waits for Localization",
-        "2 errors behind this",
+        "Waiting for Localization",
         "Localization",
         "Position jumped",
         "350 ms",
@@ -19,11 +18,11 @@ fn behind_a_masked_tile_stand_its_own_errors_and_the_way_to_the_cause() {
         "delay_ms",
     ];
     check(&fault, Lang::En, "detail-perception", &expect, &[]);
-    check(&fault, Lang::De, "detail-perception", &["2 Fehler dahinter", "selbst: Fehler"], &[]);
+    check(&fault, Lang::De, "detail-perception", &["selbst: Fehler"], &[]);
 }
 
 #[test]
-fn the_name_of_a_fault_never_stands_beside_okay() {
+fn the_name_of_a_fault_never_stands_beside_ok() {
     let calm = Sample::shuttle(true).published();
     check(&calm, Lang::En, "detail-execution", &["steering", "brake"], &["does not follow"]);
 }
@@ -58,7 +57,7 @@ fn an_error_that_is_held_offers_its_reset_and_says_when_it_is_refused() {
     let mut over = fault.report("can/bus", 0, "fine", &[]).pass(6);
     let after = Published::recorded(over.snapshot(), SystemTime::UNIX_EPOCH + Duration::from_secs(86_400));
     check(&after, Lang::De, "detail-can", &["Gehalten bis zum Zurücksetzen", "/reset"], &["aria-disabled"]);
-    check(&after, Lang::En, "causes", &["Over. Held until reset: touch here."], &["Take over."]);
+    check(&after, Lang::En, "instruction", &["Over.", "Held until reset: touch here."], &["Take over."]);
     let reset = OperatorAction::Reset { module: "can/bus".into() };
     check(&over.act(reset).pass(1).published(), Lang::En, "detail-can", &[], &["Held", "/reset"]);
 }

@@ -29,21 +29,15 @@ fn the_stage_is_said_in_words_and_only_what_works_has_a_button() {
     let ready = Sample::shuttle(false).published();
     check(&ready, Lang::En, "top", &[r#"data-stage="standby""#, "Ready", "Shuttle 1", "operator"], &[]);
     let expect =
-        [r#"name="clearance""#, "Give clearance", "Goal set", "No countermeasure", r#"name="logout""#];
+        [r#"name="clearance""#, "Give clearance", "Destination set", "No countermeasure", r#"name="logout""#];
     check(&ready, Lang::En, "step", &expect, &["aria-disabled", r#"name="stop""#]);
     let driving = Sample::shuttle(true).published();
-    check(&driving, Lang::De, "top", &[r#"data-stage="active""#, "Fährt"], &[]);
-    check(
-        &driving,
-        Lang::En,
-        "step",
-        &[r#"name="stop""#, "drives by itself", "Nothing is wrong"],
-        &["logout"],
-    );
+    check(&driving, Lang::De, "top", &[r#"data-stage="active""#, "Autonom"], &[]);
+    check(&driving, Lang::En, "step", &[r#"name="stop""#, "On the way"], &["logout"]);
     let broken = Sample::shuttle(false).report("can/bus", 2, "bus off", &[]).pass(1).published();
     check(&broken, Lang::En, "top", &["Not ready"], &[]);
-    let expect = ["aria-disabled", "CAN: error", r#"data-nodes="can""#, "Goal set"];
-    check(&broken, Lang::En, "step", &expect, &["fit to drive"]);
+    let expect = ["aria-disabled", "CAN: error", r#"data-nodes="can""#, "Destination set"];
+    check(&broken, Lang::En, "step", &expect, &["components ready"]);
 }
 
 #[test]
@@ -52,20 +46,16 @@ fn other_reasons_have_words_of_their_own() {
     parts.groups[3].when = Some(When { stages: vec![Stage::Localizing], signals: Vec::new(), posed: None });
     parts.groups[5].when = Some(When { stages: vec![Stage::Active], signals: Vec::new(), posed: None });
     let standby = Sample::of(parts).login().signal("active", false).pass(5).published();
-    check(&standby, Lang::En, "tile-prediction", &["not driving"], &["Standby", "standby"]);
-    check(&standby, Lang::De, "tile-mission", &["fährt nicht"], &[]);
+    check(&standby, Lang::En, "detail-prediction", &["not driving"], &["Standby", "standby"]);
+    check(&standby, Lang::De, "detail-mission", &["fährt nicht"], &[]);
 }
 
 #[test]
 fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
-    let login = Sample::of(parts()).unlock().pass(3);
-    check(
-        &login.published(),
-        Lang::De,
-        "step",
-        &["Wo steht das Fahrzeug?", r#"value="station""#, "Hauptbahnhof"],
-        &[],
-    );
+    let login = Sample::of(parts()).unlock().pass(3).published();
+    check(&login, Lang::De, "step", &[r#"value="station""#, "Hauptbahnhof"], &[]);
+    let expect = ["Wo steht das Fahrzeug?", r#"data-urgency="act""#];
+    check(&login, Lang::De, "instruction", &expect, &[]);
     let locating = Sample::of(parts()).unlock().pass(3).localize("station").pass(1);
     check(
         &locating.published(),
@@ -80,29 +70,47 @@ fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
         &cleared,
         Lang::En,
         "step",
-        &["may start at any moment", "logout", r#"name="stop""#, r#"name="withdraw""#],
+        &["starts at any moment", "logout", r#"name="stop""#, r#"name="withdraw""#],
         &[r#"name="clearance""#],
     );
     let stopping = Sample::shuttle(true).act(OperatorAction::RequestStop).published();
-    check(&stopping, Lang::En, "step", &[r#"name="release""#, "Stop requested", r#"name="stop""#], &[]);
     check(
         &stopping,
         Lang::En,
-        "countermeasure",
-        &[r#"data-request="maneuver_stop""#, "Asked to stop safely"],
+        "step",
+        &[r#"name="release""#, r#"name="stop""#, r#"aria-pressed="true""#],
+        &[],
+    );
+    check(
+        &stopping,
+        Lang::En,
+        "instruction",
+        &[r#"data-request="maneuver_stop""#, "Asked to stop safely", "Stop requested"],
         &[],
     );
 }
 
 #[test]
-fn one_button_acknowledges_what_is_first() {
+fn each_fault_has_its_own_acknowledgement() {
     let fault = jump().pass(4);
     let number = r#"/alarms/1/acknowledge"#;
     check(&fault.published(), Lang::En, "causes", &[number, "data-waiting", r#"data-alarms="1""#], &[]);
     let noted = jump().pass(4).act(OperatorAction::Acknowledge { alarm: AlarmRef::Number(1) });
-    check(&noted.published(), Lang::En, "causes", &["Position jumped"], &["acknowledge", "data-waiting"]);
+    check(
+        &noted.published(),
+        Lang::En,
+        "causes",
+        &["Position jumped", "class=\"seen\"", "class=\"clock\""],
+        &["acknowledge", "data-waiting"],
+    );
     let over = jump().pass(4).report("localization/tf_quality", 0, "fine", &[]).pass(4);
-    check(&over.published(), Lang::En, "causes", &["data-past=", "Over", number, "All 8"], &["data-node"]);
+    check(
+        &over.published(),
+        Lang::En,
+        "causes",
+        &["data-past=", "Over", "lasted 4 s", number, "All 8"],
+        &["data-node", "acknowledge-over"],
+    );
     let warned = Sample::shuttle(false).report("can/battery", 1, "18 %", &[]).pass(2);
     check(&warned.published(), Lang::En, "causes", &["/alarms/can/battery/acknowledge"], &[]);
 }

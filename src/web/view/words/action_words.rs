@@ -18,21 +18,25 @@ words! {
     position: "Position", "Position";
     clearance: "Give clearance", "Freigabe erteilen";
     confirm_title: "Start driving?", "Losfahren?";
-    confirm_text: "The vehicle drives off by itself.", "Das Fahrzeug fährt selbst los.";
+    confirm_text: "A tone sounds, then it drives.", "Ein Ton erklingt, dann fährt es.";
     confirm: "Confirm", "Bestätigen";
     cancel: "Cancel", "Abbrechen";
     shutdown: "Shut down", "Beenden";
     shutdown_title: "End the work with this vehicle?", "Arbeit mit diesem Fahrzeug beenden?";
     shutdown_text: "The vehicle is locked and you are logged out. Before the next drive somebody has to log in and say where it stands. Its computers stay on.", "Das Fahrzeug wird gesperrt, und Sie werden abgemeldet. Vor der nächsten Fahrt muss sich jemand anmelden und angeben, wo es steht. Die Rechner bleiben an.";
     shutdown_confirm: "Lock it and leave", "Sperren und gehen";
-    stop: "Stop vehicle", "Fahrzeug anhalten";
+    stop: "STOP", "STOP";
+    stop_vehicle: "Stop vehicle", "Fahrzeug anhalten";
     stop_requested: "Stop requested", "Anhalten angefordert";
     no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     go_on: "Continue driving", "Weiterfahren";
     withdraw: "Withdraw clearance", "Freigabe zurücknehmen";
     stop_not_sent: "The stop has not arrived and is sent again. Take over.", "Das Anhalten ist nicht angekommen und wird erneut gesendet. Übernehmen.";
+    looking: "Looking for the vehicle", "Verbindung wird gesucht";
+    stop_again: "A stop is sent again until it is answered.", "Ein Anhalten wird gesendet, bis es beantwortet ist.";
     acknowledge: "Acknowledge", "Quittieren";
+    acknowledge_over: "over: acknowledge", "vorbei: quittieren";
     over: "Over", "Vorbei";
     held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
     reset: "Reset", "Zurücksetzen";
@@ -49,27 +53,30 @@ words! {
     sound_on: "Sound on", "Ton an";
     sound_off: "Sound off", "Ton aus";
 
-    waits_goal: "waiting for a goal", "wartet auf ein Ziel";
-    waits_clearance: "waiting for clearance", "wartet auf Freigabe";
-    waits_start: "about to start", "fährt gleich an";
-    waits_stop: "choose a stop", "Haltestelle wählen";
-    by_itself: "by itself", "selbsttätig";
+    clear_to_drive: "Give clearance to drive.", "Freigabe zum Fahren geben.";
+    wait_for_goal: "Wait for a destination.", "Auf ein Ziel warten.";
+    wait: "Wait.", "Warten.";
+    take_over_stop: "Take over. Stop.", "Übernehmen. Anhalten.";
+    stopped_continue: "Stopped. Continue?", "Steht. Weiterfahren?";
+    stopped_cause_gone: "Stopped. Cause gone. Continue?", "Steht. Ursache behoben. Weiterfahren?";
     without_operator: "without an operator", "ohne Fahrbegleitung";
 
     no_pose: "no position yet", "noch keine Position";
-    no_goal: "No goal is set", "Kein Ziel gesetzt";
+    no_goal: "No destination", "Kein Ziel";
     not_localized: "The position is not confirmed", "Position nicht bestätigt";
     countermeasure_holds: "A countermeasure is not released", "Gegenmaßnahme nicht aufgehoben";
-    goal_set: "Goal set", "Ziel gesetzt";
-    all_fit: "All components fit to drive", "Alle Komponenten fahrbereit";
+    goal_set: "Destination set", "Ziel gesetzt";
+    all_fit: "All components ready", "Alle Komponenten bereit";
     no_countermeasure: "No countermeasure", "Keine Gegenmaßnahme";
 
-    drives: "The vehicle drives by itself", "Das Fahrzeug fährt selbst";
+    drives: "On the way", "Unterwegs";
     runs: "In operation", "In Betrieb";
-    may_start: "The vehicle may start at any moment", "Das Fahrzeug kann jederzeit anfahren";
+    may_start: "It starts at any moment", "Fährt jeden Moment an";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
     cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
-    held_back: "The vehicle is held back", "Das Fahrzeug wird gehalten";
+    held: "Held", "Gehalten";
+    held_until: "Held until you continue", "Gehalten, bis Sie weiterfahren";
+    held_back: "Held back until the cause is gone", "Gehalten, bis die Ursache behoben ist";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
     go_on_alert: "You may go on. Stay alert.", "Weiterfahren möglich. Aufmerksam bleiben.";
@@ -80,16 +87,12 @@ words! {
     check_machine: "Check the machine.", "Maschine prüfen.";
     keep_an_eye: "Keep an eye on it.", "Im Blick behalten.";
 
-    because_of: "Cause:", "Ursache:";
-    asked_by_operator: "asked for by the operator", "von der Fahrbegleitung angefordert";
+    asked_by_operator: "Asked for by the operator", "Von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     not_received_yet: "Not received yet", "Noch nicht empfangen";
     engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
-    unconfirmed: "Not confirmed by the vehicle. Take over.", "Vom Fahrzeug nicht bestätigt. Übernehmen.";
-    unconfirmed_standing: "Not confirmed by the vehicle.", "Vom Fahrzeug nicht bestätigt.";
-    unheard: "Nobody listens: not received. Take over.", "Niemand hört zu: nicht angekommen. Übernehmen.";
-    unheard_standing: "Nobody listens: not received.", "Niemand hört zu: nicht angekommen.";
-    held: "The cause is gone. Continue?", "Ursache behoben. Weiterfahren?";
+    unconfirmed: "Not confirmed by the vehicle.", "Vom Fahrzeug nicht bestätigt.";
+    unheard: "No vehicle listens.", "Kein Fahrzeug hört zu.";
 }
 
 impl Lang {
@@ -194,12 +197,11 @@ impl Lang {
         }
     }
 
-    /// `, 3 errors behind it`: masked modules that report an ERROR.
-    pub fn with_errors(self, count: usize) -> String {
-        match (self, count) {
-            (Lang::En, 1) => ", 1\u{a0}error behind it".to_owned(),
-            (Lang::En, _) => format!(", {count}\u{a0}errors behind it"),
-            (Lang::De, _) => format!(", {count}\u{a0}Fehler dahinter"),
+    /// `lasted 9 s`, of a fault that is over.
+    pub fn lasted(self, long: &str) -> String {
+        match self {
+            Lang::En => format!("lasted {long}"),
+            Lang::De => format!("dauerte {long}"),
         }
     }
 
@@ -230,7 +232,7 @@ mod tests {
 
     #[test]
     fn every_step_is_said_in_both_languages() {
-        const SAME: &[&str] = &["position"];
+        const SAME: &[&str] = &["position", "stop"];
         for (key, en, de) in ALL {
             assert!(!en.trim().is_empty() && !de.trim().is_empty(), "{key}");
             assert!(en != de || SAME.contains(key), "{key}: {en}");

@@ -32,18 +32,20 @@ pub(in crate::web) use words;
 
 words! {
     Words;
-    ok: "Okay", "Okay";
+    ok: "OK", "OK";
     warning: "Warning", "Warnung";
     error: "Error", "Fehler";
     ignore: "Ignored", "Ignoriert";
     unknown: "Unknown", "Unbekannt";
+    waiting: "Waiting for", "Wartet auf";
+    not_active: "Not active", "Nicht aktiv";
 
     locked: "Locked", "Gesperrt";
     localizing: "Localizing", "Lokalisierung";
     ready: "Ready", "Bereit";
     not_ready: "Not ready", "Nicht bereit";
     cleared: "Cleared", "Freigegeben";
-    driving: "Driving", "Fährt";
+    driving: "Autonomous", "Autonom";
 
     log_in_to_start: "Log in to start.", "Zum Starten anmelden.";
 
@@ -64,7 +66,7 @@ words! {
     wrong: "What is wrong", "Störungen";
     nothing_diagnosed: "Nothing is diagnosed now", "Zurzeit wird nichts überwacht";
     since_for: "for", "seit";
-    no_news: "no news", "keine Meldung";
+    no_news: "not reporting", "keine Meldung";
     no_member: "nothing to watch", "nichts zu überwachen";
     none_undeclared: "none there", "keine da";
     last_words: "last:", "zuletzt:";
@@ -80,7 +82,11 @@ words! {
     live_stale: "Delayed", "Verzögert";
     live_dead: "Not live", "Nicht live";
     stale_banner: "Display is late", "Anzeige verzögert";
-    dead_banner: "Display not live - take over", "Anzeige nicht live - übernehmen";
+    frozen: "Display frozen.", "Anzeige eingefroren.";
+    frozen_take_over: "Take over.", "Übernehmen.";
+    frozen_text: "Nothing here is current since", "Nichts hier ist aktuell seit";
+    menu: "More", "Mehr";
+    seen: "seen", "gesehen";
 
     unfit: "This browser is too old for a live display. Use another one, such as a new Chromium or Firefox.", "Dieser Browser ist zu alt für eine Live-Anzeige. Anderen verwenden, etwa ein neues Chromium oder Firefox.";
 
@@ -144,33 +150,27 @@ impl Lang {
         }
     }
 
-    /// The stage in plain words. A vehicle that stands with something wrong is not "ready".
-    pub fn stage(self, stage: Stage, overall: State) -> &'static str {
+    /// The stage in plain words. A vehicle that cannot be cleared is not "ready".
+    pub fn stage(self, stage: Stage, ready: bool) -> &'static str {
         let words = self.words();
-        match (stage, overall) {
-            (Stage::Locked, _) => words.locked,
-            (Stage::Localizing, _) => words.localizing,
-            (Stage::Standby, State::Error | State::Unknown) => words.not_ready,
-            (Stage::Standby, _) => words.ready,
-            (Stage::Cleared, _) => words.cleared,
-            (Stage::Active, _) => words.driving,
+        match stage {
+            Stage::Locked => words.locked,
+            Stage::Localizing => words.localizing,
+            Stage::Standby if ready => words.ready,
+            Stage::Standby => words.not_ready,
+            Stage::Cleared => words.cleared,
+            Stage::Active => words.driving,
         }
     }
 
-    /// `3 of 3 okay`.
+    /// `3/3 OK`.
     pub fn ok_of(self, ok: u32, counted: u32) -> String {
-        match self {
-            Lang::En => format!("{ok} of {counted} okay"),
-            Lang::De => format!("{ok} von {counted} okay"),
-        }
+        format!("{ok}/{counted} {}", self.words().ok)
     }
 
-    /// `waits for Localization`.
+    /// `Waiting for Localization`.
     pub fn waits_for(self, name: &str) -> String {
-        match self {
-            Lang::En => format!("waits for {name}"),
-            Lang::De => format!("wartet auf {name}"),
-        }
+        format!("{} {name}", self.words().waiting)
     }
 
     /// Why a node is not relevant: `not driving`.
@@ -198,13 +198,13 @@ impl Lang {
         fixed.to_owned()
     }
 
-    /// `Four others wait`: components that a root cause masks.
+    /// `Four wait`: components that a root cause masks.
     pub fn others_wait(self, count: usize) -> String {
         match (self, count) {
-            (Lang::En, 1) => "One other waits".to_owned(),
-            (Lang::En, _) => format!("{} others wait", self.number(count)),
-            (Lang::De, 1) => "Eine andere wartet".to_owned(),
-            (Lang::De, _) => format!("{} andere warten", self.number(count)),
+            (Lang::En, 1) => "One waits".to_owned(),
+            (Lang::En, _) => format!("{} wait", self.number(count)),
+            (Lang::De, 1) => "Eine wartet".to_owned(),
+            (Lang::De, _) => format!("{} warten", self.number(count)),
         }
     }
 
@@ -218,13 +218,15 @@ impl Lang {
         }
     }
 
-    /// `All 7 active components okay`.
-    pub fn all_okay(self, count: usize) -> String {
-        match (self, count) {
-            (Lang::En, 1) => "The one active component is okay".to_owned(),
-            (Lang::En, _) => format!("All {count} active components okay"),
-            (Lang::De, 1) => "Die eine aktive Komponente ist okay".to_owned(),
-            (Lang::De, _) => format!("Alle {count} aktiven Komponenten okay"),
+    /// `All 8 components OK`, or `All 6 active components OK` where others are not active.
+    pub fn all_ok(self, count: usize, all: bool) -> String {
+        match (self, count, all) {
+            (Lang::En, 1, _) => "The one active component is OK".to_owned(),
+            (Lang::En, _, true) => format!("All {count} components OK"),
+            (Lang::En, _, false) => format!("All {count} active components OK"),
+            (Lang::De, 1, _) => "Die eine aktive Komponente ist OK".to_owned(),
+            (Lang::De, _, true) => format!("Alle {count} Komponenten OK"),
+            (Lang::De, _, false) => format!("Alle {count} aktiven Komponenten OK"),
         }
     }
 
@@ -237,25 +239,16 @@ impl Lang {
         }
     }
 
-    /// `2 errors behind this`: what masked members report themselves.
-    pub fn errors_behind(self, count: usize) -> String {
-        match (self, count) {
-            (Lang::En, 1) => "1 error behind this".to_owned(),
-            (Lang::En, _) => format!("{count} errors behind this"),
-            (Lang::De, _) => format!("{count} Fehler dahinter"),
-        }
-    }
-
     /// `5 × Unknown`: modules of one component.
     pub fn times(self, count: usize, state: State) -> String {
         format!("{count} × {}", self.state(state))
     }
 
-    /// `No news: Mission`: the fault of a component that is silent.
-    pub fn no_news_from(self, name: &str) -> String {
+    /// `Mission not reporting`: the fault of a component that is silent.
+    pub fn not_reporting(self, name: &str) -> String {
         match self {
-            Lang::En => format!("No news: {name}"),
-            Lang::De => format!("Keine Meldung: {name}"),
+            Lang::En => format!("{name} not reporting"),
+            Lang::De => format!("{name} ohne Meldung"),
         }
     }
 
@@ -362,7 +355,7 @@ mod tests {
             states.sort_unstable();
             states.dedup();
             assert_eq!(states.len(), State::ALL.len());
-            let mut stages: Vec<_> = Stage::ALL.map(|stage| lang.stage(stage, State::Ok)).to_vec();
+            let mut stages: Vec<_> = Stage::ALL.map(|stage| lang.stage(stage, true)).to_vec();
             stages.sort_unstable();
             stages.dedup();
             assert_eq!(stages.len(), Stage::ALL.len());
@@ -370,22 +363,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_wrong_is_called_ready() {
-        for lang in Lang::ALL {
-            for state in [State::Error, State::Unknown] {
-                assert_ne!(lang.stage(Stage::Standby, state), lang.words().ready);
-            }
-        }
-    }
-
-    #[test]
     fn counts_agree_with_their_words() {
-        assert_eq!(Lang::En.others_wait(1), "One other waits");
-        assert_eq!(Lang::En.others_wait(4), "Four others wait");
-        assert_eq!(Lang::De.others_wait(4), "Vier andere warten");
-        assert_eq!(Lang::En.others_wait(40), "40 others wait");
+        assert_eq!(Lang::En.others_wait(1), "One waits");
+        assert_eq!(Lang::En.others_wait(4), "Four wait");
+        assert_eq!(Lang::De.others_wait(4), "Vier warten");
+        assert_eq!(Lang::En.others_wait(40), "40 wait");
         assert_eq!(Lang::De.modules_wait(1), "Ein Modul wartet");
-        assert_eq!(Lang::En.all_okay(7), "All 7 active components okay");
-        assert_eq!(Lang::De.errors_behind(2), "2 Fehler dahinter");
+        assert_eq!(Lang::En.all_ok(7, false), "All 7 active components OK");
+        assert_eq!(Lang::De.all_ok(8, true), "Alle 8 Komponenten OK");
     }
 }

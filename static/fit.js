@@ -1,0 +1,77 @@
+// Fits the operator's page into its window: hides the entries of a list that have no room and counts them, and
+// tells the stylesheet where the board is, because panels cover exactly that.
+(() => {
+  "use strict";
+  const board = document.querySelector(".board");
+
+  // The first entry always stays. The others stand on the sheet that the button opens, too. A check that holds is
+  // left out without being counted.
+  const fit = (list) => {
+    const more = document.getElementById(list.dataset.fit);
+    const entries = [...list.children];
+    const unlisted = Number(list.dataset.count) - entries.length;
+    const show = (count) => {
+      entries.forEach((entry, index) => entry.toggleAttribute("data-beyond", index >= count));
+      const beyond = unlisted + entries.slice(count).filter((entry) => !entry.matches(".holds")).length;
+      more.hidden = beyond === 0;
+      Live.setText(more.querySelector(".count"), String(beyond));
+    };
+    const fits = () => list.scrollHeight <= list.clientHeight + 1;
+    list.removeAttribute("data-brief");
+    list.removeAttribute("data-tight");
+    if (list.offsetParent === null) return show(0);
+    let count = entries.length;
+    show(count);
+    if (fits()) return undefined;
+    // Advice gives way before an entry does.
+    list.setAttribute("data-brief", "");
+    if (fits()) return undefined;
+    // The button that counts the rest takes room as well.
+    more.hidden = false;
+    while (count > 1 && !fits()) show(--count);
+    if (!fits()) return list.setAttribute("data-tight", "");
+    list.removeAttribute("data-brief");
+    if (!fits()) list.setAttribute("data-brief", "");
+    return undefined;
+  };
+
+  // Below this a text is hard to read, and wraps instead.
+  const NARROW_MIN = 0.75;
+
+  // Texts of tiles stand in one line each. All are measured before any is changed: the browser lays out once.
+  const narrow = () => {
+    const texts = [...document.querySelectorAll(".tile > span")];
+    for (const text of texts) {
+      text.style.removeProperty("--narrow");
+      text.removeAttribute("data-wraps");
+    }
+    const share = texts.map((text) => {
+      const tile = text.parentElement;
+      const { paddingLeft, paddingRight } = getComputedStyle(tile);
+      return (tile.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight)) / text.offsetWidth;
+    });
+    texts.forEach((text, index) => {
+      if (share[index] >= 1) return;
+      if (share[index] < NARROW_MIN) text.setAttribute("data-wraps", "");
+      else text.style.setProperty("--narrow", share[index].toFixed(3));
+    });
+  };
+
+  const fitAll = () => {
+    narrow();
+    document.querySelectorAll("[data-fit]").forEach(fit);
+  };
+
+  const measure = () => {
+    const { top, left, width, height } = board.getBoundingClientRect();
+    for (const [name, px] of Object.entries({ top, left, width, height })) {
+      document.body.style.setProperty(`--board-${name}`, `${px}px`);
+    }
+    fitAll();
+  };
+
+  new ResizeObserver(measure).observe(board);
+  new ResizeObserver(fitAll).observe(document.querySelector("aside"));
+  document.addEventListener("htmx:after:swap", fitAll);
+  document.fonts?.ready.then(fitAll);
+})();

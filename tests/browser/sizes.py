@@ -1,0 +1,68 @@
+"""Sizes of type and touch, and that nothing is cut or overlaps, in every window that a display may have."""
+
+# The reference display, a small one, a large one, and one that stands upright.
+SIZES = [(1280, 800), (1024, 600), (1920, 1080), (800, 1280)]
+
+# At 149 dpi 15 mm are 88 px and 20 mm are 117 px.
+FAULTS = """() => {
+  const TOUCH = 88, TOUCH_FIRST = 117, faults = [];
+  const box = it => it.getBoundingClientRect();
+  const visible = it => {
+    const { width, height } = box(it);
+    return width > 1 && height > 1 && getComputedStyle(it).visibility === "visible" && !it.closest(".hush, svg svg, [data-beyond]");
+  };
+  const called = it => `${it.id || it.name || it.className.baseVal || it.className || it.tagName}: ${it.textContent.trim().replace(/\\s+/g, " ").slice(0, 30)}`;
+  const all = selector => [...document.querySelectorAll(selector)].filter(visible);
+  const scrolls = it => it.closest("[popover] ul, .sheet, .notice, .page-login, .page-demo");
+  const type = it => parseFloat(getComputedStyle(it).fontSize);
+  for (const it of all("body *")) {
+    const { right, bottom, width, height } = box(it), style = getComputedStyle(it);
+    if (!scrolls(it) && (right > innerWidth + 1 || bottom > innerHeight + 1)) faults.push(`outside: ${called(it)}`);
+    // A tile's texts are compared with the tile itself, below.
+    const hides = !it.matches(".tile") && style.overflow !== "visible" && style.display !== "inline" && !scrolls(it);
+    // Glyphs are lower than their lines: 3 px of a line's edge hold nothing.
+    if (hides && it.clientWidth && (it.scrollWidth > it.clientWidth + 1 || it.scrollHeight > it.clientHeight + 3)) {
+      faults.push(`cut: ${called(it)}: ${it.scrollWidth}x${it.scrollHeight} in ${it.clientWidth}x${it.clientHeight}`);
+    }
+    const tile = it.closest(".tile");
+    if (tile && tile !== it && (bottom > box(tile).bottom + 1 || right > box(tile).right + 1)) faults.push(`leaves its tile: ${called(it)}`);
+    const speaks = [...it.childNodes].some(node => node.nodeType === Node.TEXT_NODE && node.data.trim());
+    if (speaks && type(it) < 27.99) faults.push(`type of ${type(it)} px: ${called(it)}`);
+    if (it.matches("button, a, input:not([type=hidden])")) {
+      const least = it.matches(".primary") ? TOUCH_FIRST : TOUCH;
+      if (height < least - 0.5 || width < Math.min(least, TOUCH) - 0.5) faults.push(`touch of ${width}x${height} px: ${called(it)}`);
+    }
+  }
+  const atLeast = (px, selector) => {
+    for (const it of all(selector)) if (type(it) < px - 0.01) faults.push(`type of ${type(it)} px where ${px} are due: ${called(it)}`);
+  };
+  atLeast(44, "#motion, #instruction strong");
+  atLeast(36, ".cause .title, #actions .primary, #actions .next strong, .row b, .tile:not([data-state=ignore], [data-state=unknown]) .state");
+  atLeast(30, ".tile .state");
+  const apart = selector => {
+    const parts = all(selector).map(it => [it, box(it)]);
+    parts.forEach(([one, a], index) => parts.slice(index + 1).forEach(([other, b]) => {
+      const over = Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
+      if (over) faults.push(`${called(one)} overlaps ${called(other)}`);
+    }));
+  };
+  for (const parts of [".tile", ".bar > :not(.top), .top > *", ".page-operator > :is(.bar, .instruction, .board, aside, footer)", "#step > *", "#causes > *", ".cause"]) apart(parts);
+  return [...new Set(faults)];
+}"""
+
+
+def faults(page):
+    """What is wrong in the window as it is."""
+    # The page's script measures after a change of the size.
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    return page.evaluate(FAULTS)
+
+
+def check_sizes(page, name, sizes=SIZES):
+    before = page.viewport_size
+    found = []
+    for width, height in sizes:
+        page.set_viewport_size({"width": width, "height": height})
+        found += [f"{width}x{height}: {fault}" for fault in faults(page)]
+    page.set_viewport_size(before)
+    assert not found, f"{name}:\n" + "\n".join(found)
