@@ -107,7 +107,8 @@ fn drive(view: &View<'_>) -> Drive {
     let snapshot = view.snapshot;
     let steps = view.lang.steps();
     let requested = snapshot.stop_requested();
-    let unreached = snapshot.unreached(Output::ManeuverStop).map(|why| match why {
+    let unreached = snapshot.unreached(Output::ManeuverStop).filter(|_| view.has_stages());
+    let unreached = unreached.map(|why| match why {
         Unreached::Unheard => steps.no_listener,
         Unreached::Unpublished => steps.not_stoppable,
     });

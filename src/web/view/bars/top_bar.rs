@@ -38,7 +38,10 @@ pub fn top(view: &View<'_>) -> Fragment {
         overall: if locked { "" } else { snapshot.overall.as_str() },
         layout: layout_mark(view),
         vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
-        word: view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
+        word: match view.has_stages() {
+            true => view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
+            false => view.lang.steps().runs,
+        },
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
         steps: view.lang.steps(),
         shutdown: snapshot.operator.is_some()

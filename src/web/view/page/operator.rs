@@ -22,6 +22,8 @@ type InBoth = [(&'static str, &'static str); 2];
 struct OperatorHtml {
     frame: PageFrame,
     stage: &'static str,
+    /// Somebody can take over.
+    stages: bool,
     layout: String,
     columns: usize,
     rows: usize,
@@ -55,6 +57,7 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
     html(&OperatorHtml {
         frame: PageFrame::new(context.lang, context.palette),
         stage: published.snapshot.stage.as_str(),
+        stages: view.has_stages(),
         layout: top_bar::layout_mark(&view),
         columns: view.board.columns,
         rows: view.board.rows,

@@ -164,8 +164,11 @@ fn a_machine_without_stages_is_not_taken_over() {
     for sample in [Sample::of(machine.clone()).pass(2), Sample::of(machine).login().pass(2)] {
         let not = ["drives", "fährt", r#"name="stop""#];
         let shown = sample.published();
-        check(&shown, Lang::En, "step", &["In operation"], &not);
+        check(&shown, Lang::En, "step", &["Running"], &not);
         check(&shown, Lang::De, "step", &["In Betrieb"], &not);
+        check(&shown, Lang::En, "top", &["Running"], &["Driving", "by itself"]);
+        let page = operator_page(&shown, &context(Lang::En, Palette::Night));
+        assert!(page.contains("Display frozen.") && !page.contains("<b>Take over.</b>"));
     }
 }
 

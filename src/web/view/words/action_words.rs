@@ -70,7 +70,7 @@ words! {
     no_countermeasure: "No countermeasure", "Keine Gegenmaßnahme";
 
     drives: "On the way", "Unterwegs";
-    runs: "In operation", "In Betrieb";
+    runs: "Running", "In Betrieb";
     may_start: "It starts at any moment", "Fährt jeden Moment an";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
     cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
