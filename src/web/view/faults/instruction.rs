@@ -72,7 +72,8 @@ pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let fault = it.node.filter(|_| sentences.is_empty());
     let fault = fault.and_then(|node| entries.iter().find(|entry| entry.node == node));
     let fault = fault.map(|entry| format!("{}.", entry.title));
-    let (title, _) = split(&it.title);
+    // The page's own words are short enough, and a question must not be cut off.
+    let title = if it.node.is_some() { split(&it.title).0 } else { &it.title };
     let line = [it.line, sentences].into_iter().chain(fault);
     let html = html(&InstructionHtml {
         swap: view.swap,
