@@ -4,6 +4,9 @@
   "use strict";
   const board = document.querySelector(".board");
 
+  // Glyphs are higher than their lines: so many pixels of a list's edge hold nothing.
+  const GLYPHS = 3;
+
   // The first entry always stays. The others stand on the sheet that the button opens, too. A check that holds is
   // left out without being counted.
   const fit = (list) => {
@@ -16,7 +19,7 @@
       more.hidden = beyond === 0;
       Live.setText(more.querySelector(".count"), String(beyond));
     };
-    const fits = () => list.scrollHeight <= list.clientHeight + 1;
+    const fits = () => list.scrollHeight <= list.clientHeight + GLYPHS;
     list.removeAttribute("data-brief");
     list.removeAttribute("data-tight");
     if (list.offsetParent === null) return show(0);
@@ -27,7 +30,7 @@
     list.setAttribute("data-brief", "");
     if (fits()) return undefined;
     // The button that counts the rest takes room as well.
-    more.hidden = false;
+    more.hidden = count === 1 && more.hidden;
     while (count > 1 && !fits()) show(--count);
     if (!fits()) return list.setAttribute("data-tight", "");
     list.removeAttribute("data-brief");

@@ -66,7 +66,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     expect(banner).to_be_visible()
     expect(banner).to_have_attribute("data-state", "engaged")
     expect(banner).to_contain_text("Slowing down")
-    expect(page.locator("#step .next")).to_contain_text("Confirmed by the vehicle")
+    expect(page.locator("#step .next")).to_contain_text("The vehicle responds")
     expect(page.locator("#causes [data-node]").first).to_have_attribute("data-waiting", "")
     assert sounded(page) == before + 1, "one sound for one fault, none for what it masks"
     page.locator("#tile-perception").tap()

@@ -4,7 +4,7 @@ use askama::Template;
 
 use crate::engine::model::output::Output;
 use crate::engine::model::{LOCALIZATION_GROUP, NodeId, Stage, Stop};
-use crate::engine::snapshot::Unreached;
+use crate::engine::snapshot::{Moving, Unreached};
 use crate::engine::state::State;
 
 use super::clearance_checks::Check;
@@ -116,11 +116,13 @@ fn drive(view: &View<'_>) -> Drive {
     let cleared = snapshot.stage == Stage::Cleared;
     let release = requests::waits_for_release(view);
     let request = requests::moving(view).next();
+    let stands = snapshot.motion.moving == Moving::No;
     let progress = request.map(|it| requests::progress(view, it));
     let (icon, title, text) = match progress {
-        _ if cleared => ("ready", steps.may_start, ""),
-        Some(progress) if requested && !release => ("stop", progress, ""),
-        Some(progress) if release => ("idle", steps.held_until, progress),
+        // The instruction says it.
+        _ if cleared => ("ready", "", ""),
+        Some(progress) if release && stands => ("idle", steps.held_until, progress),
+        Some(progress) if requested => ("stop", progress, ""),
         Some(progress) => ("slow", progress, ""),
         None => ("drive", steps.drives, ""),
     };

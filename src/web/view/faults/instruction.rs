@@ -9,6 +9,7 @@ use crate::engine::model::wording;
 use crate::engine::model::{NodeId, Stage};
 use crate::engine::snapshot::Moving;
 use crate::engine::state::State;
+use crate::web::view::node_names::icon;
 use crate::web::view::{Fragment, View, html, requests};
 
 /// A longer text is too long for one line of large type: its later sentences stand beside the fault.
@@ -72,7 +73,7 @@ pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let fault = it.node.filter(|_| sentences.is_empty());
     let fault = fault.and_then(|node| entries.iter().find(|entry| entry.node == node));
     let fault = fault.map(|entry| format!("{}.", entry.title));
-    // The page's own words are short enough, and a question must not be cut off.
+    // Only the advice on a fault has another place for its later sentences.
     let title = if it.node.is_some() { split(&it.title).0 } else { &it.title };
     let line = [it.line, sentences].into_iter().chain(fault);
     let html = html(&InstructionHtml {
@@ -126,7 +127,7 @@ fn at_a_stop(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     Some(Instruction {
         urgency: Urgency::Act,
         blocked: true,
-        icon: if entry.state == State::Warning { "warning" } else { "error" },
+        icon: icon(entry.state, None),
         title: entry.help.clone(),
         node: Some(entry.node),
         ..Instruction::default()
@@ -156,6 +157,9 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
         return advice;
     }
     let title = match (request, stands) {
+        (None, _) if view.snapshot.stage == Stage::Cleared => {
+            return say(Urgency::None, "ready", steps.may_start);
+        }
         (None, _) => return Instruction::default(),
         (Some(_), _) if !requests::waits_for_release(view) => {
             return say(Urgency::None, "slow", steps.held_back);
@@ -178,7 +182,12 @@ fn advice(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     let (urgency, entry) = rated.rev().max_by_key(|(urgency, _)| *urgency)?;
     Some(Instruction {
         urgency,
-        icon: if urgency == Urgency::TakeOver { "error" } else { "warning" },
+        blocked: urgency == Urgency::Act,
+        icon: match urgency {
+            Urgency::TakeOver => "error",
+            Urgency::BeReady => "warning",
+            Urgency::Act | Urgency::None => icon(entry.state, None),
+        },
         title: entry.help.clone(),
         node: Some(entry.node),
         ..Instruction::default()

@@ -4,7 +4,6 @@
 use askama::Template;
 
 use crate::engine::state::State;
-use crate::engine::time::how_long;
 
 use super::entries::FaultEntry;
 use super::{instruction, undeclared_statuses};
@@ -145,7 +144,7 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
         message: entry.message.clone(),
         place: entry.place.clone(),
         since: view.wall(entry.since),
-        lasted: entry.lasted.map(|lasted| view.lang.lasted(&how_long(lasted))).unwrap_or_default(),
+        lasted: entry.lasted.map(|lasted| view.lang.lasted(lasted)).unwrap_or_default(),
         waits: entry.waits.clone(),
         help: entry.help.clone(),
         acknowledge: target.map(|target| AcknowledgeHtml {

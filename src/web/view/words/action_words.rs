@@ -18,12 +18,12 @@ words! {
     position: "Position", "Position";
     clearance: "Give clearance", "Freigabe erteilen";
     confirm_title: "Start driving?", "Losfahren?";
-    confirm_text: "A tone sounds, then it drives.", "Ein Ton erklingt, dann fährt es.";
+    confirm_text: "A tone, then it drives.", "Erst ein Ton, dann fährt es.";
     confirm: "Confirm", "Bestätigen";
     cancel: "Cancel", "Abbrechen";
     shutdown: "Shut down", "Beenden";
-    shutdown_title: "End the work with this vehicle?", "Arbeit mit diesem Fahrzeug beenden?";
-    shutdown_text: "The vehicle is locked and you are logged out. Before the next drive somebody has to log in and say where it stands. Its computers stay on.", "Das Fahrzeug wird gesperrt, und Sie werden abgemeldet. Vor der nächsten Fahrt muss sich jemand anmelden und angeben, wo es steht. Die Rechner bleiben an.";
+    shutdown_title: "End the work here?", "Arbeit hier beenden?";
+    shutdown_text: "The vehicle is locked and you are logged out. Its computers stay on.", "Das Fahrzeug wird gesperrt, Sie werden abgemeldet. Die Rechner bleiben an.";
     shutdown_confirm: "Lock it and leave", "Sperren und gehen";
     stop: "STOP", "STOP";
     stop_vehicle: "Stop vehicle", "Fahrzeug anhalten";
@@ -71,7 +71,7 @@ words! {
 
     drives: "On the way", "Unterwegs";
     runs: "Running", "In Betrieb";
-    may_start: "It starts at any moment", "Fährt jeden Moment an";
+    may_start: "It starts at any moment.", "Fährt jeden Moment an.";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
     cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
     held: "Held", "Gehalten";
@@ -90,8 +90,8 @@ words! {
     asked_by_operator: "Asked for by the operator", "Von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     not_received_yet: "Not received yet", "Noch nicht empfangen";
-    engaged: "Confirmed by the vehicle", "Vom Fahrzeug bestätigt";
-    unconfirmed: "Not confirmed by the vehicle.", "Vom Fahrzeug nicht bestätigt.";
+    engaged: "The vehicle responds", "Das Fahrzeug reagiert";
+    unconfirmed: "The vehicle does not respond.", "Das Fahrzeug reagiert nicht.";
     unheard: "No vehicle listens.", "Kein Fahrzeug hört zu.";
 }
 
@@ -198,10 +198,12 @@ impl Lang {
     }
 
     /// `lasted 9 s`, of a fault that is over.
-    pub fn lasted(self, long: &str) -> String {
-        match self {
-            Lang::En => format!("lasted {long}"),
-            Lang::De => format!("dauerte {long}"),
+    pub fn lasted(self, long: Span) -> String {
+        match (self, how_long(long).as_str()) {
+            (Lang::En, "0 s") => "lasted under 1 s".to_owned(),
+            (Lang::En, long) => format!("lasted {long}"),
+            (Lang::De, "0 s") => "dauerte unter 1 s".to_owned(),
+            (Lang::De, long) => format!("dauerte {long}"),
         }
     }
 
