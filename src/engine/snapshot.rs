@@ -11,6 +11,7 @@ pub use super::counters::{Counters, Reception};
 use super::input::Refusal;
 use super::model::countermeasure::{Request, RequestKind};
 use super::model::output::Output;
+use super::model::quantity::Quantity;
 use super::model::wording::{Advice, Wording};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
 use super::persistent::PersistentVec;
@@ -234,6 +235,8 @@ pub struct ModuleInfo {
     /// The kind of its monitor, as in the configuration.
     pub kind: &'static str,
     pub class: Class,
+    /// How people read what its monitor measures.
+    pub quantity: Option<Quantity>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -155,7 +155,7 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
     let mut cases = vec![
         (speed("3.5"), ("speed", Good, "3.5")),
         (speed("NaN"), ("speed", Unknown, "/speed twist.linear.x is not a number")),
-        (speed("9.5"), ("speed", Warning, "9.5, at most 9 wanted")),
+        (speed("9.5"), ("speed", Warning, "9.5 m/s, at most 9 wanted")),
         (speed("Infinity"), ("speed", Unknown, "is infinite")),
         (speed("13"), ("speed", Error, "13")),
         (speed("-Infinity"), ("speed", Unknown, "is infinite")),
@@ -163,7 +163,7 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
         (speed("1e300"), ("speed", Error, "")),
         (cut, ("speed", Unknown, "cannot be read")),
         // Text that is not UTF-8 in another field does not affect the number.
-        (json!({"raw": bad_text}).to_string(), ("speed", Good, "0, at most 9 wanted")),
+        (json!({"raw": bad_text}).to_string(), ("speed", Good, "0 m/s, at most 9 wanted")),
     ];
     // Cyclone writes the encapsulation itself, and something after it.
     if matches!(vendor, Vendor::FastDds) {

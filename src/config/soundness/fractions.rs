@@ -3,19 +3,9 @@
 use super::{Finding, FindingKind};
 use crate::config::expression;
 use crate::engine::model::monitors::{AgreementRule, Bands, ValueRule, ValueSource};
+use crate::engine::model::quantity::Quantity;
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
-
-/// Fields from 0 to 1, by the comments of their definitions.
-const FRACTIONS: [(&str, &str); 7] = [
-    ("sensor_msgs/msg/BatteryState", "percentage"),
-    ("sensor_msgs/msg/JoyFeedback", "intensity"),
-    ("sensor_msgs/msg/RelativeHumidity", "relative_humidity"),
-    ("std_msgs/msg/ColorRGBA", "r"),
-    ("std_msgs/msg/ColorRGBA", "g"),
-    ("std_msgs/msg/ColorRGBA", "b"),
-    ("std_msgs/msg/ColorRGBA", "a"),
-];
 
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let modules = model.modules.iter().zip((0..).map(ModuleId)).filter_map(|(module, id)| {
@@ -72,5 +62,5 @@ fn fraction<'m>(model: &'m Model, source: &ValueSource) -> Option<&'m str> {
     let ValueSource::Field { topic, field } = source else { return None };
     let topic = &model.watched.topics[topic.0 as usize];
     let path = &topic.fields[*field as usize].path;
-    FRACTIONS.contains(&(&*topic.type_name, &**path)).then_some(&**path)
+    Quantity::of(source, &model.watched)?.is_fraction().then_some(&**path)
 }

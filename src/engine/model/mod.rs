@@ -7,6 +7,7 @@ pub mod monitors;
 pub mod motion;
 pub mod order;
 pub mod output;
+pub mod quantity;
 pub mod sample;
 pub mod wording;
 

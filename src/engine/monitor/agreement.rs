@@ -4,8 +4,9 @@ use super::inputs::{Inputs, UnusableInput};
 use super::motion::{History, Motion, TooShort};
 use super::nearest::apart_m;
 use super::sequence::slack;
-use super::words::{Words, number, span};
+use super::words::{Words, span};
 use crate::engine::model::monitors::{AgreementRule, Bands};
+use crate::engine::model::quantity::number;
 use crate::engine::model::sample::{FieldValue, POSITIONS_MAX};
 use crate::engine::state::State;
 use crate::engine::text::say;
@@ -104,8 +105,8 @@ impl Agreement {
         }
         match self.difference(now) {
             Ok(Difference::Number(difference, _, bands)) => {
-                let message =
-                    say!("they differ by {by}", "Abweichung {by}", by = bands.say(difference, "".into()));
+                let by = bands.say_in(difference, self.inputs.common_quantity());
+                let message = say!("they differ by {by}", "Abweichung {by}", by = by);
                 let mut values = bands.values("difference", difference);
                 for (name, slot) in [("a", 0), ("b", 1)] {
                     if let Some(FieldValue::Number(value)) = self.inputs.last(slot) {

@@ -1,7 +1,7 @@
 //! Conditions over the latest fields of several topics.
 
 use super::inputs::{Inputs, UnusableInput};
-use super::words::{Words, cut, number, numeral};
+use super::words::{Words, cut, numeral_in};
 use crate::engine::model::monitors::{Condition, ScalarKind};
 use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
@@ -88,7 +88,7 @@ impl Expression {
         }
         let values = (0..self.inputs.len()).filter_map(|slot| {
             let text = match self.inputs.last(slot)? {
-                FieldValue::Number(value) => numeral(number(*value)),
+                FieldValue::Number(value) => numeral_in(*value, self.inputs.quantity(slot)),
                 FieldValue::Bool(true) => say!("true", "wahr"),
                 FieldValue::Bool(false) => say!("false", "falsch"),
                 FieldValue::Text(text) => format!("\"{}\"", cut(text)).into(),

@@ -2,6 +2,7 @@
 
 use super::words::{cut, span};
 use crate::engine::model::monitors::{ValueSource, Watched};
+use crate::engine::model::quantity::Quantity;
 use crate::engine::model::sample::{FieldValue, Pose, Positions};
 use crate::engine::text::Text;
 use crate::engine::text::say;
@@ -17,6 +18,7 @@ const WHY_MAX: usize = 200;
 #[derive(Debug, Clone)]
 pub(super) struct Inputs {
     labels: Box<[Text]>,
+    quantities: Box<[Option<Quantity>]>,
     latest: Box<[Option<(Timestamp, FieldValue)>]>,
     /// An older value is not used.
     max_age: Option<Span>,
@@ -68,8 +70,10 @@ impl Inputs {
                 say!("{role} ({place})", "{role} ({place})", role = role, place = place)
             }
         };
-        let labels: Box<[Text]> = sources.map(label).collect();
-        Inputs { latest: labels.iter().map(|_| None).collect(), labels, max_age }
+        let (labels, quantities): (Vec<Text>, Vec<_>) =
+            sources.map(|it| (Quantity::of(it.1, watched), it)).map(|(of, it)| (label(it), of)).unzip();
+        let (labels, quantities) = (labels.into_boxed_slice(), quantities.into_boxed_slice());
+        Inputs { quantities, latest: labels.iter().map(|_| None).collect(), labels, max_age }
     }
 
     /// Returns whether the value changed.
@@ -92,6 +96,16 @@ impl Inputs {
 
     pub(super) fn label(&self, slot: usize) -> Text {
         self.labels[slot].clone()
+    }
+
+    pub(super) fn quantity(&self, slot: usize) -> Option<&Quantity> {
+        self.quantities[slot].as_ref()
+    }
+
+    /// The quantity of all inputs, if it is the same.
+    pub(super) fn common_quantity(&self) -> Option<&Quantity> {
+        let first = self.quantities.first()?;
+        first.as_ref().filter(|_| self.quantities.iter().all(|it| it == first))
     }
 
     pub(super) fn any(&self) -> bool {

@@ -1,8 +1,9 @@
 //! The output rate of a component against its input rate.
 
 use super::window::Window;
-use super::words::{Words, number, span};
+use super::words::{Words, span};
 use crate::engine::model::monitors::Bands;
+use crate::engine::model::quantity::number;
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};

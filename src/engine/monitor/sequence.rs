@@ -1,8 +1,9 @@
 //! A value at a later stage of processing against the same value at an earlier stage.
 
 use super::inputs::{Inputs, UnusableInput, nothing_yet};
-use super::words::{Words, number, span};
+use super::words::{Words, span};
 use crate::engine::model::monitors::Bands;
+use crate::engine::model::quantity::number;
 use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -62,7 +63,7 @@ impl Sequence {
                 let message = say!(
                     "later minus earlier: {what}",
                     "später minus früher: {what}",
-                    what = self.bands.say(difference, "".into())
+                    what = self.bands.say_in(difference, self.inputs.common_quantity())
                 );
                 Words { message, values }
             }

@@ -1,8 +1,9 @@
 //! One field of a topic, or one KeyValue of a status.
 
 use super::inputs::{Inputs, UnusableInput};
-use super::words::{Words, number, numeral, quoted};
+use super::words::{Words, numeral_in, quoted};
 use crate::engine::model::monitors::ValueRule;
+use crate::engine::model::quantity::{Quantity, number};
 use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -41,19 +42,23 @@ impl Value {
         Ok(match &self.rule {
             ValueRule::Bands(bands) => {
                 let value = self.inputs.number(0, now)?;
-                Words { message: bands.say(value, "".into()), values: bands.values("value", value) }
+                Words {
+                    message: bands.say_in(value, self.inputs.quantity(0)),
+                    values: bands.values("value", value),
+                }
             }
             ValueRule::Unless { error, warning } => {
                 let (value, state) = self.look(now)?;
+                let quantity = self.inputs.quantity(0);
                 let missed = if state == State::Error { error } else { warning };
                 let message = match missed.as_ref().filter(|_| state != State::Ok) {
                     Some(wanted) => say!(
                         "{value}, {wanted} wanted",
                         "{value}, erwartet {wanted}",
-                        value = words_of(value),
-                        wanted = words_of(wanted)
+                        value = words_of(value, quantity),
+                        wanted = words_of(wanted, quantity)
                     ),
-                    None => words_of(value),
+                    None => words_of(value, quantity),
                 };
                 Words { message, values: vec![("value", bare(value))] }
             }
@@ -72,10 +77,10 @@ impl Value {
     }
 }
 
-fn words_of(value: &FieldValue) -> Text {
+fn words_of(value: &FieldValue, quantity: Option<&Quantity>) -> Text {
     match value {
         FieldValue::Text(text) => quoted(text).into(),
-        FieldValue::Number(value) => numeral(number(*value)),
+        FieldValue::Number(value) => numeral_in(*value, quantity),
         FieldValue::Bool(true) => say!("true", "wahr"),
         FieldValue::Bool(false) => say!("false", "falsch"),
         FieldValue::Pose(_) => say!("a pose", "eine Pose"),

@@ -1,6 +1,7 @@
 //! The messages of monitors: numbers in readable form, and limits.
 
 use crate::engine::model::monitors::Bands;
+use crate::engine::model::quantity::{Quantity, number, rounded};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
@@ -54,6 +55,14 @@ impl Bands {
             error_below: scale(self.error_below),
             warning_above: scale(self.warning_above),
             error_above: scale(self.error_above),
+        }
+    }
+
+    /// A value with its unit as people read it: 0.17 of a battery is `17 %, at least 20 wanted`.
+    pub(super) fn say_in(&self, value: f64, quantity: Option<&Quantity>) -> Text {
+        match quantity {
+            Some(Quantity { unit, factor }) => self.scaled(*factor).say(value * factor, Text::plain(unit)),
+            None => self.say(value, "".into()),
         }
     }
 
@@ -119,11 +128,6 @@ fn measured(value: f64, limits: &[Option<f64>]) -> String {
     texts.into_iter().find(|text| !like_a_limit(text)).unwrap_or_else(|| rounded(value, 17))
 }
 
-/// Three significant digits for fractions, whole numbers up to a million in full.
-pub(super) fn number(value: f64) -> String {
-    if value.fract() == 0.0 && value.abs() < 1e6 { format!("{}", value + 0.0) } else { rounded(value, 3) }
-}
-
 /// A number with the decimal separator of each language.
 pub(super) fn numeral(number: String) -> Text {
     match &*number {
@@ -133,19 +137,9 @@ pub(super) fn numeral(number: String) -> Text {
     }
 }
 
-fn rounded(value: f64, digits: i32) -> String {
-    if value == 0.0 {
-        return "0".into();
-    }
-    if !value.is_finite() {
-        return if value.is_nan() { "not a number".into() } else { "infinite".into() };
-    }
-    let magnitude = value.abs().log10().floor() as i32;
-    if !(-5..9).contains(&magnitude) {
-        return format!("{value:.*e}", digits as usize - 1);
-    }
-    let text = format!("{value:.*}", (digits - 1 - magnitude).max(0) as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').into() } else { text }
+/// `17 %` for 0.17 of a battery.
+pub(super) fn numeral_in(value: f64, quantity: Option<&Quantity>) -> Text {
+    Bands::default().say_in(value, quantity)
 }
 
 /// `350 ms`, `2 s`, `1.5 h`.

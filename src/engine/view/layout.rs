@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::engine::model::monitors::Class;
+use crate::engine::model::quantity::Quantity;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{GroupId, GroupSpec, Model, ModuleId, Other, StageModel};
 use crate::engine::module::system::{BUILT_IN_GROUPS, OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
@@ -63,6 +64,7 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
             number: 0,
             kind: spec.monitor.kind(),
             class: spec.monitor.class(),
+            quantity: spec.monitor.other().and_then(|it| Quantity::measured_by(it, &model.watched)),
         }));
     }
     let system = GroupId(groups.len() as u32 - 1);
@@ -82,6 +84,7 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
             number: 0,
             kind: "self_state",
             class: SELF_STATE,
+            quantity: None,
         }));
     }
     Layout {

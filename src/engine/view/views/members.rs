@@ -45,6 +45,7 @@ impl Views {
             number,
             kind: "self_state",
             class: SELF_STATE,
+            quantity: None,
         });
         let group = &mut layout.groups[group.0 as usize];
         group.modules.push(id);

@@ -25,6 +25,8 @@ const BYTES: usize = 512 << 10;
 const ROWS_DRAWN: usize = 12;
 const VALUES_DRAWN: usize = 3;
 
+/// Values of a monitor in the unit of its input.
+const MEASURED: &[&str] = &["value", "difference", "earlier", "later", "a", "b"];
 /// Values of a monitor that never change.
 const LIMITS: &[&str] = &["warning_below", "error_below", "warning_above", "error_above"];
 
@@ -51,7 +53,13 @@ struct ModuleRow {
 struct MeasuredValue {
     key: String,
     value: String,
-    past: Option<Trend>,
+    past: Option<Past>,
+}
+
+/// The line of a value, and its least and greatest value in words.
+struct Past {
+    line: String,
+    range: String,
 }
 
 struct ResetHtml {
@@ -210,14 +218,17 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
     // A monitor's message names its limits already.
     let values = module.report.values.iter().filter(|(key, _)| !measured || !LIMITS.contains(&&**key));
     let value = values.take(VALUES).map(|(key, value)| {
-        let index = past.iter().position(|trend| *trend.key == **key);
-        let past = index.map(|index| past.swap_remove(index));
+        let past = past.iter().find(|trend| *trend.key == **key);
         let (key, value) = (clean(key, VALUE), clean(value, VALUE));
-        if measured {
-            MeasuredValue { value: view.lang.numeral(value), key: view.lang.measured(&key).to_owned(), past }
-        } else {
-            MeasuredValue { key, value, past }
-        }
+        let (label, unit) = if measured { view.lang.measured(&key) } else { (&*key, "") };
+        let quantity = info.quantity.as_ref().filter(|_| measured && MEASURED.contains(&&*key));
+        let (unit, factor) = quantity.map_or((unit, 1.0), |it| (&*it.unit, it.factor));
+        let read = |text: &str| view.lang.quantity(text, factor, unit);
+        let past = past.map(|Trend { line, least, most, .. }| Past {
+            line: line.clone(),
+            range: format!("{} – {}", read(&least.to_string()), read(&most.to_string())),
+        });
+        MeasuredValue { key: label.to_owned(), value: read(&value), past }
     });
     value.collect()
 }

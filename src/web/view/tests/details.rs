@@ -1,5 +1,13 @@
+use std::sync::Arc;
+
 use super::*;
+use crate::engine::input::Input;
+use crate::engine::model::MonitorSpec;
 use crate::engine::model::filter::Filter;
+use crate::engine::model::monitors::{
+    Bands, FieldKind, FieldSpec, TopicId, TopicSpec, ValueRule, ValueSource,
+};
+use crate::engine::model::sample::{FieldValue, Sample as Message};
 use crate::engine::time::Span;
 
 #[test]
@@ -79,10 +87,35 @@ fn numbers_of_the_last_minutes_are_drawn_within_bounds() {
     let seen = Versions::default().observe(&published);
     let all = super::super::fragments(&published, &seen, Lang::En, &trends);
     let html = all.into_iter().find(|it| it.id == "detail-can").expect("it is there").html;
-    assert!(html.contains(r#"aria-label="a: 1.5 &ndash; 4, last 5 minutes""#), "{html}");
+    assert!(html.contains(r#"aria-label="a: 1.5 – 4, last 5 minutes""#), "{html}");
     let battery = html.split("</li>").next().unwrap_or_default();
     assert_eq!(battery.matches("class=\"spark\"").count(), 3, "{battery}");
     assert!(html.matches("class=\"spark\"").count() <= 36, "{html}");
+}
+
+#[test]
+fn measured_values_have_the_units_of_their_messages() {
+    let mut parts = parts();
+    let battery = Arc::new(TopicSpec {
+        topic: "/battery".into(),
+        type_name: "sensor_msgs/msg/BatteryState".into(),
+        stamp: false,
+        fields: vec![FieldSpec { path: "percentage".into(), kind: FieldKind::Scalar }],
+    });
+    parts.watched.topics.push(battery.clone());
+    let source = ValueSource::Field { topic: TopicId(0), field: 0 };
+    let bands = Bands { warning_below: Some(0.2), ..Bands::default() };
+    let module = parts.modules.iter_mut().find(|module| &*module.id == "can/battery").expect("it is there");
+    module.monitor = MonitorSpec::Value { source, rule: ValueRule::Bands(bands) }.into();
+    let mut sample = Sample::of(parts).login().pass(5);
+    let values = [FieldValue::Number(0.1746)].into();
+    let (stamp_ns, received_wall_ns, late) = (None, 0, false);
+    sample.input(&Input::Sample(Message { source: battery, stamp_ns, received_wall_ns, late, values }));
+    let low = sample.pass(1).published();
+    let english = ["17.5 %, at least 20 wanted", "<span>value</span> 17.5 %"];
+    check(&low, Lang::En, "detail-can", &english, &["0.17"]);
+    let german = ["17,5 %, erwartet mindestens 20", "<span>Wert</span> 17,5 %"];
+    check(&low, Lang::De, "detail-can", &german, &["0.17", "0,17"]);
 }
 
 #[test]

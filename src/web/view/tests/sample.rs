@@ -426,7 +426,7 @@ impl Sample {
         Published::recorded(self.engine.snapshot(), at)
     }
 
-    fn input(&mut self, input: &Input) {
+    pub fn input(&mut self, input: &Input) {
         self.engine.handle(input, self.now);
     }
 }

@@ -8,6 +8,7 @@ pub(in crate::web) mod session_end;
 
 pub use lang::Lang;
 
+use crate::engine::model::quantity::number;
 use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
@@ -284,35 +285,47 @@ impl Lang {
         }
     }
 
-    /// What a monitor's measured value is called.
-    pub fn measured(self, key: &str) -> &str {
-        let (en, de) = match key {
-            "rate_hz" => ("Hz", "Hz"),
-            "input_hz" => ("inputs, Hz", "Eingaben, Hz"),
-            "output_hz" => ("outputs, Hz", "Ausgaben, Hz"),
-            "ratio" => ("ratio", "Verhältnis"),
-            "latency_s" => ("late, s", "Verspätung, s"),
-            "value" => ("value", "Wert"),
-            "difference" => ("difference", "Abweichung"),
-            "earlier" => ("earlier", "früher"),
-            "later" => ("later", "später"),
-            "translation_m" => ("shift, m", "Verschiebung, m"),
-            "rotation_deg" => ("rotation, deg", "Drehung, Grad"),
-            "count_difference" => ("difference in number", "Abweichung der Anzahl"),
-            "nearest_m" => ("apart, m", "Abstand, m"),
-            "answer_ms" => ("answer, ms", "Antwort, ms"),
-            "misses" => ("misses", "ohne Antwort"),
-            other => (other, other),
+    /// What a monitor's measured value is called, and its unit.
+    pub fn measured(self, key: &str) -> (&str, &'static str) {
+        let (en, de, unit) = match key {
+            "rate_hz" => ("rate", "Rate", "Hz"),
+            "input_hz" => ("inputs", "Eingaben", "Hz"),
+            "output_hz" => ("outputs", "Ausgaben", "Hz"),
+            "ratio" => ("ratio", "Verhältnis", ""),
+            "latency_s" => ("late", "Verspätung", "s"),
+            "value" => ("value", "Wert", ""),
+            "difference" => ("difference", "Abweichung", ""),
+            "earlier" => ("earlier", "früher", ""),
+            "later" => ("later", "später", ""),
+            "translation_m" => ("shift", "Verschiebung", "m"),
+            "rotation_deg" => ("rotation", "Drehung", "°"),
+            "count_difference" => ("difference in number", "Abweichung der Anzahl", ""),
+            "nearest_m" => ("apart", "Abstand", "m"),
+            "answer_ms" => ("answer", "Antwort", "ms"),
+            "misses" => ("misses", "ohne Antwort", ""),
+            other => (other, other, ""),
         };
         match self {
-            Lang::En => en,
-            Lang::De => de,
+            Lang::En => (en, unit),
+            Lang::De => (de, unit),
         }
     }
 
-    /// A number in the language's writing; anything else stays.
-    pub fn numeral(self, number: String) -> String {
-        if self == Lang::De && number.parse::<f64>().is_ok() { number.replace('.', ",") } else { number }
+    /// A number as people read it: times `factor`, with few digits, with the decimal separator of the language
+    /// and with its unit. A number that is followed by a unit keeps that, and any other text stays.
+    pub fn quantity(self, text: &str, factor: f64, unit: &str) -> String {
+        let (first, rest) = text.split_once(' ').unwrap_or((text, unit));
+        let decimal = |it: char| it.is_ascii_digit() || matches!(it, '.' | '-');
+        let value = first.parse::<f64>().ok().filter(|_| first.chars().all(decimal));
+        let Some(value) = value.filter(|_| !rest.contains(|it: char| it.is_ascii_digit())) else {
+            return text.to_owned();
+        };
+        let digits = first.trim_start_matches(['-', '0', '.']).chars().filter(char::is_ascii_digit).count();
+        // A whole number, as a count, is exact.
+        let exact = factor == 1.0 && (digits <= 3 || !first.contains('.'));
+        let number = if exact { first.to_owned() } else { number(value * factor) };
+        let number = if self == Lang::De { number.replace('.', ",") } else { number };
+        if rest.is_empty() { number } else { format!("{number} {rest}") }
     }
 
     /// A count at the start of a sentence, as a word where it is short.
@@ -336,6 +349,27 @@ impl Lang {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_are_short_and_have_their_units() {
+        for (text, factor, unit, en, de) in [
+            ("0.17", 100.0, "%", "17 %", "17 %"),
+            ("0.1746", 100.0, "%", "17.5 %", "17,5 %"),
+            ("4.9", 1.0, "m/s", "4.9 m/s", "4,9 m/s"),
+            ("25.6342 V", 1.0, "", "25.6 V", "25,6 V"),
+            ("0.123456", 1.0, "", "0.123", "0,123"),
+            ("-12.3456", 1.0, "", "-12.3", "-12,3"),
+            ("1234567", 1.0, "", "1234567", "1234567"),
+            ("10.77.0.1", 1.0, "", "10.77.0.1", "10.77.0.1"),
+            ("2.5 of 3.5", 1.0, "", "2.5 of 3.5", "2.5 of 3.5"),
+            ("not a number", 1.0, "m/s", "not a number", "not a number"),
+            ("high", 1.0, "", "high", "high"),
+        ] {
+            let said = Lang::ALL.map(|lang| lang.quantity(text, factor, unit));
+            assert!(said.contains(&en.to_owned()) && said.contains(&de.to_owned()), "{text}: {said:?}");
+            assert_eq!(Lang::De.quantity(text, factor, unit), de);
+        }
+    }
 
     /// Words that are the same in both languages, on purpose.
     const SAME: &[&str] = &["ok", "name", "demo", "live"];
