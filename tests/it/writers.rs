@@ -20,6 +20,7 @@ groups:
   - { id: heat, monitor: { value: { status: lidar, key: celsius, error_above: 90 } } }
   - { id: brake, status: brake, writers: [/brake] }
   - { id: disc, monitor: { value: { status: brake, key: celsius, error_above: 90 } } }
+  - { id: lens, monitor: { value: { status: /cameras/left, key: celsius, error_above: 90 } } }
 - { id: b, match: [{ namespace: /cameras, writers: [/cameras/driver] }] }
 ";
 
@@ -91,6 +92,22 @@ impl Vehicle {
         let view = self.module(millis, "telltale/writers");
         (view.own == State::Warning).then(|| view.report.message.to_string())
     }
+}
+
+#[test]
+fn values_of_a_status_that_a_filter_restricts_wait_for_its_node() {
+    let mut vehicle = Vehicle::new(&[(3, NodeOf::Pending)]);
+    let lens = |vehicle: &mut Vehicle, millis| vehicle.module(millis, "a/lens").steps.reported;
+    for (millis, level) in [(0, OK), (10, ERROR)] {
+        vehicle.say(millis, 3, level, "/cameras/left");
+        assert_eq!(lens(&mut vehicle, millis), None, "nobody knows yet who says it");
+    }
+    vehicle.say(20, 1, OK, "/cameras/left");
+    assert_eq!(lens(&mut vehicle, 20), None, "/one may not say it");
+    vehicle.named = vec![(3, named("/cameras/driver"))];
+    vehicle.list(30, &[]);
+    vehicle.say(40, 3, OK, "/cameras/left");
+    assert_eq!(lens(&mut vehicle, 40), Some(State::Ok));
 }
 
 #[test]

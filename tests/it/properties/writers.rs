@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, NodeOf, WriterId, WriterList};
-use telltale::engine::model::{Model, ModuleId, Policy};
+use telltale::engine::model::{Model, ModuleId, Parts, Policy};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 
@@ -19,6 +19,17 @@ pub fn said_by_one(history: Vec<(Timestamp, Input)>) -> Vec<(Timestamp, Input)> 
         other => other,
     };
     history.into_iter().map(|(at, input)| (at, one(input))).collect()
+}
+
+/// No module accepts its status only from certain nodes, also no discovered one: else its KeyValues wait for
+/// their node, whichever module watches them.
+pub fn admit_all(parts: &mut Parts) {
+    let filters = parts.groups.iter_mut().flat_map(|group| &mut group.filters);
+    let of_filters = filters.filter_map(|filter| filter.policy.as_mut());
+    let of_modules = parts.modules.iter_mut().map(|module| &mut module.policy);
+    for policy in of_filters.chain(of_modules).chain([&mut parts.discovered]) {
+        policy.writers = None;
+    }
 }
 
 /// The reports for one name.
