@@ -3,6 +3,9 @@
   "use strict";
   const root = document.documentElement;
 
+  // Sizes in millimetres on a display of another density than the reference display's 149 dpi.
+  if (root.dataset.dpi) root.style.setProperty("--density", root.dataset.dpi / 149);
+
   // Without WebSocket there is no live display: the page says so.
   if (!("WebSocket" in globalThis)) document.body.dataset.unfit = "";
 

@@ -7,8 +7,8 @@ use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec,
-    NodeId, Parts, Policy, StageModel,
+    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleMonitor,
+    ModuleSpec, NodeId, Parts, Policy, StageModel,
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
@@ -62,6 +62,7 @@ pub fn model(modules: usize) -> Arc<Model> {
         discovered: Policy::default(),
         other: Default::default(),
         limits: Limits::default(),
+        display_dpi: DISPLAY_DPI,
     };
     Arc::new(Model::new(parts).expect("chains have no cycle"))
 }

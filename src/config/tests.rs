@@ -65,6 +65,7 @@ signals:
 stops: [{ id: depot, name: Depot, x: 1.5, y: -2, yaw_deg: 90 }]
 defaults: { timeout: 1s, stale: warning, raise_after: 10ms }
 limits: { discovered_modules: 7 }
+display: { dpi: 170 }
 localized_after: 5s
 groups:
   - id: a
@@ -82,6 +83,7 @@ groups:
     let loaded = parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
     let model = &loaded.model;
     assert_eq!((&*model.vehicle_name.en, &*model.vehicle_name.de), ("Van", "Bus"));
+    assert_eq!(model.display_dpi, 170);
     assert_eq!(model.signals[0].timeout, Some(time::Span::from_secs(3)));
     assert_eq!(model.signals[1].present_for, Some(time::Span::from_secs(3600)));
     let fields = model.signals.iter().map(|signal| &*signal.source.field().unwrap().field);
@@ -183,7 +185,7 @@ fn keys_must_be_known_and_stand_once() {
     check_beside_group(
         "colour: red\n",
         &[
-            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, motion, defaults, limits, localized_after, other, groups, countermeasures, publish, diagnostics, clock, message_folders)",
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, motion, defaults, limits, display, localized_after, other, groups, countermeasures, publish, diagnostics, clock, message_folders)",
         ],
     );
     check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);
@@ -212,6 +214,10 @@ fn values_must_be_what_the_key_says() {
     check_beside_group(
         "limits: { string_bytes: 1 }\n",
         &["2:25: 1 is not between 16 and 1048576 (the default is 4096)"],
+    );
+    check_beside_group(
+        "display: { dpi: 15 }\n",
+        &["2:17: 15 is not between 60 and 400 (the default is 149)"],
     );
     check_beside_group(
         "stops: [{ id: s, x: .inf, y: 0 }]\n",

@@ -180,6 +180,8 @@ impl Snapshot {
 pub struct Layout {
     pub vehicle_id: Arc<str>,
     pub vehicle_name: Text,
+    /// The density of the vehicle's display, in dots per inch.
+    pub display_dpi: u32,
     /// The treatment of unclaimed statuses.
     pub other: Other,
     /// The places at which an operator may localize the vehicle.

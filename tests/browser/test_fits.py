@@ -1,10 +1,10 @@
-"""Texts fit: on a phone in German, and in the audit log."""
+"""Texts fit: on a phone in German, and in the audit log. Sizes fit the density of the display."""
 
 import pytest
 from playwright.sync_api import expect
 
 from operating import touch_context, watch
-from vehicle import OPERATOR, Client, until
+from vehicle import CONFIG, OPERATOR, Client, serving, until
 
 CUT = """() => [...document.querySelectorAll(".instruction *, .cause .title, .cause .help, .top .vehicle")]
   .filter(it => it.scrollWidth > it.clientWidth + 1 && getComputedStyle(it).display !== "inline").map(it => it.textContent)"""
@@ -76,3 +76,35 @@ def test_the_audit_log_breaks_no_word_and_speaks_german(server, german, trouble)
         assert page.evaluate(BROKEN) == []
     text = page.locator(".log tbody").inner_text()
     assert "ausgeführt" in text and "Aufsicht" in text and "done" not in text and "login" not in text, text
+
+
+# The heights of the smallest buttons and links, and the size of a rem.
+SIZES = """() => {
+  const shown = it => it.getClientRects().length && getComputedStyle(it).visibility === "visible";
+  const least = selector => Math.min(...[...document.querySelectorAll(selector)].filter(shown).map(it => it.getBoundingClientRect().height));
+  return [parseFloat(getComputedStyle(document.documentElement).fontSize), least("button, a"), least(".primary")];
+}"""
+
+
+def test_buttons_keep_their_millimetres_on_a_denser_display(chromium, trouble, tmp_path):
+    config = tmp_path / "dense.yaml"
+    config.write_text(CONFIG.read_text() + "\ndisplay: { dpi: 170 }\n")
+    with serving(tmp_path, config=config) as server:
+        context = touch_context(chromium)
+        page = context.new_page()
+        watch(page, trouble)
+
+        def check():
+            expect(page.locator("html")).to_have_attribute("data-dpi", "170")
+            rem, button, primary = page.evaluate(SIZES)
+            assert rem == pytest.approx(16 * 170 / 149, abs=0.01)
+            assert button >= 88 * 170 / 149 - 0.5 and primary >= 117 * 170 / 149 - 0.5, (button, primary)
+
+        page.goto(server.url + "/")
+        page.wait_for_url(server.url + "/login*")
+        check()
+        context.add_cookies(Client(server, *OPERATOR).browser_cookies())
+        page.goto(server.url + "/")
+        expect(page.locator("body")).to_have_attribute("data-live", "live")
+        check()
+        context.close()

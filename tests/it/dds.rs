@@ -3,11 +3,7 @@
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, ReceptionTrouble, StatusArray, TroubleKind};
-use telltale::engine::model::monitors::Watched;
-use telltale::engine::model::{
-    Driving, FieldSource, Limits, Model, Parts, Policy, SignalSource, SignalSpec, StageModel,
-};
-use telltale::engine::text::Text;
+use telltale::engine::model::{FieldSource, Model, Parts, SignalSource, SignalSpec, StageModel};
 use telltale::engine::time::Span;
 use telltale::msg::messages::GidSize;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
@@ -96,19 +92,7 @@ fn model() -> Model {
     };
     let active = signal("active", "/mission/active", "std_msgs/msg/Bool", None);
     let goal = signal("goal", "/goal", "std_msgs/msg/String", Some(Span::from_secs(1)));
-    let parts = Parts {
-        vehicle_id: "test".into(),
-        vehicle_name: Text::plain("Test"),
-        stages: StageModel::None,
-        signals: vec![active, goal],
-        groups: Vec::new(),
-        modules: Vec::new(),
-        watched: Watched::default(),
-        driving: Driving::default(),
-        discovered: Policy::default(),
-        other: Default::default(),
-        limits: Limits::default(),
-    };
+    let parts = Parts { signals: vec![active, goal], ..Parts::empty("test", StageModel::None) };
     Model::new(parts).expect("nothing depends on anything")
 }
 

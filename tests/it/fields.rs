@@ -10,8 +10,7 @@ use telltale::engine::model::monitors::{
     FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched,
 };
 use telltale::engine::model::sample::{FieldValue, Pose, ProbeOutcome, PublisherReport, Sample};
-use telltale::engine::model::{Driving, Limits, Model, Parts, Policy, StageModel};
-use telltale::engine::text::Text;
+use telltale::engine::model::{Model, Parts, StageModel};
 use telltale::engine::time::Span;
 use telltale::msg::messages::encode;
 use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
@@ -40,21 +39,12 @@ fn model(topics: Vec<TopicSpec>, targets: Vec<ProbeTarget>) -> Model {
     let every = Span::from_millis(200);
     let watchdogs = targets.into_iter().map(|target| Arc::new(WatchdogSpec { target, every })).collect();
     let parts = Parts {
-        vehicle_id: "test".into(),
-        vehicle_name: Text::plain("Test"),
-        stages: StageModel::None,
-        signals: Vec::new(),
-        groups: Vec::new(),
-        modules: Vec::new(),
         watched: Watched {
             topics: topics.into_iter().map(Arc::new).collect(),
             watchdogs,
             ..Watched::default()
         },
-        driving: Driving::default(),
-        discovered: Policy::default(),
-        other: Default::default(),
-        limits: Limits::default(),
+        ..Parts::empty("test", StageModel::None)
     };
     Model::new(parts).expect("nothing depends on anything")
 }

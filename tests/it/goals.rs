@@ -5,13 +5,9 @@ use std::sync::Arc;
 use serde_json::json;
 use telltale::clock::Clock;
 use telltale::engine::input::{OperatorAction, Response, TroubleKind};
-use telltale::engine::model::monitors::Watched;
-use telltale::engine::model::{
-    Driving, FieldSource, Limits, Model, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel,
-};
+use telltale::engine::model::{FieldSource, Model, NodeId, Parts, SignalSource, SignalSpec, StageModel};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
-use telltale::engine::text::Text;
 use telltale::engine::time::Span;
 use telltale::ros::{self, BridgeOptions};
 use telltale::runtime::{self, Command, Published};
@@ -30,19 +26,7 @@ fn model() -> Model {
     let source = SignalSource::Field(source);
     let goal =
         SignalSpec { name: "goal".into(), source, timeout: None, present_for: Some(Span::from_secs(3600)) };
-    let parts = Parts {
-        vehicle_id: "test".into(),
-        vehicle_name: Text::plain("Test"),
-        stages: StageModel::Shuttle,
-        signals: vec![goal],
-        groups: Vec::new(),
-        modules: Vec::new(),
-        watched: Watched::default(),
-        driving: Driving::default(),
-        discovered: Policy::default(),
-        other: Default::default(),
-        limits: Limits::default(),
-    };
+    let parts = Parts { signals: vec![goal], ..Parts::empty("test", StageModel::Shuttle) };
     Model::new(parts).expect("nothing depends on anything")
 }
 

@@ -20,7 +20,7 @@ pub(super) mod wording;
 use std::ops::RangeInclusive;
 
 use crate::engine::model::monitors::StampClock;
-use crate::engine::model::{Driving, Limits as Bounds, Other, StageModel};
+use crate::engine::model::{DISPLAY_DPI, Driving, Limits as Bounds, Other, StageModel};
 use crate::engine::text::Text;
 use crate::engine::time;
 use crate::yaml::decode::{Entries, scalar, word};
@@ -47,6 +47,7 @@ pub(super) struct File {
     pub motion: Option<RawMotion>,
     pub defaults: Option<Defaults>,
     pub limits: Option<Limits>,
+    pub display: Option<Display>,
     pub localized_after: Option<time::Span>,
     pub other: Option<Other>,
     pub groups: Vec<Group>,
@@ -83,6 +84,7 @@ impl FromNode for File {
             "motion",
             "defaults",
             "limits",
+            "display",
             "localized_after",
             "other",
             "publish",
@@ -99,6 +101,7 @@ impl FromNode for File {
             motion: fields.optional("motion"),
             defaults: fields.optional("defaults"),
             limits: fields.optional("limits"),
+            display: fields.optional("display"),
             localized_after: fields.optional(key("localized_after").about("Localization counts as done when its group was OK for this long.").rules(|| vec![default_span(Driving::default().localized_after)])),
             other: fields.optional(key("other").about("What becomes of statuses that no group takes: for developers alone, one line for the operator when one is not OK, or a tile like any other.").rules(|| vec![default(Other::default().as_str())])),
             groups_span: fields.key_span("groups"),
@@ -247,6 +250,31 @@ impl FromNode for Limits {
         };
         fields.finish();
         Some(limits)
+    }
+}
+
+/// `display: { dpi: 149 }`
+#[derive(Debug, Default)]
+pub(super) struct Display {
+    pub dpi: Option<Spanned<u64>>,
+}
+
+/// The permitted densities of the vehicle's display.
+pub(super) const DPI: RangeInclusive<u64> = 60..=400;
+
+impl FromNode for Display {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let about = "The operator's display in the vehicle.";
+        let mut fields = Fields::of(node, map("display", "the display").about(about), log)?;
+        let display = Display {
+            dpi: fields.optional(
+                key("dpi")
+                    .about("Its dots per inch: buttons are 15 mm high and more, and texts grow with them.")
+                    .rules(|| bounded(&DPI, Some(DISPLAY_DPI as usize))),
+            ),
+        };
+        fields.finish();
+        Some(display)
     }
 }
 

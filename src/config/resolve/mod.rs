@@ -22,8 +22,8 @@ use super::file;
 use super::file::publishing::RawPublishing;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
-    Combine, Driving, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec, NodeId, NodeNames, Parts, Policy,
-    StageModel, Stop,
+    Combine, DISPLAY_DPI, Driving, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec, NodeId, NodeNames,
+    Parts, Policy, StageModel, Stop,
 };
 use crate::engine::text::Text;
 use crate::yaml::decode::All;
@@ -64,6 +64,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     driving.unpublished = publishing.switched_off();
     let (watched, topics) = topics.finish();
     let limits = limits(file.limits.as_ref(), log);
+    let dpi = file.display.as_ref().and_then(|display| display.dpi);
+    let display_dpi = within(dpi, DISPLAY_DPI as usize, file::DPI, log) as u32;
     let parts = Parts {
         vehicle_id: id,
         vehicle_name: name,
@@ -76,6 +78,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
         discovered,
         other: file.other.unwrap_or_default(),
         limits,
+        display_dpi,
     };
     let model = match Model::new(parts) {
         Ok(model) => Arc::new(model),
@@ -190,16 +193,7 @@ fn stops(file: &file::File, log: &mut Log) -> Vec<Stop> {
 fn limits(raw: Option<&file::Limits>, log: &mut Log) -> Limits {
     let default = Limits::default();
     let Some(raw) = raw else { return default };
-    let mut limit = |value: Option<Spanned<u64>>, otherwise: usize, range: RangeInclusive<u64>| {
-        let Some(value) = value else { return otherwise };
-        if !range.contains(&value.value) {
-            let (least, most) = range.into_inner();
-            let problem =
-                Problem::at(value.span, format!("{} is not between {least} and {most}", value.value));
-            log.push(problem.help(format!("the default is {otherwise}")));
-        }
-        value.value as usize
-    };
+    let mut limit = |value, otherwise, range| within(value, otherwise, range, log);
     let status_bytes = limit(raw.status_bytes, default.status_bytes, file::STATUS_BYTES);
     let source_bytes =
         limit(raw.source_bytes, status_bytes / 2, file::SOURCE_BYTES_MIN..=status_bytes as u64);
@@ -214,6 +208,17 @@ fn limits(raw: Option<&file::Limits>, log: &mut Log) -> Limits {
         values_per_status: limit(raw.values_per_status, default.values_per_status, file::VALUES_PER_STATUS),
         string_bytes: limit(raw.string_bytes, default.string_bytes, file::STRING_BYTES),
     }
+}
+
+/// A whole number in its range, or its default.
+fn within(value: Option<Spanned<u64>>, otherwise: usize, range: RangeInclusive<u64>, log: &mut Log) -> usize {
+    let Some(value) = value else { return otherwise };
+    if !range.contains(&value.value) {
+        let (least, most) = range.into_inner();
+        let problem = Problem::at(value.span, format!("{} is not between {least} and {most}", value.value));
+        log.push(problem.help(format!("the default is {otherwise}")));
+    }
+    value.value as usize
 }
 
 fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) -> Vec<GroupSpec> {

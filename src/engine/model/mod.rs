@@ -317,6 +317,9 @@ impl Default for Limits {
     }
 }
 
+/// The density of the reference display, in dots per inch: the sizes of the operator's pages are made for it.
+pub const DISPLAY_DPI: u32 = 149;
+
 /// The parts of a vehicle and their relations, as configured; [`Model::new`] checks them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
@@ -333,6 +336,8 @@ pub struct Parts {
     pub discovered: Policy,
     pub other: Other,
     pub limits: Limits,
+    /// The density of the vehicle's display, in dots per inch.
+    pub display_dpi: u32,
 }
 
 impl Parts {
@@ -350,6 +355,7 @@ impl Parts {
             discovered: Policy::default(),
             other: Other::default(),
             limits: Limits::default(),
+            display_dpi: DISPLAY_DPI,
         }
     }
 }

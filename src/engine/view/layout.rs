@@ -90,6 +90,7 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
     Layout {
         vehicle_id: model.vehicle_id.clone(),
         vehicle_name: model.vehicle_name.clone(),
+        display_dpi: model.display_dpi,
         other: model.other,
         stops: model.driving.stops.clone().into(),
         groups,

@@ -74,9 +74,14 @@ pub async fn page(
         failure: nobody,
         session_end: session_ends::of(&app, &headers).await,
         names: names(&app, source_of(peer.map(|Extension(peer)| peer))).await,
-        ..LoginContext::new(reader.lang, reader.palette, app.settings.demo.is_some())
+        ..login_context(&app, &reader)
     };
     Html(view::login_page(&shown)).into_response()
+}
+
+fn login_context(app: &AppState, reader: &Reader) -> LoginContext {
+    let dpi = app.published().snapshot.layout.display_dpi;
+    LoginContext::new(reader.lang, reader.palette, dpi, app.settings.demo.is_some())
 }
 
 /// The names that a display offers, so that an operator types none. Only the vehicle's own displays get them.
@@ -342,7 +347,7 @@ impl Failing<'_> {
                     name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
                     failure: Some(failure),
                     names: names(app, source).await,
-                    ..LoginContext::new(reader.lang, reader.palette, app.settings.demo.is_some())
+                    ..login_context(app, reader)
                 };
                 (status, Html(view::login_page(&shown))).into_response()
             }

@@ -18,6 +18,7 @@ pub fn permitted(published: &Published) -> Published {
     let layout = Layout {
         vehicle_id: snapshot.layout.vehicle_id.clone(),
         vehicle_name: snapshot.layout.vehicle_name.clone(),
+        display_dpi: snapshot.layout.display_dpi,
         other: snapshot.layout.other,
         stops: Arc::new([]),
         groups: Vec::new(),

@@ -10,9 +10,9 @@ use telltale::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request
 use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model, ModuleId,
-    ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel,
-    When,
+    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match,
+    Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec,
+    Stage, StageModel, When,
 };
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
@@ -139,6 +139,7 @@ fn empty(choices: &mut Choices<'_>) -> Parts {
         discovered: policy(choices),
         other: Other::ALL[choices.below(3)],
         limits: Limits { discovered_modules: choices.below(5), ..Limits::default() },
+        display_dpi: DISPLAY_DPI,
     }
 }
 

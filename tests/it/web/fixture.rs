@@ -12,9 +12,9 @@ use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match, Model,
-    ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel, Stop,
-    When,
+    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match,
+    Model, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel,
+    Stop, When,
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
@@ -387,6 +387,7 @@ pub fn model() -> Model {
         discovered: Policy::default(),
         other: Default::default(),
         limits: Limits::default(),
+        display_dpi: DISPLAY_DPI,
     };
     Model::new(parts).unwrap()
 }

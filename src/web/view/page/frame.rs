@@ -1,6 +1,7 @@
 //! The frame of every page.
 
 use super::{PagePart, Palette};
+use crate::engine::model::DISPLAY_DPI;
 use crate::web::assets;
 use crate::web::view::Lang;
 use crate::web::view::words::Words;
@@ -9,6 +10,8 @@ use crate::web::view::words::Words;
 pub struct PageFrame {
     pub lang: &'static str,
     pub palette: &'static str,
+    /// The density of the vehicle's display, on the operator's pages, unless it is that of the reference display.
+    pub dpi: Option<u32>,
     pub part: PagePart,
     pub words: &'static Words,
     /// Both languages, for words that must change their language without the server.
@@ -19,7 +22,12 @@ impl PageFrame {
     pub fn new(lang: Lang, palette: Palette) -> PageFrame {
         let both = Lang::ALL.map(|lang| (lang.as_str(), lang.words()));
         let (lang, words) = (lang.as_str(), lang.words());
-        PageFrame { lang, palette: palette.as_str(), part: PagePart::Whole, words, both }
+        PageFrame { lang, palette: palette.as_str(), dpi: None, part: PagePart::Whole, words, both }
+    }
+
+    /// The frame of a page for a display of this density.
+    pub fn of_display(self, dpi: u32) -> PageFrame {
+        PageFrame { dpi: (dpi != DISPLAY_DPI).then_some(dpi), ..self }
     }
 
     /// The keys of the login's pad: for a PIN, without the last row, and for a name.

@@ -14,6 +14,8 @@ use crate::web::view::{Lang, html};
 pub struct LoginContext {
     pub lang: Lang,
     pub palette: Palette,
+    /// The density of the vehicle's display.
+    pub dpi: u32,
     /// The name that was typed last.
     pub name: String,
     pub failure: Option<LoginFailure>,
@@ -26,9 +28,9 @@ pub struct LoginContext {
 
 impl LoginContext {
     /// The page before anybody has typed anything.
-    pub fn new(lang: Lang, palette: Palette, demo: bool) -> LoginContext {
+    pub fn new(lang: Lang, palette: Palette, dpi: u32, demo: bool) -> LoginContext {
         let (name, failure, session_end, names) = (String::new(), None, None, Vec::new());
-        LoginContext { lang, palette, name, failure, session_end, names, demo }
+        LoginContext { lang, palette, dpi, name, failure, session_end, names, demo }
     }
 }
 
@@ -113,7 +115,7 @@ pub fn login_page(context: &LoginContext) -> String {
         }
     });
     html(&LoginHtml {
-        frame: PageFrame::new(context.lang, context.palette),
+        frame: PageFrame::new(context.lang, context.palette).of_display(context.dpi),
         name: clean(&context.name, NAME),
         failure,
         session_end: context.session_end.map(|why| context.lang.session_end(why)),

@@ -47,15 +47,16 @@ struct OperatorHtml {
 
 /// The operator's screen. In the stage `locked` it is the login: nothing of the vehicle shows.
 pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, trends: &Trends) -> String {
+    let dpi = published.snapshot.layout.display_dpi;
     if published.snapshot.stage == Stage::Locked {
-        return login_page(&LoginContext::new(context.lang, context.palette, context.demo));
+        return login_page(&LoginContext::new(context.lang, context.palette, dpi, context.demo));
     }
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
     let parts = Parts::of(&view);
     let paths = view.board.tiles.iter().map(|&id| view.snapshot.group(id).0.path.to_string());
     let text = |fragment: Fragment| fragment.html;
     html(&OperatorHtml {
-        frame: PageFrame::new(context.lang, context.palette),
+        frame: PageFrame::new(context.lang, context.palette).of_display(dpi),
         stage: published.snapshot.stage.as_str(),
         stages: view.has_stages(),
         layout: top_bar::layout_mark(&view),

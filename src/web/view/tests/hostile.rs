@@ -24,7 +24,7 @@ fn text_from_outside_is_text_and_nothing_else() {
         name: evil.to_owned(),
         names: vec![evil.to_owned()],
         failure: Some(LoginFailure::Wrong),
-        ..LoginContext::new(Lang::En, Palette::Day, false)
+        ..LoginContext::new(Lang::En, Palette::Day, DISPLAY_DPI, false)
     }));
     for html in &pages {
         assert!(!html.contains("<script>") && !html.contains("\"' onload"), "{html}");

@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 use super::versions::Versions;
 use super::*;
 use crate::engine::input::{AlarmRef, OperatorAction, TroubleKind};
-use crate::engine::model::{GroupId, Parts as ModelParts, StageModel, When};
+use crate::engine::model::{DISPLAY_DPI, GroupId, Parts as ModelParts, StageModel, When};
 use crate::engine::text::Text;
 use crate::store::Role;
 use sample::{Sample, group, module, on_group, parts, text};

@@ -72,7 +72,7 @@ fn small() -> Vec<(String, String)> {
     for lang in Lang::ALL {
         for palette in [Palette::Day, Palette::Night] {
             let file = |name: &str| format!("{name}-{}-{}", lang.as_str(), palette.as_str());
-            let login = LoginContext::new(lang, palette, true);
+            let login = LoginContext::new(lang, palette, DISPLAY_DPI, true);
             pages.push((file("login"), login_page(&login)));
             let failed =
                 LoginContext { name: "operator".to_owned(), failure: Some(LoginFailure::Wrong), ..login };
@@ -170,7 +170,7 @@ fn the_demo_switches_each_fault_to_the_other_side() {
 #[test]
 fn a_login_that_failed_says_why_and_keeps_the_name() {
     let login = |failure| {
-        let new = LoginContext::new(Lang::De, Palette::Day, false);
+        let new = LoginContext::new(Lang::De, Palette::Day, DISPLAY_DPI, false);
         login_page(&LoginContext { name: "anna".to_owned(), failure, ..new })
     };
     assert!(login(Some(LoginFailure::Wrong)).contains("Name oder PIN ist falsch."));

@@ -13,8 +13,8 @@ use crate::engine::model::monitors::Watched;
 use crate::engine::model::output::Output;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
-    Combine, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model, ModuleMonitor,
-    ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
+    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model,
+    ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
 };
 use crate::engine::snapshot::Snapshot;
 use crate::engine::text::Text;
@@ -313,6 +313,7 @@ pub fn parts() -> Parts {
         discovered: Policy::default(),
         other: Default::default(),
         limits: Limits::default(),
+        display_dpi: DISPLAY_DPI,
     }
 }
 
