@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::engine::model::countermeasure::Request;
-use crate::engine::snapshot::{Countermeasure, CountermeasureState, Motion, Moving};
+use crate::engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Motion, Moving};
 
 /// The sample as if this were known of its motion; `destination` is the Main Station.
 fn moved(sample: Sample, moving: Moving, speed_kmh: u32) -> Published {
@@ -67,4 +67,35 @@ fn without_a_source_nothing_is_said_of_driving() {
     check_motion(&machine().published(), Lang::De, "unknown", "In Betrieb");
     check_motion(&moved(machine(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h · Main Station");
     check_motion(&moved(machine(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
+}
+
+#[test]
+fn a_vehicle_that_was_stopped_and_stands_is_asked_whether_it_goes_on() {
+    let cause = |published: &Published| CountermeasureCause {
+        node: published.snapshot.node("sensors/imu").expect("it is there"),
+        present: false,
+        acknowledged: true,
+    };
+    let held = |moving| {
+        let stopped = moved(Sample::shuttle(true), moving, 9);
+        let held = Countermeasure {
+            request: Request::ManeuverStop,
+            by_operator: false,
+            causes: [cause(&stopped)].into(),
+            since: Timestamp::ZERO,
+            state: CountermeasureState::Engaged,
+            latched: true,
+        };
+        let snapshot = Snapshot {
+            countermeasures: [held].into(),
+            release_refusals: [].into(),
+            ..(*stopped.snapshot).clone()
+        };
+        Published { snapshot: snapshot.into(), ..stopped }
+    };
+    let act = r#"data-urgency="act""#;
+    let expect = [act, ">Steht. Ursache behoben. Weiterfahren?<", ">Gehalten. Bewegungssensor gestört.<"];
+    check(&held(Moving::No), Lang::De, "instruction", &expect, &[]);
+    let expect = [act, ">Cause gone. Continue?<", ">Stopping safely. Motion sensor disturbed.<"];
+    check(&held(Moving::Yes), Lang::En, "instruction", &expect, &[]);
 }
