@@ -39,7 +39,7 @@
   };
 
   // Below this a text is hard to read, and wraps instead.
-  const NARROW_MIN = 0.75;
+  const NARROW_MIN = 0.68;
 
   // Texts of tiles stand in one line each. All are measured before any is changed: the browser lays out once.
   const narrow = () => {

@@ -58,11 +58,13 @@ def faults(page):
     return page.evaluate(FAULTS)
 
 
-def check_sizes(page, name, sizes=SIZES):
+def check_sizes(page, name, also=lambda page: ""):
+    """No fault in any window; `also` looks for others there, and says them in a text."""
     before = page.viewport_size
     found = []
-    for width, height in sizes:
+    for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         found += [f"{width}x{height}: {fault}" for fault in faults(page)]
+        found += [f"{width}x{height}: {other}" for other in [also(page)] if other]
     page.set_viewport_size(before)
     assert not found, f"{name}:\n" + "\n".join(found)

@@ -3,7 +3,8 @@
 import pytest
 from playwright.sync_api import expect
 
-from operating import touch_context, watch
+from operating import log_in, touch_context, watch
+from sizes import SIZES, faults
 from vehicle import CONFIG, OPERATOR, Client, serving, until
 
 CUT = """() => [...document.querySelectorAll(".instruction *, .cause .title, .cause .help, .top .vehicle")]
@@ -21,6 +22,14 @@ SAID = """() => {
 # Cells of the log in which one word takes more than one line.
 BROKEN = """() => [...document.querySelectorAll(".log td")].filter(it => !/[ /-]/.test(it.innerText.trim())
   && it.getClientRects()[0].height > 2.2 * parseFloat(getComputedStyle(it).lineHeight)).map(it => it.innerText)"""
+
+
+# Forty groups, each resting on the one above it in its column and on the first one.
+FORTY = "vehicle: { stages: none }\ngroups:\n" + "".join(
+    f"  - {{ id: g{number}, name: Group {number}, depends_on: [{', '.join(on)}], modules: [{{ id: m, status: s{number} }}] }}\n"
+    for number in range(1, 41)
+    for on in [[f"g{number - 7}"] if number > 7 else []]
+)
 
 
 @pytest.fixture
@@ -79,7 +88,7 @@ def test_the_audit_log_breaks_no_word_and_speaks_german(server, german, trouble)
 
 
 # The heights of the smallest buttons and links, and the size of a rem.
-SIZES = """() => {
+MEASURES = """() => {
   const shown = it => it.getClientRects().length && getComputedStyle(it).visibility === "visible";
   const least = selector => Math.min(...[...document.querySelectorAll(selector)].filter(shown).map(it => it.getBoundingClientRect().height));
   return [parseFloat(getComputedStyle(document.documentElement).fontSize), least("button, a"), least(".primary")];
@@ -96,7 +105,7 @@ def test_buttons_keep_their_millimetres_on_a_denser_display(chromium, trouble, t
 
         def check():
             expect(page.locator("html")).to_have_attribute("data-dpi", "170")
-            rem, button, primary = page.evaluate(SIZES)
+            rem, button, primary = page.evaluate(MEASURES)
             assert rem == pytest.approx(16 * 170 / 149, abs=0.01)
             assert button >= 88 * 170 / 149 - 0.5 and primary >= 117 * 170 / 149 - 0.5, (button, primary)
 
@@ -107,4 +116,22 @@ def test_buttons_keep_their_millimetres_on_a_denser_display(chromium, trouble, t
         page.goto(server.url + "/")
         expect(page.locator("body")).to_have_attribute("data-live", "live")
         check()
+        context.close()
+
+
+def test_forty_groups_have_room_in_every_window(chromium, trouble, tmp_path):
+    config = tmp_path / "forty.yaml"
+    config.write_text(FORTY)
+    with serving(tmp_path, config=config) as server:
+        context = touch_context(chromium)
+        page = context.new_page()
+        watch(page, trouble)
+        log_in(page, server)
+        expect(page.locator("body")).to_have_attribute("data-live", "live")
+        expect(page.locator(".tile[data-state=unknown]")).to_have_count(40)
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            # So many are no targets of 15 mm, and the word of a state may have no room.
+            found = [it for it in faults(page) if not it.startswith(("touch", "leaves its tile: state"))]
+            assert not found, f"{width}x{height}: {found}"
         context.close()

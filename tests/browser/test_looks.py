@@ -102,7 +102,7 @@ def check(page, name):
 
 
 def in_both_palettes(page, name):
-    check_sizes(page, name)
+    check_sizes(page, name, also=violations)
     for _ in range(2):
         check(page, f"{name}, {page.locator('html').get_attribute('data-palette')}")
         page.locator("[data-tool=palette]").tap()
