@@ -17,11 +17,16 @@ def touch_context(chromium, lang="en", palette="night", **more):
     return context
 
 
+REPLACED = "WebSocket is closed before the connection is established"
+
+
 def watch(page, trouble):
-    """Notes everything that the browser complains about, but for a server that says it is not ready."""
+    """Notes everything that the browser complains about, but for a server that says it is not ready, and for a
+    connection that the page has replaced because it took too long on a busy machine."""
 
     def note(message):
-        if message.type in ("error", "warning") and not message.location.get("url", "").endswith("/readyz"):
+        usual = message.location.get("url", "").endswith("/readyz") or REPLACED in message.text
+        if message.type in ("error", "warning") and not usual:
             trouble.append(message.text)
 
     page.on("console", note)

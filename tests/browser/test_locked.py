@@ -22,7 +22,7 @@ def test_what_tells_no_state_stays_while_the_vehicle_is_locked(server, page, tro
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     # It would load itself anew at a heartbeat; these two are a second apart.
     for phase in ("0", "4"):
-        expect(page.locator("#live .pulse")).to_have_attribute("data-phase", phase)
+        page.wait_for_function("phase => document.querySelector('#live .pulse').dataset.phase === phase", arg=phase)
     assert len(loads) == 1, loads
     expect(page.locator("body")).to_have_attribute("data-stage", "locked")
     # Parts of the diagnosis appear with the operator, and disappear.

@@ -210,10 +210,14 @@ async fn what_a_slow_engine_loses_is_counted(vendor: Vendor) {
     // Gaps count from the first received message of a publisher.
     peer.write(&one("first"));
     while !matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)) {}
-    peer.write(&json!({"statuses": [{"name": "many"}], "times": 20_000}));
-    let (mut arrays, mut lost, mut number, mut untold) = (0, 0, None, 0);
+    let (mut arrays, mut lost, mut number, mut untold, mut sent) = (0, 0, None, 0, 0);
     let all = async {
-        while arrays + lost < 20_000 {
+        while arrays + lost < sent || (lost == 0 && sent < 100_000) {
+            // A publisher on a busy machine may be slower than the engine: then it sends once more.
+            if arrays + lost == sent {
+                peer.write(&json!({"statuses": [{"name": "many"}], "times": 20_000}));
+                sent += 20_000;
+            }
             let Stamped { input, message, .. } = inputs.recv().await.expect("the bridge lives");
             match input {
                 Input::Diagnostics(_) => {
@@ -229,7 +233,7 @@ async fn what_a_slow_engine_loses_is_counted(vendor: Vendor) {
         }
     };
     assert!(tokio::time::timeout(PATIENCE, all).await.is_ok(), "{arrays} taken, {lost} told as lost");
-    assert!(arrays + lost == 20_000 && lost > 0, "{arrays} taken, {lost} told as lost");
+    assert!(arrays + lost == sent && lost > 0, "{arrays} taken, {lost} told as lost");
     bridge.shutdown().await;
 }
 
