@@ -181,7 +181,11 @@ def serving(folder, **options):
     server = Server(folder, own_domain(), **options)
     server.add_user(*OPERATOR)
     server.start()
-    yield server
+    try:
+        yield server
+    except BaseException:
+        server.stop()
+        raise
     code = server.stop()
     assert code == 0, f"exit code {code}:\n{server.read_log()}"
 
