@@ -41,6 +41,14 @@
   // Below this a text is hard to read, and wraps instead.
   const NARROW_MIN = 0.68;
 
+  // Many rows of tiles may have room for their names alone.
+  const keepNames = () => {
+    board.removeAttribute("data-names-only");
+    const isLow = board.matches(".rows-4, .rows-5, .rows-6, .rows-7");
+    const tiles = isLow ? [...board.querySelectorAll(".tile")] : [];
+    board.toggleAttribute("data-names-only", tiles.some((tile) => tile.scrollHeight > tile.clientHeight + 1));
+  };
+
   // Texts of tiles stand in one line each. All are measured before any is changed: the browser lays out once.
   const narrow = () => {
     const texts = [...document.querySelectorAll(".tile > span")];
@@ -61,6 +69,7 @@
   };
 
   const fitAll = () => {
+    keepNames();
     narrow();
     document.querySelectorAll("[data-fit]").forEach(fit);
   };
