@@ -12,14 +12,7 @@ impl Folder {
         let store = folder.store();
         for number in 1..=count {
             let record = Record::of(Action::Login, "127.0.0.1").by("anna", Role::Operator);
-            let number = number.to_string();
-            // On a busy machine the disk may take it later.
-            if !store.record(record.on(number.clone()), None).await {
-                while store.audit_entries(None, 1).await.unwrap().first().is_none_or(|it| it.target != number)
-                {
-                    tokio::time::sleep(std::time::Duration::from_millis(20)).await;
-                }
-            }
+            store.record_in_time(record.on(number.to_string())).await;
         }
         store.close().await;
         folder
@@ -110,7 +103,7 @@ async fn a_log_that_was_cut_stays_found_out_when_it_goes_on() {
     folder.run("DELETE FROM audit WHERE number > 10");
     let store = folder.store();
     for _ in 0..30 {
-        assert!(store.record(Record::of(Action::Logout, TELLTALE), None).await);
+        store.record_in_time(Record::of(Action::Logout, TELLTALE)).await;
     }
     store.close().await;
     let breach = folder.breach().unwrap();
@@ -137,7 +130,7 @@ async fn the_store_itself_shows_and_verifies_its_log() {
     let long = "x".repeat(10_000);
     for number in 1..=2500 {
         let record = Record::of(Action::Request, "10.0.0.1").on(number.to_string()).refused(&*long);
-        assert!(store.record(record, None).await);
+        store.record_in_time(record).await;
     }
     let verdict = store.verify_audit().await.unwrap();
     assert_eq!((verdict.records, verdict.head.number, verdict.breach), (2500, 2500, None));
@@ -207,7 +200,7 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
     std::fs::write(&head, &noted).unwrap();
     hand.advance(Span::from_secs(5));
     store.fault().wait_for(Option::is_none).await.unwrap();
-    assert!(store.record(Record::of(Action::Start, TELLTALE), None).await);
+    store.record_in_time(Record::of(Action::Start, TELLTALE)).await;
     store.close().await;
     let verdict = folder.verdict();
     assert_eq!((verdict.records, verdict.breach), (6, None), "nothing was lost, so nothing says so");
@@ -258,7 +251,7 @@ async fn what_is_done_to_the_log_while_it_is_written_is_found_with_the_next_reco
         store.call(note).await.unwrap();
         attack(&folder);
         for _ in 0..3 {
-            assert!(store.record(record(), None).await);
+            store.record_in_time(record()).await;
         }
         let said: Vec<_> =
             store.audit_entries(None, 5).await.unwrap().into_iter().map(|it| it.action).collect();
@@ -275,9 +268,9 @@ async fn what_another_program_of_ours_writes_is_no_breach() {
     let folder = Folder::with_records("beside", 3).await;
     let [server, command] = [folder.store(), folder.store()];
     for _ in 0..3 {
-        assert!(server.record(Record::of(Action::Stop, "127.0.0.1"), None).await);
-        assert!(command.record(Record::of(Action::UserAdded, COMMAND_LINE), None).await);
-        assert!(command.record(Record::of(Action::UserAdded, COMMAND_LINE), None).await);
+        server.record_in_time(Record::of(Action::Stop, "127.0.0.1")).await;
+        command.record_in_time(Record::of(Action::UserAdded, COMMAND_LINE)).await;
+        command.record_in_time(Record::of(Action::UserAdded, COMMAND_LINE)).await;
     }
     command.close().await;
     server.close().await;
@@ -323,7 +316,7 @@ async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
     folder.note();
     assert_eq!(folder.breach(), None, "it can be verified as before");
     let store = folder.store();
-    assert!(store.record(Record::of(Action::Stop, "127.0.0.1"), None).await);
+    store.record_in_time(Record::of(Action::Stop, "127.0.0.1")).await;
     store.close().await;
     let verdict = folder.verdict();
     assert_eq!((verdict.records, verdict.breach), (7, None));
@@ -350,7 +343,7 @@ async fn a_breach_is_one_until_an_authority_acknowledges_it_and_another_is_anoth
     assert_eq!(store.acknowledge_breaches(&carl, "nothing").await.unwrap(), 0);
     folder.run("UPDATE audit SET who = 'eve' WHERE number = 3; DELETE FROM audit WHERE number = 6");
     std::fs::remove_file(folder.0.join(HEAD_FILE_NAME)).unwrap();
-    assert!(store.record(Record::of(Action::Stop, "127.0.0.1"), None).await);
+    store.record_in_time(Record::of(Action::Stop, "127.0.0.1")).await;
     let refused = store.acknowledge_breaches(&dora, "mine").await.unwrap_err().to_string();
     assert!(refused.contains("dora is no authority"), "{refused}");
     assert_eq!(store.acknowledge_breaches(&carl, "the disk was changed").await.unwrap(), 3);
