@@ -1,11 +1,14 @@
 //! The operator's actions, and the engine's answers.
 
+use super::float;
 use super::model::Stage;
 use super::model::countermeasure::RequestKind;
 use super::state::State;
+use serde::{Deserialize, Serialize};
 
 /// An operator's action. The engine grants or refuses it: see [`Response`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum OperatorAction {
     Login {
         name: Box<str>,
@@ -54,16 +57,25 @@ pub enum OperatorAction {
 }
 
 /// The operator's choice of a position of the vehicle.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Place {
     /// Id of a stop of the configuration.
     Stop(Box<str>),
     /// Metres and degrees in the map's frame.
-    Pose { x_m: f64, y_m: f64, yaw_deg: f64 },
+    Pose {
+        #[serde(with = "float")]
+        x_m: f64,
+        #[serde(with = "float")]
+        y_m: f64,
+        #[serde(with = "float")]
+        yaw_deg: f64,
+    },
 }
 
 /// The target of an acknowledgement.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum AlarmRef {
     /// The number of an alarm.
     Number(u64),
@@ -83,7 +95,8 @@ pub enum Response {
 }
 
 /// The reason for a refused action. The page has words for each.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Refusal {
     /// No operator is logged in.
     NobodyLoggedIn,

@@ -2,8 +2,9 @@
 
 use super::time::Span;
 use super::time::Timestamp;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::fmt;
 use std::sync::Arc;
 
 /// Topics that are listed; further ones are only counted.
@@ -203,11 +204,36 @@ mod tests {
 const WRITERS_MAX: usize = 2048;
 
 /// A DDS writer by its GUID (RTPS 2.5, 9.3.1); all zero if the writer is unknown.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct WriterId(pub [u8; 16]);
 
+/// In files: 32 hexadecimal digits.
+impl From<WriterId> for String {
+    fn from(writer: WriterId) -> String {
+        writer.to_string()
+    }
+}
+
+impl fmt::Display for WriterId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl TryFrom<String> for WriterId {
+    type Error = &'static str;
+
+    fn try_from(text: String) -> Result<WriterId, &'static str> {
+        let number = Some(&text).filter(|it| it.len() == 32 && it.bytes().all(|it| it.is_ascii_hexdigit()));
+        let number = number.and_then(|text| u128::from_str_radix(text, 16).ok());
+        number.map(|it| WriterId(it.to_be_bytes())).ok_or("a writer has 32 hexadecimal digits")
+    }
+}
+
 /// The ROS 2 node of a writer.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum NodeOf {
     /// The participant may still announce it.
     Pending,
@@ -218,7 +244,7 @@ pub enum NodeOf {
 }
 
 /// All writers of diagnostics that discovery knows.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct WriterList {
     /// When discovery was read.
     pub as_of: Timestamp,
@@ -237,14 +263,7 @@ impl WriterList {
     pub(super) fn label(&self, writer: WriterId) -> Arc<str> {
         match self.node(writer) {
             NodeOf::Named(name) => name.clone(),
-            NodeOf::Pending | NodeOf::Unannounced => {
-                let mut label = "writer ".to_owned();
-                for byte in writer.0 {
-                    // Writing to a string cannot fail.
-                    let _ = write!(label, "{byte:02x}");
-                }
-                label.into()
-            }
+            NodeOf::Pending | NodeOf::Unannounced => format!("writer {writer}").into(),
         }
     }
 

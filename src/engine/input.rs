@@ -1,6 +1,9 @@
 //! All inputs of the engine, as one closed type. The DDS bridge, the operator's page, simulation,
 //! scenarios, recordings and tests feed it.
 
+use serde::{Deserialize, Serialize};
+mod recorded;
+
 use super::model::output::Output;
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,7 +15,8 @@ use super::state::State;
 use super::text::Text;
 
 /// One input of the engine. Only [`Engine::handle`](super::Engine::handle) takes inputs.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Input {
     /// One `diagnostic_msgs/DiagnosticArray`.
     Diagnostics(StatusArray),
@@ -63,14 +67,14 @@ pub enum Input {
 }
 
 /// Problems of the wall clock and of the page's certificate; `None`: there is none.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Upkeep {
     pub clock: Option<Text>,
     pub certificate: Option<Text>,
 }
 
 /// A fault of the reception, counted for its topic and shown to developers.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ReceptionTrouble {
     /// The ROS name: `/diagnostics`.
     pub topic: Box<str>,
@@ -81,7 +85,8 @@ pub struct ReceptionTrouble {
     pub text: Box<str>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TroubleKind {
     /// The bytes do not follow the type.
     Malformed,
@@ -92,7 +97,7 @@ pub enum TroubleKind {
 }
 
 /// Whether an output to the vehicle could be sent.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OutputReport {
     pub output: Output,
     /// The ROS name: `/telltale/clearance`.
@@ -102,7 +107,7 @@ pub struct OutputReport {
 }
 
 /// Whether an output to the vehicle has a reader.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ListenerReport {
     pub output: Output,
     /// The ROS name: `/telltale/maneuver_stop_request`.
@@ -112,7 +117,8 @@ pub struct ListenerReport {
 
 /// The statuses of one `diagnostic_msgs/DiagnosticArray`. One buffer holds all text, so an array of a thousand
 /// statuses costs three allocations.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(from = "recorded::StatusArray", into = "recorded::StatusArray")]
 pub struct StatusArray {
     text: String,
     statuses: Vec<StatusSpans>,

@@ -1,13 +1,15 @@
 //! The pure core: statuses, signals and operator actions in, snapshots out.
 //!
-//! No clock, no I/O, no async, no serde, no logging. The caller passes the time, and asks
-//! [`Engine::next_deadline`] when to call again.
+//! No clock, no I/O, no async, no file format, no logging. The caller passes the time, and asks
+//! [`Engine::next_deadline`] when to call again. Inputs and the state derive serde's traits, so that a caller can
+//! record them.
 
 pub mod action;
 mod counters;
 mod dds_down;
 pub mod discovery;
 pub mod event;
+mod float;
 pub mod input;
 mod judgement;
 mod lookalikes;

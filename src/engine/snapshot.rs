@@ -5,9 +5,11 @@
 mod motion;
 
 use super::model::monitors::Class;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 pub use super::counters::{Counters, Reception};
+use super::float;
 use super::input::Refusal;
 use super::model::countermeasure::{Request, RequestKind};
 use super::model::output::Output;
@@ -412,10 +414,13 @@ impl Localization {
 }
 
 /// Metres and degrees in the map's frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MapPose {
+    #[serde(with = "float")]
     pub x_m: f64,
+    #[serde(with = "float")]
     pub y_m: f64,
+    #[serde(with = "float")]
     pub yaw_deg: f64,
 }
 

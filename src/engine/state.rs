@@ -1,10 +1,12 @@
 //! The five diagnostic states (paper, Sec. III-C) and how they fold.
 
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// A diagnostic state. The order is the badness by which groups fold: UNKNOWN is above WARNING because it may
 /// hide an ERROR; IGNORE never takes part in a fold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum State {
     Ignore,
     Ok,

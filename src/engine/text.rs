@@ -1,9 +1,10 @@
 //! A text in each language of the display.
 
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// A text in the languages of the HMI.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Text {
     pub en: Arc<str>,
     pub de: Arc<str>,

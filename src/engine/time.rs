@@ -6,12 +6,28 @@ use std::fmt;
 use std::num::NonZeroU64;
 use std::ops::{Add, Sub};
 
+use serde::{Deserialize, Serialize};
+
 /// Nanoseconds on the monotonic clock of receipt, since a start that only the caller knows.
 ///
 /// The stored number is larger by one, so that an optional instant needs no extra room: a module stores nine of
 /// them.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(from = "u64", into = "u64")]
 pub struct Timestamp(NonZeroU64);
+
+/// In files: nanoseconds.
+impl From<Timestamp> for u64 {
+    fn from(at: Timestamp) -> u64 {
+        at.as_nanos()
+    }
+}
+
+impl From<u64> for Timestamp {
+    fn from(nanos: u64) -> Timestamp {
+        Timestamp::from_nanos(nanos)
+    }
+}
 
 impl Timestamp {
     pub const ZERO: Timestamp = Timestamp(NonZeroU64::MIN);
@@ -58,8 +74,8 @@ impl Add<Span> for Timestamp {
     }
 }
 
-/// A length of time in nanoseconds. Never negative; arithmetic saturates.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+/// A length of time in nanoseconds, as in files. Never negative; arithmetic saturates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
 pub struct Span(u64);
 
 impl Span {

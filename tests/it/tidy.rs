@@ -21,9 +21,19 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("web", &["engine", "clock", "runtime", "store", "picture"]),
 ];
 
-/// Words that must not stand in the pure core.
-const IMPURE: &[&str] =
-    &["tokio", "serde", "tracing", "std::fs", "std::net", "std::thread", "std::env", "async fn", "println!"];
+/// Words that must not stand in the pure core. Its types derive serde's traits; the format of a file is another
+/// room's affair.
+const IMPURE: &[&str] = &[
+    "tokio",
+    "serde_json",
+    "tracing",
+    "std::fs",
+    "std::net",
+    "std::thread",
+    "std::env",
+    "async fn",
+    "println!",
+];
 
 const LINES_MAX: usize = 450;
 const COLUMNS_MAX: usize = 140;

@@ -2,20 +2,26 @@
 
 use super::output::Output;
 use super::{NodeId, Stage};
+use crate::engine::float;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::Span;
+use serde::{Deserialize, Serialize};
 
 /// A request to the vehicle, weakest first.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Request {
     /// Only shown on the screen.
     Notify,
     /// The maneuver component's own safe stop.
     ManeuverStop,
     /// A deceleration of this strength until the vehicle stands.
-    Decelerate { mps2: f64 },
+    Decelerate {
+        #[serde(with = "float")]
+        mps2: f64,
+    },
 }
 
 impl Request {
@@ -42,7 +48,8 @@ impl Request {
 }
 
 /// A request without its figures, weakest first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum RequestKind {
     Notify,
     ManeuverStop,

@@ -12,6 +12,7 @@ pub mod sample;
 pub mod wording;
 
 use super::text::Text;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use super::state::State;
@@ -27,15 +28,16 @@ use output::Output;
 use wording::{Advice, Wording};
 
 /// Index of a group in [`Parts::groups`]. Parents stand before their children.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct GroupId(pub u32);
 
 /// Index of a module: declared modules in configuration order, then discovered ones in order of arrival.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ModuleId(pub u32);
 
 /// A group or a module.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum NodeId {
     Group(GroupId),
     Module(ModuleId),
@@ -51,7 +53,8 @@ pub enum StageModel {
 }
 
 /// Stage of the vehicle (paper, Sec. IV-B).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Stage {
     Locked,
     Localizing,

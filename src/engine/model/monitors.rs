@@ -1,5 +1,6 @@
 //! The configuration of monitors: their sources and their limits.
 
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 
@@ -46,7 +47,7 @@ pub enum StampClock {
 
 /// A topic and the fields that are read from its messages. Each sample carries it, so a sample that was read
 /// for another configuration is recognized.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TopicSpec {
     /// As ROS names it: `/odometry`.
     pub topic: Box<str>,
@@ -59,14 +60,15 @@ pub struct TopicSpec {
 }
 
 /// A field of a message.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct FieldSpec {
     /// `twist.twist.linear.x`, `poses[0].position.x`, `transforms[child_frame_id=base_link].transform`.
     pub path: Box<str>,
     pub kind: FieldKind,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum FieldKind {
     /// A number, a boolean or a string.
     Scalar,
@@ -86,13 +88,14 @@ pub enum ScalarKind {
 }
 
 /// A target that is probed periodically.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WatchdogSpec {
     pub target: ProbeTarget,
     pub every: Span,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum ProbeTarget {
     /// An ICMP echo to this host.
     Icmp { host: Box<str> },

@@ -1,7 +1,10 @@
 //! Telltale's publications, for the vehicle and for the tools of ROS 2.
 
+use serde::{Deserialize, Serialize};
+
 /// An output to the vehicle. Each is a level that follows from snapshots.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Output {
     Stage,
     Clearance,

@@ -1,12 +1,14 @@
 //! The received values of topics and probes that monitors watch.
 
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use super::monitors::{TopicSpec, WatchdogSpec};
+use crate::engine::float;
 use crate::engine::time::Span;
 
 /// One message of a watched topic.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
     /// The topic for which it was read. A sample of another configuration is not taken.
     pub source: Arc<TopicSpec>,
@@ -30,9 +32,10 @@ impl Sample {
 }
 
 /// The value of a field.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum FieldValue {
-    Number(f64),
+    Number(#[serde(with = "float")] f64),
     Bool(bool),
     Text(Box<str>),
     Pose(Pose),
@@ -44,14 +47,21 @@ pub enum FieldValue {
 }
 
 /// Metres, and a rotation as a quaternion that need not be normalized.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Pose {
+    #[serde(with = "float")]
     pub x_m: f64,
+    #[serde(with = "float")]
     pub y_m: f64,
+    #[serde(with = "float")]
     pub z_m: f64,
+    #[serde(with = "float")]
     pub qx: f64,
+    #[serde(with = "float")]
     pub qy: f64,
+    #[serde(with = "float")]
     pub qz: f64,
+    #[serde(with = "float")]
     pub qw: f64,
 }
 
@@ -59,7 +69,7 @@ pub struct Pose {
 pub const POSITIONS_MAX: usize = 256;
 
 /// The positions of the objects in a list.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Positions {
     /// At most [`POSITIONS_MAX`], the first ones.
     pub taken: Box<[Position]>,
@@ -68,9 +78,11 @@ pub struct Positions {
 }
 
 /// On the ground, in metres.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Position {
+    #[serde(with = "float")]
     pub x_m: f64,
+    #[serde(with = "float")]
     pub y_m: f64,
 }
 
@@ -82,7 +94,7 @@ impl Positions {
 }
 
 /// The publishers of a watched topic, from discovery.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PublisherReport {
     pub source: Arc<TopicSpec>,
     /// Publishers of the configured type.
@@ -92,13 +104,14 @@ pub struct PublisherReport {
 }
 
 /// The result of a probe.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Probe {
     pub source: Arc<WatchdogSpec>,
     pub outcome: ProbeOutcome,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum ProbeOutcome {
     Answered {
         /// The response time.

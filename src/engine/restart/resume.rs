@@ -1,6 +1,7 @@
 //! Resumes after a restart, also in the middle of a drive.
 
 use crate::engine::discovery::DISCOVERY;
+use serde::{Deserialize, Serialize};
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use crate::engine::timers::TimerKey;
 
 /// The state that outlives the program: everything that an operator decided or has to decide. The states of the
 /// components are UNKNOWN until they report. Nodes have their names of the wire.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Restored {
     /// A clearance does not outlive the program: `cleared` becomes `standby`.
     pub stage: Stage,
@@ -49,7 +50,7 @@ impl Default for Restored {
     }
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RestoredAlarm {
     pub id: u64,
     pub node: Box<str>,
@@ -59,7 +60,7 @@ pub struct RestoredAlarm {
     pub active: bool,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RestoredCountermeasure {
     pub request: Request,
     pub by_operator: bool,

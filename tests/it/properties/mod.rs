@@ -4,6 +4,7 @@
 mod cases;
 mod clones;
 mod driving;
+mod files;
 mod monitors;
 mod motion;
 mod oracle;
