@@ -10,6 +10,7 @@ pub mod config;
 pub mod engine;
 pub mod msg;
 pub mod picture;
+pub mod record;
 pub mod ros;
 pub mod runtime;
 pub mod sim;

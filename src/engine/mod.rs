@@ -205,6 +205,11 @@ impl Engine {
         Arc::new(self.views.snapshot(self.now, &self.vehicle, counters))
     }
 
+    /// The time of the last input.
+    pub fn now(&self) -> Timestamp {
+        self.now
+    }
+
     /// Grows with every change of a state, a reason, a root cause, an alarm or the stage.
     pub fn seq(&self) -> u64 {
         self.views.seq

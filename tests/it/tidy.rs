@@ -12,13 +12,14 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("yaml", &[]),
     ("config", &["engine", "clock", "yaml"]),
     ("clock", &["engine"]),
-    ("runtime", &["engine", "clock", "msg"]),
+    ("record", &["engine", "clock", "msg"]),
+    ("runtime", &["engine", "clock", "msg", "record"]),
     ("msg", &["engine"]),
     ("ros", &["engine", "clock", "msg"]),
-    ("store", &["engine", "clock"]),
+    ("store", &["engine", "clock", "record"]),
     ("picture", &["engine", "yaml"]),
     ("sim", &["engine", "clock", "yaml", "picture"]),
-    ("web", &["engine", "clock", "runtime", "store", "picture"]),
+    ("web", &["engine", "clock", "runtime", "store", "picture", "record"]),
 ];
 
 /// Words that must not stand in the pure core. Its types derive serde's traits; the format of a file is another

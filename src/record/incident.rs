@@ -1,0 +1,271 @@
+//! When an incident begins, how long it lasts, and why: decided from snapshots alone.
+
+use std::sync::Arc;
+
+use crate::engine::event::{Event, EventKind};
+use crate::engine::model::countermeasure::RequestKind;
+use crate::engine::model::{NodeId, Stage};
+use crate::engine::snapshot::{Moving, Snapshot};
+use crate::engine::state::State;
+use crate::engine::time::{Span, Timestamp};
+
+/// An incident is closed after this time even if further triggers follow. A storm of them opens the next one
+/// only then.
+pub const LENGTH_MAX: Span = Span::from_secs(60);
+
+/// Triggers of one incident that are kept; more are counted.
+const TRIGGERS_MAX: usize = 256;
+
+/// Bytes of a note.
+pub const NOTE_BYTES_MAX: usize = 2000;
+
+/// What begins an incident or makes it last longer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Trigger {
+    /// A root cause raised an alarm, or a module shows a WARNING, which raises none.
+    Root { alarm: Option<u64>, node: Arc<str> },
+    /// Autonomous driving ended although the vehicle was not known to stand.
+    LostActive { stage: Stage },
+    /// A request to the vehicle became stronger.
+    Countermeasure { kind: RequestKind },
+    /// Somebody marked this moment.
+    Mark { by: Box<str>, note: Box<str> },
+}
+
+/// Times before the first and after the last trigger that belong to an incident.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Margins {
+    pub before: Span,
+    pub after: Span,
+}
+
+impl Default for Margins {
+    fn default() -> Margins {
+        Margins { before: Span::from_secs(30), after: Span::from_secs(10) }
+    }
+}
+
+/// An incident that is not over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Open {
+    /// The time of its first trigger.
+    pub since: Timestamp,
+    /// It ends then unless another trigger follows.
+    pub until: Timestamp,
+    pub triggers: Vec<(Timestamp, Trigger)>,
+    /// Triggers that are only counted.
+    pub more: u64,
+    /// It follows an incident that reached its greatest length.
+    pub storm: bool,
+}
+
+/// A change of the present incident.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Change {
+    Opened(Open),
+    Extended(Open),
+    Closed(Open),
+}
+
+/// Follows the snapshots of one engine.
+#[derive(Debug)]
+pub struct Tracker {
+    margins: Margins,
+    /// The last alarm that was seen.
+    last_alarm: u64,
+    stage: Stage,
+    requests: Vec<RequestKind>,
+    open: Option<Open>,
+    /// The last incident reached its greatest length at this time.
+    cut_at: Option<Timestamp>,
+}
+
+impl Tracker {
+    /// Everything in this snapshot was there before, and is no trigger.
+    pub fn new(margins: Margins, first: &Snapshot) -> Tracker {
+        Tracker {
+            margins,
+            last_alarm: first.last_alarm,
+            stage: first.stage,
+            requests: requests(first),
+            open: None,
+            cut_at: None,
+        }
+    }
+
+    pub fn set_margins(&mut self, margins: Margins) {
+        self.margins = margins;
+    }
+
+    /// Takes the next snapshot, and the modules that came to show a [WARNING](warning) since the one before.
+    pub fn follow(&mut self, snapshot: &Snapshot, warnings: &[Arc<str>]) -> Vec<Change> {
+        let mut triggers = Vec::new();
+        let raised = snapshot.alarms.iter().filter(|alarm| alarm.id > self.last_alarm);
+        triggers.extend(raised.map(|alarm| {
+            let node = snapshot.node_name(alarm.node).clone();
+            Trigger::Root { alarm: Some(alarm.id), node }
+        }));
+        triggers.extend(warnings.iter().map(|node| Trigger::Root { alarm: None, node: node.clone() }));
+        self.last_alarm = self.last_alarm.max(snapshot.last_alarm);
+        let stands = snapshot.motion.moving == Moving::No;
+        if self.stage == Stage::Active && snapshot.stage != Stage::Active && !stands {
+            triggers.push(Trigger::LostActive { stage: snapshot.stage });
+        }
+        self.stage = snapshot.stage;
+        let requests = requests(snapshot);
+        let new = requests.iter().filter(|kind| !self.requests.contains(kind));
+        triggers.extend(new.map(|&kind| Trigger::Countermeasure { kind }));
+        self.requests = requests;
+        let mut changes = self.due(snapshot.now);
+        for trigger in triggers {
+            changes.extend(self.trigger(snapshot.now, trigger));
+        }
+        changes
+    }
+
+    /// Begins an incident, or makes the present one last longer.
+    pub fn trigger(&mut self, now: Timestamp, trigger: Trigger) -> Vec<Change> {
+        let mut changes = self.due(now);
+        let until = now + self.margins.after;
+        match &mut self.open {
+            Some(open) => {
+                open.until = open.until.max(until).min(open.since + LENGTH_MAX.max(self.margins.after));
+                if open.triggers.len() < TRIGGERS_MAX {
+                    open.triggers.push((now, trigger));
+                } else {
+                    open.more += 1;
+                }
+                changes.push(Change::Extended(open.clone()));
+            }
+            None => {
+                let storm = self.cut_at.is_some_and(|cut| now.since(cut) <= LENGTH_MAX);
+                let open = Open { since: now, until, triggers: vec![(now, trigger)], more: 0, storm };
+                self.open = Some(open.clone());
+                changes.push(Change::Opened(open));
+            }
+        }
+        changes
+    }
+
+    /// Closes the present incident when its time is over.
+    pub fn due(&mut self, now: Timestamp) -> Vec<Change> {
+        let Some(open) = self.open.take_if(|open| now >= open.until) else { return Vec::new() };
+        let was_cut = open.until.since(open.since) >= LENGTH_MAX;
+        self.cut_at = was_cut.then_some(open.until);
+        vec![Change::Closed(open)]
+    }
+
+    /// Ends the present incident early.
+    pub fn end(&mut self) -> Option<Open> {
+        self.open.take()
+    }
+}
+
+/// The module that comes to show a WARNING with this event, if it counts for the vehicle. A module that was in
+/// ERROR is no news.
+pub fn warning(event: &Event, snapshot: &Snapshot) -> Option<Arc<str>> {
+    let EventKind::Shown { node: NodeId::Module(id), from, to: State::Warning, .. } = event.what else {
+        return None;
+    };
+    let (module, _) = snapshot.module(id);
+    let counts = snapshot.group(module.group).0.counted;
+    (counts && !matches!(from, State::Warning | State::Error)).then(|| module.id.clone())
+}
+
+/// The requests to the vehicle beyond a notice.
+fn requests(snapshot: &Snapshot) -> Vec<RequestKind> {
+    let kinds = snapshot.countermeasures.iter().map(|it| it.request.kind());
+    kinds.filter(|&kind| kind != RequestKind::Notify).collect()
+}
+
+/// The names of the nodes that explain what the alarms of an incident were about, as known at this snapshot.
+pub fn roots(snapshot: &Snapshot, since: Timestamp) -> Vec<Arc<str>> {
+    let alarms = snapshot.alarms.iter().filter(|alarm| alarm.raised >= since || alarm.active);
+    let mut nodes: Vec<NodeId> = alarms.map(|alarm| alarm.node).collect();
+    nodes.sort_unstable();
+    nodes.dedup();
+    nodes.into_iter().map(|node| snapshot.node_name(node).clone()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::Engine;
+    use crate::engine::input::{Input, StatusArray};
+    use crate::engine::model::{Model, Parts, StageModel};
+
+    fn s(seconds: u64) -> Timestamp {
+        Timestamp::from_nanos(seconds * 1_000_000_000)
+    }
+
+    fn mark() -> Trigger {
+        Trigger::Mark { by: "anna".into(), note: "".into() }
+    }
+
+    fn engine() -> Engine {
+        let parts =
+            Parts { other: crate::engine::model::Other::Counted, ..Parts::empty("v", StageModel::None) };
+        Engine::begin(Arc::new(Model::new(parts).unwrap()), s(0))
+    }
+
+    fn say(tracker: &mut Tracker, engine: &mut Engine, name: &str, level: u8, at: Timestamp) -> Vec<Change> {
+        let mut array = StatusArray::default();
+        array.push_status(level, name, "", "");
+        engine.handle(&Input::Diagnostics(array), at);
+        let snapshot = engine.snapshot();
+        let events = engine.take_events();
+        let warnings: Vec<_> = events.iter().filter_map(|event| warning(event, &snapshot)).collect();
+        tracker.follow(&snapshot, &warnings)
+    }
+
+    #[test]
+    fn a_root_cause_opens_an_incident_and_a_warning_extends_it() {
+        let mut engine = engine();
+        engine.keep_events();
+        let mut tracker = Tracker::new(Margins::default(), &engine.snapshot());
+        let mut said = |name, level, at| say(&mut tracker, &mut engine, name, level, at);
+        assert_eq!(said("a", 0, s(1)), []);
+        assert_eq!(said("b", 0, s(1)), []);
+        let opened = said("a", 2, s(2));
+        let [Change::Opened(open)] = &*opened else { panic!("{opened:?}") };
+        assert_eq!((open.since, open.until), (s(2), s(12)));
+        let is_a = |node: &Arc<str>| &**node == "other/a";
+        assert!(matches!(&open.triggers[..], [(_, Trigger::Root { alarm: Some(1), node })] if is_a(node)));
+        assert_eq!(said("a", 2, s(3)), [], "it is the same alarm");
+        let extended = said("b", 1, s(3));
+        let [Change::Extended(open)] = &*extended else { panic!("{extended:?}") };
+        assert_eq!((open.until, open.triggers.len()), (s(13), 2));
+        assert_eq!(said("b", 1, s(4)), [], "it is the same warning");
+        assert_eq!(tracker.due(s(12)), []);
+        assert!(matches!(&tracker.due(s(13))[..], [Change::Closed(_)]));
+        assert_eq!(roots(&engine.snapshot(), s(2)), ["other/a".into()]);
+    }
+
+    #[test]
+    fn a_storm_opens_one_a_minute_and_says_so() {
+        let engine = engine().snapshot();
+        let mut tracker = Tracker::new(Margins::default(), &engine);
+        let mut opened = Vec::new();
+        for second in 0..200 {
+            for change in tracker.trigger(s(second), mark()) {
+                if let Change::Opened(open) = change {
+                    opened.push((second, open.storm));
+                }
+            }
+        }
+        assert_eq!(opened, [(0, false), (60, true), (120, true), (180, true)]);
+        tracker.due(s(500));
+        let quiet = tracker.trigger(s(1000), mark());
+        assert!(matches!(&quiet[..], [Change::Opened(open)] if !open.storm), "{quiet:?}");
+    }
+
+    #[test]
+    fn triggers_are_bounded_and_counted() {
+        let mut tracker = Tracker::new(Margins::default(), &engine().snapshot());
+        for _ in 0..1000 {
+            tracker.trigger(s(1), mark());
+        }
+        let open = tracker.end().unwrap();
+        assert_eq!((open.triggers.len(), open.more), (TRIGGERS_MAX, 1000 - TRIGGERS_MAX as u64));
+    }
+}

@@ -1,0 +1,350 @@
+//! The last minutes of everything that the engine took, within a bound of bytes: the part of a recording from
+//! before its trigger.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use crate::engine::Engine;
+use crate::engine::input::Input;
+use crate::engine::time::{Span, Timestamp};
+use crate::engine::view::record::Record;
+use crate::msg::received::{Message, Stamped};
+
+/// Nothing is kept for longer, even if there is room.
+pub const KEPT_FOR: Span = Span::from_secs(300);
+
+/// The engine's whole state is kept this often, so that a recording can begin with one.
+pub const KEYFRAME_EVERY: Span = Span::from_secs(10);
+
+/// Of states that are older, one is kept for each such time.
+const THINNED_AFTER: Span = Span::from_secs(60);
+
+/// Topics that are accounted for by name. Messages of further ones are not kept.
+const TOPICS_MAX: usize = 1024;
+
+/// The estimated size of an entry without its message.
+const ENTRY_BYTES: usize = 256;
+
+/// One thing that the engine took, in its order.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// The time with which the engine took it.
+    pub at: Timestamp,
+    pub taken: Taken,
+    /// The message behind it; `None` if there was none, or if its bytes are no longer kept.
+    pub message: Option<Arc<Message>>,
+}
+
+#[derive(Debug, Clone)]
+pub enum Taken {
+    Input(Arc<Input>),
+    /// The statuses of the entry's message. They are decoded again in a replay.
+    Statuses,
+    /// From here on another configuration counts: the texts of its files.
+    Reload(Arc<[ConfigurationText]>),
+    /// What changed by what was taken before: for readers, not for a replay.
+    Transition(Arc<Record>),
+    /// Entries before this one are missing: the recorder did not keep up.
+    Lost(u64),
+}
+
+/// A file of a configuration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigurationText {
+    pub name: String,
+    pub text: String,
+}
+
+/// The place of an entry in the order of all entries since the start.
+pub type Position = u64;
+
+/// A bounded queue of entries and of the engine's states between them.
+#[derive(Debug)]
+pub struct Ring {
+    entries: VecDeque<Entry>,
+    /// The place of the oldest entry.
+    first: Position,
+    bytes: usize,
+    bytes_max: usize,
+    keyframes: VecDeque<(Position, Arc<Engine>)>,
+    topics: BTreeMap<Arc<str>, Topic>,
+    /// Messages of topics past the limit.
+    unaccounted: u64,
+}
+
+/// The messages of one topic in the ring.
+#[derive(Debug, Default)]
+struct Topic {
+    held: VecDeque<(Position, Timestamp, usize)>,
+    bytes: usize,
+    /// Messages that made room for others before their time.
+    dropped: u64,
+}
+
+/// How much of a topic the ring holds.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Held {
+    pub topic: Arc<str>,
+    pub messages: usize,
+    pub bytes: usize,
+    /// The age of its oldest message.
+    pub span: Span,
+    /// Messages that had to make room for others, since the start.
+    pub dropped: u64,
+}
+
+impl Ring {
+    /// An empty ring of at most `bytes_max` bytes of messages and inputs.
+    pub fn new(bytes_max: usize) -> Ring {
+        Ring {
+            entries: VecDeque::new(),
+            first: 0,
+            bytes: 0,
+            bytes_max,
+            keyframes: VecDeque::new(),
+            topics: BTreeMap::new(),
+            unaccounted: 0,
+        }
+    }
+
+    /// Another bound; it counts from the next entry on.
+    pub fn set_bytes_max(&mut self, bytes_max: usize) {
+        self.bytes_max = bytes_max;
+    }
+
+    /// Takes the next input of the engine.
+    pub fn push_input(&mut self, Stamped { input, received, message }: Stamped) {
+        let taken = match (input, &message) {
+            (Input::Diagnostics(_), Some(_)) => Taken::Statuses,
+            (input, _) => Taken::Input(Arc::new(input)),
+        };
+        self.push(Entry { at: received, taken, message });
+    }
+
+    /// Takes the next entry. The oldest ones make room for it.
+    pub fn push(&mut self, mut entry: Entry) {
+        if let Some(message) = &entry.message {
+            // Inputs that were made from one message share its bytes.
+            let shared = self.entries.back().and_then(|last| last.message.as_ref());
+            let is_shared = shared.is_some_and(|shared| Arc::ptr_eq(shared, message));
+            let bytes = if is_shared { 0 } else { message.len() };
+            let place = self.next();
+            if self.topics.len() < TOPICS_MAX || self.topics.contains_key(&message.topic) {
+                let topic = self.topics.entry(message.topic.clone()).or_default();
+                topic.held.push_back((place, entry.at, bytes));
+                topic.bytes += bytes;
+                self.bytes += bytes;
+            } else {
+                self.unaccounted += 1;
+                entry.message = None;
+            }
+        }
+        self.bytes += ENTRY_BYTES;
+        let (now, of) = (entry.at, entry.message.as_ref().map(|message| message.topic.clone()));
+        self.entries.push_back(entry);
+        self.make_room(now, of.as_deref());
+    }
+
+    /// The engine's state before the next entry.
+    pub fn push_keyframe(&mut self, engine: Arc<Engine>) {
+        let now = engine.now();
+        self.keyframes.push_back((self.next(), engine));
+        // Of older ones, one a minute is enough: states of a large vehicle are large.
+        let age = |index: usize| self.keyframes.get(index).map(|(_, engine)| now.since(engine.now()));
+        let is_spare = |index: &usize| {
+            let (Some(before), Some(it), Some(after)) = (age(index - 1), age(*index), age(index + 1)) else {
+                return false;
+            };
+            it > THINNED_AFTER && before - after <= THINNED_AFTER
+        };
+        if let Some(spare) = (1..self.keyframes.len()).find(is_spare) {
+            self.keyframes.remove(spare);
+        }
+    }
+
+    /// The place of the next entry.
+    pub fn next(&self) -> Position {
+        self.first + self.entries.len() as u64
+    }
+
+    /// The newest state of the engine that is not younger than `at`, or else the oldest one, with the place of
+    /// the first entry after it.
+    pub fn keyframe_before(&self, at: Timestamp) -> Option<(Position, Arc<Engine>)> {
+        let older = |(_, engine): &&(Position, Arc<Engine>)| engine.now() <= at;
+        self.keyframes.iter().rev().find(older).or(self.keyframes.front()).cloned()
+    }
+
+    /// Entries from `place` on, at most as many as fit into `bytes_max`, but at least one; and the number of
+    /// entries from there on that the ring no longer holds.
+    pub fn read(&self, place: Position, bytes_max: usize) -> (Vec<Entry>, u64) {
+        let gone = self.first.saturating_sub(place);
+        let skip = usize::try_from(place.saturating_sub(self.first)).unwrap_or(usize::MAX);
+        let mut bytes = 0;
+        let fits = |entry: &&Entry| {
+            let before = bytes;
+            bytes += ENTRY_BYTES + entry.message.as_ref().map_or(0, |message| message.len());
+            before == 0 || bytes <= bytes_max
+        };
+        (self.entries.iter().skip(skip).take_while(fits).cloned().collect(), gone)
+    }
+
+    /// What it holds of each topic, by name.
+    pub fn meter(&self, now: Timestamp) -> Vec<Held> {
+        let held = |(name, topic): (&Arc<str>, &Topic)| Held {
+            topic: name.clone(),
+            messages: topic.held.len(),
+            bytes: topic.bytes,
+            span: topic.held.front().map_or(Span::ZERO, |&(_, at, _)| now.since(at)),
+            dropped: topic.dropped,
+        };
+        self.topics.iter().map(held).collect()
+    }
+
+    /// The age of its oldest entry.
+    pub fn span(&self, now: Timestamp) -> Span {
+        self.entries.front().map_or(Span::ZERO, |entry| now.since(entry.at))
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    fn make_room(&mut self, now: Timestamp, of: Option<&str>) {
+        // One large topic takes its own past, not that of the others.
+        while let Some(topic) = of.and_then(|of| self.topics.get_mut(of))
+            && topic.bytes > self.bytes_max / 2
+            && topic.held.len() > 1
+        {
+            let Some((place, _, bytes)) = topic.held.pop_front() else { break };
+            topic.bytes -= bytes;
+            topic.dropped += 1;
+            self.bytes -= bytes;
+            let index = usize::try_from(place - self.first).unwrap_or(usize::MAX);
+            if let Some(entry) = self.entries.get_mut(index) {
+                entry.message = None;
+            }
+            // The other inputs of the same message.
+            while let Some(&(place, _, 0)) = topic.held.front() {
+                topic.held.pop_front();
+                let index = usize::try_from(place - self.first).unwrap_or(usize::MAX);
+                if let Some(entry) = self.entries.get_mut(index) {
+                    entry.message = None;
+                }
+            }
+        }
+        while let Some(oldest) = self.entries.front() {
+            let is_full = self.bytes > self.bytes_max;
+            if !is_full && now.since(oldest.at) <= KEPT_FOR {
+                break;
+            }
+            self.drop_oldest(is_full);
+        }
+    }
+
+    fn drop_oldest(&mut self, for_room: bool) {
+        let Some(oldest) = self.entries.pop_front() else { return };
+        self.bytes -= ENTRY_BYTES;
+        if let Some(topic) = oldest.message.and_then(|message| self.topics.get_mut(&message.topic))
+            && topic.held.front().is_some_and(|&(place, _, _)| place == self.first)
+            && let Some((_, _, bytes)) = topic.held.pop_front()
+        {
+            topic.bytes -= bytes;
+            topic.dropped += u64::from(for_room);
+            self.bytes -= bytes;
+        }
+        self.first += 1;
+        // A state from which the entries do not go on is no beginning.
+        while self.keyframes.front().is_some_and(|&(place, _)| place < self.first) {
+            self.keyframes.pop_front();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::model::{Model, Parts, StageModel};
+    use crate::msg::cdr::Endian;
+
+    fn message(topic: &str, bytes: usize) -> Arc<Message> {
+        Arc::new(Message {
+            topic: topic.into(),
+            type_name: "std_msgs/msg/String".into(),
+            writer: [1; 16],
+            sequence: 1,
+            source: None,
+            received: std::time::SystemTime::UNIX_EPOCH,
+            body: Ok((vec![0; bytes].into(), Endian::Little)),
+        })
+    }
+
+    fn push(ring: &mut Ring, at_ms: u64, topic: &str, bytes: usize) {
+        let at = Timestamp::from_millis(at_ms);
+        ring.push_input(Stamped { input: Input::Tick, received: at, message: Some(message(topic, bytes)) });
+    }
+
+    fn kept(ring: &Ring) -> Vec<(u64, bool)> {
+        let entries = ring.entries.iter();
+        entries.map(|entry| (entry.at.as_nanos() / 1_000_000, entry.message.is_some())).collect()
+    }
+
+    #[test]
+    fn the_oldest_make_room_and_a_large_topic_takes_its_own_past() {
+        let mut ring = Ring::new(100_000);
+        push(&mut ring, 0, "/small", 10);
+        for at in 1..=6 {
+            push(&mut ring, at, "/large", 20_000);
+        }
+        assert_eq!(
+            kept(&ring),
+            [(0, true), (1, false), (2, false), (3, false), (4, false), (5, true), (6, true)],
+            "the order stays, only bytes are gone"
+        );
+        let held = ring.meter(Timestamp::from_millis(10));
+        assert_eq!((held[0].messages, held[0].dropped), (2, 4));
+        assert_eq!((&*held[1].topic, held[1].span), ("/small", Span::from_millis(10)));
+        for at in 7..=100 {
+            push(&mut ring, at, &format!("/t{at}"), 10_000);
+        }
+        assert!(ring.bytes() <= 100_000 && ring.bytes() > 80_000, "{}", ring.bytes());
+        let sum: usize = ring.entries.iter().map(|it| it.message.as_ref().map_or(0, |it| it.len())).sum();
+        assert_eq!(ring.bytes(), sum + ENTRY_BYTES * ring.entries.len());
+        let (entries, gone) = ring.read(3, usize::MAX);
+        assert_eq!(entries.len() as u64 + gone, 101 - 3);
+        assert_eq!(ring.read(ring.next(), usize::MAX).0.len(), 0);
+        assert_eq!(ring.read(ring.first, 1).0.len(), 1, "one always, that the reader gets on");
+    }
+
+    #[test]
+    fn inputs_of_one_message_share_its_bytes() {
+        let mut ring = Ring::new(1000 * ENTRY_BYTES);
+        let shared = message("/a", 100 * ENTRY_BYTES);
+        for at in 0..3 {
+            let received = Timestamp::from_millis(at);
+            ring.push_input(Stamped { input: Input::Tick, received, message: Some(shared.clone()) });
+        }
+        assert_eq!(ring.bytes(), 103 * ENTRY_BYTES);
+        ring.set_bytes_max(150 * ENTRY_BYTES);
+        push(&mut ring, 5, "/a", 10);
+        assert_eq!(kept(&ring), [(0, false), (1, false), (2, false), (5, true)]);
+    }
+
+    #[test]
+    fn a_recording_begins_with_a_state_whose_inputs_are_all_there() {
+        let model = Arc::new(Model::new(Parts::empty("v", StageModel::None)).unwrap());
+        let mut ring = Ring::new(1 << 20);
+        let seconds = |s: u64| Timestamp::from_nanos(s * 1_000_000_000);
+        for s in (0..=600).step_by(10) {
+            ring.push_keyframe(Arc::new(Engine::begin(model.clone(), seconds(s))));
+            push(&mut ring, s * 1000, "/a", 1);
+        }
+        let starts: Vec<_> =
+            ring.keyframes.iter().map(|(_, it)| it.now().as_nanos() / 1_000_000_000).collect();
+        assert!(starts.len() < 15 && starts[0] >= 300, "{starts:?}");
+        assert!(starts.windows(2).all(|pair| pair[1] - pair[0] <= 60), "{starts:?}");
+        assert!(starts.ends_with(&[540, 550, 560, 570, 580, 590, 600]), "{starts:?}");
+        let before = |s| ring.keyframe_before(seconds(s)).map(|(place, it)| (place, it.now())).unwrap();
+        assert_eq!(before(575), (57, seconds(570)));
+        assert_eq!(before(1).1, seconds(starts[0]), "the oldest, if none is old enough");
+    }
+}

@@ -1,0 +1,76 @@
+//! What is known of an incident beside its recording: the content of a list and of the first lines of a page.
+
+use serde::{Deserialize, Serialize};
+
+/// An incident as the store keeps it and programs read it. Times are milliseconds since 1970, UTC.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    pub id: u64,
+    /// The first trigger.
+    pub since_ms: i64,
+    /// The end of the recording; `None` while it lasts.
+    pub until_ms: Option<i64>,
+    /// Oldest first; at most 256.
+    pub triggers: Vec<TriggerLine>,
+    /// Further triggers, which are only counted.
+    pub more_triggers: u64,
+    /// The nodes that explain the alarms, as known at the end.
+    pub roots: Vec<String>,
+    /// It followed at once on an incident that reached its greatest length.
+    pub storm: bool,
+    /// SHA-256 of the configuration's files, in hexadecimal digits.
+    pub configuration: String,
+    /// The version of Telltale.
+    pub version: String,
+    /// The nodes of the roots with their values at the first trigger.
+    pub freeze: Vec<FrozenNode>,
+    pub recording: Recording,
+}
+
+/// A reason of an incident.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct TriggerLine {
+    pub at_ms: i64,
+    /// `root`, `lost_active`, `countermeasure` or `mark`.
+    pub kind: String,
+    /// The node of a root, the request of a countermeasure, the stage after `active`, or who marked.
+    pub what: String,
+    /// The number of the alarm of a root.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alarm: Option<u64>,
+    /// The note of a mark.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub note: String,
+}
+
+/// A module as it was at the first trigger.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FrozenNode {
+    pub node: String,
+    /// The shown state.
+    pub state: String,
+    pub message: String,
+    pub values: Vec<(String, String)>,
+}
+
+/// The file of a recording.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recording {
+    /// The name in the folder `incidents`.
+    pub file: String,
+    pub bytes: u64,
+    /// Seconds before the first trigger that can be shown.
+    pub pre_roll_s: f64,
+    /// The file is whole and will not change.
+    pub finished: bool,
+    /// SHA-256 of the finished file, in hexadecimal digits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sha256: Option<String>,
+    /// Messages in the file.
+    pub messages: u64,
+    /// Messages and inputs that are missing in the file: the disk or the memory had no room for them.
+    pub missing: u64,
+    /// The program ended while it was recorded.
+    #[serde(default)]
+    pub interrupted: bool,
+}
