@@ -195,6 +195,8 @@
     }
     if (act === "confirm") closeConfirmation();
     if (act === "clearance" && bar.querySelector(".step .checks li:not(.holds)")) showChecks();
+    // The stop is requested all the same.
+    else if (act === "stop" && said.error) show("error", address, [said.error]);
     else show("refused", address, said.refused ?? [said.error]);
     // The page showed an old state: everything is requested again.
     if ("seq" in said) document.dispatchEvent(new CustomEvent("telltale:refresh"));

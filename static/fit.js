@@ -55,17 +55,22 @@
     for (const text of texts) {
       text.style.removeProperty("--narrow");
       text.removeAttribute("data-wraps");
+      text.parentElement.removeAttribute("data-crowded");
     }
-    const share = texts.map((text) => {
+    const padding = (element, side) => parseFloat(getComputedStyle(element)[`padding${side}`]);
+    const measured = texts.map((text) => {
       const tile = text.parentElement;
-      const { paddingLeft, paddingRight } = getComputedStyle(tile);
-      return (tile.clientWidth - parseFloat(paddingLeft) - parseFloat(paddingRight)) / text.offsetWidth;
+      const room = tile.clientWidth - padding(tile, "Left") - padding(tile, "Right");
+      return { text, room, width: text.offsetWidth, beside: padding(text, "Right") };
     });
-    texts.forEach((text, index) => {
-      if (share[index] >= 1) return;
-      if (share[index] < NARROW_MIN) text.setAttribute("data-wraps", "");
-      else text.style.setProperty("--narrow", share[index].toFixed(3));
-    });
+    for (const { text, room, width, beside } of measured) {
+      // A long word takes the place of the icon beside it.
+      const isCrowded = beside > 0 && room / width < NARROW_MIN;
+      if (isCrowded) text.parentElement.setAttribute("data-crowded", "");
+      const share = room / (isCrowded ? width - beside : width);
+      if (share < NARROW_MIN) text.setAttribute("data-wraps", "");
+      else if (share < 1) text.style.setProperty("--narrow", share.toFixed(3));
+    }
   };
 
   const fitAll = () => {

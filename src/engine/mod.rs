@@ -328,9 +328,7 @@ impl Engine {
         if let Some(due) = self.reception.due() {
             self.timers.arm(TimerKey::Reception, due);
         }
-        let message = std::mem::take(&mut self.reception.message);
-        self.report_on_self(SystemCheck::Reception, state, &*message);
-        self.reception.message = message;
+        self.report_on_self(SystemCheck::Reception, state, self.reception.message.clone());
     }
 
     /// Reports the state of one of Telltale's own modules.

@@ -33,6 +33,34 @@ FAULTS = """() => {
       if (height < least - 0.5 || width < Math.min(least, TOUCH) - 0.5) faults.push(`touch of ${width}x${height} px: ${called(it)}`);
     }
   }
+  // The rectangles of an element's texts, as high as their glyphs.
+  const texts = it => {
+    const found = [], walk = document.createTreeWalker(it, NodeFilter.SHOW_TEXT);
+    while (walk.nextNode()) {
+      const node = walk.currentNode, range = document.createRange();
+      if (!node.data.trim() || !visible(node.parentElement)) continue;
+      range.selectNodeContents(node);
+      const edge = 0.2 * type(node.parentElement);
+      found.push(...[...range.getClientRects()].map(({ left, right, top, bottom }) => ({ left, right, top: top + edge, bottom: bottom - edge })));
+    }
+    return found;
+  };
+  for (const it of all("button:not(.tile), a")) {
+    const { left, right, top, bottom } = box(it);
+    if (texts(it).some(a => a.left < left - 1 || a.right > right + 1 || a.top < top - 1 || a.bottom > bottom + 1)) faults.push(`its text leaves ${called(it)}`);
+  }
+  for (const it of all(".tile > .icon")) {
+    const { left, right, top, bottom } = box(it);
+    const over = a => Math.min(a.right, right) - Math.max(a.left, left) > 2 && Math.min(a.bottom, bottom) - Math.max(a.top, top) > 2;
+    if (texts(it.parentElement).some(over)) faults.push(`its icon lies over the words of ${called(it.parentElement)}`);
+  }
+  // Nothing lies over STOP.
+  for (const it of all("button[name=stop]")) {
+    const { left, right, top, bottom } = box(it);
+    const points = [[left, top], [right, top], [left, bottom], [right, bottom]].map(([x, y]) => [x + (x === left ? 12 : -12), y + (y === top ? 12 : -12)]);
+    if (points.some(([x, y]) => !it.contains(document.elementFromPoint(x, y)))) faults.push("something lies over STOP");
+    if (right - left < 379.5 || bottom - top < 116.5) faults.push(`STOP of ${right - left}x${bottom - top} px`);
+  }
   const atLeast = (px, selector) => {
     for (const it of all(selector)) if (type(it) < px - 0.01) faults.push(`type of ${type(it)} px where ${px} are due: ${called(it)}`);
   };

@@ -4,6 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from one_server import server, vehicle  # noqa: F401
+from sizes import SIZES
 from vehicle import OPERATOR, Client, until
 
 # What may still be visible in place of the vehicle.
@@ -39,5 +40,18 @@ def test_a_page_whose_scripts_do_not_run_is_covered(server, session, chromium, w
     page.locator("#tile-sensors").click(force=True)
     until(lambda: page.evaluate(SETTLED), 5, "no colour fades any more")
     assert page.evaluate(BRIGHT) == []
+    expect(page.locator("#step button[name=stop]")).to_be_visible()
+    context.close()
+
+
+@pytest.mark.parametrize("width, height", SIZES)
+def test_before_any_script_runs_stop_and_what_to_do_are_in_sight(server, session, chromium, width, height):
+    context = chromium.new_context(viewport={"width": width, "height": height}, java_script_enabled=False)
+    context.add_cookies(session)
+    page = context.new_page()
+    page.goto(server.url + "/")
+    for part in ("#motion strong", "#instruction strong", "#step button[name=stop]", "#causes .title"):
+        box = page.locator(part).first.bounding_box()
+        assert box["x"] >= 0 and box["x"] + box["width"] <= width and box["y"] + box["height"] <= height, (part, box)
     expect(page.locator("#step button[name=stop]")).to_be_visible()
     context.close()

@@ -167,7 +167,7 @@ def remove(server, name):
     "lang, end, says",
     [
         ("en", "taken", "Another operator has taken the vehicle over."),
-        ("de", "taken", "Eine andere Fahrbegleitung hat das Fahrzeug übernommen."),
+        ("de", "taken", "Jemand anderes hat das Fahrzeug übernommen."),
         ("en", "left", "You logged out at another display."),
         ("en", "removed", "This user was removed. Call the control room."),
     ],

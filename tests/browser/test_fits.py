@@ -61,6 +61,33 @@ def test_on_a_phone_nothing_is_cut_and_what_to_do_is_in_sight(server, vehicle, g
     assert title["width"] > 200 and told["height"] < 300
 
 
+# Inside which words a line of the faults' titles ends, without a hyphen of theirs.
+TORN = """() => [...document.querySelectorAll("#causes .title")].flatMap(title => {
+  const node = title.firstChild, torn = [];
+  const top = at => { const range = document.createRange(); range.setStart(node, at); range.setEnd(node, at + 1); return [...range.getClientRects()].at(-1)?.top ?? 0; };
+  for (let at = 1; at < node.length; at++) {
+    if (top(at) > top(at - 1) + 4 && !/[\\s\\u00ad-]/.test(node.data[at - 1])) torn.push(node.data.slice(0, at));
+  }
+  return torn;
+})"""
+
+
+def test_a_long_word_breaks_where_the_configuration_says(server, vehicle, german, trouble):
+    page, client = german
+    vehicle.drive(True)
+    until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
+    vehicle.set("can: bus", 2, "silent")
+    page.goto(server.url + "/")
+    title = page.locator("#causes .title").first
+    expect(title).to_have_text("Fahrzeugdaten fehlen")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        assert not faults(page), f"{width}x{height}: {faults(page)}"
+        assert page.evaluate(TORN) == [], f"{width}x{height}"
+    page.set_viewport_size({"width": 1024, "height": 600})
+    assert title.evaluate("it => it.getClientRects()[0].height / parseFloat(getComputedStyle(it).lineHeight)") > 1.5
+
+
 def test_after_a_switch_of_the_language_nothing_keeps_the_old_one(server, vehicle, german, trouble):
     page, _ = german
     page.goto(server.url + "/")

@@ -5,7 +5,9 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from accessible import violations
 from operating import touch_context, type_by_touch, watch
+from sizes import check_sizes
 from vehicle import OPERATOR, Client
 
 AUTHORITY = ("aron", "lantern-48-harbour")
@@ -104,6 +106,43 @@ def test_a_first_login_takes_few_taps_and_a_hand_over_one_more(server, vehicle, 
     trouble.expect("409", "401", "403", "WebSocket")
     first.close()
     second.close()
+
+
+def test_another_operator_takes_over_at_the_same_display_with_one_pin(server, vehicle, chromium, trouble):
+    context = touch_context(chromium)
+    context.add_init_script(COUNT_TAPS)
+    page = context.new_page()
+    watch(page, trouble)
+    server.add_user("berta", "864213")
+    enter_by_touch(page, server, *OPERATOR)
+    live = lambda: expect(page.locator("body")).to_have_attribute("data-live", "live")
+    live()
+    before = taps(page)
+    page.locator("button[name=shutdown]").tap()
+    page.get_by_role("link", name="Hand over").tap()
+    expect(page.locator(".change")).to_have_text("anna is the operator. Who takes over?")
+    check_sizes(page, "hand-over")
+    assert not violations(page), violations(page)
+    # Nobody takes over from themselves: one other operator is chosen already.
+    expect(page.locator(".known button")).to_have_text(["berta"])
+    page.locator("[name=secret]").fill("999999")
+    page.locator(".digits [data-key=enter]").tap()
+    expect(page.locator(".failure:visible")).to_have_text("Name or PIN is wrong.")
+    expect(page.locator(".change")).to_be_visible()
+    type_by_touch(page, "berta", "864213")
+    page.locator(".digits [data-key=enter]").tap()
+    live()
+    expect(page.locator("#top .operator")).to_contain_text("berta")
+    # Two to come here, one for the wrong PIN, six digits and Enter.
+    assert taps(page) - before == 10
+    # The way back changes nothing.
+    page.locator("button[name=shutdown]").tap()
+    page.get_by_role("link", name="Hand over").tap()
+    page.get_by_role("link", name="Back to the vehicle").tap()
+    live()
+    expect(page.locator("#top .operator")).to_contain_text("berta")
+    trouble.expect("401")
+    context.close()
 
 
 def test_from_the_take_over_leads_a_large_button_back(server, vehicle, display, chromium, trouble):

@@ -173,8 +173,12 @@ def test_data_are_back_five_seconds_after_the_last_forged_packet(watched, words,
 
 def hears_a_new_publisher(watched, folder):
     word = f"new at {time.monotonic()}"
-    writer = Writer(watched.server.domain, "rt/diagnostics", "DiagnosticArray", folder / "new.log")
+    log = folder / f"{word}.log"
+    writer = Writer(watched.server.domain, "rt/diagnostics", "DiagnosticArray", log)
     with contextlib.closing(writer):
+        # Its process may take long to start on a busy machine: that is none of the five seconds.
+        until(lambda: '"ready"' in log.read_text(), 30, "the new publisher has started")
+
         def heard():
             writer.write(statuses=[{"level": 1, "name": "tf_quality", "message": word}])
             return word in json.dumps(watched.client.snapshot())

@@ -1,5 +1,7 @@
 """The page calls for each root cause once, repeats until somebody acknowledges, and tells by itself that it is dead."""
 
+import contextlib
+import re
 import signal
 
 import pytest
@@ -7,7 +9,7 @@ from playwright.sync_api import expect
 
 from operating import acknowledge_all, expect_standing, expect_tile, log_in, touch_context, watch
 from stall import stalled
-from vehicle import until
+from vehicle import CONFIG, Vehicle, serving, until
 
 # The repetition is in real time.
 pytestmark = pytest.mark.timed
@@ -168,7 +170,7 @@ def test_a_page_whose_scripts_hang_sounds_all_the_same(server, vehicle, page, tr
 
 
 def test_the_situations_of_the_paper_call_once_for_each_fault(server, vehicle, page, trouble):
-    """Scenarios 2 to 6. Without dependencies, in scenario 1, each component is a root cause of its own."""
+    """Scenarios 2 to 6."""
     aloud(page, server)
     stage = lambda name: expect(page.locator("body")).to_have_attribute("data-stage", name)
     expected = 0
@@ -213,3 +215,22 @@ def test_the_situations_of_the_paper_call_once_for_each_fault(server, vehicle, p
     expect_tile(page, "planning", "error")
     injected(1)
     assert page.locator("body").get_attribute("data-tones") != "dead"
+
+
+def test_without_dependencies_each_component_calls_for_itself(page, trouble, tmp_path):
+    """Scenario 1 of the paper: each affected component is a root cause of its own, and calls once."""
+    config = tmp_path / "independent.yaml"
+    config.write_text(re.sub(r"\n *depends_on: .*", "", CONFIG.read_text()))
+    with serving(tmp_path, config=config) as server, contextlib.closing(Vehicle(server.domain, tmp_path)) as vehicle:
+        aloud(page, server)
+        vehicle.drive(True)
+        expect(page.locator("body")).to_have_attribute("data-stage", "active")
+        components = {"sensors": NAME, "localization": "localization: tf_quality", "perception": "perception: costmap_delay"}
+        for calls, (component, status) in enumerate(components.items(), 1):
+            vehicle.set(status, 2, "failed")
+            expect_tile(page, component, "error")
+            until(lambda: count(page, "sounded") == calls, 5, lambda: f"{count(page, 'sounded')} calls")
+        expect_tile(page, "planning", "ok")
+        # Another call would come within this time.
+        page.wait_for_timeout(1_500)
+        assert count(page, "sounded") == len(components)

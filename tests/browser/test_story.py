@@ -43,6 +43,18 @@ def display(chromium, trouble, demo):
     context.close()
 
 
+# What the instruction asks for in each frame.
+NOTE_URGENCY = """() => {
+  window.urgencies = [];
+  const look = () => {
+    const { urgency } = document.getElementById("instruction").dataset;
+    if (window.urgencies.at(-1) !== urgency) window.urgencies.push(urgency);
+    requestAnimationFrame(look);
+  };
+  look();
+}"""
+
+
 def sounded(page):
     return int(page.locator("body").get_attribute("data-sounded") or 0)
 
@@ -53,12 +65,15 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     expect(page.locator("[data-tool=sound]")).to_have_attribute("data-sound", "on")
     localize(page)
     expect(page.locator("#countermeasure")).not_to_have_attribute("data-request", re.compile("."))
+    page.evaluate(NOTE_URGENCY)
     clear(page)
     # A tap on a step that was just withdrawn is refused.
     trouble.expect("409")
     stage(page, "active", 20)
     expect(page.locator("#causes .calm")).to_be_visible()
     before = sounded(page)
+    # Components that matter from now on, and still have time to report, alarm nobody.
+    assert set(page.evaluate("() => window.urgencies")) <= {"act", "none"}
 
     client.post("/demo/fault", name="localization_jump", active="true")
     expect(page.locator("#tile-localization")).to_have_attribute("data-state", "error", timeout=15_000)

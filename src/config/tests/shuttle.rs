@@ -53,7 +53,7 @@ fn urgency_of(advice: &str) -> Option<Urgency> {
         "Anhalten",
         "Am nächsten",
         "An der nächsten Haltestelle anhalten",
-        "Freigabe zurücknehmen",
+        "Freigabe widerrufen",
     ];
     let begins = |words: &[&str]| words.iter().any(|words| advice.starts_with(words));
     match begins(&["Take over", "Übernehmen"]) {

@@ -1,6 +1,6 @@
 //! The group `telltale` with Telltale's own modules. Nothing masks it.
 
-use crate::engine::input::ReceptionTrouble;
+use crate::engine::input::{ReceptionTrouble, TroubleKind};
 use crate::engine::model::wording::{Advice, ByStage, Urgency, Wording};
 use crate::engine::model::{Limits, Policy, Stage};
 use crate::engine::state::State;
@@ -90,7 +90,7 @@ impl SystemCheck {
     pub(in crate::engine) fn name(self) -> Text {
         let (en, de) = match self {
             SystemCheck::Invariants => ("Display contradicts itself", "Anzeige widerspricht sich"),
-            SystemCheck::Reception => ("Messages cannot be read", "Meldungen sind nicht lesbar"),
+            SystemCheck::Reception => ("Messages get lost", "Meldungen gehen verloren"),
             SystemCheck::Active => ("Driving state unknown", "Fahrzustand unbekannt"),
             SystemCheck::Countermeasure => {
                 ("Vehicle does not react as asked", "Fahrzeug reagiert nicht wie verlangt")
@@ -227,19 +227,27 @@ pub(in crate::engine) fn policy() -> Policy {
 #[derive(Debug, Clone, Default)]
 pub(in crate::engine) struct ReceptionCheck {
     last: Option<Timestamp>,
-    pub(in crate::engine) message: String,
+    pub(in crate::engine) message: Text,
 }
 
 impl ReceptionCheck {
     pub(in crate::engine) fn take(&mut self, trouble: &ReceptionTrouble, now: Timestamp) {
         self.last = Some(now);
-        self.message = format!("{}: {}", trouble.topic, trouble.text);
+        let german = match trouble.kind {
+            TroubleKind::Malformed => "unlesbar",
+            TroubleKind::WrongType => "anderer Typ",
+            TroubleKind::Lost => "Meldungen fehlen",
+        };
+        self.message = Text {
+            en: format!("{}: {}", trouble.topic, trouble.text).into(),
+            de: format!("{}: {german}", trouble.topic).into(),
+        };
     }
 
     pub(in crate::engine) fn state(&mut self, now: Timestamp) -> State {
         if self.due().is_some_and(|due| now >= due) {
             self.last = None;
-            self.message.clear();
+            self.message = Text::default();
         }
         if self.last.is_some() { State::Warning } else { State::Ok }
     }

@@ -124,7 +124,8 @@ fn planning(world: &mut World, send: &mut impl FnMut(Message)) {
         let place = |index: usize| world.drive.ahead(PLAN_M * index as f64 / PLAN_POINTS as f64);
         send(Message::Trajectory((0..=PLAN_POINTS).map(|index| place(index).pose()).collect()));
     }
-    if world.drive.active() && world.now_ms() % 40 == 20 {
+    // The controller commands a speed at a stop, too: none.
+    if world.now_ms() % 40 == 20 {
         send(Message::SpeedCommand(world.drive.speed_mps));
     }
 }

@@ -6,7 +6,7 @@ use std::sync::PoisonError;
 use std::time::Duration;
 
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Extension, Form, State};
+use axum::extract::{Extension, Form, RawQuery, State};
 use axum::http::header::{RETRY_AFTER, SET_COOKIE};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{Html, IntoResponse, Redirect, Response};
@@ -14,6 +14,7 @@ use serde::Deserialize;
 use serde_json::json;
 use tokio::time::timeout;
 
+use super::expiry::is_in_charge;
 use super::session_ends;
 use super::sign_in_out;
 use super::sign_in_out::{LoginAttempt, NotOpened};
@@ -53,16 +54,23 @@ pub struct LoginForm {
 /// Operators whose names the vehicle's own displays offer. If there are more, none is offered.
 const NAMES_MAX: usize = 4;
 
-/// `GET /login`
+/// The query with which an operator's page leads another operator to the login.
+const CHANGE: &str = "change";
+
+/// `GET /login`, and `GET /login?change` for another operator at the display of the present one
 pub async fn page(
     State(app): State<AppState>,
     peer: Option<Extension<Peer>>,
+    RawQuery(query): RawQuery,
     headers: HeaderMap,
     reader: Reader,
 ) -> Response {
     // While the vehicle is locked an operator may follow somebody else at the same display.
     let locked = app.published().snapshot.stage == Stage::Locked;
-    if !locked && cookie_session(&app, &headers).is_some() {
+    let open = cookie_session(&app, &headers).filter(|_| !locked);
+    let from =
+        query.filter(|query| query == CHANGE).and(open.as_ref()).and_then(|open| in_charge(&app, open));
+    if open.is_some() && from.is_none() {
         return Redirect::to("/").into_response();
     }
     let nobody = match app.store.has_users().await {
@@ -73,10 +81,16 @@ pub async fn page(
     let shown = LoginContext {
         failure: nobody,
         session_end: session_ends::of(&app, &headers).await,
-        names: names(&app, source_of(peer.map(|Extension(peer)| peer))).await,
+        names: names(&app, source_of(peer.map(|Extension(peer)| peer)), from.as_deref()).await,
+        from,
         ..login_context(&app, &reader)
     };
     Html(view::login_page(&shown)).into_response()
+}
+
+/// The name of the operator in charge, if this session is that operator's.
+fn in_charge(app: &AppState, session: &Session) -> Option<String> {
+    is_in_charge(session, &app.published().snapshot).then(|| session.user.to_string())
 }
 
 fn login_context(app: &AppState, reader: &Reader) -> LoginContext {
@@ -84,12 +98,15 @@ fn login_context(app: &AppState, reader: &Reader) -> LoginContext {
     LoginContext::new(reader.lang, reader.palette, dpi, app.settings.demo.is_some())
 }
 
-/// The names that a display offers, so that an operator types none. Only the vehicle's own displays get them.
-async fn names(app: &AppState, source: IpAddr) -> Vec<String> {
-    match app.caller(source) {
+/// The names that a display offers, so that an operator types none. Only the vehicle's own displays get them. A
+/// take-over is by somebody else than the operator in charge.
+async fn names(app: &AppState, source: IpAddr, from: Option<&str>) -> Vec<String> {
+    let mut names = match app.caller(source) {
         Caller::Vehicle => app.store.operators(NAMES_MAX).await.unwrap_or_default(),
         Caller::Elsewhere => Vec::new(),
-    }
+    };
+    names.retain(|name| from != Some(name.as_str()));
+    names
 }
 
 /// The hint for a vehicle without users. The name of the folder is quoted for a shell.
@@ -128,7 +145,10 @@ pub async fn login(
         (None, Some(token)) => confirmed(&app, token, &form.name, source).ok_or(LoginFailure::TakeOverLate),
         (None, None) => return refusal(&reader, HttpError::BadForm),
     };
-    let page = Failing { app: &app, reader: &reader, name: &form.name, source };
+    let before = cookie_session(&app, &headers);
+    let changes = form.take_over.is_some() && form.confirm.is_none();
+    let from = before.as_ref().filter(|_| changes).and_then(|open| in_charge(&app, open));
+    let page = Failing { app: &app, reader: &reader, name: &form.name, source, from };
     let (user, takes_over) = match proven {
         Ok(proven) => proven,
         Err(failure) => {
@@ -138,7 +158,6 @@ pub async fn login(
             return page.failed(failure).await;
         }
     };
-    let before = cookie_session(&app, &headers);
     let has_session = before.is_some();
     let attempt = LoginAttempt {
         user: user.clone(),
@@ -315,6 +334,8 @@ struct Failing<'a> {
     /// The name that was given.
     name: &'a str,
     source: IpAddr,
+    /// The operator at this display, from whom another one takes over.
+    from: Option<String>,
 }
 
 impl Failing<'_> {
@@ -342,11 +363,12 @@ impl Failing<'_> {
             }
             (Speaks::Json, _) => json_answer(status, &json!({ "error": failure.as_str() })),
             (Speaks::Html, _) => {
-                let Failing { app, reader, name, source } = *self;
+                let Failing { app, reader, name, source, ref from } = *self;
                 let shown = LoginContext {
                     name: name.chars().take(NAME_SHOWN_CHARS_MAX).collect(),
                     failure: Some(failure),
-                    names: names(app, source).await,
+                    names: names(app, source, from.as_deref()).await,
+                    from: from.clone(),
                     ..login_context(app, reader)
                 };
                 (status, Html(view::login_page(&shown))).into_response()

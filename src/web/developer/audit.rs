@@ -143,7 +143,7 @@ fn word(written: &str, lang: Lang) -> &str {
         "localize" => "Positionsangabe",
         "clearance asked" => "Freigabe angefragt",
         "clearance" => "Freigabe",
-        "clearance withdrawn" => "Freigabe zurückgenommen",
+        "clearance withdrawn" => "Freigabe widerrufen",
         "release asked" => "Weiterfahrt angefragt",
         "release" => "Weiterfahrt",
         "stop" => "Anhalten",

@@ -88,7 +88,7 @@ fn preferred(headers: &HeaderMap) -> Option<Lang> {
 pub fn refusal(reader: &Reader, trouble: HttpError) -> Response {
     let status = trouble.status();
     match reader.speaks {
-        Speaks::Json => json_answer(status, &json!({ "error": trouble.say(Lang::En).1 })),
+        Speaks::Json => json_answer(status, &json!({ "error": trouble.say(reader.lang).1 })),
         Speaks::Html => {
             let (title, text) = trouble.say(reader.lang);
             (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))

@@ -35,10 +35,22 @@ impl Stops {
         name: Box<str>,
         stopping: impl Future<Output = Outcome> + Send + 'static,
     ) -> Outcome {
-        let outcome = self.of(session, name);
+        let outcome = self.of(session, name.clone());
         let done = tokio::spawn(async move { outcome.get_or_init(|| stopping).await.clone() });
         // It ends early only if the whole program does.
-        done.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)))
+        let outcome = done.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)));
+        if matches!(outcome, Err(NotDone::HttpError(HttpError::Unavailable))) {
+            self.forget(session, &name);
+            // The page sends it again.
+            return Err(NotDone::HttpError(HttpError::TooSlow));
+        }
+        outcome
+    }
+
+    /// The engine did not answer: the same tap is tried anew.
+    fn forget(&self, session: &Session, name: &str) {
+        let mut taps = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        taps.retain(|it| !(it.session.is(session) && *it.name == *name));
     }
 
     fn of(&self, session: &Session, name: Box<str>) -> Arc<OnceCell<Outcome>> {

@@ -36,6 +36,11 @@ pub fn fails(it: &Countermeasure) -> bool {
     it.state == CountermeasureState::Unconfirmed
 }
 
+/// Whether the vehicle confirms it.
+pub fn is_engaged(it: &Countermeasure) -> bool {
+    it.state == CountermeasureState::Engaged
+}
+
 /// Every request with its causes: `Slowing down, 1 m/s². LiDAR data missing.` Requests of the same causes share
 /// the name of the cause. A vehicle that stands neither slows down nor stops: `Held. LiDAR data missing.`
 pub fn sentences(view: &View<'_>) -> String {
@@ -44,7 +49,7 @@ pub fn sentences(view: &View<'_>) -> String {
         let stands = view.snapshot.motion.moving == Moving::No;
         let what = match () {
             () if is_unheard(view, it) => view.lang.unheard(it.request).to_owned(),
-            () if stands && it.state == CountermeasureState::Engaged => view.lang.steps().held.to_owned(),
+            () if stands && is_engaged(it) => view.lang.steps().held.to_owned(),
             () => view.lang.countermeasure(it.request, it.state),
         };
         let because = because(view, it);

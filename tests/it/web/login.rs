@@ -24,6 +24,47 @@ async fn an_operators_login_unlocks_the_vehicle_and_the_others_do_not() {
 }
 
 #[tokio::test]
+async fn another_operator_logs_in_at_the_display_of_the_present_one() {
+    const CHANGE: &str = "/login?change";
+    let fixture = Fixture::new().await;
+    fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
+    assert!(!fixture.get(CHANGE, None).await.body.contains("take_over"), "nobody is in charge");
+    let cookie = fixture.cookie_of("operator").await;
+    let page = fixture.get(CHANGE, Some(&cookie)).await.body;
+    for part in ["operator is the operator. Who takes over?", r#"name="take_over""#, r#"href="/""#] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    for query in ["?change=1", "?other", ""] {
+        let answer = fixture.get(&format!("/login{query}"), Some(&cookie)).await;
+        assert_eq!(answer.leads_to(), Some("/"), "{query}");
+    }
+    let developer = fixture.cookie_of("developer").await;
+    assert_eq!(fixture.get(CHANGE, Some(&developer)).await.leads_to(), Some("/"), "is not in charge");
+    let wrong = fixture.post("/login", Some(&cookie), "name=bert&secret=000000&take_over=1").await;
+    assert_eq!(wrong.status, StatusCode::UNAUTHORIZED);
+    assert!(wrong.body.contains("Who takes over?"), "{}", wrong.body);
+    let right = fixture.post("/login", Some(&cookie), "name=bert&secret=975310&take_over=1").await;
+    assert_eq!(right.leads_to(), Some("/"));
+    assert_eq!(fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("bert"));
+    assert_eq!(fixture.get("/", Some(&cookie)).await.leads_to(), Some("/login"), "that session has ended");
+}
+
+#[tokio::test]
+async fn a_page_reads_an_error_in_its_language() {
+    let fixture = Fixture::new().await;
+    let cookie = fixture.cookie_of("developer").await;
+    for (cookies, expect) in [
+        (cookie.clone(), "Your role does not permit this."),
+        (format!("{cookie}; lang=de"), "Ihre Rolle erlaubt das nicht."),
+    ] {
+        let stop = form_request("/vehicle/stop", Some(&cookies), "version=1");
+        let answer = fixture.send(as_program(stop)).await;
+        assert_eq!(answer.status, StatusCode::FORBIDDEN);
+        assert!(answer.body.contains(expect), "{}", answer.body);
+    }
+}
+
+#[tokio::test]
 async fn while_the_vehicle_is_locked_nobody_sees_a_diagnosis() {
     let fixture = Fixture::new().await;
     let cookie = fixture.cookie_of("developer").await;

@@ -57,7 +57,7 @@ struct Drive {
     withdraw: bool,
     icon: &'static str,
     title: &'static str,
-    text: &'static str,
+    text: String,
 }
 
 pub fn step(view: &View<'_>) -> Fragment {
@@ -120,11 +120,15 @@ fn drive(view: &View<'_>) -> Drive {
     let progress = request.map(|it| requests::progress(view, it));
     let (icon, title, text) = match progress {
         // The instruction says it.
-        _ if cleared => ("ready", "", ""),
-        Some(progress) if release && stands => ("idle", steps.held_until, progress),
-        Some(progress) if requested => ("stop", progress, ""),
-        Some(progress) => ("slow", progress, ""),
-        None => ("drive", steps.drives, ""),
+        _ if cleared => ("ready", "", String::new()),
+        // A vehicle that stands has nothing to respond to.
+        Some(_) if release && stands && request.is_some_and(requests::is_engaged) => {
+            ("idle", steps.held_until, condition(view))
+        }
+        Some(progress) if release && stands => ("idle", steps.held_until, progress.to_owned()),
+        Some(progress) if requested => ("stop", progress, String::new()),
+        Some(progress) => ("slow", progress, String::new()),
+        None => ("drive", steps.drives, String::new()),
     };
     Drive {
         stop: is_offered.then_some(requested),
@@ -132,7 +136,7 @@ fn drive(view: &View<'_>) -> Drive {
         withdraw: cleared,
         icon,
         title,
-        text: unreached.unwrap_or(text),
+        text: unreached.map_or(text, str::to_owned),
     }
 }
 

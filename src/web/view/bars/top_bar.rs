@@ -22,6 +22,8 @@ struct TopHtml {
     layout: String,
     vehicle: String,
     word: &'static str,
+    /// Who uses the page: the operator of a vehicle, or somebody who looks at a machine.
+    user_is: &'static str,
     operator: Option<String>,
     steps: &'static StepWords,
     /// The button that ends the work, in every stage but driving.
@@ -42,6 +44,7 @@ pub fn top(view: &View<'_>) -> Fragment {
             true => view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
             false => view.lang.steps().runs,
         },
+        user_is: if view.has_stages() { view.words.operator } else { view.words.logged_in },
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
         steps: view.lang.steps(),
         shutdown: snapshot.operator.is_some()

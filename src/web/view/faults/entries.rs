@@ -111,6 +111,7 @@ fn of_root(view: &View<'_>, root: &RootCause) -> FaultEntry {
         NodeId::Module(id) => of_module(view, id, state),
         NodeId::Group(id) => of_group(view, id, state, view.no_member(id)),
     };
+    let entry = if root.grace { asking_nothing(view, entry) } else { entry };
     let alarm = view.snapshot.alarms.iter().find(|alarm| alarm.active && alarm.node == root.node);
     let target = alarm.filter(|alarm| !alarm.acknowledged);
     FaultEntry {
@@ -168,6 +169,15 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
         lasted: None,
         seen: None,
         acknowledge: None,
+    }
+}
+
+/// The entry of what still has time to report. While the vehicle drives it asks nobody for anything: each
+/// departure makes components relevant that have to be heard first.
+fn asking_nothing(view: &View<'_>, entry: FaultEntry) -> FaultEntry {
+    match view.stage_of_advice() {
+        Stage::Cleared | Stage::Active => FaultEntry { help: String::new(), urgency: None, ..entry },
+        Stage::Locked | Stage::Localizing | Stage::Standby => entry,
     }
 }
 
@@ -260,6 +270,8 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
                 }));
                 continue;
             }
+            let has_time = |&module: &ModuleId| view.snapshot.module(module).1.steps.grace;
+            let all_have_time = state == State::Unknown && of_state.iter().all(has_time);
             let entry = match *of_state {
                 [] => continue,
                 [one] => of_module(view, one, state),
@@ -269,6 +281,7 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
                     FaultEntry { since, ..of_group(view, id, state, view.lang.times(of_state.len(), state)) }
                 }
             };
+            let entry = if all_have_time { asking_nothing(view, entry) } else { entry };
             let acknowledge = (state == State::Warning).then(|| of_warnings(view, id, &of_state)).flatten();
             found.push(FaultEntry { acknowledge, ..entry });
         }

@@ -21,6 +21,8 @@ pub struct LoginContext {
     pub failure: Option<LoginFailure>,
     /// Why the session that the browser had is over.
     pub session_end: Option<SessionEnd>,
+    /// The operator whose session is open at this display, from whom another one takes over.
+    pub from: Option<String>,
     /// Names to choose from.
     pub names: Vec<String>,
     pub demo: bool,
@@ -29,8 +31,17 @@ pub struct LoginContext {
 impl LoginContext {
     /// The page before anybody has typed anything.
     pub fn new(lang: Lang, palette: Palette, dpi: u32, demo: bool) -> LoginContext {
-        let (name, failure, session_end, names) = (String::new(), None, None, Vec::new());
-        LoginContext { lang, palette, dpi, name, failure, session_end, names, demo }
+        LoginContext {
+            lang,
+            palette,
+            dpi,
+            name: String::new(),
+            failure: None,
+            session_end: None,
+            from: None,
+            names: Vec::new(),
+            demo,
+        }
     }
 }
 
@@ -85,6 +96,8 @@ struct LoginHtml {
     name: String,
     failure: Option<String>,
     session_end: Option<&'static str>,
+    /// Above the login of another operator: from whom that one takes over.
+    change: Option<String>,
     names: Vec<String>,
     /// The question whether to take over from another operator: its token, and whether this browser shows the
     /// vehicle.
@@ -119,6 +132,7 @@ pub fn login_page(context: &LoginContext) -> String {
         name: clean(&context.name, NAME),
         failure,
         session_end: context.session_end.map(|why| context.lang.session_end(why)),
+        change: context.from.as_deref().map(|from| context.lang.login_change(&clean(from, NAME))),
         names: context.names.iter().map(|name| clean(name, NAME)).collect(),
         take_over,
         demo: context.demo,

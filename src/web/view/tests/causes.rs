@@ -49,7 +49,7 @@ fn what_the_diagnosis_says_of_itself_is_heard() {
     let trouble = Sample::shuttle(true)
         .trouble("/diagnostics", TroubleKind::Malformed, 1, "string runs past the end")
         .published();
-    let expect = [r#"data-node="telltale/reception""#, "Messages cannot be read"];
+    let expect = [r#"data-node="telltale/reception""#, "Messages get lost"];
     check(&trouble, Lang::En, "causes", &expect, &["causes-calm", "panel-"]);
     assert!(!operator_page(&trouble, &context(Lang::En, Palette::Night)).contains("tile-telltale"));
 }

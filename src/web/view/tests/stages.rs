@@ -109,7 +109,7 @@ fn each_fault_has_its_own_acknowledgement() {
         &over.published(),
         Lang::En,
         "causes",
-        &["data-past=", "Over", "lasted 4 s", number, "All 8"],
+        &["data-past=", "Over", "lasted 4\u{a0}s", number, "All 8"],
         &["data-node", "acknowledge-over"],
     );
     let warned = Sample::shuttle(false).report("can/battery", 1, "18 %", &[]).pass(2);

@@ -150,6 +150,19 @@ fn nobody_is_told_to_take_over_at_a_stop() {
 }
 
 #[test]
+fn a_departure_asks_for_nothing_while_components_have_time_to_report() {
+    const UNHEARD: &str = "planning/planner_submitted";
+    let standing = || Sample::of(parts()).silence(UNHEARD).login().signal("active", false).pass(5);
+    let departed = || standing().localize("depot").pass(5).signal("active", true);
+    let new = departed().pass(1).published();
+    check(&new, Lang::En, "tile-planning", &[r#"data-state="unknown""#], &[]);
+    check(&new, Lang::En, "instruction", &[r#"data-urgency="none""#, "hidden"], &["ready to take over"]);
+    check(&new, Lang::En, "causes", &[r#"data-node="planning/"#], &["ready to take over"]);
+    let late = departed().pass(4).published();
+    check(&late, Lang::En, "instruction", &[r#"data-urgency="be_ready""#, "Be ready to take over."], &[]);
+}
+
+#[test]
 fn a_machine_without_stages_is_not_taken_over() {
     let machine = ModelParts { stages: StageModel::None, ..parts() };
     for (level, words) in

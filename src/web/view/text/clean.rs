@@ -11,17 +11,32 @@ pub const MESSAGE: usize = 200;
 pub const ID: usize = 300;
 /// Letters of a key or a value.
 pub const VALUE: usize = 60;
+/// Invisible where the word does not break.
+const SOFT_HYPHEN: char = '\u{ad}';
 /// Marks that may stand on one letter; more grow over the lines above and below.
 const MARKS: usize = 2;
 
 /// `text` in one line of at most `letters` characters: no control, bidi or invisible characters,
 /// runs of space as one space. What is cut off shows as `…`.
 pub fn clean(text: &str, letters: usize) -> String {
+    cleaned(text, letters, false)
+}
+
+/// The same for a text of the configuration: its soft hyphens stay, at which long words break.
+pub fn clean_configured(text: &str, letters: usize) -> String {
+    cleaned(text, letters, true)
+}
+
+fn cleaned(text: &str, letters: usize, keeps_hyphens: bool) -> String {
     let mut out = String::with_capacity(text.len().min(letters * 4));
     let (mut count, mut marks, mut space) = (0, 0, false);
     for letter in text.chars() {
         if letter.is_whitespace() || letter.is_control() {
             space = count > 0;
+            continue;
+        }
+        if letter == SOFT_HYPHEN && keeps_hyphens && !space {
+            out.push(letter);
             continue;
         }
         if is_invisible(letter) {
@@ -106,6 +121,12 @@ mod tests {
     fn what_cannot_be_seen_goes() {
         check("a\u{202e}b\u{2066}c\u{200f}d\u{feff}e\u{e0041}f", 60, "abcdef");
         check("a\0b\u{1b}[31mc\u{85}d", 60, "a b [31mc d");
+    }
+
+    #[test]
+    fn a_text_of_the_configuration_says_where_it_breaks() {
+        assert_eq!(clean_configured("Hindernis\u{ad}karte", NAME), "Hindernis\u{ad}karte");
+        assert_eq!(clean_configured("\u{ad}\u{202e}a\u{ad} b", 3), "\u{ad}a\u{ad} b");
     }
 
     #[test]

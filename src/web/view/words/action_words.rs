@@ -25,13 +25,14 @@ words! {
     shutdown_title: "End the work here?", "Arbeit hier beenden?";
     shutdown_text: "The vehicle is locked and you are logged out. Its computers stay on.", "Das Fahrzeug wird gesperrt, Sie werden abgemeldet. Die Rechner bleiben an.";
     shutdown_confirm: "Lock it and leave", "Sperren und gehen";
+    hand_over: "Hand over", "Ablösung";
     stop: "STOP", "STOP";
     stop_vehicle: "Stop vehicle", "Fahrzeug anhalten";
     stop_requested: "Stop requested", "Anhalten angefordert";
     no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     go_on: "Continue driving", "Weiterfahren";
-    withdraw: "Withdraw clearance", "Freigabe zurücknehmen";
+    withdraw: "Withdraw clearance", "Freigabe widerrufen";
     stop_not_sent: "The stop has not arrived and is sent again. Take over.", "Das Anhalten ist nicht angekommen und wird erneut gesendet. Übernehmen.";
     looking: "Looking for the vehicle", "Verbindung wird gesucht";
     stop_again: "A stop is sent again until it is answered.", "Ein Anhalten wird gesendet, bis es beantwortet ist.";
@@ -48,7 +49,8 @@ words! {
     second_tap: "Only the first tap counted.", "Nur der erste Tipp hat gezählt.";
     just_changed: "Not sent: the button has just changed.", "Nicht gesendet: Die Taste hat gerade gewechselt.";
     dismiss: "Close", "Schließen";
-    all_checks: "All open checks", "Alle offenen Prüfungen";
+    all_checks: "Checks before the clearance", "Prüfungen vor der Freigabe";
+    open_checks: "open", "offen";
     all_causes: "All that is wrong", "Alle Störungen";
     sound_on: "Sound on", "Ton an";
     sound_off: "Sound off", "Ton aus";
@@ -59,7 +61,6 @@ words! {
     take_over_stop: "Take over. Stop.", "Übernehmen. Anhalten.";
     stopped_continue: "Stopped. Continue?", "Steht. Weiterfahren?";
     stopped_cause_gone: "Stopped. Cause gone. Continue?", "Steht. Ursache behoben. Weiterfahren?";
-    without_operator: "without an operator", "ohne Fahrbegleitung";
 
     no_pose: "no position yet", "noch keine Position";
     no_goal: "No destination", "Kein Ziel";
@@ -199,10 +200,11 @@ impl Lang {
 
     /// `lasted 9 s`, of a fault that is over.
     pub fn lasted(self, long: Span) -> String {
-        match (self, how_long(long).as_str()) {
-            (Lang::En, "0 s") => "lasted under 1 s".to_owned(),
+        // A number and its unit stand on one line.
+        match (self, how_long(long).replace(' ', "\u{a0}").as_str()) {
+            (Lang::En, "0\u{a0}s") => "lasted under 1\u{a0}s".to_owned(),
             (Lang::En, long) => format!("lasted {long}"),
-            (Lang::De, "0 s") => "dauerte unter 1 s".to_owned(),
+            (Lang::De, "0\u{a0}s") => "dauerte unter 1\u{a0}s".to_owned(),
             (Lang::De, long) => format!("dauerte {long}"),
         }
     }

@@ -13,7 +13,7 @@ use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage};
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::State;
 use crate::engine::text::Text;
-use crate::web::view::text::{NAME, clean};
+use crate::web::view::text::{NAME, clean, clean_configured};
 
 macro_rules! words {
     ($table:ident; $($key:ident: $en:literal, $de:literal;)*) => {
@@ -57,6 +57,7 @@ words! {
     not_while_driving: "not while driving", "nicht während der Fahrt";
 
     operator: "Operator", "Fahrbegleitung";
+    logged_in: "Logged in", "Angemeldet";
     nobody: "Nobody logged in", "Niemand angemeldet";
     to_day: "Switch to day colours", "Zu Tagfarben wechseln";
     to_night: "Switch to night colours", "Zu Nachtfarben wechseln";
@@ -135,8 +136,8 @@ impl Lang {
     /// A text of the configuration in this language. It comes from outside: cleaned.
     pub fn pick(self, text: &Text, letters: usize) -> String {
         match self {
-            Lang::En => clean(&text.en, letters),
-            Lang::De => clean(&text.de, letters),
+            Lang::En => clean_configured(&text.en, letters),
+            Lang::De => clean_configured(&text.de, letters),
         }
     }
 
@@ -222,10 +223,16 @@ impl Lang {
     /// `All 8 components OK`, or `All 6 active components OK` where others are not active.
     pub fn all_ok(self, count: usize, all: bool) -> String {
         match (self, count, all) {
-            (Lang::En, 1, _) => "The one active component is OK".to_owned(),
+            (Lang::En, 1, true) => "The component is OK".to_owned(),
+            (Lang::En, 1, false) => "The active component is OK".to_owned(),
+            (Lang::En, 2, true) => "Both components OK".to_owned(),
+            (Lang::En, 2, false) => "Both active components OK".to_owned(),
             (Lang::En, _, true) => format!("All {count} components OK"),
             (Lang::En, _, false) => format!("All {count} active components OK"),
-            (Lang::De, 1, _) => "Die eine aktive Komponente ist OK".to_owned(),
+            (Lang::De, 1, true) => "Die Komponente ist OK".to_owned(),
+            (Lang::De, 1, false) => "Die aktive Komponente ist OK".to_owned(),
+            (Lang::De, 2, true) => "Beide Komponenten OK".to_owned(),
+            (Lang::De, 2, false) => "Beide aktiven Komponenten OK".to_owned(),
             (Lang::De, _, true) => format!("Alle {count} Komponenten OK"),
             (Lang::De, _, false) => format!("Alle {count} aktiven Komponenten OK"),
         }
@@ -265,7 +272,15 @@ impl Lang {
     pub fn login_other_operator(self, by: &str) -> String {
         match self {
             Lang::En => format!("{by} is the operator. Take over?"),
-            Lang::De => format!("{by} begleitet die Fahrt. Übernehmen?"),
+            Lang::De => format!("{by} ist im Dienst. Übernehmen?"),
+        }
+    }
+
+    /// Above the login of another operator at the display of the present one.
+    pub fn login_change(self, from: &str) -> String {
+        match self {
+            Lang::En => format!("{from} is the operator. Who takes over?"),
+            Lang::De => format!("{from} ist im Dienst. Wer übernimmt?"),
         }
     }
 
@@ -404,6 +419,8 @@ mod tests {
         assert_eq!(Lang::En.others_wait(40), "40 wait");
         assert_eq!(Lang::De.modules_wait(1), "Ein Modul wartet");
         assert_eq!(Lang::En.all_ok(7, false), "All 7 active components OK");
+        assert_eq!(Lang::En.all_ok(2, false), "Both active components OK");
+        assert_eq!(Lang::De.all_ok(1, false), "Die aktive Komponente ist OK");
         assert_eq!(Lang::De.all_ok(8, true), "Alle 8 Komponenten OK");
     }
 }

@@ -34,7 +34,7 @@ impl Lang {
             }
             SessionEnd::TakenOver => (
                 "Another operator has taken the vehicle over.",
-                "Eine andere Fahrbegleitung hat das Fahrzeug übernommen.",
+                "Jemand anderes hat das Fahrzeug übernommen.",
             ),
             SessionEnd::LoggedOut => {
                 ("You logged out at another display.", "Sie haben sich an einer anderen Anzeige abgemeldet.")
