@@ -89,6 +89,9 @@ count() {
     fi
 }
 
+# How long the tests of one Rust binary may take, and a single browser test in seconds: many times what they do.
+RUST_LIMIT=20m BROWSER_LIMIT=600
+
 # Adds up the results of cargo's test binaries. Ignored tests count as failed.
 rust_tests() {
     say "rust: unit, property, router, DDS"
@@ -96,8 +99,12 @@ rust_tests() {
     local threads
     threads=$(nproc)
     export RUST_TEST_THREADS=$((threads < 3 ? 8 : 4 * threads))
-    cargo test --locked --no-fail-fast 2>&1 | tee "$work/cargo.log"
+    # A test that waits without end is a failure with a name; building takes as long as it takes.
+    local limited="timeout --foreground --kill-after=30 $RUST_LIMIT"
+    cargo test --locked --no-fail-fast --config "target.'cfg(unix)'.runner = '$limited'" 2>&1 | tee "$work/cargo.log"
     local code=${PIPESTATUS[0]} sums
+    awk '/^test .* has been running for over/ { slow[$2] } /^test .* \.\.\. / { delete slow[$2] }
+        END { for (name in slow) print "did not end: " name }' "$work/cargo.log"
     read -r -a sums < <(awk '/^test result:/ { for (i = 2; i <= NF; i++) {
             if ($i == "passed;") p += $(i - 1)
             if ($i == "failed;" || $i == "ignored;") f += $(i - 1) } }
@@ -126,15 +133,15 @@ browser_tests() {
     say "the whole program, where limits are seconds"
     browser_part timed -m timed --numprocesses 2 --dist loadfile
     say "the whole program, where times are measured"
-    browser_part alone -m alone
+    browser_part alone -m alone --numprocesses 1
 }
 
-# browser_part NAME OPTIONS: skipped tests count as failed.
+# browser_part NAME OPTIONS: skipped tests count as failed. A test that hangs ends its process, which says where.
 browser_part() {
     local report=$work/pytest-$1.xml sums=(0 0) code
     rm -f "$report"
     "$TELLTALE_PEER_PYTHON" -m pytest -p no:cacheprovider -q --tb=short --durations=5 --junit-xml="$report" \
-        "${@:2}" tests/browser
+        -o faulthandler_timeout=$BROWSER_LIMIT -o faulthandler_exit_on_timeout=true "${@:2}" tests/browser
     code=$?
     [ ! -e "$report" ] || read -r -a sums < <("$TELLTALE_PEER_PYTHON" - "$report" <<'PY'
 import sys, xml.etree.ElementTree as tree
@@ -166,10 +173,13 @@ CHROMIUM=$(find_chromium)
 export CHROMIUM
 
 say "building"
-cargo build --locked --bin telltale || die "the program does not build"
 if [ -n "${1:-}" ]; then
+    cargo build --locked --bin telltale || die "the program does not build"
     exec "$TELLTALE_PEER_PYTHON" "tests/browser/$1.py"
 fi
+# The program is built with the tests: by itself it would be compiled, with half of its packages, a second time,
+# because the tests ask for more features of some packages.
+cargo test --locked --no-run || die "the program or its tests do not build"
 rust_tests
 scenarios
 browser_tests
