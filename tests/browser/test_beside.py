@@ -125,8 +125,8 @@ class Socket:
         self.socket.sendall("\r\n".join([*lines, "", ""]).encode())
         self.reader = self.socket.makefile("rb")
         assert b" 101 " in self.reader.readline()
-        while self.reader.readline() != b"\r\n":
-            pass
+        for line in iter(self.reader.readline, b"\r\n"):
+            assert line, "the connection ended within its head"
         self.closed = threading.Event()
         self.code = self.closed_at = None
         threading.Thread(target=self.read, daemon=True).start()

@@ -10,7 +10,7 @@ use telltale::ros::{self, Bridge, BridgeOptions, Publisher};
 use telltale::runtime::Stamped;
 use tokio::sync::mpsc;
 
-use crate::peer::{Domain, PATIENCE, Peer, Vendor};
+use crate::peer::{Domain, Limit, PATIENCE, Peer, Vendor};
 
 pub struct Reading {
     pub bridge: Bridge,
@@ -192,7 +192,8 @@ async fn a_flood_of_bad_messages_is_summed_up(vendor: Vendor) {
         });
         troubles.collect::<Vec<_>>()
     };
-    while counts(&reading.received).iter().sum::<u64>() < 2000 {
+    let limit = Limit::start();
+    while limit.holds() && counts(&reading.received).iter().sum::<u64>() < 2000 {
         reading.until("trouble", |input| matches!(input, Input::Reception(_)).then_some(())).await;
     }
     let told = counts(&reading.received);
@@ -209,7 +210,10 @@ async fn what_a_slow_engine_loses_is_counted(vendor: Vendor) {
     peer.wait_matched(1);
     // Gaps count from the first received message of a publisher.
     peer.write(&one("first"));
-    while !matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)) {}
+    let first = async {
+        while !matches!(inputs.recv().await.expect("the bridge lives").input, Input::Diagnostics(_)) {}
+    };
+    tokio::time::timeout(PATIENCE, first).await.expect("the first array comes");
     let (mut arrays, mut lost, mut number, mut untold, mut sent) = (0, 0, None, 0, 0);
     let all = async {
         while arrays + lost < sent || (lost == 0 && sent < 100_000) {
@@ -388,7 +392,8 @@ async fn published_signals_reach_foreign_late_joiners_and_our_own_bridge(vendor:
     publisher.boolean("mission/active", true).await.expect("nobody holds it back");
     assert!(publisher.boolean("/other", true).await.is_err());
     let mut foreign = Peer::start(&domain, "--durability transient_local sub --topic rt/mission/active=Bool");
-    while foreign.expect("value")["value"]["data"] != json!(true) {}
+    let limit = Limit::start();
+    while limit.holds() && foreign.expect("value")["value"]["data"] != json!(true) {}
     let mut reading = Reading::start(&domain).await;
     reading.signal("active", true).await;
     publisher.boolean("/mission/active", false).await.expect("nobody holds it back");
@@ -423,9 +428,10 @@ async fn the_node_is_announced_in_the_size_that_the_others_use(vendor: Vendor) {
             reading.status("a while later").await;
             assert!(!listener.so_far().iter().any(is_ours));
         } else {
+            let limit = Limit::start();
             let ours = loop {
                 let line = listener.next().expect("our node is announced");
-                if is_ours(&line) {
+                if limit.holds() && is_ours(&line) {
                     break line;
                 }
             };

@@ -24,7 +24,7 @@ use telltale::ros::{self, Bridge, BridgeOptions};
 use telltale::runtime::Stamped;
 use tokio::sync::{mpsc, watch};
 
-use crate::peer::{Domain, Peer, Vendor};
+use crate::peer::{Domain, Limit, Peer, Vendor};
 
 /// An engine whose snapshots are published, and what the foreign peer hears.
 pub struct Published {
@@ -77,9 +77,10 @@ impl Published {
 
 /// The next value on a topic that fits.
 fn hear(peer: &mut Peer, topic: &str, fits: impl Fn(&Value) -> bool) -> Value {
+    let limit = Limit::start();
     loop {
         let line = peer.expect("topic");
-        if line["topic"] == format!("rt{topic}") && fits(&line["value"]) {
+        if limit.holds() && line["topic"] == format!("rt{topic}") && fits(&line["value"]) {
             return line["value"].clone();
         }
     }
@@ -138,7 +139,9 @@ async fn stage_clearance_pose_and_countermeasures_reach_a_foreign_peer(vendor: V
     let mut peer = Peer::start(&domain, &format!("sub --topic {events}"));
     // A pose is an event: it is sent again until the peer is found.
     let localize = Input::Operator(OperatorAction::Localize { place: Place::Stop("station".into()) });
+    let limit = Limit::start();
     let pose = loop {
+        assert!(limit.holds());
         published.happen(&localize);
         tokio::time::sleep(Duration::from_millis(100)).await;
         if let Some(line) = peer.so_far().into_iter().find(|line| line.get("topic").is_some()) {
@@ -248,10 +251,8 @@ fn raw(body: &[u8]) -> Value {
     json!({ "raw": format!("00010000{digits}") })
 }
 
-/// Its speed and the stamp of that, from the next message on.
-fn speed(peer: &mut Peer) -> (f64, f64) {
-    let value = hear(peer, "/can/speed", |_| true);
-    (seconds(&value), value["linear"][0].as_f64().expect("a number"))
+fn wait_for_speed(peer: &mut Peer, fits: impl Fn(f64) -> bool) {
+    hear(peer, "/can/speed", |value| value["linear"][0].as_f64().is_some_and(&fits));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -274,7 +275,7 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     clearance.wait_matched(1);
     clearance.write(&json!({ "bool": true }));
     hear(&mut listener, "/mission/active", |value| value["data"] == true);
-    while speed(&mut listener).1 < 5.0 {}
+    wait_for_speed(&mut listener, |mps| mps >= 5.0);
 
     let mut brake = Peer::start(&domain, "pub --topic rt/telltale/deceleration_request --type AccelStamped");
     brake.wait_matched(1);
@@ -286,7 +287,8 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     brake.write(&request(1.0));
     hear(&mut listener, "/vehicle/deceleration_active", |value| value["data"] == true);
     let (mut speeds, mut mps) = (Vec::new(), f64::INFINITY);
-    while mps > 0.0 {
+    let limit = Limit::start();
+    while limit.holds() && mps > 0.0 {
         requests.tick().await;
         brake.write(&request(1.0));
         for line in listener.so_far() {
@@ -306,7 +308,7 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     assert!((mps2 - 1.0).abs() < 0.04, "{mps2} m/s², of {} slopes", slopes.len());
     hear(&mut listener, "/vehicle/deceleration_active", |value| value["data"] == false);
 
-    while speed(&mut listener).1 < 1.0 {}
+    wait_for_speed(&mut listener, |mps| mps >= 1.0);
     let mut stop = Peer::start(
         &domain,
         "--durability transient_local pub --topic rt/telltale/maneuver_stop_request --type Bool",
@@ -314,8 +316,8 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     stop.wait_matched(1);
     stop.write(&json!({ "bool": true }));
     hear(&mut listener, "/vehicle/maneuver_stop_active", |value| value["data"] == true);
-    while speed(&mut listener).1 > 0.0 {}
+    wait_for_speed(&mut listener, |mps| mps <= 0.0);
     stop.write(&json!({ "bool": false }));
     hear(&mut listener, "/vehicle/maneuver_stop_active", |value| value["data"] == false);
-    while speed(&mut listener).1 < 0.5 {}
+    wait_for_speed(&mut listener, |mps| mps >= 0.5);
 }

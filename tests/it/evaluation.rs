@@ -13,6 +13,8 @@ use telltale::engine::time::{Span, Timestamp};
 use telltale::engine::view::record::{Record, Recorded};
 use telltale::store::History;
 
+use crate::folder::TestFolder;
+
 /// All files of a folder by name.
 fn files(folder: &Path) -> BTreeMap<String, String> {
     let entries = fs::read_dir(folder).expect("the folder is there");
@@ -78,8 +80,8 @@ fn assert_readable(name: &str, text: &str) {
 
 #[test]
 fn a_history_is_drawn_as_it_was() {
-    let folder = std::env::temp_dir().join(format!("telltale-drawn-{}", std::process::id()));
-    fs::create_dir_all(&folder).expect("it can be made");
+    let folder = TestFolder::new("drawn");
+    fs::create_dir_all(&*folder).expect("it can be made");
     // A minute ago the position jumped; a second later the sensor behind it showed itself.
     let (clock, hand) = Clock::with_hand();
     hand.advance(Span::from_secs(60));
@@ -165,5 +167,4 @@ fn a_history_is_drawn_as_it_was() {
     let nobody = draw("localisation");
     let said = String::from_utf8_lossy(&nobody.stderr).into_owned();
     assert!(nobody.status.code() == Some(1) && said.contains("nothing is recorded"), "{said}");
-    fs::remove_dir_all(&folder).expect("the folder is ours");
 }

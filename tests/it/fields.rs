@@ -17,7 +17,7 @@ use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
 use telltale::runtime::Stamped;
 use tokio::sync::mpsc;
 
-use crate::peer::{Domain, PATIENCE, Peer, Vendor};
+use crate::peer::{Domain, Limit, PATIENCE, Peer, Vendor};
 
 const ODOMETRY: &str = "pub --topic rt/odometry --type nav_msgs::msg::dds_::Odometry_";
 const CLOUD: &str =
@@ -332,10 +332,11 @@ async fn our_own_publisher_offers_any_type_in_every_quality() {
             }
         };
         // The first one, of a publisher that keeps its last value, may be from before our time.
+        let limit = Limit::start();
         let of_now = async {
             loop {
                 let sample = watching.sample(name).await;
-                if !sample.late {
+                if limit.holds() && !sample.late {
                     return sample;
                 }
             }

@@ -6,7 +6,7 @@ use serde_json::Value;
 use telltale::engine::input::Input;
 
 use crate::driving::Published;
-use crate::peer::{Domain, PATIENCE, Peer, Vendor};
+use crate::peer::{Domain, Limit, PATIENCE, Peer, Vendor};
 
 with_each_peer!(
     what_is_published_belongs_to_a_node_that_its_participant_announces,
@@ -21,9 +21,10 @@ async fn what_is_published_belongs_to_a_node_that_its_participant_announces(vend
         "--durability transient_local sub --topic ros_discovery_info=ParticipantEntitiesInfo",
     );
     let published = Published::start(&domain).await;
+    let limit = Limit::start();
     let ours = loop {
         let line = listener.next().expect("our node is announced");
-        if line["value"]["nodes"][0]["name"] == "telltale_outputs" {
+        if limit.holds() && line["value"]["nodes"][0]["name"] == "telltale_outputs" {
             break line["value"].clone();
         }
     };
@@ -91,8 +92,9 @@ async fn of_two_telltales_one_publishes(vendor: Vendor) {
     let domain = Domain::of(vendor);
     let (mut first, mut second) = (Published::start(&domain).await, Published::start(&domain).await);
     let mut listener = Peer::start(&domain, "sub --topic rt/diagnostics_agg=DiagnosticArray");
-    while told(&mut first).await.is_none() {}
-    while told(&mut second).await.is_none() {}
+    let limit = Limit::start();
+    while limit.holds() && told(&mut first).await.is_none() {}
+    while limit.holds() && told(&mut second).await.is_none() {}
     listener.expect("value");
     let heard = trees(&mut listener, 4).await.len();
     assert!((2..=6).contains(&heard), "{heard} in four seconds, at one a second");

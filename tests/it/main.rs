@@ -27,6 +27,7 @@ mod dds;
 mod driving;
 mod evaluation;
 mod fields;
+mod folder;
 mod goals;
 mod graph;
 mod held;

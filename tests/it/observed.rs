@@ -9,7 +9,7 @@ use telltale::engine::model::sample::{ProbeOutcome, Sample};
 
 use crate::dds::one;
 use crate::fields::Watching;
-use crate::peer::{Domain, Peer, Vendor};
+use crate::peer::{Domain, Limit, Peer, Vendor};
 
 with_each_peer!(
     several_topics_of_diagnostics_are_read_with_their_prefixes,
@@ -61,7 +61,8 @@ async fn stamps_are_compared_with_the_clock_of_a_simulation(vendor: Vendor) {
         "--reliability best_effort pub --topic rt/clock --type rosgraph_msgs::msg::dds_::Clock_",
     );
     clock.wait_matched(1);
-    loop {
+    let limit = Limit::start();
+    while limit.holds() {
         clock.write(&json!({"raw": "000100000700000009000000"}));
         speed.write(&stamped);
         let sample = watching.sample("/speed").await;

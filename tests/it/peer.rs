@@ -7,9 +7,31 @@ use std::sync::mpsc;
 use std::time::Duration;
 
 use serde_json::Value;
+use telltale::clock::Clock;
+use telltale::engine::time::{Span, Timestamp};
 
 /// Nothing here takes longer, even on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
+
+/// The end of a wait for a value among others that keep coming.
+pub struct Limit {
+    clock: Clock,
+    end: Timestamp,
+}
+
+impl Limit {
+    pub fn start() -> Limit {
+        let clock = Clock::start();
+        let end = clock.now() + Span::from_secs(4 * PATIENCE.as_secs());
+        Limit { clock, end }
+    }
+
+    /// True, or the test has failed.
+    pub fn holds(&self) -> bool {
+        assert!(self.clock.now() < self.end, "what the test waits for does not come");
+        true
+    }
+}
 
 /// Whose DDS the foreign peers of a test use.
 #[derive(Clone, Copy, Debug)]
@@ -151,9 +173,10 @@ impl Peer {
 
     /// The next line that has this key.
     pub fn expect(&mut self, key: &str) -> Value {
+        let limit = Limit::start();
         loop {
-            let line =
-                self.next().unwrap_or_else(|| panic!("the peer said no {key:?}; see its errors above"));
+            let line = self.next().filter(|_| limit.holds());
+            let line = line.unwrap_or_else(|| panic!("the peer said no {key:?}; see its errors above"));
             if line.get(key).is_some() {
                 return line;
             }

@@ -8,7 +8,7 @@ use telltale::msg::messages::GidSize;
 use telltale::ros::BridgeOptions;
 
 use crate::dds::{Reading, one, summary};
-use crate::peer::{Domain, PATIENCE, Peer, Vendor};
+use crate::peer::{Domain, Limit, PATIENCE, Peer, Vendor};
 
 with_each_peer!(
     a_second_publisher_of_another_quality_is_read_too_and_nothing_twice,
@@ -187,9 +187,10 @@ async fn a_replaced_reader_ends_though_the_publishers_are_gone(vendor: Vendor) {
         }
     };
     // The reliable one of /diagnostics beside the one that it replaces.
-    while readers() != 2 {}
+    let limit = Limit::start();
+    while limit.holds() && readers() != 2 {}
     peer.end();
-    while readers() != 1 {}
+    while limit.holds() && readers() != 1 {}
     reading.bridge.shutdown().await;
 }
 

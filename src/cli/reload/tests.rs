@@ -131,9 +131,13 @@ async fn a_request_previews_first_and_takes_when_told() {
     assert_eq!((preview.taken, preview.differences.len(), preview.problems), (false, 5, None));
     assert_eq!(preview.running[0].text, OLD, "what runs, not what is in the file by now");
     // What can happen is found out meanwhile.
-    while !ask(false).await.judged {
-        tokio::task::yield_now().await;
-    }
+    let judged = async {
+        while !ask(false).await.judged {
+            tokio::task::yield_now().await;
+        }
+    };
+    let within = std::time::Duration::from_secs(60);
+    tokio::time::timeout(within, judged).await.expect("it is found out");
     assert_eq!(bench.shown("b/new"), None);
     // What was shown is not what would be taken.
     bench.write(&NEW.replace("id: new", "id: newer"));

@@ -308,14 +308,18 @@ mod tests {
         let next = plan(vec![node("/c")]);
         change.send_replace(next.clone());
         told.send_replace(Nodes::new(crate::engine::time::Timestamp::ZERO));
-        loop {
-            let Input::Probe(probe) = received.recv().await.unwrap().input else { panic!("only probes") };
-            if Arc::ptr_eq(&probe.source, &next.watchdogs[0]) {
-                break;
+        let of_next = async {
+            loop {
+                let Input::Probe(probe) = received.recv().await.unwrap().input else { panic!("only probes") };
+                if Arc::ptr_eq(&probe.source, &next.watchdogs[0]) {
+                    break;
+                }
             }
-        }
+        };
+        tokio::time::timeout(Duration::from_secs(60), of_next).await.expect("the next plan is in force");
         stop.send_replace(true);
         running.await.unwrap();
-        while received.recv().await.is_some() {}
+        let rest = async { while received.recv().await.is_some() {} };
+        tokio::time::timeout(Duration::from_secs(60), rest).await.expect("nobody asks any more");
     }
 }

@@ -15,6 +15,7 @@ use telltale::web::Peer;
 
 use super::fixture::{Fixture, as_program, form_request, model, request};
 use super::sockets::Server;
+use crate::folder::TestFolder;
 
 /// The records so far, oldest first, as `action who target outcome`.
 async fn records(fixture: &Fixture) -> Vec<String> {
@@ -125,7 +126,7 @@ async fn a_flood_of_refusals_does_not_fill_the_log_and_hides_no_login() {
 
 #[tokio::test]
 async fn records_that_the_disk_refuses_are_written_later() {
-    let folder = std::env::temp_dir().join(format!("telltale-lost-{}", std::process::id()));
+    let folder = TestFolder::new("lost");
     let fixture = Fixture::in_folder(&folder).await;
     let cookie = fixture.cookie_of("operator").await;
     let disk = rusqlite::Connection::open(folder.join("telltale.db")).unwrap();
@@ -138,8 +139,6 @@ async fn records_that_the_disk_refuses_are_written_later() {
     let refused = records(&fixture).await.split_off(1);
     assert_eq!(refused.len(), 3, "{refused:?}");
     assert!(refused.iter().all(|it| it.starts_with("request operator at 20")), "{refused:?}");
-    // The store's thread may still be closing its files.
-    let _ = std::fs::remove_dir_all(&folder);
 }
 
 #[test]

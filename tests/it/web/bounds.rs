@@ -15,6 +15,7 @@ use tokio::time::timeout;
 use super::access::HEADERS;
 use super::fixture::{Fixture, as_program, form_request, request};
 use super::sockets::{Server, next_json};
+use crate::folder::TestFolder;
 
 /// A little more than a connection has for its head.
 const PATIENCE: Duration = Duration::from_secs(14);
@@ -102,7 +103,9 @@ async fn a_hundred_logins_at_once_delay_no_change_of_a_state() {
     let mut entered = None;
     let mut delays = Vec::new();
     let mut level = 0;
+    let deadline = server.fixture.clock.now() + Span::from_secs(120);
     while logins.iter().any(|login| !login.is_finished()) || delays.len() < 20 {
+        assert!(server.fixture.clock.now() < deadline, "the logins are not answered");
         level = 2 - level;
         let state = if level == 2 { State::Error } else { State::Ok }.as_str();
         let sent = server.fixture.clock.now();
@@ -238,7 +241,7 @@ async fn what_is_too_large_or_malformed_is_told_in_words() {
 
 #[tokio::test]
 async fn strangers_do_not_make_the_store_busy_for_the_operator() {
-    let folder = std::env::temp_dir().join(format!("telltale-bounds-{}", std::process::id()));
+    let folder = TestFolder::new("bounds");
     let fixture = Fixture::in_folder(&folder).await;
     let cookie = fixture.cookie_of("operator").await;
     // The disk is slow for every write.
@@ -275,6 +278,4 @@ async fn strangers_do_not_make_the_store_busy_for_the_operator() {
         let status = stranger.await.unwrap();
         assert!(number % 3 == 2 || status == StatusCode::OK, "{number}: {status}");
     }
-    // The store's thread may still be closing its files.
-    let _ = std::fs::remove_dir_all(&folder);
 }

@@ -1,7 +1,6 @@
 //! A database that is damaged when the server starts: the display, a login and a stop, and no clearance.
 
 use std::os::unix::fs::FileExt as _;
-use std::path::PathBuf;
 
 use axum::http::StatusCode;
 use rusqlite::Connection;
@@ -9,11 +8,11 @@ use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 
 use super::fixture::{Fixture, as_program, form_request};
+use crate::folder::TestFolder;
 
 /// A data folder whose index of users is overwritten with zeroes, with an operator at the depot.
-async fn damaged(name: &str) -> PathBuf {
-    let folder = std::env::temp_dir().join(format!("telltale-broken-{name}-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&folder);
+async fn damaged(name: &str) -> TestFolder {
+    let folder = TestFolder::new(&format!("broken-{name}"));
     let fixture = Fixture::in_folder(&folder).await;
     let cookie = fixture.cookie_of("operator").await;
     let seq = fixture.get_json("/api/v1/snapshot", &cookie).await["seq"].as_u64().unwrap();
@@ -75,7 +74,6 @@ async fn with_a_damaged_database_people_log_in_and_stop_and_nothing_is_cleared()
     fixture.drive(false).await;
     let left = fixture.post("/logout", Some(&cookie), "").await;
     assert!(left.status.is_redirection(), "{}", left.body);
-    std::fs::remove_dir_all(folder).unwrap();
 }
 
 #[tokio::test]
@@ -86,5 +84,4 @@ async fn where_no_user_can_be_read_nobody_is_told_to_add_one() {
     let page = fixture.get("/login", None).await;
     assert_eq!(page.status, StatusCode::OK);
     assert!(!page.body.contains("telltale user add") && page.body.contains("broken"), "{}", page.body);
-    std::fs::remove_dir_all(folder).unwrap();
 }

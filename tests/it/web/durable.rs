@@ -18,11 +18,12 @@ use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
 use super::fixture::{Answer, Fixture, as_program, form_request};
+use crate::folder::TestFolder;
 
 /// A vehicle whose database can be made read-only.
 struct Vehicle {
     fixture: Fixture,
-    folder: PathBuf,
+    folder: TestFolder,
     disk: Connection,
     cookie: String,
 }
@@ -34,7 +35,7 @@ impl Vehicle {
     }
 
     async fn standing_by(name: &str, clock: Clock) -> Vehicle {
-        let folder = std::env::temp_dir().join(format!("telltale-durable-{name}-{}", std::process::id()));
+        let folder = TestFolder::new(&format!("durable-{name}"));
         let fixture = Fixture::in_folder_by(&folder, clock).await;
         let cookie = fixture.cookie_of("operator").await;
         let disk = Connection::open(folder.join("telltale.db")).unwrap();
@@ -99,13 +100,16 @@ impl Vehicle {
         let pipe = self.folder.join(format!("audit.head.{}", std::process::id()));
         let store = &self.fixture.store;
         // The head may be written right now, by this name.
+        let deadline = self.fixture.clock.now() + Span::from_secs(60);
+        let within = || assert!(self.fixture.clock.now() < deadline, "the disk does not stall");
         while !std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success() {
+            within();
             store.recall().await.unwrap();
         }
         // What was written before may make it hang already.
         let soon = std::time::Duration::from_millis(100);
         let _ = tokio::time::timeout(soon, store.record(Record::of(Action::Start, TELLTALE), None)).await;
-        while tokio::time::timeout(soon, store.recall()).await.is_ok() {}
+        while tokio::time::timeout(soon, store.recall()).await.map(|_| within()).is_ok() {}
         pipe
     }
 
@@ -197,8 +201,6 @@ impl Vehicle {
 
     async fn end(self) {
         assert_eq!(self.fixture.store.verify_audit().await.unwrap().breach, None);
-        // The store's thread may still be closing its files.
-        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
 

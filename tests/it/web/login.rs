@@ -7,6 +7,7 @@ use telltale::store::audit::Entry;
 use telltale::store::{DEMO_USERS, DemoSecrets, Role};
 
 use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, request};
+use crate::folder::TestFolder;
 
 #[tokio::test]
 async fn an_operators_login_unlocks_the_vehicle_and_the_others_do_not() {
@@ -249,7 +250,7 @@ async fn a_browser_that_leaves_in_the_middle_of_a_logout_is_logged_out_all_the_s
 
 #[tokio::test]
 async fn a_logout_that_cannot_be_written_changes_nothing_and_names_the_disk() {
-    let folder = std::env::temp_dir().join(format!("telltale-logout-{}", std::process::id()));
+    let folder = TestFolder::new("logout");
     let fixture = Fixture::in_folder(&folder).await;
     let cookie = fixture.cookie_of("operator").await;
     let stage = fixture.stage();
@@ -273,8 +274,6 @@ async fn a_logout_that_cannot_be_written_changes_nothing_and_names_the_disk() {
     assert_eq!(fixture.post("/logout", Some(&cookie), "").await.leads_to(), Some("/login"));
     assert_eq!(fixture.stage(), Stage::Locked);
     assert_eq!(fixture.store.verify_audit().await.unwrap().breach, None);
-    // The store's thread may still be closing its files.
-    let _ = std::fs::remove_dir_all(&folder);
 }
 
 #[tokio::test]

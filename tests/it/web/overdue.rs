@@ -1,6 +1,5 @@
 //! Expired sessions: they end with their sockets, whatever the disk does, and over restarts.
 
-use std::path::PathBuf;
 use std::time::Duration;
 
 use axum::http::StatusCode;
@@ -15,6 +14,7 @@ use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 
 use super::fixture::Fixture;
 use super::sockets::{Server, Socket, closed, next_json};
+use crate::folder::TestFolder;
 
 const fn hours(count: u64) -> Span {
     Span::from_secs(count * 3600)
@@ -22,14 +22,13 @@ const fn hours(count: u64) -> Span {
 
 /// A data folder, and its database beside those who use it.
 pub struct Disk {
-    folder: PathBuf,
+    folder: TestFolder,
     database: Connection,
 }
 
 impl Disk {
     pub async fn with_fixture(name: &str) -> (Disk, Fixture, ClockHand) {
-        let folder = std::env::temp_dir().join(format!("telltale-overdue-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&folder);
+        let folder = TestFolder::new(&format!("overdue-{name}"));
         let (clock, hand) = Clock::with_hand();
         let fixture = Fixture::in_folder_by(&folder, clock).await;
         let database = Connection::open(folder.join("telltale.db")).unwrap();
@@ -39,13 +38,6 @@ impl Disk {
 
     pub fn run(&self, sql: &str) {
         self.database.execute_batch(sql).unwrap();
-    }
-}
-
-impl Drop for Disk {
-    fn drop(&mut self) {
-        // The store's threads may still be closing their files.
-        let _ = std::fs::remove_dir_all(&self.folder);
     }
 }
 

@@ -6,6 +6,8 @@ use crate::engine::restart::resume::Restored;
 use crate::engine::time::Timestamp;
 use crate::store::{Database, Entering, Role, TestFolder, VehicleMemory};
 
+/// No wait is longer, even for a slow disk.
+const WITHIN: std::time::Duration = std::time::Duration::from_secs(60);
 const USERS: u64 = 300;
 const LATE: Timestamp = Timestamp::from_millis(u32::MAX as u64);
 
@@ -306,12 +308,17 @@ async fn a_server_backs_up_soon_after_its_start_after_a_change_of_users_and_each
     let store = Store::open_or_read(&folder.0, clock, DemoSecrets::Refused).unwrap();
     let backup = || backup::list(&folder.0).pop();
     // A job is one turn of the store's thread.
-    let until_made = async || loop {
-        store.is_ready().await;
-        if let Some(file) = backup() {
-            return fs::remove_file(file).unwrap();
-        }
-        tokio::task::yield_now().await;
+    let until_made = async || {
+        let made = async {
+            loop {
+                store.is_ready().await;
+                if let Some(file) = backup() {
+                    return fs::remove_file(file).unwrap();
+                }
+                tokio::task::yield_now().await;
+            }
+        };
+        tokio::time::timeout(WITHIN, made).await.expect("a backup is made");
     };
     store.is_ready().await;
     assert_eq!(backup(), None, "others have the disk first");
@@ -320,9 +327,12 @@ async fn a_server_backs_up_soon_after_its_start_after_a_change_of_users_and_each
     let other = folder.open();
     other.remove_user("user7").await.unwrap();
     let change = other.last_user_change().await.unwrap();
-    while !other.is_taken_in(change).await.unwrap() {
-        store.is_ready().await;
-    }
+    let taken_in = async {
+        while !other.is_taken_in(change).await.unwrap() {
+            store.is_ready().await;
+        }
+    };
+    tokio::time::timeout(WITHIN, taken_in).await.expect("the server takes the change in");
     hand.advance(Span::from_secs(6));
     until_made().await;
     hand.advance(Span::from_secs(25 * 3600));
