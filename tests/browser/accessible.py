@@ -13,6 +13,7 @@ RUN = """async () => {
   const shown = it => it.nodes.slice(0, 3).map(node => node.html.slice(0, 160)).join(" | ");
   return [violations.map(it => `${it.id}: ${it.help}: ${shown(it)}`), [...states]];
 }"""
+LOADED = "() => typeof axe === 'object'"
 LIVE = "() => document.body.dataset.live === 'live'"
 
 
@@ -22,7 +23,8 @@ def violations(page, live=False):
     A display that is live, or that the caller saw live, is judged while it is: on a busy machine it may dim for
     a moment."""
     live = live or page.evaluate(LIVE)
-    page.evaluate(AXE)
+    if not page.evaluate(LOADED):
+        page.evaluate(AXE)
     found, states = page.evaluate(RUN)
     while found and live and states != ["live"]:
         page.wait_for_function(LIVE)

@@ -253,15 +253,16 @@ class Display:
 
     def __init__(self, server, client):
         url = server.url.replace("http", "ws", 1) + "/ws"
-        self.socket = connect(url, additional_headers={"Cookie": client.cookie()}, origin=server.url, max_size=2**22)
+        self.opening = connect(url, additional_headers={"Cookie": client.cookie()}, origin=server.url, max_size=2**22)
         self.thread = threading.Thread(target=self.confirm)
 
     def __enter__(self):
+        self.socket = self.opening.__enter__()
         self.thread.start()
         return self
 
     def __exit__(self, *error):
-        self.socket.close()
+        self.opening.__exit__(*error)
         self.thread.join()
 
     def confirm(self):
