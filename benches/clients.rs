@@ -1,7 +1,8 @@
-//! Two hundred browsers at one vehicle: a foreign DDS peer publishes the shuttle's traffic and twenty
-//! times a second a change to WARNING or back (the page shows a warning's words at once), the real server serves the operator's page to all, and each client answers
-//! as the page does. `TELLTALE_PEER_PYTHON=... cargo bench --bench clients [-- CLIENTS [SECONDS]]`;
-//! `TELLTALE` names another program to measure than the one that is built with this.
+//! Two hundred browsers at one vehicle. `TELLTALE_PEER_PYTHON=... cargo bench --bench clients [-- CLIENTS [SECONDS]]`.
+//!
+//! A foreign DDS peer publishes the shuttle's traffic, and twenty times a second a change to WARNING or back,
+//! because the page shows a warning's words at once. The real server serves the operator's page to all clients,
+//! and each of them answers as the page does. `TELLTALE` names another program to measure.
 
 #[allow(dead_code, reason = "the tests use more of it")]
 #[path = "../tests/it/peer.rs"]
@@ -19,10 +20,10 @@ use tokio_tungstenite::tungstenite::Message;
 
 const CLIENTS: usize = 200;
 const SECONDS: u64 = 30;
-/// Sockets of one session: a session has room for a few more.
+/// Sockets of one session. The server allows a few more.
 const PER_SESSION: usize = 14;
 const CHANGES_PER_S: u64 = 20;
-/// Before anything counts: pages have connected, and processor time is even.
+/// The time before the measurement: pages connect, and processor time levels out.
 const SETTLING_S: u64 = 3;
 
 /// What one client saw.
@@ -30,7 +31,7 @@ const SETTLING_S: u64 = 3;
 struct Seen {
     /// From publishing a change to its frame, in microseconds.
     delays: Vec<f64>,
-    /// Changes that came before that counted.
+    /// Frames before the measurement began.
     unsettled: usize,
     messages: usize,
     bytes: usize,
@@ -38,14 +39,14 @@ struct Seen {
     silence_ms: f64,
 }
 
-/// What of a message says how it is to be answered.
+/// The part of a message that decides the answer.
 #[derive(Deserialize)]
 struct Said {
     seq: u64,
     beat: Option<u64>,
 }
 
-/// Takes what comes and answers it, as the page does.
+/// Reads messages and answers them, as the page does.
 async fn client(address: String, cookie: String, (from_ns, end_ns): (u64, u64)) -> Seen {
     let mut socket = connect(&address, &cookie, "/ws?lang=en").await;
     let (mut seen, mut last, mut beat_ns) = (Seen::default(), monotonic_ns(), monotonic_ns());

@@ -17,7 +17,7 @@ use peer::{Domain, Peer};
 use serde_json::{Value, json};
 use serving::{Server, monotonic_ns, percentile, sent_ns};
 
-/// The probe changes its state so often each second, and for so long.
+/// How often a second the probe changes its state, and for how many seconds.
 const PROBE: &str =
     "load --statuses 1 --rate 20 --seconds 20 --name imu:~status --levels ok --flip --say --mark 7";
 const PROBED_S: u64 = 24;
@@ -102,7 +102,7 @@ fn countermeasures(server: &Server, domain: &Domain, what: &str) {
         while server.snapshot()["countermeasures"].as_array().is_some_and(|all| !all.is_empty()) {
             server.release();
         }
-        // What was repeated meanwhile.
+        // Repetitions that came meanwhile.
         std::thread::sleep(Duration::from_millis(60));
         vehicle.so_far();
     }

@@ -1,9 +1,9 @@
 //! What a thousand monitors cost the whole process: 200 topics, 20,000 messages a second over DDS.
 //! `cargo bench --bench monitors`.
 //!
-//! Three processes of this program: one publishes; one watches, with the bridge, the monitors and the
-//! engine as `serve` runs them; one reads the same topics and throws the messages away, which is what
-//! the DDS library and the bridge need for those readers.
+//! Three processes of this program: one publishes; one watches, with the bridge, the monitors and the engine
+//! as in `serve`; one reads the same topics and drops the messages, which shows the share of the DDS library
+//! and the bridge.
 
 #[allow(dead_code, reason = "the other benchmarks use more of it")]
 mod vehicle;
@@ -152,7 +152,7 @@ async fn publish(options: BridgeOptions) {
     loop {
         turn.tick().await;
         let due = clock.now().as_nanos() / (1_000_000_000 / RATE_HZ);
-        // What could not be published in time is not made up for.
+        // A late message is not made up for.
         number = number.max(due.saturating_sub(RATE_HZ / 10));
         while number < due {
             let seconds = number as f64 / RATE_HZ as f64;
@@ -172,7 +172,7 @@ fn figures_due(clock: Clock) -> tokio::time::Interval {
     tokio::time::interval_at(start + WARM_UP, MEASURED)
 }
 
-/// The topics alone, with nothing to read out of their messages.
+/// The topics alone: no field of their messages is read.
 async fn read(options: BridgeOptions) {
     let (clock, mut parts): (_, Parts) = (Clock::start(), (*watched::model()).clone());
     for topic in &mut parts.watched.topics {

@@ -15,7 +15,7 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 
 use crate::peer::Domain;
 
-/// Name, role and secret: who leads, and who looks on.
+/// Name, role and secret: the operator, and two users who look on.
 pub const USERS: [(&str, &str, &str); 3] = [
     ("bench", "operator", "975310"),
     ("watcher", "authority", "lantern-48-harbour"),
@@ -52,7 +52,7 @@ struct Folder(PathBuf);
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What cannot be removed stays in the temporary folder.
+        // Files that cannot be removed stay in the temporary folder.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }
@@ -109,7 +109,8 @@ impl Server {
     pub fn log_in(&self, (name, _, secret): (&str, &str, &str)) -> String {
         let body = format!("name={name}&secret={secret}");
         let head = format!(
-            "POST /login HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {1}\r\n",
+            "POST /login HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\n\
+             Content-Type: application/x-www-form-urlencoded\r\nContent-Length: {1}\r\n",
             self.address,
             body.len()
         );
@@ -132,7 +133,8 @@ impl Server {
 
     fn post(&self, path: &str, body: &str) -> String {
         let head = format!(
-            "POST {path} HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nCookie: {1}\r\nAccept: application/json\r\nContent-Type: application/x-www-form-urlencoded\r\nContent-Length: {2}\r\n",
+            "POST {path} HTTP/1.1\r\nHost: {0}\r\nOrigin: http://{0}\r\nCookie: {1}\r\nAccept: application/json\r\n\
+             Content-Type: application/x-www-form-urlencoded\r\nContent-Length: {2}\r\n",
             self.address,
             self.cookie,
             body.len()
@@ -140,7 +142,7 @@ impl Server {
         self.exchange(&format!("{head}Connection: close\r\n\r\n{body}"))
     }
 
-    /// Lets the vehicle go on: asks for it, and confirms it if that is granted.
+    /// Releases the vehicle's countermeasures, in both steps.
     pub fn release(&self) {
         let asked = self.post("/vehicle/release", &format!("version={}", self.snapshot()["seq"]));
         let token = asked.split("\"token\":\"").nth(1).and_then(|rest| rest.split('"').next());
@@ -191,7 +193,7 @@ impl Drop for Server {
     }
 }
 
-/// The shuttle, one more group that takes what the load peer publishes, and a countermeasure.
+/// The shuttle with one more group, for the load peer's statuses, and a countermeasure.
 fn write_config(folder: &Path) -> PathBuf {
     let shuttle = concat!(env!("CARGO_MANIFEST_DIR"), "/config/self-diagnosing-shuttle.yaml");
     let text = std::fs::read_to_string(shuttle).expect("the shuttle's configuration");
@@ -202,7 +204,7 @@ fn write_config(folder: &Path) -> PathBuf {
     path
 }
 
-/// The probe's time in a frame: the number of twenty digits that begins with its mark.
+/// The probe's time in a frame: a number of twenty digits, the first being the probe's mark.
 pub fn sent_ns(frame: &[u8]) -> Option<u64> {
     let runs = frame.split(|byte| !byte.is_ascii_digit());
     let marked = runs.filter(|run| run.len() == 20 && run[0] == b'7');

@@ -13,7 +13,7 @@ use telltale::engine::time::{Span, Timestamp};
 pub const MONITORS: usize = 1_000;
 pub const TOPICS: usize = 200;
 
-/// The vehicle of the other benchmarks, watched from the outside.
+/// The vehicle of the other benchmarks, with monitors.
 pub fn model() -> Model {
     let mut parts: Parts = (**crate::vehicle::model(MONITORS)).clone();
     let topics: Vec<Arc<TopicSpec>> = (0..TOPICS).map(topic).collect();
@@ -63,7 +63,7 @@ fn monitor(index: usize) -> MonitorSpec {
     }
 }
 
-/// The message with this number of a stream that visits all topics in turn, 20,000 in a second.
+/// Message `number` of a stream over all topics in turn, at 20,000 a second.
 pub fn message(topics: &[Arc<TopicSpec>], number: u64) -> (Input, Timestamp) {
     let now = Timestamp::from_nanos(number * 50_000);
     let seconds = now.as_nanos() as f64 / 1e9;
