@@ -15,7 +15,7 @@ use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
 use crate::store::Caller;
 use crate::store::{DemoSecrets, Store, exposed};
-use crate::web::{Display, Enrolled, Network, Origins, Proxies, Tls};
+use crate::web::{Enrolled, Network, Origins, Proxies, Tls, VehicleDisplay};
 
 /// Listen to a vehicle's diagnostics and show them in browsers.
 ///
@@ -57,7 +57,7 @@ pub struct Args {
     /// A PIN will do there, and no flood of requests from elsewhere delays it. What is not named counts as
     /// elsewhere, also this machine.
     #[arg(long = "display", value_name = "IP")]
-    displays: Vec<Display>,
+    displays: Vec<VehicleDisplay>,
     /// A proxy, or a network of them, that is believed in `X-Forwarded-For`; may be repeated
     ///
     /// Behind it browsers are told apart by the last address in that header that is no such proxy's.

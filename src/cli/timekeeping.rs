@@ -10,7 +10,7 @@ use crate::clock::Clock;
 use crate::engine::input::{Input, Upkeep};
 use crate::engine::text::Text;
 use crate::runtime::Stamped;
-use crate::web::{Tls, Validity};
+use crate::web::{CertificateValidity, Tls};
 
 const LOOK_EVERY: Duration = Duration::from_secs(5);
 
@@ -70,12 +70,12 @@ fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Upkeep {
     let certificate = tls.and_then(|tls| {
         let path = tls.path().display();
         let (en, de) = match tls.validity(wall) {
-            Validity::Good => return None,
-            Validity::EndsSoon(at) => (
+            CertificateValidity::Good => return None,
+            CertificateValidity::EndsSoon(at) => (
                 format!("the certificate {path} ends at {}: renew it", date(at)),
                 format!("das Zertifikat {path} endet am {}: erneuern", date(at)),
             ),
-            Validity::Ended(at) => (
+            CertificateValidity::Ended(at) => (
                 format!(
                     "the certificate {path} ended at {}, or the clock is wrong: browsers warn of it. Renew it; \
                      `telltale tls self-signed` makes one",
@@ -87,7 +87,7 @@ fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Upkeep {
                     date(at)
                 ),
             ),
-            Validity::NotYet(at) => (
+            CertificateValidity::NotYet(at) => (
                 format!(
                     "the certificate {path} is valid from {} on, or the clock is wrong: browsers warn of it \
                      until then",

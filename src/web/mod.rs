@@ -41,14 +41,14 @@ use operator::two_steps::PendingConfirmation;
 
 pub use admission::peer::Peer;
 pub use admission::proxies::{Network, NoNetwork, Proxies};
-pub use admission::vehicle_displays::{Display, Enrolled, NoDisplay};
+pub use admission::vehicle_displays::{Enrolled, NoDisplay, VehicleDisplay};
 pub use auth::expiry::DEVELOPER_IDLE_MAX;
 pub use demo::{DemoFaults, FaultSwitch};
 pub use http::guard::{Access, cookie_name};
 pub use http::origins::{NoOrigin, Origins};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use serve::accept::serve;
-pub use serve::tls::{RENEW_BEFORE, Tls, TlsError, Validity};
+pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
 pub use source::{Live, Player, Replay, Source};
 pub use view::DemoFault;
 

@@ -19,19 +19,19 @@ use crate::store::{Caller, Role, Session};
 /// How many anonymous connections there may be, and how many of them may be answered at once. The rest
 /// takes in new ones: the connections of logged-in users begin there too.
 #[derive(Debug)]
-struct Bounds {
+struct ConnectionBounds {
     open: usize,
     answered: usize,
 }
 
 /// From the vehicle's own displays. Sockets, once upgraded, are counted elsewhere.
-const AT_VEHICLE: Bounds = Bounds { open: 96, answered: 64 };
+const AT_VEHICLE: ConnectionBounds = ConnectionBounds { open: 96, answered: 64 };
 /// From all others: they never take the places of those.
-const ELSEWHERE: Bounds = Bounds { open: 128, answered: 96 };
+const ELSEWHERE: ConnectionBounds = ConnectionBounds { open: 128, answered: 96 };
 /// From one network among the others.
-const PER_NETWORK: Bounds = Bounds { open: 64, answered: 48 };
+const PER_NETWORK: ConnectionBounds = ConnectionBounds { open: 64, answered: 48 };
 
-const fn bounds(caller: Caller) -> &'static Bounds {
+const fn bounds(caller: Caller) -> &'static ConnectionBounds {
     match caller {
         Caller::Vehicle => &AT_VEHICLE,
         Caller::Elsewhere => &ELSEWHERE,

@@ -12,7 +12,7 @@ use crate::web::AppState;
 
 /// One value of the flag `--display`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Display {
+pub enum VehicleDisplay {
     /// Browsers on this machine.
     Loopback,
     At(IpAddr),
@@ -25,14 +25,14 @@ pub enum Display {
 #[error("{0:?} is no display: give an address such as 10.0.0.7, or `loopback`, or `none`")]
 pub struct NoDisplay(String);
 
-impl FromStr for Display {
+impl FromStr for VehicleDisplay {
     type Err = NoDisplay;
 
-    fn from_str(word: &str) -> Result<Display, NoDisplay> {
+    fn from_str(word: &str) -> Result<VehicleDisplay, NoDisplay> {
         match word {
-            "loopback" => Ok(Display::Loopback),
-            "none" => Ok(Display::None),
-            _ => word.parse().map(Display::At).map_err(|_| NoDisplay(word.to_owned())),
+            "loopback" => Ok(VehicleDisplay::Loopback),
+            "none" => Ok(VehicleDisplay::None),
+            _ => word.parse().map(VehicleDisplay::At).map_err(|_| NoDisplay(word.to_owned())),
         }
     }
 }
@@ -40,19 +40,19 @@ impl FromStr for Display {
 /// The enrolled displays: this machine's own, unless others are named.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Enrolled {
-    displays: Vec<Display>,
+    displays: Vec<VehicleDisplay>,
     proxies: Proxies,
 }
 
 impl Default for Enrolled {
     fn default() -> Enrolled {
-        Enrolled { displays: vec![Display::Loopback], proxies: Proxies::default() }
+        Enrolled { displays: vec![VehicleDisplay::Loopback], proxies: Proxies::default() }
     }
 }
 
 impl Enrolled {
     /// Those of the list; without one, this machine's own.
-    pub fn new(displays: Vec<Display>) -> Enrolled {
+    pub fn new(displays: Vec<VehicleDisplay>) -> Enrolled {
         let default = Enrolled::default();
         if displays.is_empty() { default } else { Enrolled { displays, ..default } }
     }
@@ -78,9 +78,9 @@ impl Enrolled {
     pub fn caller(&self, source: IpAddr) -> Caller {
         let source = source.to_canonical();
         let is_display = self.displays.iter().any(|display| match display {
-            Display::Loopback => source.is_loopback(),
-            Display::At(ip) => ip.to_canonical() == source,
-            Display::None => false,
+            VehicleDisplay::Loopback => source.is_loopback(),
+            VehicleDisplay::At(ip) => ip.to_canonical() == source,
+            VehicleDisplay::None => false,
         });
         if is_display { Caller::Vehicle } else { Caller::Elsewhere }
     }
@@ -120,6 +120,6 @@ mod tests {
             let expected = if expected { Caller::Vehicle } else { Caller::Elsewhere };
             assert_eq!(enrolled.caller(source.parse().unwrap()), expected, "{list:?} {source}");
         }
-        assert!("shuttle".parse::<Display>().is_err());
+        assert!("shuttle".parse::<VehicleDisplay>().is_err());
     }
 }

@@ -17,7 +17,7 @@ use crate::web::Live;
 /// moment), of one user, of all operators, and of all others. Operators and others are counted apart, and so
 /// are pages and streams, so that none takes the places of another.
 #[derive(Debug)]
-struct Bounds {
+struct SocketBounds {
     session: usize,
     user: usize,
     operators: usize,
@@ -25,8 +25,8 @@ struct Bounds {
 }
 
 /// Enough for two hundred browsers of two users.
-const PAGES: Bounds = Bounds { session: 16, user: 112, operators: 64, others: 256 };
-const STREAMS: Bounds = Bounds { session: 16, user: 32, operators: 32, others: 96 };
+const PAGES: SocketBounds = SocketBounds { session: 16, user: 112, operators: 64, others: 256 };
+const STREAMS: SocketBounds = SocketBounds { session: 16, user: 32, operators: 32, others: 96 };
 
 /// A display is live if it shows a state that is younger than this.
 pub const LIVE_WITHIN: Span = Span::from_secs(2);
@@ -44,13 +44,13 @@ pub struct Displays(Arc<Mutex<Table>>);
 #[derive(Debug, Default)]
 struct Table {
     next: u64,
-    open: HashMap<u64, Display>,
+    open: HashMap<u64, OpenDisplay>,
     count: watch::Sender<usize>,
 }
 
 /// One open socket.
 #[derive(Debug)]
-struct Display {
+struct OpenDisplay {
     session: Session,
     is_stream: bool,
     /// The states that were sent and are not confirmed. Past the limit the oldest stay: they tell how late the
@@ -97,7 +97,7 @@ impl Displays {
         }
         let number = table.next;
         table.next += 1;
-        let display = Display {
+        let display = OpenDisplay {
             session: session.clone(),
             is_stream,
             sent: VecDeque::new(),
@@ -138,7 +138,7 @@ impl Displays {
             let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
             table.open.values().any(|display| display.session.is(session))
         };
-        let of = |display: &Display| match has_own {
+        let of = |display: &OpenDisplay| match has_own {
             true => display.session.is(session),
             false => display.session.user == session.user,
         };
@@ -158,7 +158,7 @@ impl Displays {
         late
     }
 
-    fn newest(&self, of: impl Fn(&Display) -> bool) -> Option<Timestamp> {
+    fn newest(&self, of: impl Fn(&OpenDisplay) -> bool) -> Option<Timestamp> {
         let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         table.open.values().filter(|display| of(display)).filter_map(|display| display.shows_as_of).max()
     }
@@ -263,7 +263,7 @@ impl Place {
         });
     }
 
-    fn change(&self, change: impl FnOnce(&mut Display)) {
+    fn change(&self, change: impl FnOnce(&mut OpenDisplay)) {
         let mut table = self.displays.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(display) = table.open.get_mut(&self.number) {
             change(display);
@@ -271,7 +271,7 @@ impl Place {
     }
 }
 
-impl Display {
+impl OpenDisplay {
     fn note(&mut self, seq: Version, beat: u64, at: Timestamp) {
         let due = self.sent.back().is_none_or(|noted| at.since(noted.at) >= NOTED_EVERY);
         if due && self.sent.len() < NOTED_MAX {

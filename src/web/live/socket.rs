@@ -48,7 +48,7 @@ const DETAILS_EVERY: Duration = Duration::from_millis(500);
 const STOPS_AT_ONCE: usize = 4;
 
 #[derive(Debug, Deserialize)]
-pub struct PageQuery {
+pub struct PageSocketQuery {
     lang: Option<String>,
 }
 
@@ -71,7 +71,7 @@ pub async fn page(
     from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
-    query: Result<Query<PageQuery>, QueryRejection>,
+    query: Result<Query<PageSocketQuery>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
     let lang = lang_of(query, &reader);
@@ -97,7 +97,7 @@ pub async fn pulse(
     from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
-    query: Result<Query<PageQuery>, QueryRejection>,
+    query: Result<Query<PageSocketQuery>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
     let lang = lang_of(query, &reader);
@@ -105,7 +105,7 @@ pub async fn pulse(
 }
 
 /// The language that a page names in its address, or that of its user.
-fn lang_of(query: Result<Query<PageQuery>, QueryRejection>, reader: &Reader) -> Lang {
+fn lang_of(query: Result<Query<PageSocketQuery>, QueryRejection>, reader: &Reader) -> Lang {
     let named = query.ok().and_then(|Query(query)| query.lang);
     named.as_deref().and_then(Lang::from_word).unwrap_or(reader.lang)
 }
@@ -140,7 +140,9 @@ fn open(
         let client = Client { socket, session, pings_unanswered: 0 };
         let stops = JoinSet::new();
         let seq = Version::default();
-        Connection { app, source, over, client, feed, place, seq, seq_max: 0, beat: 0, stops }.run().await;
+        LiveConnection { app, source, over, client, feed, place, seq, seq_max: 0, beat: 0, stops }
+            .run()
+            .await;
     })
 }
 
@@ -163,7 +165,7 @@ impl Feed {
     }
 }
 
-struct Connection {
+struct LiveConnection {
     app: AppState,
     source: IpAddr,
     /// Turns true when the client has sent too much.
@@ -181,7 +183,7 @@ struct Connection {
     stops: JoinSet<Utf8Bytes>,
 }
 
-impl Connection {
+impl LiveConnection {
     async fn run(mut self) {
         let ending = match self.serve().await {
             Ok(never) => match never {},
@@ -194,7 +196,7 @@ impl Connection {
             self.app.record_refused(record, self.source).await;
         }
         // The place is free before the close frame: a client may take its time to answer it.
-        let Connection { client, place, .. } = self;
+        let LiveConnection { client, place, .. } = self;
         drop(place);
         client.close(ending).await;
     }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use super::act::act;
 use super::not_done::{InvalidTap, NotDone};
-use super::tap::{Tap, TappedAction, Validity, Versioned};
+use super::tap::{Tap, TapValidity, TappedAction, Versioned};
 use super::two_steps::{CONFIRM_WITHIN, TwoSteps};
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::engine::model::NodeId;
@@ -175,7 +175,7 @@ async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> R
     };
     let version = form.version.map_or(requested, |version| version.min(requested));
     let shown = Versioned { version, beat: form.beat };
-    let validity = Validity { confirmed_until, ..tap.validity(&shown, steps.aspect()) };
+    let validity = TapValidity { confirmed_until, ..tap.validity(&shown, steps.aspect()) };
     done(tap, validity, action, record).await
 }
 
@@ -240,7 +240,7 @@ pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response 
 }
 
 /// Has an action done, and answers.
-async fn done(tap: Tap, validity: Validity, action: OperatorAction, record: Record) -> Response {
+async fn done(tap: Tap, validity: TapValidity, action: OperatorAction, record: Record) -> Response {
     let done = act(TappedAction { tap: tap.clone(), validity, action, record }).await;
     answer(&tap, done, &json!({}))
 }

@@ -46,7 +46,7 @@ pub struct Tap {
 #[derive(Debug)]
 pub struct TappedAction {
     pub tap: Tap,
-    pub validity: Validity,
+    pub validity: TapValidity,
     pub action: OperatorAction,
     /// The record of the action.
     pub record: Record,
@@ -54,7 +54,7 @@ pub struct TappedAction {
 
 /// The conditions under which a tap counts. They are checked again whenever the tap has waited.
 #[derive(Debug, Clone, Copy)]
-pub struct Validity {
+pub struct TapValidity {
     pub aspect: Aspect,
     /// The `seq` that it was shown with.
     pub version: u64,
@@ -93,16 +93,16 @@ impl Tap {
 
     /// The conditions under which this tap counts. A tap that was delayed on its way was made while the
     /// display was live, and arrives when it may not be.
-    pub fn validity(&self, shown: &Versioned, aspect: Aspect) -> Validity {
+    pub fn validity(&self, shown: &Versioned, aspect: Aspect) -> TapValidity {
         let age = shown.beat.as_deref().map_or(Span::ZERO, |beat| self.age(beat));
         let until = self.arrived + (TAP_LATE_MAX - age);
-        Validity { aspect, version: shown.version, until, confirmed_until: until, is_stop: false }
+        TapValidity { aspect, version: shown.version, until, confirmed_until: until, is_stop: false }
     }
 
     /// A stop counts whatever the page showed, and however late it comes.
-    pub fn validity_of_stop(&self) -> Validity {
+    pub fn validity_of_stop(&self) -> TapValidity {
         let never = Timestamp::MAX;
-        Validity { aspect: Aspect::Stage, version: 0, until: never, confirmed_until: never, is_stop: true }
+        TapValidity { aspect: Aspect::Stage, version: 0, until: never, confirmed_until: never, is_stop: true }
     }
 
     /// How old a heartbeat was when the tap arrived. What cannot be read is as old as can be.
@@ -115,7 +115,7 @@ impl Tap {
     }
 
     /// Whether the tap counts now.
-    fn check(&self, validity: &Validity) -> Result<(), InvalidTap> {
+    fn check(&self, validity: &TapValidity) -> Result<(), InvalidTap> {
         let (app, now) = (&self.app, self.app.clock.now());
         if !self.session.is_open() || app.has_expired(&self.session) {
             return Err(InvalidTap::SessionEnded);

@@ -80,7 +80,7 @@ pub async fn serve(
                     };
                     let Some((place, gone)) = entered else { continue };
                     let closing = app.closing.subscribe();
-                    let connection = Connection { peer, router: router.clone(), secure: app.settings.secure, closing, place };
+                    let connection = HttpConnection { peer, router: router.clone(), secure: app.settings.secure, closing, place };
                     let open = connection.open(stream, tls.clone());
                     connections.spawn(async move {
                         tokio::select! {
@@ -115,7 +115,7 @@ pub async fn serve(
 }
 
 /// One connection.
-struct Connection {
+struct HttpConnection {
     peer: SocketAddr,
     router: Router,
     secure: bool,
@@ -123,7 +123,7 @@ struct Connection {
     place: ConnectionPlace,
 }
 
-impl Connection {
+impl HttpConnection {
     async fn open(self, stream: TcpStream, tls: Option<Tls>) {
         // A frame is one small write: it must not wait for an acknowledgement of the one before.
         let prepared = stream.set_nodelay(true).is_ok()

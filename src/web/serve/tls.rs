@@ -42,7 +42,7 @@ type Stamp = Option<(u64, u64, i64, i64)>;
 
 /// Whether browsers take a certificate at some time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Validity {
+pub enum CertificateValidity {
     Good,
     /// It ends then, within [`RENEW_BEFORE`].
     EndsSoon(SystemTime),
@@ -106,13 +106,19 @@ impl Tls {
     }
 
     /// Whether it can be used at that time, and for how long.
-    pub fn validity(&self, at: SystemTime) -> Validity {
+    pub fn validity(&self, at: SystemTime) -> CertificateValidity {
         let pair = self.pair();
         match (verify(&pair.chain, at), verify(&pair.chain, at + RENEW_BEFORE)) {
-            (Err(webpki::Error::CertExpired { not_after, .. }), _) => Validity::Ended(time(not_after)),
-            (Err(webpki::Error::CertNotValidYet { not_before, .. }), _) => Validity::NotYet(time(not_before)),
-            (_, Err(webpki::Error::CertExpired { not_after, .. })) => Validity::EndsSoon(time(not_after)),
-            _ => Validity::Good,
+            (Err(webpki::Error::CertExpired { not_after, .. }), _) => {
+                CertificateValidity::Ended(time(not_after))
+            }
+            (Err(webpki::Error::CertNotValidYet { not_before, .. }), _) => {
+                CertificateValidity::NotYet(time(not_before))
+            }
+            (_, Err(webpki::Error::CertExpired { not_after, .. })) => {
+                CertificateValidity::EndsSoon(time(not_after))
+            }
+            _ => CertificateValidity::Good,
         }
     }
 

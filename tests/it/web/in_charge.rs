@@ -11,7 +11,7 @@ use telltale::engine::time::Span;
 use telltale::store::Role;
 use telltale::store::Token;
 use telltale::web::{
-    AppState, DEVELOPER_IDLE_MAX, Display, Enrolled, Origins, Peer, Proxies, Settings, router,
+    AppState, DEVELOPER_IDLE_MAX, Enrolled, Origins, Peer, Proxies, Settings, VehicleDisplay, router,
 };
 
 use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request, settled, until};
@@ -55,7 +55,7 @@ async fn strangers_do_not_delay_the_right_pin_at_an_enrolled_display() {
     let settings = Settings {
         origins: Origins::of_listener(ADDRESS.parse().unwrap(), false),
         secure: false,
-        enrolled: Enrolled::new(vec![Display::At("10.0.0.7".parse().unwrap())]),
+        enrolled: Enrolled::new(vec![VehicleDisplay::At("10.0.0.7".parse().unwrap())]),
         demo: None,
         rereads: None,
         history: None,

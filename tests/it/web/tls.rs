@@ -13,7 +13,7 @@ use telltale::engine::model::NodeId;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
-use telltale::web::{AppState, Enrolled, Origins, Settings, Tls, Validity, serve};
+use telltale::web::{AppState, CertificateValidity, Enrolled, Origins, Settings, Tls, serve};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_rustls::TlsConnector;
@@ -93,11 +93,15 @@ fn what_is_wrong_with_a_certificate_is_said_with_what_to_do() {
 fn a_certificate_whose_time_is_over_is_used_and_said_to_be() {
     let own = self_signed("time");
     let tls = Tls::load(&own.certificate, &own.key).unwrap();
-    assert_eq!(tls.validity(wall()), Validity::Good);
-    assert!(matches!(tls.validity(wall() + 800 * DAY), Validity::EndsSoon(at) if at > wall() + 819 * DAY));
-    assert!(matches!(tls.validity(wall() + 821 * DAY), Validity::Ended(at) if at < wall() + 820 * DAY));
-    assert!(matches!(tls.validity(wall() - 2 * DAY), Validity::NotYet(_)));
-    assert!(matches!(tls.validity(SystemTime::UNIX_EPOCH), Validity::NotYet(_)));
+    assert_eq!(tls.validity(wall()), CertificateValidity::Good);
+    assert!(
+        matches!(tls.validity(wall() + 800 * DAY), CertificateValidity::EndsSoon(at) if at > wall() + 819 * DAY)
+    );
+    assert!(
+        matches!(tls.validity(wall() + 821 * DAY), CertificateValidity::Ended(at) if at < wall() + 820 * DAY)
+    );
+    assert!(matches!(tls.validity(wall() - 2 * DAY), CertificateValidity::NotYet(_)));
+    assert!(matches!(tls.validity(SystemTime::UNIX_EPOCH), CertificateValidity::NotYet(_)));
 }
 
 #[test]
