@@ -1,6 +1,8 @@
 //! The black box: the last minutes of everything that the engine took, and incidents on the disk.
 
 pub mod feed;
+pub mod folder;
 pub mod incident;
+pub mod retention;
 pub mod ring;
 pub mod summary;

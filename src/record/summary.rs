@@ -3,13 +3,16 @@
 use serde::{Deserialize, Serialize};
 
 /// An incident as the store keeps it and programs read it. Times are milliseconds since 1970, UTC.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     pub id: u64,
     /// The first trigger.
     pub since_ms: i64,
     /// The end of the recording; `None` while it lasts.
     pub until_ms: Option<i64>,
+    /// The stage at the first trigger; empty if it is not known.
+    #[serde(default)]
+    pub stage: String,
     /// Oldest first; at most 256.
     pub triggers: Vec<TriggerLine>,
     /// Further triggers, which are only counted.
@@ -27,11 +30,41 @@ pub struct Summary {
     pub recording: Recording,
 }
 
+/// The kinds of a [`TriggerLine`].
+pub mod kind {
+    pub const ROOT: &str = "root";
+    pub const LOST_ACTIVE: &str = "lost_active";
+    pub const COUNTERMEASURE: &str = "countermeasure";
+    pub const MARK: &str = "mark";
+}
+
+impl Summary {
+    /// Somebody marked it.
+    pub fn is_marked(&self) -> bool {
+        self.triggers.iter().any(|trigger| trigger.kind == kind::MARK)
+    }
+
+    /// The nodes that it is about: the roots, and modules that showed a WARNING. The roots are known later than
+    /// the alarms: until then the nodes with alarms take their place.
+    pub fn causes(&self) -> Vec<&str> {
+        let mut causes: Vec<&str> = self.roots.iter().map(String::as_str).collect();
+        let shown = self.triggers.iter().filter(|trigger| {
+            trigger.kind == kind::ROOT && (trigger.alarm.is_none() || self.roots.is_empty())
+        });
+        for trigger in shown {
+            if !causes.contains(&&*trigger.what) {
+                causes.push(&trigger.what);
+            }
+        }
+        causes
+    }
+}
+
 /// A reason of an incident.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TriggerLine {
     pub at_ms: i64,
-    /// `root`, `lost_active`, `countermeasure` or `mark`.
+    /// One of [`kind`].
     pub kind: String,
     /// The node of a root, the request of a countermeasure, the stage after `active`, or who marked.
     pub what: String,
@@ -54,7 +87,7 @@ pub struct FrozenNode {
 }
 
 /// The file of a recording.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Recording {
     /// The name in the folder `incidents`.
     pub file: String,

@@ -1,5 +1,5 @@
-//! The store: users, sessions, the vehicle's state and the audit log, kept over restarts in SQLite, behind
-//! a thread of its own.
+//! The store: users, sessions, the vehicle's state, incidents and the audit log, kept over restarts in SQLite,
+//! behind a thread of its own.
 //!
 //! One thread owns the connection and takes jobs from a bounded queue. Sessions are read from
 //! memory, so that a request never waits for the disk; every change is on the disk
@@ -10,6 +10,7 @@ mod caller;
 mod database;
 mod disk;
 mod history;
+mod incidents;
 mod outbox;
 mod private_file;
 mod queue;
@@ -33,6 +34,9 @@ pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{HISTORY_FILE, History, HistoryQuery, NodePast, Past, PastEvent, Period, Stretch, past_in};
+pub use incidents::{
+    Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Note,
+};
 #[cfg(test)]
 pub use private_file::TestFolder;
 pub use private_file::make_folder;
@@ -135,6 +139,13 @@ pub enum StoreError {
     ManyTokens(String),
     #[error("the session was ended while it was opened; log in again")]
     SessionEnded,
+    #[error("there is no incident {0}, or it was removed; `telltale incident list` shows all")]
+    NoSuchIncident(u64),
+    #[error(
+        "there are too many incidents to list another: `telltale incident keep ID --off` releases one that is kept, \
+         `telltale incident prune` removes the oldest"
+    )]
+    ManyIncidents,
     #[error("there is no token {0}; `telltale user tokens` shows all")]
     NoSuchToken(i64),
 }

@@ -47,6 +47,11 @@ actions! {
     TokenRevoked: "token revoked", "A token of a program was taken back.";
     DataRepaired: "data repaired", "A database was made anew of what could be read of a damaged one.";
     DataRestored: "data restored", "A backup was put in the place of the database.";
+    Mark: "mark", "Somebody marked a moment in the recording.";
+    IncidentRecorded: "incident recorded", "The recording of an incident was finished; with its hash.";
+    IncidentNote: "incident note", "A note about an incident was written.";
+    IncidentKept: "incident kept", "An incident is kept from now on, or no longer.";
+    IncidentRemoved: "incident removed", "An incident was removed with its recording; with its hash.";
     Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
     Pruned: "pruned", "The oldest records were taken away.";
     HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";

@@ -311,7 +311,7 @@ async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
 async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
     let folder = Folder::with_records("earlier", 5).await;
     folder.forge(5);
-    folder.run("DROP TABLE devices; DROP TABLE audit_key; PRAGMA user_version = 4");
+    folder.run("DROP TABLE incidents; DROP TABLE incident_number; DROP TABLE devices; DROP TABLE audit_key; PRAGMA user_version = 4");
     std::fs::remove_file(folder.0.join(KEY_FILE_NAME)).unwrap();
     folder.note();
     assert_eq!(folder.breach(), None, "it can be verified as before");

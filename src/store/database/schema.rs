@@ -117,6 +117,26 @@ const MIGRATIONS: &[&str] = &[
     ) STRICT, WITHOUT ROWID;
     CREATE INDEX devices_by_user ON devices(user);
 ",
+    // Incidents beside their recordings. `causes` has each node between two line feeds.
+    "
+    CREATE TABLE incidents (
+        id INTEGER PRIMARY KEY,
+        since_ms INTEGER NOT NULL,
+        until_ms INTEGER,
+        marked INTEGER NOT NULL,
+        kept INTEGER NOT NULL,
+        bytes INTEGER NOT NULL,
+        finished INTEGER NOT NULL,
+        sha256 TEXT,
+        stage TEXT NOT NULL,
+        causes TEXT NOT NULL,
+        summary TEXT NOT NULL,
+        note TEXT NOT NULL DEFAULT '',
+        note_by TEXT NOT NULL DEFAULT '',
+        note_ms INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE TABLE incident_number (one INTEGER PRIMARY KEY CHECK (one = 1), last INTEGER NOT NULL) STRICT;
+",
 ];
 
 /// Schemas from this one on have everything that a server without write access needs.

@@ -128,10 +128,11 @@ fn salvage(
             None => "nothing could be read of the database".to_owned(),
         });
     }
-    // Users are needed to log in, and the audit log has to be as complete as possible. Yesterday's
-    // sessions, tokens and vehicle would only mislead.
-    for table in
-        ["users", "audit", "audit_key"].into_iter().filter(|it| unread.iter().any(|table| table == it))
+    // Users are needed to log in, the audit log has to be as complete as possible, and recordings of yesterday
+    // have not changed. Yesterday's sessions, tokens and vehicle would only mislead.
+    for table in ["users", "audit", "audit_key", "incidents"]
+        .into_iter()
+        .filter(|it| unread.iter().any(|table| table == it))
     {
         match backup::newest(folder) {
             Some((file, from)) => {

@@ -1,0 +1,138 @@
+//! How long recordings are kept: within a size and an age, and those that somebody keeps for as long as they
+//! are kept.
+
+use crate::engine::time::Span;
+
+/// Incidents that are listed. The oldest beyond it are removed, as for the size.
+pub const INCIDENTS_MAX: usize = 10_000;
+
+/// How much is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Policy {
+    /// Bytes of all recordings.
+    pub disk: u64,
+    /// The age of the oldest one.
+    pub keep: Span,
+}
+
+impl Default for Policy {
+    fn default() -> Policy {
+        Policy { disk: 10_000_000_000, keep: Span::from_secs(30 * 24 * 3600) }
+    }
+}
+
+/// What counts of an incident.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Held {
+    pub id: u64,
+    /// Milliseconds since 1970.
+    pub since_ms: i64,
+    pub bytes: u64,
+    pub marked: bool,
+    /// Somebody keeps it. A marked one is kept until somebody says otherwise.
+    pub kept: bool,
+    pub finished: bool,
+    pub sha256: Option<String>,
+}
+
+/// The recordings that have to go.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Surplus {
+    /// The oldest first.
+    pub remove: Vec<u64>,
+    /// Bytes that remain.
+    pub bytes: u64,
+    /// Bytes that remain beyond [`Policy::disk`], because they are kept or still written: a reason for a WARNING.
+    pub bytes_over: u64,
+    /// Incidents that remain beyond [`INCIDENTS_MAX`], for the same reason.
+    pub incidents_over: usize,
+}
+
+impl Surplus {
+    /// Kept recordings alone are more than the policy permits.
+    pub fn is_over(&self) -> bool {
+        self.bytes_over > 0 || self.incidents_over > 0
+    }
+}
+
+/// Decides which recordings have to go. One that is kept, or still written, never does. Their order is that of
+/// their numbers, which no step of the clock changes; only the age needs `now_ms`, the wall time.
+pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
+    let mut order: Vec<&Held> = held.iter().collect();
+    order.sort_unstable_by_key(|it| it.id);
+    let mut bytes = order.iter().fold(0u64, |sum, it| sum.saturating_add(it.bytes));
+    let mut count = order.len();
+    let keep_ms = i64::try_from(policy.keep.as_millis()).unwrap_or(i64::MAX);
+    let mut remove = Vec::new();
+    for it in order {
+        let is_old = now_ms.saturating_sub(it.since_ms) > keep_ms;
+        if it.kept || !it.finished || !(is_old || bytes > policy.disk || count > INCIDENTS_MAX) {
+            continue;
+        }
+        remove.push(it.id);
+        bytes -= it.bytes.min(bytes);
+        count -= 1;
+    }
+    Surplus {
+        remove,
+        bytes,
+        bytes_over: bytes.saturating_sub(policy.disk),
+        incidents_over: count.saturating_sub(INCIDENTS_MAX),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DAY_MS: i64 = 24 * 3600 * 1000;
+
+    fn held(id: u64, day: i64, bytes: u64) -> Held {
+        Held { id, since_ms: day * DAY_MS, bytes, finished: true, ..Held::default() }
+    }
+
+    fn policy(disk: u64, days: u64) -> Policy {
+        Policy { disk, keep: Span::from_secs(days * 24 * 3600) }
+    }
+
+    #[test]
+    fn the_oldest_go_until_the_rest_fits() {
+        let all: Vec<Held> = (1..=5).rev().map(|id| held(id, id as i64, 10)).collect();
+        let fits = surplus(&all, &policy(50, 30), 6 * DAY_MS);
+        assert_eq!(fits, Surplus { bytes: 50, ..Surplus::default() });
+        let full = surplus(&all, &policy(35, 30), 6 * DAY_MS);
+        assert_eq!(full, Surplus { remove: vec![1, 2], bytes: 30, ..Surplus::default() });
+        assert_eq!(surplus(&[], &policy(0, 0), 0), Surplus::default());
+    }
+
+    #[test]
+    fn what_is_too_old_goes_whatever_its_size() {
+        let all = [held(1, 0, 1), held(2, 10, 1), held(3, 40, 1)];
+        assert_eq!(surplus(&all, &policy(1000, 30), 40 * DAY_MS).remove, [1]);
+        assert_eq!(surplus(&all, &policy(1000, 30), 40 * DAY_MS + 1).remove, [1, 2]);
+        // A clock that was set back makes none old.
+        assert!(surplus(&all, &policy(1000, 0), -DAY_MS).remove.is_empty());
+        assert!(surplus(&all, &policy(1000, 0), i64::MIN).remove.is_empty());
+    }
+
+    #[test]
+    fn what_is_kept_or_still_written_stays_and_is_told_if_it_is_too_much() {
+        let kept = Held { marked: true, kept: true, ..held(1, 0, 100) };
+        let unfinished = Held { finished: false, ..held(2, 0, 30) };
+        let released = Held { marked: true, ..held(3, 0, 7) };
+        let all = [kept, unfinished, released, held(4, 0, 5)];
+        let left = surplus(&all, &policy(50, 1), 1000 * DAY_MS);
+        assert_eq!((left.remove.as_slice(), left.bytes, left.bytes_over), ([3, 4].as_slice(), 130, 80));
+        assert!(left.is_over());
+        assert!(!surplus(&all, &policy(130, 1), 1000 * DAY_MS).is_over());
+    }
+
+    #[test]
+    fn the_number_of_incidents_is_bounded_too() {
+        let mut all: Vec<Held> = (1..=INCIDENTS_MAX as u64 + 3).map(|id| held(id, 0, 0)).collect();
+        assert_eq!(surplus(&all, &policy(1, 30), 0).remove, [1, 2, 3]);
+        all.iter_mut().for_each(|it| it.kept = true);
+        let kept = surplus(&all, &policy(1, 30), 0);
+        assert_eq!((kept.remove.len(), kept.incidents_over, kept.is_over()), (0, 3, true));
+    }
+}

@@ -1,0 +1,35 @@
+//! Incidents: what is known of each beside its recording, its note, and whether it is kept.
+//!
+//! The hash of a finished recording is written with its row in one transaction, into the audit log, so that the
+//! chain proves the file.
+
+mod bounds;
+mod read;
+mod write;
+
+use crate::record::summary::Summary;
+
+pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents};
+pub use write::Forgotten;
+
+/// An incident in the store.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Incident {
+    pub summary: Summary,
+    /// It is never removed. A marked one is kept until somebody says otherwise.
+    pub kept: bool,
+    pub note: Option<Note>,
+}
+
+/// What somebody wrote about an incident.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    pub text: String,
+    /// The name of the user.
+    pub by: String,
+    /// Milliseconds since 1970.
+    pub at_ms: i64,
+}
+
+#[cfg(test)]
+mod tests;
