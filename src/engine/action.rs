@@ -1,6 +1,6 @@
 //! The operator's actions, and the engine's answers.
 
-use super::float;
+use super::files::float;
 use super::model::Stage;
 use super::model::countermeasure::RequestKind;
 use super::state::State;

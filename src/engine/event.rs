@@ -1,7 +1,9 @@
 //! Events in order, for histories, figures and logs. The engine keeps them only on request.
 
+use super::files::count;
 use super::time::Span;
 use super::time::how_long;
+use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -12,13 +14,14 @@ use super::time::Timestamp;
 /// The number of waiting events. Beyond it the oldest are dropped and counted.
 const EVENTS_MAX: usize = 65_536;
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     pub at: Timestamp,
     pub what: EventKind,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum EventKind {
     /// A node's shown state, its own state behind that, or the `cause` that masks it has changed.
     Shown {
@@ -66,9 +69,10 @@ pub enum EventKind {
     Reloaded,
 }
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Events {
     list: Option<Vec<Event>>,
+    #[serde(deserialize_with = "count")]
     pub(super) dropped: u64,
 }
 
@@ -87,7 +91,7 @@ impl Events {
         list.push(Event { at, what });
     }
 
-    /// The nodes of the waiting events.
+    /// The nodes of the waiting events, as they are numbered now: those before a reload named others.
     pub(super) fn nodes(&self) -> impl Iterator<Item = NodeId> {
         let of = |event: &Event| match event.what {
             EventKind::Shown { node, cause, .. } => [Some(node), cause],
@@ -100,7 +104,9 @@ impl Events {
             | EventKind::Left { .. }
             | EventKind::Reloaded => [None, None],
         };
-        self.list.iter().flatten().flat_map(of).flatten()
+        let list = self.list.as_deref().unwrap_or_default();
+        let reload = list.iter().rposition(|event| event.what == EventKind::Reloaded);
+        list[reload.map_or(0, |it| it + 1)..].iter().flat_map(of).flatten()
     }
 
     pub(super) fn wanted(&self) -> bool {
@@ -117,7 +123,7 @@ const SAID_BYTES_MAX: usize = 200;
 
 /// The message of a module when its state changed. Only this text distinguishes a reported ERROR from a silence
 /// that counts as an ERROR.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Said {
     /// The last message, or its beginning.
     pub message: Box<str>,

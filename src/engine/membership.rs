@@ -5,6 +5,7 @@
 //! countermeasures name.
 
 use super::module::names::NewModule;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
 
@@ -20,12 +21,23 @@ use super::time::Timestamp;
 use super::view::views::Views;
 
 /// The indices of modules that left.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Departed {
     /// By name: alarms or countermeasures may still refer to these.
     named: BTreeMap<Arc<str>, ModuleId>,
     /// Nothing refers to these any more.
     free: Vec<ModuleId>,
+}
+
+impl Departed {
+    /// Whether each index is one of a module that left, and stands here once.
+    pub(super) fn is_sound(&self, net: &Net) -> bool {
+        let mut seen = HashSet::new();
+        let has_left = |id: &ModuleId| {
+            net.modules.get(id.0 as usize).is_some_and(|it| it.kind == ModuleKind::Gone) && seen.insert(*id)
+        };
+        self.named.values().chain(&self.free).all(has_left)
+    }
 }
 
 impl Engine {
@@ -190,7 +202,7 @@ impl Net {
         }
     }
 
-    fn add_member(&mut self, group: GroupId, member: NodeId) {
+    pub(super) fn add_member(&mut self, group: GroupId, member: NodeId) {
         let group = &mut self.groups[group.0 as usize];
         group.members.push(member);
         group.shown.add(UNSEEN.shown);

@@ -9,9 +9,10 @@ mod counters;
 mod dds_down;
 pub mod discovery;
 pub mod event;
-mod float;
+mod files;
 pub mod input;
 mod judgement;
+pub mod keyframe;
 mod lookalikes;
 pub mod mask;
 mod membership;
@@ -35,7 +36,7 @@ use std::sync::Arc;
 
 use discovery::{WriterId, WriterList};
 use event::{Event, Events};
-use input::{Input, ReceptionTrouble, Response, Status, StatusArray, Upkeep};
+use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
 use judgement::Received;
 use mask::causes::Causes;
 use mask::net::Net;
@@ -95,11 +96,6 @@ pub struct Engine {
     restricted: bool,
     /// Whether the module `telltale/memory` reports cut texts at present.
     reports_cut: bool,
-    /// The reason why the disk can store nothing.
-    storage_fault: Option<Box<str>>,
-    upkeep: Upkeep,
-    /// The operator whose display is late.
-    display_late: Option<Box<str>>,
     /// The reason why nothing is received over DDS.
     dds_fault: Option<Box<str>>,
     counters: Counters,
@@ -146,9 +142,6 @@ impl Engine {
             disputes: Disputes::default(),
             restricted: model.restricts_writers(),
             reports_cut: false,
-            storage_fault: None,
-            upkeep: Upkeep::default(),
-            display_late: None,
             dds_fault: None,
             counters: Counters::default(),
             events: Events::default(),
@@ -176,10 +169,10 @@ impl Engine {
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
             Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
-            Input::Storage { fault } => self.take_storage(fault.clone()),
-            Input::Display { late } => self.take_display(late.clone()),
+            Input::Storage { fault } => self.take_storage(fault.as_deref()),
+            Input::Display { late } => self.take_display(late.as_deref()),
             Input::Dds { fault } => self.take_dds(fault.clone()),
-            Input::Upkeep(upkeep) => self.take_upkeep(upkeep.clone()),
+            Input::Upkeep(upkeep) => self.take_upkeep(upkeep),
             // Nearly every message repeats the one before; then there is nothing to settle.
             Input::Sample(sample) if !self.take_watched(Received::Sample(sample)) => return response,
             Input::Topic(news) if !self.take_watched(Received::Topic(news)) => return response,

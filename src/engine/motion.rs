@@ -11,6 +11,7 @@ use super::model::{Model, Stage, StageModel, Stop};
 use super::snapshot::{Motion, Moving};
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
+use serde::{Deserialize, Serialize};
 
 /// A vehicle stands once it has been slow for this long. It moves at once.
 const STANDS_AFTER: Span = Span::from_millis(500);
@@ -25,7 +26,7 @@ const SHOWN_KMH_MAX: f64 = 999.0;
 const AT_STOP_M: f64 = 10.0;
 
 /// What is known of the motion.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct MotionState {
     /// The last speed in m/s, without its sign.
     speed: Option<(f64, Timestamp)>,
@@ -47,6 +48,10 @@ impl MotionState {
             }
             _ => self.lose_speed(),
         }
+    }
+
+    pub(super) fn shown(&self) -> Motion {
+        self.shown
     }
 
     pub(super) fn lose_speed(&mut self) {

@@ -4,20 +4,24 @@ pub(super) mod driving_word;
 
 use super::Engine;
 use super::event::EventKind;
+use super::files::KeyframeError;
 use super::model::{ACTIVE_SIGNAL, SignalSpec, Stage, StageModel};
 use super::time::Timestamp;
 use super::timers::TimerKey;
 use driving_word::Drive;
+use serde::{Deserialize, Serialize};
 
 /// The present values. A signal that was never received, or is older than its timeout, is unknown.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Signals {
     /// The built-in signal: the operator gave a pose.
     pub(super) posed: bool,
     /// Whether the signal that the vehicle drives is believed.
     pub(super) drive: Drive,
     /// The signal that the stages follow, if there is one.
+    #[serde(skip)]
     active: Option<usize>,
+    #[serde(skip)]
     specs: Vec<SignalSpec>,
     values: Vec<PresentSignal>,
 }
@@ -30,7 +34,7 @@ pub(super) struct SignalSample {
     pub(super) at: Timestamp,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 struct PresentSignal {
     last: Option<(bool, Timestamp)>,
     /// The value that conditions see now.
@@ -51,6 +55,14 @@ impl Signals {
             specs: specs.to_vec(),
             values: specs.iter().map(value).collect(),
         }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Signals) -> Result<(), KeyframeError> {
+        let Signals { posed, drive, active: _, specs: _, values } = kept;
+        KeyframeError::unless_same("signals", values.len(), self.values.len())?;
+        (self.posed, self.drive, self.values) = (posed, drive, values);
+        Ok(())
     }
 
     pub(super) fn index(&self, name: &str) -> Option<usize> {

@@ -4,12 +4,13 @@
 
 mod motion;
 
+use super::files::count;
 use super::model::monitors::Class;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 pub use super::counters::{Counters, Reception};
-use super::float;
+use super::files::float;
 use super::input::Refusal;
 use super::model::countermeasure::{Request, RequestKind};
 use super::model::output::Output;
@@ -277,7 +278,7 @@ pub struct ModuleView {
 }
 
 /// The texts of a status, kept while they do not change.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Report {
     pub message: Box<str>,
     /// The German message, if the engine itself made it: for a monitor or one of Telltale's own modules.
@@ -287,6 +288,7 @@ pub struct Report {
     pub aged: bool,
     pub values: Vec<(Box<str>, Box<str>)>,
     /// Bytes that were cut because of [`Limits::status_bytes`](super::model::Limits).
+    #[serde(deserialize_with = "count")]
     pub cut: usize,
 }
 
@@ -321,8 +323,9 @@ pub struct RootCause {
 }
 
 /// An alarm about a root cause. Its number lasts.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
+    #[serde(deserialize_with = "count")]
     pub id: u64,
     pub node: NodeId,
     pub raised: Timestamp,
@@ -359,7 +362,8 @@ pub struct CountermeasureCause {
 }
 
 /// The progress of a request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum CountermeasureState {
     /// Made; the vehicle has not confirmed it, or has no confirmation configured.
     Requested,
@@ -390,9 +394,10 @@ pub enum Unreached {
 }
 
 /// The progress of localization.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Localization {
     /// Grows with every pose that the operator gave: when it grows, `pose` is published.
+    #[serde(deserialize_with = "count")]
     pub number: u64,
     /// The last one.
     pub pose: Option<MapPose>,

@@ -1,13 +1,16 @@
 //! Deadlines of modules, monitors and signals. An entry may be early: its owner is asked again when it comes
 //! up, so a report of a module costs no work here.
 
+use super::files::KeyframeError;
+use serde::{Deserialize, Serialize};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
 use super::time::Timestamp;
 
 /// The owner of a deadline.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub(super) enum TimerKey {
     Signal(u32),
     Reception,
@@ -81,24 +84,71 @@ impl Timers {
     }
 
     fn slot(&mut self, key: TimerKey) -> &mut Option<Timestamp> {
-        let (kind, index) = match key {
-            TimerKey::Signal(index) => (0, index as usize),
-            TimerKey::Reception => (1, 0),
-            TimerKey::Module(index) => (2, index as usize),
-            TimerKey::Localization => (3, 0),
-            TimerKey::Countermeasures => (4, 0),
-            TimerKey::Monitor(index) => (5, index as usize),
-            TimerKey::Active => (6, 0),
-            TimerKey::Searched => (7, 0),
-            TimerKey::Group(index) => (8, index as usize),
-            TimerKey::Disputes => (9, 0),
-            TimerKey::Motion => (10, 0),
-        };
+        let (kind, index) = place(key);
         let slots = &mut self.queued[kind];
         if slots.len() <= index {
             slots.resize(index + 1, None);
         }
         &mut slots[index]
+    }
+
+    /// The entries for a keyframe, by time.
+    pub(super) fn kept(&self) -> Vec<KeptTimer> {
+        let Timers { heap, queued, live: _ } = self;
+        let mut entries: Vec<(Timestamp, TimerKey)> = heap.iter().map(|Reverse(entry)| *entry).collect();
+        entries.sort_unstable();
+        let queued = |key| {
+            let (kind, index) = place(key);
+            queued[kind].get(index).copied().flatten()
+        };
+        let mut before = None;
+        let kept = |(due, owner)| {
+            let is_first = before.replace((due, owner)) != Some((due, owner));
+            KeptTimer { due, owner, live: is_first && queued(owner) == Some(due) }
+        };
+        entries.into_iter().map(kept).collect()
+    }
+
+    /// Goes on with the entries of a keyframe.
+    pub(super) fn resume(
+        kept: Vec<KeptTimer>,
+        is_known: impl Fn(TimerKey) -> bool,
+    ) -> Result<Timers, KeyframeError> {
+        let mut timers = Timers::default();
+        for KeptTimer { due, owner, live } in kept {
+            if !is_known(owner) || live && timers.slot(owner).replace(due).is_some() {
+                return Err(KeyframeError::new(format!("the deadline of {owner:?} has no owner")));
+            }
+            timers.live += usize::from(live);
+            timers.heap.push(Reverse((due, owner)));
+        }
+        Ok(timers)
+    }
+}
+
+/// A deadline in a keyframe.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct KeptTimer {
+    due: Timestamp,
+    owner: TimerKey,
+    /// It is not superseded.
+    live: bool,
+}
+
+/// The kind of a key, and its index among those of the kind.
+fn place(key: TimerKey) -> (usize, usize) {
+    match key {
+        TimerKey::Signal(index) => (0, index as usize),
+        TimerKey::Reception => (1, 0),
+        TimerKey::Module(index) => (2, index as usize),
+        TimerKey::Localization => (3, 0),
+        TimerKey::Countermeasures => (4, 0),
+        TimerKey::Monitor(index) => (5, index as usize),
+        TimerKey::Active => (6, 0),
+        TimerKey::Searched => (7, 0),
+        TimerKey::Group(index) => (8, index as usize),
+        TimerKey::Disputes => (9, 0),
+        TimerKey::Motion => (10, 0),
     }
 }
 

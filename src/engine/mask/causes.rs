@@ -102,6 +102,18 @@ impl Causes {
         self.since = kept.collect();
     }
 
+    /// When the present root causes began, in order of their ids.
+    pub(in crate::engine) fn since(&self) -> Vec<(NodeId, Timestamp)> {
+        let mut since: Vec<_> = self.since.iter().map(|(&node, &since)| (node, since)).collect();
+        since.sort_unstable();
+        since
+    }
+
+    /// Sets when the present root causes began, before they are searched.
+    pub(in crate::engine) fn set_since(&mut self, since: &[(NodeId, Timestamp)]) {
+        self.since = since.iter().copied().collect();
+    }
+
     /// Notes a change of the graph. Cheap unless a node began or ceased to fail or to be blocked.
     pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) {
         let Change { node, before, after } = *change;

@@ -3,6 +3,8 @@
 //! Nothing is computed twice: groups fold tallies, dependencies count their blocking members, and a change
 //! walks upward in the order of [`Order`](crate::engine::model::order), each node at most once.
 
+pub(in crate::engine) mod kept;
+
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::Arc;

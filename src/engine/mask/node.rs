@@ -2,6 +2,7 @@
 
 use crate::engine::model::{Model, Policy};
 use crate::engine::time::Span;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashMap};
 
 use super::rules::Standing;
@@ -101,7 +102,8 @@ pub(in crate::engine) struct GroupNode {
 }
 
 /// The origin of a module.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub(in crate::engine) enum ModuleKind {
     Declared,
     /// Discovered: a status matched a filter, or none.

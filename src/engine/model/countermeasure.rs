@@ -2,7 +2,7 @@
 
 use super::output::Output;
 use super::{NodeId, Stage};
-use crate::engine::float;
+use crate::engine::files::float;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;

@@ -158,6 +158,12 @@ pub enum ValueRule {
     },
 }
 
+impl Default for ValueRule {
+    fn default() -> ValueRule {
+        ValueRule::Bands(Bands::default())
+    }
+}
+
 /// The rule for two sources.
 #[derive(Debug, Clone, PartialEq)]
 pub enum AgreementRule {
@@ -168,6 +174,12 @@ pub enum AgreementRule {
     /// Lists of positions: by the difference of their lengths, and by the largest distance of any
     /// position of one list to the nearest of the other, in metres.
     Positions { count: Bands, nearest: Bands },
+}
+
+impl Default for AgreementRule {
+    fn default() -> AgreementRule {
+        AgreementRule::Number(Bands::default())
+    }
 }
 
 /// What judges a module. Most modules judge themselves, so all other monitors are stored apart.

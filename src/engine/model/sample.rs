@@ -1,10 +1,11 @@
 //! The received values of topics and probes that monitors watch.
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::sync::Arc;
 
 use super::monitors::{TopicSpec, WatchdogSpec};
-use crate::engine::float;
+use crate::engine::files::float;
 use crate::engine::time::Span;
 
 /// One message of a watched topic.
@@ -72,6 +73,7 @@ pub const POSITIONS_MAX: usize = 256;
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Positions {
     /// At most [`POSITIONS_MAX`], the first ones.
+    #[serde(deserialize_with = "few")]
     pub taken: Box<[Position]>,
     /// The length of the list.
     pub count: u32,
@@ -84,6 +86,16 @@ pub struct Position {
     pub x_m: f64,
     #[serde(with = "float")]
     pub y_m: f64,
+}
+
+/// Reads a list of positions, which costs the square of its length to compare.
+fn few<'de, D: Deserializer<'de>>(from: D) -> Result<Box<[Position]>, D::Error> {
+    let taken = Box::<[Position]>::deserialize(from)?;
+    let count = taken.len();
+    if count > POSITIONS_MAX {
+        return Err(D::Error::invalid_length(count, &"at most 256 positions"));
+    }
+    Ok(taken)
 }
 
 impl Positions {

@@ -1,6 +1,8 @@
 //! The module `telltale/writers`: names that several writers report differently, or that a writer reports
 //! without permission.
 
+use crate::engine::files::{count, pairs};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::sync::Arc;
@@ -24,17 +26,22 @@ const WRITE_EVERY: Span = Span::from_secs(1);
 const NAME_BYTES_MAX: usize = 128;
 
 /// A dispute about the writers of a name.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub(in crate::engine) enum Dispute {
     /// Two writers report different states, for longer than a moment.
     Contradiction { worse: (Arc<str>, State), better: (Arc<str>, State) },
     /// A writer that the configuration does not admit; its report does not count. The last one is named.
-    NotAdmitted { who: Arc<str>, count: u64 },
+    NotAdmitted {
+        who: Arc<str>,
+        #[serde(deserialize_with = "count")]
+        count: u64,
+    },
     /// More writers than are kept apart.
     TooManyWriters,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Listed {
     dispute: Dispute,
     last: Timestamp,
@@ -43,8 +50,9 @@ struct Listed {
 /// By name and kind of dispute.
 type Key = (Arc<str>, u8);
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct Disputes {
+    #[serde(with = "pairs")]
     listed: BTreeMap<Key, Listed>,
     /// The time of the last dispute that is not listed.
     more: Option<Timestamp>,

@@ -4,9 +4,10 @@ use super::model::Policy;
 use super::snapshot::Steps;
 use super::state::State;
 use super::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
 /// The own state of one module over time. The caller passes the time and asks [`OwnState::due`] for deadlines.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct OwnState {
     /// The state of the last report.
     reported: Option<State>,
@@ -252,7 +253,7 @@ impl OwnState {
 /// Follows the reported state, but rises only to the best state of the last `raise_after` and falls only to the
 /// worst of the last `clear_after`. With four states, the end of each state's last appearance is all the
 /// history that it needs.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct Debounce {
     state: Option<State>,
     input: Option<State>,

@@ -1,5 +1,7 @@
 //! Names to modules: the modules that a status feeds, looked up once and remembered.
 
+pub(in crate::engine) mod kept;
+
 use std::collections::HashMap;
 use std::sync::Arc;
 

@@ -1,6 +1,8 @@
 //! Statuses with new names beyond the limit, counted for the group that claims them.
 
-use std::collections::HashMap;
+use crate::engine::files::pairs;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 use super::names::NAME_BYTES;
 use crate::engine::model::{GroupId, ModuleId};
@@ -11,9 +13,10 @@ use crate::engine::text::say;
 pub(in crate::engine) const MODULE: &str = "(names past the limit)";
 
 /// At most one entry for each group.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct Overflow {
-    groups: HashMap<GroupId, (ModuleId, u64)>,
+    #[serde(with = "pairs")]
+    groups: BTreeMap<GroupId, (ModuleId, u64)>,
 }
 
 impl Overflow {
@@ -41,7 +44,7 @@ impl Overflow {
         too_long: bool,
     ) -> Text {
         let (_, count) = self.groups.entry(group).or_insert((module, 0));
-        *count += 1;
+        *count = count.saturating_add(1);
         if too_long {
             return say!(
                 "statuses with new names dropped: {count}; names are too long, limits.discovered_modules of {limit} allows {bytes} bytes for each",

@@ -13,25 +13,21 @@ impl Engine {
         self.report_on_self(SystemCheck::Aggregator, state, words);
     }
 
-    pub(in crate::engine) fn take_storage(&mut self, fault: Option<Box<str>>) {
+    pub(in crate::engine) fn take_storage(&mut self, fault: Option<&str>) {
         let state = if fault.is_some() { State::Warning } else { State::Ok };
-        self.report_on_self(SystemCheck::Storage, state, fault.as_deref().unwrap_or_default());
-        self.storage_fault = fault;
+        self.report_on_self(SystemCheck::Storage, state, fault.unwrap_or_default());
     }
 
-    pub(in crate::engine) fn take_display(&mut self, late: Option<Box<str>>) {
+    pub(in crate::engine) fn take_display(&mut self, late: Option<&str>) {
         let state = if late.is_some() { State::Warning } else { State::Ok };
-        let words = late.as_deref().map(system::display_late);
-        self.report_on_self(SystemCheck::Display, state, words.unwrap_or_default());
-        self.display_late = late;
+        self.report_on_self(SystemCheck::Display, state, late.map(system::display_late).unwrap_or_default());
     }
 
-    pub(in crate::engine) fn take_upkeep(&mut self, upkeep: Upkeep) {
+    pub(in crate::engine) fn take_upkeep(&mut self, upkeep: &Upkeep) {
         let parts = [(SystemCheck::Clock, &upkeep.clock), (SystemCheck::Certificate, &upkeep.certificate)];
         for (check, fault) in parts {
             let state = if fault.is_some() { State::Warning } else { State::Ok };
             self.report_on_self(check, state, fault.clone().unwrap_or_default());
         }
-        self.upkeep = upkeep;
     }
 }

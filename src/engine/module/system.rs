@@ -7,6 +7,7 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
 /// The name of the group, reserved in configurations.
 pub const SYSTEM_GROUP: &str = "telltale";
@@ -224,7 +225,7 @@ pub(in crate::engine) fn policy() -> Policy {
 }
 
 /// Recent faults of the reception.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct ReceptionCheck {
     last: Option<Timestamp>,
     pub(in crate::engine) message: Text,

@@ -2,6 +2,7 @@
 //! OK of another writer never covers an ERROR.
 
 use crate::engine::discovery::{NodeOf, WriterId, WriterList};
+use serde::{Deserialize, Serialize};
 
 use super::contradictions::Dispute;
 use crate::engine::Engine;
@@ -37,7 +38,7 @@ impl Policy {
 }
 
 /// The last report of one writer about a name.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(in crate::engine) struct WriterReport {
     pub(in crate::engine) writer: WriterId,
     pub(in crate::engine) state: State,
@@ -45,13 +46,13 @@ pub(in crate::engine) struct WriterReport {
 }
 
 /// The reports of one name by writer. Nearly always there is one writer.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct WriterReports {
     one: Option<WriterReport>,
     several: Option<Box<Several>>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Several {
     writer_reports: Vec<WriterReport>,
     /// The writer whose texts are shown.
@@ -63,6 +64,11 @@ pub(in crate::engine) struct Several {
 }
 
 impl WriterReports {
+    /// Whether no writer was heard.
+    pub(in crate::engine) fn is_empty(&self) -> bool {
+        self.one.is_none() && self.several.is_none()
+    }
+
     /// Takes a report of the only writer. Returns false if the name has other writers: then [`WriterReports::take`]
     /// decides.
     pub(in crate::engine) fn take_alone(&mut self, report: WriterReport) -> bool {

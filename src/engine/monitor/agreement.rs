@@ -5,21 +5,27 @@ use super::motion::{History, Motion, TooShort};
 use super::nearest::apart_m;
 use super::sequence::slack;
 use super::words::{Words, span};
+use crate::engine::files::KeyframeError;
+use crate::engine::files::float;
 use crate::engine::model::monitors::{AgreementRule, Bands};
 use crate::engine::model::quantity::number;
 use crate::engine::model::sample::{FieldValue, POSITIONS_MAX};
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Agreement {
     inputs: Inputs,
+    #[serde(skip)]
     max_age: Span,
+    #[serde(skip)]
     rule: AgreementRule,
     /// The time over which motions are compared, with the past poses of each source.
     motion: Option<(Span, [History; 2])>,
     /// The distance between the last two lists of positions.
+    #[serde(with = "float")]
     apart_m: f64,
 }
 
@@ -62,6 +68,16 @@ impl Agreement {
     ) -> Agreement {
         let motion = motion_over.map(|over| (over, [History::default(), History::default()]));
         Agreement { inputs, max_age, rule, motion, apart_m: 0.0 }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Agreement) -> Result<(), KeyframeError> {
+        let Agreement { inputs, max_age: _, rule: _, motion, apart_m } = kept;
+        if motion.as_ref().map(|(over, _)| over) != self.motion.as_ref().map(|(over, _)| over) {
+            return Err(KeyframeError::new("the configuration compares motions in another way"));
+        }
+        (self.motion, self.apart_m) = (motion, apart_m);
+        self.inputs.resume(inputs)
     }
 
     pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {

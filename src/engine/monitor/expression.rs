@@ -2,20 +2,26 @@
 
 use super::inputs::{Inputs, UnusableInput};
 use super::words::{Words, cut, numeral_in};
+use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::{Condition, ScalarKind};
 use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::Timestamp;
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Expression {
     inputs: Inputs,
+    #[serde(skip)]
     names: Box<[Box<str>]>,
+    #[serde(skip)]
     warning: Option<Condition>,
+    #[serde(skip)]
     error: Option<Condition>,
     /// The answer for the present values; `None` after one of them changed.
+    #[serde(skip)]
     answer: Option<Answer>,
 }
 
@@ -34,6 +40,13 @@ impl Expression {
         error: Option<Condition>,
     ) -> Expression {
         Expression { inputs, names: names.collect(), warning, error, answer: None }
+    }
+
+    /// Goes on with the state of a keyframe. The answer follows from the inputs.
+    pub(super) fn resume(&mut self, kept: Expression) -> Result<(), KeyframeError> {
+        let Expression { inputs, names: _, warning: _, error: _, answer: _ } = kept;
+        self.answer = None;
+        self.inputs.resume(inputs)
     }
 
     /// Whether it assumes a text as this input.

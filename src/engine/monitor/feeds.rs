@@ -1,8 +1,10 @@
 //! Passes messages, probe results and KeyValues to the monitors that watch them.
 
+pub(in crate::engine) mod kept;
 mod keys;
 mod topic_fault;
 
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -79,7 +81,7 @@ struct WatchedTopic {
     searched_until: Option<Timestamp>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Publishers {
     publishers: u32,
     other_type: Option<Box<str>>,

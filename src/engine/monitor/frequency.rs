@@ -2,14 +2,17 @@
 
 use super::window::Window;
 use super::words::{Words, span};
+use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::Bands;
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Frequency {
     window: Window,
+    #[serde(skip)]
     bands: Bands,
     /// The time since which the module is relevant; earlier messages are not counted. In the future while
     /// publishers are still being searched.
@@ -19,6 +22,13 @@ pub(in crate::engine) struct Frequency {
 impl Frequency {
     pub(super) fn new(window: Span, bands: Bands) -> Frequency {
         Frequency { window: Window::new(window), bands, since: None }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Frequency) -> Result<(), KeyframeError> {
+        let Frequency { window, bands: _, since } = kept;
+        self.since = since;
+        self.window.resume(window)
     }
 
     pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {

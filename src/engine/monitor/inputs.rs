@@ -1,12 +1,14 @@
 //! The latest values of a monitor's inputs, and why one cannot be used.
 
 use super::words::{cut, span};
+use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::{ValueSource, Watched};
 use crate::engine::model::quantity::Quantity;
 use crate::engine::model::sample::{FieldValue, Pose, Positions};
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
 /// The reason for an unreadable KeyValue that the status does not have.
 pub(in crate::engine) const NO_SUCH_KEY: &str = "the status has no such key";
@@ -15,23 +17,27 @@ pub(in crate::engine) const NO_SUCH_KEY: &str = "the status has no such key";
 const WHY_MAX: usize = 200;
 
 /// By slot: the position of a source in its monitor.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Inputs {
+    #[serde(skip)]
     labels: Box<[Text]>,
+    #[serde(skip)]
     quantities: Box<[Option<Quantity>]>,
     latest: Box<[Option<(Timestamp, FieldValue)>]>,
     /// An older value is not used.
+    #[serde(skip)]
     max_age: Option<Span>,
 }
 
 /// The reason why there is no answer, and the input that causes it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct UnusableInput {
     slot: usize,
     fault: InputFault,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 enum InputFault {
     Missing,
     Old,
@@ -43,6 +49,11 @@ enum InputFault {
 }
 
 impl UnusableInput {
+    /// Whether it is about one of these inputs.
+    pub(super) fn is_of(self, inputs: &Inputs) -> bool {
+        self.slot < inputs.len()
+    }
+
     /// Whether the only reason is the age of the input.
     pub(super) fn is_age(self) -> bool {
         self.fault == InputFault::Old
@@ -74,6 +85,14 @@ impl Inputs {
             sources.map(|it| (Quantity::of(it.1, watched), it)).map(|(of, it)| (label(it), of)).unzip();
         let (labels, quantities) = (labels.into_boxed_slice(), quantities.into_boxed_slice());
         Inputs { quantities, latest: labels.iter().map(|_| None).collect(), labels, max_age }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Inputs) -> Result<(), KeyframeError> {
+        let Inputs { labels: _, quantities: _, latest, max_age: _ } = kept;
+        KeyframeError::unless_same("inputs of a monitor", latest.len(), self.latest.len())?;
+        self.latest = latest;
+        Ok(())
     }
 
     /// Returns whether the value changed.
@@ -247,7 +266,8 @@ pub(super) fn nothing_yet(label: Text) -> Text {
 }
 
 /// The kind of a value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 enum ValueKind {
     Number,
     Pose,

@@ -2,12 +2,14 @@
 
 use super::window::Window;
 use super::words::{Words, span};
+use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::Bands;
 use crate::engine::model::sample::Sample;
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
 /// Clocks of one vehicle may differ by this much; a stamp further in the future is useless.
 const FUTURE_MAX: Span = Span::from_millis(50);
@@ -16,7 +18,8 @@ const FUTURE_MAX: Span = Span::from_millis(50);
 const OTHER_CLOCK: Span = Span::from_secs(3600);
 
 /// The reason why a stamp is useless.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 enum StampFault {
     Absent,
     /// There is no time on `/clock` to compare it with.
@@ -26,9 +29,10 @@ enum StampFault {
     OtherClock(Span),
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Latency {
     window: Window,
+    #[serde(skip)]
     bands: Bands,
     /// The last message with a useless stamp: while it is in the window, the window is not judged as OK.
     doubt: Option<(Timestamp, StampFault)>,
@@ -39,6 +43,13 @@ pub(in crate::engine) struct Latency {
 impl Latency {
     pub(super) fn new(window: Span, bands: Bands) -> Latency {
         Latency { window: Window::new(window), bands, doubt: None, last: None }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Latency) -> Result<(), KeyframeError> {
+        let Latency { window, bands: _, doubt, last } = kept;
+        (self.doubt, self.last) = (doubt, last);
+        self.window.resume(window)
     }
 
     pub(super) fn take(&mut self, sample: &Sample, now: Timestamp) {

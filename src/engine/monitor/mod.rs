@@ -20,6 +20,7 @@ mod window;
 mod words;
 
 use super::model::monitors::{MonitorSpec, TopicId, ValueSource, Watched};
+use crate::engine::files::KeyframeError;
 use crate::engine::text::say;
 use agreement::Agreement;
 use expression::Expression;
@@ -29,6 +30,7 @@ pub(super) use inputs::NO_SUCH_KEY;
 use latency::Latency;
 use rate_ratio::RateRatio;
 use sequence::Sequence;
+use serde::{Deserialize, Serialize};
 use value::Value;
 use watchdog::Watchdog;
 pub(super) use words::{Words, cut};
@@ -76,7 +78,8 @@ pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
 }
 
 /// One monitor over time. It holds no ids, so it survives a change of the configuration.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub(super) enum Monitor {
     Frequency(Frequency),
     Latency(Latency),
@@ -126,6 +129,24 @@ impl Monitor {
                 Monitor::Expression(Box::new(expression))
             }
         })
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Monitor) -> Result<(), KeyframeError> {
+        match (self, kept) {
+            (Monitor::Frequency(monitor), Monitor::Frequency(kept)) => monitor.resume(kept),
+            (Monitor::Latency(monitor), Monitor::Latency(kept)) => monitor.resume(kept),
+            (Monitor::Value(monitor), Monitor::Value(kept)) => monitor.resume(kept),
+            (Monitor::Watchdog(monitor), Monitor::Watchdog(kept)) => {
+                monitor.resume(kept);
+                Ok(())
+            }
+            (Monitor::RateRatio(monitor), Monitor::RateRatio(kept)) => monitor.resume(kept),
+            (Monitor::Sequence(monitor), Monitor::Sequence(kept)) => monitor.resume(kept),
+            (Monitor::Agreement(monitor), Monitor::Agreement(kept)) => monitor.resume(*kept),
+            (Monitor::Expression(monitor), Monitor::Expression(kept)) => monitor.resume(*kept),
+            _ => Err(KeyframeError::new("the configuration has a monitor of another kind")),
+        }
     }
 
     /// Whether the values of a slot are compared as texts, so that "12" is a text too.

@@ -1,5 +1,7 @@
 //! Poses: the distance between two, and the motion between two instants.
 
+use crate::engine::files::floats;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 use crate::engine::model::sample::Pose;
@@ -13,9 +15,11 @@ type Vector = [f64; 3];
 type Rotation = [f64; 4];
 
 /// A pose in the frame of another one.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Motion {
+    #[serde(with = "floats")]
     translation: Vector,
+    #[serde(with = "floats")]
     rotation: Rotation,
 }
 
@@ -61,7 +65,7 @@ impl Motion {
 }
 
 /// Past poses, as far back as the motion is judged.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct History {
     kept: VecDeque<(Timestamp, Motion)>,
     latest: Option<(Timestamp, Motion)>,

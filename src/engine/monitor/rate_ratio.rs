@@ -2,16 +2,19 @@
 
 use super::window::Window;
 use super::words::{Words, span};
+use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::Bands;
 use crate::engine::model::quantity::number;
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct RateRatio {
     input: Window,
     output: Window,
+    #[serde(skip)]
     bands: Bands,
     /// The time since which the module is relevant; earlier messages are not counted. In the future while
     /// publishers are still being searched.
@@ -27,6 +30,14 @@ impl RateRatio {
     pub(super) fn new(window: Span, bands: Bands) -> RateRatio {
         let (input, output) = (Window::new(window), Window::new(window));
         RateRatio { input, output, bands, since: None, known: [false; 2] }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: RateRatio) -> Result<(), KeyframeError> {
+        let RateRatio { input, output, bands: _, since, known } = kept;
+        (self.since, self.known) = (since, known);
+        self.input.resume(input)?;
+        self.output.resume(output)
     }
 
     pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {

@@ -2,6 +2,7 @@
 
 use super::inputs::{Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, span};
+use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::Bands;
 use crate::engine::model::quantity::number;
 use crate::engine::model::sample::FieldValue;
@@ -9,17 +10,20 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Sequence {
     inputs: Inputs,
+    #[serde(skip)]
     max_gap: Span,
+    #[serde(skip)]
     bands: Bands,
     /// The last `later` with the `earlier` that it was compared with; `earlier` alone answers nothing.
     pair: Option<Pair>,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Pair {
     earlier: Result<f64, UnusableInput>,
     later: Result<f64, UnusableInput>,
@@ -32,6 +36,17 @@ impl Sequence {
 
     pub(super) fn new(inputs: Inputs, max_gap: Span, bands: Bands) -> Sequence {
         Sequence { inputs, max_gap, bands, pair: None }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Sequence) -> Result<(), KeyframeError> {
+        let Sequence { inputs, max_gap: _, bands: _, pair } = kept;
+        let faults = pair.iter().flat_map(|pair| [pair.earlier.err(), pair.later.err()]).flatten();
+        if !faults.into_iter().all(|fault| fault.is_of(&self.inputs)) {
+            return Err(KeyframeError::new("a pair of values names an input that does not exist"));
+        }
+        self.pair = pair;
+        self.inputs.resume(inputs)
     }
 
     pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {

@@ -2,6 +2,7 @@
 
 use super::inputs::{Inputs, UnusableInput};
 use super::words::{Words, numeral_in, quoted};
+use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::ValueRule;
 use crate::engine::model::quantity::{Quantity, number};
 use crate::engine::model::sample::FieldValue;
@@ -9,16 +10,24 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::Timestamp;
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Value {
     pub(super) inputs: Inputs,
+    #[serde(skip)]
     rule: ValueRule,
 }
 
 impl Value {
     pub(super) fn new(inputs: Inputs, rule: ValueRule) -> Value {
         Value { inputs, rule }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
+        let Value { inputs, rule: _ } = kept;
+        self.inputs.resume(inputs)
     }
 
     /// Whether texts are compared, so that "12" is a text too.

@@ -6,15 +6,20 @@ use crate::engine::model::sample::ProbeOutcome;
 use crate::engine::state::State;
 use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Watchdog {
+    #[serde(skip)]
     misses_max: u32,
     /// Limits of the response time, in seconds.
+    #[serde(skip)]
     bands: Bands,
     /// Whether it checks the QoS of a topic.
+    #[serde(skip)]
     qos: bool,
     /// Without any result for this long, nothing is known.
+    #[serde(skip)]
     patience: Span,
     /// The time since which the module is relevant.
     since: Option<Timestamp>,
@@ -40,6 +45,12 @@ impl Watchdog {
             misses: 0,
             state: None,
         }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Watchdog) {
+        let Watchdog { misses_max: _, bands: _, qos: _, patience: _, since, last, misses, state } = kept;
+        (self.since, self.last, self.misses, self.state) = (since, last, misses, state);
     }
 
     pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {

@@ -1,5 +1,7 @@
 //! The messages of a sliding window, in memory that does not grow with the rate.
 
+use crate::engine::files::KeyframeError;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 use crate::engine::time::{Span, Timestamp};
@@ -8,16 +10,21 @@ use crate::engine::time::{Span, Timestamp};
 /// fraction of the window leave together with the first of them.
 const BUCKETS: u64 = 256;
 
+/// Messages of a window that is read from a keyframe: no topic has more.
+const WINDOW_MAX: u64 = 1 << 53;
+
 /// The shortest window; a shorter one would divide by zero.
 const SHORTEST: Span = Span::from_millis(1);
 
 /// A sliding window: a message received at `t` is in it from `t` until just before `t + span`. A bucket opens
 /// with a message and takes all messages within 1/256 of the span. So a slow topic is counted exactly, and a
 /// flood too low by at most 0.4 %.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Window {
+    #[serde(skip)]
     span: Span,
     buckets: VecDeque<Bucket>,
+    #[serde(skip)]
     count: u64,
     /// Candidates for the smallest and the largest value, by the start of their buckets: no later value is
     /// below, or above; the first one is the extreme of the window.
@@ -25,7 +32,7 @@ pub(super) struct Window {
     high: VecDeque<(Timestamp, f64)>,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Bucket {
     start: Timestamp,
     count: u64,
@@ -39,6 +46,16 @@ impl Window {
 
     pub(super) fn span(&self) -> Span {
         self.span
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Window) -> Result<(), KeyframeError> {
+        let Window { span: _, buckets, count: _, low, high } = kept;
+        let total = buckets.iter().try_fold(0, |sum: u64, bucket| sum.checked_add(bucket.count));
+        let total = total.filter(|&total| total <= WINDOW_MAX);
+        self.count = total.ok_or_else(|| KeyframeError::new("a window has too many messages"))?;
+        (self.buckets, self.low, self.high) = (buckets, low, high);
+        Ok(())
     }
 
     pub(super) fn clear(&mut self) {

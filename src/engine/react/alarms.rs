@@ -1,7 +1,9 @@
 //! Alarms: one for each root cause, with a lasting number.
 
-use std::collections::HashSet;
+use crate::engine::files::count;
+use serde::{Deserialize, Serialize};
 use std::collections::hash_map::{Entry, HashMap};
+use std::collections::{BTreeSet, HashSet};
 
 use crate::engine::Engine;
 use crate::engine::event::{EventKind, Events};
@@ -17,16 +19,19 @@ const KEPT_MAX: usize = 256;
 const OF_NODE_MAX: usize = 8;
 
 /// All alarms that are active or not acknowledged.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct Alarms {
     list: Vec<Alarm>,
     /// The number of active ones.
     active: usize,
+    #[serde(deserialize_with = "count")]
     last_id: u64,
+    #[serde(deserialize_with = "count")]
     merged: u64,
+    #[serde(deserialize_with = "count")]
     dropped: u64,
     /// Modules with an alarm from before a restart and without a report since: the alarm does not end yet.
-    awaited: HashSet<NodeId>,
+    awaited: BTreeSet<NodeId>,
 }
 
 impl Alarms {
@@ -64,6 +69,11 @@ impl Alarms {
     /// Whether an alarm from before a restart waits for its module.
     pub(in crate::engine) fn awaits(&self) -> bool {
         !self.awaited.is_empty()
+    }
+
+    /// The nodes of all alarms.
+    pub(in crate::engine) fn nodes(&self) -> impl Iterator<Item = NodeId> {
+        self.list.iter().map(|alarm| alarm.node).chain(self.awaited.iter().copied())
     }
 
     /// The node of an alarm.

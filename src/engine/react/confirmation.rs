@@ -11,9 +11,10 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
 use crate::engine::time::Timestamp;
+use serde::{Deserialize, Serialize};
 
 /// A request of one kind, while it is in force.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(in crate::engine) struct ActiveRequest {
     pub(in crate::engine) request: Request,
     pub(in crate::engine) since: Timestamp,
@@ -23,7 +24,7 @@ pub(in crate::engine) struct ActiveRequest {
 }
 
 /// The last value of one confirmation.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(in crate::engine) struct ConfirmationHeard {
     /// The index of its rule.
     rule: usize,

@@ -4,7 +4,9 @@
 //! it is held until the operator releases it, which is granted once its causes are gone. At a stop, where a
 //! clearance is needed anyway, it ends with its causes. The strongest held request wins.
 
-use std::collections::{BTreeSet, HashMap, HashSet};
+use crate::engine::files::KeyframeError;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
 use super::confirmation::{ActiveRequest, ConfirmationHeard};
@@ -20,7 +22,7 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
 /// One reason for a request.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(in crate::engine) struct HeldRequest {
     pub(in crate::engine) request: Request,
     pub(in crate::engine) by: RequestOrigin,
@@ -30,7 +32,8 @@ pub(in crate::engine) struct HeldRequest {
     pub(in crate::engine) causes: Vec<RequestCause>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub(in crate::engine) enum RequestOrigin {
     /// A rule of the model, by its index, and the node that triggered it.
     Rule(usize, NodeId),
@@ -39,7 +42,7 @@ pub(in crate::engine) enum RequestOrigin {
     Operator,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(in crate::engine) struct RequestCause {
     pub(in crate::engine) node: NodeId,
     pub(in crate::engine) acknowledged: bool,
@@ -148,9 +151,10 @@ impl HeldRequest {
     }
 }
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct Countermeasures {
     /// Rules by the nodes that trigger them.
+    #[serde(skip)]
     rules: HashMap<NodeId, Vec<usize>>,
     /// Nodes with rules that changed.
     dirty: BTreeSet<NodeId>,
@@ -162,9 +166,9 @@ pub(in crate::engine) struct Countermeasures {
     /// The last value of each expected confirmation.
     pub(in crate::engine) heard: Vec<ConfirmationHeard>,
     /// Outputs that cannot be sent, with the topic and the reason.
-    pub(in crate::engine) unsent: HashMap<Output, OutputReport>,
+    pub(in crate::engine) unsent: BTreeMap<Output, OutputReport>,
     /// Topics without a reader.
-    pub(in crate::engine) unheard: HashMap<Output, Box<str>>,
+    pub(in crate::engine) unheard: BTreeMap<Output, Box<str>>,
     /// Outputs with a reader.
     pub(in crate::engine) listened: BTreeSet<Output>,
 }
@@ -178,6 +182,25 @@ impl Countermeasures {
             }
         }
         measures
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(in crate::engine) fn resume(&mut self, kept: Countermeasures) -> Result<(), KeyframeError> {
+        let rules = std::mem::take(&mut self.rules);
+        let known = |held: &HeldRequest| match held.by {
+            RequestOrigin::Rule(index, node) => rules.get(&node).is_some_and(|it| it.contains(&index)),
+            RequestOrigin::Past | RequestOrigin::Operator => true,
+        };
+        if !kept.held.iter().all(known) || !kept.dirty.iter().all(|node| rules.contains_key(node)) {
+            return Err(KeyframeError::new("a countermeasure follows a rule that the configuration lacks"));
+        }
+        *self = Countermeasures { rules, ..kept };
+        Ok(())
+    }
+
+    /// The nodes that the held requests name.
+    pub(in crate::engine) fn nodes(&self) -> impl Iterator<Item = NodeId> {
+        self.held.iter().flat_map(|held| held.causes.iter().map(|cause| cause.node))
     }
 
     pub(in crate::engine) fn note(&mut self, change: &Change) {

@@ -1,6 +1,7 @@
 //! WARNINGs, and whether the operator accepted them. They are updated as they come and go, so no walk through
 //! the vehicle is needed to find those that are not accepted.
 
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 use crate::engine::mask::net::{Change, Net};
@@ -8,7 +9,7 @@ use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::state::State;
 
 /// Modules that show WARNING, by whether the operator accepted it.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct Warnings {
     open: BTreeSet<ModuleId>,
     accepted: BTreeSet<ModuleId>,
@@ -33,6 +34,12 @@ impl Warnings {
             return self.open.remove(&id) | self.accepted.remove(&id);
         }
         !self.accepted.contains(&id) && self.open.insert(id)
+    }
+
+    /// All modules that are noted.
+    pub(in crate::engine) fn nodes(&self) -> impl Iterator<Item = NodeId> {
+        let all = self.open.iter().chain(&self.accepted).chain(&self.awaited);
+        all.map(|&id| NodeId::Module(id))
     }
 
     /// The module was removed.

@@ -29,9 +29,6 @@ impl Engine {
         next.counters = self.counters;
         next.events = std::mem::take(&mut self.events);
         next.reception = std::mem::take(&mut self.reception);
-        next.take_storage(self.storage_fault.take());
-        next.take_display(self.display_late.take());
-        next.take_upkeep(std::mem::take(&mut self.upkeep));
         let dds_fault = self.dds_fault.take();
         next.vehicle_faults = std::mem::take(&mut self.vehicle_faults);
         next.reports_cut = self.reports_cut;

@@ -6,6 +6,7 @@
 //! drive is interrupted.
 
 use crate::engine::time::{Span, Timestamp};
+use serde::{Deserialize, Serialize};
 
 /// The time for which an arrival must last before it ends the drive's requests.
 pub(in crate::engine) const ARRIVAL: Span = Span::from_secs(3);
@@ -13,7 +14,7 @@ pub(in crate::engine) const ARRIVAL: Span = Span::from_secs(3);
 /// How long a contradiction is remembered.
 const DOUBT: Span = Span::from_secs(10);
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub(in crate::engine) struct Drive {
     /// The time of the last believed arrival.
     ended: Option<Timestamp>,

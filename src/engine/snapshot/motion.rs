@@ -1,7 +1,9 @@
 //! The vehicle's motion as it is shown.
 
+use serde::{Deserialize, Serialize};
+
 /// Whether the vehicle moves, how fast, and where to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Motion {
     pub moving: Moving,
     /// Whole km/h without a sign; `None` while unknown. A moving vehicle has at least 1, a standing one 0.
@@ -13,7 +15,8 @@ pub struct Motion {
 }
 
 /// Whether the vehicle moves. Nothing is concluded from what was not heard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Moving {
     Yes,
     No,

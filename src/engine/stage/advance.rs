@@ -1,5 +1,6 @@
 //! Transitions of the stage that follow from the vehicle's state, and their effect on requests.
 
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 use super::machine::Event;
@@ -17,7 +18,7 @@ use crate::engine::text::say;
 use crate::engine::timers::TimerKey;
 
 /// The last reports of Telltale's own modules about the vehicle.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::engine) struct VehicleFaults {
     /// `None` while a component reports whether the vehicle drives, or need not.
     active_unknown: Option<State>,

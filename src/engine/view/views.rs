@@ -1,5 +1,6 @@
 //! The content of snapshots, updated piece by piece.
 
+pub(in crate::engine) mod kept;
 mod members;
 mod questions;
 
@@ -236,7 +237,9 @@ impl Views {
             last_text: trouble.text.clone(),
         };
         match list.iter().position(|it| it.topic == fresh.topic && it.kind == fresh.kind) {
-            Some(known) => list[known] = Reception { count: list[known].count + fresh.count, ..fresh },
+            Some(known) => {
+                list[known] = Reception { count: list[known].count.saturating_add(fresh.count), ..fresh }
+            }
             None if list.len() < RECEPTION_MAX => list.push(fresh),
             None => return,
         }

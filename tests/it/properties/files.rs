@@ -21,6 +21,14 @@ pub fn history_of_all(choices: &mut Choices<'_>) -> Vec<(Timestamp, Input)> {
         own.push(about_ourselves(choices));
     }
     let mut all = history(choices);
+    for (index, (_, input)) in all.iter_mut().enumerate() {
+        if let Input::Sample(sample) = input {
+            sample.late = index % 9 == 4;
+            if index % 11 == 5 {
+                sample.received_wall_ns = Sample::NO_CLOCK;
+            }
+        }
+    }
     for (index, input) in own.into_iter().enumerate() {
         let place = (index * 7) % (all.len() + 1);
         let at = all.get(place).or(all.last()).map_or(Timestamp::ZERO, |(at, _)| *at);
@@ -33,7 +41,9 @@ fn about_ourselves(choices: &mut Choices<'_>) -> Input {
     let outputs = [Output::ManeuverStop, Output::Deceleration, Output::Stage, Output::Pose];
     let fault = choices.one_in(2).then(|| Box::from("broken"));
     let topic: Box<str> = "/t".into();
-    match choices.below(9) {
+    match choices.below(11) {
+        9 => Input::Signal { name: "goal".into(), value: true },
+        10 => Input::Signal { name: "nobody knows it".into(), value: choices.one_in(2) },
         0 => Input::Reception(ReceptionTrouble {
             topic,
             kind: [TroubleKind::Malformed, TroubleKind::WrongType, TroubleKind::Lost][choices.below(3)],

@@ -5,6 +5,7 @@ mod cases;
 mod clones;
 mod driving;
 mod files;
+mod keyframes;
 mod monitors;
 mod motion;
 mod oracle;

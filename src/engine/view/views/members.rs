@@ -32,21 +32,7 @@ impl Views {
     ) {
         let layout = Arc::make_mut(&mut self.layout);
         self.names.insert(name.clone());
-        let info = Arc::new(ModuleInfo {
-            id: name,
-            name: None,
-            help: None,
-            group,
-            status,
-            writers,
-            depends_on: Vec::new(),
-            discovered: true,
-            gone: false,
-            number,
-            kind: "self_state",
-            class: SELF_STATE,
-            quantity: None,
-        });
+        let info = Arc::new(made(name, number, group, status, writers));
         let group = &mut layout.groups[group.0 as usize];
         group.modules.push(id);
         group.hint = None;
@@ -115,6 +101,31 @@ impl Views {
         self.is_heard.push(false);
         self.reports.push(Arc::default());
         self.modules.push(unheard(now));
+    }
+}
+
+/// The names of a module that is made while the engine runs.
+pub(super) fn made(
+    id: Arc<str>,
+    number: u64,
+    group: GroupId,
+    status: Option<Arc<str>>,
+    writers: Option<NodeNames>,
+) -> ModuleInfo {
+    ModuleInfo {
+        id,
+        name: None,
+        help: None,
+        group,
+        status,
+        writers,
+        depends_on: Vec::new(),
+        discovered: true,
+        gone: false,
+        number,
+        kind: "self_state",
+        class: SELF_STATE,
+        quantity: None,
     }
 }
 
