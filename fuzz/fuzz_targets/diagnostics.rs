@@ -8,8 +8,8 @@ use telltale::engine::Engine;
 use telltale::engine::input::Input;
 use telltale::engine::model::Limits;
 use telltale::engine::time::Timestamp;
-use telltale::ros::cdr::Endian;
-use telltale::ros::messages::diagnostic_array;
+use telltale::msg::cdr::Endian;
+use telltale::msg::messages::diagnostic_array;
 
 const CONFIGURATION: &str = "limits: { discovered_modules: 8 }
 groups: [{ id: a, match: [{ contains: a }], modules: [{ id: m, status: m }] }, { id: b, depends_on: [a], match: [{ contains: b }] }]

@@ -3,10 +3,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use telltale::engine::monitor::spec::{FieldKind, FieldSpec, TopicSpec};
-use telltale::engine::sample::FieldValue;
-use telltale::ros::cdr::Endian;
-use telltale::ros::fields::Definitions;
+use telltale::engine::model::monitors::{FieldKind, FieldSpec, TopicSpec};
+use telltale::engine::model::sample::FieldValue;
+use telltale::msg::cdr::Endian;
+use telltale::msg::fields::Definitions;
 
 /// Types with a path that goes through all that a message can hold.
 const TYPES: [(&str, &str); 6] = [

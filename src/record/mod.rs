@@ -1,6 +1,7 @@
 //! The black box: the last minutes of everything that the engine took, and incidents on the disk.
 
 pub mod feed;
+pub mod file;
 pub mod folder;
 pub mod incident;
 pub mod retention;

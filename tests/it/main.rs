@@ -43,6 +43,7 @@ mod properties;
 mod publishers;
 mod raw;
 mod recorded;
+mod recording_files;
 mod signals;
 mod sizes;
 mod start;

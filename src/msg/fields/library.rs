@@ -1,7 +1,7 @@
 //! Finds the definitions of message types: in the folders of a ROS 2 installation, then among the built-in
 //! packages.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
@@ -37,6 +37,8 @@ const FILE_BYTES_MAX: u64 = 256 << 10;
 const DEPTH_MAX: usize = 32;
 /// The types in one message.
 const TYPES_MAX: usize = 500;
+/// The definition of a type with all types in it.
+const WHOLE_BYTES_MAX: usize = 1 << 20;
 
 /// Resolves the type of one message with all types in it.
 pub struct Library<'a> {
@@ -97,6 +99,39 @@ impl<'a> Library<'a> {
         let shape = Arc::new(Shape::message(Message { type_name: type_name.into(), members }));
         self.known.insert(type_name.into(), shape.clone());
         Ok(shape)
+    }
+
+    /// The definition of a type, followed by those of all types in it, in the form of `ros2msg` schemas.
+    ///
+    /// # Errors
+    /// One of them is not known or cannot be read, or they are too long together.
+    pub fn whole_text(&self, type_name: &str) -> Result<String, TypeError> {
+        let (mut whole, mut seen) = (String::new(), BTreeSet::new());
+        let mut next: Vec<Box<str>> = vec![type_name.into()];
+        while let Some(type_name) = next.pop() {
+            if seen.contains(&type_name) {
+                continue;
+            }
+            let (package, text) = self.text(&type_name)?;
+            let members = definition::parse(package, &text)
+                .map_err(|why| broken(format!("the definition of {type_name} cannot be read: {why}")))?;
+            if !seen.is_empty() {
+                let name = type_name.rsplit('/').next().unwrap_or_default();
+                whole.push_str(&format!("{}\nMSG: {package}/{name}\n", "=".repeat(80)));
+            }
+            whole.push_str(text.trim_end());
+            whole.push('\n');
+            let inner = members.into_iter().rev().filter_map(|member| match member.base {
+                Base::Message(name) => Some(name),
+                Base::Primitive(_) | Base::Text | Base::WideText => None,
+            });
+            next.extend(inner);
+            seen.insert(type_name);
+            if seen.len() > TYPES_MAX || whole.len() > WHOLE_BYTES_MAX {
+                return Err(broken("the definition is too long".to_owned()));
+            }
+        }
+        Ok(whole)
     }
 
     /// The error for a missing type of a known package. A type of another package may exist.
@@ -217,6 +252,35 @@ mod tests {
             }
         }
         assert_eq!(count, 135);
+    }
+
+    #[test]
+    fn a_whole_definition_has_each_type_in_it_once() {
+        let whole = |name: &str| Library::new(&[]).whole_text(name).map_err(|error| error.text);
+        let line = "=".repeat(80);
+        assert_eq!(whole("geometry_msgs/msg/Point").unwrap(), "float64 x\nfloat64 y\nfloat64 z\n");
+        assert_eq!(
+            whole("geometry_msgs/msg/TwistStamped").unwrap(),
+            format!(
+                "std_msgs/Header header\nTwist twist\n{line}\nMSG: std_msgs/Header\n\
+                 builtin_interfaces/Time stamp\nstring frame_id\n{line}\nMSG: builtin_interfaces/Time\n\
+                 int32 sec\nuint32 nanosec\n{line}\nMSG: geometry_msgs/Twist\nVector3 linear\n\
+                 Vector3 angular\n{line}\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
+            )
+        );
+        assert!(whole("my_msgs/msg/Thing").unwrap_err().contains("not known"));
+        let folder = std::env::temp_dir().join(format!("telltale-whole-{}", std::process::id()));
+        std::fs::create_dir_all(folder.join("a/msg")).unwrap();
+        std::fs::write(folder.join("a/msg/Loop.msg"), "Loop[] again\n").unwrap();
+        std::fs::write(folder.join("a/msg/Long.msg"), "# long\n".repeat(30_000)).unwrap();
+        std::fs::write(folder.join("a/msg/Holder.msg"), "geometry_msgs/Point at # kept\nMissing it\n")
+            .unwrap();
+        let folders = [folder];
+        let whole = |name: &str| Library::new(&folders).whole_text(name);
+        assert_eq!(whole("a/msg/Loop").unwrap(), "Loop[] again\n");
+        assert_eq!(whole("a/msg/Long").unwrap().len(), 210_000);
+        assert!(whole("a/msg/Holder").unwrap_err().text.contains("a/msg/Missing"));
+        std::fs::remove_dir_all(&folders[0]).unwrap();
     }
 
     #[test]

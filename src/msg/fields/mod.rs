@@ -130,6 +130,13 @@ impl Definitions {
         Err(FieldError { path: Some(path.into()), text, help: "name a field of type bool".to_owned() })
     }
 
+    /// The definition of a type with those of all types in it, in the form of `ros2msg` schemas: each type
+    /// behind the first follows a line of `=` and a line `MSG: package/Name`. `None` if one of them is not
+    /// known or cannot be read, or if they have more than 1 MiB together.
+    pub fn text(&self, type_name: &str) -> Option<String> {
+        Library::new(&self.folders).whole_text(type_name).ok()
+    }
+
     /// Judges whether messages follow their type; `None` if the type is not known.
     pub fn event(&self, type_name: &str) -> Option<EventReader> {
         Library::new(&self.folders).shape(type_name).ok().and_then(EventReader::of)

@@ -1,0 +1,37 @@
+//! MCAP files of incidents. A file is written so that a crash costs at most its last chunk, is read whatever
+//! it holds, and is made whole again after a crash.
+
+mod definitions;
+mod doctor;
+mod error;
+mod json;
+mod layout;
+mod omission;
+mod output;
+mod reader;
+mod records;
+mod repair;
+mod source;
+mod writer;
+
+pub use definitions::Channel;
+pub use doctor::{check, check_bytes};
+pub use error::FileError;
+pub use json::{JOURNAL, JsonChannel, KEYFRAMES, TRANSITIONS};
+pub use omission::{Omission, Omissions};
+pub use reader::{Entry, Reader};
+pub use repair::{REPAIRED, Repair, repair};
+pub use source::CHUNK_BYTES_MAX;
+pub use writer::{IncidentFile, MessageStamps, Topic, Written};
+
+/// The name of the metadata record that describes a file of ours.
+pub const ABOUT: &str = "telltale";
+
+/// The schema of a type whose definition is not known.
+const UNDEFINED: &str = "# The definition of this type was not known where it was recorded.\n";
+
+#[cfg(test)]
+mod tests;
+
+#[cfg(test)]
+use crate::store::TestFolder;

@@ -1,0 +1,60 @@
+//! What of a file could not be used, and why.
+
+use std::fmt;
+
+/// More are counted only.
+const LIST_MAX: usize = 100;
+
+/// A part of a file that could not be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Omission {
+    /// Where it begins in the file.
+    pub at: u64,
+    /// Its length in the file; 0 if it is a part of something longer.
+    pub bytes: u64,
+    pub why: String,
+}
+
+impl fmt::Display for Omission {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.bytes {
+            0 => write!(f, "at byte {}: {}", self.at, self.why),
+            bytes => write!(f, "{bytes} bytes at byte {}: {}", self.at, self.why),
+        }
+    }
+}
+
+/// The omissions of one file, each once.
+#[derive(Debug, Clone, Default)]
+pub struct Omissions {
+    list: Vec<Omission>,
+    more: u64,
+}
+
+impl Omissions {
+    pub(super) fn add(&mut self, at: u64, bytes: u64, why: impl Into<String>) {
+        let omission = Omission { at, bytes, why: why.into() };
+        if self.list.contains(&omission) {
+            return;
+        }
+        if self.list.len() < LIST_MAX {
+            self.list.push(omission);
+        } else {
+            self.more += 1;
+        }
+    }
+
+    /// The first hundred.
+    pub fn list(&self) -> &[Omission] {
+        &self.list
+    }
+
+    /// How many more there are.
+    pub fn more(&self) -> u64 {
+        self.more
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+}

@@ -1,0 +1,348 @@
+//! Reads recordings: ours and those of others, whole or damaged.
+
+use std::collections::{BTreeMap, HashSet};
+use std::fs::File;
+use std::io::{Read, Seek};
+use std::path::Path;
+use std::sync::Arc;
+
+use bytes::Bytes;
+use mcap::records::op;
+
+use super::definitions::{Channel, Definitions, Format};
+use super::error::FileError;
+use super::json;
+use super::layout::{Layout, Part};
+use super::omission::Omissions;
+use super::records::{self, AttachmentHead, ChunkHead, Fields, HEAD_BYTES};
+use super::source::{CHUNK_BYTES_MAX, Source, crc};
+use super::writer::MessageStamps;
+use crate::msg::cdr::{Endian, Fault, FaultKind};
+use crate::msg::sample_bytes::RawBody;
+
+/// A larger attachment is left out.
+const ATTACHMENT_BYTES_MAX: u64 = 64 << 20;
+
+/// Reads a recording in the order of the file: in ours the order in which the engine took its inputs, in
+/// those of rosbag2 the order of arrival. (Sorting by time would change the order of the journal, and would
+/// need the memory of all chunks that overlap.) One chunk is in memory at a time, at most `CHUNK_BYTES_MAX`
+/// and the same for its decompression; what an entry holds of it stays until the entry is dropped.
+pub struct Reader<R> {
+    source: Source<R>,
+    layout: Layout,
+    definitions: Definitions,
+    omissions: Omissions,
+    /// The next part.
+    next: usize,
+    open: Option<Open>,
+    /// Channels whose messages are left out.
+    left_out: HashSet<u16>,
+    /// Only definitions are taken from chunks that end before.
+    from_ns: u64,
+}
+
+/// What of a part is not read yet.
+enum Open {
+    Chunk { at: u64, bytes: Bytes, done: usize },
+    Loose { at: u64, end: u64 },
+}
+
+/// An entry of a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Entry {
+    Message {
+        channel: Arc<Channel>,
+        stamps: MessageStamps,
+        body: RawBody,
+    },
+    /// A document of a channel of JSON, as text.
+    Json {
+        channel: Arc<Channel>,
+        stamps: MessageStamps,
+        text: Bytes,
+    },
+}
+
+/// A message as it stands in the file.
+pub(super) struct Raw {
+    pub at: u64,
+    pub channel: u16,
+    pub stamps: MessageStamps,
+    pub data: Bytes,
+}
+
+/// What follows in the file.
+pub(super) enum Item {
+    Message(Raw),
+    EndOfPart,
+    Attachment { data_at: u64, head: AttachmentHead },
+    Metadata { name: String, metadata: BTreeMap<String, String> },
+}
+
+impl Reader<File> {
+    /// # Errors
+    /// It is no MCAP file, or the disk cannot read it.
+    pub fn open(path: &Path) -> Result<Reader<File>, FileError> {
+        let file = File::open(path).map_err(|error| FileError::io(path, "opened", error))?;
+        Reader::new(path, file)
+    }
+}
+
+impl<R: Read + Seek> Reader<R> {
+    /// `path` is for messages only.
+    ///
+    /// # Errors
+    /// It is no MCAP file, or the disk cannot read it.
+    pub fn new(path: &Path, bytes: R) -> Result<Reader<R>, FileError> {
+        let failed = |error| FileError::io(path, "read", error);
+        let (mut definitions, mut omissions) = (Definitions::default(), Omissions::default());
+        let mut source = Source::new(bytes).map_err(failed)?;
+        let layout = Layout::of(&mut source, &mut definitions, &mut omissions).map_err(failed)?;
+        Ok(Reader {
+            source,
+            layout,
+            definitions,
+            omissions,
+            next: 0,
+            open: None,
+            left_out: HashSet::new(),
+            from_ns: 0,
+        })
+    }
+
+    /// `ros2` for recordings of ROS 2.
+    pub fn profile(&self) -> &str {
+        &self.layout.profile
+    }
+
+    /// The program that wrote the file.
+    pub fn library(&self) -> &str {
+        &self.layout.library
+    }
+
+    /// The file was completed. Damage within it is another matter.
+    pub fn is_complete(&self) -> bool {
+        self.layout.complete
+    }
+
+    /// What could not be used so far: of the whole file once every entry is read.
+    pub fn omissions(&self) -> &Omissions {
+        &self.omissions
+    }
+
+    /// The first and the last time of a message, by the heads of chunks. `None` without chunks.
+    pub fn span_ns(&self) -> Option<(u64, u64)> {
+        let times = self.layout.parts.iter().filter_map(|part| match part {
+            Part::Chunk { head, .. } if head.size > 0 => Some((head.start_time, head.end_time)),
+            _ => None,
+        });
+        times.reduce(|(start, end), (first, last)| (start.min(first), end.max(last)))
+    }
+
+    pub fn metadata(&self) -> impl Iterator<Item = (&str, &BTreeMap<String, String>)> {
+        self.layout.parts.iter().filter_map(|part| match part {
+            Part::Metadata { name, metadata } => Some((name.as_str(), metadata)),
+            _ => None,
+        })
+    }
+
+    /// The names and media types of the attachments.
+    pub fn attachments(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.layout.parts.iter().filter_map(|part| match part {
+            Part::Attachment { head, .. } => Some((head.name.as_str(), head.media_type.as_str())),
+            _ => None,
+        })
+    }
+
+    /// The last attachment of a name. One that cannot be used is an omission.
+    pub fn attachment(&mut self, name: &str) -> Option<Vec<u8>> {
+        let found = self.layout.parts.iter().rev().find_map(|part| match part {
+            Part::Attachment { data_at, head } if head.name == name => Some((*data_at, head.clone())),
+            _ => None,
+        });
+        let (data_at, head) = found?;
+        self.attachment_data(data_at, &head)
+    }
+
+    pub(super) fn attachment_data(&mut self, data_at: u64, head: &AttachmentHead) -> Option<Vec<u8>> {
+        let start = data_at - head.length;
+        let why = if head.size > ATTACHMENT_BYTES_MAX {
+            "is too large".to_owned()
+        } else {
+            match self.source.read(start, head.length + head.size + 4) {
+                Err(error) => format!("cannot be read: {error}"),
+                Ok(mut bytes) => {
+                    let data = bytes.split_off(head.length as usize);
+                    let (data, saved) = data.split_at(head.size as usize);
+                    let saved = Fields::new(saved).u32().unwrap_or_default();
+                    if saved == 0 || saved == crc(&[&bytes, data]) {
+                        return Some(data.to_vec());
+                    }
+                    "has a wrong checksum".to_owned()
+                }
+            }
+        };
+        self.omissions.add(start - HEAD_BYTES, head.size, format!("the attachment {:?} {why}", head.name));
+        None
+    }
+
+    /// Goes to the first part that has entries of this time or later; earlier entries of that part follow
+    /// too.
+    pub fn seek(&mut self, from_ns: u64) {
+        (self.next, self.open, self.from_ns) = (0, None, from_ns);
+    }
+
+    /// The next entry, in the order of the file. What cannot be used is in `omissions`.
+    pub fn next_entry(&mut self) -> Option<Entry> {
+        loop {
+            if let Item::Message(raw) = self.next_item()?
+                && let Some(entry) = self.entry(raw)
+            {
+                return Some(entry);
+            }
+        }
+    }
+
+    fn entry(&mut self, raw: Raw) -> Option<Entry> {
+        let Raw { at, channel: id, stamps, data } = raw;
+        let Some(channel) = self.definitions.known(id) else {
+            self.leave_out_channel(id, at, format!("messages of a channel that is not defined: {id}"));
+            return None;
+        };
+        match &channel.format {
+            Format::Other(encoding) => {
+                let why = format!("messages of {}: their encoding is {encoding:?}", channel.topic);
+                self.leave_out_channel(id, at, why);
+                None
+            }
+            Format::Json => Some(Entry::Json { channel, stamps, text: data }),
+            Format::JsonText => match json::text(&data) {
+                Some(text) => Some(Entry::Json { stamps, text: data.slice_ref(text), channel }),
+                None => {
+                    self.omissions.add(at, 0, format!("a document of {} cannot be read", channel.topic));
+                    None
+                }
+            },
+            Format::Cdr => {
+                let Some((head, _)) = data.split_first_chunk::<4>() else {
+                    self.omissions.add(at, 0, format!("a message of {} has no body", channel.topic));
+                    return None;
+                };
+                let body = match [head[0], head[1]] {
+                    [0, 0] => Ok((data.slice(4..), Endian::Big)),
+                    [0, 1] => Ok((data.slice(4..), Endian::Little)),
+                    other => Err(Fault { at: 0, what: FaultKind::Encoding(other) }),
+                };
+                Some(Entry::Message { channel, stamps, body })
+            }
+        }
+    }
+
+    fn leave_out_channel(&mut self, id: u16, at: u64, why: String) {
+        if self.left_out.insert(id) {
+            self.omissions.add(at, 0, why);
+        }
+    }
+
+    pub(super) fn definitions(&self) -> &Definitions {
+        &self.definitions
+    }
+
+    pub(super) fn leave_out(&mut self, at: u64, why: String) {
+        self.omissions.add(at, 0, why);
+    }
+
+    pub(super) fn next_item(&mut self) -> Option<Item> {
+        loop {
+            if let Some(open) = &mut self.open {
+                let next = open.next(&mut self.source, &mut self.definitions, &mut self.omissions);
+                if next.is_none() {
+                    self.open = None;
+                }
+                return Some(next.map_or(Item::EndOfPart, Item::Message));
+            }
+            let part = self.layout.parts.get(self.next)?.clone();
+            self.next += 1;
+            match part {
+                Part::Attachment { data_at, head } => return Some(Item::Attachment { data_at, head }),
+                Part::Metadata { name, metadata } => return Some(Item::Metadata { name, metadata }),
+                Part::Loose { at, end } => self.open = Some(Open::Loose { at, end }),
+                Part::Chunk { at, data_at, head } => self.open_chunk(at, data_at, &head),
+            }
+        }
+    }
+
+    fn open_chunk(&mut self, at: u64, data_at: u64, head: &ChunkHead) {
+        let skipped = head.end_time < self.from_ns;
+        if skipped && self.layout.indexed {
+            return;
+        }
+        let mut open = match self.source.unpack(head, data_at) {
+            Ok(bytes) => Open::Chunk { at, bytes, done: 0 },
+            Err(why) => return self.omissions.add(at, data_at - at + head.compressed, why),
+        };
+        if skipped {
+            while open.next(&mut self.source, &mut self.definitions, &mut self.omissions).is_some() {}
+        } else {
+            self.open = Some(open);
+        }
+    }
+}
+
+impl Open {
+    /// The next message; schemas and channels before it are taken.
+    fn next<R: Read + Seek>(
+        &mut self,
+        source: &mut Source<R>,
+        definitions: &mut Definitions,
+        omissions: &mut Omissions,
+    ) -> Option<Raw> {
+        loop {
+            let (place, op, record) = match self {
+                Open::Chunk { at, bytes, done } => {
+                    let mut fields = Fields::new(&bytes[*done..]);
+                    if fields.rest().is_empty() {
+                        return None;
+                    }
+                    let Some((op, record)) = records::next_record(&mut fields) else {
+                        omissions.add(*at, 0, "a chunk ends in the middle of a record");
+                        return None;
+                    };
+                    *done = bytes.len() - fields.rest().len();
+                    (*at, op, bytes.slice_ref(record))
+                }
+                Open::Loose { at, end } => {
+                    let head = source.head(*at).ok().flatten().filter(|head| head.end() <= *end)?;
+                    *at = head.end();
+                    if head.length > CHUNK_BYTES_MAX {
+                        omissions.add(head.at, head.length, "a message is too large");
+                        continue;
+                    }
+                    match source.read(head.content(), head.length) {
+                        Ok(record) => (head.at, head.op, Bytes::from(record)),
+                        Err(error) => {
+                            omissions.add(head.at, head.length, format!("a message cannot be read: {error}"));
+                            continue;
+                        }
+                    }
+                }
+            };
+            match op {
+                op::SCHEMA | op::CHANNEL => definitions.take(op, &record, place, omissions),
+                op::MESSAGE => match records::message(&record) {
+                    Some(message) => {
+                        let stamps = MessageStamps {
+                            log_time_ns: message.log_time,
+                            publish_time_ns: message.publish_time,
+                            sequence: message.sequence,
+                        };
+                        let data = record.slice_ref(message.data);
+                        return Some(Raw { at: place, channel: message.channel_id, stamps, data });
+                    }
+                    None => omissions.add(place, 0, "a message is shorter than its head"),
+                },
+                _ => {}
+            }
+        }
+    }
+}
