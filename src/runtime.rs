@@ -18,6 +18,8 @@ use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Record;
 pub use crate::msg::received::Stamped;
+use crate::record::feed::Feed;
+pub use crate::record::ring::ConfigurationText;
 use recorder::Recorder;
 
 /// Inputs that may wait for the engine. A full queue holds its senders back: the bridge's
@@ -54,6 +56,8 @@ pub struct Published {
     pub received: Timestamp,
     /// Grows whenever the source goes back in time; 0 for a running engine.
     pub epoch: u64,
+    /// An incident is being recorded.
+    pub recording: bool,
 }
 
 /// The place of a state, or of its words, in what a source shows. After a step back in time the numbers
@@ -74,13 +78,13 @@ impl From<u64> for Version {
 impl Published {
     /// A snapshot that nobody received from an engine of this process: one of a recording or a test.
     pub fn recorded(snapshot: Arc<Snapshot>, at: SystemTime) -> Published {
-        Published { snapshot, at, received: Timestamp::ZERO, epoch: 0 }
+        Published { snapshot, at, received: Timestamp::ZERO, epoch: 0, recording: false }
     }
 
-    fn now(snapshot: Arc<Snapshot>, clock: &Clock) -> Published {
+    fn now(snapshot: Arc<Snapshot>, clock: &Clock, feed: Option<&Feed>) -> Published {
         let received = clock.now();
         let at = wall_at(clock.wall(), received, snapshot.now);
-        Published { snapshot, at, received, epoch: 0 }
+        Published { snapshot, at, received, epoch: 0, recording: feed.is_some_and(Feed::is_recording) }
     }
 
     /// Grows with every state.
@@ -112,6 +116,8 @@ pub struct Rehearsal {
 #[derive(Debug)]
 pub struct Reload {
     pub model: Arc<Model>,
+    /// The files from which the model was made.
+    pub texts: Arc<[ConfigurationText]>,
     /// Answered when the engine runs by it and has published a snapshot of it.
     pub done: oneshot::Sender<()>,
 }
@@ -144,13 +150,6 @@ pub struct Rereading {
     pub digest: String,
 }
 
-/// A file of a configuration.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ConfigurationText {
-    pub name: String,
-    pub text: String,
-}
-
 /// The connection of the rest of the program to the engine. Clones lead to the same engine.
 #[derive(Debug, Clone)]
 pub struct Link {
@@ -165,34 +164,41 @@ pub struct Link {
     pub turns: broadcast::Sender<Published>,
 }
 
+/// Receivers of what happens in the engine. It waits for none of them: a full queue loses what it cannot take,
+/// which is counted.
+#[derive(Debug, Default)]
+pub struct Followers {
+    /// The history.
+    pub records: Option<SyncSender<Vec<Record>>>,
+    /// The recorder of incidents.
+    pub feed: Option<Feed>,
+}
+
 /// Starts the engine in a task of the current tokio runtime. It ends when all links are dropped.
 pub fn start(model: Arc<Model>, clock: Clock) -> Link {
-    run(Engine::begin(model, clock.now()), clock, None)
+    start_followed(model, clock, Followers::default())
 }
 
-/// [`start`] with records for a history. A full queue loses records, which are counted: the engine never
-/// waits for a disk.
-pub fn start_recorded(model: Arc<Model>, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
-    run(Engine::begin(model, clock.now()), clock, records)
+/// [`start`] with receivers of what happens.
+pub fn start_followed(model: Arc<Model>, clock: Clock, followers: Followers) -> Link {
+    run(Engine::begin(model, clock.now()), clock, followers)
 }
 
-/// [`start_recorded`] from the state at the end of an earlier run of the program.
-pub fn resume(
-    model: Arc<Model>,
-    restored: &Restored,
-    clock: Clock,
-    records: Option<SyncSender<Vec<Record>>>,
-) -> Link {
-    run(Engine::resume(model, restored, clock.now()), clock, records)
+/// [`start_followed`] from the state at the end of an earlier run of the program.
+pub fn resume(model: Arc<Model>, restored: &Restored, clock: Clock, followers: Followers) -> Link {
+    run(Engine::resume(model, restored, clock.now()), clock, followers)
 }
 
-fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>>) -> Link {
+fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers) -> Link {
     let (inputs, inputs_rx) = mpsc::channel(INPUT_QUEUE);
     let (commands, commands_rx) = mpsc::channel(COMMAND_QUEUE);
     let (rehearsals, rehearsals_rx) = mpsc::channel(COMMAND_QUEUE);
     let (reloads, reloads_rx) = mpsc::channel(RELOAD_QUEUE);
+    if records.is_some() || feed.is_some() {
+        engine.keep_events();
+    }
     let recorder = Recorder::start(&mut engine, records, clock.now());
-    let first = Published::now(engine.snapshot(), &clock);
+    let first = Published::now(engine.snapshot(), &clock, feed.as_ref());
     let (publish, snapshots) = watch::channel(first);
     let turns = broadcast::Sender::new(TURN_QUEUE);
     let mut turn = Loop {
@@ -203,9 +209,11 @@ fn run(mut engine: Engine, clock: Clock, records: Option<SyncSender<Vec<Record>>
         published_at: clock.now(),
         engine,
         recorder,
+        feed,
         clock,
         publish,
     };
+    turn.end_turn();
     let queues =
         Queues { inputs: inputs_rx, commands: commands_rx, rehearsals: rehearsals_rx, reloads: reloads_rx };
     tokio::spawn(async move { turn.run(queues).await });
@@ -222,6 +230,7 @@ struct Queues {
 struct Loop {
     engine: Engine,
     recorder: Recorder,
+    feed: Option<Feed>,
     clock: Clock,
     publish: watch::Sender<Published>,
     turns: broadcast::Sender<Published>,
@@ -260,18 +269,47 @@ impl Loop {
                     if received == 0 {
                         return;
                     }
-                    for Stamped { input, received, .. } in batch.drain(..) {
-                        self.engine.handle(&input, received);
+                    for stamped in batch.drain(..) {
+                        self.handle(stamped);
                         self.tell_turn();
                     }
                 }
                 () = tokio::time::sleep_until(wake) => {
-                    self.engine.handle(&Input::Tick, self.clock.now());
+                    self.handle(Stamped::new(Input::Tick, self.clock.now()));
                 }
             }
             self.tell_turn();
             self.publish_if_due();
-            self.recorder.follow(&mut self.engine, self.clock.now());
+            self.tell_events();
+            self.recorder.hand_on_if_due(self.clock.now());
+            self.end_turn();
+        }
+    }
+
+    fn handle(&mut self, stamped: Stamped) -> Response {
+        let response = self.engine.handle(&stamped.input, stamped.received);
+        if let Some(feed) = &mut self.feed {
+            feed.took(stamped);
+        }
+        response
+    }
+
+    /// Tells the followers of everything that happened, with the names that are valid now.
+    fn tell_events(&mut self) {
+        let events = self.engine.take_events();
+        if events.is_empty() {
+            return;
+        }
+        let snapshot = self.engine.snapshot();
+        if let Some(feed) = &mut self.feed {
+            feed.happened(&events, &snapshot);
+        }
+        self.recorder.take(events, &snapshot);
+    }
+
+    fn end_turn(&mut self) {
+        if let Some(feed) = &mut self.feed {
+            feed.end_turn(&self.engine);
         }
     }
 
@@ -287,7 +325,7 @@ impl Loop {
         if command.reply.is_closed() && command.action != OperatorAction::RequestStop {
             return;
         }
-        let response = self.engine.handle(&Input::Operator(command.action), self.clock.now());
+        let response = self.handle(Stamped::new(Input::Operator(command.action), self.clock.now()));
         self.tell_turn();
         // Published before it is answered: who asked finds the result in the next snapshot.
         self.publish_if_due();
@@ -295,9 +333,14 @@ impl Loop {
         let _ = command.reply.send(response);
     }
 
-    fn reload(&mut self, Reload { model, done }: Reload) {
-        self.recorder.take(&mut self.engine);
-        self.engine.reload(model, self.clock.now());
+    fn reload(&mut self, Reload { model, texts, done }: Reload) {
+        self.tell_events();
+        let now = self.clock.now();
+        self.engine.reload(model, now);
+        if let Some(feed) = &mut self.feed {
+            feed.reloaded(now, texts);
+        }
+        self.tell_events();
         self.recorder.begin(&mut self.engine, true);
         self.publish_if_due();
         // Who asked may have gone; the engine runs by it all the same.
@@ -311,7 +354,7 @@ impl Loop {
         }
         self.requests = requests;
         // Nobody may listen, as in a test.
-        let _ = self.turns.send(Published::now(self.engine.snapshot(), &self.clock));
+        let _ = self.turns.send(Published::now(self.engine.snapshot(), &self.clock, self.feed.as_ref()));
     }
 
     fn publish_if_due(&mut self) {
@@ -325,7 +368,11 @@ impl Loop {
         self.published_seq = self.engine.seq();
         self.published_revision = self.engine.revision();
         self.published_at = now;
-        self.publish.send_replace(Published::now(self.engine.snapshot(), &self.clock));
+        let snapshot = self.engine.snapshot();
+        if let Some(feed) = &mut self.feed {
+            feed.published(snapshot.clone());
+        }
+        self.publish.send_replace(Published::now(snapshot, &self.clock, self.feed.as_ref()));
     }
 }
 

@@ -14,6 +14,7 @@ mod graph;
 mod history;
 mod log;
 pub mod outputs;
+mod recording;
 pub mod reload;
 mod scenario;
 mod serve;

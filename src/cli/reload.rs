@@ -72,7 +72,8 @@ async fn take(outcome: Outcome, engine: &mpsc::Sender<Reload>) -> Result<Outcome
     let outcome = aside(judge).await.ok_or(ReloadError::Ended)?;
     if !outcome.differences.is_empty() {
         let (done, taken) = oneshot::channel();
-        let reload = Reload { model: outcome.loaded.model.clone(), done };
+        let texts = texts(&outcome.loaded);
+        let reload = Reload { model: outcome.loaded.model.clone(), texts, done };
         engine.send(reload).await.map_err(|_| ReloadError::Ended)?;
         taken.await.map_err(|_| ReloadError::Ended)?;
     }
@@ -135,7 +136,8 @@ pub fn start(
     Ok(Reloads { requests, running: followed })
 }
 
-fn texts(loaded: &Loaded) -> Arc<[ConfigurationText]> {
+/// The files of a configuration.
+pub fn texts(loaded: &Loaded) -> Arc<[ConfigurationText]> {
     let text =
         |(name, text): (&str, &str)| ConfigurationText { name: name.to_owned(), text: text.to_owned() };
     loaded.sources().texts().map(text).collect()

@@ -12,8 +12,9 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::time::timeout;
 
+use super::recording::Recording;
 use super::shutdown_signal::ShutdownSignal;
-use super::{dds, outputs, reload, timekeeping};
+use super::{dds, outputs, recording, reload, timekeeping};
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::Input;
@@ -22,7 +23,7 @@ use crate::engine::view::record::Record as Happening;
 use crate::ros::publish::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::Stamped;
-use crate::runtime::{self, Link};
+use crate::runtime::{self, Followers, Link};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{History, Store};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
@@ -85,7 +86,19 @@ impl Server {
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
-        let link = resume(&loaded.model, &store, clock, records).await?;
+        let (feed, turns) = recording::queue(&loaded);
+        let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
+        let recording = match turns {
+            Some(turns) => {
+                let around = recording::Around {
+                    folder: recording::Folder::of(folder.as_deref()),
+                    definitions: options.definitions.clone(),
+                    is_demo: demo.is_some(),
+                };
+                recording::start(&loaded, turns, &link, &store, around, clock).await?
+            }
+            None => None,
+        };
         let reloads = file
             .map(|file| {
                 let definitions = options.definitions.clone();
@@ -102,7 +115,10 @@ impl Server {
         let settings = Settings { origins, secure, enrolled, demo, rereads, history, discovery };
         let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));
         store.record(start, None).await;
-        let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
+        let storage = {
+            let recording = recording.as_ref().map(|recording| recording.fault.clone());
+            tokio::spawn(tell_of_storage(store.clone(), recording, link.inputs.clone(), clock))
+        };
         let watching = timekeeping::watch(tls.clone(), hosts, store.floor(), link.inputs.clone(), clock);
         let time = tokio::spawn(watching);
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
@@ -113,7 +129,7 @@ impl Server {
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running);
             tokio::select! {
-                served = while_serving(serving, &bridge, &outputs, running, &app) => served?,
+                served = while_serving(serving, (&bridge, &outputs, recording.as_ref()), running, &app) => served?,
                 () = engine.closed() => bail!(
                     "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
                      shown any more. Start it again, and report the fault"
@@ -129,6 +145,9 @@ impl Server {
         tokio::select! {
             () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
             () = signal.requested() => {}
+        }
+        if let Some(recording) = recording {
+            recording.end().await;
         }
         if timeout(LAST_WITHIN, end.close()).await.is_err() {
             tracing::error!("the disk does not answer: what it was given last may be lost");
@@ -147,8 +166,7 @@ fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSen
 /// an engine that changed later would forget what the bridge reports anew.
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
-    bridge: &Bridge,
-    publishing: &Outputs,
+    (bridge, publishing, recording): (&Bridge, &Outputs, Option<&Recording>),
     mut running: Option<watch::Receiver<Loaded>>,
     app: &AppState,
 ) -> anyhow::Result<()> {
@@ -159,6 +177,9 @@ async fn while_serving(
             next = changed(&mut running) => next,
         };
         publishing.follow(outputs::topics(&next.publishing));
+        if let Some(recording) = recording {
+            recording.follow(&next);
+        }
         // Nobody is served while this waits, so it waits for no disk.
         app.store
             .note(Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken"));
@@ -219,14 +240,26 @@ fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::
 }
 
 /// Reports the faults of the storage to the engine.
-async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clock) {
+async fn tell_of_storage(
+    store: Store,
+    recording: Option<watch::Receiver<Option<Arc<str>>>>,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+) {
     let mut faults = store.fault();
     drop(store);
+    let mut recording = recording.unwrap_or_else(|| watch::channel(None).1);
     loop {
-        let fault = faults.borrow_and_update().as_deref().map(Box::from);
+        let of_store = faults.borrow_and_update().as_deref().map(Box::from);
+        let of_recording = recording.borrow_and_update().clone();
+        let fault = of_store.or_else(|| of_recording.map(|why| format!("recording off: {why}").into()));
         let news = Stamped::new(Input::Storage { fault }, clock.now());
-        if inputs.send(news).await.is_err() || faults.changed().await.is_err() {
+        if inputs.send(news).await.is_err() {
             return;
+        }
+        tokio::select! {
+            changed = faults.changed() => if changed.is_err() { return },
+            Ok(()) = recording.changed() => {}
         }
     }
 }
@@ -253,13 +286,13 @@ async fn resume(
     model: &Arc<Model>,
     store: &Store,
     clock: Clock,
-    records: Option<SyncSender<Vec<Happening>>>,
+    followers: Followers,
 ) -> anyhow::Result<Link> {
     let Some(restored) = store.recall().await? else {
-        return Ok(runtime::start_recorded(model.clone(), clock, records));
+        return Ok(runtime::start_followed(model.clone(), clock, followers));
     };
     let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
     let operator = restored.operator.as_deref().unwrap_or("nobody");
     tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");
-    Ok(runtime::resume(model.clone(), &restored, clock, records))
+    Ok(runtime::resume(model.clone(), &restored, clock, followers))
 }

@@ -6,6 +6,7 @@ pub mod expression;
 mod file;
 mod glob;
 pub mod publishing;
+pub mod recording;
 mod resolve;
 pub mod soundness;
 
@@ -18,6 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use self::publishing::Publishing;
+use self::recording::Recording;
 use self::soundness::Soundness;
 use crate::engine::model::Model;
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Schema, Sources, Span, Spanned, tree};
@@ -36,6 +38,8 @@ pub fn schema() -> String {
 pub struct Loaded {
     pub model: Arc<Model>,
     pub publishing: Publishing,
+    /// `None`: the recording is switched off.
+    pub recording: Option<Recording>,
     /// Folders with definitions of messages, beside the built-in ones.
     pub message_folders: Vec<PathBuf>,
     places: Arc<Places>,

@@ -7,6 +7,7 @@ mod monitors;
 mod motion;
 mod nodes;
 mod publishing;
+mod recording;
 mod schema;
 mod shuttle;
 mod signals;
@@ -153,7 +154,7 @@ fn all_problems_come_at_once_in_the_order_of_the_file() {
         &[
             "1:19: unknown key `stges` in the vehicle (did you mean `stages`?)",
             "4:18: there is no group or module `b` (write the full name: `group`, `group/module` or `group/group/module`)",
-            "5:44: expected a duration, found `2 sek` (write a number with one of the units ns, us, ms, s, m, h: for example `2s`)",
+            "5:44: expected a duration, found `2 sek` (write a number with one of the units ns, us, ms, s, m, h, d: for example `2s`)",
         ],
     );
 }
@@ -185,7 +186,7 @@ fn keys_must_be_known_and_stand_once() {
     check_beside_group(
         "colour: red\n",
         &[
-            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, motion, defaults, limits, display, localized_after, other, groups, countermeasures, publish, diagnostics, clock, message_folders)",
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, motion, defaults, limits, display, localized_after, other, groups, countermeasures, publish, recording, diagnostics, clock, message_folders)",
         ],
     );
     check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);
@@ -231,7 +232,7 @@ fn values_must_be_what_the_key_says() {
     check_beside_group(
         "defaults: { timeout: 5 }\n",
         &[
-            "2:22: expected a duration, found `5` (write a number with one of the units ns, us, ms, s, m, h: for example `2s`)",
+            "2:22: expected a duration, found `5` (write a number with one of the units ns, us, ms, s, m, h, d: for example `2s`)",
         ],
     );
     check_beside_group(

@@ -1,6 +1,7 @@
 //! Hands on what the engine took to the recorder's thread, in the engine's order, and never waits for it.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use super::incident::warning;
@@ -31,7 +32,7 @@ pub struct Turn {
     pub warnings: Vec<Arc<str>>,
     pub snapshot: Option<Arc<Snapshot>>,
     /// The engine's whole state at the end of the turn.
-    pub keyframe: Option<Box<Engine>>,
+    pub keyframe: Option<Arc<Engine>>,
 }
 
 /// The engine's end of the queue.
@@ -41,13 +42,30 @@ pub struct Feed {
     turn: Turn,
     /// The time of the next keyframe.
     keyframe_at: Timestamp,
+    recording: Arc<AtomicBool>,
+}
+
+/// The recorder's end of the queue.
+#[derive(Debug)]
+pub struct Turns {
+    pub(super) queue: Receiver<Turn>,
+    /// An incident is being recorded.
+    pub(super) recording: Arc<AtomicBool>,
 }
 
 impl Feed {
     /// A queue, and its other end for the recorder.
-    pub fn new() -> (Feed, Receiver<Turn>) {
+    pub fn new() -> (Feed, Turns) {
         let (queue, turns) = sync_channel(TURNS_MAX);
-        (Feed { queue, turn: Turn::default(), keyframe_at: Timestamp::ZERO }, turns)
+        let recording = Arc::new(AtomicBool::new(false));
+        let feed =
+            Feed { queue, turn: Turn::default(), keyframe_at: Timestamp::ZERO, recording: recording.clone() };
+        (feed, Turns { queue: turns, recording })
+    }
+
+    /// An incident is being recorded.
+    pub fn is_recording(&self) -> bool {
+        self.recording.load(Ordering::Relaxed)
     }
 
     /// The engine took this.
@@ -77,7 +95,7 @@ impl Feed {
     pub fn end_turn(&mut self, engine: &Engine) {
         let now = engine.now();
         if now >= self.keyframe_at {
-            self.turn.keyframe = Some(Box::new(engine.clone()));
+            self.turn.keyframe = Some(Arc::new(engine.clone()));
             self.keyframe_at = now + KEYFRAME_EVERY;
         }
         let turn = std::mem::take(&mut self.turn);

@@ -1,10 +1,12 @@
 //! When an incident begins, how long it lasts, and why: decided from snapshots alone.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
+use super::summary::FrozenNode;
 use crate::engine::event::{Event, EventKind};
 use crate::engine::model::countermeasure::RequestKind;
-use crate::engine::model::{NodeId, Stage};
+use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
 use crate::engine::snapshot::{Moving, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -15,6 +17,11 @@ pub const LENGTH_MAX: Span = Span::from_secs(60);
 
 /// Triggers of one incident that are kept; more are counted.
 const TRIGGERS_MAX: usize = 256;
+
+/// Bounds on the values at the beginning of an incident.
+const FROZEN_MODULES_MAX: usize = 64;
+const FROZEN_VALUES_MAX: usize = 32;
+const FROZEN_TEXT_BYTES_MAX: usize = 256;
 
 /// Bytes of a note.
 pub const NOTE_BYTES_MAX: usize = 2000;
@@ -185,6 +192,40 @@ pub fn roots(snapshot: &Snapshot, since: Timestamp) -> Vec<Arc<str>> {
     nodes.sort_unstable();
     nodes.dedup();
     nodes.into_iter().map(|node| snapshot.node_name(node).clone()).collect()
+}
+
+/// The values of a fault at its beginning: the modules of the root causes, and the others of their groups.
+pub fn freeze(snapshot: &Snapshot) -> Vec<FrozenNode> {
+    let mut modules: Vec<ModuleId> = Vec::new();
+    let mut groups: Vec<GroupId> = Vec::new();
+    for root in snapshot.roots.iter() {
+        match root.node {
+            NodeId::Module(id) => {
+                modules.push(id);
+                groups.push(snapshot.module(id).0.group);
+            }
+            NodeId::Group(id) => groups.push(id),
+        }
+    }
+    let of_groups = groups.into_iter().flat_map(|id| snapshot.group(id).0.modules.iter().copied());
+    modules.extend(of_groups);
+    let mut seen = HashSet::new();
+    modules.retain(|id| seen.insert(*id));
+    let frozen = |id: ModuleId| {
+        let (info, view) = snapshot.module(id);
+        let values = view.report.values.iter().take(FROZEN_VALUES_MAX);
+        FrozenNode {
+            node: info.id.to_string(),
+            state: view.state.as_str().to_owned(),
+            message: cut(&view.report.message),
+            values: values.map(|(key, value)| (cut(key), cut(value))).collect(),
+        }
+    };
+    modules.into_iter().take(FROZEN_MODULES_MAX).map(frozen).collect()
+}
+
+fn cut(text: &str) -> String {
+    text[..text.floor_char_boundary(FROZEN_TEXT_BYTES_MAX)].to_owned()
 }
 
 #[cfg(test)]

@@ -4,6 +4,8 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use crate::engine::Engine;
 use crate::engine::input::Input;
 use crate::engine::time::{Span, Timestamp};
@@ -44,12 +46,14 @@ pub enum Taken {
     Reload(Arc<[ConfigurationText]>),
     /// What changed by what was taken before: for readers, not for a replay.
     Transition(Arc<Record>),
+    /// The engine's whole state here; `None` if it is kept no longer.
+    Keyframe(Option<Arc<Engine>>),
     /// Entries before this one are missing: the recorder did not keep up.
     Lost(u64),
 }
 
 /// A file of a configuration.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ConfigurationText {
     pub name: String,
     pub text: String,
@@ -66,7 +70,8 @@ pub struct Ring {
     first: Position,
     bytes: usize,
     bytes_max: usize,
-    keyframes: VecDeque<(Position, Arc<Engine>)>,
+    /// The places of the engine's states, with their times.
+    keyframes: VecDeque<(Position, Timestamp)>,
     topics: BTreeMap<Arc<str>, Topic>,
     /// Messages of topics past the limit.
     unaccounted: u64,
@@ -145,20 +150,24 @@ impl Ring {
         self.make_room(now, of.as_deref());
     }
 
-    /// The engine's state before the next entry.
+    /// Takes the engine's present state.
     pub fn push_keyframe(&mut self, engine: Arc<Engine>) {
         let now = engine.now();
-        self.keyframes.push_back((self.next(), engine));
+        self.keyframes.push_back((self.next(), now));
+        self.push(Entry { at: now, taken: Taken::Keyframe(Some(engine)), message: None });
         // Of older ones, one a minute is enough: states of a large vehicle are large.
-        let age = |index: usize| self.keyframes.get(index).map(|(_, engine)| now.since(engine.now()));
+        let at = |index: usize| self.keyframes.get(index).map(|&(_, at)| at);
         let is_spare = |index: &usize| {
-            let (Some(before), Some(it), Some(after)) = (age(index - 1), age(*index), age(index + 1)) else {
+            let (Some(before), Some(it), Some(after)) = (at(index - 1), at(*index), at(index + 1)) else {
                 return false;
             };
-            it > THINNED_AFTER && before - after <= THINNED_AFTER
+            now.since(it) > THINNED_AFTER && after.since(before) <= THINNED_AFTER
         };
-        if let Some(spare) = (1..self.keyframes.len()).find(is_spare) {
-            self.keyframes.remove(spare);
+        if let Some(spare) = (1..self.keyframes.len()).find(is_spare)
+            && let Some((place, _)) = self.keyframes.remove(spare)
+            && let Some(entry) = self.entry(place)
+        {
+            entry.taken = Taken::Keyframe(None);
         }
     }
 
@@ -167,11 +176,16 @@ impl Ring {
         self.first + self.entries.len() as u64
     }
 
-    /// The newest state of the engine that is not younger than `at`, or else the oldest one, with the place of
-    /// the first entry after it.
-    pub fn keyframe_before(&self, at: Timestamp) -> Option<(Position, Arc<Engine>)> {
-        let older = |(_, engine): &&(Position, Arc<Engine>)| engine.now() <= at;
-        self.keyframes.iter().rev().find(older).or(self.keyframes.front()).cloned()
+    /// The place and the time of the newest state of the engine that is not younger than `at`, or else of the
+    /// oldest one.
+    pub fn keyframe_before(&self, at: Timestamp) -> Option<(Position, Timestamp)> {
+        let is_older = |&&(_, taken): &&(Position, Timestamp)| taken <= at;
+        self.keyframes.iter().rev().find(is_older).or(self.keyframes.front()).copied()
+    }
+
+    fn entry(&mut self, place: Position) -> Option<&mut Entry> {
+        let index = usize::try_from(place.checked_sub(self.first)?).ok()?;
+        self.entries.get_mut(index)
     }
 
     /// Entries from `place` on, at most as many as fit into `bytes_max`, but at least one; and the number of
@@ -219,17 +233,12 @@ impl Ring {
             topic.bytes -= bytes;
             topic.dropped += 1;
             self.bytes -= bytes;
-            let index = usize::try_from(place - self.first).unwrap_or(usize::MAX);
-            if let Some(entry) = self.entries.get_mut(index) {
-                entry.message = None;
-            }
+            self.forget_message(place);
             // The other inputs of the same message.
-            while let Some(&(place, _, 0)) = topic.held.front() {
-                topic.held.pop_front();
-                let index = usize::try_from(place - self.first).unwrap_or(usize::MAX);
-                if let Some(entry) = self.entries.get_mut(index) {
-                    entry.message = None;
-                }
+            while let Some(topic) = of.and_then(|of| self.topics.get_mut(of))
+                && let Some((place, _, _)) = topic.held.pop_front_if(|&mut (_, _, bytes)| bytes == 0)
+            {
+                self.forget_message(place);
             }
         }
         while let Some(oldest) = self.entries.front() {
@@ -238,6 +247,12 @@ impl Ring {
                 break;
             }
             self.drop_oldest(is_full);
+        }
+    }
+
+    fn forget_message(&mut self, place: Position) {
+        if let Some(entry) = self.entry(place) {
+            entry.message = None;
         }
     }
 
@@ -253,7 +268,6 @@ impl Ring {
             self.bytes -= bytes;
         }
         self.first += 1;
-        // A state from which the entries do not go on is no beginning.
         while self.keyframes.front().is_some_and(|&(place, _)| place < self.first) {
             self.keyframes.pop_front();
         }
@@ -338,13 +352,16 @@ mod tests {
             ring.push_keyframe(Arc::new(Engine::begin(model.clone(), seconds(s))));
             push(&mut ring, s * 1000, "/a", 1);
         }
-        let starts: Vec<_> =
-            ring.keyframes.iter().map(|(_, it)| it.now().as_nanos() / 1_000_000_000).collect();
+        let starts: Vec<_> = ring.keyframes.iter().map(|(_, at)| at.as_nanos() / 1_000_000_000).collect();
         assert!(starts.len() < 15 && starts[0] >= 300, "{starts:?}");
         assert!(starts.windows(2).all(|pair| pair[1] - pair[0] <= 60), "{starts:?}");
         assert!(starts.ends_with(&[540, 550, 560, 570, 580, 590, 600]), "{starts:?}");
-        let before = |s| ring.keyframe_before(seconds(s)).map(|(place, it)| (place, it.now())).unwrap();
-        assert_eq!(before(575), (57, seconds(570)));
+        let before = |s| ring.keyframe_before(seconds(s)).unwrap();
+        assert_eq!(before(575), (2 * 57, seconds(570)));
+        let (entries, _) = ring.read(2 * 57, usize::MAX);
+        assert!(matches!(&entries[0].taken, Taken::Keyframe(Some(engine)) if engine.now() == seconds(570)));
+        let states = ring.entries.iter().filter(|it| matches!(it.taken, Taken::Keyframe(Some(_)))).count();
+        assert_eq!(states, starts.len(), "the others are let go");
         assert_eq!(before(1).1, seconds(starts[0]), "the oldest, if none is old enough");
     }
 }

@@ -3,6 +3,8 @@
 use std::sync::mpsc::{SyncSender, TrySendError};
 
 use crate::engine::Engine;
+use crate::engine::event::Event;
+use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::{Record, Recorded};
 
@@ -25,7 +27,6 @@ impl Recorder {
     pub fn start(engine: &mut Engine, queue: Option<SyncSender<Vec<Record>>>, now: Timestamp) -> Recorder {
         let mut recorder = Recorder { queue, waiting: Vec::new(), handed_on: now, lost: 0 };
         if recorder.queue.is_some() {
-            engine.keep_events();
             recorder.begin(engine, false);
         }
         recorder
@@ -34,23 +35,19 @@ impl Recorder {
     /// Records the whole state: the engine started, or runs with another configuration.
     pub fn begin(&mut self, engine: &mut Engine, anew: bool) {
         if self.queue.is_some() {
-            self.take(engine);
             self.waiting.extend(Record::present(&engine.snapshot(), anew));
         }
     }
 
-    /// Records events, with the names that are valid now.
-    pub fn take(&mut self, engine: &mut Engine) {
-        let events = engine.take_events();
-        if !events.is_empty() {
-            let snapshot = engine.snapshot();
-            self.waiting.extend(events.into_iter().filter_map(|event| Record::of(event, &snapshot)));
+    /// Records events, with the names of this snapshot.
+    pub fn take(&mut self, events: Vec<Event>, snapshot: &Snapshot) {
+        if self.queue.is_some() {
+            self.waiting.extend(events.into_iter().filter_map(|event| Record::of(event, snapshot)));
         }
     }
 
-    /// Records events, and sends a batch if one is due.
-    pub fn follow(&mut self, engine: &mut Engine, now: Timestamp) {
-        self.take(engine);
+    /// Sends a batch if one is due.
+    pub fn hand_on_if_due(&mut self, now: Timestamp) {
         let is_due = self.waiting.len() >= BATCH || now.since(self.handed_on) >= EVERY;
         if is_due && !self.waiting.is_empty() {
             self.handed_on = now;
@@ -91,16 +88,22 @@ mod tests {
     fn a_full_queue_loses_records_counts_them_and_holds_nobody_up() {
         let (queue, records) = sync_channel(1);
         let mut engine = engine();
+        engine.keep_events();
         let mut recorder = Recorder::start(&mut engine, Some(queue), Timestamp::ZERO);
         let at = Timestamp::from_millis;
-        recorder.follow(&mut engine, at(50));
+        let mut follow = |engine: &mut Engine, at| {
+            let (events, snapshot) = (engine.take_events(), engine.snapshot());
+            recorder.take(events, &snapshot);
+            recorder.hand_on_if_due(at);
+        };
+        follow(&mut engine, at(50));
         assert!(records.try_recv().is_err(), "it waits for others");
-        recorder.follow(&mut engine, at(100));
+        follow(&mut engine, at(100));
         for ms in [200, 300] {
             let action =
                 if ms == 200 { OperatorAction::Login { name: "a".into() } } else { OperatorAction::Logout };
             engine.handle(&Input::Operator(action), at(ms));
-            recorder.follow(&mut engine, at(ms));
+            follow(&mut engine, at(ms));
         }
         let first = records.try_recv().unwrap();
         assert_eq!(first[0].what, Recorded::Started { anew: false });
@@ -110,11 +113,11 @@ mod tests {
         );
         assert!(records.try_recv().is_err(), "the queue was full");
         engine.handle(&Input::Operator(OperatorAction::Login { name: "a".into() }), at(400));
-        recorder.follow(&mut engine, at(400));
+        follow(&mut engine, at(400));
         let next = records.try_recv().unwrap();
         assert!(matches!(next[0].what, Recorded::Lost(lost) if lost >= 2), "{next:?}");
         drop(records);
         engine.handle(&Input::Operator(OperatorAction::Logout), at(500));
-        recorder.follow(&mut engine, at(500));
+        follow(&mut engine, at(500));
     }
 }

@@ -97,6 +97,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("display.dpi", display_dpi.to_string()),
             ("localized_after", words::span(driving.localized_after)),
             ("motion", words::motion(&loaded.model)),
+            ("recording", words::recording(loaded.recording.as_ref())),
             ("message_folders", listed(&folders)),
         ];
         let publishing = &loaded.publishing;

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 pub use self::monitor::monitor;
+use crate::config::recording::Recording;
 use crate::engine::model::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::DiagnosticsTopic;
@@ -154,7 +155,31 @@ pub fn node_name(model: &Model, node: NodeId) -> &str {
 
 /// `1h 30m`
 pub fn span(span: Span) -> String {
+    const DAY: u64 = 24 * 3600 * 1_000_000_000;
+    if !span.is_zero() && span.as_nanos().is_multiple_of(DAY) {
+        return format!("{}d", span.as_nanos() / DAY);
+    }
     humantime::format_duration(Duration::from_nanos(span.as_nanos())).to_string()
+}
+
+/// A size as the configuration has it: `256MB`.
+pub fn bytes(bytes: u64) -> String {
+    let units = [("TB", 1_000_000_000_000), ("GB", 1_000_000_000), ("MB", 1_000_000), ("kB", 1000)];
+    let whole = units.into_iter().find(|(_, scale)| bytes >= *scale && bytes.is_multiple_of(*scale));
+    match whole {
+        Some((unit, scale)) => format!("{}{unit}", bytes / scale),
+        None => format!("{}kB", bytes as f64 / 1000.0),
+    }
+}
+
+/// The settings of the recording.
+pub fn recording(recording: Option<&Recording>) -> String {
+    let Some(Recording { before, after, memory, disk, keep }) = recording else {
+        return "switched off".to_owned();
+    };
+    let [before, after, keep] = [before, after, keep].map(|it| span(*it));
+    let [memory, disk] = [memory, disk].map(|it| bytes(*it));
+    format!("{before} before and {after} after, {memory} of memory, {disk} of disk, kept for {keep}")
 }
 
 /// The topics on which components report.

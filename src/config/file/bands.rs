@@ -44,7 +44,7 @@ impl Unit {
                     let problem =
                         Problem::at(node.span, format!("expected a duration, found {}", node.describe()));
                     log.push(problem.help(
-                        "write a number with one of the units ns, us, ms, s, m, h: for example `300ms`",
+                        "write a number with one of the units ns, us, ms, s, m, h, d: for example `300ms`",
                     ));
                 }
                 seconds

@@ -45,14 +45,14 @@ pub(super) fn nodes(schema: &mut Schema) -> Members {
 
 pub(super) fn duration(schema: &mut Schema) -> Members {
     schema.define("duration", |_| {
-        let form = pattern("^[0-9]+(\\.[0-9]+)? *(ns|us|µs|ms|s|m|h)$");
+        let form = pattern("^[0-9]+(\\.[0-9]+)? *(ns|us|µs|ms|s|m|h|d)$");
         example(&["2s", "250ms"], with_about("A number with its unit.", form))
     })
 }
 
 pub(super) fn signed_duration(schema: &mut Schema) -> Members {
     schema.define("signed_duration", |_| {
-        let form = pattern("^-?[0-9]+(\\.[0-9]+)? *(ns|us|µs|ms|s|m|h)$");
+        let form = pattern("^-?[0-9]+(\\.[0-9]+)? *(ns|us|µs|ms|s|m|h|d)$");
         example(&["300ms"], with_about("A number with its unit.", form))
     })
 }
@@ -109,6 +109,6 @@ pub(super) fn with_about(about: &str, form: Members) -> Members {
     [vec![("description", about.into())], form].concat()
 }
 
-fn example(examples: &[&str], form: Members) -> Members {
+pub(super) fn example(examples: &[&str], form: Members) -> Members {
     [form, vec![("examples", examples.to_vec().into())]].concat()
 }

@@ -10,6 +10,7 @@ pub(super) mod motion;
 pub(super) mod nodes;
 pub(super) mod policy;
 pub(super) mod publishing;
+pub(super) mod recording;
 pub(super) mod ros_names;
 pub(super) mod signals;
 pub(super) mod sources;
@@ -33,7 +34,8 @@ pub(super) use nodes::{
     Dependency, DependsOn, Filter, FilterKind, Group, Module, TILE_MAX, Tile, When, Writers,
 };
 pub(super) use policy::Policy;
-use publishing::RawPublishing;
+use publishing::{RawPublishing, Switch};
+use recording::RawRecording;
 pub(super) use signals::{Signal, SignalFrom};
 use sources::RawDiagnostics;
 
@@ -55,6 +57,7 @@ pub(super) struct File {
     pub groups_span: Option<Span>,
     pub countermeasures: Vec<RawRule>,
     pub publish: Option<RawPublishing>,
+    pub recording: Option<Switch<RawRecording>>,
     /// The topics on which components report; without it, `/diagnostics`.
     pub diagnostics: Option<RawDiagnostics>,
     /// The clock of the stamps in messages.
@@ -88,6 +91,7 @@ impl FromNode for File {
             "localized_after",
             "other",
             "publish",
+            "recording",
             "diagnostics",
             "clock",
         ];
@@ -108,6 +112,7 @@ impl FromNode for File {
             groups: fields.or_default(key("groups").about("The tiles of the operator's screen, in order.")),
             countermeasures: fields.or_default(key("countermeasures").about("What the vehicle is asked to do when something fails.")),
             publish: fields.optional("publish"),
+            recording: fields.optional("recording"),
             diagnostics: fields.optional("diagnostics"),
             clock: fields.optional(key("clock").about("The clock of the stamps in messages: that of this machine, or the time on /clock, as nodes with use_sim_time have it.").rules(|| vec![default("system")])),
             message_folders: fields.or_default(key("message_folders").about("Folders with `package/msg/Name.msg`, relative to this file, for types that are not built in: a ROS installation's `share`.")),

@@ -5,7 +5,7 @@ use crate::yaml::decode::{scalar, scaled};
 use crate::yaml::{FromNode, Log, Members, Node, Problem, Schema};
 
 /// A unit that ends with another one comes before it.
-const UNITS: [(&str, u64); 7] = [
+const UNITS: [(&str, u64); 8] = [
     ("ns", 1),
     ("us", 1_000),
     ("µs", 1_000),
@@ -13,6 +13,7 @@ const UNITS: [(&str, u64); 7] = [
     ("s", 1_000_000_000),
     ("m", 60_000_000_000),
     ("h", 3_600_000_000_000),
+    ("d", 86_400_000_000_000),
 ];
 
 impl FromNode for Span {
@@ -21,7 +22,7 @@ impl FromNode for Span {
         if span.is_none() {
             let problem = Problem::at(node.span, format!("expected a duration, found {}", node.describe()));
             log.push(
-                problem.help("write a number with one of the units ns, us, ms, s, m, h: for example `2s`"),
+                problem.help("write a number with one of the units ns, us, ms, s, m, h, d: for example `2s`"),
             );
         }
         span
@@ -54,6 +55,7 @@ mod tests {
             ("7ns", Some(7)),
             ("2m", Some(120_000_000_000)),
             ("1h", Some(3_600_000_000_000)),
+            ("2d", Some(172_800_000_000_000)),
             ("0s", Some(0)),
             ("2", None),
             ("2 sek", None),

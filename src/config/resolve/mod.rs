@@ -6,6 +6,7 @@ mod monitors;
 mod motion;
 mod names;
 mod publishing;
+mod recording;
 mod relations;
 mod signals;
 mod topics;
@@ -61,6 +62,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     if !driving.stops.is_empty() {
         driving.goal = motion::goal(&signals, &mut topics, log);
     }
+    let recording = recording::recording(file.recording.as_ref(), log);
     driving.unpublished = publishing.switched_off();
     let (watched, topics) = topics.finish();
     let limits = limits(file.limits.as_ref(), log);
@@ -90,7 +92,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let rules = countermeasures::spans(&file.countermeasures);
     let stop_off = file.publish.as_ref().and_then(RawPublishing::stop_off);
     let places = Places { topics, signals: signal_places, rules, stop_off, ..places(&names) };
-    Some(Loaded { model, publishing, message_folders, places: Arc::new(places) })
+    Some(Loaded { model, publishing, recording, message_folders, places: Arc::new(places) })
 }
 
 fn places(names: &Names) -> Places {

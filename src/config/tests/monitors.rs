@@ -219,7 +219,7 @@ fn limits_are_there_and_in_order() {
     wrong(
         &format!("latency: {{ {TOPIC}, error_above: 300 }}"),
         &[
-            "51: expected a duration, found `300` (write a number with one of the units ns, us, ms, s, m, h: for example `300ms`)",
+            "51: expected a duration, found `300` (write a number with one of the units ns, us, ms, s, m, h, d: for example `300ms`)",
         ],
     );
     wrong(
@@ -245,7 +245,7 @@ fn times_are_within_bounds() {
     wrong(
         &format!("frequency: {{ {TOPIC}, window: -2s, error_below: 1 }}"),
         &[
-            "48: expected a duration, found `-2s` (write a number with one of the units ns, us, ms, s, m, h: for example `2s`)",
+            "48: expected a duration, found `-2s` (write a number with one of the units ns, us, ms, s, m, h, d: for example `2s`)",
         ],
     );
     wrong(

@@ -59,7 +59,7 @@ fn an_answer_has_limits_where_somebody_is_asked() {
     wrong(
         "watchdog: { icmp: lidar, error_above: 20 }",
         &[
-            "39: expected a duration, found `20` (write a number with one of the units ns, us, ms, s, m, h: for example `300ms`)",
+            "39: expected a duration, found `20` (write a number with one of the units ns, us, ms, s, m, h, d: for example `300ms`)",
         ],
     );
     wrong(

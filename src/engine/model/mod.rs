@@ -3,6 +3,7 @@
 
 pub mod countermeasure;
 pub mod filter;
+mod memory;
 pub mod monitors;
 pub mod motion;
 pub mod order;

@@ -150,9 +150,10 @@ impl Fixture {
         demo: DemoSecrets,
     ) -> Fixture {
         let (history, records) = History::in_memory(clock).unwrap();
+        let followers = runtime::Followers { records: Some(records), feed: None };
         let link = match store.recall().await.unwrap() {
-            Some(restored) => runtime::resume(Arc::new(model), &restored, clock, Some(records)),
-            None => runtime::start_recorded(Arc::new(model), clock, Some(records)),
+            Some(restored) => runtime::resume(Arc::new(model), &restored, clock, followers),
+            None => runtime::start_followed(Arc::new(model), clock, followers),
         };
         if store.fault().borrow().is_none() {
             store.add_demo_users().await.unwrap();

@@ -51,6 +51,7 @@ impl LeftOut {
 pub(super) struct Context<'a> {
     pub snapshot: &'a Snapshot,
     pub at: SystemTime,
+    pub recording: bool,
     pub left_out: LeftOut,
 }
 
@@ -208,7 +209,7 @@ impl<'a> Context<'a> {
                 speed_mps: snapshot.motion.speed_kmh.map(|kmh| (f64::from(kmh) / 3.6 * 10.0).round() / 10.0),
                 destination: snapshot.destination().map(|stop| &*stop.id),
             },
-            recording: false,
+            recording: self.recording,
         }
     }
 

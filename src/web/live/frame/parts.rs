@@ -134,7 +134,12 @@ impl Parts {
     }
 
     fn context(&self) -> Context<'_> {
-        Context { snapshot: &self.published.snapshot, at: self.published.at, left_out: self.left_out }
+        Context {
+            snapshot: &self.published.snapshot,
+            at: self.published.at,
+            recording: self.published.recording,
+            left_out: self.left_out,
+        }
     }
 
     /// Writes the parts that are not as they were. Leaves out what an answer is the least worse without,
@@ -165,7 +170,8 @@ impl Parts {
     /// Tells whether the answer is small enough.
     fn write_parts(&mut self, snapshot: &Snapshot, before: Option<&Snapshot>, bytes_max: usize) -> bool {
         let (number, wall, left_out) = (self.number, WallMs::of(&self.published), self.left_out);
-        let context = Context { snapshot, at: self.published.at, left_out };
+        let context =
+            Context { snapshot, at: self.published.at, recording: self.published.recording, left_out };
         let is_last = left_out == LeftOut::Modules;
         let (mut texts_bytes, now) = (0, snapshot.now);
         for (id, part) in (0..).map(GroupId).zip(&mut self.groups) {

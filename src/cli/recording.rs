@@ -1,0 +1,263 @@
+//! Records incidents while the display runs: the recorder, the writer of files, the store's knowledge of them,
+//! and their removal when they are old.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use tokio::sync::{mpsc, watch};
+use tokio::task;
+
+use super::reload;
+use crate::clock::Clock;
+use crate::config::Loaded;
+use crate::engine::time::Span;
+use crate::msg::fields::Definitions;
+use crate::record::feed::{Feed, Turns};
+use crate::record::file::repair;
+use crate::record::folder;
+use crate::record::incident::Margins;
+use crate::record::recorder::{Recorder, Settings};
+use crate::record::retention::{Policy, surplus};
+use crate::record::summary::Summary;
+use crate::record::writer::{self, NEWS_MAX, News, Place, hash_file, unix_ms};
+use crate::runtime::Link;
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{Store, make_folder};
+
+/// A recording begins at most this much before its pre-roll.
+const MEMORY_MAX: Span = Span::from_secs(120);
+
+/// Old recordings are looked for this often.
+const TIDY_EVERY: Duration = Duration::from_secs(600);
+
+/// The end of the program waits this long for the last incident to be written.
+const LAST_WITHIN: Duration = Duration::from_secs(3);
+
+/// A running recording.
+#[derive(Debug)]
+pub struct Recording {
+    pub recorder: Recorder,
+    /// Why nothing can be recorded.
+    pub fault: watch::Receiver<Option<Arc<str>>>,
+    policy: watch::Sender<Policy>,
+    writer: JoinHandle<()>,
+    books: task::JoinHandle<()>,
+    tidying: task::JoinHandle<()>,
+    _temporary: Option<Temporary>,
+}
+
+/// What a recording needs of its surroundings.
+#[derive(Debug)]
+pub struct Around {
+    pub folder: Folder,
+    pub definitions: Definitions,
+    pub is_demo: bool,
+}
+
+/// The folder of the recordings.
+#[derive(Debug)]
+pub struct Folder {
+    path: PathBuf,
+    temporary: Option<Temporary>,
+}
+
+impl Folder {
+    /// In a data folder, or in one that ends with the program.
+    pub fn of(data: Option<&Path>) -> Folder {
+        match data {
+            Some(data) => Folder { path: folder::folder_in(data), temporary: None },
+            None => {
+                let path = std::env::temp_dir().join(format!("telltale-demo-{}", std::process::id()));
+                Folder { path: folder::folder_in(&path), temporary: Some(Temporary(path)) }
+            }
+        }
+    }
+}
+
+/// A folder that is removed with this.
+#[derive(Debug)]
+struct Temporary(PathBuf);
+
+impl Drop for Temporary {
+    fn drop(&mut self) {
+        if let Err(error) = std::fs::remove_dir_all(&self.0)
+            && error.kind() != std::io::ErrorKind::NotFound
+        {
+            tracing::warn!(%error, "the folder {} is not removed", self.0.display());
+        }
+    }
+}
+
+/// The two ends of a queue between the engine and the recorder, if the configuration records.
+pub fn queue(loaded: &Loaded) -> (Option<Feed>, Option<Turns>) {
+    loaded.recording.as_ref().map(|_| Feed::new()).unzip()
+}
+
+/// Starts to record what comes through the queue.
+///
+/// # Errors
+/// If the database cannot be read or a thread cannot be started. A folder that cannot be made is a fault of the
+/// recording, not of the start.
+pub async fn start(
+    loaded: &Loaded,
+    turns: Turns,
+    link: &Link,
+    store: &Store,
+    Around { folder, definitions, is_demo }: Around,
+    clock: Clock,
+) -> anyhow::Result<Option<Recording>> {
+    let (Some(settings), Some(policy)) = (settings(loaded), policy(loaded)) else { return Ok(None) };
+    let Folder { path: folder, temporary } = folder;
+    if let Err(error) = make_folder(&folder) {
+        tracing::error!(%error, "the folder {} cannot be made", folder.display());
+    }
+    make_whole(store, &folder).await;
+    let largest = folder::numbers(&folder).unwrap_or_default().last().copied().unwrap_or(0);
+    let number = store.next_incident_number(largest).await?;
+    let first = link.snapshots.borrow().snapshot.clone();
+    let recorder =
+        Recorder::start(turns, first, settings, number, clock).context("no thread can be started")?;
+    let (tell, news) = mpsc::channel(NEWS_MAX);
+    let mut about = BTreeMap::from([("vehicle".to_owned(), loaded.model.vehicle_id.to_string())]);
+    if is_demo {
+        // The demo's configuration has more time than its text says.
+        about.insert("demo".to_owned(), "true".to_owned());
+    }
+    let place = Place { folder: folder.clone(), definitions, about };
+    let writer = writer::start(&recorder, place, tell).context("no thread can be started")?;
+    let (fault, faults) = watch::channel(None);
+    let (policy, policies) = watch::channel(policy);
+    let books = tokio::spawn(keep_books(news, store.clone(), fault));
+    let tidying = tokio::spawn(tidy(policies, store.clone(), folder, clock));
+    Ok(Some(Recording { recorder, fault: faults, policy, writer, books, tidying, _temporary: temporary }))
+}
+
+impl Recording {
+    /// Records by another configuration from now on. Whether it records at all is decided at the start.
+    pub fn follow(&self, loaded: &Loaded) {
+        match (settings(loaded), policy(loaded)) {
+            (Some(settings), Some(policy)) => {
+                self.recorder.follow_settings(settings);
+                self.policy.send_replace(policy);
+            }
+            _ => tracing::warn!("incidents are recorded until the next start"),
+        }
+    }
+
+    /// Waits until the last incident is written, but not for a disk that hangs. The engine must have ended.
+    pub async fn end(self) {
+        let Recording { writer, books, tidying, _temporary, .. } = self;
+        tidying.abort();
+        let last = async {
+            let written = task::spawn_blocking(move || writer.join().is_ok()).await;
+            written.is_ok_and(|written| written) && books.await.is_ok()
+        };
+        if tokio::time::timeout(LAST_WITHIN, last).await != Ok(true) {
+            tracing::error!("the last incident is not whole: the next start completes its file");
+        }
+    }
+}
+
+fn settings(loaded: &Loaded) -> Option<Settings> {
+    let recording = loaded.recording.as_ref()?;
+    Some(Settings {
+        margins: Margins { before: recording.before, after: recording.after },
+        memory: usize::try_from(recording.memory).unwrap_or(usize::MAX),
+        longest_memory: loaded.model.longest_memory().min(MEMORY_MAX),
+        configuration: reload::texts(loaded),
+    })
+}
+
+fn policy(loaded: &Loaded) -> Option<Policy> {
+    loaded.recording.as_ref().map(|recording| Policy { disk: recording.disk, keep: recording.keep })
+}
+
+/// Tells the store of every incident.
+async fn keep_books(mut news: mpsc::Receiver<News>, store: Store, fault: watch::Sender<Option<Arc<str>>>) {
+    while let Some(news) = news.recv().await {
+        let stored = match &news {
+            News::Begun(summary) => store.incident_opened(summary).await,
+            News::Extended(summary) => store.incident_updated(summary).await,
+            News::Ended(summary) => store.incident_finished(summary).await,
+            News::Fault(why) => {
+                fault.send_replace(why.as_deref().map(Arc::from));
+                Ok(())
+            }
+        };
+        if let Err(error) = stored {
+            tracing::error!(%error, "an incident is not in the database; the next start finds its file");
+        }
+    }
+}
+
+/// Completes the files of incidents that the end of an earlier run interrupted.
+async fn make_whole(store: &Store, folder: &Path) {
+    let unfinished = match store.unfinished_incidents().await {
+        Ok(unfinished) => unfinished,
+        Err(error) => return tracing::error!(%error, "interrupted incidents are not looked for"),
+    };
+    for summary in unfinished {
+        let Some(path) = folder::path_of(folder, &summary.recording.file) else { continue };
+        let whole = task::spawn_blocking(move || whole(summary, &path)).await;
+        let Ok(summary) = whole else { continue };
+        if let Err(error) = store.incident_finished(&summary).await {
+            tracing::error!(%error, "an interrupted incident stays open in the database");
+        }
+    }
+}
+
+/// The summary of an incident whose file is made whole.
+fn whole(mut summary: Summary, path: &Path) -> Summary {
+    let recording = &mut summary.recording;
+    recording.interrupted = true;
+    let made = repair(path).map(|_| ()).map_err(anyhow::Error::from).and_then(|()| {
+        recording.bytes = std::fs::metadata(path)?.len();
+        recording.sha256 = Some(hash_file(path)?);
+        Ok(())
+    });
+    match made {
+        Ok(()) => recording.finished = true,
+        Err(error) => tracing::error!(%error, "the file of an interrupted incident cannot be completed"),
+    }
+    summary
+}
+
+/// Removes recordings that are too old or too many.
+async fn tidy(mut policies: watch::Receiver<Policy>, store: Store, folder: PathBuf, clock: Clock) {
+    loop {
+        let policy = *policies.borrow_and_update();
+        if let Err(error) = remove_surplus(&store, &folder, &policy, clock).await {
+            tracing::error!(%error, "old recordings are not removed");
+        }
+        tokio::select! {
+            changed = policies.changed() => if changed.is_err() { return },
+            () = tokio::time::sleep(TIDY_EVERY) => {}
+        }
+    }
+}
+
+async fn remove_surplus(store: &Store, folder: &Path, policy: &Policy, clock: Clock) -> anyhow::Result<()> {
+    let held = store.incidents_held().await?;
+    let surplus = surplus(&held, policy, unix_ms(clock.wall()));
+    if surplus.is_over() {
+        tracing::warn!(
+            "the kept recordings alone take more than `recording.disk`: remove some, or permit more"
+        );
+    }
+    if surplus.remove.is_empty() {
+        return Ok(());
+    }
+    let record = Record::of(Action::IncidentRemoved, TELLTALE);
+    for gone in store.forget_incidents(surplus.remove, record).await? {
+        if let Some(path) = folder::path_of(folder, &gone.file)
+            && let Err(error) = std::fs::remove_file(&path)
+        {
+            tracing::warn!(%error, "the recording {} is not removed", path.display());
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,276 @@
+//! The thread that keeps the ring and decides when an incident begins and ends. Another thread writes the
+//! incidents; the ring is all that lies between them.
+
+use std::collections::VecDeque;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use super::feed::{Turn, Turns};
+use super::incident::{Change, Margins, Open, Tracker, Trigger, freeze, roots};
+use super::ring::{ConfigurationText, Entry, Held, Position, Ring, Taken};
+use super::summary::FrozenNode;
+use crate::clock::Clock;
+use crate::engine::model::Stage;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::{Span, Timestamp};
+
+/// Incidents that may wait for the disk. Further ones are not written, which is counted.
+const WAITING_MAX: usize = 4;
+
+/// Without a turn of the engine, the recorder looks this often whether an incident is over.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+
+/// What the configuration says about recordings.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Settings {
+    pub margins: Margins,
+    /// Bytes of the ring.
+    pub memory: usize,
+    /// The longest window, timeout or delay of the configuration: a recording begins so much earlier, so that
+    /// another configuration has a past to judge by.
+    pub longest_memory: Span,
+    pub configuration: Arc<[ConfigurationText]>,
+}
+
+/// The state that the recorder shares with the writer and with pages.
+#[derive(Debug)]
+pub struct Shared {
+    state: Mutex<State>,
+    /// Notified when there is something to write.
+    news: Condvar,
+    clock: Clock,
+}
+
+#[derive(Debug)]
+pub(super) struct State {
+    pub ring: Ring,
+    tracker: Tracker,
+    settings: Settings,
+    snapshot: Arc<Snapshot>,
+    /// Warnings since that snapshot.
+    warnings: Vec<Arc<str>>,
+    /// Incidents to write, the oldest first.
+    pub jobs: VecDeque<Job>,
+    /// Incidents that nobody could write.
+    pub unwritten: u64,
+    next_number: u64,
+    pub ended: bool,
+}
+
+/// An incident to be written.
+#[derive(Debug, Clone)]
+pub(super) struct Job {
+    pub number: u64,
+    pub open: Open,
+    /// The engine's state with which the recording begins.
+    pub begin: Position,
+    /// The first instant that is shown.
+    pub shown_from: Timestamp,
+    /// The entry after the last one; `None` while the incident is open.
+    pub end: Option<Position>,
+    pub configuration: Arc<[ConfigurationText]>,
+    pub roots: Vec<Arc<str>>,
+    /// The stage at the first trigger.
+    pub stage: Stage,
+    pub freeze: Vec<FrozenNode>,
+}
+
+/// A handle to a running recorder. Clones lead to the same one.
+#[derive(Debug, Clone)]
+pub struct Recorder(pub(super) Arc<Shared>);
+
+impl Recorder {
+    /// Starts a recorder of an engine whose first snapshot is given. It ends when the feed is dropped.
+    ///
+    /// # Errors
+    /// If no thread can be started.
+    pub fn start(
+        turns: Turns,
+        first: Arc<Snapshot>,
+        settings: Settings,
+        next_number: u64,
+        clock: Clock,
+    ) -> std::io::Result<Recorder> {
+        let state = State {
+            ring: Ring::new(settings.memory),
+            tracker: Tracker::new(settings.margins, &first),
+            settings,
+            snapshot: first,
+            warnings: Vec::new(),
+            jobs: VecDeque::new(),
+            unwritten: 0,
+            next_number,
+            ended: false,
+        };
+        let shared = Arc::new(Shared { state: Mutex::new(state), news: Condvar::new(), clock });
+        let recorder = Recorder(shared.clone());
+        std::thread::Builder::new().name("recorder".into()).spawn(move || shared.run(&turns))?;
+        Ok(recorder)
+    }
+
+    /// Marks this moment: an incident begins or goes on. Returns its number.
+    pub fn mark(&self, by: &str, note: &str) -> Option<u64> {
+        let mut state = self.0.lock();
+        let now = self.0.clock.now();
+        let changes = state.tracker.trigger(now, Trigger::Mark { by: by.into(), note: note.into() });
+        state.apply(changes);
+        self.0.news.notify_all();
+        state.present().map(|job| job.number)
+    }
+
+    /// Another configuration counts from now on.
+    pub fn follow_settings(&self, settings: Settings) {
+        let mut state = self.0.lock();
+        state.tracker.set_margins(settings.margins);
+        state.ring.set_bytes_max(settings.memory);
+        state.settings = settings;
+    }
+
+    /// What the ring holds of each topic.
+    pub fn meter(&self) -> Vec<Held> {
+        self.0.lock().ring.meter(self.0.clock.now())
+    }
+
+    /// The number of the incident that is being recorded.
+    pub fn present(&self) -> Option<u64> {
+        self.0.lock().present().map(|job| job.number)
+    }
+}
+
+impl Shared {
+    pub(super) fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until there may be something to write, at most for this time.
+    pub(super) fn wait<'a>(
+        &self,
+        state: MutexGuard<'a, State>,
+        for_at_most: Duration,
+    ) -> MutexGuard<'a, State> {
+        self.news.wait_timeout(state, for_at_most).unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    pub(super) fn clock(&self) -> Clock {
+        self.clock
+    }
+
+    fn run(&self, turns: &Turns) {
+        loop {
+            let turn = turns.queue.recv_timeout(LOOK_EVERY);
+            let mut state = self.lock();
+            // While turns wait, an incident ends by their times: it lacks nothing of what they bring.
+            let now = match turn {
+                Ok(turn) => state.take(turn),
+                Err(RecvTimeoutError::Timeout) => self.clock.now(),
+                Err(RecvTimeoutError::Disconnected) => {
+                    let now = self.clock.now();
+                    state.close(now);
+                    state.ended = true;
+                    self.news.notify_all();
+                    return;
+                }
+            };
+            let changes = state.tracker.due(now);
+            state.apply(changes);
+            turns.recording.store(state.present().is_some(), Ordering::Relaxed);
+            if !state.jobs.is_empty() {
+                self.news.notify_all();
+            }
+        }
+    }
+}
+
+impl State {
+    /// The incident that is open.
+    fn present(&self) -> Option<&Job> {
+        self.jobs.back().filter(|job| job.end.is_none())
+    }
+
+    /// Takes a turn of the engine. Returns its time.
+    fn take(&mut self, turn: Turn) -> Timestamp {
+        let Turn { lost, taken, reload, records, warnings, snapshot, keyframe } = turn;
+        let shown = snapshot.as_ref().unwrap_or(&self.snapshot).now;
+        let now = taken.iter().map(|stamped| stamped.received).fold(shown, Timestamp::max);
+        let mut push = |at, taken| self.ring.push(Entry { at, taken, message: None });
+        if lost > 0 {
+            push(now, Taken::Lost(lost));
+        }
+        for stamped in taken {
+            self.ring.push_input(stamped);
+        }
+        let mut push = |at, taken| self.ring.push(Entry { at, taken, message: None });
+        if let Some((at, texts)) = reload {
+            push(at, Taken::Reload(texts));
+        }
+        for record in records {
+            push(record.at, Taken::Transition(Arc::new(record)));
+        }
+        if let Some(keyframe) = keyframe {
+            self.ring.push_keyframe(keyframe);
+        }
+        self.warnings.extend(warnings);
+        if let Some(snapshot) = snapshot {
+            let changes = self.tracker.follow(&snapshot, &std::mem::take(&mut self.warnings));
+            self.snapshot = snapshot;
+            self.apply(changes);
+        }
+        now
+    }
+
+    fn apply(&mut self, changes: Vec<Change>) {
+        for change in changes {
+            match change {
+                Change::Opened(open) => self.open(open),
+                Change::Extended(open) => {
+                    if let Some(job) = self.jobs.back_mut().filter(|job| job.end.is_none()) {
+                        job.open = open;
+                    }
+                }
+                Change::Closed(open) => self.end(open),
+            }
+        }
+    }
+
+    fn open(&mut self, open: Open) {
+        let before =
+            |span: Span| Timestamp::from_nanos(open.since.as_nanos().saturating_sub(span.as_nanos()));
+        let Settings { margins, longest_memory, ref configuration, .. } = self.settings;
+        let past = Span::from_nanos(margins.before.as_nanos().saturating_add(longest_memory.as_nanos()));
+        let found = self.ring.keyframe_before(before(past));
+        let Some((begin, at)) = found.filter(|_| self.jobs.len() < WAITING_MAX) else {
+            self.unwritten += 1;
+            return;
+        };
+        let number = self.next_number;
+        self.next_number += 1;
+        self.jobs.push_back(Job {
+            number,
+            begin,
+            shown_from: before(margins.before).max(at),
+            end: None,
+            configuration: configuration.clone(),
+            roots: Vec::new(),
+            stage: self.snapshot.stage,
+            freeze: freeze(&self.snapshot),
+            open,
+        });
+    }
+
+    fn end(&mut self, open: Open) {
+        let (end, roots) = (self.ring.next(), roots(&self.snapshot, open.since));
+        if let Some(job) = self.jobs.back_mut().filter(|job| job.end.is_none()) {
+            (job.open, job.end, job.roots) = (open, Some(end), roots);
+        }
+    }
+
+    /// The engine ended: the present incident ends with it.
+    fn close(&mut self, now: Timestamp) {
+        if let Some(mut open) = self.tracker.end() {
+            open.until = now;
+            self.end(open);
+        }
+    }
+}

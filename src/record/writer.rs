@@ -1,0 +1,224 @@
+//! The thread that writes incidents into files. It reads the ring; when the disk is slower than the world, the
+//! ring forgets the oldest messages of large topics first, and the file counts what it lacks.
+
+mod open_file;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::mpsc;
+
+use super::file::{FileError, IncidentFile};
+use super::recorder::{Job, Recorder, Shared};
+use super::ring::Entry;
+use super::summary::Summary;
+use crate::clock::Clock;
+use crate::engine::time::{Span, Timestamp};
+use crate::msg::fields::Definitions;
+use open_file::OpenFile;
+pub use open_file::{digest, hash_file, unix_ms};
+
+/// Bytes that are taken from the ring at once.
+const BATCH_BYTES: usize = 4 << 20;
+
+/// The writer looks this often whether there is something to write.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// After a failure the disk is tried again this often.
+const TRY_EVERY: Span = Span::from_secs(5);
+
+/// News that may wait for their receiver.
+pub const NEWS_MAX: usize = 64;
+
+/// What the writer tells.
+#[derive(Debug, Clone, PartialEq)]
+pub enum News {
+    /// A recording began.
+    Begun(Summary),
+    /// It has another trigger.
+    Extended(Summary),
+    /// Its file is whole, or was given up.
+    Ended(Summary),
+    /// Why nothing can be recorded; `None`: it can again.
+    Fault(Option<String>),
+}
+
+/// What the writer needs beside the recorder.
+#[derive(Debug)]
+pub struct Place {
+    /// The folder of the files.
+    pub folder: PathBuf,
+    pub definitions: Definitions,
+    /// Facts that every file states of itself.
+    pub about: BTreeMap<String, String>,
+}
+
+/// Starts the writer of a recorder's incidents. It ends with the recorder, when all is written.
+///
+/// # Errors
+/// If no thread can be started.
+pub fn start(
+    recorder: &Recorder,
+    place: Place,
+    news: mpsc::Sender<News>,
+) -> std::io::Result<std::thread::JoinHandle<()>> {
+    let shared = recorder.0.clone();
+    let writer =
+        Writer { clock: shared.clock(), shared, place, news, untold: Vec::new(), fault: None, tried: None };
+    std::thread::Builder::new().name("incidents".into()).spawn(move || writer.run())
+}
+
+struct Writer {
+    shared: Arc<Shared>,
+    clock: Clock,
+    place: Place,
+    news: mpsc::Sender<News>,
+    /// Ends of recordings that the receiver of news had no room for.
+    untold: Vec<News>,
+    fault: Option<String>,
+    /// When the disk was tried last after a failure.
+    tried: Option<Timestamp>,
+}
+
+impl Writer {
+    fn run(mut self) {
+        // A folder that takes no recordings is known before anybody needs one.
+        self.try_the_disk();
+        loop {
+            let (job, ended) = {
+                let mut state = self.shared.lock();
+                if state.jobs.is_empty() && !state.ended {
+                    state = self.shared.wait(state, LOOK_EVERY);
+                }
+                (state.jobs.front().cloned(), state.ended)
+            };
+            match job {
+                Some(job) => {
+                    self.write(&job);
+                    let mut state = self.shared.lock();
+                    state.jobs.retain(|it| it.number != job.number);
+                }
+                None if ended => return,
+                None => self.try_the_disk_again(),
+            }
+            self.tell_again();
+        }
+    }
+
+    /// Writes an incident from its beginning to its end.
+    fn write(&mut self, job: &Job) {
+        let mut file = match OpenFile::begin(&self.place, job, self.clock) {
+            Ok(file) => file,
+            Err(error) => return self.fail(&error),
+        };
+        self.tell(News::Begun(file.summary.clone()));
+        loop {
+            let (job, entries, gone) = {
+                let state = self.shared.lock();
+                let Some(job) = state.jobs.iter().find(|it| it.number == job.number).cloned() else { return };
+                let (entries, gone) = state.ring.read(file.next, BATCH_BYTES);
+                // What lies beyond its end belongs to the next one.
+                let most = job.end.map(|end| end.saturating_sub(file.next + gone));
+                let most = most.and_then(|most| usize::try_from(most).ok()).unwrap_or(usize::MAX);
+                let entries: Vec<Entry> = entries.into_iter().take(most).collect();
+                (job, entries, gone)
+            };
+            if file.follow(&job) {
+                self.tell(News::Extended(file.summary.clone()));
+            }
+            let is_all = entries.is_empty();
+            let written =
+                file.take(&entries, gone, &self.place).and_then(|()| file.end_chunk_if_due(self.clock));
+            if let Err(error) = written {
+                return self.give_up(file.abandon(self.clock), &error);
+            }
+            match job.end {
+                Some(_) if is_all => break,
+                _ if is_all => {
+                    let state = self.shared.lock();
+                    drop(self.shared.wait(state, LOOK_EVERY));
+                }
+                _ => {}
+            }
+        }
+        let (summary, finished) = file.finish(self.clock);
+        match finished {
+            Ok(()) => {
+                self.recover();
+                self.tell_surely(News::Ended(summary));
+            }
+            Err(error) => self.give_up(summary, &error),
+        }
+    }
+
+    /// The disk refused more: what is there can be read.
+    fn give_up(&mut self, summary: Summary, error: &FileError) {
+        self.tell_surely(News::Ended(summary));
+        self.fail(error);
+    }
+
+    fn fail(&mut self, error: &FileError) {
+        tracing::error!(%error, "an incident cannot be recorded");
+        self.tried = Some(self.clock.now());
+        let fault = error.to_string();
+        if self.fault.as_ref() != Some(&fault) {
+            self.fault = Some(fault.clone());
+            self.tell_surely(News::Fault(Some(fault)));
+        }
+    }
+
+    fn recover(&mut self) {
+        if self.fault.take().is_some() {
+            tracing::info!("incidents can be recorded again");
+            self.tell_surely(News::Fault(None));
+        }
+    }
+
+    /// Without an incident, only a trial shows whether the disk takes recordings again.
+    fn try_the_disk_again(&mut self) {
+        let waits = |tried| self.clock.now().since(tried) < TRY_EVERY;
+        if self.fault.is_some() && !self.tried.is_some_and(waits) {
+            self.try_the_disk();
+        }
+    }
+
+    fn try_the_disk(&mut self) {
+        let path = self.place.folder.join("trial.mcap");
+        let trial = IncidentFile::create(&path, BTreeMap::new()).and_then(IncidentFile::finish);
+        // A trial that was never made need not be removed.
+        let _ = std::fs::remove_file(&path);
+        match trial {
+            Ok(_) => self.recover(),
+            Err(error) => self.fail(&error),
+        }
+    }
+
+    /// News that are lost if their receiver is behind: the next ones say the same.
+    fn tell(&mut self, news: News) {
+        let _ = self.news.try_send(news);
+    }
+
+    fn tell_surely(&mut self, news: News) {
+        self.untold.push(news);
+        self.tell_again();
+    }
+
+    fn tell_again(&mut self) {
+        while let Some(news) = self.untold.first() {
+            match self.news.try_send(news.clone()) {
+                Ok(()) | Err(mpsc::error::TrySendError::Closed(_)) => drop(self.untold.remove(0)),
+                Err(mpsc::error::TrySendError::Full(_)) => break,
+            }
+        }
+        // Incidents open once a minute: this many only wait if the receiver is gone for an hour.
+        self.untold.truncate(NEWS_MAX);
+    }
+}
+
+#[cfg(test)]
+mod tests;
+
+#[cfg(test)]
+use crate::store::TestFolder;

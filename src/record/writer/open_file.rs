@@ -1,0 +1,263 @@
+//! The file of the incident that is being written, and what is known of it so far.
+
+use std::collections::HashMap;
+use std::io::Read as _;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use sha2::{Digest, Sha256};
+
+use super::Place;
+use crate::clock::Clock;
+use crate::engine::time::{Span, Timestamp};
+use crate::msg::received::Message;
+use crate::record::file::{FileError, IncidentFile, JOURNAL, KEYFRAMES, MessageStamps, TRANSITIONS};
+use crate::record::folder::file_name;
+use crate::record::incident::Trigger;
+use crate::record::journal::Line;
+use crate::record::recorder::Job;
+use crate::record::ring::{ConfigurationText, Entry, Position, Taken};
+use crate::record::summary::{Recording, Summary, TriggerLine, kind};
+use crate::record::transition::Transition;
+
+/// A chunk of the file ends at least this often, and is brought to the disk.
+const CHUNK_EVERY: Span = Span::from_secs(1);
+
+/// A file that is being written.
+pub(super) struct OpenFile {
+    file: IncidentFile,
+    pub(super) summary: Summary,
+    /// The entry that is written next.
+    pub(super) next: Position,
+    /// The wall time at the start of the monotonic clock, as it was when the recording began.
+    zero: SystemTime,
+    /// The last message of each topic that was written: several entries may share one.
+    last: HashMap<Arc<str>, Arc<Message>>,
+    /// When the last chunk ended; `None`: nothing is on the disk yet.
+    chunk_ended: Option<Timestamp>,
+}
+
+impl OpenFile {
+    pub(super) fn begin(place: &Place, job: &Job, clock: Clock) -> Result<OpenFile, FileError> {
+        let now = clock.now();
+        let zero = clock.wall() - Duration::from_nanos(now.as_nanos());
+        let since = zero + Duration::from_nanos(job.open.since.as_nanos());
+        let name = file_name(job.number);
+        let configuration = digest(&job.configuration);
+        let mut about = place.about.clone();
+        let facts = [
+            ("incident", job.number.to_string()),
+            ("configuration_sha256", configuration.clone()),
+            ("start_of_clock_ns", unix_ns(zero).to_string()),
+            ("shown_from_ns", job.shown_from.as_nanos().to_string()),
+        ];
+        about.extend(facts.map(|(key, value)| (key.to_owned(), value)));
+        let mut file = IncidentFile::create(&place.folder.join(&name), about)?;
+        for text in job.configuration.iter() {
+            let at = unix_ns(since);
+            file.attach(
+                &format!("configuration/{}", text.name),
+                "application/yaml",
+                at,
+                text.text.as_bytes(),
+            )?;
+        }
+        let pre_roll = job.open.since.since(job.shown_from);
+        let summary = Summary {
+            id: job.number,
+            since_ms: unix_ms(since),
+            until_ms: None,
+            stage: job.stage.as_str().to_owned(),
+            triggers: Vec::new(),
+            more_triggers: 0,
+            roots: Vec::new(),
+            storm: job.open.storm,
+            configuration,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            freeze: job.freeze.clone(),
+            recording: Recording {
+                file: name,
+                bytes: file.len(),
+                pre_roll_s: pre_roll.as_millis() as f64 / 1000.0,
+                finished: false,
+                sha256: None,
+                messages: 0,
+                missing: 0,
+                interrupted: false,
+            },
+        };
+        let mut open =
+            OpenFile { file, summary, next: job.begin, zero, last: HashMap::new(), chunk_ended: None };
+        open.follow(job);
+        Ok(open)
+    }
+
+    /// Takes over what is known of the incident. Returns whether that is more than before.
+    pub(super) fn follow(&mut self, job: &Job) -> bool {
+        let known = self.summary.triggers.len() as u64 + self.summary.more_triggers;
+        for (at, trigger) in &job.open.triggers[self.summary.triggers.len()..] {
+            let line = trigger_line(unix_ms(self.wall(*at)), trigger);
+            self.summary.triggers.push(line);
+        }
+        self.summary.more_triggers = job.open.more;
+        self.summary.roots = job.roots.iter().map(ToString::to_string).collect();
+        if job.end.is_some() {
+            self.summary.until_ms = Some(unix_ms(self.wall(job.open.until)));
+        }
+        self.summary.recording.bytes = self.file.len();
+        self.summary.triggers.len() as u64 + self.summary.more_triggers > known
+    }
+
+    pub(super) fn take(&mut self, entries: &[Entry], gone: u64, place: &Place) -> Result<(), FileError> {
+        if gone > 0 {
+            self.next += gone;
+            self.summary.recording.missing += gone;
+            let at = entries.first().map_or(Timestamp::ZERO, |entry| entry.at);
+            let lost = Entry { at, taken: Taken::Lost(gone), message: None };
+            self.file.json(&JOURNAL, unix_ns(self.wall(at)), &Line::of(&lost))?;
+        }
+        for entry in entries {
+            self.take_entry(entry, place)?;
+            self.next += 1;
+        }
+        Ok(())
+    }
+
+    fn take_entry(&mut self, entry: &Entry, place: &Place) -> Result<(), FileError> {
+        let at = unix_ns(self.wall(entry.at));
+        if let Some(message) = &entry.message {
+            self.take_message(message, at, place)?;
+        }
+        match &entry.taken {
+            Taken::Keyframe(Some(engine)) => self.file.json(&KEYFRAMES, at, &engine.keyframe()),
+            Taken::Keyframe(None) => Ok(()),
+            Taken::Transition(record) => {
+                let transition = Transition::of(record, unix_ms(self.wall(record.at)));
+                self.file.json(&TRANSITIONS, at, &transition)
+            }
+            Taken::Statuses if entry.message.is_none() => {
+                self.summary.recording.missing += 1;
+                let lost = Entry { at: entry.at, taken: Taken::Lost(1), message: None };
+                self.file.json(&JOURNAL, at, &Line::of(&lost))
+            }
+            Taken::Lost(count) => {
+                self.summary.recording.missing += count;
+                self.file.json(&JOURNAL, at, &Line::of(entry))
+            }
+            Taken::Input(_) | Taken::Statuses | Taken::Reload(_) => {
+                self.file.json(&JOURNAL, at, &Line::of(entry))
+            }
+        }
+    }
+
+    fn take_message(&mut self, message: &Arc<Message>, at: u64, place: &Place) -> Result<(), FileError> {
+        let is_written = |last: &Arc<Message>| Arc::ptr_eq(last, message);
+        if self.last.get(&message.topic).is_some_and(is_written) {
+            return Ok(());
+        }
+        self.last.insert(message.topic.clone(), message.clone());
+        // A body without a readable frame has no bytes.
+        let Ok((body, endian)) = &message.body else { return Ok(()) };
+        let define = || place.definitions.text(&message.type_name);
+        let topic = self.file.topic(&message.topic, &message.type_name, define)?;
+        let stamps = MessageStamps {
+            log_time_ns: at,
+            publish_time_ns: message.source.map_or(at, unix_ns),
+            // The sequence numbers of MCAP have 32 bits.
+            sequence: (message.sequence & 0xffff_ffff) as u32,
+        };
+        self.summary.recording.messages += 1;
+        self.file.message(topic, stamps, (body, *endian))
+    }
+
+    pub(super) fn end_chunk_if_due(&mut self, clock: Clock) -> Result<(), FileError> {
+        let now = clock.now();
+        if self.chunk_ended.is_some_and(|ended| now.since(ended) < CHUNK_EVERY) {
+            return Ok(());
+        }
+        self.chunk_ended = Some(now);
+        self.file.end_chunk()?;
+        self.file.sync()
+    }
+
+    /// Completes the file. If the disk refuses that, what is there can be read.
+    pub(super) fn finish(mut self, clock: Clock) -> (Summary, Result<(), FileError>) {
+        let path = self.file.path().to_owned();
+        self.summary.until_ms.get_or_insert(unix_ms(clock.wall()));
+        let OpenFile { file, mut summary, .. } = self;
+        let finished = file.finish().map(|written| summary.recording.bytes = written.bytes);
+        if finished.is_ok() {
+            summary.recording.finished = true;
+            summary.recording.sha256 = hash_file(&path).ok();
+        } else {
+            summary.recording.interrupted = true;
+        }
+        (summary, finished)
+    }
+
+    pub(super) fn abandon(mut self, clock: Clock) -> Summary {
+        self.summary.until_ms.get_or_insert(unix_ms(clock.wall()));
+        self.summary.recording.bytes = self.file.len();
+        self.summary.recording.interrupted = true;
+        self.summary
+    }
+
+    fn wall(&self, at: Timestamp) -> SystemTime {
+        self.zero + Duration::from_nanos(at.as_nanos())
+    }
+}
+
+fn trigger_line(at_ms: i64, trigger: &Trigger) -> TriggerLine {
+    let (kind, what) = match trigger {
+        Trigger::Root { node, .. } => (kind::ROOT, node.to_string()),
+        Trigger::LostActive { stage } => (kind::LOST_ACTIVE, stage.as_str().to_owned()),
+        Trigger::Countermeasure { kind: request } => (kind::COUNTERMEASURE, request.as_str().to_owned()),
+        Trigger::Mark { by, .. } => (kind::MARK, by.to_string()),
+    };
+    let alarm = if let Trigger::Root { alarm, .. } = trigger { *alarm } else { None };
+    let note = if let Trigger::Mark { note, .. } = trigger { note.to_string() } else { String::new() };
+    TriggerLine { at_ms, kind: kind.to_owned(), what, alarm, note }
+}
+
+/// The SHA-256 of a configuration: of the names and texts of its files.
+pub fn digest(configuration: &[ConfigurationText]) -> String {
+    let mut digest = Sha256::new();
+    for ConfigurationText { name, text } in configuration {
+        for part in [name, text] {
+            digest.update((part.len() as u64).to_le_bytes());
+            digest.update(part);
+        }
+    }
+    hex(&digest.finalize())
+}
+
+/// The SHA-256 of a file, in hexadecimal digits.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn hash_file(path: &Path) -> std::io::Result<String> {
+    let (mut digest, mut file) = (Sha256::new(), std::fs::File::open(path)?);
+    let mut buffer = vec![0; 1 << 16];
+    loop {
+        match file.read(&mut buffer) {
+            Ok(0) => return Ok(hex(&digest.finalize())),
+            Ok(read) => digest.update(&buffer[..read]),
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+    }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn unix_ns(at: SystemTime) -> u64 {
+    u64::try_from(at.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos()).unwrap_or(u64::MAX)
+}
+
+/// Milliseconds since 1970.
+pub fn unix_ms(at: SystemTime) -> i64 {
+    i64::try_from(unix_ns(at) / 1_000_000).unwrap_or(i64::MAX)
+}

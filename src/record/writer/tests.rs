@@ -1,0 +1,217 @@
+//! Tests of an incident's way from the engine into a file.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use super::*;
+use crate::engine::Engine;
+use crate::engine::input::{Input, StatusArray, WriterId};
+use crate::engine::keyframe::Keyframe;
+use crate::engine::model::{Model, Other, Parts, StageModel};
+use crate::engine::snapshot::Snapshot;
+use crate::msg::cdr::Endian;
+use crate::msg::messages;
+use crate::msg::received::{Message, Stamped};
+use crate::record::feed::Feed;
+use crate::record::file::{ABOUT, Entry, JOURNAL, KEYFRAMES, Reader};
+use crate::record::incident::Margins;
+use crate::record::journal::{Line, Took};
+use crate::record::recorder::Settings;
+use crate::record::ring::ConfigurationText;
+use crate::record::summary::Recording;
+
+/// An engine whose inputs are recorded into a folder.
+struct Recorded {
+    model: Arc<Model>,
+    engine: Engine,
+    feed: Feed,
+    clock: Clock,
+    hand: crate::clock::ClockHand,
+    recorder: Recorder,
+    news: mpsc::Receiver<News>,
+    folder: TestFolder,
+    sequence: i64,
+    /// Everything that was shown.
+    shown: Vec<Arc<Snapshot>>,
+}
+
+impl Recorded {
+    fn new(name: &str) -> Recorded {
+        let folder = TestFolder::new(&format!("incidents-{name}"));
+        let (clock, hand) = Clock::with_hand();
+        let parts = Parts { other: Other::Counted, ..Parts::empty("v", StageModel::None) };
+        let model = Arc::new(Model::new(parts).unwrap());
+        let mut engine = Engine::begin(model.clone(), clock.now());
+        engine.keep_events();
+        let (feed, turns) = Feed::new();
+        let text = ConfigurationText { name: "v.yaml".into(), text: "vehicle: { id: v }\n".into() };
+        let settings = Settings {
+            margins: Margins::default(),
+            memory: 10_000_000,
+            longest_memory: Span::from_secs(2),
+            configuration: [text].into(),
+        };
+        let recorder = Recorder::start(turns, engine.snapshot(), settings, 7, clock).unwrap();
+        let (tell, news) = mpsc::channel(NEWS_MAX);
+        let place = Place {
+            folder: folder.to_path_buf(),
+            definitions: Definitions::new(Vec::new()),
+            about: BTreeMap::new(),
+        };
+        start(&recorder, place, tell).unwrap();
+        Recorded { model, engine, feed, clock, hand, recorder, news, folder, sequence: 0, shown: Vec::new() }
+    }
+
+    /// A publisher reports this, `seconds` after what was before.
+    fn say(&mut self, name: &str, level: u8, seconds: u64) {
+        self.hand.advance(Span::from_secs(seconds));
+        let now = self.clock.now();
+        let mut array = StatusArray::default();
+        array.push_status(level, name, "as it is", "");
+        let body = messages::encode_diagnostic_arrays(&array, self.clock.wall(), 1 << 16).remove(0);
+        self.sequence += 1;
+        let message = Message {
+            topic: "/diagnostics".into(),
+            type_name: "diagnostic_msgs/msg/DiagnosticArray".into(),
+            writer: [3; 16],
+            sequence: self.sequence,
+            source: Some(self.clock.wall()),
+            received: self.clock.wall(),
+            body: Ok((body.into(), Endian::Little)),
+        };
+        let input = Input::Diagnostics(array.said_by(WriterId([3; 16])));
+        self.engine.handle(&input, now);
+        let stamped = Stamped { input, received: now, message: Some(Arc::new(message)) };
+        self.feed.took(stamped);
+        let snapshot = self.engine.snapshot();
+        self.feed.happened(&self.engine.take_events(), &snapshot);
+        self.feed.published(snapshot.clone());
+        self.shown.push(snapshot);
+        self.feed.end_turn(&self.engine);
+    }
+
+    /// The next end of an incident.
+    fn ended(&mut self) -> Summary {
+        loop {
+            match self.news.blocking_recv().expect("the writer lives") {
+                News::Ended(summary) => return summary,
+                News::Fault(why) => panic!("{why:?}"),
+                News::Begun(_) | News::Extended(_) => {}
+            }
+        }
+    }
+
+    /// Feeds a recording into a new engine, and compares everything that it shows with what was shown. Returns
+    /// the number of comparisons from the first instant that is shown on.
+    fn replay(&self, path: &Path) -> usize {
+        let mut reader = Reader::open(path).unwrap();
+        let about = reader.metadata().find(|(name, _)| *name == ABOUT).unwrap().1;
+        let shown_from: u64 = about["shown_from_ns"].parse().unwrap();
+        let (mut engine, mut body, mut compared) = (None, None, 0);
+        while let Some(entry) = reader.next_entry() {
+            match entry {
+                Entry::Message { body: bytes, .. } => body = Some(bytes.unwrap()),
+                Entry::Json { channel, text, .. }
+                    if *channel.topic == *KEYFRAMES.topic && engine.is_none() =>
+                {
+                    let keyframe: Keyframe = serde_json::from_slice(&text).unwrap();
+                    engine = Some(Engine::from_keyframe(self.model.clone(), &keyframe).unwrap());
+                }
+                Entry::Json { channel, text, .. } if *channel.topic == *JOURNAL.topic => {
+                    let line: Line = serde_json::from_slice(&text).unwrap();
+                    assert_eq!(line.took, Took::Statuses);
+                    let (body, endian) = body.as_ref().expect("the message stands before its line");
+                    let (array, fault) = messages::diagnostic_array(body, *endian, &self.model.limits);
+                    assert!(fault.is_none());
+                    let engine = engine.as_mut().expect("a recording begins with a keyframe");
+                    engine.handle(&Input::Diagnostics(array.said_by(WriterId([3; 16]))), line.at_ns);
+                    let snapshot = engine.snapshot();
+                    let live = self.shown.iter().find(|it| it.now == snapshot.now).unwrap();
+                    assert_eq!(&snapshot, live);
+                    compared += usize::from(line.at_ns.as_nanos() >= shown_from);
+                }
+                Entry::Json { .. } => {}
+            }
+        }
+        assert!(reader.omissions().is_empty() && reader.is_complete());
+        compared
+    }
+
+    /// The messages of a file, by topic.
+    fn messages(&self, summary: &Summary) -> HashMap<String, usize> {
+        let mut reader = Reader::open(&self.folder.join(&summary.recording.file)).unwrap();
+        let mut found = HashMap::new();
+        while let Some(Entry::Message { channel, .. } | Entry::Json { channel, .. }) = reader.next_entry() {
+            *found.entry(channel.topic.to_string()).or_insert(0) += 1;
+        }
+        found
+    }
+}
+
+#[test]
+fn an_error_is_recorded_with_its_past_and_what_follows() {
+    let mut recorded = Recorded::new("error");
+    for _ in 0..50 {
+        recorded.say("pump", 0, 1);
+    }
+    recorded.say("pump", 2, 1);
+    for _ in 0..15 {
+        recorded.say("pump", 2, 1);
+    }
+    let summary = recorded.ended();
+    assert_eq!((summary.id, &summary.roots[..]), (7, &["other/pump".to_owned()][..]));
+    assert_eq!(summary.triggers.len(), 1);
+    assert!(summary.freeze.iter().any(|it| it.node == "other/pump" && it.message == "as it is"));
+    let Recording { pre_roll_s, finished, missing, .. } = summary.recording;
+    assert!(finished && missing == 0 && (30.0..30.1).contains(&pre_roll_s), "{summary:?}");
+    let path = recorded.folder.join(&summary.recording.file);
+    assert_eq!(summary.recording.sha256, Some(hash_file(&path).unwrap()));
+    assert_eq!(summary.recording.bytes, std::fs::metadata(&path).unwrap().len());
+    let messages = recorded.messages(&summary);
+    assert_eq!(recorded.replay(&path), 40, "every instant from 30 s before to 10 s after");
+    // A keyframe every ten seconds, the first before the first instant that is shown.
+    assert!((50..=51).contains(&messages["/diagnostics"]), "{messages:?}");
+    assert_eq!(messages["/diagnostics"], messages["/telltale/journal"]);
+    assert!(messages["/telltale/keyframe"] >= 4 && messages["/telltale/transitions"] >= 2, "{messages:?}");
+}
+
+#[test]
+fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
+    let mut recorded = Recorded::new("mark");
+    recorded.say("pump", 0, 1);
+    while recorded.recorder.meter().is_empty() {
+        std::thread::yield_now();
+    }
+    assert_eq!(recorded.recorder.mark("anna", "a strange noise"), Some(7));
+    assert_eq!(recorded.recorder.mark("anna", "again"), Some(7));
+    assert_eq!(recorded.recorder.present(), Some(7));
+    recorded.say("pump", 0, 1);
+    let Recorded { feed, mut news, .. } = recorded;
+    drop(feed);
+    let summary = loop {
+        let news = news.blocking_recv().expect("the incident is written before the end");
+        if let News::Ended(summary) = news {
+            break summary;
+        }
+    };
+    let notes: Vec<_> = summary.triggers.iter().map(|it| (&*it.kind, &*it.what, &*it.note)).collect();
+    assert_eq!(notes, [("mark", "anna", "a strange noise"), ("mark", "anna", "again")]);
+    assert!(summary.recording.finished && !summary.recording.interrupted && summary.until_ms.is_some());
+}
+
+#[test]
+fn a_disk_that_refuses_is_a_fault_until_it_takes_recordings_again() {
+    let mut recorded = Recorded::new("refused");
+    let folder = recorded.folder.to_path_buf();
+    std::fs::remove_dir_all(&folder).unwrap();
+    recorded.say("pump", 2, 1);
+    let mut next = || match recorded.news.blocking_recv() {
+        Some(News::Fault(fault)) => fault,
+        other => panic!("{other:?}"),
+    };
+    // The trial at the start may have been earlier.
+    while !next().is_some_and(|fault| fault.contains("incident-7.mcap")) {}
+    std::fs::create_dir(&folder).unwrap();
+    recorded.hand.advance(TRY_EVERY);
+    while next().is_some() {}
+}
