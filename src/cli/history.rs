@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
 
@@ -10,6 +10,7 @@ use super::EXIT_NO;
 use super::data_folder::DataFolder;
 use crate::picture::figure::{self, MovedAlarm, Panel};
 use crate::picture::strips::{Segment, Strip, merged, recorded, stamp};
+use crate::record::writer::unix_ms;
 use crate::store::{HistoryQuery, NodePast, Past, PastEvent, Period, past_in};
 
 /// Draw what a vehicle showed around a moment, as the figures of scenarios are drawn.
@@ -100,9 +101,4 @@ fn signal_strip(name: &str, held: &[Period<Option<bool>>]) -> Strip {
     let segment =
         |held: &Period<Option<bool>>| Segment::of_signal(stamp(held.from_ms), stamp(held.to_ms), held.value);
     Strip::of_signal(name, merged(held.iter().map(segment).collect()))
-}
-
-fn unix_ms(at: SystemTime) -> i64 {
-    let since = at.duration_since(UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_millis()).unwrap_or(i64::MAX / 4)
 }

@@ -12,6 +12,7 @@ mod demo;
 pub mod fields;
 mod graph;
 mod history;
+mod incident;
 mod log;
 pub mod outputs;
 mod recording;
@@ -53,6 +54,7 @@ enum Command {
     Scenario(scenario::Args),
     User(user::Args),
     History(history::Args),
+    Incident(incident::Args),
     Audit(audit::Args),
     Data(data::Args),
     Tls(tls::Args),
@@ -76,6 +78,7 @@ pub fn main() -> ExitCode {
         Command::Scenario(args) => scenario::run(&args),
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
+        Command::Incident(args) => incident::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),

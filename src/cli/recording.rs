@@ -27,6 +27,7 @@ use crate::record::writer::{self, NEWS_MAX, News, Place, hash_file, unix_ms};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
+use crate::web::Marker;
 
 /// A recording begins at most this much before its pre-roll.
 const MEMORY_MAX: Span = Span::from_secs(120);
@@ -75,6 +76,10 @@ impl Folder {
                 Folder { path: folder::folder_in(&path), temporary: Some(Temporary(path)) }
             }
         }
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 }
 
@@ -137,6 +142,12 @@ pub async fn start(
 }
 
 impl Recording {
+    /// Marks moments for the pages. A mark that the disk does not take is not promised.
+    pub fn marker(&self) -> Marker {
+        let (recorder, fault) = (self.recorder.clone(), self.fault.clone());
+        Marker::new(move |by, note| recorder.mark(by, note).filter(|_| fault.borrow().is_none()))
+    }
+
     /// Records by another configuration from now on. Whether it records at all is decided at the start.
     pub fn follow(&self, loaded: &Loaded) {
         match (settings(loaded), policy(loaded)) {

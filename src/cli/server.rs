@@ -88,10 +88,12 @@ impl Server {
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
         let (feed, turns) = recording::queue(&loaded);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
+        let recordings = recording::Folder::of(folder.as_deref());
+        let incidents = recordings.path().to_owned();
         let recording = match turns {
             Some(turns) => {
                 let around = recording::Around {
-                    folder: recording::Folder::of(folder.as_deref()),
+                    folder: recordings,
                     definitions: options.definitions.clone(),
                     is_demo: demo.is_some(),
                 };
@@ -112,7 +114,17 @@ impl Server {
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
         let discovery = Some(bridge.discovery());
-        let settings = Settings { origins, secure, enrolled, demo, rereads, history, discovery };
+        let settings = Settings {
+            origins,
+            secure,
+            enrolled,
+            demo,
+            rereads,
+            history,
+            discovery,
+            recordings: Some(incidents),
+            marker: recording.as_ref().map(Recording::marker),
+        };
         let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));
         store.record(start, None).await;
         let storage = {

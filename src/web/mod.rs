@@ -7,6 +7,7 @@ mod demo;
 pub mod developer;
 mod engine_link;
 mod http;
+pub mod incidents;
 pub mod live;
 mod operator;
 mod pages;
@@ -18,6 +19,7 @@ pub mod view;
 
 use std::hash::RandomState;
 use std::ops::Deref;
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use tokio::sync::{Semaphore, mpsc, watch};
@@ -46,6 +48,7 @@ pub use auth::expiry::DEVELOPER_IDLE_MAX;
 pub use demo::{DemoFaults, FaultSwitch};
 pub use http::guard::{Access, cookie_name};
 pub use http::origins::{NoOrigin, Origins};
+pub use incidents::Marker;
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use serve::accept::serve;
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
@@ -68,6 +71,10 @@ pub struct Settings {
     pub history: Option<History>,
     /// The participants and topics that DDS discovery knows; `None` without DDS.
     pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
+    /// The folder of the recordings.
+    pub recordings: Option<PathBuf>,
+    /// Marks moments in the recording; `None` if nothing is recorded.
+    pub marker: Option<Marker>,
 }
 
 /// Shared by all requests; clones are the same.

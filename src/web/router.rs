@@ -22,7 +22,7 @@ use super::http::guard::{Access, AccessTable, guard};
 use super::http::{headers, plain_errors};
 use super::live::socket;
 use super::operator::actions;
-use super::{demo, developer, pages};
+use super::{demo, developer, incidents, pages};
 use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
@@ -70,6 +70,12 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration::get),
         on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit::get),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload::post),
+        on_get("/incidents/{file}", Roles(&[Developer, Authority]), incidents::download),
+        on_get("/api/v1/incidents", Roles(&[Developer, Authority]), incidents::list),
+        on_get("/api/v1/incidents/{id}", Roles(&[Developer, Authority]), incidents::one),
+        on_post("/api/v1/incidents/{id}/note", Roles(&[Developer]), incidents::note),
+        on_post("/api/v1/incidents/{id}/keep", Roles(&[Developer]), incidents::keep),
+        on_post("/api/v1/mark", Roles(&[Operator, Developer]), incidents::mark),
         on_get("/api/v1/snapshot", Session, pages::snapshot),
         on_get("/api/v1/stream", Session, socket::stream),
         on_get("/healthz", Open, pages::healthz),

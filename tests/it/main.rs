@@ -32,6 +32,7 @@ mod goals;
 mod graph;
 mod held;
 mod hostile;
+mod incidents;
 mod learned;
 mod memory;
 mod monitoring;

@@ -33,23 +33,33 @@ pub enum HttpError {
     Unavailable,
     /// A recording is shown, in which nothing can be done.
     Replay,
+    /// There is no recorder, so nothing can be marked.
+    NotRecording,
+    /// The recording of an incident is still written.
+    Unfinished,
+    /// The file of a recording is gone.
+    NoRecording,
 }
 
 impl From<StoreError> for HttpError {
     fn from(error: StoreError) -> HttpError {
-        if error.is_of_storage() { HttpError::Storage } else { HttpError::Unavailable }
+        match error {
+            StoreError::NoSuchIncident(_) => HttpError::NotFound,
+            error if error.is_of_storage() => HttpError::Storage,
+            _ => HttpError::Unavailable,
+        }
     }
 }
 
 impl HttpError {
     pub const fn status(self) -> StatusCode {
         match self {
-            HttpError::NotFound => StatusCode::NOT_FOUND,
+            HttpError::NotFound | HttpError::NoRecording => StatusCode::NOT_FOUND,
             HttpError::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
             HttpError::NoSession => StatusCode::UNAUTHORIZED,
             HttpError::Forbidden | HttpError::ForeignOrigin => StatusCode::FORBIDDEN,
             HttpError::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
-            HttpError::Replay => StatusCode::CONFLICT,
+            HttpError::Replay | HttpError::Unfinished => StatusCode::CONFLICT,
             HttpError::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
             HttpError::BadRequest => StatusCode::BAD_REQUEST,
             HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
@@ -61,6 +71,7 @@ impl HttpError {
             | HttpError::StopNotKept
             | HttpError::StopNotHeard
             | HttpError::Busy
+            | HttpError::NotRecording
             | HttpError::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         }
     }
@@ -174,6 +185,27 @@ impl HttpError {
             (HttpError::Unavailable, Lang::De) => {
                 ("Nicht verfügbar", "Der Server kann das gerade nicht. Bitte noch einmal versuchen.")
             }
+            (HttpError::NotRecording, Lang::En) => {
+                ("Not marked", "Nothing is recorded at present, so this moment is not marked. Note the time.")
+            }
+            (HttpError::NotRecording, Lang::De) => (
+                "Nicht markiert",
+                "Gerade wird nichts aufgezeichnet, daher ist dieser Moment nicht markiert. Bitte die Uhrzeit notieren.",
+            ),
+            (HttpError::Unfinished, Lang::En) => {
+                ("Not finished", "This incident is still being recorded. Try again in a minute.")
+            }
+            (HttpError::Unfinished, Lang::De) => (
+                "Noch nicht fertig",
+                "Dieser Vorfall wird noch aufgezeichnet. In einer Minute noch einmal versuchen.",
+            ),
+            (HttpError::NoRecording, Lang::En) => {
+                ("No recording", "The file of this recording is gone. `telltale incident verify` says more.")
+            }
+            (HttpError::NoRecording, Lang::De) => (
+                "Keine Aufzeichnung",
+                "Die Datei dieser Aufzeichnung ist nicht mehr da. `telltale incident verify` sagt mehr.",
+            ),
             (HttpError::Replay, Lang::En) => (
                 "This is a replay",
                 "A recording is shown, so nothing was done. Act at the live display of the vehicle.",

@@ -9,7 +9,8 @@ use telltale::web::{Access, BODY_BYTES_MAX, Route, assets, routes};
 use super::fixture::{ADDRESS, Answer, COMPONENTS, Fixture, OWN_ORIGIN, as_program, form_request, request};
 
 fn concrete(route: &Route) -> String {
-    route.path.replace("{*path}", "vendor/htmx.min.js")
+    let path = route.path.replace("{*path}", "vendor/htmx.min.js");
+    path.replace("{file}", "1.mcap").replace("{id}", "1")
 }
 
 fn by_route(route: &Route, cookie: Option<&str>) -> Request<Body> {
@@ -50,6 +51,12 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("GET", "/developer/audit", [false, true, true, false]),
     ("GET", "/developer/configuration", [false, true, true, false]),
     ("POST", "/developer/configuration/reload", [false, true, false, false]),
+    ("GET", "/incidents/{file}", [false, true, true, false]),
+    ("GET", "/api/v1/incidents", [false, true, true, false]),
+    ("GET", "/api/v1/incidents/{id}", [false, true, true, false]),
+    ("POST", "/api/v1/incidents/{id}/note", [false, true, false, false]),
+    ("POST", "/api/v1/incidents/{id}/keep", [false, true, false, false]),
+    ("POST", "/api/v1/mark", [true, true, false, false]),
     ("GET", "/api/v1/snapshot", [true, true, true, false]),
     ("GET", "/api/v1/stream", [true, true, true, false]),
     ("GET", "/healthz", [true, true, true, true]),

@@ -309,6 +309,8 @@ pub fn settings(origins: Origins, secure: bool) -> Settings {
         rereads: None,
         history: None,
         discovery: None,
+        recordings: None,
+        marker: None,
     }
 }
 

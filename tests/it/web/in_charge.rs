@@ -53,13 +53,8 @@ async fn strangers_do_not_delay_the_right_pin_at_an_enrolled_display() {
     let mut fixture = Fixture::new().await;
     fixture.store.add_user("anna", Role::Operator, "975310").await.unwrap();
     let settings = Settings {
-        origins: Origins::of_listener(ADDRESS.parse().unwrap(), false),
-        secure: false,
         enrolled: Enrolled::new(vec![VehicleDisplay::At("10.0.0.7".parse().unwrap())]),
-        demo: None,
-        rereads: None,
-        history: None,
-        discovery: None,
+        ..super::fixture::settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
     };
     let (link, store) = (fixture.link.clone(), fixture.store.clone());
     fixture.router = router(AppState::new(link, store, fixture.clock, settings));

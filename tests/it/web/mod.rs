@@ -9,6 +9,7 @@ mod developer;
 mod durable;
 mod fixture;
 mod in_charge;
+mod incidents;
 mod late;
 mod login;
 mod overdue;

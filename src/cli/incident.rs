@@ -1,0 +1,312 @@
+//! `telltale incident`: lists, exports, verifies, keeps and removes the recorded incidents of a vehicle.
+
+mod list;
+mod verify;
+
+use std::fs::{self, File};
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::{Context as _, bail};
+use clap::Subcommand;
+use sha2::{Digest as _, Sha256};
+use tokio::time::timeout;
+
+use super::EXIT_NO;
+use super::data_folder::DataFolder;
+use crate::clock::Clock;
+use crate::engine::time::Span;
+use crate::record::folder;
+use crate::record::retention::{Policy, surplus};
+use crate::record::writer::unix_ms;
+use crate::store::audit::{Action, COMMAND_LINE, Record};
+use crate::store::{DemoSecrets, Incident, Incidents, Store, StoreError};
+
+/// The time for the disk to answer.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
+
+/// Look at the incidents that a vehicle recorded, and look after their recordings.
+///
+/// The recordings are MCAP files in the folder `incidents` of the data folder. A server may run on it
+/// meanwhile. Exit code 1 if a recording is missing or not as it was recorded.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  telltale incident list --data /var/lib/telltale\n  \
+    telltale incident export 12 --data /var/lib/telltale --output fault.mcap\n  \
+    telltale incident verify --data /var/lib/telltale")]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    data: DataFolder,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// List incidents, the newest first
+    ///
+    /// `--json` prints the list that `GET /api/v1/incidents` answers.
+    #[command(
+        after_help = "Example:\n  telltale incident list --cause velodyne --since 2026-11-20 --data /var/lib/telltale"
+    )]
+    List(list::Args),
+    /// Copy the recording of an incident
+    #[command(
+        after_help = "Example:\n  telltale incident export 12 --output fault.mcap --data /var/lib/telltale"
+    )]
+    Export {
+        #[arg(value_name = "ID")]
+        id: u64,
+        /// Where to; no file there is overwritten [default: incident-ID.mcap in this folder]
+        #[arg(long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+    /// Say whether recordings are as they were recorded; exit code 1 if one is not
+    ///
+    /// Each file is compared with its hash in the store and in the audit log, whose chain is verified as
+    /// `telltale audit verify` does it.
+    #[command(after_help = "Example:\n  telltale incident verify 12 13 --data /var/lib/telltale")]
+    Verify {
+        /// The incidents [default: all]
+        #[arg(value_name = "ID")]
+        ids: Vec<u64>,
+    },
+    /// Keep an incident whatever its age and size, or no longer
+    ///
+    /// A marked incident is kept from its mark on.
+    #[command(after_help = "Example:\n  telltale incident keep 12 --data /var/lib/telltale")]
+    Keep {
+        #[arg(value_name = "ID")]
+        id: u64,
+        /// Keep it no longer
+        #[arg(long)]
+        off: bool,
+    },
+    /// Remove the oldest recordings that are too old or too much; nothing that is kept
+    #[command(
+        after_help = "Example:\n  telltale incident prune --dry-run --disk 5GB --keep 7d --data /var/lib/telltale"
+    )]
+    Prune {
+        /// Only say what would be removed
+        #[arg(long)]
+        dry_run: bool,
+        /// What all recordings may take on the disk
+        #[arg(long, value_name = "BYTES", default_value = "10GB", value_parser = bytes)]
+        disk: u64,
+        /// The age up to which recordings stay
+        #[arg(long, value_name = "TIME", default_value = "30d", value_parser = humantime::parse_duration)]
+        keep: Duration,
+    },
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let data = args.data.path()?;
+    match &args.command {
+        Command::List(filter) => list::run(&data, filter),
+        Command::Export { id, output } => export(&data, *id, output.as_deref()),
+        Command::Verify { ids } => verify::run(&data, ids),
+        Command::Keep { id, off } => with_store(&data, async |store| {
+            let record = Record::of(Action::IncidentKept, COMMAND_LINE);
+            store.keep_incident(*id, !off, record).await?;
+            match off {
+                true => println!("incident {id} is kept no longer"),
+                false => println!("incident {id} is kept"),
+            }
+            Ok(ExitCode::SUCCESS)
+        }),
+        Command::Prune { dry_run, disk, keep } => {
+            let keep = Span::from_nanos(u64::try_from(keep.as_nanos()).unwrap_or(u64::MAX));
+            let policy = Policy { disk: *disk, keep };
+            if *dry_run { dry_run_of(&data, &policy) } else { prune(&data, &policy) }
+        }
+    }
+}
+
+/// Does something in the database of a data folder, which must exist.
+fn with_store(
+    data: &Path,
+    work: impl AsyncFnOnce(&Store) -> Result<ExitCode, StoreError>,
+) -> anyhow::Result<ExitCode> {
+    let runtime =
+        tokio::runtime::Builder::new_current_thread().enable_time().build().context("no async runtime")?;
+    let store = Store::open_existing(data, Clock::start(), DemoSecrets::Refused)?;
+    let done = runtime.block_on(async {
+        let done = timeout(ANSWERS_WITHIN, work(&store)).await;
+        let is_closed = timeout(ANSWERS_WITHIN, store.close()).await.is_ok();
+        done.ok().filter(|_| is_closed)
+    });
+    match done {
+        Some(done) => Ok(done?),
+        None => bail!(
+            "the disk of {} has not answered for {} s: look with `telltale incident list` once it answers",
+            data.display(),
+            ANSWERS_WITHIN.as_secs()
+        ),
+    }
+}
+
+fn dry_run_of(data: &Path, policy: &Policy) -> anyhow::Result<ExitCode> {
+    let incidents = Incidents::open(data)?;
+    let held = incidents.held()?;
+    let surplus = surplus(&held, policy, now_ms());
+    for it in held.iter().filter(|it| surplus.remove.contains(&it.id)) {
+        println!("would remove incident {}, {}", it.id, size(it.bytes));
+    }
+    tell_rest(surplus.remove.len(), held.len(), surplus.bytes, surplus.is_over());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn prune(data: &Path, policy: &Policy) -> anyhow::Result<ExitCode> {
+    let recordings = folder::folder_in(data);
+    with_store(data, async |store| {
+        let held = store.incidents_held().await?;
+        let surplus = surplus(&held, policy, now_ms());
+        let record = Record::of(Action::IncidentRemoved, COMMAND_LINE);
+        let forgotten = store.forget_incidents(surplus.remove.clone(), record).await?;
+        let mut code = ExitCode::SUCCESS;
+        for it in &forgotten {
+            let removed = folder::path_of(&recordings, &it.file).map_or(Ok(()), fs::remove_file);
+            match removed {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                    eprintln!(
+                        "telltale: incident {} is forgotten, but its file {} cannot be removed: {error}. Remove it by hand",
+                        it.id,
+                        recordings.join(&it.file).display()
+                    );
+                    code = ExitCode::from(EXIT_NO);
+                }
+                _ => println!("removed incident {}, {}", it.id, size(it.bytes)),
+            }
+        }
+        tell_rest(forgotten.len(), held.len(), surplus.bytes, surplus.is_over());
+        Ok(code)
+    })
+}
+
+fn tell_rest(removed: usize, all: usize, bytes: u64, is_over: bool) {
+    let left = all - removed;
+    let incidents = if left == 1 { "1 incident".to_owned() } else { format!("{left} incidents") };
+    println!("{incidents} left, {}", size(bytes));
+    if is_over {
+        println!(
+            "that is too much, but the rest is kept or still recorded: `telltale incident keep ID --off` releases one"
+        );
+    }
+}
+
+fn export(data: &Path, id: u64, output: Option<&Path>) -> anyhow::Result<ExitCode> {
+    let incidents = Incidents::open(data)?;
+    let incident = incidents.one(id)?.ok_or(StoreError::NoSuchIncident(id))?;
+    let Some((path, mut from)) = open_recording(data, &incident) else { return Ok(ExitCode::from(EXIT_NO)) };
+    let output = output.map_or_else(|| PathBuf::from(folder::file_name(id)), Path::to_owned);
+    let mut to = File::options().write(true).create_new(true).open(&output).map_err(|error| {
+        let what = format!("the recording cannot be copied to {}", output.display());
+        match error.kind() {
+            io::ErrorKind::AlreadyExists => {
+                anyhow::anyhow!("{what}: there is a file already. Name another one with --output")
+            }
+            _ => anyhow::Error::new(error).context(what),
+        }
+    })?;
+    let (bytes, hash) = hashed(&mut from, &mut to)
+        .and_then(|copied| to.sync_all().map(|()| copied))
+        .with_context(|| format!("{} cannot be copied to {}", path.display(), output.display()))?;
+    println!("{}, {}", output.display(), size(bytes));
+    println!("sha256 {hash}");
+    match &incident.summary.recording.sha256 {
+        None => eprintln!("telltale: incident {id} is not finished: this is what is written of it by now"),
+        Some(recorded) if *recorded != hash => {
+            eprintln!("telltale: the file is not as it was recorded: its hash was {recorded}");
+            return Ok(ExitCode::from(EXIT_NO));
+        }
+        Some(_) => {}
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Opens the recording of an incident, and says so if there is none.
+fn open_recording(data: &Path, incident: &Incident) -> Option<(PathBuf, File)> {
+    let (id, file) = (incident.summary.id, &incident.summary.recording.file);
+    let Some(path) = folder::path_of(&folder::folder_in(data), file) else {
+        eprintln!("telltale: incident {id} has no recording");
+        return None;
+    };
+    match File::open(&path) {
+        Ok(open) => Some((path, open)),
+        Err(error) => {
+            eprintln!("telltale: the recording {} of incident {id} cannot be read: {error}", path.display());
+            None
+        }
+    }
+}
+
+/// Copies everything. Returns the number of bytes and their SHA-256.
+fn hashed(from: &mut impl Read, to: &mut impl Write) -> io::Result<(u64, String)> {
+    let (mut hash, mut bytes) = (Sha256::new(), 0u64);
+    let mut buffer = vec![0; 64 * 1024];
+    loop {
+        let read = match from.read(&mut buffer) {
+            Ok(0) => break,
+            Ok(read) => read,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+            Err(error) => return Err(error),
+        };
+        hash.update(&buffer[..read]);
+        to.write_all(&buffer[..read])?;
+        bytes += read as u64;
+    }
+    let hash: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok((bytes, hash))
+}
+
+/// Reads `10GB`, `500 MB` or a number of bytes.
+fn bytes(text: &str) -> Result<u64, String> {
+    let wrong = || "write a number of bytes, for example `10GB` or `500MB`".to_owned();
+    let digits = text.find(|it: char| !it.is_ascii_digit()).unwrap_or(text.len());
+    let number: u64 = text[..digits].parse().map_err(|_| wrong())?;
+    let unit = match text[digits..].trim() {
+        "" | "B" => 1,
+        "kB" => 1_000,
+        "MB" => 1_000_000,
+        "GB" => 1_000_000_000,
+        "TB" => 1_000_000_000_000,
+        _ => return Err(wrong()),
+    };
+    number.checked_mul(unit).ok_or_else(wrong)
+}
+
+/// A number of bytes for people.
+fn size(bytes: u64) -> String {
+    match bytes {
+        0..1_000 => format!("{bytes} B"),
+        1_000..1_000_000 => format!("{:.1} kB", bytes as f64 / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
+        _ => format!("{:.1} GB", bytes as f64 / 1e9),
+    }
+}
+
+fn now_ms() -> i64 {
+    unix_ms(Clock::start().wall())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_read_and_written_with_their_units() {
+        for (text, number) in
+            [("0", 0), ("12", 12), ("12B", 12), ("500 MB", 500_000_000), ("10GB", 10_000_000_000)]
+        {
+            assert_eq!(bytes(text), Ok(number), "{text}");
+        }
+        for wrong in ["", "GB", "1.5GB", "-1", "1XB", "99999999999TB"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(
+            [999, 1500, 2_500_000, 10_000_000_000].map(size),
+            ["999 B", "1.5 kB", "2.5 MB", "10.0 GB"]
+        );
+    }
+}

@@ -1,0 +1,112 @@
+//! `telltale incident verify`: compares recordings with their hashes in the store and in the audit log.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io;
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+
+use super::{EXIT_NO, hashed, size};
+use crate::record::folder;
+use crate::store::audit::verify_audit_in;
+use crate::store::{Incident, IncidentRecords, Incidents};
+
+/// What was found out about one incident.
+enum Found {
+    Whole(String),
+    Unfinished,
+    Bad(String),
+}
+
+pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
+    // The rows are read first: a hash is never in a row before it is in the log.
+    let incidents = Incidents::open(data)?;
+    let recordings = folder::folder_in(data);
+    let ids: BTreeSet<u64> = match ids {
+        [] => {
+            let files = folder::numbers(&recordings)
+                .with_context(|| format!("the folder {} cannot be read", recordings.display()))?;
+            incidents.held()?.iter().map(|it| it.id).chain(files).collect()
+        }
+        ids => ids.iter().copied().collect(),
+    };
+    let mut rows = Vec::new();
+    for id in ids {
+        rows.push((id, incidents.one(id)?));
+    }
+    let records = incidents.records()?;
+    let mut is_good = audit_is_whole(data)?;
+    for (id, incident) in rows {
+        match check(&recordings, id, incident.as_ref(), &records) {
+            Found::Whole(what) => println!("ok    incident {id}: {what}"),
+            Found::Unfinished => println!("      incident {id} is not finished: there is no hash yet"),
+            Found::Bad(what) => {
+                println!("BAD   incident {id}: {what}");
+                is_good = false;
+            }
+        }
+    }
+    Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
+}
+
+/// Whether the hashes in the audit log can be believed.
+fn audit_is_whole(data: &Path) -> anyhow::Result<bool> {
+    let verdict = verify_audit_in(data, &[], None).context("the audit log cannot be verified")?;
+    match &verdict.breach {
+        None => println!("ok    the audit log, {} records", verdict.records),
+        Some(breach) => println!(
+            "BAD   the audit log: record {} {}; `telltale audit verify` says more",
+            breach.number, breach.what
+        ),
+    }
+    Ok(verdict.breach.is_none())
+}
+
+fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &IncidentRecords) -> Found {
+    let recorded = records.hashes.get(&id);
+    let was_removed = records.removed.contains(&id);
+    let file = match incident {
+        Some(incident) => incident.summary.recording.file.clone(),
+        None => folder::file_name(id),
+    };
+    let Some(path) = folder::path_of(recordings, &file) else {
+        return Found::Bad("its row names no file".to_owned());
+    };
+    let opened = File::open(&path);
+    let is_missing = matches!(&opened, Err(error) if error.kind() == io::ErrorKind::NotFound);
+    let path = path.display();
+    match incident {
+        None if is_missing && was_removed => return Found::Bad("it was removed".to_owned()),
+        None if is_missing && recorded.is_some() => {
+            return Found::Bad(format!("neither the store knows it, nor is {path} there"));
+        }
+        None if is_missing => return Found::Bad("there is no such incident".to_owned()),
+        None if was_removed => {
+            return Found::Bad(format!("it was removed, and {path} is there still: remove it by hand"));
+        }
+        Some(incident) if !incident.summary.recording.finished => return Found::Unfinished,
+        _ => {}
+    }
+    let hash = opened.and_then(|mut file| hashed(&mut file, &mut io::sink()));
+    let (bytes, hash) = match hash {
+        Ok(hashed) => hashed,
+        Err(_) if is_missing => return Found::Bad(format!("{path} is gone")),
+        Err(error) => return Found::Bad(format!("{path} cannot be read: {error}")),
+    };
+    let stored = incident.and_then(|it| it.summary.recording.sha256.as_ref());
+    let wrong = |what: &str, expected: &str| {
+        Found::Bad(format!("{path} is not as it was recorded: {what} has sha256 {expected}, the file {hash}"))
+    };
+    match (stored, recorded) {
+        (Some(stored), _) if *stored != hash => wrong("the store", stored),
+        (_, Some(recorded)) if *recorded != hash => wrong("the audit log", recorded),
+        (_, None) => Found::Bad(format!("{path} has no hash in the audit log, so nothing proves it")),
+        (None, Some(_)) if incident.is_none() => Found::Whole(format!(
+            "{path}, {}, as the audit log has it; the store does not know it any more",
+            size(bytes)
+        )),
+        _ => Found::Whole(format!("{path}, {}, sha256 {hash}", size(bytes))),
+    }
+}

@@ -1,0 +1,228 @@
+//! Incidents for programs and developers: lists, recordings, notes, and the mark of a moment.
+
+mod download;
+mod json;
+
+use std::fmt;
+use std::time::SystemTime;
+
+use axum::extract::rejection::{FormRejection, QueryRejection};
+use axum::extract::{Extension, Form, Path, Query, State};
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::admission::peer::{Peer, source_of};
+use super::http::errors::HttpError;
+use super::http::guard::SignedIn;
+use super::http::respond::{Reader, bad_field, bad_form, json_answer, refusal};
+use super::{AppState, Live};
+use crate::record::incident::NOTE_BYTES_MAX;
+use crate::record::writer::unix_ms;
+use crate::store::audit::{Action, Record};
+use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
+
+pub use download::get as download;
+pub use json::{listed, whole};
+
+/// Incidents in one answer, unless `count` asks for another number.
+const COUNT: u32 = 50;
+
+/// Marks the present moment in the recording. It is given who marks and a note, and returns the number of the
+/// incident; `None` if nothing is recorded.
+pub struct Marker(Box<Mark>);
+
+type Mark = dyn Fn(&str, &str) -> Option<u64> + Send + Sync;
+
+impl Marker {
+    pub fn new(mark: impl Fn(&str, &str) -> Option<u64> + Send + Sync + 'static) -> Marker {
+        Marker(Box::new(mark))
+    }
+}
+
+impl fmt::Debug for Marker {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Marker")
+    }
+}
+
+#[derive(Debug, Deserialize)]
+pub struct ListQuery {
+    #[serde(default)]
+    cause: String,
+    #[serde(default)]
+    group: String,
+    #[serde(default)]
+    stage: String,
+    marked: Option<bool>,
+    kept: Option<bool>,
+    since: Option<String>,
+    until: Option<String>,
+    before: Option<u64>,
+    count: Option<u32>,
+}
+
+impl ListQuery {
+    /// The filter, or the name of the field that cannot be read.
+    fn filter(self) -> Result<IncidentFilter, &'static str> {
+        let count = self.count.unwrap_or(COUNT);
+        if !(1..=INCIDENTS_PAGE_MAX).contains(&count) {
+            return Err("count");
+        }
+        Ok(IncidentFilter {
+            cause: self.cause,
+            group: self.group,
+            stage: self.stage,
+            marked: self.marked,
+            kept: self.kept,
+            since_ms: time(self.since.as_deref()).ok_or("since")?,
+            until_ms: time(self.until.as_deref()).ok_or("until")?,
+            before: self.before,
+            count,
+        })
+    }
+}
+
+/// A time that may be missing; `None` if it cannot be read.
+fn time(text: Option<&str>) -> Option<Option<i64>> {
+    let read = |text: &str| humantime::parse_rfc3339_weak(text).ok().map(|at: SystemTime| unix_ms(at));
+    text.map_or(Some(None), |text| read(text).map(Some))
+}
+
+/// `GET /api/v1/incidents`: the newest first, filtered, in pages.
+pub async fn list(
+    State(app): State<AppState>,
+    reader: Reader,
+    query: Result<Query<ListQuery>, QueryRejection>,
+) -> Response {
+    let filter = match query.map(|Query(query)| query.filter()) {
+        Ok(Ok(filter)) => filter,
+        Ok(Err(field)) => return bad_field(&reader, field),
+        Err(_) => return bad_field(&reader, "marked, kept, before or count"),
+    };
+    match app.store.incidents(filter).await {
+        Ok(found) => {
+            let list: Value = found.iter().map(listed).collect();
+            json_answer(StatusCode::OK, &list)
+        }
+        Err(error) => refusal(&reader, failed(error)),
+    }
+}
+
+/// `GET /api/v1/incidents/{id}`: everything that is known of it.
+pub async fn one(State(app): State<AppState>, Path(id): Path<String>, reader: Reader) -> Response {
+    answer(&reader, find(&app, &id).await)
+}
+
+/// The incident with the number in an address.
+async fn find(app: &AppState, id: &str) -> Result<Incident, HttpError> {
+    let found = app.store.incident(number(id)?).await.map_err(failed)?;
+    found.ok_or(HttpError::NotFound)
+}
+
+fn number(id: &str) -> Result<u64, HttpError> {
+    id.parse().map_err(|_| HttpError::NotFound)
+}
+
+#[derive(Debug, Default, Deserialize)]
+pub struct MarkForm {
+    #[serde(default)]
+    note: String,
+}
+
+/// `POST /api/v1/mark`: marks the present moment in the recording.
+pub async fn mark(
+    app: Live,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    form: Result<Form<MarkForm>, FormRejection>,
+) -> Response {
+    let MarkForm { note } = match form {
+        Ok(Form(form)) => form,
+        // A mark without a note needs no body.
+        Err(FormRejection::InvalidFormContentType(_)) => MarkForm::default(),
+        Err(rejection) => return bad_form(&reader, &rejection),
+    };
+    let note = &note[..note.floor_char_boundary(NOTE_BYTES_MAX)];
+    let marked = app.settings.marker.as_ref().and_then(|Marker(mark)| mark(&session.user, note));
+    let Some(id) = marked else { return refusal(&reader, HttpError::NotRecording) };
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    // The mark is in the recording, whether the disk takes this record now or later.
+    app.store.note(Record::of_session(&session, Action::Mark, source).on(format!("{id}: {note}")));
+    json_answer(StatusCode::OK, &json!({ "incident": id }))
+}
+
+#[derive(Debug, Deserialize)]
+pub struct NoteForm {
+    note: String,
+}
+
+/// `POST /api/v1/incidents/{id}/note`: writes a note in place of the last one.
+pub async fn note(
+    app: Live,
+    Path(id): Path<String>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    form: Result<Form<NoteForm>, FormRejection>,
+) -> Response {
+    let Form(NoteForm { note }) = match form {
+        Ok(form) if form.note.trim().len() <= NOTE_BYTES_MAX => form,
+        Ok(_) => return bad_field(&reader, "note"),
+        Err(rejection) => return bad_form(&reader, &rejection),
+    };
+    let Ok(number) = number(&id) else { return refusal(&reader, HttpError::NotFound) };
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    let record = Record::of_session(&session, Action::IncidentNote, source);
+    let written = app.store.set_incident_note(number, &note, record).await;
+    changed(&app, &id, &reader, written).await
+}
+
+#[derive(Debug, Deserialize)]
+pub struct KeepForm {
+    kept: bool,
+}
+
+/// `POST /api/v1/incidents/{id}/keep`: keeps it whatever its age and size, or no longer.
+pub async fn keep(
+    app: Live,
+    Path(id): Path<String>,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    form: Result<Form<KeepForm>, FormRejection>,
+) -> Response {
+    let kept = match form {
+        Ok(Form(form)) => form.kept,
+        Err(rejection) => return bad_form(&reader, &rejection),
+    };
+    let Ok(number) = number(&id) else { return refusal(&reader, HttpError::NotFound) };
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    let record = Record::of_session(&session, Action::IncidentKept, source);
+    let written = app.store.keep_incident(number, kept, record).await;
+    changed(&app, &id, &reader, written).await
+}
+
+/// Answers with the changed incident.
+async fn changed(app: &AppState, id: &str, reader: &Reader, written: Result<(), StoreError>) -> Response {
+    match written {
+        Ok(()) => answer(reader, find(app, id).await),
+        Err(error) => refusal(reader, failed(error)),
+    }
+}
+
+fn answer(reader: &Reader, found: Result<Incident, HttpError>) -> Response {
+    match found {
+        Ok(incident) => json_answer(StatusCode::OK, &whole(&incident)),
+        Err(trouble) => refusal(reader, trouble),
+    }
+}
+
+fn failed(error: StoreError) -> HttpError {
+    if !matches!(error, StoreError::NoSuchIncident(_)) {
+        tracing::error!(%error, "an incident cannot be read or changed");
+    }
+    error.into()
+}

@@ -1,0 +1,223 @@
+//! `telltale incident` as shells and programs use it, beside a server and on damaged folders.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+use sha2::{Digest as _, Sha256};
+use telltale::clock::Clock;
+use telltale::record::folder::{file_name, folder_in};
+use telltale::record::summary::{Recording, Summary, TriggerLine, kind};
+use telltale::store::{DemoSecrets, Store};
+
+const DAY_MS: i64 = 24 * 3600 * 1000;
+
+/// A data folder with four incidents: 1 is old, 2 is marked, 3 is new, 4 lasts.
+struct Folder {
+    data: PathBuf,
+    /// As a server has it.
+    store: Option<Store>,
+}
+
+impl Folder {
+    async fn new(name: &str) -> Folder {
+        let data = std::env::temp_dir().join(format!("telltale-incident-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&data);
+        std::fs::create_dir_all(folder_in(&data)).unwrap();
+        let clock = Clock::start();
+        let store = Store::open(&data, clock, DemoSecrets::Refused).unwrap();
+        let now = clock.wall().duration_since(std::time::UNIX_EPOCH).unwrap().as_millis() as i64;
+        for (id, kind, age) in [
+            (1, kind::ROOT, 40 * DAY_MS),
+            (2, kind::MARK, 39 * DAY_MS),
+            (3, kind::ROOT, DAY_MS),
+            (4, kind::ROOT, 0),
+        ] {
+            let bytes = format!("recording {id}").repeat(100);
+            std::fs::write(folder_in(&data).join(file_name(id)), &bytes).unwrap();
+            let is_over = id < 4;
+            let hash: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+            let trigger = TriggerLine {
+                at_ms: now - age,
+                kind: kind.into(),
+                what: "sensors/lidar\u{1b}[2J".into(),
+                alarm: None,
+                note: String::new(),
+            };
+            let recording = Recording {
+                file: file_name(id),
+                bytes: bytes.len() as u64,
+                finished: is_over,
+                sha256: is_over.then_some(hash),
+                ..Recording::default()
+            };
+            let until_ms = is_over.then_some(now - age + 12_000);
+            let triggers = vec![trigger];
+            let summary =
+                Summary { id, since_ms: now - age, until_ms, triggers, recording, ..Summary::default() };
+            match is_over {
+                true => store.incident_finished(&summary).await.unwrap(),
+                false => store.incident_opened(&summary).await.unwrap(),
+            }
+        }
+        Folder { data, store: Some(store) }
+    }
+
+    fn file(&self, id: u64) -> PathBuf {
+        folder_in(&self.data).join(file_name(id))
+    }
+
+    async fn end_server(&mut self) {
+        if let Some(store) = self.store.take() {
+            store.close().await;
+        }
+    }
+
+    fn run(&self, words: &[&str]) -> (String, String, Option<i32>) {
+        incident(&self.data, words)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // If this fails, the folder stays among the temporary files.
+        let _ = std::fs::remove_dir_all(&self.data);
+    }
+}
+
+fn incident(data: &Path, words: &[&str]) -> (String, String, Option<i32>) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
+    command.arg("incident").args(words).arg("--data").arg(data).current_dir(std::env::temp_dir());
+    let output = command.output().expect("the program can be run");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr), output.status.code())
+}
+
+#[tokio::test]
+async fn a_list_is_a_table_or_json() {
+    let folder = Folder::new("list").await;
+    let (out, _, code) = folder.run(&["list"]);
+    let lines: Vec<&str> = out.lines().collect();
+    assert_eq!((lines.len(), code), (4, Some(0)), "{out}");
+    assert!(lines[0].contains("lasts") && lines[0].contains(r"sensors/lidar\u{1b}[2J"), "{out}");
+    assert!(lines[2].contains("mark [marked] [kept]") && lines[3].contains("12 s"), "{out}");
+    let (out, _, _) = folder.run(&["list", "--json", "--count", "2", "--before", "4"]);
+    let list: Value = serde_json::from_str(&out).unwrap();
+    let ids: Vec<u64> = list.as_array().unwrap().iter().map(|it| it["id"].as_u64().unwrap()).collect();
+    assert_eq!(ids, [3, 2]);
+    assert_eq!(list[1]["marked"], true);
+    let (out, err, code) = folder.run(&["list", "--cause", "planner"]);
+    assert_eq!((&*out, code), ("", Some(0)));
+    assert!(err.contains("no such incident"), "{err}");
+    assert_eq!(folder.run(&["list", "--since", "yesterday"]).2, Some(2));
+    assert_eq!(folder.run(&["list", "--since", "2020-01-01", "--until", "2020-01-02"]).0, "");
+}
+
+#[tokio::test]
+async fn a_recording_is_copied_and_nothing_is_overwritten() {
+    let folder = Folder::new("export").await;
+    let output = folder.data.join("copy.mcap");
+    let to = output.to_str().unwrap();
+    let (out, err, code) = folder.run(&["export", "3", "--output", to]);
+    assert_eq!((err.as_str(), code), ("", Some(0)));
+    assert!(out.contains("sha256 ") && out.contains(to), "{out}");
+    assert_eq!(std::fs::read(&output).unwrap(), std::fs::read(folder.file(3)).unwrap());
+    let (_, err, code) = folder.run(&["export", "3", "--output", to]);
+    assert!(code == Some(2) && err.contains("--output"), "{err}");
+    let other = folder.data.join("other.mcap");
+    let other = other.to_str().unwrap();
+    let (_, err, code) = folder.run(&["export", "9", "--output", other]);
+    assert!(code == Some(2) && err.contains("there is no incident 9"), "{err}");
+    let (_, err, code) = folder.run(&["export", "4", "--output", other]);
+    assert!(code == Some(0) && err.contains("not finished"), "{err}");
+    std::fs::remove_file(folder.file(2)).unwrap();
+    let (_, err, code) = folder.run(&["export", "2", "--output", folder.data.join("two").to_str().unwrap()]);
+    assert!(code == Some(1) && err.contains(&file_name(2)), "{err}");
+    std::fs::write(folder.file(1), "another").unwrap();
+    let (_, err, code) = folder.run(&["export", "1", "--output", folder.data.join("one").to_str().unwrap()]);
+    assert!(code == Some(1) && err.contains("not as it was recorded"), "{err}");
+}
+
+#[tokio::test]
+async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
+    let mut folder = Folder::new("verify").await;
+    let (out, err, code) = folder.run(&["verify"]);
+    assert_eq!((err.as_str(), code), ("", Some(0)), "{out}");
+    for line in ["ok    the audit log", "ok    incident 1", "ok    incident 3", "incident 4 is not finished"]
+    {
+        assert!(out.contains(line), "{out}");
+    }
+    std::fs::write(folder.file(1), "another").unwrap();
+    std::fs::rename(folder.file(2), folder.file(17)).unwrap();
+    let (out, _, code) = folder.run(&["verify"]);
+    assert_eq!(code, Some(1));
+    for line in
+        ["incident 1: ", "is not as it was recorded", "incident 2: ", " is gone", "incident 17: ", "no hash"]
+    {
+        assert!(out.contains(line), "{line}: {out}");
+    }
+    assert_eq!(folder.run(&["verify", "3"]).2, Some(0));
+    let (out, _, code) = folder.run(&["verify", "8"]);
+    assert!(code == Some(1) && out.contains("there is no such incident"), "{out}");
+    folder.end_server().await;
+    // Somebody changes the file and its hash in the store.
+    let run = |sql: &str| {
+        let connection = rusqlite::Connection::open(folder.data.join("telltale.db")).unwrap();
+        connection.execute_batch(sql).unwrap();
+    };
+    let hash: String = Sha256::digest("forged").iter().map(|byte| format!("{byte:02x}")).collect();
+    let old: String = {
+        let connection = rusqlite::Connection::open(folder.data.join("telltale.db")).unwrap();
+        connection.query_row("SELECT sha256 FROM incidents WHERE id = 3", [], |row| row.get(0)).unwrap()
+    };
+    std::fs::write(folder.file(3), "forged").unwrap();
+    run(&format!("UPDATE incidents SET summary = replace(summary, '{old}', '{hash}'), sha256 = '{hash}'"));
+    let (out, _, code) = folder.run(&["verify", "3"]);
+    assert!(code == Some(1) && out.contains("the audit log has sha256"), "{out}");
+    // In the audit log too, but not its chain.
+    run(&format!("UPDATE audit SET target = replace(target, '{old}', '{hash}')"));
+    let (out, _, code) = folder.run(&["verify", "3"]);
+    assert!(
+        code == Some(1) && out.contains("BAD   the audit log") && out.contains("ok    incident 3"),
+        "{out}"
+    );
+}
+
+#[tokio::test]
+async fn pruning_beside_a_server_removes_what_is_old_and_not_what_is_kept() {
+    let folder = Folder::new("prune").await;
+    let (out, _, code) = folder.run(&["prune", "--dry-run"]);
+    assert!(
+        code == Some(0) && out.contains("would remove incident 1,") && out.contains("3 incidents left"),
+        "{out}"
+    );
+    assert!(folder.file(1).exists());
+    let (out, _, code) = folder.run(&["prune"]);
+    assert!(code == Some(0) && out.contains("removed incident 1,"), "{out}");
+    assert!(!folder.file(1).exists() && folder.file(2).exists());
+    let (out, _, _) = folder.run(&["prune", "--disk", "0", "--keep", "1s"]);
+    assert!(out.contains("removed incident 3,") && out.contains("that is too much"), "{out}");
+    assert!(folder.file(2).exists() && folder.file(4).exists(), "one is marked, the other lasts");
+    let (out, _, code) = folder.run(&["keep", "2", "--off"]);
+    assert_eq!((out.trim(), code), ("incident 2 is kept no longer", Some(0)));
+    assert!(folder.run(&["prune"]).0.contains("removed incident 2,"));
+    let (out, _, code) = folder.run(&["verify", "1"]);
+    assert!(code == Some(1) && out.contains("it was removed"), "{out}");
+    let (_, err, code) = folder.run(&["keep", "2"]);
+    assert!(code == Some(2) && err.contains("there is no incident 2"), "{err}");
+    let log = folder.store.as_ref().unwrap().audit_entries(None, 10).await.unwrap();
+    let removed = log.iter().filter(|it| it.action == "incident removed").count();
+    assert_eq!(removed, 3);
+}
+
+#[test]
+fn a_folder_without_a_database_is_told() {
+    let data = std::env::temp_dir().join(format!("telltale-incident-none-{}", std::process::id()));
+    for words in
+        [&["list"][..], &["export", "1"], &["verify"], &["keep", "1"], &["prune"], &["prune", "--dry-run"]]
+    {
+        let (_, err, code) = incident(&data, words);
+        assert!(code == Some(2) && err.contains("--data"), "{words:?}: {err}");
+    }
+    assert!(!data.exists(), "a misspelt folder does not become one");
+}

@@ -1,0 +1,229 @@
+//! Incidents over HTTP: lists with filters, recordings with ranges, marks, notes, and what is kept.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+use axum::http::header::RANGE;
+use axum::http::{Method, StatusCode};
+use serde_json::json;
+use telltale::record::folder::{file_name, folder_in};
+use telltale::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
+use telltale::web::{AppState, Marker, Origins, Settings, router};
+
+use super::fixture::{ADDRESS, Answer, Fixture, request, settings};
+
+const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
+
+/// A vehicle with a folder of recordings.
+struct Recorded {
+    fixture: Fixture,
+    data: PathBuf,
+    marks: Arc<Mutex<Vec<(String, String)>>>,
+}
+
+impl Recorded {
+    async fn new(name: &str) -> Recorded {
+        let data = std::env::temp_dir().join(format!("telltale-incidents-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(folder_in(&data)).unwrap();
+        let mut fixture = Fixture::new().await;
+        let marks: Arc<Mutex<Vec<(String, String)>>> = Arc::default();
+        let noted = marks.clone();
+        let mark = move |by: &str, note: &str| {
+            noted.lock().unwrap().push((by.to_owned(), note.to_owned()));
+            Some(7)
+        };
+        let settings = Settings {
+            recordings: Some(folder_in(&data)),
+            marker: Some(Marker::new(mark)),
+            ..settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
+        };
+        let (link, store) = (fixture.link.clone(), fixture.store.clone());
+        fixture.app = AppState::new(link, store, fixture.clock, settings);
+        fixture.router = router(fixture.app.clone());
+        Recorded { fixture, data, marks }
+    }
+
+    /// An incident of this node, finished or not, with its file.
+    async fn add(&self, id: u64, node: &str, finished: bool) {
+        let sha256 = finished.then(|| format!("{id:064x}"));
+        let recording = Recording {
+            file: file_name(id),
+            bytes: BYTES.len() as u64,
+            pre_roll_s: 30.0,
+            finished,
+            sha256,
+            messages: 12,
+            ..Recording::default()
+        };
+        let trigger = TriggerLine {
+            at_ms: 1_000,
+            kind: kind::ROOT.into(),
+            what: node.into(),
+            alarm: Some(id),
+            note: String::new(),
+        };
+        let frozen = FrozenNode {
+            node: node.into(),
+            state: "error".into(),
+            message: "no packets".into(),
+            values: vec![("rate".into(), "0".into())],
+        };
+        let summary = Summary {
+            id,
+            since_ms: 1_000 * id as i64,
+            until_ms: finished.then_some(1_000 * id as i64 + 500),
+            stage: "active".into(),
+            triggers: vec![trigger],
+            roots: vec![node.into()],
+            freeze: vec![frozen],
+            recording,
+            ..Summary::default()
+        };
+        std::fs::write(folder_in(&self.data).join(file_name(id)), BYTES).unwrap();
+        match finished {
+            true => self.fixture.store.incident_finished(&summary).await.unwrap(),
+            false => self.fixture.store.incident_opened(&summary).await.unwrap(),
+        }
+    }
+
+    async fn ids(&self, query: &str, cookie: &str) -> Vec<u64> {
+        let list = self.fixture.get_json(&format!("/api/v1/incidents{query}"), cookie).await;
+        list.as_array().unwrap().iter().map(|it| it["id"].as_u64().unwrap()).collect()
+    }
+
+    async fn part(&self, path: &str, cookie: &str, range: &str) -> Answer {
+        let mut request = request(Method::GET, path, Some(cookie));
+        if !range.is_empty() {
+            request.headers_mut().insert(RANGE, range.parse().unwrap());
+        }
+        request.headers_mut().insert("accept-encoding", "gzip, br".parse().unwrap());
+        self.fixture.send(request).await
+    }
+}
+
+impl Drop for Recorded {
+    fn drop(&mut self) {
+        // If this fails, the folder stays among the temporary files.
+        let _ = std::fs::remove_dir_all(&self.data);
+    }
+}
+
+#[tokio::test]
+async fn programs_list_incidents_and_read_all_of_one() {
+    let recorded = Recorded::new("list").await;
+    let cookie = recorded.fixture.cookie_of("developer").await;
+    assert!(recorded.ids("", &cookie).await.is_empty());
+    recorded.add(1, "sensors/velodyne_packet_alive", true).await;
+    recorded.add(2, "localization/tf_map", false).await;
+    for (query, expected) in [
+        ("", vec![2, 1]),
+        ("?count=1", vec![2]),
+        ("?before=2", vec![1]),
+        ("?cause=velo", vec![1]),
+        ("?group=localization", vec![2]),
+        ("?stage=standby", vec![]),
+        ("?marked=true", vec![]),
+        ("?kept=false&since=1970-01-01T00:00:01.2Z", vec![2, 1]),
+        ("?until=1970-01-01T00:00:01Z", vec![1]),
+    ] {
+        assert_eq!(recorded.ids(query, &cookie).await, expected, "{query}");
+    }
+    for wrong in ["?count=0", "?count=1000", "?count=x", "?since=yesterday", "?until=1", "?marked=maybe"] {
+        let answer = recorded.fixture.get(&format!("/api/v1/incidents{wrong}"), Some(&cookie)).await;
+        assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{wrong}");
+    }
+    let list = recorded.fixture.get_json("/api/v1/incidents", &cookie).await;
+    let (lasts, over) = (&list[0], &list[1]);
+    assert_eq!((&lasts["until"], &lasts["recording"]["finished"]), (&json!(null), &json!(false)));
+    assert_eq!(over["since"], "1970-01-01T00:00:01.000Z");
+    assert_eq!(over["roots"], json!(["sensors/velodyne_packet_alive"]));
+    assert_eq!(
+        (&over["recording"]["bytes"], &over["recording"]["pre_roll_s"]),
+        (&json!(BYTES.len()), &json!(30.0))
+    );
+    let one = recorded.fixture.get_json("/api/v1/incidents/1", &cookie).await;
+    assert_eq!(one["triggers"][0]["what"], "sensors/velodyne_packet_alive");
+    assert_eq!(one["freeze"][0]["values"], json!({ "rate": "0" }));
+    assert_eq!(one["recording"]["sha256"], format!("{:064x}", 1));
+    for missing in ["9", "x", "-1", "99999999999999999999"] {
+        let answer = recorded.fixture.get(&format!("/api/v1/incidents/{missing}"), Some(&cookie)).await;
+        assert_eq!(answer.status, StatusCode::NOT_FOUND, "{missing}");
+    }
+}
+
+#[tokio::test]
+async fn a_recording_is_sent_whole_or_in_parts_as_it_lies_on_the_disk() {
+    let recorded = Recorded::new("download").await;
+    let cookie = recorded.fixture.cookie_of("authority").await;
+    recorded.add(1, "a/b", true).await;
+    recorded.add(2, "a/b", false).await;
+    let whole = recorded.part("/incidents/1.mcap", &cookie, "").await;
+    assert_eq!((whole.status, whole.body.len()), (StatusCode::OK, String::from_utf8_lossy(BYTES).len()));
+    assert_eq!(whole.header("content-length"), Some(&*BYTES.len().to_string()));
+    assert_eq!(whole.header("content-encoding"), None);
+    assert_eq!(whole.header("content-disposition"), Some("attachment; filename=\"incident-1.mcap\""));
+    let part = recorded.part("/incidents/1.mcap", &cookie, "bytes=1-4").await;
+    assert_eq!((part.status, &*part.body), (StatusCode::PARTIAL_CONTENT, "MCAP"));
+    assert_eq!(part.header("content-range"), Some(&*format!("bytes 1-4/{}", BYTES.len())));
+    let beyond = recorded.part("/incidents/1.mcap", &cookie, "bytes=1000-").await;
+    assert_eq!(beyond.status, StatusCode::RANGE_NOT_SATISFIABLE);
+    let unfinished = recorded.fixture.get("/incidents/2.mcap", Some(&cookie)).await;
+    assert_eq!(unfinished.status, StatusCode::CONFLICT);
+    std::fs::remove_file(folder_in(&recorded.data).join(file_name(1))).unwrap();
+    for missing in ["1.mcap", "3.mcap", "1", "x.mcap", "..%2ftelltale.db", "1.mcap%00"] {
+        let answer = recorded.fixture.get(&format!("/incidents/{missing}"), Some(&cookie)).await;
+        assert_eq!(answer.status, StatusCode::NOT_FOUND, "{missing}");
+    }
+}
+
+#[tokio::test]
+async fn a_mark_has_a_name_a_note_and_a_record() {
+    let recorded = Recorded::new("mark").await;
+    let operator = recorded.fixture.cookie_of("operator").await;
+    let answer = recorded.fixture.post("/api/v1/mark", Some(&operator), "note=it+braked+hard").await;
+    assert_eq!((answer.status, &*answer.body), (StatusCode::OK, r#"{"incident":7}"#));
+    let long = format!("note={}", "%C3%A4".repeat(1500));
+    assert_eq!(recorded.fixture.post("/api/v1/mark", Some(&operator), &long).await.status, StatusCode::OK);
+    let marks = recorded.marks.lock().unwrap().clone();
+    assert_eq!(marks[0], ("operator".to_owned(), "it braked hard".to_owned()));
+    assert_eq!(marks[1].1.len(), 2000);
+    let log = recorded.fixture.store.audit_entries(None, 5).await.unwrap();
+    let mark = log.iter().find(|it| it.target == "7: it braked hard").unwrap();
+    assert_eq!((&*mark.action, &*mark.who), ("mark", "operator"));
+    // Without a body.
+    let mut bare = request(Method::POST, "/api/v1/mark", Some(&operator));
+    bare.headers_mut().insert("origin", super::fixture::OWN_ORIGIN.parse().unwrap());
+    assert_eq!(recorded.fixture.send(bare).await.status, StatusCode::OK);
+    // Without a recorder.
+    let without = Fixture::new().await;
+    let cookie = without.cookie_of("developer").await;
+    let answer = without.post("/api/v1/mark", Some(&cookie), "note=x").await;
+    assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE);
+    assert!(answer.body.contains("Nothing is recorded"), "{}", answer.body);
+}
+
+#[tokio::test]
+async fn a_developer_writes_notes_and_keeps_incidents() {
+    let recorded = Recorded::new("keep").await;
+    let cookie = recorded.fixture.cookie_of("developer").await;
+    recorded.add(1, "a/b", true).await;
+    let post = async |path: &str, form: &str| recorded.fixture.post(path, Some(&cookie), form).await;
+    let answer = post("/api/v1/incidents/1/note", "note=worn+cable").await;
+    let said: serde_json::Value = serde_json::from_str(&answer.body).unwrap();
+    assert_eq!((&said["note"]["text"], &said["note"]["by"]), (&json!("worn cable"), &json!("developer")));
+    let answer = post("/api/v1/incidents/1/keep", "kept=true").await;
+    assert!(answer.status == StatusCode::OK && answer.body.contains(r#""kept":true"#), "{}", answer.body);
+    assert_eq!(recorded.ids("?kept=true", &cookie).await, [1]);
+    let long = format!("note={}", "x".repeat(2001));
+    for (path, form) in [("1/note", &*long), ("1/note", ""), ("1/keep", "kept=maybe"), ("1/keep", "")] {
+        let answer = post(&format!("/api/v1/incidents/{path}"), form).await;
+        assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{path} {form}");
+    }
+    for (path, form) in [("2/note", "note=x"), ("2/keep", "kept=true"), ("x/keep", "kept=true")] {
+        let answer = post(&format!("/api/v1/incidents/{path}"), form).await;
+        assert_eq!(answer.status, StatusCode::NOT_FOUND, "{path}");
+    }
+    let log = recorded.fixture.store.audit_entries(None, 3).await.unwrap();
+    let said: Vec<(&str, &str)> = log.iter().map(|it| (&*it.action, &*it.target)).take(2).collect();
+    assert_eq!(said, [("incident kept", "1"), ("incident note", "1: worn cable")]);
+}
