@@ -218,7 +218,9 @@ impl Engine {
         self.events.keep();
     }
 
-    /// The events since the last call, in order. Of more than 65,536 the oldest are gone.
+    /// The events since the last call, in order. Of more than 65,536 the oldest are gone. The index of a module
+    /// that left is not used again while an event names it: a run is repeated exactly only if its events are taken
+    /// after the same inputs.
     pub fn take_events(&mut self) -> Vec<Event> {
         self.events.take()
     }

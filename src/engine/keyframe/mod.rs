@@ -16,6 +16,7 @@ use super::Engine;
 use super::discovery::WriterList;
 use super::event::Events;
 pub use super::files::KeyframeError;
+use super::lookalikes::COMPARISONS_MAX;
 use super::mask::net::Change;
 use super::mask::net::kept::KeptNet;
 use super::mask::node::{ModuleKind, UNSEEN};
@@ -216,7 +217,7 @@ impl Engine {
         engine.dds_fault = kept.dds_fault;
         engine.counters = kept.counters;
         engine.events = kept.events;
-        engine.comparisons = kept.comparisons;
+        engine.comparisons = kept.comparisons.min(COMPARISONS_MAX);
         engine.check_nodes()?;
         engine.judge_again(&kept.causes)?;
         engine.views.resume_times(kept.views);

@@ -21,8 +21,9 @@ pub struct Preview {
 }
 
 impl Engine {
-    /// Judges an action as [`Engine::handle`] would at `now`, without carrying it out. Consequences such as the
-    /// end of an acknowledged alarm follow from the stored state.
+    /// Judges an action as [`Engine::handle`] would at `now`, without carrying it out; time passes as with
+    /// [`Input::Tick`](crate::engine::input::Input). Consequences such as the end of an acknowledged alarm follow
+    /// from the stored state.
     ///
     /// # Errors
     ///

@@ -129,6 +129,7 @@ impl Views {
         net: &Net,
         now: Timestamp,
     ) -> Result<(), KeyframeError> {
+        KeyframeError::unless_same("groups", kept.groups.len(), net.groups.len())?;
         KeyframeError::unless_same("modules", kept.modules.len(), net.modules.len())?;
         KeyframeError::unless_same("names", kept.made.len(), net.modules.len() - net.fixed())?;
         let layout = Arc::make_mut(&mut self.layout);
