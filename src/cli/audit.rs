@@ -42,7 +42,7 @@ enum Command {
         #[arg(long, value_name = "FILE")]
         key: Option<PathBuf>,
     },
-    /// Record that an authority has looked into what is wrong with the log: `verify` is content with it then
+    /// Record that an authority has looked into what is wrong with the log: `verify` then accepts it
     ///
     /// It asks for the secret on the terminal, or reads a line of standard input. What is wrong afterwards,
     /// or is changed in what was acknowledged, is a breach again.

@@ -47,8 +47,8 @@ enum Command {
     Repair,
     /// Put a backup in the place of the database; no server may run on the folder
     ///
-    /// All sessions end. Users and tokens are as they were then: who was removed since is there again. The
-    /// old files are moved into a folder `damaged-TIME` beside it, and the audit log says what was done.
+    /// All sessions end. Users and tokens are as they were then, so users removed since then are back.
+    /// The old files are moved into a folder `damaged-TIME` beside it, and the audit log says what was done.
     Restore {
         /// The backup [default: the newest that is whole]
         #[arg(value_name = "FILE")]

@@ -39,10 +39,10 @@ pub struct Args {
     /// A signal; may be repeated
     #[arg(long = "signal", value_name = "NAME")]
     signals: Vec<String>,
-    /// What stands above the figure
+    /// The title of the figure
     #[arg(long, value_name = "TEXT", default_value = "from the history")]
     title: String,
-    /// What happens at the moment
+    /// The event at the moment zero
     #[arg(long, value_name = "TEXT", default_value = "")]
     event: String,
     /// Where to draw it

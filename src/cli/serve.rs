@@ -54,13 +54,13 @@ pub struct Args {
     insecure_http: bool,
     /// One of the vehicle's own displays: an address, `loopback` or `none`; may be repeated [default: loopback]
     ///
-    /// A PIN will do there, and no flood of requests from elsewhere delays it. What is not named counts as
-    /// elsewhere, also this machine.
+    /// Operators may log in with a PIN there, and a flood of requests from elsewhere does not delay it. Every
+    /// other address counts as elsewhere; without `loopback`, this machine too.
     #[arg(long = "display", value_name = "IP")]
     displays: Vec<VehicleDisplay>,
-    /// A proxy, or a network of them, that is believed in `X-Forwarded-For`; may be repeated
+    /// A proxy, or a network of proxies, whose `X-Forwarded-For` is trusted; may be repeated
     ///
-    /// Behind it browsers are told apart by the last address in that header that is no such proxy's.
+    /// The address of a browser behind it is the last one in that header that belongs to no trusted proxy.
     #[arg(long = "trusted-proxy", value_name = "CIDR")]
     proxies: Vec<Network>,
     #[command(flatten)]

@@ -30,7 +30,7 @@ use crate::web::FaultSwitch;
     telltale sim --robot --config config/robot.yaml --interface loopback --fault lidar_outage@20..30"
 )]
 pub struct Args {
-    /// The configuration of the vehicle: its stops, and the topics on which it is spoken to
+    /// The configuration of the vehicle, with its stops and the topics of requests
     #[arg(long, value_name = "FILE")]
     config: PathBuf,
     /// Drive from stop to stop without an operator
@@ -39,7 +39,7 @@ pub struct Args {
     /// The warehouse robot instead of the shuttle
     #[arg(long, conflicts_with = "drive")]
     robot: bool,
-    /// A fault from so many seconds after the start on, `NAME@20` or `NAME@20..30`; may be repeated
+    /// A fault and its seconds after the start: `NAME@20` or `NAME@20..30`; may be repeated
     #[arg(long = "fault", value_name = "NAME@SECONDS[..SECONDS]", value_parser = planned_fault)]
     faults: Vec<PlannedFault>,
     #[command(flatten)]

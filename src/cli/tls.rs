@@ -42,7 +42,7 @@ pub struct Args {
 enum Command {
     /// Make a key and a certificate that it signs itself: tls-cert.pem and tls-key.pem in the data folder
     ///
-    /// Browsers ask once whether to trust it; install it at the displays so that they need not.
+    /// Browsers ask once whether to trust it. They do not ask if it is installed at the display.
     SelfSigned {
         /// A name or an address by which browsers reach the display, beside those of this machine; may be repeated
         #[arg(long = "name", value_name = "HOST")]

@@ -3,7 +3,7 @@
 /// A request to decelerate is repeated twenty times a second and ends this long after the last one. A few
 /// lost messages do not end it.
 const REQUEST_LASTS_MS: u64 = 300;
-/// After the last request the shuttle keeps its speed for a while before it goes on, so that a moment
+/// After the last request the vehicle keeps its speed for a while before it goes on, so that a moment
 /// without requests causes no jerk.
 const HOLD_MS: u64 = 1000;
 /// The brakes give no more, whatever is requested.
@@ -44,7 +44,7 @@ impl Obedience {
         self.stop
     }
 
-    /// The least deceleration of this step; `None` if nothing keeps the shuttle from driving on.
+    /// The least deceleration of this step; `None` if nothing keeps the vehicle from driving on.
     pub fn step(&mut self, step_ms: u64) -> Option<f64> {
         let step_s = step_ms as f64 / 1000.0;
         self.comfort_mps2 =
