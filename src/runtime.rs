@@ -256,8 +256,11 @@ impl Loop {
                 },
                 rehearsal = rehearsals.recv() => match rehearsal {
                     Some(Rehearsal { action, reply }) => {
+                        // A preview judges the present: a recording has that its time has come.
+                        let now = self.clock.now();
+                        self.handle(Stamped::new(Input::Tick, now));
                         // Who asked may have gone; nothing has happened.
-                        let _ = reply.send(self.engine.preview(&action, self.clock.now()));
+                        let _ = reply.send(self.engine.preview(&action, now));
                     }
                     None => return,
                 },
@@ -280,7 +283,6 @@ impl Loop {
             }
             self.tell_turn();
             self.publish_if_due();
-            self.tell_events();
             self.recorder.hand_on_if_due(self.clock.now());
             self.end_turn();
         }
@@ -291,6 +293,8 @@ impl Loop {
         if let Some(feed) = &mut self.feed {
             feed.took(stamped);
         }
+        // Events keep the places of modules that leave: a replay takes them after each input too.
+        self.tell_events();
         response
     }
 
