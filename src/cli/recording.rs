@@ -36,7 +36,7 @@ const MEMORY_MAX: Span = Span::from_secs(120);
 const TIDY_EVERY: Duration = Duration::from_secs(600);
 
 /// The end of the program waits this long for the last incident to be written.
-const LAST_WITHIN: Duration = Duration::from_secs(3);
+const LAST_WITHIN: Duration = Duration::from_secs(1);
 
 /// A running recording.
 #[derive(Debug)]
@@ -105,8 +105,8 @@ pub fn queue(loaded: &Loaded) -> (Option<Feed>, Option<Turns>) {
 /// Starts to record what comes through the queue.
 ///
 /// # Errors
-/// If the database cannot be read or a thread cannot be started. A folder that cannot be made is a fault of the
-/// recording, not of the start.
+/// If a thread cannot be started. A database or a folder that is of no use is a fault of the recording, not of
+/// the start.
 pub async fn start(
     loaded: &Loaded,
     turns: Turns,
@@ -122,7 +122,10 @@ pub async fn start(
     }
     make_whole(store, &folder).await;
     let largest = folder::numbers(&folder).unwrap_or_default().last().copied().unwrap_or(0);
-    let number = store.next_incident_number(largest).await?;
+    let number = store.next_incident_number(largest).await.unwrap_or_else(|error| {
+        tracing::error!(%error, "incidents are numbered after the files that are there");
+        largest + 1
+    });
     let first = link.snapshots.borrow().snapshot.clone();
     let recorder =
         Recorder::start(turns, first, settings, number, clock).context("no thread can be started")?;
