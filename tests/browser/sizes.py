@@ -33,12 +33,13 @@ FAULTS = """() => {
       if (height < least - 0.5 || width < Math.min(least, TOUCH) - 0.5) faults.push(`touch of ${width}x${height} px: ${called(it)}`);
     }
   }
-  // The rectangles of an element's texts, as high as their glyphs.
+  // The rectangles of an element's texts that are seen, as high as their glyphs.
   const texts = it => {
     const found = [], walk = document.createTreeWalker(it, NodeFilter.SHOW_TEXT);
     while (walk.nextNode()) {
       const node = walk.currentNode, range = document.createRange();
-      if (!node.data.trim() || !visible(node.parentElement)) continue;
+      const isSeen = visible(node.parentElement) && getComputedStyle(node.parentElement).clipPath === "none";
+      if (!node.data.trim() || !isSeen) continue;
       range.selectNodeContents(node);
       const edge = 0.2 * type(node.parentElement);
       found.push(...[...range.getClientRects()].map(({ left, right, top, bottom }) => ({ left, right, top: top + edge, bottom: bottom - edge })));
