@@ -186,6 +186,8 @@ impl Writer {
 
     fn try_the_disk(&mut self) {
         let path = self.place.folder.join("trial.mcap");
+        // One that a crash left behind is no fault of the disk.
+        let _ = std::fs::remove_file(&path);
         let trial = IncidentFile::create(&path, BTreeMap::new()).and_then(IncidentFile::finish);
         // A trial that was never made need not be removed.
         let _ = std::fs::remove_file(&path);
