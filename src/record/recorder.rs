@@ -16,7 +16,7 @@ use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 
-/// Incidents that may wait for the disk. Further ones are not written, which is counted.
+/// Incidents that may wait for the disk. Further ones are not written, which the log says.
 const WAITING_MAX: usize = 4;
 
 /// Without a turn of the engine, the recorder looks this often whether an incident is over.
@@ -53,8 +53,6 @@ pub(super) struct State {
     warnings: Vec<Arc<str>>,
     /// Incidents to write, the oldest first.
     pub jobs: VecDeque<Job>,
-    /// Incidents that nobody could write.
-    pub unwritten: u64,
     next_number: u64,
     pub ended: bool,
 }
@@ -100,7 +98,6 @@ impl Recorder {
             snapshot: first,
             warnings: Vec::new(),
             jobs: VecDeque::new(),
-            unwritten: 0,
             next_number,
             ended: false,
         };
@@ -241,7 +238,7 @@ impl State {
         let past = Span::from_nanos(margins.before.as_nanos().saturating_add(longest_memory.as_nanos()));
         let found = self.ring.keyframe_before(before(past));
         let Some((begin, at)) = found.filter(|_| self.jobs.len() < WAITING_MAX) else {
-            self.unwritten += 1;
+            tracing::error!("an incident is not recorded: {} others wait for the disk", self.jobs.len());
             return;
         };
         let number = self.next_number;
