@@ -203,7 +203,7 @@ async fn keep_books(mut news: mpsc::Receiver<News>, store: Store, fault: watch::
             }
         };
         if let Err(error) = stored {
-            tracing::error!(%error, "an incident is not in the database; the next start finds its file");
+            tracing::error!(%error, "an incident is not in the database; `telltale incident verify` names its file");
         }
     }
 }

@@ -41,7 +41,7 @@ struct Waiting {
     record: Record,
     at: Timestamp,
     wall: SystemTime,
-    /// The disk has refused it, or the action of which it tells.
+    /// The disk has refused it, or the action that it records.
     was_refused: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Converts the written publications into topics, none of which is read or published twice.
+//! Converts the written publications into topics. No topic is read or published twice.
 
 use super::topics::Topics;
 use crate::config::file::publishing::{

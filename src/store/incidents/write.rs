@@ -10,7 +10,7 @@ use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::unix_time::to_unix_ms;
 use crate::store::{Database, Store, StoreError};
 
-/// More incidents are not listed, whoever keeps them. [`INCIDENTS_MAX`] leaves room for those that are kept.
+/// More incidents are not listed, kept or not. [`INCIDENTS_MAX`] leaves room for those that are kept.
 const ROWS_MAX: usize = 2 * INCIDENTS_MAX;
 
 /// Numbers are kept as `i64`.

@@ -1,4 +1,4 @@
-//! An engine that is loaded from a keyframe goes the same way as the one of which the keyframe was made, through
+//! An engine that is loaded from a keyframe goes the same way as the engine that made the keyframe, through
 //! everything that can happen. A damaged keyframe is refused or does no harm.
 
 use std::collections::BTreeSet;
