@@ -174,8 +174,10 @@ def test_a_stop_goes_over_http_where_the_socket_does_not_bring_it(driving, troub
 
 SWELLS_S = 10
 DDS_MEMORY_MB = 400
+# The recorder's `memory`, by default.
+RECORDER_MB = 256
 # The program without its DDS processes, and with two of them at their limit.
-PROGRAM_MB = 400
+PROGRAM_MB = 400 + RECORDER_MB
 SWOLLEN_MB = 2 * DDS_MEMORY_MB + PROGRAM_MB
 BACK_S = 5
 

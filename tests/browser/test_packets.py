@@ -182,7 +182,7 @@ def hears_a_new_publisher(watched, folder):
         def heard():
             writer.write(statuses=[{"level": 1, "name": "tf_quality", "message": word}])
             return word in json.dumps(watched.client.snapshot())
-        until(heard, BACK_S, "a new publisher is heard")
+        until(heard, BACK_S, lambda: f"a new publisher is heard:\n{watched.server.read_log()[-3000:]}")
 
 
 def test_data_are_back_five_seconds_after_each_round_of_fuzzing(watched, tmp_path):

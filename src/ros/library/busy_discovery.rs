@@ -1,4 +1,4 @@
-//! Finds a discovery thread of the library that is busy for ever, for example after a flood of
+//! Finds discovery in the library that knows too many participants, for example after a flood of
 //! announcements of participants that do not exist. The library still hears known participants, but finds
 //! nobody new for half a minute.
 
@@ -10,7 +10,10 @@ use rustdds::DomainParticipantStatusEvent as Event;
 use crate::engine::time::{Span, Timestamp};
 
 /// No vehicle has so many participants. With fewer, discovery is busy with real work that ends.
-const PARTICIPANTS_MAX: u64 = 256;
+const VEHICLE_MAX: u64 = 256;
+/// The library's cost for each packet grows with the participants that it knows. With more than these it may
+/// find nobody new for seconds, even if its discovery thread rests.
+const PARTICIPANTS_MAX: u64 = 4096;
 /// The number of consecutive looks at which discovery did not rest.
 const BUSY_MAX: u32 = 4;
 /// The name of the library's thread as the kernel cuts it.
@@ -66,7 +69,7 @@ impl BusyDiscovery {
             (look.0.since(then).as_nanos(), look.1.as_nanos().saturating_sub(before.as_nanos()));
         // It rests if it was asleep for a tenth of the time.
         self.busy = if awake >= passed / 10 * 9 { self.busy + 1 } else { 0 };
-        self.participants > PARTICIPANTS_MAX && self.busy >= BUSY_MAX
+        self.participants > PARTICIPANTS_MAX || self.participants > VEHICLE_MAX && self.busy >= BUSY_MAX
     }
 }
 
@@ -93,8 +96,9 @@ mod tests {
 
     #[test]
     fn discovery_is_given_up_where_it_never_rests_from_participants_that_none_has() {
-        assert_eq!(given_up(30_000, 100), Some(4));
-        assert_eq!(given_up(30_000, 80), None, "it keeps up");
+        assert_eq!(given_up(4096, 100), Some(4));
+        assert_eq!(given_up(4096, 80), None, "it keeps up");
+        assert_eq!(given_up(4097, 0), Some(1), "more than anybody needs");
         assert_eq!(given_up(256, 100), None, "a large vehicle starts");
     }
 
