@@ -9,7 +9,7 @@ use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::describe::words;
 use crate::config::soundness::{FindingKind, Soundness};
 use crate::config::{self, Loaded};
-use crate::engine::model::{Combine, Dependency, GroupId, Model, NodeId, Stage, StageModel, When};
+use crate::engine::model::{Combine, Dependency, GroupId, Model, Stage, StageModel, When};
 use crate::engine::stage::machine::{Guard, TRANSITIONS, Transition};
 use crate::engine::state::State;
 use crate::yaml::Problems;
@@ -78,8 +78,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     let (found, problems) = loaded.soundness();
     match args {
-        Args { dot: true, .. } => print_words(&dot(&loaded.model)),
-        Args { svg: true, .. } => print_words(&graph::draw(&loaded.model)),
+        Args { dot: true, .. } => print_words(&graph::dot(&loaded.model)),
+        Args { svg: true, .. } => print_words(&graph::svg(&loaded.model)),
         Args { json: true, .. } | Args { quiet: true, .. } => {}
         _ => print_words(&text(&loaded, &found)),
     }
@@ -231,56 +231,6 @@ fn conditions(out: &mut String, model: &Model, pad: &str, depends_on: &[Dependen
     if let Some(when) = when {
         let _ = writeln!(out, "{pad}  only when {}", words::when(model, when));
     }
-}
-
-/// The graph for Graphviz: an arrow from each node to what it depends on.
-fn dot(model: &Model) -> String {
-    let mut out =
-        format!("digraph \"{}\" {{\n  compound=true; rankdir=RL; node [shape=box];\n", model.vehicle_id);
-    for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
-        dot_group(&mut out, model, GroupId(index as u32), 1);
-    }
-    for (node, depends_on) in graph::dependencies(model) {
-        dot_edges(&mut out, model, node, depends_on);
-    }
-    out.push_str("}\n");
-    out
-}
-
-fn dot_group(out: &mut String, model: &Model, id: GroupId, depth: usize) {
-    let group = &model.groups[id.0 as usize];
-    let pad = "  ".repeat(depth);
-    let _ = writeln!(out, "{pad}subgraph \"cluster {}\" {{", group.path);
-    let _ = writeln!(out, "{pad}  label={}; \"{}\" [shape=point];", quoted(&group.name.en), group.path);
-    for module in model.modules.iter().filter(|module| module.group == id) {
-        let name = module.id.rsplit('/').next().unwrap_or(&module.id);
-        let _ = writeln!(out, "{pad}  \"{}\" [label={}];", module.id, quoted(name));
-    }
-    for (index, inner) in model.groups.iter().enumerate() {
-        if inner.parent == Some(id) {
-            dot_group(out, model, GroupId(index as u32), depth + 1);
-        }
-    }
-    let _ = writeln!(out, "{pad}}}");
-}
-
-fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Dependency]) {
-    let cluster = |node: NodeId, end: &str| match node {
-        NodeId::Group(_) => format!(" {end}=\"cluster {}\"", words::node_name(model, node)),
-        NodeId::Module(_) => String::new(),
-    };
-    for dependency in depends_on {
-        let style = if dependency.is_any_of() { "dashed" } else { "solid" };
-        for &to in dependency.targets() {
-            let (tail, head) = (cluster(from, "ltail"), cluster(to, "lhead"));
-            let (from, to) = (words::node_name(model, from), words::node_name(model, to));
-            let _ = writeln!(out, "  \"{from}\" -> \"{to}\" [style={style}{tail}{head}];");
-        }
-    }
-}
-
-fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
 #[cfg(test)]

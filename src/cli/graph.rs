@@ -1,4 +1,5 @@
-//! The graph of a configuration as SVG: groups as boxes, with their dependencies to the left.
+//! The graph of a configuration, for `telltale check`: as SVG, groups as boxes with their dependencies to the
+//! left, and for Graphviz.
 
 use std::fmt::Write as _;
 
@@ -25,8 +26,8 @@ const STYLE: Style = Style {
 const WIDTH_MIN: f64 = 640.0;
 const LEGEND_HEIGHT: f64 = 74.0;
 
-/// The whole graph. The same model makes the same bytes.
-pub fn draw(model: &Model) -> String {
+/// The whole graph as SVG. The same model makes the same bytes.
+pub fn svg(model: &Model) -> String {
     let boxes: Vec<GroupBox> = groups(model, None).map(|id| group_box(model, id)).collect();
     let drawing = graph::draw(&STYLE, &boxes, &arrows(model));
     let (width, height) = (drawing.width.max(WIDTH_MIN), drawing.height + LEGEND_HEIGHT);
@@ -39,7 +40,7 @@ pub fn draw(model: &Model) -> String {
 }
 
 /// All nodes with what they depend on: groups, then modules.
-pub(super) fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, &[Dependency])> {
+fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, &[Dependency])> {
     let groups = (0..).map(GroupId).zip(&model.groups);
     let groups = groups.map(|(id, group)| (NodeId::Group(id), &*group.depends_on));
     let modules = (0..).map(ModuleId).zip(&model.modules);
@@ -138,6 +139,56 @@ fn legend(y: f64) -> String {
 
 fn last(path: &str) -> &str {
     path.rsplit('/').next().unwrap_or(path)
+}
+
+/// The graph for Graphviz: an arrow from each node to what it depends on.
+pub fn dot(model: &Model) -> String {
+    let mut out =
+        format!("digraph \"{}\" {{\n  compound=true; rankdir=RL; node [shape=box];\n", model.vehicle_id);
+    for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
+        dot_group(&mut out, model, GroupId(index as u32), 1);
+    }
+    for (node, depends_on) in dependencies(model) {
+        dot_edges(&mut out, model, node, depends_on);
+    }
+    out.push_str("}\n");
+    out
+}
+
+fn dot_group(out: &mut String, model: &Model, id: GroupId, depth: usize) {
+    let group = &model.groups[id.0 as usize];
+    let pad = "  ".repeat(depth);
+    let _ = writeln!(out, "{pad}subgraph \"cluster {}\" {{", group.path);
+    let _ = writeln!(out, "{pad}  label={}; \"{}\" [shape=point];", quoted(&group.name.en), group.path);
+    for module in model.modules.iter().filter(|module| module.group == id) {
+        let name = module.id.rsplit('/').next().unwrap_or(&module.id);
+        let _ = writeln!(out, "{pad}  \"{}\" [label={}];", module.id, quoted(name));
+    }
+    for (index, inner) in model.groups.iter().enumerate() {
+        if inner.parent == Some(id) {
+            dot_group(out, model, GroupId(index as u32), depth + 1);
+        }
+    }
+    let _ = writeln!(out, "{pad}}}");
+}
+
+fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Dependency]) {
+    let cluster = |node: NodeId, end: &str| match node {
+        NodeId::Group(_) => format!(" {end}=\"cluster {}\"", node_name(model, node)),
+        NodeId::Module(_) => String::new(),
+    };
+    for dependency in depends_on {
+        let style = if dependency.is_any_of() { "dashed" } else { "solid" };
+        for &to in dependency.targets() {
+            let (tail, head) = (cluster(from, "ltail"), cluster(to, "lhead"));
+            let (from, to) = (node_name(model, from), node_name(model, to));
+            let _ = writeln!(out, "  \"{from}\" -> \"{to}\" [style={style}{tail}{head}];");
+        }
+    }
+}
+
+fn quoted(text: &str) -> String {
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
 }
 
 #[cfg(test)]

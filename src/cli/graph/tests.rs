@@ -5,7 +5,7 @@ use crate::config::parse;
 
 fn drawn(text: &str) -> String {
     let loaded = parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
-    draw(&loaded.model)
+    svg(&loaded.model)
 }
 
 /// Left edges of the boxes of the groups at the top, by their names.

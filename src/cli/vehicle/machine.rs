@@ -1,13 +1,14 @@
 //! The simulated machine that a demo runs, with its topics.
 
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use super::robot_wire;
 use super::shuttle_wire::ShuttleWire;
 use crate::config::Loaded;
 use crate::engine::input::StatusArray;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
+use crate::msg::messages::encode::{self, Grid, Header};
 use crate::ros::Quality;
 use crate::sim::machine::{Departure, FaultInfo};
 use crate::sim::robot::{self, Robot};
@@ -18,6 +19,10 @@ const SEED: u64 = 1;
 
 /// A topic with its type and its quality of service.
 pub type Offer<'a> = (&'a str, &'static str, Quality);
+
+/// Cells along each side of a costmap.
+pub const COSTMAP_SIDE: usize = 60;
+pub type CostmapCells = [i8; COSTMAP_SIDE * COSTMAP_SIDE];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -122,4 +127,16 @@ impl Machine {
 /// A node of a simulated machine has few statuses: they fit one message.
 pub fn diagnostics(array: &StatusArray, stamp: SystemTime) -> Vec<u8> {
     messages::encode_diagnostic_arrays(array, stamp, usize::MAX).swap_remove(0)
+}
+
+/// A costmap with the machine in its middle.
+pub fn costmap(header: Header<'_>, resolution_m: f32, cells: &CostmapCells) -> Vec<u8> {
+    let half_m = COSTMAP_SIDE as f64 * f64::from(resolution_m) / 2.0;
+    let (width, [origin_x_m, origin_y_m]) = (COSTMAP_SIDE as u32, [-half_m; 2]);
+    encode::occupancy_grid(header, Grid { resolution_m, width, origin_x_m, origin_y_m, cells })
+}
+
+/// The wall time so long before.
+pub fn before(stamp: SystemTime, age: Span) -> SystemTime {
+    stamp.checked_sub(Duration::from_nanos(age.as_nanos())).unwrap_or(SystemTime::UNIX_EPOCH)
 }

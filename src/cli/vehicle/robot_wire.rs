@@ -2,9 +2,9 @@
 
 use std::time::SystemTime;
 
-use super::machine::{Offer, diagnostics};
+use super::machine::{COSTMAP_SIDE, CostmapCells, Offer, before, costmap, diagnostics};
 use crate::msg::messages::encode;
-use crate::msg::messages::encode::{Grid, Header, Motion, Transform};
+use crate::msg::messages::encode::{Header, Motion, Transform};
 use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
 use crate::ros::DIAGNOSTICS;
 use crate::ros::Quality::{BestEffort, LastValue, Reliable};
@@ -29,7 +29,7 @@ const ODOM: &str = "odom";
 const MAP: &str = "map";
 
 const RANGES: usize = 360;
-const COSTMAP_CELLS: usize = 60;
+const FREE_FLOOR: CostmapCells = [0; COSTMAP_SIDE * COSTMAP_SIDE];
 
 pub const OFFERS: [Offer<'static>; 13] = [
     (DIAGNOSTICS, DIAGNOSTIC_ARRAY, Reliable),
@@ -87,29 +87,13 @@ pub fn encode(message: &Message, stamp: SystemTime) -> (&'static str, Vec<u8>) {
         }
         Message::Plan(poses) => (PLAN, encode::path(header(MAP), poses)),
         Message::Costmap { age } => {
-            let made = stamp.checked_sub(std::time::Duration::from_nanos(age.as_nanos()));
-            let header = Header { stamp: made.unwrap_or(SystemTime::UNIX_EPOCH), frame_id: ODOM };
-            (COSTMAP, costmap(header))
+            (COSTMAP, costmap(Header { stamp: before(stamp, *age), frame_id: ODOM }, 0.05, &FREE_FLOOR))
         }
         Message::Command { speed_mps, yaw_rate } => (COMMAND, encode::twist(motion(*speed_mps, *yaw_rate))),
         Message::Battery { charge, voltage_v, current_a } => {
-            let [charge, voltage_v, current_a] = [*charge, *voltage_v, *current_a].map(|it| it as f32);
-            (BATTERY, encode::battery_state(header(BASE), charge, voltage_v, current_a))
+            (BATTERY, encode::battery_state(header(BASE), *charge, *voltage_v, *current_a))
         }
         Message::Docked(docked) => (DOCKED, encode::boolean(*docked)),
         Message::Navigating(navigating) => (NAVIGATING, encode::boolean(*navigating)),
     }
-}
-
-/// Free floor.
-fn costmap(header: Header<'_>) -> Vec<u8> {
-    let half_m = COSTMAP_CELLS as f64 * 0.05 / 2.0;
-    let grid = Grid {
-        resolution_m: 0.05,
-        width: COSTMAP_CELLS as u32,
-        origin_x_m: -half_m,
-        origin_y_m: -half_m,
-        cells: &[0; COSTMAP_CELLS * COSTMAP_CELLS],
-    };
-    encode::occupancy_grid(header, grid)
 }

@@ -2,10 +2,10 @@
 
 use std::time::SystemTime;
 
-use super::machine::{Offer, diagnostics};
+use super::machine::{COSTMAP_SIDE, CostmapCells, Offer, before, costmap, diagnostics};
 use crate::engine::model::{ACTIVE_SIGNAL, Model};
 use crate::msg::messages::encode;
-use crate::msg::messages::encode::{Grid, Header, Motion, Transform};
+use crate::msg::messages::encode::{Header, Motion, Transform};
 use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
 use crate::ros::{DIAGNOSTICS, Quality};
 use crate::sim::shuttle::Message;
@@ -31,7 +31,6 @@ const BASE: &str = "base_link";
 
 /// A real turn has about six times as many; what matters here is that it is a message of many frames.
 const PACKETS_PER_TURN: usize = 12;
-const COSTMAP_CELLS: usize = 60;
 
 /// How the messages of the shuttle travel.
 #[derive(Debug, Clone)]
@@ -103,13 +102,10 @@ impl ShuttleWire {
             }
             Message::WheelSpeed { mps } => (WHEEL_SPEED, encode::twist_stamped(header(BASE), forward(*mps))),
             Message::Battery { charge, voltage_v, current_a } => {
-                let [charge, voltage_v, current_a] = [*charge, *voltage_v, *current_a].map(|it| it as f32);
-                (BATTERY, encode::battery_state(header(BASE), charge, voltage_v, current_a))
+                (BATTERY, encode::battery_state(header(BASE), *charge, *voltage_v, *current_a))
             }
             Message::Costmap { age } => {
-                let made = stamp.checked_sub(std::time::Duration::from_nanos(age.as_nanos()));
-                let header = Header { stamp: made.unwrap_or(SystemTime::UNIX_EPOCH), frame_id: BASE };
-                (COSTMAP, costmap(header))
+                (COSTMAP, costmap(Header { stamp: before(stamp, *age), frame_id: BASE }, 0.5, &road()))
             }
             Message::Objects(poses) => (OBJECTS, encode::pose_array(header(BASE), poses)),
             Message::FreeDistance(metres) => (FREE_DISTANCE, encode::float64(*metres)),
@@ -125,17 +121,6 @@ impl ShuttleWire {
 }
 
 /// Free road between two kerbs.
-fn costmap(header: Header<'_>) -> Vec<u8> {
-    let kerb = |index: usize| matches!(index / COSTMAP_CELLS, 0..10 | 50..);
-    let cells: Vec<i8> =
-        (0..COSTMAP_CELLS * COSTMAP_CELLS).map(|index| if kerb(index) { 100 } else { 0 }).collect();
-    let half_m = COSTMAP_CELLS as f64 * 0.5 / 2.0;
-    let grid = Grid {
-        resolution_m: 0.5,
-        width: COSTMAP_CELLS as u32,
-        origin_x_m: -half_m,
-        origin_y_m: -half_m,
-        cells: &cells,
-    };
-    encode::occupancy_grid(header, grid)
+fn road() -> CostmapCells {
+    std::array::from_fn(|index| if matches!(index / COSTMAP_SIDE, 0..10 | 50..) { 100 } else { 0 })
 }

@@ -95,13 +95,14 @@ pub fn twist_stamped(head: Header<'_>, velocity: Motion) -> Vec<u8> {
 }
 
 /// `sensor_msgs/BatteryState`: the charge from 0 to 1; values that are not measured are NaN.
-pub fn battery_state(head: Header<'_>, charge: f32, voltage_v: f32, current_a: f32) -> Vec<u8> {
+pub fn battery_state(head: Header<'_>, charge: f64, voltage_v: f64, current_a: f64) -> Vec<u8> {
     const NOT_MEASURED: f32 = f32::NAN;
     const DISCHARGES: u8 = 2;
     const GOOD: u8 = 1;
     const LITHIUM_IRON: u8 = 4;
     body(|writer| {
         header(writer, head);
+        let [charge, voltage_v, current_a] = [charge, voltage_v, current_a].map(|it| it as f32);
         let measured = [voltage_v, NOT_MEASURED, current_a, NOT_MEASURED, NOT_MEASURED, NOT_MEASURED, charge];
         measured.into_iter().for_each(|value| writer.f32(value));
         [DISCHARGES, GOOD, LITHIUM_IRON, 1].into_iter().for_each(|value| writer.u8(value));

@@ -9,7 +9,7 @@ use sha2::{Digest as _, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
 
-use super::fields;
+use crate::cli::fields;
 use crate::config::{self, Difference, Loaded};
 use crate::engine::model::monitors::Watched;
 use crate::engine::model::{FieldSource, Model};

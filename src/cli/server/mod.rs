@@ -1,5 +1,10 @@
 //! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
+pub mod outputs;
+mod recording;
+pub mod reload;
+mod timekeeping;
+
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
@@ -12,9 +17,9 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::time::timeout;
 
-use super::recording::Recording;
+use self::recording::Recording;
+use super::dds;
 use super::shutdown_signal::ShutdownSignal;
-use super::{dds, outputs, recording, reload, timekeeping};
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::Input;
