@@ -25,7 +25,7 @@ fn a_status_stands_in_the_module_or_in_its_monitor() {
 }
 
 #[test]
-fn a_topic_has_one_type_whoever_reads_it() {
+fn a_topic_has_one_type_for_all_its_readers() {
     let text = "signals: { s: { topic: /s, type: std_msgs/msg/Bool } }\ngroups:\n- id: a\n  modules:\n  - { id: m, monitor: { frequency: { topic: /s, type: a/msg/B, error_below: 1 } } }\n  - { id: n, monitor: { frequency: { topic: /t, type: a/msg/B, error_below: 1 } } }\n  - { id: o, monitor: { frequency: { topic: /t, type: a/msg/C, error_below: 1 } } }\n  - { id: p, monitor: { frequency: { topic: /diagnostics, type: a/msg/C, error_below: 1 } } }\n";
     let help = "(a topic has one type; correct the type, or name another topic)";
     check(

@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_never_comes_together_is_a_miss_and_ignorance_is_none() {
+    fn a_topic_whose_ends_never_match_is_a_miss_and_ignorance_is_none() {
         let end = |reliable| Endpoint { type_name: "a".into(), reliable, ..Endpoint::default() };
         let topic = |name: &str, publisher, subscriber| TopicSeen {
             name: name.into(),

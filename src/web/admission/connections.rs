@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_opens_many_loses_their_own_oldest_and_nobody_elses() {
+    fn an_account_that_opens_many_loses_its_own_oldest_and_nobody_elses() {
         let connections = Connections::default();
         let mut display = connections.enter(ip("127.0.0.1"), Caller::Vehicle).unwrap();
         let mut other = connections.enter(ip("fd00:0:0:1::1"), Caller::Elsewhere).unwrap();
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn whoever_has_a_session_has_a_place_that_no_stranger_and_no_other_user_takes() {
+    async fn an_account_with_a_session_has_a_place_that_no_stranger_and_no_other_user_takes() {
         let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
         store.add_demo_users().await.unwrap();
         let operator = session_of(&store, "operator", "246810").await;
