@@ -42,9 +42,11 @@
   // The page that an address belongs to, without its parameters.
   const WHY = "/developer/why";
   const pageOf = ({ pathname, search }) => (pathname === WHY ? pathname + search : pathname);
+  const INCIDENT = /^\/incidents\/\d+$/;
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a")].map((link) => link.pathname)]);
+  const isKnown = (pathname) => known.has(pathname) || INCIDENT.test(pathname);
   // The answer to a form stands under the address of its page, so a reload sends nothing twice.
-  if (!known.has(location.pathname)) history.replaceState(null, "", main().dataset.page);
+  if (!isKnown(location.pathname)) history.replaceState(null, "", main().dataset.page);
   let shownPage = pageOf(location);
   const { frame } = main().dataset;
 
@@ -236,7 +238,7 @@
     const link = event.target.closest?.("a[href]");
     if (!link || event.ctrlKey || event.metaKey || event.shiftKey || event.altKey || event.button !== 0) return;
     const url = new URL(link.getAttribute("href"), location.href);
-    if (url.origin !== location.origin || !known.has(url.pathname)) return;
+    if (url.origin !== location.origin || !isKnown(url.pathname)) return;
     event.preventDefault();
     if (link.dataset.soft !== undefined) go(url);
     else visit(url);

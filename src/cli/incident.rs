@@ -19,7 +19,7 @@ use super::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::engine::time::Span;
 use crate::record::folder;
-use crate::record::retention::{Policy, surplus};
+use crate::record::retention::{Policy, size, surplus};
 use crate::record::writer::unix_ms;
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::{DemoSecrets, Incident, Incidents, Store, StoreError};
@@ -274,16 +274,6 @@ fn bytes(text: &str) -> Result<u64, String> {
         _ => return Err(wrong()),
     };
     number.checked_mul(unit).ok_or_else(wrong)
-}
-
-/// A number of bytes for people.
-fn size(bytes: u64) -> String {
-    match bytes {
-        0..1_000 => format!("{bytes} B"),
-        1_000..1_000_000 => format!("{:.1} kB", bytes as f64 / 1e3),
-        1_000_000..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
-        _ => format!("{:.1} GB", bytes as f64 / 1e9),
-    }
 }
 
 fn now_ms() -> i64 {

@@ -8,6 +8,7 @@ pub mod journal;
 pub mod recorder;
 pub mod retention;
 pub mod ring;
+pub mod story;
 pub mod summary;
 pub mod transition;
 pub mod writer;

@@ -1,62 +1,64 @@
 //! The lines of a recording's channel `/telltale/transitions`: what changed, for readers who do not replay.
 
-use serde::Serialize;
+use std::borrow::Cow;
+
+use serde::{Deserialize, Serialize};
 
 use crate::engine::view::record::{Record, Recorded};
 
 /// One change. Nodes have their names of the wire, states and stages the words of the API.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Transition<'a> {
     /// Milliseconds since 1970.
-    at_ms: i64,
+    pub at_ms: i64,
     #[serde(flatten)]
-    change: Change<'a>,
+    pub change: Change<'a>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
-enum Change<'a> {
+pub enum Change<'a> {
     /// The engine started, or took another configuration.
     Started {
         reloaded: bool,
     },
     /// A node shows another state. `own` is its state as if nothing were masked, `masked_by` a root cause.
     Shown {
-        node: &'a str,
-        shown: &'static str,
-        own: &'static str,
-        #[serde(skip_serializing_if = "Option::is_none")]
-        masked_by: Option<&'a str>,
-        #[serde(skip_serializing_if = "Option::is_none")]
-        message: Option<String>,
+        node: Cow<'a, str>,
+        shown: Cow<'a, str>,
+        own: Cow<'a, str>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        masked_by: Option<Cow<'a, str>>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        message: Option<Cow<'a, str>>,
     },
     Stage {
-        stage: &'static str,
+        stage: Cow<'a, str>,
     },
     Signal {
-        signal: &'a str,
+        signal: Cow<'a, str>,
         value: Option<bool>,
     },
     AlarmRaised {
         alarm: u64,
-        node: &'a str,
+        node: Cow<'a, str>,
     },
     AlarmMoved {
         alarm: u64,
-        symptom: &'a str,
-        node: &'a str,
+        symptom: Cow<'a, str>,
+        node: Cow<'a, str>,
     },
     AlarmAcknowledged {
         alarm: u64,
-        node: &'a str,
+        node: Cow<'a, str>,
     },
     AlarmCleared {
         alarm: u64,
-        node: &'a str,
+        node: Cow<'a, str>,
     },
     /// A discovered module was silent for too long and was removed.
     Left {
-        node: &'a str,
+        node: Cow<'a, str>,
     },
     /// This number of changes is missing before this one.
     Lost {
@@ -69,21 +71,23 @@ impl Transition<'_> {
         let change = match &record.what {
             Recorded::Started { anew } => Change::Started { reloaded: *anew },
             Recorded::Shown { node, state, own, cause, said } => Change::Shown {
-                node,
-                shown: state.as_str(),
-                own: own.as_str(),
-                masked_by: cause.as_deref(),
-                message: said.as_ref().map(|said| said.words().into_owned()),
+                node: (**node).into(),
+                shown: state.as_str().into(),
+                own: own.as_str().into(),
+                masked_by: cause.as_deref().map(Cow::Borrowed),
+                message: said.as_ref().map(|said| said.words()),
             },
-            Recorded::Stage(stage) => Change::Stage { stage: stage.as_str() },
-            Recorded::Signal { name, value } => Change::Signal { signal: name, value: *value },
-            Recorded::AlarmRaised { id, node } => Change::AlarmRaised { alarm: *id, node },
+            Recorded::Stage(stage) => Change::Stage { stage: stage.as_str().into() },
+            Recorded::Signal { name, value } => Change::Signal { signal: (**name).into(), value: *value },
+            Recorded::AlarmRaised { id, node } => Change::AlarmRaised { alarm: *id, node: (**node).into() },
             Recorded::AlarmMoved { id, symptom, cause } => {
-                Change::AlarmMoved { alarm: *id, symptom, node: cause }
+                Change::AlarmMoved { alarm: *id, symptom: (**symptom).into(), node: (**cause).into() }
             }
-            Recorded::AlarmAcknowledged { id, node } => Change::AlarmAcknowledged { alarm: *id, node },
-            Recorded::AlarmCleared { id, node } => Change::AlarmCleared { alarm: *id, node },
-            Recorded::Left { node } => Change::Left { node },
+            Recorded::AlarmAcknowledged { id, node } => {
+                Change::AlarmAcknowledged { alarm: *id, node: (**node).into() }
+            }
+            Recorded::AlarmCleared { id, node } => Change::AlarmCleared { alarm: *id, node: (**node).into() },
+            Recorded::Left { node } => Change::Left { node: (**node).into() },
             Recorded::Lost(count) => Change::Lost { count: *count },
         };
         Transition { at_ms, change }

@@ -35,7 +35,7 @@ pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{HISTORY_FILE, History, HistoryQuery, NodePast, Past, PastEvent, Period, Stretch, past_in};
 pub use incidents::{
-    Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Note,
+    Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Note, OnDisk,
 };
 #[cfg(test)]
 pub use private_file::TestFolder;

@@ -48,7 +48,7 @@ pub use auth::expiry::DEVELOPER_IDLE_MAX;
 pub use demo::{DemoFaults, FaultSwitch};
 pub use http::guard::{Access, cookie_name};
 pub use http::origins::{NoOrigin, Origins};
-pub use incidents::Marker;
+pub use incidents::{Marker, RecordingState};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use serve::accept::serve;
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
@@ -75,6 +75,8 @@ pub struct Settings {
     pub recordings: Option<PathBuf>,
     /// Marks moments in the recording; `None` if nothing is recorded.
     pub marker: Option<Marker>,
+    /// What pages say of the recording; `None` if nothing is recorded.
+    pub recording: Option<RecordingState>,
 }
 
 /// Shared by all requests; clones are the same.

@@ -70,7 +70,11 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration::get),
         on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit::get),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload::post),
-        on_get("/incidents/{file}", Roles(&[Developer, Authority]), incidents::download),
+        on_get("/incidents", Roles(&[Developer, Authority]), developer::incidents::list::get),
+        // The page of an incident; with `.mcap` after its number its recording.
+        on_get("/incidents/{id}", Roles(&[Developer, Authority]), developer::incidents::one::get),
+        on_post("/incidents/{id}/note", Roles(&[Developer]), incidents::note),
+        on_post("/incidents/{id}/keep", Roles(&[Developer]), incidents::keep),
         on_get("/api/v1/incidents", Roles(&[Developer, Authority]), incidents::list),
         on_get("/api/v1/incidents/{id}", Roles(&[Developer, Authority]), incidents::one),
         on_post("/api/v1/incidents/{id}/note", Roles(&[Developer]), incidents::note),

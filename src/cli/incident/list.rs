@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use super::size;
+use crate::record::retention::size;
 use crate::record::writer::unix_ms;
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents};
 use crate::web::incidents::listed;

@@ -8,8 +8,9 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 
-use super::{EXIT_NO, hashed, size};
+use super::{EXIT_NO, hashed};
 use crate::record::folder;
+use crate::record::retention::size;
 use crate::store::audit::verify_audit_in;
 use crate::store::{Incident, IncidentRecords, Incidents};
 

@@ -129,6 +129,7 @@ impl Server {
             discovery,
             recordings: Some(incidents),
             marker: recording.as_ref().map(Recording::marker),
+            recording: recording.as_ref().map(Recording::state),
         };
         let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));
         store.record(start, None).await;

@@ -27,7 +27,7 @@ use crate::record::writer::{self, NEWS_MAX, News, Place, hash_file, unix_ms};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
-use crate::web::Marker;
+use crate::web::{Marker, RecordingState};
 
 /// A recording begins at most this much before its pre-roll.
 const MEMORY_MAX: Span = Span::from_secs(120);
@@ -149,6 +149,11 @@ impl Recording {
     pub fn marker(&self) -> Marker {
         let (recorder, fault) = (self.recorder.clone(), self.fault.clone());
         Marker::new(move |by, note| recorder.mark(by, note).filter(|_| fault.borrow().is_none()))
+    }
+
+    /// What pages say of the recording.
+    pub fn state(&self) -> RecordingState {
+        RecordingState { fault: self.fault.clone(), policy: self.policy.subscribe() }
     }
 
     /// Records by another configuration from now on. Whether it records at all is decided at the start.

@@ -10,7 +10,9 @@ use sha2::{Digest, Sha256};
 
 use super::Place;
 use crate::clock::Clock;
+use crate::engine::Engine;
 use crate::engine::time::{Span, Timestamp};
+use crate::engine::view::record::Record;
 use crate::msg::received::Message;
 use crate::record::file::{FileError, IncidentFile, JOURNAL, KEYFRAMES, MessageStamps, TRANSITIONS};
 use crate::record::folder::file_name;
@@ -34,6 +36,8 @@ pub(super) struct OpenFile {
     zero: SystemTime,
     /// The last message of each topic that was written: several entries may share one.
     last: HashMap<Arc<str>, Arc<Message>>,
+    /// The transitions begin with the states of all nodes, which are written.
+    knows_states: bool,
     /// When the last chunk ended; `None`: nothing is on the disk yet.
     chunk_ended: Option<Timestamp>,
 }
@@ -87,8 +91,15 @@ impl OpenFile {
                 interrupted: false,
             },
         };
-        let mut open =
-            OpenFile { file, summary, next: job.begin, zero, last: HashMap::new(), chunk_ended: None };
+        let mut open = OpenFile {
+            file,
+            summary,
+            next: job.begin,
+            zero,
+            last: HashMap::new(),
+            knows_states: false,
+            chunk_ended: None,
+        };
         open.follow(job);
         Ok(open)
     }
@@ -130,7 +141,10 @@ impl OpenFile {
             self.take_message(message, at, place)?;
         }
         match &entry.taken {
-            Taken::Keyframe(Some(engine)) => self.file.json(&KEYFRAMES, at, &engine.keyframe()),
+            Taken::Keyframe(Some(engine)) => {
+                self.file.json(&KEYFRAMES, at, &engine.keyframe())?;
+                if self.knows_states { Ok(()) } else { self.states(engine) }
+            }
             Taken::Keyframe(None) => Ok(()),
             Taken::Transition(record) => {
                 let transition = Transition::of(record, unix_ms(self.wall(record.at)));
@@ -149,6 +163,17 @@ impl OpenFile {
                 self.file.json(&JOURNAL, at, &Line::of(entry))
             }
         }
+    }
+
+    /// The state of everything at the beginning, so that the transitions can be read by themselves.
+    fn states(&mut self, engine: &Engine) -> Result<(), FileError> {
+        self.knows_states = true;
+        let present = Record::present(&engine.clone().snapshot(), false);
+        // The first one says that the program started, which it did not now.
+        present.iter().skip(1).try_for_each(|record| {
+            let at = self.wall(record.at);
+            self.file.json(&TRANSITIONS, unix_ns(at), &Transition::of(record, unix_ms(at)))
+        })
     }
 
     fn take_message(&mut self, message: &Arc<Message>, at: u64, place: &Place) -> Result<(), FileError> {

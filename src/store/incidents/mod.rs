@@ -9,7 +9,7 @@ mod write;
 
 use crate::record::summary::Summary;
 
-pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents};
+pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents, OnDisk};
 pub use write::Forgotten;
 
 /// An incident in the store.

@@ -40,6 +40,15 @@ pub struct IncidentFilter {
     pub count: u32,
 }
 
+/// What all recordings take.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct OnDisk {
+    pub count: u64,
+    pub bytes: u64,
+    /// Of incidents since the time that was asked for.
+    pub bytes_since: u64,
+}
+
 impl Store {
     /// Incidents that the filter lets pass, the newest first.
     ///
@@ -63,6 +72,28 @@ impl Store {
     /// If the database fails.
     pub async fn incidents_held(&self) -> Result<Vec<Held>, StoreError> {
         self.call(|database| held(&database.connection)).await
+    }
+
+    /// The number of all incidents, the bytes of their recordings, and the bytes of those since a time.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn incidents_on_disk(&self, since_ms: i64) -> Result<OnDisk, StoreError> {
+        self.call(move |database| {
+            if !is_known(&database.connection)? {
+                return Ok(OnDisk::default());
+            }
+            let sql =
+                "SELECT count(*), total(bytes), total(bytes) FILTER (WHERE since_ms >= ?1) FROM incidents";
+            let mut query = database.connection.prepare_cached(sql)?;
+            let sums = query.query_row([since_ms], |row| {
+                let bytes = |index| row.get::<_, Option<f64>>(index).map(|sum| sum.unwrap_or(0.0) as u64);
+                let count = row.get::<_, i64>(0)?.unsigned_abs();
+                Ok(OnDisk { count, bytes: bytes(1)?, bytes_since: bytes(2)? })
+            });
+            Ok(sums?)
+        })
+        .await
     }
 
     /// The incidents whose recordings the last run of the program did not finish.

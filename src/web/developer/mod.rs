@@ -5,6 +5,7 @@ pub mod audit;
 pub mod configuration;
 pub mod coverage;
 pub mod graph;
+pub mod incidents;
 pub mod masking;
 mod page_query;
 mod pager;
@@ -37,6 +38,7 @@ pub enum Page {
     Statuses,
     Graph,
     Timeline,
+    Incidents,
     Masking,
     Coverage,
     Topics,
@@ -45,10 +47,11 @@ pub enum Page {
 }
 
 impl Page {
-    const ALL: [Page; 8] = [
+    const ALL: [Page; 9] = [
         Page::Statuses,
         Page::Graph,
         Page::Timeline,
+        Page::Incidents,
         Page::Masking,
         Page::Coverage,
         Page::Topics,
@@ -61,6 +64,7 @@ impl Page {
             Page::Statuses => "/developer",
             Page::Graph => "/developer/graph",
             Page::Timeline => "/developer/timeline",
+            Page::Incidents => "/incidents",
             Page::Masking => "/developer/masking",
             Page::Coverage => "/developer/coverage",
             Page::Topics => "/developer/topics",
@@ -74,6 +78,7 @@ impl Page {
             Page::Statuses => words.statuses,
             Page::Graph => words.graph,
             Page::Timeline => words.timeline,
+            Page::Incidents => words.incidents,
             Page::Masking => words.masking,
             Page::Coverage => words.coverage,
             Page::Topics => words.topics,

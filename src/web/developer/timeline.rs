@@ -1,9 +1,9 @@
 //! The page of the timeline: strips as in Fig. 6 of the paper for any nodes and any span of time, from the
 //! history.
 
-mod strips;
+pub(super) mod strips;
 
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use askama::Template;
 
@@ -12,6 +12,7 @@ use axum::response::Html;
 
 use crate::engine::model::Stage;
 use crate::web::AppState;
+use crate::web::incidents::wall_time as wall;
 
 use super::request::PageRequest;
 use crate::engine::time::Timestamp;
@@ -49,10 +50,10 @@ struct Event {
     cause: String,
 }
 
-struct Tick {
-    x: String,
-    at: String,
-    text: String,
+pub(super) struct Tick {
+    pub x: String,
+    pub at: String,
+    pub text: String,
 }
 
 struct SpanOption {
@@ -190,7 +191,7 @@ pub fn page(
         later: (!window.live).then(|| shift(to_ms + half)),
         present: query.without(&["until", "at"]),
         strips: past.map(|past| timeline.strips(past)).unwrap_or_default(),
-        ticks: ticks(window),
+        ticks: ticks(window.axis()),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,
         dev,
@@ -223,8 +224,8 @@ fn offered(view: &View<'_>, shown: &[String]) -> Vec<String> {
     names.take(OFFERED).map(str::to_owned).collect()
 }
 
-fn ticks(window: &Window) -> Vec<Tick> {
-    let axis = window.axis();
+/// Times below the strips.
+pub(super) fn ticks(axis: Axis) -> Vec<Tick> {
     let tick = |at: Timestamp| Tick {
         x: percent(axis.x(at)),
         at: wall((at.as_nanos() / 1_000_000) as i64),
@@ -272,12 +273,6 @@ fn percent(share: f64) -> String {
 
 fn millis(at: SystemTime) -> i64 {
     at.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
-}
-
-fn wall(ms: i64) -> String {
-    let since = Duration::from_millis(u64::try_from(ms).unwrap_or(0));
-    let at = UNIX_EPOCH.checked_add(since).unwrap_or(UNIX_EPOCH);
-    humantime::format_rfc3339_millis(at).to_string()
 }
 
 /// `12:03:04.5` in UTC; the page's script replaces it by local time.

@@ -8,6 +8,7 @@ words! {
     statuses: "Statuses", "Status";
     graph: "Graph", "Graph";
     timeline: "Timeline", "Zeitverlauf";
+    incidents: "Incidents", "Vorfälle";
     masking: "Masking", "Maskierung";
     coverage: "Coverage", "Abdeckung";
     topics: "Topics", "Topics";

@@ -1,7 +1,7 @@
 //! The recording of an incident as a file.
 
 use axum::body::Body;
-use axum::extract::{Path, Request, State};
+use axum::extract::Request;
 use axum::http::HeaderValue;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, ETAG};
 use axum::response::{IntoResponse, Response};
@@ -14,15 +14,9 @@ use crate::web::AppState;
 use crate::web::http::errors::HttpError;
 use crate::web::http::respond::{Reader, refusal};
 
-/// `GET /incidents/{id}.mcap`: the whole file, or the range that is asked for. It is read while it is sent.
-pub async fn get(
-    State(app): State<AppState>,
-    Path(file): Path<String>,
-    reader: Reader,
-    request: Request,
-) -> Response {
-    let Some(id) = file.strip_suffix(".mcap") else { return refusal(&reader, HttpError::NotFound) };
-    let incident = match find(&app, id).await {
+/// The recording of the incident with this number: the whole file, or the range that is asked for. It is read while it is sent.
+pub async fn get(app: &AppState, id: &str, reader: Reader, request: Request) -> Response {
+    let incident = match find(app, id).await {
         Ok(incident) => incident,
         Err(trouble) => return refusal(&reader, trouble),
     };

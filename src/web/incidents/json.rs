@@ -7,8 +7,10 @@ use serde_json::{Map, Value, json};
 use crate::record::summary::{FrozenNode, Summary, TriggerLine};
 use crate::store::Incident;
 
-fn time(ms: i64) -> String {
-    let since = Duration::from_millis(u64::try_from(ms).unwrap_or(0));
+/// Milliseconds since 1970 as text, in UTC.
+pub fn time(ms: i64) -> String {
+    // The end of the year 9999 is the last time that has a text.
+    let since = Duration::from_millis(u64::try_from(ms).unwrap_or(0).min(253_402_300_799_999));
     humantime::format_rfc3339_millis(UNIX_EPOCH + since).to_string()
 }
 

@@ -2,29 +2,34 @@
 
 mod download;
 mod json;
+mod reading;
 
 use std::fmt;
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use axum::extract::rejection::{FormRejection, QueryRejection};
 use axum::extract::{Extension, Form, Path, Query, State};
 use axum::http::StatusCode;
-use axum::response::Response;
+use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
+use tokio::sync::watch;
 
 use super::admission::peer::{Peer, source_of};
 use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
-use super::http::respond::{Reader, bad_field, bad_form, json_answer, refusal};
+use super::http::respond::{Reader, Speaks, bad_field, bad_form, json_answer, refusal};
 use super::{AppState, Live};
 use crate::record::incident::NOTE_BYTES_MAX;
+use crate::record::retention::Policy;
 use crate::record::writer::unix_ms;
 use crate::store::audit::{Action, Record};
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 
 pub use download::get as download;
-pub use json::{listed, whole};
+pub use json::{listed, time as wall_time, whole};
+pub use reading::{Read, story};
 
 /// Incidents in one answer, unless `count` asks for another number.
 const COUNT: u32 = 50;
@@ -45,6 +50,14 @@ impl fmt::Debug for Marker {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Marker")
     }
+}
+
+/// Whether recordings can be written, and how many are kept.
+#[derive(Debug)]
+pub struct RecordingState {
+    /// Why nothing can be recorded.
+    pub fault: watch::Receiver<Option<Arc<str>>>,
+    pub policy: watch::Receiver<Policy>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -112,11 +125,20 @@ pub async fn list(
 
 /// `GET /api/v1/incidents/{id}`: everything that is known of it.
 pub async fn one(State(app): State<AppState>, Path(id): Path<String>, reader: Reader) -> Response {
-    answer(&reader, find(&app, &id).await)
+    let incident = match find(&app, &id).await {
+        Ok(incident) => incident,
+        Err(trouble) => return refusal(&reader, trouble),
+    };
+    let mut value = whole(&incident);
+    value["story"] = match story(&app, &incident.summary).await {
+        Read::Told(story) => json!(story),
+        Read::Missing | Read::Bad(_) | Read::Busy => Value::Null,
+    };
+    json_answer(StatusCode::OK, &value)
 }
 
 /// The incident with the number in an address.
-async fn find(app: &AppState, id: &str) -> Result<Incident, HttpError> {
+pub(in crate::web) async fn find(app: &AppState, id: &str) -> Result<Incident, HttpError> {
     let found = app.store.incident(number(id)?).await.map_err(failed)?;
     found.ok_or(HttpError::NotFound)
 }
@@ -159,7 +181,7 @@ pub struct NoteForm {
     note: String,
 }
 
-/// `POST /api/v1/incidents/{id}/note`: writes a note in place of the last one.
+/// `POST /api/v1/incidents/{id}/note`, and `/incidents/{id}/note` of the page: writes a note in place of the last one.
 pub async fn note(
     app: Live,
     Path(id): Path<String>,
@@ -185,7 +207,8 @@ pub struct KeepForm {
     kept: bool,
 }
 
-/// `POST /api/v1/incidents/{id}/keep`: keeps it whatever its age and size, or no longer.
+/// `POST /api/v1/incidents/{id}/keep`, and `/incidents/{id}/keep` of the page: keeps it whatever its age and size, or no
+/// longer.
 pub async fn keep(
     app: Live,
     Path(id): Path<String>,
@@ -205,9 +228,10 @@ pub async fn keep(
     changed(&app, &id, &reader, written).await
 }
 
-/// Answers with the changed incident.
+/// Answers a program with the changed incident, and leads a browser back to its page.
 async fn changed(app: &AppState, id: &str, reader: &Reader, written: Result<(), StoreError>) -> Response {
     match written {
+        Ok(()) if reader.speaks == Speaks::Html => Redirect::to(&format!("/incidents/{id}")).into_response(),
         Ok(()) => answer(reader, find(app, id).await),
         Err(error) => refusal(reader, failed(error)),
     }
@@ -220,7 +244,7 @@ fn answer(reader: &Reader, found: Result<Incident, HttpError>) -> Response {
     }
 }
 
-fn failed(error: StoreError) -> HttpError {
+pub(in crate::web) fn failed(error: StoreError) -> HttpError {
     if !matches!(error, StoreError::NoSuchIncident(_)) {
         tracing::error!(%error, "an incident cannot be read or changed");
     }

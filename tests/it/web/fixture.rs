@@ -311,6 +311,7 @@ pub fn settings(origins: Origins, secure: bool) -> Settings {
         discovery: None,
         recordings: None,
         marker: None,
+        recording: None,
     }
 }
 

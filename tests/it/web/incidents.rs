@@ -170,7 +170,7 @@ async fn a_recording_is_sent_whole_or_in_parts_as_it_lies_on_the_disk() {
     let unfinished = recorded.fixture.get("/incidents/2.mcap", Some(&cookie)).await;
     assert_eq!(unfinished.status, StatusCode::CONFLICT);
     std::fs::remove_file(folder_in(&recorded.data).join(file_name(1))).unwrap();
-    for missing in ["1.mcap", "3.mcap", "1", "x.mcap", "..%2ftelltale.db", "1.mcap%00"] {
+    for missing in ["1.mcap", "3.mcap", "3", "x", "x.mcap", "..%2ftelltale.db", "1.mcap%00"] {
         let answer = recorded.fixture.get(&format!("/incidents/{missing}"), Some(&cookie)).await;
         assert_eq!(answer.status, StatusCode::NOT_FOUND, "{missing}");
     }
@@ -226,4 +226,52 @@ async fn a_developer_writes_notes_and_keeps_incidents() {
     let log = recorded.fixture.store.audit_entries(None, 3).await.unwrap();
     let said: Vec<(&str, &str)> = log.iter().map(|it| (&*it.action, &*it.target)).take(2).collect();
     assert_eq!(said, [("incident kept", "1"), ("incident note", "1: worn cable")]);
+}
+
+#[tokio::test]
+async fn pages_show_incidents_whose_recording_is_gone_or_no_recording() {
+    let recorded = Recorded::new("pages").await;
+    let developer = recorded.fixture.cookie_of("developer").await;
+    let page = async |path: &str, cookie: &str| recorded.fixture.get(path, Some(cookie)).await;
+    let empty = page("/incidents", &developer).await;
+    assert_eq!(empty.status, StatusCode::OK);
+    assert!(empty.body.contains("id=\"none\"") && empty.body.contains("recording: false"), "{}", empty.body);
+    recorded.add(1, "sensors/<velodyne>", true).await;
+    recorded.add(2, "localization/tf_map", false).await;
+    let rows = async |query: &str| {
+        let list = page(&format!("/incidents{query}"), &developer).await.body;
+        let has = |id: u64| list.contains(&format!("data-incident=\"{id}\""));
+        [1, 2].into_iter().filter(|id| has(*id)).collect::<Vec<u64>>()
+    };
+    for (query, expected) in [
+        ("", vec![1, 2]),
+        ("?cause=VELO", vec![1]),
+        ("?group=localization", vec![2]),
+        ("?stage=active&marked=false&kept=false", vec![1, 2]),
+        ("?marked=true", vec![]),
+        ("?before=2", vec![1]),
+        ("?marked=maybe&before=x", vec![1, 2]),
+    ] {
+        assert_eq!(rows(query).await, expected, "{query}");
+    }
+    let one = page("/incidents/1", &developer).await;
+    assert_eq!(one.status, StatusCode::OK);
+    for part in ["sensors/&#60;velodyne&#62;", "no packets", "The file is not completed", "name=\"keep\""] {
+        assert!(one.body.contains(part), "{part}: {}", one.body);
+    }
+    std::fs::remove_file(folder_in(&recorded.data).join(file_name(1))).unwrap();
+    let one = page("/incidents/1", &developer).await;
+    assert!(one.body.contains("The recording is not there any more"), "{}", one.body);
+    let json = recorded.fixture.get_json("/api/v1/incidents/1", &developer).await;
+    assert_eq!(json["story"], json!(null));
+    // A form leads back to the page; an authority has none.
+    let answer = recorded.fixture.post("/incidents/1/note", Some(&developer), "note=worn+cable").await;
+    assert_eq!((answer.status, answer.header("location")), (StatusCode::SEE_OTHER, Some("/incidents/1")));
+    let answer = recorded.fixture.post("/incidents/1/keep", Some(&developer), "kept=true").await;
+    assert_eq!(answer.status, StatusCode::SEE_OTHER);
+    let authority = recorded.fixture.cookie_of("authority").await;
+    let one = page("/incidents/1", &authority).await;
+    assert!(one.body.contains("worn cable") && !one.body.contains("name=\"keep\""), "{}", one.body);
+    let refused = recorded.fixture.post("/incidents/1/keep", Some(&authority), "kept=false").await;
+    assert_eq!(refused.status, StatusCode::FORBIDDEN);
 }

@@ -4,7 +4,7 @@ use crate::engine::model::Stage;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use crate::picture::bars::{Bar, word};
-use crate::picture::strips::{Look, Segment, class, recorded, stamp};
+use crate::picture::strips::{Axis, Look, Segment, class, recorded, stamp};
 use crate::store::{NodePast, Past, Period};
 use crate::web::view::Lang;
 use crate::web::view::text::{MESSAGE, NAME, clean};
@@ -67,7 +67,7 @@ impl TimelineStrips<'_> {
                 let because = match &segment.cause {
                     Some(cause) => clean(cause, 2 * NAME),
                     None if segment.look == Look::Ok => String::new(),
-                    None => self.message(segment),
+                    None => self.painter().message(segment),
                 };
                 (state_of(segment.look), look_word(self.lang, segment.look), because)
             }
@@ -79,7 +79,7 @@ impl TimelineStrips<'_> {
         StripHtml {
             name: clean(&past.name, 2 * NAME),
             kind: StripKind::Node { why: why_address(&past.name), remove },
-            bars: segments.iter().map(|segment| self.segment(segment)).collect(),
+            bars: segments.iter().map(|segment| self.painter().segment(segment)).collect(),
             state,
             word,
             because,
@@ -115,7 +115,7 @@ impl TimelineStrips<'_> {
             let (class, pattern, word) = look(it.value);
             let (from, to) = (stamp(it.from_ms), stamp(it.to_ms));
             let title = format!("{word}, {} \u{2013} {}", clock(from), clock(to));
-            self.bar((from, to), word, Bar { class, pattern, title: &title, ..EMPTY })
+            self.painter().bar((from, to), word, Bar { class, pattern, title: &title, ..EMPTY })
         };
         StripHtml {
             name,
@@ -136,7 +136,21 @@ impl TimelineStrips<'_> {
         })
     }
 
-    fn segment(&self, segment: &Segment) -> String {
+    fn painter(&self) -> Painter {
+        Painter { lang: self.lang, words: self.words, axis: self.window.axis() }
+    }
+}
+
+/// Draws the bars of strips over one span of time.
+pub struct Painter {
+    pub lang: Lang,
+    pub words: &'static DevWords,
+    pub axis: Axis,
+}
+
+impl Painter {
+    /// The state of a node, with its words as a tooltip.
+    pub fn segment(&self, segment: &Segment) -> String {
         let word = look_word(self.lang, segment.look);
         let own = segment.own_fault();
         let mut title = format!("{word}, {} \u{2013} {}", clock(segment.from), clock(segment.to));
@@ -171,8 +185,8 @@ impl TimelineStrips<'_> {
     }
 
     /// A bar from one instant to another, with its word if that fits.
-    fn bar(&self, (from, to): (Timestamp, Timestamp), text: &str, bar: Bar<'_>) -> String {
-        let (left, right) = (self.window.axis().x(from), self.window.axis().x(to));
+    pub fn bar(&self, (from, to): (Timestamp, Timestamp), text: &str, bar: Bar<'_>) -> String {
+        let (left, right) = (self.axis.x(from), self.axis.x(to));
         let fits = text.chars().count() as f64 * LETTER + 0.6 <= right - left;
         let middle = percent(left.midpoint(right));
         let word = if fits { word(bar.class, &middle, WORD_Y, text) } else { String::new() };
@@ -180,6 +194,14 @@ impl TimelineStrips<'_> {
         let mut out = String::new();
         Bar { x: &x, width: &width, ..bar }.draw(&mut out, &word);
         out
+    }
+
+    /// The stage, of which only driving has a colour.
+    pub fn stage(&self, from: Timestamp, to: Timestamp, stage: Stage) -> String {
+        let word = self.lang.stage(stage, true);
+        let class = if stage == Stage::Active { "stage bar-driving" } else { "stage" };
+        let title = format!("{word}, {} \u{2013} {}", clock(from), clock(to));
+        self.bar((from, to), word, Bar { class, title: &title, ..EMPTY })
     }
 }
 

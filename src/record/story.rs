@@ -1,0 +1,439 @@
+//! What the file of a recording tells of an incident, without a replay: what happened when, the states of the nodes
+//! concerned, and how much of each topic is there.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::file::{Entry, FileError, JOURNAL, Reader, TRANSITIONS};
+use super::journal::{Line, Took};
+use super::summary::{Summary, kind};
+use super::transition::{Change, Transition};
+use crate::engine::input::{AlarmRef, Input, OperatorAction};
+
+/// Entries that are read of one file; further ones are left out, which is said.
+const ENTRIES_MAX: u64 = 2_000_000;
+/// Bytes of messages that are read of one file.
+const BYTES_MAX: u64 = 1 << 30;
+/// Changes that are kept while a file is read.
+const CHANGES_MAX: usize = 50_000;
+const TOPICS_MAX: usize = 1024;
+const MOMENTS_MAX: usize = 400;
+const STRIPS_MAX: usize = 40;
+const PERIODS_MAX: usize = 1000;
+/// Nodes that one moment names.
+const NAMED_MAX: usize = 12;
+
+/// Everything that a file tells. Times are milliseconds since 1970.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Story {
+    /// The first and the last instant that is shown.
+    pub from_ms: i64,
+    pub to_ms: i64,
+    /// Oldest first.
+    pub moments: Vec<Moment>,
+    pub more_moments: u64,
+    pub strips: Vec<NodeStrip>,
+    pub stages: Vec<Period>,
+    pub topics: Vec<ToldTopic>,
+    /// Inputs that the recorder did not keep.
+    pub lost: u64,
+    /// The file was completed.
+    pub complete: bool,
+    /// The file is longer than what is read for a page.
+    pub cut: bool,
+    /// Parts of the file that cannot be used, and why.
+    pub left_out: Vec<String>,
+    pub more_left_out: u64,
+}
+
+/// One thing that happened.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Moment {
+    pub at_ms: i64,
+    #[serde(flatten)]
+    pub what: Happened,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Happened {
+    /// A module shows a fault that nothing explains, or no longer explains.
+    Fails {
+        node: String,
+        state: String,
+        message: String,
+    },
+    /// The nodes are explained by a root cause and hidden behind it.
+    Masks {
+        by: String,
+        nodes: Vec<String>,
+        more: usize,
+    },
+    /// Modules that had failed are OK.
+    Recovers {
+        nodes: Vec<String>,
+        more: usize,
+    },
+    /// The alarm of a symptom now belongs to its cause.
+    AlarmMoves {
+        symptom: String,
+        node: String,
+    },
+    Stage {
+        stage: String,
+    },
+    /// Autonomous driving ended although the vehicle was not known to stand.
+    LostActive {
+        stage: String,
+    },
+    /// A request to the vehicle became stronger.
+    Request {
+        request: String,
+    },
+    Mark {
+        by: String,
+        note: String,
+    },
+    /// What the operator did, by the word of the action, and on what.
+    Operator {
+        action: &'static str,
+        on: String,
+    },
+    Reload,
+    Lost {
+        count: u64,
+    },
+}
+
+/// What a node showed over time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NodeStrip {
+    pub node: String,
+    pub periods: Vec<Period>,
+}
+
+/// A state from one instant to another; of a stage, its word.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Period {
+    pub from_ms: i64,
+    pub to_ms: i64,
+    pub state: String,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub own: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub masked_by: Option<String>,
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub message: String,
+}
+
+/// The messages of one topic in the file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ToldTopic {
+    pub topic: String,
+    pub type_name: String,
+    pub messages: u64,
+    pub bytes: u64,
+    pub first_ms: i64,
+    pub last_ms: i64,
+}
+
+/// Reads the file of an incident, also one that is being written or was interrupted.
+///
+/// # Errors
+/// It is no MCAP file, or the disk cannot read it.
+pub fn read(path: &Path, summary: &Summary) -> Result<Story, FileError> {
+    let mut reader = Reader::open(path)?;
+    let mut heard = Heard::default();
+    let (mut entries, mut bytes, mut cut) = (0, 0, false);
+    while let Some(entry) = reader.next_entry() {
+        bytes += heard.take(entry);
+        entries += 1;
+        if entries >= ENTRIES_MAX || bytes >= BYTES_MAX {
+            cut = true;
+            break;
+        }
+    }
+    let omissions = reader.omissions();
+    let left_out = omissions.list().iter().map(ToString::to_string).collect();
+    let (complete, more_left_out) = (reader.is_complete(), omissions.more());
+    Ok(Story { complete, cut, left_out, more_left_out, ..heard.tell(summary) })
+}
+
+/// What was read so far.
+#[derive(Debug, Default)]
+struct Heard {
+    topics: BTreeMap<String, ToldTopic>,
+    changes: Vec<Transition<'static>>,
+    more_changes: u64,
+    operator: Vec<Moment>,
+    lost: u64,
+}
+
+impl Heard {
+    /// Takes an entry. Returns its bytes.
+    fn take(&mut self, entry: Entry) -> u64 {
+        match entry {
+            Entry::Message { channel, stamps, body } => {
+                let bytes = body.map_or(0, |(body, _)| body.len() as u64);
+                let at_ms = ms(stamps.log_time_ns);
+                if self.topics.len() < TOPICS_MAX || self.topics.contains_key(&*channel.topic) {
+                    let topic = self.topics.entry(channel.topic.to_string()).or_insert_with(|| ToldTopic {
+                        topic: channel.topic.to_string(),
+                        type_name: channel.type_name.to_string(),
+                        messages: 0,
+                        bytes: 0,
+                        first_ms: at_ms,
+                        last_ms: at_ms,
+                    });
+                    topic.messages += 1;
+                    topic.bytes += bytes;
+                    topic.last_ms = topic.last_ms.max(at_ms);
+                }
+                bytes
+            }
+            Entry::Json { channel, stamps, text } => {
+                if *channel.topic == *TRANSITIONS.topic {
+                    // A line of another version says nothing.
+                    match serde_json::from_slice(&text) {
+                        Ok(change) if self.changes.len() < CHANGES_MAX => self.changes.push(change),
+                        _ => self.more_changes += 1,
+                    }
+                } else if *channel.topic == *JOURNAL.topic {
+                    self.journal(ms(stamps.log_time_ns), &text);
+                }
+                text.len() as u64
+            }
+        }
+    }
+
+    /// Of the journal only what the operator did and what is missing is told.
+    fn journal(&mut self, at_ms: i64, text: &[u8]) {
+        let has = |word: &[u8]| text.windows(word.len()).any(|part| part == word);
+        if !has(b"\"operator\"") && !has(b"\"lost\"") {
+            return;
+        }
+        match serde_json::from_slice::<Line>(text).map(|line| line.took) {
+            Ok(Took::Lost(count)) => self.lost = self.lost.saturating_add(count),
+            Ok(Took::Input(input)) => {
+                if let Input::Operator(action) = &*input
+                    && let Some(what) = done(action)
+                    && self.operator.len() < MOMENTS_MAX
+                {
+                    self.operator.push(Moment { at_ms, what });
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn tell(self, summary: &Summary) -> Story {
+        let pre_roll_ms = (summary.recording.pre_roll_s.clamp(0.0, 3600.0) * 1000.0) as i64;
+        let from_ms = summary.since_ms.saturating_sub(pre_roll_ms);
+        let last = self.topics.values().map(|topic| topic.last_ms).max();
+        let last = last.max(self.changes.iter().map(|change| change.at_ms).max());
+        let to_ms = summary.until_ms.or(last).unwrap_or(summary.since_ms).max(from_ms + 1);
+        let mut moments = self.operator;
+        moments.extend(triggers(summary));
+        moments.extend(happened(&self.changes, from_ms));
+        moments.retain(|moment| (from_ms..=to_ms).contains(&moment.at_ms));
+        moments.sort_by_key(|moment| moment.at_ms);
+        let more = moments.len().saturating_sub(MOMENTS_MAX) as u64;
+        moments.truncate(MOMENTS_MAX);
+        Story {
+            from_ms,
+            to_ms,
+            moments,
+            more_moments: more + self.more_changes,
+            strips: strips(&self.changes, summary, (from_ms, to_ms)),
+            stages: stages(&self.changes, (from_ms, to_ms)),
+            topics: self.topics.into_values().collect(),
+            lost: self.lost,
+            ..Story::default()
+        }
+    }
+}
+
+fn ms(ns: u64) -> i64 {
+    (ns / 1_000_000) as i64
+}
+
+/// What an action did; a first step of two does nothing.
+fn done(action: &OperatorAction) -> Option<Happened> {
+    let (action, on) = match action {
+        OperatorAction::AskClearance { .. } | OperatorAction::AskRelease { .. } => return None,
+        OperatorAction::Login { name } => ("login", name.to_string()),
+        OperatorAction::Logout => ("logout", String::new()),
+        OperatorAction::Shutdown => ("shutdown", String::new()),
+        OperatorAction::Localize { .. } => ("localize", String::new()),
+        OperatorAction::Clear { .. } => ("clearance", String::new()),
+        OperatorAction::RequestStop => ("stop", String::new()),
+        OperatorAction::Withdraw => ("withdraw", String::new()),
+        OperatorAction::Release { .. } => ("release", String::new()),
+        OperatorAction::Acknowledge { alarm: AlarmRef::Node(node) } => ("acknowledge", node.to_string()),
+        OperatorAction::Acknowledge { alarm: AlarmRef::Number(number) } => {
+            ("acknowledge", number.to_string())
+        }
+        OperatorAction::Acknowledge { alarm: AlarmRef::Over { .. } } => ("acknowledge", String::new()),
+        OperatorAction::Reset { module } => ("reset", module.to_string()),
+    };
+    Some(Happened::Operator { action, on })
+}
+
+/// The triggers that no change of a state tells.
+pub fn triggers(summary: &Summary) -> impl Iterator<Item = Moment> {
+    summary.triggers.iter().filter_map(|trigger| {
+        let what = match &*trigger.kind {
+            kind::LOST_ACTIVE => Happened::LostActive { stage: trigger.what.clone() },
+            kind::COUNTERMEASURE => Happened::Request { request: trigger.what.clone() },
+            kind::MARK => Happened::Mark { by: trigger.what.clone(), note: trigger.note.clone() },
+            _ => return None,
+        };
+        Some(Moment { at_ms: trigger.at_ms, what })
+    })
+}
+
+/// A node below a group. Groups follow from them.
+fn is_module(node: &str) -> bool {
+    node.contains('/')
+}
+
+fn is_fault(state: &str) -> bool {
+    matches!(state, "warning" | "error" | "unknown")
+}
+
+/// What the changes tell from an instant on. Those before it, and the states with which a recording begins, are only
+/// known.
+fn happened(changes: &[Transition<'_>], from_ms: i64) -> Vec<Moment> {
+    let mut moments: Vec<Moment> = Vec::new();
+    let mut before: BTreeMap<&str, &str> = BTreeMap::new();
+    let mut stage = None;
+    for Transition { at_ms, change } in changes {
+        let (at_ms, is_told) = (*at_ms, *at_ms >= from_ms);
+        let mut tell = |what| moments.push(Moment { at_ms, what });
+        match change {
+            Change::Shown { node, shown, masked_by, message, .. } => {
+                let last = before.insert(node, shown);
+                if !is_told {
+                    continue;
+                }
+                match (masked_by, &**shown) {
+                    (Some(by), _) => add(&mut moments, at_ms, Some(by), node),
+                    (None, state) if is_module(node) && is_fault(state) && last != Some(state) => {
+                        let message = message.as_deref().unwrap_or_default().to_owned();
+                        tell(Happened::Fails { node: node.to_string(), state: state.to_owned(), message });
+                    }
+                    (None, "ok") if is_module(node) && last.is_some_and(is_fault) => {
+                        add(&mut moments, at_ms, None, node);
+                    }
+                    _ => {}
+                }
+            }
+            Change::Stage { stage: next } => {
+                let is_new = stage.replace(next).is_some_and(|last| last != next);
+                if is_told && is_new {
+                    tell(Happened::Stage { stage: next.to_string() });
+                }
+            }
+            Change::AlarmMoved { symptom, node, .. } if is_told => {
+                tell(Happened::AlarmMoves { symptom: symptom.to_string(), node: node.to_string() });
+            }
+            Change::Started { reloaded: true } if is_told => tell(Happened::Reload),
+            Change::Lost { count } if is_told => tell(Happened::Lost { count: *count }),
+            _ => {}
+        }
+    }
+    moments
+}
+
+/// Names a node in the last moment, if it tells the same of others at the same time, or in a new one.
+fn add(moments: &mut Vec<Moment>, at_ms: i64, masked_by: Option<&str>, node: &str) {
+    let same = moments.iter_mut().rev().take_while(|moment| moment.at_ms == at_ms);
+    let found = same.into_iter().find_map(|moment| match (&mut moment.what, masked_by) {
+        (Happened::Masks { by, nodes, more }, Some(cause)) if *by == cause => Some((nodes, more)),
+        (Happened::Recovers { nodes, more }, None) => Some((nodes, more)),
+        _ => None,
+    });
+    match found {
+        Some((nodes, _)) if nodes.len() < NAMED_MAX => nodes.push(node.to_owned()),
+        Some((_, more)) => *more += 1,
+        None => {
+            let (nodes, more) = (vec![node.to_owned()], 0);
+            let what = match masked_by {
+                Some(by) => Happened::Masks { by: by.to_owned(), nodes, more },
+                None => Happened::Recovers { nodes, more },
+            };
+            moments.push(Moment { at_ms, what });
+        }
+    }
+}
+
+/// The root causes, then other modules that failed, then the tiles that changed.
+fn strips(changes: &[Transition<'_>], summary: &Summary, (from_ms, to_ms): (i64, i64)) -> Vec<NodeStrip> {
+    let mut order: Vec<&str> = summary.causes();
+    order.extend(summary.triggers.iter().filter(|it| it.kind == kind::ROOT).map(|it| &*it.what));
+    let in_span = || changes.iter().filter(|change| (from_ms..=to_ms).contains(&change.at_ms));
+    let shown = |change: &'_ Transition<'_>, is_wanted: fn(&str, &str) -> bool| match &change.change {
+        Change::Shown { node, shown, .. } if is_wanted(node, shown) => Some(node.to_string()),
+        _ => None,
+    };
+    let failed = in_span().filter_map(|it| shown(it, |node, state| is_module(node) && is_fault(state)));
+    let tiles = in_span().filter_map(|it| shown(it, |node, _| !is_module(node)));
+    let others: Vec<String> = failed.chain(tiles).collect();
+    order.extend(others.iter().map(String::as_str));
+    let mut seen = BTreeSet::new();
+    order.retain(|node| seen.insert(*node));
+    order.truncate(STRIPS_MAX);
+    let strip = |node: &str| {
+        let states = changes.iter().filter_map(|change| match &change.change {
+            Change::Shown { node: of, shown, own, masked_by, message } if of == node => Some(Period {
+                from_ms: change.at_ms,
+                to_ms,
+                state: shown.to_string(),
+                own: own.to_string(),
+                masked_by: masked_by.as_ref().map(ToString::to_string),
+                message: message.as_deref().unwrap_or_default().to_owned(),
+            }),
+            _ => None,
+        });
+        NodeStrip { node: node.to_owned(), periods: joined(states, (from_ms, to_ms)) }
+    };
+    order.into_iter().map(strip).collect()
+}
+
+fn stages(changes: &[Transition<'_>], (from_ms, to_ms): (i64, i64)) -> Vec<Period> {
+    let stages = changes.iter().filter_map(|change| match &change.change {
+        Change::Stage { stage } => Some(Period {
+            from_ms: change.at_ms,
+            to_ms,
+            state: stage.to_string(),
+            own: String::new(),
+            masked_by: None,
+            message: String::new(),
+        }),
+        _ => None,
+    });
+    joined(stages, (from_ms, to_ms))
+}
+
+/// Each period ends where the next begins; only what lies in the span is left.
+fn joined(periods: impl Iterator<Item = Period>, (from_ms, to_ms): (i64, i64)) -> Vec<Period> {
+    let mut joined: Vec<Period> = Vec::new();
+    for period in periods.filter(|period| period.from_ms <= to_ms) {
+        if let Some(last) = joined.last_mut() {
+            last.to_ms = period.from_ms;
+        }
+        joined.retain(|it| it.to_ms > from_ms && it.from_ms < it.to_ms);
+        if joined.len() < PERIODS_MAX {
+            joined.push(period);
+        }
+    }
+    for period in &mut joined {
+        period.from_ms = period.from_ms.max(from_ms);
+    }
+    joined
+}
+
+#[cfg(test)]
+mod tests;
