@@ -189,6 +189,8 @@ pub struct Layout {
     pub other: Other,
     /// The places at which an operator may localize the vehicle.
     pub stops: Arc<[Stop]>,
+    /// Signals that have a title, by their names.
+    pub signal_titles: Arc<[(Box<str>, Text)]>,
     /// By [`GroupId`]; parents stand before their children, `other` and `telltale` are last.
     pub groups: Vec<GroupInfo>,
     /// By [`ModuleId`].

@@ -123,7 +123,10 @@ fn signals(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     fn key(signal: &SignalSpec) -> &str {
         &signal.name
     }
-    let facts = |model: &Model, signal: &SignalSpec| vec![("source", words::signal(model, signal))];
+    let facts = |model: &Model, signal: &SignalSpec| {
+        let title = signal.title.as_ref().map_or_else(|| "none".to_owned(), text);
+        vec![("source", words::signal(model, signal)), ("name", title)]
+    };
     compare("signal", (old, &old.signals), (new, &new.signals), key, facts, found);
 }
 

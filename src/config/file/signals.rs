@@ -6,6 +6,7 @@ use super::monitors::{INPUTS_MAX, input_rules};
 use super::sources::{ScalarSource, Source, Topic};
 use crate::config::describe::words::counted;
 use crate::engine::model::monitors::FieldKind;
+use crate::engine::text::Text;
 use crate::engine::time;
 use crate::yaml::decode::AllEntries;
 use crate::yaml::schema::needs_any;
@@ -17,6 +18,7 @@ const VALUE: &str = "value";
 #[derive(Debug)]
 pub(in crate::config) struct Signal {
     pub from: Option<SignalFrom>,
+    pub title: Option<Text>,
     pub timeout: Option<Spanned<time::Span>>,
     pub present_for: Option<Spanned<time::Span>>,
 }
@@ -60,6 +62,8 @@ impl FromNode for Signal {
         fields.may_have::<String>(UNIT);
         let when: Option<Spanned<String>> = fields.optional(WHEN);
         fields.may_have::<AllEntries<ScalarSource>>(INPUTS);
+        let title = fields
+            .optional(key("name").about("What the machine is while it is true, for the page: `on its way`."));
         let timeout = fields.optional(key("timeout").about("Older than this, the signal is unknown."));
         let present_for = fields.optional(
             key("present_for")
@@ -78,7 +82,7 @@ impl FromNode for Signal {
             }
         };
         fields.finish();
-        Some(Signal { from, timeout, present_for })
+        Some(Signal { from, title, timeout, present_for })
     }
 }
 

@@ -52,6 +52,7 @@ pub(in crate::config) fn signals(
         places.push(place);
         signals.push(SignalSpec {
             name: key.text.as_str().into(),
+            title: raw.title.clone(),
             source,
             timeout: raw.timeout.map(|span| span.value),
             present_for: raw.present_for.map(|span| span.value),

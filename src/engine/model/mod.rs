@@ -87,6 +87,8 @@ impl Stage {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignalSpec {
     pub name: Box<str>,
+    /// What the machine is while it is true, for people: `on its way`.
+    pub title: Option<Text>,
     pub source: SignalSource,
     /// Older than this, it is unknown.
     pub timeout: Option<Span>,

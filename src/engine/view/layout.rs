@@ -93,6 +93,11 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
         display_dpi: model.display_dpi,
         other: model.other,
         stops: model.driving.stops.clone().into(),
+        signal_titles: model
+            .signals
+            .iter()
+            .filter_map(|signal| Some((signal.name.clone(), signal.title.clone()?)))
+            .collect(),
         groups,
         modules,
     }

@@ -12,7 +12,7 @@ use crate::msg::messages::{BOOL, encode};
 fn signal(name: &str, topic: &str, type_name: &str, present_for: Option<Span>) -> SignalSpec {
     let source = FieldSource { topic: topic.into(), type_name: type_name.into(), field: "data".into() };
     let source = SignalSource::Field(source);
-    SignalSpec { name: name.into(), source, timeout: None, present_for }
+    SignalSpec { name: name.into(), title: None, source, timeout: None, present_for }
 }
 
 fn read(signals: Vec<SignalSpec>) -> Result<Vec<Arc<Subscription>>, String> {

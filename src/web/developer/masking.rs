@@ -143,7 +143,7 @@ fn row(view: &View<'_>, hidden: &Hidden) -> HiddenRow {
         _ => &[],
     };
     let because = match reason {
-        Some(Reason::NotRelevant(because)) => view.lang.not_relevant(because),
+        Some(Reason::NotRelevant(because)) => view.lang.not_relevant(because, &snapshot.layout),
         _ => String::new(),
     };
     let message = match hidden.node {

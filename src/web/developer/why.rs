@@ -171,7 +171,7 @@ fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
         }
         WhyStep::NotRelevant(because) => {
             let out = text("It does not matter now", "Es ist jetzt nicht wichtig");
-            (format!("{out}: {}", lang.not_relevant(because)), Vec::new())
+            (format!("{out}: {}", lang.not_relevant(because, &view.snapshot.layout)), Vec::new())
         }
         WhyStep::Waits { holder, on } => {
             let needs = text("needs what fails or waits itself", "braucht, was ausfällt oder selbst wartet");

@@ -162,7 +162,7 @@ impl View<'_> {
     pub fn reason(&self, node: NodeId, reason: Option<&Reason>) -> String {
         match reason {
             None => String::new(),
-            Some(Reason::NotRelevant(because)) => self.lang.not_relevant(because),
+            Some(Reason::NotRelevant(because)) => self.lang.not_relevant(because, &self.snapshot.layout),
             Some(Reason::Masked { by }) => match self.cause_name(node, by) {
                 name if name.is_empty() => name,
                 name => self.lang.waits_for(&name),

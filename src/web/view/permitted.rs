@@ -21,6 +21,7 @@ pub fn permitted(published: &Published) -> Published {
         display_dpi: snapshot.layout.display_dpi,
         other: snapshot.layout.other,
         stops: Arc::new([]),
+        signal_titles: Arc::new([]),
         groups: Vec::new(),
         modules: Vec::new(),
     };

@@ -116,6 +116,7 @@ fn rule(parts: &Parts, choices: &mut Choices<'_>) -> Rule {
 fn empty(choices: &mut Choices<'_>) -> Parts {
     let signal = |name: &str| SignalSpec {
         name: name.into(),
+        title: None,
         source: SignalSource::Field(FieldSource {
             topic: format!("/{name}").into(),
             type_name: "std_msgs/msg/Bool".into(),

@@ -346,6 +346,7 @@ pub fn model() -> Model {
         stages: StageModel::Shuttle,
         signals: vec![SignalSpec {
             name: "active".into(),
+            title: None,
             source: SignalSource::Field(FieldSource {
                 topic: "/mission/active".into(),
                 type_name: "std_msgs/msg/Bool".into(),

@@ -292,6 +292,7 @@ pub fn parts() -> Parts {
         stages: StageModel::Shuttle,
         signals: vec![SignalSpec {
             name: "active".into(),
+            title: None,
             source: SignalSource::Field(FieldSource {
                 topic: "/mission/active".into(),
                 type_name: "std_msgs/msg/Bool".into(),

@@ -1,4 +1,5 @@
 use super::*;
+use crate::engine::snapshot::{Layout, NotRelevant};
 
 #[test]
 fn a_locked_vehicle_shows_nothing_of_itself() {
@@ -48,6 +49,22 @@ fn other_reasons_have_words_of_their_own() {
     let standby = Sample::of(parts).login().signal("active", false).pass(5).published();
     check(&standby, Lang::En, "detail-prediction", &["not driving"], &["Standby", "standby"]);
     check(&standby, Lang::De, "detail-mission", &["fährt nicht"], &[]);
+}
+
+#[test]
+fn a_signal_is_called_as_the_configuration_says() {
+    let named = ("navigating".into(), text("on its way", "unterwegs"));
+    let published = Sample::shuttle(false).published();
+    let layout = Layout { signal_titles: [named].into(), ..Layout::clone(&published.snapshot.layout) };
+    for (name, value, en, de) in [
+        ("navigating", false, "not on its way", "nicht unterwegs"),
+        ("navigating", true, "on its way", "unterwegs"),
+        ("docked", false, "docked is off", "docked ist aus"),
+    ] {
+        let because = NotRelevant::Signal { name: name.into(), value };
+        assert_eq!(Lang::En.not_relevant(&because, &layout), en);
+        assert_eq!(Lang::De.not_relevant(&because, &layout), de);
+    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ pub use lang::Lang;
 
 use crate::engine::model::quantity::number;
 use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage};
-use crate::engine::snapshot::NotRelevant;
+use crate::engine::snapshot::{Layout, NotRelevant};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::web::view::text::{NAME, clean, clean_configured};
@@ -175,8 +175,8 @@ impl Lang {
         format!("{} {name}", self.words().waiting)
     }
 
-    /// Why a node is not relevant: `not driving`.
-    pub fn not_relevant(self, because: &NotRelevant) -> String {
+    /// Why a node is not relevant: `not driving`. A signal is called as the configuration says.
+    pub fn not_relevant(self, because: &NotRelevant, layout: &Layout) -> String {
         let words = self.words();
         let fixed = match because {
             NotRelevant::Stage(Stage::Locked) => words.not_locked,
@@ -188,6 +188,15 @@ impl Lang {
             NotRelevant::Signal { name, value: true } if &**name == ACTIVE_SIGNAL => words.not_while_driving,
             NotRelevant::Signal { name, value: false } if &**name == POSED_SIGNAL => self.steps().no_pose,
             NotRelevant::Signal { name, value } => {
+                let title = layout.signal_titles.iter().find(|(of, _)| of == name);
+                if let Some((_, title)) = title {
+                    let title = self.pick(title, NAME);
+                    return match (self, value) {
+                        (_, true) => title,
+                        (Lang::En, false) => format!("not {title}"),
+                        (Lang::De, false) => format!("nicht {title}"),
+                    };
+                }
                 let name = clean(name, NAME);
                 return match (self, value) {
                     (Lang::En, true) => format!("{name} is on"),
