@@ -194,12 +194,17 @@ pub fn roots(snapshot: &Snapshot, since: Timestamp) -> Vec<Arc<str>> {
     nodes.into_iter().map(|node| snapshot.node_name(node).clone()).collect()
 }
 
-/// The values of a fault at its beginning: the modules of the root causes, and the others of their groups.
-pub fn freeze(snapshot: &Snapshot) -> Vec<FrozenNode> {
+/// The values of a fault at its beginning: the modules of the root causes and of the first triggers, and the others
+/// of their groups. A WARNING is a trigger and no root cause.
+pub fn freeze(snapshot: &Snapshot, open: &Open) -> Vec<FrozenNode> {
     let mut modules: Vec<ModuleId> = Vec::new();
     let mut groups: Vec<GroupId> = Vec::new();
-    for root in snapshot.roots.iter() {
-        match root.node {
+    let named = open.triggers.iter().filter_map(|(_, trigger)| match trigger {
+        Trigger::Root { node, .. } => snapshot.node(node),
+        _ => None,
+    });
+    for node in snapshot.roots.iter().map(|root| root.node).chain(named) {
+        match node {
             NodeId::Module(id) => {
                 modules.push(id);
                 groups.push(snapshot.module(id).0.group);
@@ -280,6 +285,18 @@ mod tests {
         assert_eq!(tracker.due(s(12)), []);
         assert!(matches!(&tracker.due(s(13))[..], [Change::Closed(_)]));
         assert_eq!(roots(&engine.snapshot(), s(2)), ["other/a".into()]);
+    }
+
+    #[test]
+    fn the_values_of_a_module_with_a_warning_are_kept() {
+        let mut engine = engine();
+        engine.keep_events();
+        let mut tracker = Tracker::new(Margins::default(), &engine.snapshot());
+        say(&mut tracker, &mut engine, "b", 0, s(1));
+        let opened = say(&mut tracker, &mut engine, "b", 1, s(2));
+        let [Change::Opened(open)] = &*opened else { panic!("{opened:?}") };
+        let frozen = freeze(&engine.snapshot(), open);
+        assert!(frozen.iter().any(|it| it.node == "other/b" && it.state == "warning"), "{frozen:?}");
     }
 
     #[test]

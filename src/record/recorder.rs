@@ -251,7 +251,7 @@ impl State {
             configuration: configuration.clone(),
             roots: Vec::new(),
             stage: self.snapshot.stage,
-            freeze: freeze(&self.snapshot),
+            freeze: freeze(&self.snapshot, &open),
             open,
         });
     }

@@ -25,7 +25,7 @@ pub struct Summary {
     pub configuration: String,
     /// The version of Telltale.
     pub version: String,
-    /// The nodes of the roots with their values at the first trigger.
+    /// The nodes of the roots and of the first trigger, with their values at that time.
     pub freeze: Vec<FrozenNode>,
     pub recording: Recording,
 }

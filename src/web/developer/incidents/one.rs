@@ -252,7 +252,8 @@ fn topics(story: &Story) -> Vec<TopicRow> {
 
 fn moments(lang: Lang, it: &IncidentWords, story: &Story, since_ms: i64) -> Vec<MomentRow> {
     let row = |moment: &crate::record::story::Moment| {
-        let after = moment.at_ms.saturating_sub(since_ms) as f64 / 1000.0;
+        // Whole tenths, so that nothing is "-0.0".
+        let tenths = (moment.at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64;
         let state = match &moment.what {
             Happened::Fails { state, .. } => state.clone(),
             Happened::Masks { .. } => "ignore".to_owned(),
@@ -261,7 +262,7 @@ fn moments(lang: Lang, it: &IncidentWords, story: &Story, since_ms: i64) -> Vec<
         };
         MomentRow {
             at: wall_time(moment.at_ms),
-            after: format!("{after:+.1} s"),
+            after: format!("{:+.1} s", tenths as f64 / 10.0),
             state: clean(&state, NAME),
             text: sentence(lang, it, &moment.what),
         }

@@ -44,7 +44,7 @@ words! {
     busy: "Other recordings are being read. Load the page again.", "Gerade werden andere Aufzeichnungen gelesen. Laden Sie die Seite neu.";
     nothing_told: "The recording tells no change.", "Die Aufzeichnung zeigt keine Änderung.";
     no_topics: "The recording has no messages.", "Die Aufzeichnung enthält keine Nachrichten.";
-    no_values: "No node had failed: there are no values.", "Nichts war ausgefallen: Es gibt keine Werte.";
+    no_values: "Nothing had failed at the first trigger.", "Beim ersten Anlass war nichts ausgefallen.";
     version: "Telltale", "Telltale";
     configuration: "Configuration", "Konfiguration";
     root: "fault", "Störung";
