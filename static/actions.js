@@ -1,6 +1,6 @@
 // Sends the operator's taps: each is one POST with the version of the state it was shown with, sent at once
 // or not at all, and none while the display is not live. A stop is different: it is sent in every state of the
-// display, over HTTP and over the socket, until it is answered.
+// display, over HTTP and over the socket, until it is answered. A mark in the recording is sent in every state, once.
 (() => {
   "use strict";
   const ANSWER_MS = 2000;
@@ -13,6 +13,7 @@
   const STOP_AGAIN_MS = 500;
   // A browser has few connections to one server, and a stop needs one.
   const SENT_MAX = 3;
+  const MARKED_MS = 3000;
 
   const body = document.body;
   const bar = document.getElementById("actions");
@@ -140,9 +141,13 @@
       const socket = live?.socket;
       if (socket?.readyState !== WebSocket.OPEN) return reject(new Error("no socket is open"));
       const tap = fields.get("tap");
-      const forget = (settle, value) => pendingTaps.delete(tap) && settle(value);
-      pendingTaps.set(tap, (answer) => forget(resolve, answer));
-      setTimeout(forget, ANSWER_MS, reject, new Error("no answer in time"));
+      pendingTaps.set(tap, resolve);
+      // The next attempt of the same tap waits for its own time.
+      const giveUp = () => {
+        if (pendingTaps.get(tap) === resolve) pendingTaps.delete(tap);
+        reject(new Error("no answer in time"));
+      };
+      setTimeout(giveUp, ANSWER_MS);
       return socket.send(JSON.stringify({ stop: { tap } }));
     });
 
@@ -176,6 +181,15 @@
     }
   };
 
+  let markedTimer = 0;
+
+  // The button shows a tick, and a screen reader hears it.
+  const showMarked = (form) => {
+    form.dataset.marked = "";
+    clearTimeout(markedTimer);
+    markedTimer = setTimeout(() => delete form.dataset.marked, MARKED_MS);
+  };
+
   const send = async (form, button) => {
     const { act } = form.dataset;
     const address = form.action;
@@ -186,6 +200,7 @@
     if (status === 401) return location.assign("/login");
     if (status === 200) {
       if (noticeOf === address) hideNotice();
+      if (act === "mark") return showMarked(form);
       if (bar.contains(form)) quiet(AFTER_ACTION_MS, "second");
       if (act === "clearance" || act === "release") askForConfirmation(act, said, fields.get("version"));
       else closeConfirmation();
@@ -211,7 +226,7 @@
     // A stop waits for nothing. Further taps on it are the same stop, as long as it is not answered.
     if (form.dataset.act === "stop") {
       if (sent.has(address)) return undefined;
-    } else if (!live?.isLive) {
+    } else if (!live?.isLive && form.dataset.act !== "mark") {
       return show("unsent", address);
     } else if (sent.has(address) || sent.size >= SENT_MAX) {
       return show("waiting", address);
@@ -223,7 +238,7 @@
     try {
       await send(form, event.submitter);
     } catch {
-      show("unanswered", address);
+      show(form.dataset.act === "mark" ? "unmarked" : "unanswered", address);
     } finally {
       sent.delete(address);
       delete form.dataset.sending;

@@ -49,8 +49,10 @@
     board.toggleAttribute("data-names-only", tiles.some((tile) => tile.scrollHeight > tile.clientHeight + 1));
   };
 
-  // Texts of tiles stand in one line each. All are measured before any is changed: the browser lays out once.
+  // The motion and the texts of tiles stand in one line each. All are measured before any is changed: the browser lays out once.
   const narrow = () => {
+    const motion = document.getElementById("motion");
+    motion.style.removeProperty("--narrow");
     const texts = [...document.querySelectorAll(".tile > span")];
     for (const text of texts) {
       text.style.removeProperty("--narrow");
@@ -63,6 +65,9 @@
       const room = tile.clientWidth - padding(tile, "Left") - padding(tile, "Right");
       return { text, room, width: text.offsetWidth, beside: padding(text, "Right") };
     });
+    // Widths are rounded to whole pixels, and a text that is wider by a part of one is cut.
+    const share = (motion.clientWidth - 1) / (motion.scrollWidth + 1);
+    if (motion.scrollWidth > motion.clientWidth) motion.style.setProperty("--narrow", Math.max(share, NARROW_MIN).toFixed(3));
     for (const { text, room, width, beside } of measured) {
       // A long word takes the place of the icon beside it.
       const isCrowded = beside > 0 && room / width < NARROW_MIN;

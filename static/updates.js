@@ -106,7 +106,10 @@
   };
 
   live.listen((message, socket) => {
-    if (typeof message.beat === "number") confirmShown(socket, message);
+    if (typeof message.beat === "number") {
+      confirmShown(socket, message);
+      if (message.recorder && body.dataset.recorder !== message.recorder) body.dataset.recorder = message.recorder;
+    }
     if (typeof message.content !== "string") return;
     received = message.seq;
     unshownSince ??= performance.now();

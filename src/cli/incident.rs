@@ -1,11 +1,12 @@
 //! `telltale incident`: lists, exports, verifies, keeps and removes the recorded incidents of a vehicle.
 
+mod export;
 mod list;
 mod verify;
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Read, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -22,7 +23,7 @@ use crate::record::folder;
 use crate::record::retention::{Policy, size, surplus};
 use crate::record::writer::unix_ms;
 use crate::store::audit::{Action, COMMAND_LINE, Record};
-use crate::store::{DemoSecrets, Incident, Incidents, Store, StoreError};
+use crate::store::{DemoSecrets, Incidents, Store, StoreError};
 
 /// The time for the disk to answer.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
@@ -51,17 +52,15 @@ enum Command {
         after_help = "Example:\n  telltale incident list --cause velodyne --since 2026-11-20 --data /var/lib/telltale"
     )]
     List(list::Args),
-    /// Copy the recording of an incident
+    /// Copy the recording of an incident, or write a report of it
+    ///
+    /// The report is one HTML file with everything that is known of the incident, to be read and printed anywhere.
+    /// It is also written where the recording is gone.
     #[command(
-        after_help = "Example:\n  telltale incident export 12 --output fault.mcap --data /var/lib/telltale"
+        after_help = "Example:\n  telltale incident export 12 --output fault.mcap --data /var/lib/telltale\n  \
+            telltale incident export 12 --report fault.html --data /var/lib/telltale"
     )]
-    Export {
-        #[arg(value_name = "ID")]
-        id: u64,
-        /// Where to; no file there is overwritten [default: incident-ID.mcap in this folder]
-        #[arg(long, value_name = "FILE")]
-        output: Option<PathBuf>,
-    },
+    Export(export::Args),
     /// Say whether recordings are as they were recorded; exit code 1 if one is not
     ///
     /// Each file is compared with its hash in the store and in the audit log, whose chain is verified as
@@ -104,7 +103,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let data = args.data.path()?;
     match &args.command {
         Command::List(filter) => list::run(&data, filter),
-        Command::Export { id, output } => export(&data, *id, output.as_deref()),
+        Command::Export(args) => export::run(&data, args),
         Command::Verify { ids } => verify::run(&data, ids),
         Command::Keep { id, off } => with_store(&data, async |store| {
             let record = Record::of(Action::IncidentKept, COMMAND_LINE);
@@ -192,52 +191,6 @@ fn tell_rest(removed: usize, all: usize, bytes: u64, is_over: bool) {
         println!(
             "that is too much, but the rest is kept or still recorded: `telltale incident keep ID --off` releases one"
         );
-    }
-}
-
-fn export(data: &Path, id: u64, output: Option<&Path>) -> anyhow::Result<ExitCode> {
-    let incidents = Incidents::open(data)?;
-    let incident = incidents.one(id)?.ok_or(StoreError::NoSuchIncident(id))?;
-    let Some((path, mut from)) = open_recording(data, &incident) else { return Ok(ExitCode::from(EXIT_NO)) };
-    let output = output.map_or_else(|| PathBuf::from(folder::file_name(id)), Path::to_owned);
-    let mut to = File::options().write(true).create_new(true).open(&output).map_err(|error| {
-        let what = format!("the recording cannot be copied to {}", output.display());
-        match error.kind() {
-            io::ErrorKind::AlreadyExists => {
-                anyhow::anyhow!("{what}: there is a file already. Name another one with --output")
-            }
-            _ => anyhow::Error::new(error).context(what),
-        }
-    })?;
-    let (bytes, hash) = hashed(&mut from, &mut to)
-        .and_then(|copied| to.sync_all().map(|()| copied))
-        .with_context(|| format!("{} cannot be copied to {}", path.display(), output.display()))?;
-    println!("{}, {}", output.display(), size(bytes));
-    println!("sha256 {hash}");
-    match &incident.summary.recording.sha256 {
-        None => eprintln!("telltale: incident {id} is not finished: this is what is written of it by now"),
-        Some(recorded) if *recorded != hash => {
-            eprintln!("telltale: the file is not as it was recorded: its hash was {recorded}");
-            return Ok(ExitCode::from(EXIT_NO));
-        }
-        Some(_) => {}
-    }
-    Ok(ExitCode::SUCCESS)
-}
-
-/// Opens the recording of an incident, and says so if there is none.
-fn open_recording(data: &Path, incident: &Incident) -> Option<(PathBuf, File)> {
-    let (id, file) = (incident.summary.id, &incident.summary.recording.file);
-    let Some(path) = folder::path_of(&folder::folder_in(data), file) else {
-        eprintln!("telltale: incident {id} has no recording");
-        return None;
-    };
-    match File::open(&path) {
-        Ok(open) => Some((path, open)),
-        Err(error) => {
-            eprintln!("telltale: the recording {} of incident {id} cannot be read: {error}", path.display());
-            None
-        }
     }
 }
 

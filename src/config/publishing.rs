@@ -44,6 +44,11 @@ impl Default for Publishing {
 }
 
 impl Publishing {
+    /// The topics of all publications.
+    pub fn topics(&self) -> Vec<Box<str>> {
+        Publication::ALL.into_iter().filter_map(|it| Some(self.topic(it)?.0.into())).collect()
+    }
+
     /// Requests that the vehicle can never receive.
     pub fn switched_off(&self) -> Vec<Output> {
         let requests = [

@@ -1,5 +1,6 @@
 //! What is recorded, and for how long recordings are kept.
 
+use crate::engine::model::monitors::RecordedTopic;
 use crate::engine::time::Span;
 
 /// The settings of the recording. A switched off recording is none of these.
@@ -15,6 +16,8 @@ pub struct Recording {
     pub disk: u64,
     /// The age at which a recording is removed.
     pub keep: Span,
+    /// Topics beside those that are read anyway.
+    pub topics: Vec<RecordedTopic>,
 }
 
 impl Default for Recording {
@@ -25,6 +28,7 @@ impl Default for Recording {
             memory: 256_000_000,
             disk: 10_000_000_000,
             keep: Span::from_secs(30 * 24 * 3600),
+            topics: Vec::new(),
         }
     }
 }

@@ -66,11 +66,13 @@ pub enum Input {
     Tick,
 }
 
-/// Problems of the wall clock and of the page's certificate; `None`: there is none.
+/// Problems of the wall clock, of the page's certificate and of the recorder's memory; `None`: there is none.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Upkeep {
     pub clock: Option<Text>,
     pub certificate: Option<Text>,
+    #[serde(default)]
+    pub recording: Option<Text>,
 }
 
 /// A fault of the reception, counted for its topic and shown to developers.

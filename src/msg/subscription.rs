@@ -14,6 +14,7 @@ use crate::engine::input::{Input, WriterId};
 use crate::engine::model::monitors::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
 use crate::engine::model::sample::{FieldValue, Sample};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
+use crate::engine::time::Span;
 pub use untyped::Learned;
 use untyped::Untyped;
 
@@ -35,10 +36,13 @@ pub enum SubscriptionError {
 }
 
 /// Everything that a model needs to read.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Plan {
     pub subscriptions: Vec<Arc<Subscription>>,
     pub watchdogs: Vec<Arc<WatchdogSpec>>,
+    /// What is to be recorded beside them.
+    pub watched: Watched,
+    pub limits: Limits,
 }
 
 /// One topic and the use of its messages.
@@ -59,6 +63,8 @@ pub struct Subscription {
     watch: Option<WatchedFields>,
     /// The wanted fields, if the type must be learned; nothing is read until then.
     untyped: Option<Arc<Untyped>>,
+    /// Its messages are recorded and mean nothing: the least time between two of them.
+    recorded_every: Option<Span>,
     limits: Limits,
 }
 
@@ -142,7 +148,25 @@ impl Plan {
         all.extend(untyped::subscriptions(model, definitions));
         let subscriptions =
             all.into_iter().map(|one| Arc::new(Subscription { stamps: *stamps, ..one })).collect();
-        Ok(Plan { subscriptions, watchdogs: model.watched.watchdogs.clone() })
+        let (watched, limits) = (model.watched.clone(), model.limits.clone());
+        Ok(Plan { subscriptions, watchdogs: watched.watchdogs.clone(), watched, limits })
+    }
+
+    /// Whether topics are read for recordings alone.
+    pub fn records_more(&self) -> bool {
+        !self.watched.recorded.is_empty()
+    }
+
+    /// The subscription that only records this topic, if the configuration wants that and nothing else reads it.
+    /// `type_name` is `package/msg/Name`.
+    pub fn recorded(&self, topic: &str, type_name: &str) -> Option<Subscription> {
+        let recorded = self.watched.recorded(topic)?;
+        if self.subscriptions.iter().any(|known| *known.topic == *topic) {
+            return None;
+        }
+        let mut all = Vec::with_capacity(1);
+        subscribe(&mut all, topic, type_name, &self.limits).ok()?.recorded_every = Some(recorded.every);
+        all.pop()
     }
 }
 
@@ -179,6 +203,7 @@ fn subscribe<'a>(
                 signals: Vec::new(),
                 watch: None,
                 untyped: None,
+                recorded_every: None,
                 limits: limits.clone(),
             });
             all.len() - 1
@@ -210,8 +235,14 @@ impl Subscription {
     /// an event and a message that is only counted do not. If the age of messages is watched, an old one would
     /// be judged as late.
     pub fn wants_last_value(&self) -> bool {
-        self.signals.iter().any(|signal| matches!(signal.meaning, Meaning::Level(_)))
+        self.recorded_every.is_some()
+            || self.signals.iter().any(|signal| matches!(signal.meaning, Meaning::Level(_)))
             || self.watch.as_ref().is_some_and(WatchedFields::wants_last_value)
+    }
+
+    /// The least time between two messages that are recorded, if they serve nothing else.
+    pub fn recorded_every(&self) -> Option<Span> {
+        self.recorded_every
     }
 
     /// The fields that monitors watch of this topic.

@@ -162,6 +162,11 @@ impl Tracker {
         vec![Change::Closed(open)]
     }
 
+    /// The present incident.
+    pub fn open(&self) -> Option<&Open> {
+        self.open.as_ref()
+    }
+
     /// Ends the present incident early.
     pub fn end(&mut self) -> Option<Open> {
         self.open.take()

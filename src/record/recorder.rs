@@ -34,6 +34,32 @@ pub struct Settings {
     pub configuration: Arc<[ConfigurationText]>,
 }
 
+impl Settings {
+    /// How much of the past a recording needs.
+    fn past(&self) -> Span {
+        let (before, longest) = (self.margins.before.as_nanos(), self.longest_memory.as_nanos());
+        Span::from_nanos(before.saturating_add(longest))
+    }
+}
+
+/// What the ring holds, and what it should.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Meter {
+    /// How much of the past a recording needs.
+    pub wanted: Span,
+    /// The bound of bytes of all topics together.
+    pub memory: usize,
+    /// By name.
+    pub topics: Vec<Held>,
+}
+
+impl Meter {
+    /// The topics that hold less than a recording needs.
+    pub fn short(&self) -> impl Iterator<Item = &Held> {
+        self.topics.iter().filter(|held| held.is_short_of(self.wanted))
+    }
+}
+
 /// The state that the recorder shares with the writer and with pages.
 #[derive(Debug)]
 pub struct Shared {
@@ -126,8 +152,13 @@ impl Recorder {
     }
 
     /// What the ring holds of each topic.
-    pub fn meter(&self) -> Vec<Held> {
-        self.0.lock().ring.meter(self.0.clock.now())
+    pub fn meter(&self) -> Meter {
+        let state = self.0.lock();
+        Meter {
+            wanted: state.settings.past(),
+            memory: state.ring.bytes_max(),
+            topics: state.ring.meter(self.0.clock.now()),
+        }
     }
 
     /// The number of the incident that is being recorded.
@@ -234,9 +265,8 @@ impl State {
     fn open(&mut self, open: Open) {
         let before =
             |span: Span| Timestamp::from_nanos(open.since.as_nanos().saturating_sub(span.as_nanos()));
-        let Settings { margins, longest_memory, ref configuration, .. } = self.settings;
-        let past = Span::from_nanos(margins.before.as_nanos().saturating_add(longest_memory.as_nanos()));
-        let found = self.ring.keyframe_before(before(past));
+        let Settings { margins, ref configuration, .. } = self.settings;
+        let found = self.ring.keyframe_before(before(self.settings.past()));
         let Some((begin, at)) = found.filter(|_| self.jobs.len() < WAITING_MAX) else {
             tracing::error!("an incident is not recorded: {} others wait for the disk", self.jobs.len());
             return;
@@ -254,6 +284,15 @@ impl State {
             freeze: freeze(&self.snapshot, &open),
             open,
         });
+    }
+
+    /// Writes an incident that is open after all, if the disk refused it before: the ring still has its beginning.
+    pub fn take_up(&mut self) {
+        if self.present().is_none()
+            && let Some(open) = self.tracker.open().cloned()
+        {
+            self.open(open);
+        }
     }
 
     fn end(&mut self, open: Open) {

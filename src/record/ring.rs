@@ -84,6 +84,16 @@ struct Topic {
     bytes: usize,
     /// Messages that made room for others before their time.
     dropped: u64,
+    /// When the newest of them was received.
+    dropped_at: Option<Timestamp>,
+}
+
+impl Topic {
+    /// The oldest message makes room.
+    fn drop_for_room(&mut self, received: Timestamp) {
+        self.dropped += 1;
+        self.dropped_at = Some(received);
+    }
 }
 
 /// How much of a topic the ring holds.
@@ -96,6 +106,21 @@ pub struct Held {
     pub span: Span,
     /// Messages that had to make room for others, since the start.
     pub dropped: u64,
+    /// The age of the newest of them: nothing older is held whole.
+    pub dropped_age: Option<Span>,
+}
+
+impl Held {
+    /// Whether less is held than this much of the past, for want of room.
+    pub fn is_short_of(&self, wanted: Span) -> bool {
+        self.dropped_age.is_some_and(|age| age < wanted)
+    }
+
+    /// Bytes a second, on average over the messages it holds; `None` while they span less than a second.
+    pub fn bytes_per_s(&self) -> Option<u64> {
+        let ms = self.span.as_millis();
+        (ms >= 1000).then(|| self.bytes as u64 * 1000 / ms)
+    }
 }
 
 impl Ring {
@@ -210,8 +235,13 @@ impl Ring {
             bytes: topic.bytes,
             span: topic.held.front().map_or(Span::ZERO, |&(_, at, _)| now.since(at)),
             dropped: topic.dropped,
+            dropped_age: topic.dropped_at.map(|at| now.since(at)),
         };
         self.topics.iter().map(held).collect()
+    }
+
+    pub fn bytes_max(&self) -> usize {
+        self.bytes_max
     }
 
     /// The age of its oldest entry.
@@ -229,9 +259,9 @@ impl Ring {
             && topic.bytes > self.bytes_max / 2
             && topic.held.len() > 1
         {
-            let Some((place, _, bytes)) = topic.held.pop_front() else { break };
+            let Some((place, received, bytes)) = topic.held.pop_front() else { break };
             topic.bytes -= bytes;
-            topic.dropped += 1;
+            topic.drop_for_room(received);
             self.bytes -= bytes;
             self.forget_message(place);
             // The other inputs of the same message.
@@ -261,10 +291,12 @@ impl Ring {
         self.bytes -= ENTRY_BYTES;
         if let Some(topic) = oldest.message.and_then(|message| self.topics.get_mut(&message.topic))
             && topic.held.front().is_some_and(|&(place, _, _)| place == self.first)
-            && let Some((_, _, bytes)) = topic.held.pop_front()
+            && let Some((_, received, bytes)) = topic.held.pop_front()
         {
             topic.bytes -= bytes;
-            topic.dropped += u64::from(for_room);
+            if for_room {
+                topic.drop_for_room(received);
+            }
             self.bytes -= bytes;
         }
         self.first += 1;
@@ -317,6 +349,9 @@ mod tests {
         let held = ring.meter(Timestamp::from_millis(10));
         assert_eq!((held[0].messages, held[0].dropped), (2, 4));
         assert_eq!((&*held[1].topic, held[1].span), ("/small", Span::from_millis(10)));
+        assert_eq!(held[0].dropped_age, Some(Span::from_millis(6)));
+        let is_short = |wanted_ms| held.iter().map(move |it| it.is_short_of(Span::from_millis(wanted_ms)));
+        assert!(is_short(6).all(|it| !it) && is_short(7).eq([true, false]));
         for at in 7..=100 {
             push(&mut ring, at, &format!("/t{at}"), 10_000);
         }

@@ -1,6 +1,8 @@
 //! What the file of a recording tells of an incident, without a replay: what happened when, the states of the nodes
 //! concerned, and how much of each topic is there.
 
+mod strips;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -8,9 +10,11 @@ use serde::Serialize;
 
 use super::file::{Entry, FileError, JOURNAL, Reader, TRANSITIONS};
 use super::journal::{Line, Took};
-use super::summary::{Summary, kind};
+use super::summary::{Summary, TriggerLine, kind};
 use super::transition::{Change, Transition};
 use crate::engine::input::{AlarmRef, Input, OperatorAction};
+pub use strips::{NodeStrip, Period};
+use strips::{signals, stages, strips};
 
 /// Entries that are read of one file; further ones are left out, which is said.
 const ENTRIES_MAX: u64 = 2_000_000;
@@ -20,8 +24,8 @@ const BYTES_MAX: u64 = 1 << 30;
 const CHANGES_MAX: usize = 50_000;
 const TOPICS_MAX: usize = 1024;
 const MOMENTS_MAX: usize = 400;
-const STRIPS_MAX: usize = 40;
-const PERIODS_MAX: usize = 1000;
+/// An UNKNOWN that is over within this time is no event where a node begins to matter.
+const GIVEN_TIME_MS: i64 = 3000;
 /// Nodes that one moment names.
 const NAMED_MAX: usize = 12;
 
@@ -35,7 +39,11 @@ pub struct Story {
     pub moments: Vec<Moment>,
     pub more_moments: u64,
     pub strips: Vec<NodeStrip>,
+    /// Periods that the strips lack at their ends.
+    pub more_periods: u64,
     pub stages: Vec<Period>,
+    /// Signals that changed.
+    pub signals: Vec<NodeStrip>,
     pub topics: Vec<ToldTopic>,
     /// Inputs that the recorder did not keep.
     pub lost: u64,
@@ -84,6 +92,11 @@ pub enum Happened {
     Stage {
         stage: String,
     },
+    /// A signal has another value; `None`: it is not known.
+    Signal {
+        signal: String,
+        value: Option<bool>,
+    },
     /// Autonomous driving ended although the vehicle was not known to stand.
     LostActive {
         stage: String,
@@ -105,27 +118,6 @@ pub enum Happened {
     Lost {
         count: u64,
     },
-}
-
-/// What a node showed over time.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct NodeStrip {
-    pub node: String,
-    pub periods: Vec<Period>,
-}
-
-/// A state from one instant to another; of a stage, its word.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Period {
-    pub from_ms: i64,
-    pub to_ms: i64,
-    pub state: String,
-    #[serde(skip_serializing_if = "String::is_empty")]
-    pub own: String,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub masked_by: Option<String>,
-    #[serde(skip_serializing_if = "String::is_empty")]
-    pub message: String,
 }
 
 /// The messages of one topic in the file.
@@ -159,6 +151,33 @@ pub fn read(path: &Path, summary: &Summary) -> Result<Story, FileError> {
     let left_out = omissions.list().iter().map(ToString::to_string).collect();
     let (complete, more_left_out) = (reader.is_complete(), omissions.more());
     Ok(Story { complete, cut, left_out, more_left_out, ..heard.tell(summary) })
+}
+
+/// What is known of an incident whose file cannot be read: its triggers.
+pub fn known(summary: &Summary) -> Story {
+    let alarm = |trigger: &TriggerLine| {
+        let frozen = summary.freeze.iter().find(|frozen| frozen.node == trigger.what);
+        let (state, message) = frozen.map(|it| (it.state.clone(), it.message.clone())).unwrap_or_default();
+        let what = Happened::Fails { node: trigger.what.clone(), state, message };
+        Moment { at_ms: trigger.at_ms, what }
+    };
+    let alarms = summary.triggers.iter().filter(|trigger| trigger.kind == kind::ROOT).map(alarm);
+    let mut moments: Vec<Moment> = alarms.chain(triggers(summary)).collect();
+    moments.sort_by_key(|moment| moment.at_ms);
+    let from_ms = from_ms(summary);
+    Story {
+        from_ms,
+        to_ms: summary.until_ms.unwrap_or(summary.since_ms).max(from_ms + 1),
+        moments,
+        more_moments: summary.more_triggers,
+        ..Story::default()
+    }
+}
+
+/// The first instant that is shown.
+fn from_ms(summary: &Summary) -> i64 {
+    let pre_roll_ms = (summary.recording.pre_roll_s.clamp(0.0, 3600.0) * 1000.0) as i64;
+    summary.since_ms.saturating_sub(pre_roll_ms)
 }
 
 /// What was read so far.
@@ -229,25 +248,28 @@ impl Heard {
     }
 
     fn tell(self, summary: &Summary) -> Story {
-        let pre_roll_ms = (summary.recording.pre_roll_s.clamp(0.0, 3600.0) * 1000.0) as i64;
-        let from_ms = summary.since_ms.saturating_sub(pre_roll_ms);
+        let from_ms = from_ms(summary);
         let last = self.topics.values().map(|topic| topic.last_ms).max();
         let last = last.max(self.changes.iter().map(|change| change.at_ms).max());
         let to_ms = summary.until_ms.or(last).unwrap_or(summary.since_ms).max(from_ms + 1);
         let mut moments = self.operator;
+        moments.extend(happened(&self.changes, summary, from_ms));
         moments.extend(triggers(summary));
-        moments.extend(happened(&self.changes, from_ms));
         moments.retain(|moment| (from_ms..=to_ms).contains(&moment.at_ms));
+        // Of one instant first what the operator did, last what followed from the changes.
         moments.sort_by_key(|moment| moment.at_ms);
         let more = moments.len().saturating_sub(MOMENTS_MAX) as u64;
         moments.truncate(MOMENTS_MAX);
+        let (strips, more_periods) = strips(&self.changes, summary, (from_ms, to_ms));
         Story {
             from_ms,
             to_ms,
             moments,
             more_moments: more + self.more_changes,
-            strips: strips(&self.changes, summary, (from_ms, to_ms)),
+            strips,
+            more_periods,
             stages: stages(&self.changes, (from_ms, to_ms)),
+            signals: signals(&self.changes, (from_ms, to_ms)),
             topics: self.topics.into_values().collect(),
             lost: self.lost,
             ..Story::default()
@@ -282,7 +304,7 @@ fn done(action: &OperatorAction) -> Option<Happened> {
 }
 
 /// The triggers that no change of a state tells.
-pub fn triggers(summary: &Summary) -> impl Iterator<Item = Moment> {
+fn triggers(summary: &Summary) -> impl Iterator<Item = Moment> {
     summary.triggers.iter().filter_map(|trigger| {
         let what = match &*trigger.kind {
             kind::LOST_ACTIVE => Happened::LostActive { stage: trigger.what.clone() },
@@ -305,26 +327,38 @@ fn is_fault(state: &str) -> bool {
 
 /// What the changes tell from an instant on. Those before it, and the states with which a recording begins, are only
 /// known.
-fn happened(changes: &[Transition<'_>], from_ms: i64) -> Vec<Moment> {
+fn happened(changes: &[Transition<'_>], summary: &Summary, from_ms: i64) -> Vec<Moment> {
     let mut moments: Vec<Moment> = Vec::new();
-    let mut before: BTreeMap<&str, &str> = BTreeMap::new();
+    let given_time = given_time(changes);
+    let has_alarm = |node: &str| summary.triggers.iter().any(|it| it.kind == kind::ROOT && it.what == node);
+    // What each node showed last, and what masked it.
+    let mut before: BTreeMap<&str, (&str, Option<&str>)> = BTreeMap::new();
+    let mut signals: BTreeMap<&str, Option<bool>> = BTreeMap::new();
     let mut stage = None;
-    for Transition { at_ms, change } in changes {
+    for (index, Transition { at_ms, change }) in changes.iter().enumerate() {
         let (at_ms, is_told) = (*at_ms, *at_ms >= from_ms);
         let mut tell = |what| moments.push(Moment { at_ms, what });
         match change {
             Change::Shown { node, shown, masked_by, message, .. } => {
-                let last = before.insert(node, shown);
+                let cause = masked_by.as_deref();
+                let was_ignored = before.get(&**node).is_some_and(|(shown, _)| *shown == "ignore");
+                if was_ignored && given_time.contains(&index) && !has_alarm(node) {
+                    continue;
+                }
+                let last = before.insert(node, (shown, cause));
+                let last_shown = last.map(|(shown, _)| shown);
                 if !is_told {
                     continue;
                 }
-                match (masked_by, &**shown) {
+                match (cause, &**shown) {
+                    // Its own state behind the cause changed.
+                    (Some(_), _) if last.is_some_and(|(_, last)| last == cause) => {}
                     (Some(by), _) => add(&mut moments, at_ms, Some(by), node),
-                    (None, state) if is_module(node) && is_fault(state) && last != Some(state) => {
+                    (None, state) if is_module(node) && is_fault(state) && last_shown != Some(state) => {
                         let message = message.as_deref().unwrap_or_default().to_owned();
                         tell(Happened::Fails { node: node.to_string(), state: state.to_owned(), message });
                     }
-                    (None, "ok") if is_module(node) && last.is_some_and(is_fault) => {
+                    (None, "ok") if is_module(node) && last_shown.is_some_and(is_fault) => {
                         add(&mut moments, at_ms, None, node);
                     }
                     _ => {}
@@ -336,6 +370,12 @@ fn happened(changes: &[Transition<'_>], from_ms: i64) -> Vec<Moment> {
                     tell(Happened::Stage { stage: next.to_string() });
                 }
             }
+            Change::Signal { signal, value } => {
+                let is_new = signals.insert(signal, *value).is_some_and(|last| last != *value);
+                if is_told && is_new {
+                    tell(Happened::Signal { signal: signal.to_string(), value: *value });
+                }
+            }
             Change::AlarmMoved { symptom, node, .. } if is_told => {
                 tell(Happened::AlarmMoves { symptom: symptom.to_string(), node: node.to_string() });
             }
@@ -345,6 +385,22 @@ fn happened(changes: &[Transition<'_>], from_ms: i64) -> Vec<Moment> {
         }
     }
     moments
+}
+
+/// The changes to UNKNOWN that are soon over: what matters from now on, as at a departure, is given time to report.
+fn given_time(changes: &[Transition<'_>]) -> BTreeSet<usize> {
+    let mut next: BTreeMap<&str, (i64, &str)> = BTreeMap::new();
+    let mut found = BTreeSet::new();
+    for (index, Transition { at_ms, change }) in changes.iter().enumerate().rev() {
+        let Change::Shown { node, shown, .. } = change else { continue };
+        let after = next.insert(node, (*at_ms, shown));
+        let is_soon_over =
+            after.is_some_and(|(after_ms, shown)| !is_fault(shown) && after_ms - at_ms <= GIVEN_TIME_MS);
+        if shown == "unknown" && is_soon_over {
+            found.insert(index);
+        }
+    }
+    found
 }
 
 /// Names a node in the last moment, if it tells the same of others at the same time, or in a new one.
@@ -367,72 +423,6 @@ fn add(moments: &mut Vec<Moment>, at_ms: i64, masked_by: Option<&str>, node: &st
             moments.push(Moment { at_ms, what });
         }
     }
-}
-
-/// The root causes, then other modules that failed, then the tiles that changed.
-fn strips(changes: &[Transition<'_>], summary: &Summary, (from_ms, to_ms): (i64, i64)) -> Vec<NodeStrip> {
-    let mut order: Vec<&str> = summary.causes();
-    order.extend(summary.triggers.iter().filter(|it| it.kind == kind::ROOT).map(|it| &*it.what));
-    let in_span = || changes.iter().filter(|change| (from_ms..=to_ms).contains(&change.at_ms));
-    let shown = |change: &'_ Transition<'_>, is_wanted: fn(&str, &str) -> bool| match &change.change {
-        Change::Shown { node, shown, .. } if is_wanted(node, shown) => Some(node.to_string()),
-        _ => None,
-    };
-    let failed = in_span().filter_map(|it| shown(it, |node, state| is_module(node) && is_fault(state)));
-    let tiles = in_span().filter_map(|it| shown(it, |node, _| !is_module(node)));
-    let others: Vec<String> = failed.chain(tiles).collect();
-    order.extend(others.iter().map(String::as_str));
-    let mut seen = BTreeSet::new();
-    order.retain(|node| seen.insert(*node));
-    order.truncate(STRIPS_MAX);
-    let strip = |node: &str| {
-        let states = changes.iter().filter_map(|change| match &change.change {
-            Change::Shown { node: of, shown, own, masked_by, message } if of == node => Some(Period {
-                from_ms: change.at_ms,
-                to_ms,
-                state: shown.to_string(),
-                own: own.to_string(),
-                masked_by: masked_by.as_ref().map(ToString::to_string),
-                message: message.as_deref().unwrap_or_default().to_owned(),
-            }),
-            _ => None,
-        });
-        NodeStrip { node: node.to_owned(), periods: joined(states, (from_ms, to_ms)) }
-    };
-    order.into_iter().map(strip).collect()
-}
-
-fn stages(changes: &[Transition<'_>], (from_ms, to_ms): (i64, i64)) -> Vec<Period> {
-    let stages = changes.iter().filter_map(|change| match &change.change {
-        Change::Stage { stage } => Some(Period {
-            from_ms: change.at_ms,
-            to_ms,
-            state: stage.to_string(),
-            own: String::new(),
-            masked_by: None,
-            message: String::new(),
-        }),
-        _ => None,
-    });
-    joined(stages, (from_ms, to_ms))
-}
-
-/// Each period ends where the next begins; only what lies in the span is left.
-fn joined(periods: impl Iterator<Item = Period>, (from_ms, to_ms): (i64, i64)) -> Vec<Period> {
-    let mut joined: Vec<Period> = Vec::new();
-    for period in periods.filter(|period| period.from_ms <= to_ms) {
-        if let Some(last) = joined.last_mut() {
-            last.to_ms = period.from_ms;
-        }
-        joined.retain(|it| it.to_ms > from_ms && it.from_ms < it.to_ms);
-        if joined.len() < PERIODS_MAX {
-            joined.push(period);
-        }
-    }
-    for period in &mut joined {
-        period.from_ms = period.from_ms.max(from_ms);
-    }
-    joined
 }
 
 #[cfg(test)]

@@ -21,6 +21,9 @@ pub struct Summary {
     pub roots: Vec<String>,
     /// It followed at once on an incident that reached its greatest length.
     pub storm: bool,
+    /// The id of the vehicle.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub vehicle: String,
     /// SHA-256 of the configuration's files, in hexadecimal digits.
     pub configuration: String,
     /// The version of Telltale.
@@ -106,4 +109,11 @@ pub struct Recording {
     /// The program ended while it was recorded.
     #[serde(default)]
     pub interrupted: bool,
+}
+
+impl Recording {
+    /// The file is still written.
+    pub fn is_open(&self) -> bool {
+        !self.finished && !self.interrupted
+    }
 }

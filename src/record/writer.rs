@@ -32,6 +32,9 @@ const TRY_EVERY: Span = Span::from_secs(5);
 /// News that may wait for their receiver.
 pub const NEWS_MAX: usize = 64;
 
+/// The fact that names the vehicle.
+pub const VEHICLE: &str = "vehicle";
+
 /// What the writer tells.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
@@ -173,6 +176,7 @@ impl Writer {
         if self.fault.take().is_some() {
             tracing::info!("incidents can be recorded again");
             self.tell_surely(News::Fault(None));
+            self.shared.lock().take_up();
         }
     }
 

@@ -13,7 +13,8 @@ use super::discovery::nodes::Nodes;
 use super::discovery::peers;
 use super::discovery::presence;
 use super::discovery::status_writers;
-use super::library::{Ended, Participant};
+use super::library::discovered::PREFIX;
+use super::library::{Ended, Found, Participant};
 use super::options::BridgeOptions;
 use super::options::interfaces;
 use super::options::interfaces::AddressWatch;
@@ -31,6 +32,9 @@ use crate::msg::subscription::{Plan, Subscription};
 
 /// How often the clocks are compared; the addresses are compared at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
+
+/// Topics that are read for recordings alone, at most.
+const RECORDED_MAX: usize = 256;
 
 /// State that lives as long as the bridge.
 pub struct BridgeContext {
@@ -81,7 +85,13 @@ pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut
         let same = |it: &Subscription| key(it) == *known || it.is_untyped() && it.dds_topic == known.0;
         first.subscriptions.iter().any(|wanted| same(wanted))
     };
-    legacy.memories.retain(|known, _| is_wanted(known));
+    let mut room = RECORDED_MAX;
+    let mut is_recorded = |(topic, type_name): &Key| {
+        let is_recorded = room > 0 && record(&first, topic, type_name).is_some();
+        room -= usize::from(is_recorded);
+        is_recorded
+    };
+    legacy.memories.retain(|known, _| is_wanted(known) || is_recorded(known));
     let mut topics = Topics::start(around, &first, legacy);
     let presence = tokio::spawn(presence::run(
         participant.clone(),
@@ -125,6 +135,8 @@ struct Topics {
     /// Topics whose type is not known yet.
     learning: Learning,
     around: TopicContext,
+    /// It was said that more topics are to be recorded than are read.
+    is_full: bool,
 }
 
 struct Running {
@@ -135,7 +147,8 @@ struct Running {
 impl Topics {
     fn start(around: TopicContext, plan: &Plan, legacy: &mut Carryover) -> Topics {
         let learning = Learning::new(around.inputs.clone(), around.clock);
-        let mut topics = Topics { tasks: JoinSet::new(), running: BTreeMap::new(), learning, around };
+        let mut topics =
+            Topics { tasks: JoinSet::new(), running: BTreeMap::new(), learning, around, is_full: false };
         for subscription in &topics.typed(plan) {
             topics.add(subscription, legacy);
         }
@@ -165,9 +178,39 @@ impl Topics {
         }
     }
 
+    /// Reads the topics that are published now and that the plan only records. Telltale's own participants are
+    /// left out: a reader of its outputs would count as a listener.
+    fn record(&mut self, plan: &Plan, siblings: &OwnParticipants, legacy: &mut Carryover) {
+        if !plan.records_more() {
+            return;
+        }
+        let own = self.around.participant.guid();
+        let seen = self.around.participant.seen();
+        let is_new = |found: &&Found| {
+            let is_running = || self.running.contains_key(&(found.topic.clone(), found.type_name.clone()));
+            found.guid[..PREFIX] != own[..PREFIX] && !siblings.has(&found.guid) && !is_running()
+        };
+        let found = seen.writers().filter(is_new);
+        let found: BTreeMap<Key, Subscription> = found
+            .filter_map(|found| record(plan, &found.topic, &found.type_name))
+            .map(|subscription| (key(&subscription), subscription))
+            .collect();
+        drop(seen);
+        let recorded = self.running.values().filter(|it| it.subscription.borrow().recorded_every().is_some());
+        let room = RECORDED_MAX.saturating_sub(recorded.count());
+        if found.len() > room && !std::mem::replace(&mut self.is_full, true) {
+            tracing::warn!(
+                "`recording.topics` names more than {RECORDED_MAX} topics: the further ones are not recorded"
+            );
+        }
+        for subscription in found.into_values().take(room) {
+            self.add(&Arc::new(subscription), legacy);
+        }
+    }
+
     fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Carryover) {
         let key = key(subscription);
-        let memory = legacy.memories.remove(&key).unwrap_or_else(Memory::new);
+        let memory = legacy.memories.remove(&key).unwrap_or_else(|| Memory::new(subscription));
         let topic = Topic::new(subscription.clone(), self.around.clone(), memory);
         let (news, discovered) = watch::channel(0);
         let (change, changed) = watch::channel(subscription.clone());
@@ -184,6 +227,9 @@ impl Topics {
     /// That needs a new participant.
     async fn follow(&mut self, plan: &Plan, legacy: &mut Carryover) -> Result<(), End> {
         let subscriptions = self.typed(plan);
+        let mut subscriptions = subscriptions;
+        let recorded = self.running.keys().filter_map(|(topic, type_name)| record(plan, topic, type_name));
+        subscriptions.extend(recorded.map(Arc::new));
         let wanted: BTreeSet<Key> = subscriptions.iter().map(|subscription| key(subscription)).collect();
         let gone = self.running.keys().filter(|key| !wanted.contains(*key)).cloned().collect::<Vec<_>>();
         for key in &gone {
@@ -244,6 +290,7 @@ async fn watch_over(
                     return end;
                 }
                 topics.learn(legacy);
+                topics.record(&next, &ground.siblings, legacy);
             }
             ended = participant.ended() => return lost(ended),
             Some(ended) = topics.tasks.join_next() => return keep(legacy, ended),
@@ -251,6 +298,10 @@ async fn watch_over(
             _ = looks.tick() => {
                 look += 1;
                 topics.learn(legacy);
+                if look.is_multiple_of(4) {
+                    let plan = plan.borrow().clone();
+                    topics.record(&plan, &ground.siblings, legacy);
+                }
                 if let Some(back) = steps.look(clock.wall(), clock.now()) {
                     return End::Rebuild(format!("the wall clock was set back by {back:?}"));
                 }
@@ -261,6 +312,12 @@ async fn watch_over(
             }
         }
     }
+}
+
+/// The subscription that only records this topic and type, by their names on the wire.
+fn record(plan: &Plan, dds_topic: &str, dds_type: &str) -> Option<Subscription> {
+    let topic = dds_topic.strip_prefix("rt")?;
+    plan.recorded(topic, &messages::ros_type_name(dds_type)).filter(|it| it.dds_type == *dds_type)
 }
 
 /// Why a participant is unusable.

@@ -74,6 +74,7 @@ pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageC
         role: session.role,
         demo: app.settings.demo.is_some(),
         configuration: app.settings.rereads.is_some(),
+        recorder: app.recorder_state(),
         part: reader.part,
     }
 }

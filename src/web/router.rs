@@ -71,8 +71,9 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit::get),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload::post),
         on_get("/incidents", Roles(&[Developer, Authority]), developer::incidents::list::get),
-        // The page of an incident; with `.mcap` after its number its recording.
+        // The page of an incident; with `.mcap` after its number its recording, with `.html` its report.
         on_get("/incidents/{id}", Roles(&[Developer, Authority]), developer::incidents::one::get),
+        on_post("/incidents/mark", Roles(&[Developer]), incidents::mark),
         on_post("/incidents/{id}/note", Roles(&[Developer]), incidents::note),
         on_post("/incidents/{id}/keep", Roles(&[Developer]), incidents::keep),
         on_get("/api/v1/incidents", Roles(&[Developer, Authority]), incidents::list),

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
-from operating import touch_context
+from operating import log_in, touch_context
 from vehicle import CHROMIUM, OPERATOR, TELLTALE, Client, Server, Writer, own_domain
 
 GROUPS, MODULES = 8, 32
@@ -53,10 +53,19 @@ def config(folder):
     lines = ["vehicle: { stages: none }", "groups:"]
     for group in range(GROUPS):
         lines += [f"  - id: g{group}", "    modules:"]
-        lines += [f"      - {{ id: m{module}, status: 'g{group} m{module}', timeout: 60s }}" for module in range(MODULES)]
+        lines += [f"      - {{ id: m{module}, status: 'g{group} m{module}', timeout: 1h }}" for module in range(MODULES)]
     path = folder / "measure.yaml"
     path.write_text("\n".join(lines) + "\n")
     return path
+
+
+def show_all_well(page, server, writer):
+    """The operator's page of a machine whose modules all have said that they are OK."""
+    log_in(page, server)
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
+    writer.write(wait_matched=1, timeout=10)
+    writer.write(statuses=[status(f"g{g} m{m}", 0) for g in range(GROUPS) for m in range(MODULES)])
+    expect(page.locator("#tile-g0")).to_have_attribute("data-state", "ok")
 
 
 def status(name, level):
@@ -71,7 +80,7 @@ def row(what, value):
     print(f"{what:<58} {value:>12}", flush=True)
 
 
-def measure_latency(page, writer, changes):
+def latencies_ms(page, writer, changes):
     """One module at a time between OK and ERROR, at times that agree with no clock of the program."""
     page.evaluate(WATCH)
     took_ms = []
@@ -80,7 +89,13 @@ def measure_latency(page, writer, changes):
         writer.write(statuses=[status("g0 m0", 2 if number % 2 else 0)])
         page.wait_for_function("number => window.painted.has(number)", arg=number, polling=20)
         took_ms.append(page.evaluate("number => window.painted.get(number)", number) - began_ms)
-        time.sleep(random.uniform(0.05, 0.2))
+        # The page keeps an alarm for a third of a second.
+        time.sleep(random.uniform(0.4, 0.6) if number % 2 else random.uniform(0.05, 0.2))
+    return took_ms
+
+
+def measure_latency(page, writer, changes):
+    took_ms = latencies_ms(page, writer, changes)
     row(f"DDS to painted, {changes} changes: p50", f"{percentile(took_ms, 0.5):.1f} ms")
     row("p90", f"{percentile(took_ms, 0.9):.1f} ms")
     row("p99", f"{percentile(took_ms, 0.99):.1f} ms")
@@ -160,14 +175,7 @@ def main():
             arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
             browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)
             page = touch_context(browser).new_page()
-            page.goto(server.url + "/login")
-            page.locator("[name=name]").fill(OPERATOR[0])
-            page.locator("[name=secret]").fill(OPERATOR[1])
-            page.locator("[name=secret]").press("Enter")
-            expect(page.locator("body")).to_have_attribute("data-live", "live")
-            writer.write(wait_matched=1, timeout=10)
-            writer.write(statuses=[status(f"g{g} m{m}", 0) for g in range(GROUPS) for m in range(MODULES)])
-            expect(page.locator("#tile-g0")).to_have_attribute("data-state", "ok")
+            show_all_well(page, server, writer)
             load = os.getloadavg()[0]
             print(f"{TELLTALE}, Chromium {browser.version}, {platform.machine()}, {os.cpu_count()} cores, load {load:.1f}")
             print(f"{GROUPS} tiles, {GROUPS * MODULES} modules on a display of 1280x800")

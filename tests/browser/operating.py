@@ -187,6 +187,14 @@ def arrive(page, seconds=120):
     raise AssertionError("the vehicle is held again and again")
 
 
+FAST = "() => Number(document.getElementById('motion').textContent.match(/(\\d+) km/)?.[1]) >= 18"
+
+
+def get_going(page):
+    """Waits until the shuttle drives fast enough to slow down for a while."""
+    page.wait_for_function(FAST)
+
+
 def acknowledge_all(page):
     """One tap for each alarm."""
     button = page.locator("#causes button[name=acknowledge]").first

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
-from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, clear, localize, release, stage, step, type_by_touch
+from operating import DEMO_OPERATOR, DISPLAY, acknowledge_all, clear, get_going, localize, release, stage, step, type_by_touch
 from vehicle import CHROMIUM, ROOT, Client, Server, own_domain
 
 SCALE = 0.625
@@ -70,6 +70,8 @@ def story(page, server, camera):
     step(page, "clearance").tap(force=True)
     expect(page.locator("#actions[data-refused]")).to_be_visible()
     camera.take("refused")
+    # The sheet of all checks opens where they have no room.
+    page.keyboard.press("Escape")
     client.post("/demo/fault", name="low_battery", active="false")
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "ok")
     ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
@@ -101,6 +103,7 @@ def story(page, server, camera):
     camera.take("held")
     acknowledge_all(page)
     release(page)
+    get_going(page)
     client.post("/demo/fault", name="localization_jump", active="true")
     expect(page.locator("#tile-execution")).to_have_attribute("data-reason", "masked")
     expect(page.locator("#countermeasure")).to_have_attribute("data-state", "engaged")

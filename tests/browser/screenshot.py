@@ -10,7 +10,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from operating import DEMO_OPERATOR, clear, localize, log_in_by_touch, stage, touch_context
+from operating import DEMO_OPERATOR, clear, get_going, localize, log_in_by_touch, stage, touch_context
 from vehicle import CHROMIUM, ROOT, Client, Server, own_domain
 
 
@@ -26,6 +26,7 @@ def main():
             localize(page)
             clear(page)
             stage(page, "active", 20)
+            get_going(page)
             Client(server, *DEMO_OPERATOR).post("/demo/fault", name="sensor_outage", active="true")
             page.locator("#tile-sensors[data-state=error]").wait_for()
             page.locator("#tile-execution[data-reason=masked]").wait_for()

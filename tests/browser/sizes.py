@@ -55,11 +55,32 @@ FAULTS = """() => {
     const over = a => Math.min(a.right, right) - Math.max(a.left, left) > 2 && Math.min(a.bottom, bottom) - Math.max(a.top, top) > 2;
     if (texts(it.parentElement).some(over)) faults.push(`its icon lies over the words of ${called(it.parentElement)}`);
   }
-  // Nothing lies over STOP.
+  for (const it of all("*").filter(it => getComputedStyle(it).textOverflow === "ellipsis")) {
+    if (texts(it).some(a => a.right > box(it).right + 0.05)) faults.push(`ends with dots: ${called(it)}`);
+  }
+  // A word breaks at its hyphens only.
+  for (const it of all(".cause .title, .next strong, .next .text, .instruction *, .calm span")) {
+    for (const node of [...it.childNodes].filter(node => node.nodeType === Node.TEXT_NODE)) {
+      for (const { 0: word, index } of node.data.matchAll(/[^\\s-]+/g)) {
+        const letters = document.createRange();
+        letters.setStart(node, index);
+        letters.setEnd(node, index + word.length);
+        if (!word.includes("\\u00ad") && letters.getClientRects().length > 1) faults.push(`breaks “${word}”: ${called(it)}`);
+      }
+    }
+  }
+  // What is said of a display that is not live lies under nothing.
+  for (const it of all(".lost, .frozen h1, .frozen p")) {
+    const { left, right, top, bottom } = box(it);
+    const points = [top + 4, (top + bottom) / 2, bottom - 4].map(y => document.elementFromPoint((left + right) / 2, y));
+    if (points.some(seen => !it.contains(seen) && !seen?.closest(".notice"))) faults.push(`covered: ${called(it)}`);
+  }
+  // Nothing lies over STOP, and it looks as it always does.
   for (const it of all("button[name=stop]")) {
     const { left, right, top, bottom } = box(it);
     const points = [[left, top], [right, top], [left, bottom], [right, bottom]].map(([x, y]) => [x + (x === left ? 12 : -12), y + (y === top ? 12 : -12)]);
     if (points.some(([x, y]) => !it.contains(document.elementFromPoint(x, y)))) faults.push("something lies over STOP");
+    if (getComputedStyle(it).opacity !== "1") faults.push("STOP is pale");
     if (right - left < 379.5 || bottom - top < 116.5) faults.push(`STOP of ${right - left}x${bottom - top} px`);
   }
   const atLeast = (px, selector) => {

@@ -8,8 +8,9 @@ import urllib.error
 import pytest
 from playwright.sync_api import expect
 
+import measure_pixels
 from operating import expect_standing, log_in, touch_context, watch
-from vehicle import OPERATOR, Client, until
+from vehicle import OPERATOR, Client, Writer, serving, until
 
 pytestmark = pytest.mark.alone
 
@@ -132,3 +133,24 @@ def test_a_dropped_socket_is_opened_again_and_shows_what_happened_meanwhile(serv
     expect(page.locator("#tile-sensors")).to_have_attribute("data-state", "error")
     expect(page.locator("body")).to_have_attribute("data-live", "live", timeout=2_000)
     assert page.evaluate("() => window.sockets.length") == 2
+
+
+CHANGES = 100
+
+
+def test_a_change_of_state_is_painted_within_200_ms(page, trouble, tmp_path):
+    """At the 99th percentile: all of a hundred changes but one."""
+    with serving(tmp_path, config=measure_pixels.config(tmp_path)) as server:
+        writer = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "writer.log")
+        try:
+            measure_pixels.show_all_well(page, server, writer)
+            # The best of a few rounds: other programs on this machine must not count.
+            rounds = []
+            for _ in range(3):
+                took_ms = sorted(measure_pixels.latencies_ms(page, writer, CHANGES))
+                rounds.append([round(it) for it in took_ms[-5:]])
+                if took_ms[-2] < measure_pixels.GOAL_MS:
+                    break
+            assert rounds[-1][-2] < measure_pixels.GOAL_MS, f"the slowest of each round in ms: {rounds}"
+        finally:
+            writer.close()

@@ -6,6 +6,7 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import DEMO_OPERATOR, enter, watch
+from sizes import check_sizes
 from vehicle import Client, Server, own_domain
 
 # The simulation lives in real time.
@@ -73,5 +74,7 @@ def test_the_demo_offers_the_faults_of_the_robot(robot, chromium, trouble):
     page.goto(robot.url + "/demo")
     expect(page.locator("[data-fault]")).to_have_count(7)
     expect(page.locator("[data-fault=docking_failed]")).to_contain_text("Andocken misslungen")
+    check_sizes(page, "the demo's page")
+    assert page.locator("header").bounding_box()["height"] < 100, "title and tools stand in one line"
     neutral(page, "the demo's page")
     page.context.close()

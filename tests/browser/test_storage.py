@@ -3,6 +3,7 @@
 The tests need mount namespaces, as root or through user namespaces, and fail without them.
 """
 
+import contextlib
 import json
 import os
 import subprocess
@@ -10,8 +11,11 @@ import sys
 import urllib.error
 
 import pytest
+from playwright.sync_api import expect
 
-from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, own_domain, until
+from operating import expect_standing, log_in, stage, step
+from sizes import SIZES, faults
+from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, Vehicle, own_domain, until
 
 IS_ROOT = os.geteuid() == 0
 # A probe every five seconds, and a margin.
@@ -87,6 +91,15 @@ def storage(client):
     return found[0]["message"] if found else None
 
 
+def mark(client):
+    """The number of the incident, if the moment is marked."""
+    try:
+        return json.loads(client.post("/api/v1/mark"))["incident"]
+    except urllib.error.HTTPError as refused:
+        assert refused.code == 503, refused
+        return None
+
+
 def goes_on(client):
     """The display lives: what is published grows older and is replaced."""
     first = client.snapshot()["at"]
@@ -100,8 +113,11 @@ def test_a_full_disk_is_a_warning_and_the_display_goes_on(mounted):
     message = until(lambda: storage(client), NOTICE_S, "a warning")
     assert "full" in message, message
     goes_on(client)
+    # A mark that the disk does not take is not promised.
+    until(lambda: mark(client) is None, NOTICE_S, "no incident can be recorded")
     mounted.inside("rm fill rest")
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    assert until(lambda: mark(client), NOTICE_S, "incidents are recorded again")
     Client(mounted, *OPERATOR)
     assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
 
@@ -117,14 +133,19 @@ def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(moun
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
 
 
-def hang(server, client):
+def hang(server, client, refused_path="/vehicle/stop"):
     """The head of the log is written into a pipe that nobody reads."""
     pipe = f"audit.head.{server.process.pid}"
     until(lambda: "made" in server.inside(f"mkfifo {pipe} 2>/dev/null && echo made || true"), 5, "a pipe")
     with pytest.raises(urllib.error.HTTPError) as refused:
-        client.post("/vehicle/stop", version=client.snapshot()["seq"])
-    assert refused.value.code == 409, "the vehicle stands, and that is recorded"
+        client.post(refused_path, version=client.snapshot()["seq"])
+    assert refused.value.code == 409, "it is not possible now, and that is recorded"
     return pipe
+
+
+def let_go(server, pipe):
+    """Reads what the server writes, to its end."""
+    server.inside(f"exec 3<{pipe}; rm {pipe}; cat <&3 >/dev/null")
 
 
 def test_a_disk_that_hangs_is_a_warning_and_the_display_goes_on(mounted):
@@ -136,8 +157,7 @@ def test_a_disk_that_hangs_is_a_warning_and_the_display_goes_on(mounted):
     with pytest.raises(urllib.error.HTTPError) as refused:
         client.post("/vehicle/localize", version=client.snapshot()["seq"], stop="depot")
     assert refused.value.code == 503 and "nothing was changed" in refused.value.read().decode()
-    # Reads what the server writes, to its end.
-    mounted.inside(f"exec 3<{pipe}; rm {pipe}; cat <&3 >/dev/null")
+    let_go(mounted, pipe)
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
     assert client.snapshot()["stage"] == "localizing"
     log = until(lambda: written(mounted, "localize"), 5, "what was not done is on the record")
@@ -158,6 +178,43 @@ log = sqlite3.connect("file:telltale.db?mode=ro", uri=True).execute("SELECT acti
 print(*(" ".join(record) for record in log if record[0] == {action!r}))
 """
     return server.inside(f"{sys.executable} - <<'END'\n{script}\nEND").strip()
+
+
+@pytest.fixture
+def driving(mounted, page, tmp_path):
+    """The operator's page of a vehicle that drives."""
+    with contextlib.closing(Vehicle(mounted.domain, tmp_path)) as vehicle:
+        log_in(page, mounted)
+        expect_standing(page)
+        vehicle.drive(True)
+        stage(page, "active")
+        yield page
+
+
+NOT_RECORDED = {
+    "en": "The vehicle is asked to stop. The disk is full or broken, so that is not recorded yet. Call the control room.",
+    "de": "Das Fahrzeug soll anhalten. Der Speicher ist voll oder defekt, daher ist das noch nicht aufgezeichnet. Leitstelle rufen.",
+}
+
+
+@pytest.mark.parametrize("lang", NOT_RECORDED)
+def test_a_stop_that_is_not_recorded_is_requested_and_says_so(mounted, driving, trouble, lang):
+    page, stop, notice = driving, step(driving, "stop"), driving.locator("#notice li")
+    if lang == "de":
+        page.locator("[data-tool=language]").evaluate("button => button.click()")
+        expect(stop).to_contain_text("Fahrzeug anhalten")
+    pipe = hang(mounted, Client(mounted, *OPERATOR), "/vehicle/clearance")
+    stop.click()
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+    expect(notice).to_have_text(NOT_RECORDED[lang])
+    expect(stop).to_have_attribute("aria-pressed", "true")
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        expect(notice).to_be_visible()
+        assert not faults(page), f"{width}x{height}: {faults(page)}"
+    let_go(mounted, pipe)
+    until(lambda: written(mounted, "stop"), 5, "it is recorded")
+    trouble.expect("503")
 
 
 @pytest.mark.parametrize("wrong", ["full", "read-only"])

@@ -6,6 +6,7 @@ import signal
 import pytest
 from playwright.sync_api import expect
 
+from hang import hanging
 from operating import expect_tile, step
 from sizes import SIZES, faults
 
@@ -150,3 +151,26 @@ def test_two_quick_taps_are_one_and_the_second_says_so(driving, trouble):
     expect(step(page, "release")).to_be_visible()
     expect(step(page, "confirm")).to_be_hidden()
     assert [url.rsplit("/", 1)[1] for url in posted] == ["stop"], posted
+
+
+def test_a_stop_is_sent_while_the_engine_hangs_until_it_is_done(server, driving, trouble):
+    page, stop = driving, step(driving, "stop")
+    with hanging(server):
+        # The display is still live.
+        stop.click()
+        said = page.locator("#notice .said span:visible")
+        expect(said).to_have_text("The stop has not arrived and is sent again. Take over.")
+        expect(page.locator("body")).to_have_attribute("data-live", "dead")
+        assert server.answers(), "the server is up"
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            with page.expect_request("**/vehicle/stop"):
+                expect(said).to_be_visible()
+            assert page.evaluate(IS_IN_SIGHT, "#notice .said"), f"{width}x{height}"
+            assert not faults(page), f"{width}x{height}: {faults(page)}"
+        expect(page.locator("body")).to_have_attribute("data-unanswered", "")
+    expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_be_visible()
+    expect(stop).to_have_attribute("aria-pressed", "true")
+    expect(page.locator("body")).not_to_have_attribute("data-unanswered", "")
+    expect(page.locator("#notice")).to_be_hidden()
+    trouble.expect("WebSocket", "ERR_", "408", "readyz")

@@ -20,7 +20,7 @@ TELLTALE_PEER_FASTDDS. Every command prints {"ready": true} first.
     {"wait_matched": 1, "timeout": 10}    until that many readers match; prints {"matched": n}
     {"complaints": true}              prints {"complaints": n}: readers that asked for more than is offered
 Any of them may have `"cut": n` (only the first n bytes), `"times": n` and `"age_s": n` (stamped so long ago). Each
-write prints {"written": bytes, "at_ns": when, on the monotonic clock}; `sub` prints that of the receipt. With Cyclone
+write prints {"written": bytes, "at_ns": when, on the monotonic clock, "stamp_ns": its last stamp}; `sub` prints when it received. With Cyclone
 the byte order is always that of this machine: it writes the encapsulation. At the end of input it waits until all was
 acknowledged and prints {"done": true}.
 """
@@ -49,7 +49,10 @@ def say(**words):
 
 
 def write(writer, data, age_s=0):
-    writer.write(data, time.time_ns() - int(age_s * 1e9))
+    """Returns the stamp."""
+    stamp_ns = time.time_ns() - int(age_s * 1e9)
+    writer.write(data, stamp_ns)
+    return stamp_ns
 
 
 def wait_matched(writer, count, timeout):
@@ -111,8 +114,8 @@ def publish(participant, options):
         data = encode(command, participant.guid)
         at_ns = time.monotonic_ns()
         for _ in range(command.get("times", 1)):
-            write(writer, data, command.get("age_s", 0))
-        say(written=len(data), at_ns=at_ns)
+            stamp_ns = write(writer, data, command.get("age_s", 0))
+        say(written=len(data), at_ns=at_ns, stamp_ns=stamp_ns)
     say(done=writer.acknowledged())
 
 

@@ -1,13 +1,16 @@
 //! `telltale incident` as shells and programs use it, beside a server and on damaged folders.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 use telltale::clock::Clock;
+use telltale::record::file::{IncidentFile, TRANSITIONS};
 use telltale::record::folder::{file_name, folder_in};
 use telltale::record::summary::{Recording, Summary, TriggerLine, kind};
+use telltale::record::writer::hash_file;
 use telltale::store::{DemoSecrets, Store};
 
 const DAY_MS: i64 = 24 * 3600 * 1000;
@@ -60,6 +63,9 @@ impl Folder {
                 false => store.incident_opened(&summary).await.unwrap(),
             }
         }
+        // The head of a new log is noted beside it when nothing waits to be written, at the latest at the end.
+        store.close().await;
+        let store = Store::open(&data, clock, DemoSecrets::Refused).unwrap();
         Folder { data, store: Some(store) }
     }
 
@@ -136,6 +142,76 @@ async fn a_recording_is_copied_and_nothing_is_overwritten() {
     std::fs::write(folder.file(1), "another").unwrap();
     let (_, err, code) = folder.run(&["export", "1", "--output", folder.data.join("one").to_str().unwrap()]);
     assert!(code == Some(1) && err.contains("not as it was recorded"), "{err}");
+}
+
+#[tokio::test]
+async fn a_report_is_written_beside_a_server_also_where_the_recording_is_damaged_or_gone() {
+    let folder = Folder::new("report").await;
+    let to = |name: &str| folder.data.join(name).to_str().unwrap().to_owned();
+    // A recording of its own.
+    let path = folder.file(5);
+    let mut file = IncidentFile::create(&path, BTreeMap::new()).unwrap();
+    let state = |at_ms: u64, shown: &str| {
+        json!({ "at_ms": at_ms, "kind": "shown", "node": "sensors/lidar", "shown": shown, "own": shown,
+            "message": "no <packets>" })
+    };
+    file.json(&TRANSITIONS, 70_000_000_000, &state(70_000, "ok")).unwrap();
+    file.json(&TRANSITIONS, 100_000_000_000, &state(100_000, "error")).unwrap();
+    let bytes = file.finish().unwrap().bytes;
+    let recording = Recording {
+        file: file_name(5),
+        bytes,
+        pre_roll_s: 30.0,
+        finished: true,
+        sha256: Some(hash_file(&path).unwrap()),
+        ..Recording::default()
+    };
+    let summary = Summary {
+        id: 5,
+        since_ms: 100_000,
+        until_ms: Some(110_000),
+        vehicle: "shuttle-1".into(),
+        recording,
+        ..Summary::default()
+    };
+    folder.store.as_ref().unwrap().incident_finished(&summary).await.unwrap();
+    let (out, err, code) = folder.run(&["export", "5", "--report", &to("whole.html")]);
+    assert_eq!((err.as_str(), code), ("", Some(0)), "{out}");
+    assert!(out.starts_with(&to("whole.html")) && !out.contains("sha256"), "only the report: {out}");
+    let read = |name: &str| std::fs::read_to_string(to(name)).unwrap();
+    for part in
+        ["shuttle-1", "sensors/lidar: Error, \u{201c}no &#60;packets&#62;", "still had it", "id=\"states\""]
+    {
+        assert!(read("whole.html").contains(part), "{part}: {}", read("whole.html"));
+    }
+    let (_, err, code) = folder.run(&["export", "5", "--report", &to("whole.html")]);
+    assert!(code == Some(2) && err.contains("--report"), "{err}");
+    let (out, _, code) = folder.run(&["export", "5", "--report", &to("b.html"), "--output", &to("b.mcap")]);
+    assert!(code == Some(0) && out.contains("b.html") && out.contains("b.mcap"), "{out}");
+    assert_eq!(std::fs::read(to("b.mcap")).unwrap(), std::fs::read(&path).unwrap());
+    // What the database knows.
+    for (id, says, in_report) in [
+        ("3", "cannot be read", "The recording cannot be read"),
+        ("2", "is gone", "The recording is not there any more"),
+        ("1", "not as it was recorded", "The recording is not as it was recorded"),
+        ("4", "not finished", "has no hash"),
+    ] {
+        match id {
+            "2" => std::fs::remove_file(folder.file(2)).unwrap(),
+            "1" => drop(std::fs::copy(&path, folder.file(1)).unwrap()),
+            _ => {}
+        }
+        let name = format!("{id}.html");
+        let (_, err, code) = folder.run(&["export", id, "--report", &to(&name)]);
+        assert!(code == Some(1) && err.contains(says), "{id}: {code:?} {err}");
+        for part in [in_report, &format!("Incident report {id}")] {
+            assert!(read(&name).contains(part), "{part}: {}", read(&name));
+        }
+    }
+    let (_, err, code) = folder.run(&["export", "9", "--report", &to("9.html")]);
+    assert!(
+        code == Some(2) && err.contains("there is no incident 9") && !folder.data.join("9.html").exists()
+    );
 }
 
 #[tokio::test]

@@ -74,3 +74,42 @@ async fn a_message_goes_with_its_inputs_as_it_was_received() {
     assert!(Arc::ptr_eq(&of_signal, &of_sample));
     bridge.shutdown().await;
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn topics_that_are_only_recorded_come_with_ticks_and_no_more_often_than_asked() {
+    let domain = Domain::take();
+    let topics = "recording: { topics: [{ topic: /camera/front, every: 1h }, { topic: '/camera/*' }] }\n";
+    let text = format!("{CONFIG}{topics}");
+    let model = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let (sender, mut inputs) = mpsc::channel(64);
+    let bridge = ros::start(BridgeOptions::loopback(domain.id), &model, sender, Clock::start())
+        .await
+        .expect("the bridge starts");
+    let mut front = Peer::start(&domain, "pub --topic rt/camera/front --type Bool");
+    let mut other = Peer::start(&domain, "pub --topic rt/lidar --type Bool");
+    let mut rear = Peer::start(&domain, "pub --topic rt/camera/rear --type Bool");
+    front.wait_matched(1);
+    rear.wait_matched(1);
+    for _ in 0..3 {
+        front.write(&json!({ "bool": true }));
+    }
+    let (input, first) = next(&mut inputs).await;
+    assert_eq!(
+        (input, &*first.topic, &*first.type_name),
+        (Input::Tick, "/camera/front", "std_msgs/msg/Bool")
+    );
+    let bool_of = |message: &Message| message.body.as_ref().ok().map(|(body, _)| body[0] == 1);
+    assert_eq!(bool_of(&first), Some(true));
+    other.write(&json!({ "bool": true }));
+    for value in [false, true] {
+        rear.write(&json!({ "bool": value }));
+        let (input, message) = next(&mut inputs).await;
+        assert_eq!((input, &*message.topic), (Input::Tick, "/camera/rear"));
+        assert_eq!(bool_of(&message), Some(value));
+    }
+    // Another configuration records nothing of it.
+    let model = config::parse("c", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
+    bridge.follow(&model).expect("it can be read");
+    rear.wait_matched(0);
+    bridge.shutdown().await;
+}

@@ -13,7 +13,7 @@ use telltale::runtime::Published;
 use telltale::store::Role;
 use telltale::web::developer::{PageQuery, coverage, graph, masking, statuses, topics, why};
 use telltale::web::live::frame::Frames;
-use telltale::web::view::{Lang, PageContext, PagePart, Palette, Trends, operator_page};
+use telltale::web::view::{Lang, PageContext, PagePart, Palette, RecorderState, Trends, operator_page};
 
 const PAGE_BYTES: usize = 1 << 20;
 const ANSWER_BYTES: usize = 16 << 20;
@@ -76,6 +76,7 @@ fn context() -> PageContext {
         role: Role::Developer,
         demo: false,
         configuration: true,
+        recorder: Some(RecorderState::Recording),
         part: PagePart::Whole,
     }
 }
@@ -111,7 +112,7 @@ fn check_all(case: &str, published: &Published) {
         ("graph", graph::page(published, &context(), &asked)),
         ("masking", masking::page(published, &context(), &asked)),
         ("coverage", coverage::page(published, &context(), &asked)),
-        ("topics", topics::page(published, &context(), &asked, &Default::default())),
+        ("topics", topics::page(published, &context(), &asked, &Default::default(), None)),
         ("why, group", why::page(published, node("g1"), &context(), &trends)),
         ("why, module", why::page(published, node(&named("g0/")), &context(), &trends)),
         ("why, masked", why::page(published, node(&named("g1/")), &context(), &trends)),

@@ -137,7 +137,9 @@ impl Server {
             let recording = recording.as_ref().map(|recording| recording.fault.clone());
             tokio::spawn(tell_of_storage(store.clone(), recording, link.inputs.clone(), clock))
         };
-        let watching = timekeeping::watch(tls.clone(), hosts, store.floor(), link.inputs.clone(), clock);
+        let recorder = recording.as_ref().map(|recording| recording.recorder.clone());
+        let watching =
+            timekeeping::watch(tls.clone(), hosts, store.floor(), recorder, link.inputs.clone(), clock);
         let time = tokio::spawn(watching);
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();

@@ -23,7 +23,7 @@ use crate::record::incident::Margins;
 use crate::record::recorder::{Recorder, Settings};
 use crate::record::retention::{Policy, surplus};
 use crate::record::summary::Summary;
-use crate::record::writer::{self, NEWS_MAX, News, Place, hash_file, unix_ms};
+use crate::record::writer::{self, NEWS_MAX, News, Place, VEHICLE, hash_file, unix_ms};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
@@ -130,7 +130,7 @@ pub async fn start(
     let recorder =
         Recorder::start(turns, first, settings, number, clock).context("no thread can be started")?;
     let (tell, news) = mpsc::channel(NEWS_MAX);
-    let mut about = BTreeMap::from([("vehicle".to_owned(), loaded.model.vehicle_id.to_string())]);
+    let mut about = BTreeMap::from([(VEHICLE.to_owned(), loaded.model.vehicle_id.to_string())]);
     if is_demo {
         // The demo's configuration has more time than its text says.
         about.insert("demo".to_owned(), "true".to_owned());
@@ -153,7 +153,11 @@ impl Recording {
 
     /// What pages say of the recording.
     pub fn state(&self) -> RecordingState {
-        RecordingState { fault: self.fault.clone(), policy: self.policy.subscribe() }
+        RecordingState {
+            recorder: self.recorder.clone(),
+            fault: self.fault.clone(),
+            policy: self.policy.subscribe(),
+        }
     }
 
     /// Records by another configuration from now on. Whether it records at all is decided at the start.

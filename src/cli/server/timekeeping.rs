@@ -1,5 +1,5 @@
-//! Watches the wall clock and the certificate. Faults of both are reported and keep no display from
-//! starting; a renewed certificate is taken.
+//! Watches the wall clock, the certificate and the recorder's memory. Their faults are reported and keep no display
+//! from starting; a renewed certificate is taken.
 
 use std::fmt::Display;
 use std::time::{Duration, SystemTime};
@@ -9,6 +9,8 @@ use tokio::sync::mpsc;
 use crate::clock::Clock;
 use crate::engine::input::{Input, Upkeep};
 use crate::engine::text::Text;
+use crate::record::recorder::{Meter, Recorder};
+use crate::record::retention::size;
 use crate::runtime::Stamped;
 use crate::web::{CertificateValidity, Tls};
 
@@ -17,12 +19,13 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// A corrected clock may be behind earlier records by this much.
 const BEHIND: Duration = Duration::from_secs(24 * 3600);
 
-/// Reports faults of the clock and the certificate to the log and the engine whenever they change, and takes
-/// a renewed certificate for these hosts. Never ends.
+/// Reports faults of the clock, the certificate and the recorder's memory to the log and the engine whenever they
+/// change, and takes a renewed certificate for these hosts. Never ends.
 pub async fn watch(
     tls: Option<Tls>,
     hosts: Vec<String>,
     floor: SystemTime,
+    recorder: Option<Recorder>,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
 ) {
@@ -36,13 +39,14 @@ pub async fn watch(
             }
             faults(tls.as_ref(), floor, clock.wall())
         });
-        let found = look.await.unwrap_or_else(|_| said.clone());
+        let mut found = look.await.unwrap_or_else(|_| said.clone());
+        found.recording = recorder.as_ref().and_then(|recorder| shortage(&recorder.meter()));
         if found != said {
-            for fault in [&found.clock, &found.certificate].into_iter().flatten() {
+            for fault in [&found.clock, &found.certificate, &found.recording].into_iter().flatten() {
                 tracing::warn!("{}", fault.en);
             }
             if found == Upkeep::default() {
-                tracing::info!("the clock and the certificate are right again");
+                tracing::info!("the clock, the certificate and the recorder's memory are right again");
             }
             said = found.clone();
             // Where nobody takes it any more, the program ends.
@@ -65,7 +69,7 @@ fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Upkeep {
     let date = |at| humantime::format_rfc3339_seconds(at);
     if wall + BEHIND < floor {
         // By a clock that is wrong nothing can be said of a certificate.
-        return Upkeep { clock: Some(clock_behind(date(wall), date(floor))), certificate: None };
+        return Upkeep { clock: Some(clock_behind(date(wall), date(floor))), ..Upkeep::default() };
     }
     let certificate = tls.and_then(|tls| {
         let path = tls.path().display();
@@ -102,7 +106,30 @@ fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Upkeep {
         };
         Some(Text { en: en.into(), de: de.into() })
     });
-    Upkeep { clock: None, certificate }
+    Upkeep { certificate, ..Upkeep::default() }
+}
+
+/// What the recorder's memory is too small for. The words stay the same while the same topics are short.
+fn shortage(meter: &Meter) -> Option<Text> {
+    let topic = &meter.short().next()?.topic;
+    let (others, memory) = (meter.short().count() - 1, size(meter.memory as u64));
+    let wanted = format!("{} s", meter.wanted.as_millis() / 1000);
+    let (en, de) = match others {
+        0 => (String::new(), String::new()),
+        _ => (format!(" and {others} more"), format!(" und {others} weiteren")),
+    };
+    Some(Text {
+        en: format!(
+            "the last {wanted} of {topic}{en} do not fit into the memory for recordings: raise `recording.memory`, \
+             which is {memory}"
+        )
+        .into(),
+        de: format!(
+            "die letzten {wanted} von {topic}{de} passen nicht in den Speicher für Aufzeichnungen: \
+             `recording.memory` erhöhen, derzeit {memory}"
+        )
+        .into(),
+    })
 }
 
 fn clock_behind(wall: impl Display, floor: impl Display) -> Text {
@@ -124,6 +151,8 @@ fn clock_behind(wall: impl Display, floor: impl Display) -> Text {
 mod tests {
     use super::*;
     use crate::clock::earliest;
+    use crate::engine::time::Span;
+    use crate::record::ring::Held;
     use crate::store::TestFolder;
 
     #[test]
@@ -139,6 +168,26 @@ mod tests {
             let found = faults(None, floor, wall);
             assert_eq!((found.clock.is_some(), found.certificate), (is_wrong, None));
         }
+    }
+
+    #[test]
+    fn a_memory_that_is_too_small_is_told_with_its_topics() {
+        let held = |topic: &str, age_s: Option<u64>| Held {
+            topic: topic.into(),
+            messages: 1,
+            bytes: 1,
+            span: Span::from_secs(1),
+            dropped: 1,
+            dropped_age: age_s.map(Span::from_secs),
+        };
+        let said = |topics| {
+            let meter = Meter { wanted: Span::from_secs(45), memory: 1_000_000, topics };
+            shortage(&meter).map(|said| (said.en.to_string(), said.de.to_string()))
+        };
+        assert_eq!(said(vec![held("/a", None), held("/b", Some(45))]), None);
+        let (en, de) = said(vec![held("/a", Some(1)), held("/b", Some(44)), held("/c", None)]).unwrap();
+        assert!(en.contains("the last 45 s of /a and 1 more") && en.contains("which is 1.0 MB"), "{en}");
+        assert!(de.contains("die letzten 45 s von /a und 1 weiteren"), "{de}");
     }
 
     #[test]
@@ -176,7 +225,7 @@ mod tests {
         let (inputs, mut told) = mpsc::channel(4);
         let clock = Clock::start();
         let floor = clock.wall() + 400 * BEHIND;
-        let watching = tokio::spawn(watch(None, Vec::new(), floor, inputs, clock));
+        let watching = tokio::spawn(watch(None, Vec::new(), floor, None, inputs, clock));
         let Input::Upkeep(found) = told.recv().await.unwrap().input else { panic!("it tells of that alone") };
         assert!(
             found.clock.is_some_and(|said| said.en.contains("set it") && said.de.contains("Uhr stellen"))

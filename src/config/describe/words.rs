@@ -9,7 +9,7 @@ pub use self::monitor::monitor;
 use crate::config::recording::Recording;
 use crate::engine::model::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::model::filter::Filter;
-use crate::engine::model::monitors::DiagnosticsTopic;
+use crate::engine::model::monitors::{DiagnosticsTopic, RecordedTopic};
 use crate::engine::model::motion::SpeedSource;
 use crate::engine::model::{
     Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource, SignalSpec, When,
@@ -174,12 +174,21 @@ pub fn bytes(bytes: u64) -> String {
 
 /// The settings of the recording.
 pub fn recording(recording: Option<&Recording>) -> String {
-    let Some(Recording { before, after, memory, disk, keep }) = recording else {
+    let Some(Recording { before, after, memory, disk, keep, topics }) = recording else {
         return "switched off".to_owned();
     };
     let [before, after, keep] = [before, after, keep].map(|it| span(*it));
     let [memory, disk] = [memory, disk].map(|it| bytes(*it));
-    format!("{before} before and {after} after, {memory} of memory, {disk} of disk, kept for {keep}")
+    let mut words =
+        format!("{before} before and {after} after, {memory} of memory, {disk} of disk, kept for {keep}");
+    for (index, RecordedTopic { pattern, every }) in topics.iter().enumerate() {
+        words.push_str(if index == 0 { "; also " } else { ", " });
+        words.push_str(pattern);
+        if *every > Span::ZERO {
+            words.push_str(&format!(" every {}", span(*every)));
+        }
+    }
+    words
 }
 
 /// The topics on which components report.

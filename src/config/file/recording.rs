@@ -1,12 +1,13 @@
-//! The recording as it is written: `recording: { before: 30s, after: 10s, memory: 256MB, disk: 10GB, keep: 30d }`.
+//! The recording as it is written: `recording: { before: 30s, after: 10s, memory: 256MB, disk: 10GB, keep: 30d,
+//! topics: [{ topic: /points, every: 500ms }] }`.
 
 use super::forms::{default_span, example, with_about};
 use crate::config::describe::words;
 use crate::config::recording::Recording;
 use crate::engine::time;
-use crate::yaml::decode::{scalar, scaled};
+use crate::yaml::decode::{All, scalar, scaled};
 use crate::yaml::schema::{default, pattern};
-use crate::yaml::{Fields, FromNode, Log, Members, Node, Problem, Schema, Spanned, key, map};
+use crate::yaml::{Fields, FromNode, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 
 /// The bounds of its keys.
 pub(in crate::config) const BEFORE: (time::Span, time::Span) =
@@ -15,6 +16,9 @@ pub(in crate::config) const AFTER: (time::Span, time::Span) =
     (time::Span::from_secs(1), time::Span::from_secs(60));
 pub(in crate::config) const MEMORY: (u64, u64) = (4_000_000, 16_000_000_000);
 pub(in crate::config) const DISK: (u64, u64) = (100_000_000, 100_000_000_000_000);
+pub(in crate::config) const EVERY: (time::Span, time::Span) =
+    (time::Span::from_millis(1), time::Span::from_secs(3600));
+pub(in crate::config) const TOPICS_MAX: usize = 64;
 pub(in crate::config) const KEEP: (time::Span, time::Span) =
     (time::Span::from_secs(3600), time::Span::from_secs(3650 * 24 * 3600));
 
@@ -25,6 +29,8 @@ pub(in crate::config) struct RawRecording {
     pub memory: Option<Spanned<Bytes>>,
     pub disk: Option<Spanned<Bytes>>,
     pub keep: Option<Spanned<time::Span>>,
+    pub topics: Vec<RawRecordedTopic>,
+    pub span: Span,
 }
 
 impl FromNode for RawRecording {
@@ -57,9 +63,40 @@ impl FromNode for RawRecording {
                     .about("An older recording is removed, unless it is marked or kept.")
                     .rules(|| vec![default_span(Recording::default().keep)]),
             ),
+            topics: fields
+                .optional(
+                    key("topics")
+                        .about("Topics to record beside those that Telltale reads anyway.")
+                        .rules(|| vec![("maxItems", TOPICS_MAX.into())]),
+                )
+                .map_or_else(Vec::new, |All(topics)| topics),
+            span: node.span,
         };
         fields.finish();
         Some(raw)
+    }
+}
+
+#[derive(Debug)]
+pub(in crate::config) struct RawRecordedTopic {
+    pub topic: Option<Spanned<String>>,
+    pub every: Option<Spanned<time::Span>>,
+}
+
+impl FromNode for RawRecordedTopic {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let about = "A topic that is recorded, or several: `*` stands for any characters.";
+        let mut fields = Fields::of(node, map("recorded_topic", "a recorded topic").about(about), log)?;
+        let every = key("every")
+            .about("At most one message of each topic in this time is recorded; without it, all are. From 1ms to 1h.");
+        let topic = RawRecordedTopic {
+            topic: fields.required(
+                key("topic").about("The full name, in which `*` stands for any characters: `/camera/*`."),
+            ),
+            every: fields.optional(every),
+        };
+        fields.finish();
+        Some(topic)
     }
 }
 

@@ -22,6 +22,17 @@ pub fn check_topic(topic: &Spanned<String>, log: &mut Log) {
     }
 }
 
+/// Checks a name in which `*` may stand for any characters.
+pub fn check_topic_pattern(pattern: &Spanned<String>, log: &mut Log) {
+    let text = &pattern.value;
+    let is_pattern = text.starts_with('/')
+        && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'/' | b'*'));
+    if !is_pattern || !text.contains('*') && !is_full_name(text) {
+        let problem = Problem::at(pattern.span, format!("`{text}` names no topic"));
+        log.push(problem.help("begin with `/`; letters, digits, `_`, `/` and `*` follow: `/camera/*`"));
+    }
+}
+
 pub fn check_type(name: &Spanned<String>, log: &mut Log) {
     let parts: Vec<&str> = name.value.split('/').collect();
     let word = |part: &&str| {

@@ -64,7 +64,9 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     }
     let recording = recording::recording(file.recording.as_ref(), log);
     driving.unpublished = publishing.switched_off();
-    let (watched, topics) = topics.finish();
+    let (mut watched, topics) = topics.finish();
+    watched.recorded = recording.as_ref().map_or_else(Vec::new, |recording| recording.topics.clone());
+    watched.published = publishing.topics();
     let limits = limits(file.limits.as_ref(), log);
     let dpi = file.display.as_ref().and_then(|display| display.dpi);
     let display_dpi = within(dpi, DISPLAY_DPI as usize, file::DPI, log) as u32;

@@ -2,8 +2,13 @@
 
 use crate::config::describe::words;
 use crate::config::file::publishing::Switch;
-use crate::config::file::recording::{AFTER, BEFORE, DISK, KEEP, MEMORY, RawRecording};
+use crate::config::file::recording::{
+    AFTER, BEFORE, DISK, EVERY, KEEP, MEMORY, RawRecordedTopic, RawRecording, TOPICS_MAX,
+};
+use crate::config::file::ros_names::check_topic_pattern;
 use crate::config::recording::Recording;
+use crate::engine::model::monitors::RecordedTopic;
+use crate::engine::time::Span;
 use crate::yaml::{Log, Problem, Spanned};
 
 /// `None`: it is switched off.
@@ -20,7 +25,32 @@ pub(in crate::config) fn recording(raw: Option<&Switch<RawRecording>>, log: &mut
         memory: within(size(raw.memory), default.memory, MEMORY, words::bytes, log),
         disk: within(size(raw.disk), default.disk, DISK, words::bytes, log),
         keep: within(raw.keep, default.keep, KEEP, words::span, log),
+        topics: topics(raw, log),
     })
+}
+
+fn topics(raw: &RawRecording, log: &mut Log) -> Vec<RecordedTopic> {
+    if raw.topics.len() > TOPICS_MAX {
+        let text = format!("{} recorded topics; at most {TOPICS_MAX} can be named", raw.topics.len());
+        log.push(Problem::at(raw.span, text).help("name several at once: `/camera/*`"));
+    }
+    let mut topics: Vec<RecordedTopic> = Vec::new();
+    for RawRecordedTopic { topic, every } in &raw.topics {
+        let Some(topic) = topic else { continue };
+        check_topic_pattern(topic, log);
+        if topics.iter().any(|known| *known.pattern == *topic.value) {
+            let problem = Problem::at(topic.span, format!("{} is recorded already", topic.value));
+            log.push(problem.help("name each topic once"));
+        }
+        if let Some(every) = every.filter(|every| !(EVERY.0..=EVERY.1).contains(&every.value)) {
+            let [given, least, most] = [every.value, EVERY.0, EVERY.1].map(words::span);
+            let problem = Problem::at(every.span, format!("{given} is not between {least} and {most}"));
+            log.push(problem.help("without `every`, all messages are recorded"));
+        }
+        let every = every.map_or(Span::ZERO, |every| every.value);
+        topics.push(RecordedTopic { pattern: topic.value.as_str().into(), every });
+    }
+    topics
 }
 
 fn size(value: Option<Spanned<crate::config::file::recording::Bytes>>) -> Option<Spanned<u64>> {

@@ -182,6 +182,6 @@ impl Topics {
         };
         let topics = self.watched.into_iter().map(typed).collect();
         let Topics { watchdogs, diagnostics, stamps, .. } = self;
-        (Watched { topics, watchdogs, diagnostics, stamps }, self.places)
+        (Watched { topics, watchdogs, diagnostics, stamps, ..Watched::default() }, self.places)
     }
 }

@@ -36,3 +36,62 @@ fn what_cannot_be_recorded_is_said_at_its_place() {
         ],
     );
 }
+
+#[test]
+fn further_topics_are_recorded_by_name_or_pattern() {
+    let text = "recording: { topics: [{ topic: /points, every: 500ms }, { topic: '/camera/*' }] }\n";
+    assert!(of(text).ends_with("kept for 30d; also /points every 500ms, /camera/*"), "{}", of(text));
+    let watched = &parsed(text).model.watched;
+    let every = |topic: &str| watched.recorded(topic).map(|it| it.every.as_millis());
+    assert_eq!(
+        [every("/points"), every("/camera/a/b"), every("/camera"), every("/points2")],
+        [Some(500), Some(0), None, None]
+    );
+}
+
+/// A reader of our own requests would count as a listener.
+#[test]
+fn own_topics_are_never_read_for_a_recording() {
+    let watched = &parsed("recording: { topics: [{ topic: '/*' }] }\n").model.watched;
+    let is_recorded = |topic| watched.recorded(topic).is_some();
+    assert!(is_recorded("/any/thing"));
+    for own in ["/diagnostics_agg", "/telltale/stage", "/telltale/maneuver_stop_request", "/initialpose"] {
+        assert!(!is_recorded(own), "{own}");
+    }
+}
+
+#[test]
+fn a_star_stands_for_any_characters() {
+    let names = |pattern: &str, topic| {
+        let every = crate::engine::time::Span::ZERO;
+        crate::engine::model::monitors::RecordedTopic { pattern: pattern.into(), every }.names(topic)
+    };
+    for (pattern, topic, is_named) in [
+        ("/a", "/a", true),
+        ("/a", "/ab", false),
+        ("/*", "/a/b", true),
+        ("/a*a", "/a", false),
+        ("/a*a", "/aa", true),
+        ("/*/points", "/front/points", true),
+        ("/*/points", "/points", false),
+        ("/*ab*ab", "/xab", false),
+        ("/*ab*ab", "/xabab", true),
+        ("/**", "/", true),
+    ] {
+        assert_eq!(names(pattern, topic), is_named, "{pattern} {topic}");
+    }
+}
+
+#[test]
+fn topics_that_cannot_be_recorded_are_said_at_their_place() {
+    check_beside_group(
+        "recording: { topics: [{ topic: points }, { topic: /a b }, { topic: /a, every: 2h }, { topic: /a }, { every: 1s }] }\n",
+        &[
+            "2:32: `points` names no topic (begin with `/`; letters, digits, `_`, `/` and `*` follow: `/camera/*`)",
+            "2:51: `/a b` names no topic (begin with `/`; letters, digits, `_`, `/` and `*` follow: `/camera/*`)",
+            "2:79: 2h is not between 1ms and 1h (without `every`, all messages are recorded)",
+            "2:94: /a is recorded already (name each topic once)",
+            "2:100: a recorded topic needs `topic` (add `topic: ...`)",
+        ],
+    );
+}

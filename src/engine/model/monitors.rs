@@ -24,6 +24,42 @@ pub struct Watched {
     /// Topics of `diagnostic_msgs/DiagnosticArray`; if empty, `/diagnostics`.
     pub diagnostics: Vec<DiagnosticsTopic>,
     pub stamps: StampClock,
+    /// Read for recordings alone.
+    pub recorded: Vec<RecordedTopic>,
+    /// Topics of our own publications, which are never read for recordings: a reader would count as a listener.
+    pub published: Vec<Box<str>>,
+}
+
+impl Watched {
+    /// How the messages of a topic are recorded that nothing else reads: the first entry that names it decides.
+    pub fn recorded(&self, topic: &str) -> Option<&RecordedTopic> {
+        if self.published.iter().any(|own| **own == *topic) {
+            return None;
+        }
+        self.recorded.iter().find(|recorded| recorded.names(topic))
+    }
+}
+
+/// Topics whose messages are recorded and mean nothing to the engine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordedTopic {
+    /// A name, in which each `*` stands for any characters: `/camera/*`.
+    pub pattern: Box<str>,
+    /// The least time between two recorded messages of a topic; zero: all are recorded.
+    pub every: Span,
+}
+
+impl RecordedTopic {
+    pub fn names(&self, topic: &str) -> bool {
+        let mut parts = self.pattern.split('*');
+        let Some(mut rest) = parts.next().and_then(|first| topic.strip_prefix(first)) else { return false };
+        let Some(last) = parts.next_back() else { return rest.is_empty() };
+        for part in parts {
+            let Some(found) = rest.find(part) else { return false };
+            rest = &rest[found + part.len()..];
+        }
+        rest.ends_with(last)
+    }
 }
 
 /// A topic on which components report.

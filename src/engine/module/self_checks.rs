@@ -1,5 +1,5 @@
-//! Self checks: the engine receives news of other aggregators, its disk, its display, its clock and its
-//! certificate. Each is a module of the group `telltale`.
+//! Self checks: the engine receives news of other aggregators, its disk, its display, its clock, its
+//! certificate and its recorder. Each is a module of the group `telltale`.
 
 use super::system::{self, SystemCheck};
 use crate::engine::Engine;
@@ -24,7 +24,11 @@ impl Engine {
     }
 
     pub(in crate::engine) fn take_upkeep(&mut self, upkeep: &Upkeep) {
-        let parts = [(SystemCheck::Clock, &upkeep.clock), (SystemCheck::Certificate, &upkeep.certificate)];
+        let parts = [
+            (SystemCheck::Clock, &upkeep.clock),
+            (SystemCheck::Certificate, &upkeep.certificate),
+            (SystemCheck::Recording, &upkeep.recording),
+        ];
         for (check, fault) in parts {
             let state = if fault.is_some() { State::Warning } else { State::Ok };
             self.report_on_self(check, state, fault.clone().unwrap_or_default());

@@ -51,10 +51,12 @@ pub enum SystemCheck {
     Clock,
     /// Browsers accept the certificate, and will for some time.
     Certificate,
+    /// A recording has as much of the past as it needs.
+    Recording,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 13] = [
+    pub const ALL: [SystemCheck; 14] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -68,6 +70,7 @@ impl SystemCheck {
         SystemCheck::Writers,
         SystemCheck::Clock,
         SystemCheck::Certificate,
+        SystemCheck::Recording,
     ];
 
     pub(in crate::engine) fn id(self) -> &'static str {
@@ -85,6 +88,7 @@ impl SystemCheck {
             SystemCheck::Memory => "telltale/memory",
             SystemCheck::Clock => "telltale/clock",
             SystemCheck::Certificate => "telltale/certificate",
+            SystemCheck::Recording => "telltale/recording",
         }
     }
 
@@ -107,6 +111,7 @@ impl SystemCheck {
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
             SystemCheck::Clock => ("Clock is wrong", "Uhr geht falsch"),
             SystemCheck::Certificate => ("Certificate has to be renewed", "Zertifikat muss erneuert werden"),
+            SystemCheck::Recording => ("Recordings begin too late", "Aufzeichnungen beginnen zu spät"),
         };
         Text { en: en.into(), de: de.into() }
     }
@@ -140,11 +145,12 @@ impl SystemCheck {
             | SystemCheck::Writers
             | SystemCheck::Memory
             | SystemCheck::Clock
-            | SystemCheck::Certificate => {
+            | SystemCheck::Certificate
+            | SystemCheck::Recording => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",
-                    ("Nothing to do now. Report it.", "Jetzt ist nichts zu tun. Melden."),
+                    ("Report it.", "Melden."),
                 );
             }
             SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => {

@@ -128,7 +128,7 @@ impl Watchdog {
                 };
                 Words { message, values: bands.values("answer_ms", millis) }
             }
-            Some((_, ProbeOutcome::Announced)) => Words::plain(say!("it is announced", "ist angemeldet")),
+            Some((_, ProbeOutcome::Announced)) => Words::plain(say!("is running", "läuft")),
             Some((_, ProbeOutcome::Missed(why))) => Words {
                 message: say!(
                     "no answer, {misses} of {all} in a row: {why}",

@@ -116,15 +116,21 @@ impl Bands {
     }
 }
 
-/// A measured value with as few digits as distinguish it from the limits.
+/// A measured value with as few digits as distinguish it from the limits: three, and fewer of a value that is much
+/// smaller than every limit (`0.07`, at most 1.15).
 fn measured(value: f64, limits: &[Option<f64>]) -> String {
+    let magnitude = |number: f64| number.abs().log10().floor();
+    let smallest = limits.iter().flatten().filter(|limit| **limit != 0.0).map(|limit| magnitude(*limit));
+    let apart = smallest.fold(f64::INFINITY, f64::min) - magnitude(value);
+    // Without a limit, or for zero, it is infinite.
+    let least = if apart.is_finite() { 3 - (apart as i32).clamp(0, 2) } else { 3 };
     let like_a_limit = |text: &str| {
         limits
             .iter()
             .flatten()
             .any(|&limit| (limit - value).abs() > 1e-9 * limit.abs() && number(limit) == text)
     };
-    let texts = (3..=9).map(|digits| rounded(value, digits));
+    let texts = (least..=9).map(|digits| rounded(value, digits));
     texts.into_iter().find(|text| !like_a_limit(text)).unwrap_or_else(|| rounded(value, 17))
 }
 
@@ -205,8 +211,9 @@ mod tests {
             (at_least, 9.0, "9 Hz, at least 9 wanted"),
             (at_least, 20_000.0, "20000 Hz, at least 9 wanted"),
             (at_least, 0.0, "0 Hz, at least 9 wanted"),
-            (at_least, 1.0 / 3.0, "0.333 Hz, at least 9 wanted"),
-            (both, 1e-9, "1.00e-9 Hz, -0.1 to 0.2 wanted"),
+            (at_least, 1.0 / 3.0, "0.33 Hz, at least 9 wanted"),
+            (Bands { warning_above: Some(1.15), ..Bands::default() }, 0.0735, "0.07 Hz, at most 1.15 wanted"),
+            (both, 1e-9, "1e-9 Hz, -0.1 to 0.2 wanted"),
             (both, 1e300, "1.00e300 Hz, -0.1 to 0.2 wanted"),
         ] {
             assert_eq!(&*bands.say(value, "Hz".into()).en, text);

@@ -53,6 +53,7 @@ impl Subscription {
             signals: Vec::new(),
             watch: None,
             untyped: Some(Arc::new(untyped)),
+            recorded_every: None,
             limits: limits.clone(),
         }
     }

@@ -1,7 +1,7 @@
 //! Tests of what a recording tells.
 
 use super::*;
-use crate::record::summary::{Recording, TriggerLine};
+use crate::record::summary::{FrozenNode, Recording};
 
 fn shown(at_ms: i64, node: &str, shown: &str, masked_by: Option<&str>) -> Transition<'static> {
     let change = Change::Shown {
@@ -12,6 +12,10 @@ fn shown(at_ms: i64, node: &str, shown: &str, masked_by: Option<&str>) -> Transi
         message: Some("no packets".into()),
     };
     Transition { at_ms, change }
+}
+
+fn signal(at_ms: i64, signal: &'static str, value: Option<bool>) -> Transition<'static> {
+    Transition { at_ms, change: Change::Signal { signal: signal.into(), value } }
 }
 
 fn stage(at_ms: i64, stage: &'static str) -> Transition<'static> {
@@ -48,6 +52,8 @@ fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
         shown(1_000, "sensors/lidar", "ok", None),
         shown(1_000, "perception", "ok", None),
         shown(1_000, "can/fine", "ok", None),
+        signal(1_000, "slowing", Some(false)),
+        signal(1_000, "goal", None),
         // Before the first instant that is shown.
         shown(5_000, "sensors/lidar", "warning", None),
         shown(6_000, "sensors/lidar", "ok", None),
@@ -55,6 +61,9 @@ fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
         shown(40_000, "sensors", "error", None),
         shown(40_000, "perception", "ignore", Some("sensors/lidar")),
         shown(40_000, "perception/costmap", "ignore", Some("sensors/lidar")),
+        // It changed behind its cause.
+        shown(40_050, "perception/costmap", "ignore", Some("sensors/lidar")),
+        signal(41_500, "slowing", Some(true)),
         stage(42_000, "standby"),
         shown(45_000, "sensors/lidar", "ok", None),
     ];
@@ -86,6 +95,7 @@ fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
         (40_100, Happened::Request { request: "decelerate".into() }),
         (40_500, Happened::Operator { action: "stop", on: String::new() }),
         (41_000, Happened::Mark { by: "anna".into(), note: "rain".into() }),
+        (41_500, Happened::Signal { signal: "slowing".into(), value: Some(true) }),
         (42_000, Happened::Stage { stage: "standby".into() }),
         (45_000, Happened::Recovers { nodes: vec!["sensors/lidar".into()], more: 0 }),
     ];
@@ -95,8 +105,26 @@ fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
     let states: Vec<_> =
         story.strips[0].periods.iter().map(|it| (it.from_ms, it.to_ms, &*it.state)).collect();
     assert_eq!(states, [(10_000, 40_000, "ok"), (40_000, 45_000, "error"), (45_000, 50_000, "ok")]);
+    let signals: Vec<_> = story.signals.iter().map(|strip| (&*strip.node, strip.periods.len())).collect();
+    assert_eq!(signals, [("slowing", 2)], "those that changed");
     let stages: Vec<_> = story.stages.iter().map(|it| (it.from_ms, it.to_ms, &*it.state)).collect();
     assert_eq!(stages, [(10_000, 42_000, "active"), (42_000, 50_000, "standby")]);
+}
+
+#[test]
+fn what_is_given_time_to_report_is_no_event() {
+    let told = |states: &[(i64, &str)], node: &str| {
+        let change = |(at_ms, state): &(i64, &str)| shown(20_000 + at_ms, node, state, None);
+        let before = [shown(1_000, node, "ignore", None)];
+        let changes: Vec<_> = before.into_iter().chain(states.iter().map(change)).collect();
+        happened(&changes, &summary(), 10_000).len()
+    };
+    assert_eq!(told(&[(0, "unknown"), (2_000, "ok")], "can/bus"), 0);
+    assert_eq!(told(&[(0, "unknown"), (5_000, "ok")], "can/bus"), 2, "it took long");
+    assert_eq!(told(&[(0, "unknown"), (100, "error")], "can/bus"), 2, "it became worse");
+    assert_eq!(told(&[(0, "ok"), (100, "unknown"), (200, "ok")], "can/bus"), 2, "it had reported");
+    assert_eq!(told(&[(0, "unknown")], "can/bus"), 1, "it never reported");
+    assert_eq!(told(&[(0, "unknown"), (100, "ok")], "sensors/lidar"), 2, "it raised an alarm");
 }
 
 #[test]
@@ -104,9 +132,38 @@ fn a_story_is_bounded() {
     let changes: Vec<_> =
         (0..3000).map(|index| shown(20_000 + index, &format!("g{}/m", index % 700), "error", None)).collect();
     let story = Heard { changes, ..Heard::default() }.tell(&summary());
-    assert_eq!((story.moments.len(), story.strips.len()), (MOMENTS_MAX, STRIPS_MAX));
+    assert_eq!((story.moments.len(), story.strips.len()), (MOMENTS_MAX, 40));
     assert!(story.more_moments > 0);
+    // Ten modules that change all the time.
+    let flaps = (0..20_000).map(|index| {
+        let state = if index / 10 % 2 == 0 { "error" } else { "ok" };
+        shown(20_000 + index, &format!("g/{}", index % 10), state, None)
+    });
+    let story = Heard { changes: flaps.collect(), ..Heard::default() }.tell(&summary());
+    let periods = || story.strips.iter().map(|strip| strip.periods.len());
+    assert_eq!((periods().sum::<usize>(), periods().max(), story.more_periods), (4000, Some(1000), 16_000));
+    let last = story.strips[1].periods.last().unwrap();
+    assert_eq!(last.to_ms, 30_000, "what is left out is not drawn as the state before it");
     let mut moments = Vec::new();
     (0..100).for_each(|index| add(&mut moments, 1, Some("cause"), &index.to_string()));
     assert!(matches!(&moments[..], [Moment { what: Happened::Masks { more: 88, .. }, .. }]), "{moments:?}");
+}
+
+#[test]
+fn without_its_file_an_incident_is_known_by_its_triggers() {
+    let frozen = FrozenNode {
+        node: "sensors/lidar".into(),
+        state: "error".into(),
+        message: "no packets".into(),
+        values: Vec::new(),
+    };
+    let story = known(&Summary { freeze: vec![frozen], more_triggers: 7, ..summary() });
+    assert_eq!((story.from_ms, story.to_ms, story.more_moments), (10_000, 50_000, 7));
+    let told: Vec<Happened> = story.moments.into_iter().map(|it| it.what).collect();
+    let expected = [
+        Happened::Fails { node: "sensors/lidar".into(), state: "error".into(), message: "no packets".into() },
+        Happened::Request { request: "decelerate".into() },
+        Happened::Mark { by: "anna".into(), note: "rain".into() },
+    ];
+    assert_eq!(told, expected);
 }

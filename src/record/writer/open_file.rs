@@ -8,7 +8,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use sha2::{Digest, Sha256};
 
-use super::Place;
+use super::{Place, VEHICLE};
 use crate::clock::Clock;
 use crate::engine::Engine;
 use crate::engine::time::{Span, Timestamp};
@@ -77,6 +77,7 @@ impl OpenFile {
             more_triggers: 0,
             roots: Vec::new(),
             storm: job.open.storm,
+            vehicle: place.about.get(VEHICLE).cloned().unwrap_or_default(),
             configuration,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             freeze: job.freeze.clone(),

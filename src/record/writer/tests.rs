@@ -56,7 +56,7 @@ impl Recorded {
         let place = Place {
             folder: folder.to_path_buf(),
             definitions: Definitions::new(Vec::new()),
-            about: BTreeMap::new(),
+            about: BTreeMap::from([(VEHICLE.to_owned(), "shuttle-1".to_owned())]),
         };
         start(&recorder, place, tell).unwrap();
         Recorded { model, engine, feed, clock, hand, recorder, news, folder, sequence: 0, shown: Vec::new() }
@@ -160,7 +160,7 @@ fn an_error_is_recorded_with_its_past_and_what_follows() {
     }
     let summary = recorded.ended();
     assert_eq!((summary.id, &summary.roots[..]), (7, &["other/pump".to_owned()][..]));
-    assert_eq!(summary.triggers.len(), 1);
+    assert_eq!((summary.triggers.len(), &*summary.vehicle), (1, "shuttle-1"));
     assert!(summary.freeze.iter().any(|it| it.node == "other/pump" && it.message == "as it is"));
     let Recording { pre_roll_s, finished, missing, .. } = summary.recording;
     assert!(finished && missing == 0 && (30.0..30.1).contains(&pre_roll_s), "{summary:?}");
@@ -179,7 +179,7 @@ fn an_error_is_recorded_with_its_past_and_what_follows() {
 fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
     let mut recorded = Recorded::new("mark");
     recorded.say("pump", 0, 1);
-    while recorded.recorder.meter().is_empty() {
+    while recorded.recorder.meter().topics.is_empty() {
         std::thread::yield_now();
     }
     assert_eq!(recorded.recorder.mark("anna", "a strange noise"), Some(7));
@@ -203,6 +203,7 @@ fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
 fn a_disk_that_refuses_is_a_fault_until_it_takes_recordings_again() {
     let mut recorded = Recorded::new("refused");
     let folder = recorded.folder.to_path_buf();
+    recorded.say("pump", 0, 1);
     std::fs::remove_dir_all(&folder).unwrap();
     recorded.say("pump", 2, 1);
     let mut next = || match recorded.news.blocking_recv() {
@@ -214,4 +215,14 @@ fn a_disk_that_refuses_is_a_fault_until_it_takes_recordings_again() {
     std::fs::create_dir(&folder).unwrap();
     recorded.hand.advance(TRY_EVERY);
     while next().is_some() {}
+    // The incident lasts, so it is recorded after all, from before its beginning.
+    let Recorded { feed, mut news, .. } = recorded;
+    drop(feed);
+    let mut ended = std::iter::from_fn(|| news.blocking_recv()).filter_map(|news| match news {
+        News::Ended(summary) => Some(summary),
+        _ => None,
+    });
+    let summary = ended.next().expect("it is written before the end");
+    assert_eq!((summary.id, &summary.roots[..]), (8, &["other/pump".to_owned()][..]));
+    assert!(summary.recording.finished && summary.recording.messages > 0, "{summary:?}");
 }

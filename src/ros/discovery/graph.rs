@@ -55,6 +55,12 @@ impl OwnParticipants {
         }
     }
 
+    /// Whether this endpoint is of one of them.
+    pub fn has(&self, endpoint: &Guid) -> bool {
+        let name = participant_name(endpoint);
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).contains(&name)
+    }
+
     fn all(&self) -> BTreeSet<String> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().cloned().collect()
     }

@@ -204,7 +204,7 @@ mod tests {
     fn plan(targets: Vec<ProbeTarget>) -> Arc<Plan> {
         let every = Span::from_millis(20);
         let watchdogs = targets.into_iter().map(|target| Arc::new(WatchdogSpec { target, every }));
-        Arc::new(Plan { subscriptions: Vec::new(), watchdogs: watchdogs.collect() })
+        Arc::new(Plan { watchdogs: watchdogs.collect(), ..Plan::default() })
     }
 
     async fn ask(target: ProbeTarget) -> ProbeOutcome {

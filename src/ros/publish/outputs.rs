@@ -108,7 +108,7 @@ pub async fn start(
     clock: Clock,
 ) -> Result<Outputs, BridgeError> {
     let (topics, wanted) = watch::channel(Arc::from(topics));
-    let publisher = open(&options, &topics.borrow()).await?;
+    let publisher = open(&options, &topics.borrow(), (&inputs, clock)).await?;
     let (stop, stopping) = watch::channel(false);
     let around = LastingState { snapshots, inputs, graph, clock };
     let task = tokio::spawn(run(options, wanted, around, stopping, publisher));
@@ -135,8 +135,13 @@ impl Outputs {
     }
 }
 
-async fn open(options: &BridgeOptions, topics: &Arc<[OutputTopic]>) -> Result<Publisher, BridgeError> {
+async fn open(
+    options: &BridgeOptions,
+    topics: &Arc<[OutputTopic]>,
+    (inputs, clock): (&mpsc::Sender<Stamped>, Clock),
+) -> Result<Publisher, BridgeError> {
     let mut publisher = Publisher::empty(options).await?;
+    publisher.record(inputs.clone(), clock);
     for OutputTopic { publication, topic, .. } in topics.iter() {
         let (type_name, quality) = offer(*publication);
         publisher.offer(topic, type_name, quality)?;
@@ -162,7 +167,7 @@ async fn run(
         let topics = wanted.borrow_and_update().clone();
         let opened = match next.take() {
             Some(publisher) => Ok(publisher),
-            None => open(&options, &topics).await,
+            None => open(&options, &topics, (&inputs, clock)).await,
         };
         let (ends, ending) = watch::channel(false);
         let opened_at = clock.now();

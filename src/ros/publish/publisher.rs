@@ -2,11 +2,19 @@
 
 use crate::ros::library::Quality;
 use crate::ros::library::discovered::TOPIC;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::SystemTime;
 
-use crate::engine::input::StatusArray;
+use bytes::Bytes;
+use tokio::sync::mpsc;
+
+use crate::clock::Clock;
+use crate::engine::input::{Input, StatusArray};
+use crate::msg::cdr::Endian;
 use crate::msg::messages;
 use crate::msg::messages::{BOOL, DIAGNOSTIC_ARRAY, GidSize, NodeEntities};
+use crate::msg::received::{Message, Stamped};
 use crate::msg::sample_bytes::Guid;
 use crate::ros::discovery::peers;
 use crate::ros::discovery::peers::Announcer;
@@ -31,12 +39,23 @@ pub enum PublishError {
 pub struct Publisher {
     options: BridgeOptions,
     participant: Participant,
-    /// By its ROS name.
-    writers: Vec<(Box<str>, Writer)>,
+    writers: Vec<Offered>,
+    /// Takes a copy of each published message, for recordings.
+    copies: Option<(mpsc::Sender<Stamped>, Clock)>,
     /// For the nodes of this participant, once it had any.
     announcer: Option<Writer>,
     /// Announces the participant to hosts that multicast does not reach.
     peers: Option<Announcer>,
+}
+
+/// A topic that is offered.
+struct Offered {
+    /// Its ROS name.
+    topic: Arc<str>,
+    type_name: Arc<str>,
+    writer: Writer,
+    /// How many messages were published.
+    written: AtomicI64,
 }
 
 impl Publisher {
@@ -61,7 +80,14 @@ impl Publisher {
     pub async fn empty(options: &BridgeOptions) -> Result<Publisher, BridgeError> {
         let participant = Participant::open(options).await?;
         let peers = peers::announce(&participant, options);
-        Ok(Publisher { options: options.clone(), participant, writers: Vec::new(), announcer: None, peers })
+        let (options, writers) = (options.clone(), Vec::new());
+        Ok(Publisher { options, participant, writers, copies: None, announcer: None, peers })
+    }
+
+    /// Sends a copy of each published message to the engine too, as a tick, so that it is recorded. A full queue
+    /// loses the copy.
+    pub fn record(&mut self, inputs: mpsc::Sender<Stamped>, clock: Clock) {
+        self.copies = Some((inputs, clock));
     }
 
     /// Offers one more topic of any type, `package/msg/Name`. A topic that is already offered does not
@@ -70,13 +96,14 @@ impl Publisher {
     /// # Errors
     /// No type has such a name.
     pub fn offer(&mut self, topic: &str, type_name: &str, quality: Quality) -> Result<(), BridgeError> {
-        if self.writer(topic).is_err() {
+        if self.offered(topic).is_err() {
             let topic = self.options.whole_name(topic);
             let dds_type = messages::dds_type_name(type_name).ok_or_else(|| {
                 BridgeError::Participant(format!("{topic}: {type_name:?} is no package/msg/Name"))
             })?;
             let writer = self.participant.writer(&format!("rt{topic}"), &dds_type, quality);
-            self.writers.push((topic.into(), writer));
+            let (topic, type_name) = (topic.into(), type_name.into());
+            self.writers.push(Offered { topic, type_name, writer, written: AtomicI64::new(0) });
         }
         Ok(())
     }
@@ -87,13 +114,28 @@ impl Publisher {
     /// # Errors
     /// The topic is not offered, or a reader holds the writer back for too long.
     pub async fn publish(&self, topic: &str, mut body: Vec<u8>) -> Result<(), PublishError> {
-        let (topic, writer) = self.writer(topic)?;
+        let offered = self.offered(topic)?;
         // Cyclone DDS drops fragmented messages that are not padded.
         body.resize(body.len().next_multiple_of(4), 0);
-        writer
-            .write(body)
-            .await
-            .map_err(|reason| PublishError::NotWritten { topic: topic.to_owned(), reason })
+        let copy = self.copies.as_ref().map(|copies| (copies, copies.1.wall(), Bytes::from(body.clone())));
+        let written = offered.writer.write(body).await;
+        // The library numbers what it takes, whether or not a reader holds it back.
+        let sequence = offered.written.fetch_add(1, Ordering::Relaxed) + 1;
+        if let (Some(((inputs, clock), stamp, body)), Ok(())) = (copy, &written) {
+            let message = Message {
+                topic: offered.topic.clone(),
+                type_name: offered.type_name.clone(),
+                writer: offered.writer.guid().await,
+                sequence,
+                source: Some(stamp),
+                received: clock.wall(),
+                body: Ok((body, Endian::Little)),
+            };
+            let message = Some(Arc::new(message));
+            // A recording can do without one of them, a vehicle cannot wait.
+            let _ = inputs.try_send(Stamped { input: Input::Tick, received: clock.now(), message });
+        }
+        written.map_err(|reason| PublishError::NotWritten { topic: topic.to_owned(), reason })
     }
 
     /// Publishes the statuses on `/diagnostics`, in as many messages as needed.
@@ -138,8 +180,8 @@ impl Publisher {
         for (name, topics) in nodes {
             let mut gids = Vec::with_capacity(topics.len());
             for topic in topics {
-                if let Ok((_, writer)) = self.writer(topic) {
-                    gids.push(writer.guid().await);
+                if let Ok(offered) = self.offered(topic) {
+                    gids.push(offered.writer.guid().await);
                 }
             }
             whole.push((self.options.whole_name(name), gids));
@@ -157,7 +199,7 @@ impl Publisher {
 
     /// The topics that are offered.
     pub fn topics(&self) -> Vec<&str> {
-        self.writers.iter().map(|(topic, _)| &**topic).collect()
+        self.writers.iter().map(|offered| &*offered.topic).collect()
     }
 
     /// # Errors
@@ -166,11 +208,10 @@ impl Publisher {
         self.publish(topic, messages::encode::boolean(value)).await
     }
 
-    fn writer(&self, topic: &str) -> Result<(&str, &Writer), PublishError> {
+    fn offered(&self, topic: &str) -> Result<&Offered, PublishError> {
         let whole = self.options.whole_name(topic);
-        let found = self.writers.iter().find(|(known, _)| **known == *whole);
-        let (topic, writer) = found.ok_or_else(|| PublishError::NoSuchTopic(topic.to_owned()))?;
-        Ok((topic, writer))
+        let found = self.writers.iter().find(|offered| *offered.topic == *whole);
+        found.ok_or_else(|| PublishError::NoSuchTopic(topic.to_owned()))
     }
 
     /// Whether a reader is discovered that accepts this offer on a topic.

@@ -22,6 +22,7 @@ const BATCH_BYTES_MAX: usize = RETAINED_BYTES_MAX;
 const DEPTH_START: usize = 256;
 const DEPTH_MAX: usize = 4096;
 const DEPTH_MIN: usize = 8;
+const DEPTH_OF_LARGE: usize = 64;
 const RETAINED_BYTES: usize = 64 << 20;
 /// With more bytes than this, a participant with a smaller depth replaces the present one, because a depth
 /// can only grow.
@@ -160,6 +161,11 @@ impl Retention {
         Retention::with_depth(DEPTH_START)
     }
 
+    /// For messages that may be large: of up to 2 MB each, so many can be kept without a new participant.
+    pub fn of_large_messages() -> Retention {
+        Retention::with_depth(DEPTH_OF_LARGE)
+    }
+
     pub fn with_depth(depth: usize) -> Retention {
         Retention { depth, sizes: VecDeque::new(), bytes: 0 }
     }
@@ -179,7 +185,7 @@ impl Retention {
             self.bytes -= self.sizes.pop_front().unwrap_or(0);
         }
         let mean = self.bytes.checked_div(self.sizes.len()).unwrap_or(0);
-        if self.bytes > RETAINED_BYTES_MAX {
+        if self.bytes > RETAINED_BYTES_MAX && self.depth > DEPTH_MIN {
             return Advice::Rebuild((RETAINED_BYTES / mean.max(1)).clamp(DEPTH_MIN, DEPTH_MAX));
         }
         let deeper = (self.depth * 2).min(DEPTH_MAX);
@@ -228,8 +234,10 @@ mod tests {
             }
         }
         assert!((DEPTH_MIN..100).contains(&depth), "{depth}");
-        let mut retention = Retention::with_depth(DEPTH_MIN);
-        let advices = (0..100).map(|_| observe(&mut retention, 1, 10_000_000)).collect::<Vec<_>>();
-        assert!(advices.iter().all(|advice| *advice == Advice::Fits), "{advices:?}");
+        for bytes in [10_000_000, 40_000_000] {
+            let mut retention = Retention::with_depth(DEPTH_MIN);
+            let advices = (0..100).map(|_| observe(&mut retention, 1, bytes)).collect::<Vec<_>>();
+            assert!(advices.iter().all(|advice| *advice == Advice::Fits), "{advices:?}");
+        }
     }
 }

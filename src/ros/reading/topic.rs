@@ -60,13 +60,11 @@ pub struct Memory {
 }
 
 impl Memory {
-    pub fn new() -> Memory {
-        Memory {
-            writers: Writers::default(),
-            troubles: Troubles::default(),
-            retention: Retention::new(),
-            last_value: None,
-        }
+    pub fn new(subscription: &Subscription) -> Memory {
+        // What is only recorded may be large, and must not take a new participant to be read.
+        let is_recorded = subscription.recorded_every().is_some();
+        let retention = if is_recorded { Retention::of_large_messages() } else { Retention::new() };
+        Memory { writers: Writers::default(), troubles: Troubles::default(), retention, last_value: None }
     }
 }
 
@@ -91,6 +89,8 @@ pub struct Topic {
     memory: Memory,
     outbox: Outbox,
     unknown: BTreeSet<Guid>,
+    /// Of a topic that is only recorded: when the next message may be.
+    recorded_from: Timestamp,
 }
 
 impl Topic {
@@ -109,6 +109,7 @@ impl Topic {
             memory,
             outbox,
             unknown: BTreeSet::new(),
+            recorded_from: Timestamp::ZERO,
         };
         // Nothing yet is a rate too.
         topic.around.tallies.add(&topic.subscription.dds_topic, 0);
@@ -221,6 +222,12 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
+        if let Some(every) = self.subscription.recorded_every() {
+            if received < self.recorded_from {
+                return Ok(());
+            }
+            self.recorded_from = received + every;
+        }
         let keeps = self.memory.writers.keeps_last_value(&sample.writer, dds_type);
         let message = Arc::new(Message {
             topic: self.subscription.topic.clone(),
@@ -299,6 +306,10 @@ impl Topic {
         }
         let now = self.around.clock.now();
         for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
+            // The numbers of the messages in a recording show what is missing; the operator has no use for it.
+            if self.subscription.recorded_every().is_some() {
+                continue;
+            }
             self.outbox.send(Stamped::new(Input::Reception(trouble), now), 0).await?;
         }
         Ok(())

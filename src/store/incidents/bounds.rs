@@ -38,8 +38,18 @@ pub(super) fn note(text: &str) -> String {
 pub(super) fn bounded(summary: &Summary) -> Summary {
     let mut summary = summary.clone();
     let mut budget = Budget(SUMMARY_BYTES_MAX);
-    let Summary { triggers, more_triggers, roots, freeze, recording, stage, configuration, version, .. } =
-        &mut summary;
+    let Summary {
+        triggers,
+        more_triggers,
+        roots,
+        freeze,
+        recording,
+        stage,
+        vehicle,
+        configuration,
+        version,
+        ..
+    } = &mut summary;
     *more_triggers += triggers.len().saturating_sub(TRIGGERS_MAX) as u64;
     triggers.truncate(TRIGGERS_MAX);
     roots.truncate(ROOTS_MAX);
@@ -48,7 +58,7 @@ pub(super) fn bounded(summary: &Summary) -> Summary {
     if let Some(sha256) = &mut recording.sha256 {
         budget.cut(sha256, NAME_BYTES_MAX);
     }
-    for text in [stage, configuration, version] {
+    for text in [stage, vehicle, configuration, version] {
         budget.cut(text, NAME_BYTES_MAX);
     }
     roots.iter_mut().for_each(|root| budget.cut(root, NAME_BYTES_MAX));

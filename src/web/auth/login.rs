@@ -88,7 +88,7 @@ pub async fn page(
     Html(view::login_page(&shown)).into_response()
 }
 
-/// The name of the operator in charge, if this session is that operator's.
+/// The user of this session, if it is the one in charge of the vehicle.
 fn in_charge(app: &AppState, session: &Session) -> Option<String> {
     is_in_charge(session, &app.published().snapshot).then(|| session.user.to_string())
 }

@@ -1,5 +1,8 @@
-//! The pages of incidents: their list, and one with everything that is known of it.
+//! The pages of incidents: their list, one with everything that is known of it, and its report.
 
+mod content;
 pub mod list;
 pub mod one;
+pub mod report;
+mod sentences;
 mod words;

@@ -81,7 +81,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("timeline-none", timeline::page(published, context, &query, &window, None)),
         ("masking", masking::page(published, context, &query)),
         ("coverage", coverage::page(published, context, &query)),
-        ("topics", topics::page(published, context, &query, &discovery(text))),
+        ("topics", topics::page(published, context, &query, &discovery(text), None)),
         ("configuration", configuration::page(published, &read, Some(true), context, &query)),
     ];
     // Of a locked vehicle no node has a page.
@@ -428,7 +428,8 @@ fn a_why_page_leads_to_what_it_names() {
 
 #[test]
 fn topics_show_types_rates_and_what_does_not_match() {
-    let page = topics::page(&jump().published(), &english(), &PageQuery::default(), &discovery("front"));
+    let page =
+        topics::page(&jump().published(), &english(), &PageQuery::default(), &discovery("front"), None);
     holds(
         &page,
         &[
@@ -441,6 +442,7 @@ fn topics_show_types_rates_and_what_does_not_match() {
             "/front_driver",
         ],
     );
-    let page = topics::page(&jump().published(), &english(), &query(&[("q", "rear")]), &discovery("front"));
+    let page =
+        topics::page(&jump().published(), &english(), &query(&[("q", "rear")]), &discovery("front"), None);
     assert!(!page.contains("data-topic"), "{page}");
 }

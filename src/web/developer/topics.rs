@@ -1,5 +1,5 @@
-//! The page of topics: topics, types, publishers and subscribers from discovery, and mismatches between
-//! them.
+//! The page of topics: topics, types, publishers and subscribers from discovery, mismatches between them, and what
+//! the recorder's memory holds.
 
 use askama::Template;
 
@@ -10,6 +10,8 @@ use crate::web::AppState;
 
 use super::request::PageRequest;
 use crate::engine::discovery::{Discovery, Endpoint, Mismatch, TopicSeen};
+use crate::record::recorder::Meter;
+use crate::record::retention::size;
 use crate::runtime::Published;
 use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, NAME, clean};
@@ -38,7 +40,20 @@ struct TopicRow {
     /// Publishers, then subscribers.
     sides: [EndpointList; 2],
     rate: Option<String>,
+    held: Option<HeldCell>,
     mismatches: Vec<&'static str>,
+}
+
+/// What the recorder's memory holds of a topic.
+struct HeldCell {
+    /// Seconds.
+    seconds: String,
+    /// Bytes a second.
+    flow: Option<String>,
+    /// How many messages had to make room for others.
+    dropped: u64,
+    /// Less is held than a recording needs.
+    is_short: bool,
 }
 
 #[derive(Template)]
@@ -54,15 +69,24 @@ struct TopicsHtml {
     nodes: Vec<String>,
     node_count: usize,
     more: usize,
+    /// What a recording needs and the memory for it, if anything is recorded.
+    memory: Option<(String, String)>,
 }
 
 /// `GET /developer/topics?q=TEXT&page=N`
 pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<String> {
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
-    Html(page(&request.published, &request.context, &request.query, &seen))
+    let meter = app.settings.recording.as_ref().map(|recording| recording.recorder.meter());
+    Html(page(&request.published, &request.context, &request.query, &seen, meter.as_ref()))
 }
 
-pub fn page(published: &Published, context: &PageContext, query: &PageQuery, seen: &Discovery) -> String {
+pub fn page(
+    published: &Published,
+    context: &PageContext,
+    query: &PageQuery,
+    seen: &Discovery,
+    meter: Option<&Meter>,
+) -> String {
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let filter = query.get("q").to_lowercase();
@@ -80,15 +104,17 @@ pub fn page(published: &Published, context: &PageContext, query: &PageQuery, see
         filter: clean(query.get("q"), MESSAGE),
         looked: seen.at.is_some(),
         pager,
-        rows: topics[shown].iter().map(|topic| row(words, topic)).collect(),
+        rows: topics[shown].iter().map(|topic| row(words, topic, meter)).collect(),
         participants: seen.participants,
         nodes: seen.nodes.iter().take(NODES).map(|name| clean(name, 2 * NAME)).collect(),
         node_count: seen.nodes.len(),
         more: seen.more,
+        memory: meter
+            .map(|meter| (format!("{} s", meter.wanted.as_millis() / 1000), size(meter.memory as u64))),
     })
 }
 
-fn row(words: &'static DevWords, topic: &TopicSeen) -> TopicRow {
+fn row(words: &'static DevWords, topic: &TopicSeen, meter: Option<&Meter>) -> TopicRow {
     let word = |mismatch: Mismatch| match mismatch {
         Mismatch::Type => words.mismatch_type,
         Mismatch::Reliability => words.mismatch_reliability,
@@ -105,8 +131,20 @@ fn row(words: &'static DevWords, topic: &TopicSeen) -> TopicRow {
             endpoints(&topic.subscribers, topic.rate_hz.is_some()),
         ],
         rate: topic.rate_hz.map(|rate| format!("{rate:.1} Hz")),
+        held: meter.and_then(|meter| held(&topic.name, meter)),
         mismatches: topic.mismatches().into_iter().map(word).chain(twice).collect(),
     }
+}
+
+fn held(topic: &str, meter: &Meter) -> Option<HeldCell> {
+    let index = meter.topics.binary_search_by(|held| (*held.topic).cmp(topic)).ok()?;
+    let held = &meter.topics[index];
+    Some(HeldCell {
+        seconds: (held.span.as_millis() / 1000).to_string(),
+        flow: held.bytes_per_s().map(|bytes| format!("{}/s", size(bytes))),
+        dropped: held.dropped,
+        is_short: held.is_short_of(meter.wanted),
+    })
 }
 
 /// Discovery does not list Telltale's own endpoints: `ours` says whether there is one.
@@ -125,4 +163,52 @@ fn endpoints(endpoints: &[Endpoint], ours: bool) -> EndpointList {
     let own = ours.then(|| (String::new(), "", true));
     let others = endpoints.iter().filter(|endpoint| !endpoint.ours).count();
     EndpointList { count: others + usize::from(ours), listed: own.into_iter().chain(listed).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::time::{Span, Timestamp};
+    use crate::record::ring::Held;
+    use crate::web::view::tests::{context, jump};
+    use crate::web::view::{Lang, Palette};
+
+    #[test]
+    fn a_topic_says_what_the_recorder_holds_of_it() {
+        let seen = |name: &str| TopicSeen {
+            name: name.into(),
+            publishers: Vec::new(),
+            subscribers: Vec::new(),
+            rate_hz: None,
+        };
+        let topics = ["/diagnostics", "/points", "/unread"].map(seen).to_vec();
+        let discovery = Discovery { at: Some(Timestamp::ZERO), topics, ..Discovery::default() };
+        let held = |topic: &str, span_s, dropped, dropped_age: Option<u64>| Held {
+            topic: topic.into(),
+            messages: 10,
+            bytes: 90_000_000,
+            span: Span::from_secs(span_s),
+            dropped,
+            dropped_age: dropped_age.map(Span::from_secs),
+        };
+        let meter = |topics| Meter { wanted: Span::from_secs(45), memory: 256_000_000, topics };
+        let page = |meter: Option<&Meter>| {
+            let context = context(Lang::En, Palette::Night);
+            page(&jump().published(), &context, &PageQuery::default(), &discovery, meter)
+        };
+        let short = meter(vec![held("/diagnostics", 300, 0, None), held("/points", 9, 70, Some(9))]);
+        let html = page(Some(&short));
+        for part in [
+            "45 s",
+            "256.0 MB",
+            ">300 s <small>300.0 kB/s",
+            ">9 s <small>10.0 MB/s",
+            "class=\"bad\">70 made room",
+        ] {
+            assert!(html.contains(part), "{part}: {html}");
+        }
+        let enough = page(Some(&meter(vec![held("/points", 50, 70, Some(50))])));
+        assert!(enough.contains("<small>70 made room") && !enough.contains("class=\"bad\">70"), "{enough}");
+        assert!(!page(None).contains("Recorder"));
+    }
 }

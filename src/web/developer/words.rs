@@ -158,6 +158,9 @@ words! {
     mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
     mismatch_deadline: "Deadline asked for, not offered", "Frist verlangt, nicht geboten";
     mismatch_liveliness: "Liveliness asked for, not offered", "Lebenszeichen verlangt, nicht geboten";
+    held: "Recorder", "Rekorder";
+    held_title: "What the memory for recordings holds. A recording needs", "Was der Speicher für Aufzeichnungen hält. Eine Aufzeichnung braucht";
+    made_room: "made room for newer ones: raise `recording.memory`", "wichen neueren: `recording.memory` erhöhen";
     published_twice: "Published by another too", "Auch von anderen veröffentlicht";
     nodes: "ROS nodes", "ROS-Knoten";
     participants: "other participants", "andere Teilnehmer";

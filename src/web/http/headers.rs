@@ -17,8 +17,7 @@ const POLICY: &str = "default-src 'self'; script-src 'self'; style-src 'self'; c
 const PERMISSIONS: &str = "accelerometer=(), camera=(), display-capture=(), geolocation=(), gyroscope=(), \
     hid=(), magnetometer=(), microphone=(), midi=(), payment=(), serial=(), usb=()";
 
-const ALWAYS: [(HeaderName, &str); 6] = [
-    (CONTENT_SECURITY_POLICY, POLICY),
+const ALWAYS: [(HeaderName, &str); 5] = [
     (X_CONTENT_TYPE_OPTIONS, "nosniff"),
     (REFERRER_POLICY, "no-referrer"),
     (HeaderName::from_static("cross-origin-opener-policy"), "same-origin"),
@@ -26,8 +25,9 @@ const ALWAYS: [(HeaderName, &str); 6] = [
     (HeaderName::from_static("permissions-policy"), PERMISSIONS),
 ];
 
-/// Caching, unless the answer says otherwise. Only files under an address with their version do.
-const UNLESS_SAID: (HeaderName, &str) = (CACHE_CONTROL, "no-store");
+/// What holds unless the answer says otherwise: files under an address with their version may be kept, and a report
+/// brings its own stylesheet and a stricter policy.
+const UNLESS_SAID: [(HeaderName, &str); 2] = [(CACHE_CONTROL, "no-store"), (CONTENT_SECURITY_POLICY, POLICY)];
 
 /// Browsers that came over TLS use nothing else for a year.
 const OVER_TLS: (HeaderName, &str) = (STRICT_TRANSPORT_SECURITY, "max-age=31536000");
@@ -43,8 +43,9 @@ pub async fn secure(State(secure): State<bool>, request: Request, next: Next) ->
     for (name, value) in all(secure) {
         answer.headers_mut().insert(name, HeaderValue::from_static(value));
     }
-    let (name, value) = UNLESS_SAID;
-    answer.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
+    for (name, value) in UNLESS_SAID {
+        answer.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
+    }
     answer
 }
 
@@ -53,7 +54,7 @@ pub fn with_headers(answer: &[u8], secure: bool) -> Vec<u8> {
     let end = answer.windows(2).position(|pair| pair == b"\r\n");
     let (line, rest) = answer.split_at(end.map_or(0, |end| end + 2));
     let mut with_headers = line.to_vec();
-    for (name, value) in all(secure).chain([UNLESS_SAID]).filter(|_| end.is_some()) {
+    for (name, value) in all(secure).chain(UNLESS_SAID).filter(|_| end.is_some()) {
         with_headers.extend_from_slice(format!("{name}: {value}\r\n").as_bytes());
     }
     with_headers.extend_from_slice(rest);

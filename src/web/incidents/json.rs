@@ -45,8 +45,9 @@ pub fn listed(incident: &Incident) -> Value {
 
 /// Everything that is known of an incident.
 pub fn whole(incident: &Incident) -> Value {
-    let Summary { triggers, freeze, configuration, version, recording, .. } = &incident.summary;
+    let Summary { vehicle, triggers, freeze, configuration, version, recording, .. } = &incident.summary;
     let mut value = listed(incident);
+    value["vehicle"] = json!(Some(vehicle).filter(|vehicle| !vehicle.is_empty()));
     value["triggers"] = triggers.iter().map(trigger).collect();
     value["freeze"] = freeze.iter().map(frozen).collect();
     value["configuration"] = json!(configuration);

@@ -20,8 +20,10 @@ use super::admission::peer::{Peer, source_of};
 use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, Speaks, bad_field, bad_form, json_answer, refusal};
+use super::view::RecorderState;
 use super::{AppState, Live};
 use crate::record::incident::NOTE_BYTES_MAX;
+use crate::record::recorder::Recorder;
 use crate::record::retention::Policy;
 use crate::record::writer::unix_ms;
 use crate::store::audit::{Action, Record};
@@ -29,7 +31,7 @@ use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 
 pub use download::get as download;
 pub use json::{listed, time as wall_time, whole};
-pub use reading::{Read, story};
+pub use reading::{Proof, Read, compare, read, story, story_with_proof};
 
 /// Incidents in one answer, unless `count` asks for another number.
 const COUNT: u32 = 50;
@@ -52,12 +54,25 @@ impl fmt::Debug for Marker {
     }
 }
 
-/// Whether recordings can be written, and how many are kept.
+/// The recorder, whether its recordings can be written, and how many are kept.
 #[derive(Debug)]
 pub struct RecordingState {
+    pub recorder: Recorder,
     /// Why nothing can be recorded.
     pub fault: watch::Receiver<Option<Arc<str>>>,
     pub policy: watch::Receiver<Policy>,
+}
+
+impl AppState {
+    /// What the recorder does now; `None` without a recorder.
+    pub fn recorder_state(&self) -> Option<RecorderState> {
+        let state = self.settings.recording.as_ref()?;
+        Some(match self.published().recording {
+            _ if state.fault.borrow().is_some() => RecorderState::Off,
+            true => RecorderState::Recording,
+            false => RecorderState::Ready,
+        })
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -153,7 +168,8 @@ pub struct MarkForm {
     note: String,
 }
 
-/// `POST /api/v1/mark`: marks the present moment in the recording.
+/// `POST /api/v1/mark`, and `/incidents/mark` of the page: marks the present moment in the recording. A browser is led
+/// back to the list of incidents.
 pub async fn mark(
     app: Live,
     peer: Option<Extension<Peer>>,
@@ -173,7 +189,11 @@ pub async fn mark(
     let source = source_of(peer.map(|Extension(peer)| peer));
     // The mark is in the recording, whether the disk takes this record now or later.
     app.store.note(Record::of_session(&session, Action::Mark, source).on(format!("{id}: {note}")));
-    json_answer(StatusCode::OK, &json!({ "incident": id }))
+    match reader.speaks {
+        // Its own page is there once the disk has taken it.
+        Speaks::Html => Redirect::to("/incidents").into_response(),
+        Speaks::Json => json_answer(StatusCode::OK, &json!({ "incident": id })),
+    }
 }
 
 #[derive(Debug, Deserialize)]

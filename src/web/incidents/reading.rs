@@ -1,5 +1,6 @@
-//! Reads recordings for pages and programs, beside the async runtime and a bounded number at once.
+//! Reads recordings for pages, reports and programs: in a server beside the async runtime, and a bounded number at once.
 
+use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::Duration;
 
@@ -10,12 +11,15 @@ use tokio::time::timeout;
 use crate::record::folder;
 use crate::record::story::{self, Story};
 use crate::record::summary::Summary;
+use crate::record::writer::hash_file;
 use crate::web::AppState;
 
 /// Files that are read at once. More readers wait.
 const READERS: usize = 2;
 /// A reader waits this long, less than a request may take.
 const WAITS: Duration = Duration::from_secs(4);
+/// A larger file is not compared with its hash for a page: that takes longer than a reader waits.
+const COMPARED_BYTES_MAX: u64 = 256 << 20;
 
 static PLACES: LazyLock<Semaphore> = LazyLock::new(|| Semaphore::new(READERS));
 
@@ -31,26 +35,71 @@ pub enum Read {
     Busy,
 }
 
+/// Whether a recording is as it was recorded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Proof {
+    Same,
+    /// Its SHA-256 is this one.
+    Other(String),
+    /// It was not compared, or has no hash.
+    None,
+}
+
+/// What the recording in this folder tells. Blocks.
+pub fn read(folder: &Path, summary: &Summary) -> Read {
+    let path = folder::path_of(folder, &summary.recording.file);
+    let Some(path) = path.filter(|path| path.is_file()) else { return Read::Missing };
+    match story::read(&path, summary) {
+        Ok(story) => Read::Told(Box::new(story)),
+        Err(error) => Read::Bad(error.to_string()),
+    }
+}
+
+/// Compares the recording in this folder with the hash that it had. Blocks.
+pub fn compare(folder: &Path, summary: &Summary) -> Proof {
+    let path = folder::path_of(folder, &summary.recording.file);
+    let found = path.and_then(|path| hash_file(&path).ok());
+    match (found, &summary.recording.sha256) {
+        (Some(found), Some(recorded)) if found == *recorded => Proof::Same,
+        (Some(found), Some(_)) => Proof::Other(found),
+        _ => Proof::None,
+    }
+}
+
 /// What the recording of an incident tells.
 pub async fn story(app: &AppState, summary: &Summary) -> Read {
-    let folder = app.settings.recordings.as_deref();
-    let Some(path) = folder.and_then(|it| folder::path_of(it, &summary.recording.file)) else {
-        return Read::Missing;
+    in_turn(app, summary, read).await.unwrap_or_else(|without| without)
+}
+
+/// The same, and whether it is as it was recorded.
+pub async fn story_with_proof(app: &AppState, summary: &Summary) -> (Read, Proof) {
+    let both = |folder: &Path, summary: &Summary| {
+        let proof = match summary.recording.bytes {
+            ..=COMPARED_BYTES_MAX => compare(folder, summary),
+            _ => Proof::None,
+        };
+        (read(folder, summary), proof)
     };
-    let Ok(Ok(place)) = timeout(WAITS, PLACES.acquire()).await else { return Read::Busy };
+    in_turn(app, summary, both).await.unwrap_or_else(|without| (without, Proof::None))
+}
+
+/// Does something with the folder of the recordings when it is this reader's turn.
+async fn in_turn<T: Send + 'static>(
+    app: &AppState,
+    summary: &Summary,
+    work: impl FnOnce(&Path, &Summary) -> T + Send + 'static,
+) -> Result<T, Read> {
+    let folder: PathBuf = app.settings.recordings.clone().ok_or(Read::Missing)?;
+    let Ok(Ok(place)) = timeout(WAITS, PLACES.acquire()).await else { return Err(Read::Busy) };
     let summary = summary.clone();
-    let read = task::spawn_blocking(move || {
+    let done = task::spawn_blocking(move || {
         // The place is free again when the file is read, whether somebody waits for it or not.
         let _place = place;
-        match path.is_file().then(|| story::read(&path, &summary)) {
-            None => Read::Missing,
-            Some(Ok(story)) => Read::Told(Box::new(story)),
-            Some(Err(error)) => Read::Bad(error.to_string()),
-        }
+        work(&folder, &summary)
     });
-    match timeout(WAITS, read).await {
-        Ok(Ok(read)) => read,
-        Ok(Err(error)) => Read::Bad(error.to_string()),
-        Err(_) => Read::Busy,
+    match timeout(WAITS, done).await {
+        Ok(Ok(done)) => Ok(done),
+        Ok(Err(error)) => Err(Read::Bad(error.to_string())),
+        Err(_) => Err(Read::Busy),
     }
 }

@@ -340,7 +340,8 @@ impl LiveConnection {
             _ if !self.app.is_source_alive() => None,
             Feed::Page { .. } => {
                 self.place.beat(number, self.seq, now);
-                Some(frame::beat(number, self.seq.number, now, self.app.wall()))
+                let recorder = self.app.recorder_state();
+                Some(frame::beat(number, self.seq.number, now, self.app.wall(), recorder))
             }
             Feed::Pulse { lang } => Some(frame::pulse(number, &self.app.published(), now, lang)),
             Feed::Snapshots { .. } => None,

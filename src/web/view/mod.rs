@@ -32,8 +32,8 @@ use versions::Seen;
 use words::Words;
 
 pub use page::{
-    DemoFault, LoginContext, LoginFailure, PageContext, PagePart, Palette, demo_page, login_page,
-    message_page, operator_page,
+    DemoFault, LoginContext, LoginFailure, PageContext, PagePart, Palette, RecorderState, demo_page,
+    login_page, message_page, operator_page,
 };
 pub use permitted::permitted;
 pub use trends::Trends;

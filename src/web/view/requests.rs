@@ -79,7 +79,7 @@ pub fn progress(view: &View<'_>, it: &Countermeasure) -> &'static str {
     }
 }
 
-/// The causes of a request: the first by its name, the others counted.
+/// The causes of a request: the first by its name, the others counted; `Over: LiDAR data missing` if none is left.
 pub fn because(view: &View<'_>, it: &Countermeasure) -> String {
     let steps = view.lang.steps();
     let mut statuses: HashSet<&str> = HashSet::new();
@@ -88,10 +88,15 @@ pub fn because(view: &View<'_>, it: &Countermeasure) -> String {
         |node: NodeId| view.snapshot.status_of(node).is_none_or(|status| statuses.insert(status));
     let nodes: Vec<NodeId> =
         it.causes.iter().map(|cause| cause.node).filter(|&node| is_first(node)).collect();
+    let over = if it.causes.iter().any(|cause| cause.present) { "" } else { steps.over };
+    let named = |causes: String| match over {
+        "" => causes,
+        over => format!("{over}: {causes}"),
+    };
     match (nodes.split_first(), it.by_operator) {
-        (Some((&first, [])), _) => fault(view, first),
+        (Some((&first, [])), _) => named(fault(view, first)),
         (Some((&first, others)), _) => {
-            format!("{}, {}", fault(view, first), view.lang.and_more(others.len()))
+            named(format!("{}, {}", fault(view, first), view.lang.and_more(others.len())))
         }
         (None, true) => steps.asked_by_operator.to_owned(),
         (None, false) => String::new(),

@@ -59,10 +59,15 @@ fn about_ourselves(choices: &mut Choices<'_>) -> Input {
         5 => Input::Storage { fault },
         6 => Input::Dds { fault },
         7 => Input::Display { late: fault },
-        _ => Input::Upkeep(Upkeep {
-            clock: fault.map(|words| (&*words).into()),
-            certificate: choices.one_in(2).then(|| "old".into()),
-        }),
+        _ => {
+            let old = || "old".into();
+            let is_old = choices.one_in(2);
+            Input::Upkeep(Upkeep {
+                clock: fault.map(|words| (&*words).into()),
+                certificate: is_old.then(old),
+                recording: is_old.then(old),
+            })
+        }
     }
 }
 

@@ -60,6 +60,7 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("POST", "/api/v1/incidents/{id}/note", [false, true, false, false]),
     ("POST", "/api/v1/incidents/{id}/keep", [false, true, false, false]),
     ("POST", "/api/v1/mark", [true, true, false, false]),
+    ("POST", "/incidents/mark", [false, true, false, false]),
     ("GET", "/api/v1/snapshot", [true, true, true, false]),
     ("GET", "/api/v1/stream", [true, true, true, false]),
     ("GET", "/healthz", [true, true, true, true]),

@@ -340,7 +340,7 @@ async fn a_driving_vehicle_without_operator_gets_one_at_its_displays_alone() {
 }
 
 #[tokio::test]
-async fn whoever_takes_a_driving_vehicle_over_and_logs_out_again_takes_nothing() {
+async fn a_user_who_takes_a_driving_vehicle_over_and_logs_out_again_takes_nothing() {
     let (fixture, hand) = Fixture::with_hand().await;
     fixture.store.add_user("bert", Role::Operator, "975310").await.unwrap();
     let driver = fixture.cookie_of("operator").await;

@@ -6,9 +6,15 @@ use std::sync::{Arc, Mutex};
 use axum::http::header::RANGE;
 use axum::http::{Method, StatusCode};
 use serde_json::json;
+use telltale::engine::time::Span;
+use telltale::record::feed::Feed;
 use telltale::record::folder::{file_name, folder_in};
+use telltale::record::incident::Margins;
+use telltale::record::recorder::{Recorder, Settings as RecorderSettings};
+use telltale::record::retention::Policy;
 use telltale::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
-use telltale::web::{AppState, Marker, Origins, Settings, router};
+use telltale::web::{AppState, Marker, Origins, RecordingState, Settings, router};
+use tokio::sync::watch;
 
 use super::fixture::{ADDRESS, Answer, Fixture, request, settings};
 
@@ -19,6 +25,7 @@ struct Recorded {
     fixture: Fixture,
     data: PathBuf,
     marks: Arc<Mutex<Vec<(String, String)>>>,
+    fault: watch::Sender<Option<Arc<str>>>,
 }
 
 impl Recorded {
@@ -32,15 +39,29 @@ impl Recorded {
             noted.lock().unwrap().push((by.to_owned(), note.to_owned()));
             Some(7)
         };
+        let (fault, faults) = watch::channel(None);
+        let (first, clock) = (fixture.link.snapshots.borrow().snapshot.clone(), fixture.clock);
+        let recording = RecorderSettings {
+            margins: Margins::default(),
+            memory: 1 << 20,
+            longest_memory: Span::ZERO,
+            configuration: Arc::default(),
+        };
+        let recorder = Recorder::start(Feed::new().1, first, recording, 1, clock).unwrap();
         let settings = Settings {
             recordings: Some(folder_in(&data)),
             marker: Some(Marker::new(mark)),
+            recording: Some(RecordingState {
+                recorder,
+                fault: faults,
+                policy: watch::channel(Policy::default()).1,
+            }),
             ..settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
         };
         let (link, store) = (fixture.link.clone(), fixture.store.clone());
         fixture.app = AppState::new(link, store, fixture.clock, settings);
         fixture.router = router(fixture.app.clone());
-        Recorded { fixture, data, marks }
+        Recorded { fixture, data, marks, fault }
     }
 
     /// An incident of this node, finished or not, with its file.
@@ -177,6 +198,61 @@ async fn a_recording_is_sent_whole_or_in_parts_as_it_lies_on_the_disk() {
 }
 
 #[tokio::test]
+async fn a_report_is_a_document_of_its_own_for_those_who_may_read_incidents() {
+    let recorded = Recorded::new("report").await;
+    recorded.add(1, "sensors/<velodyne>", true).await;
+    recorded.add(2, "a/b", false).await;
+    let get = async |path: &str, cookie: Option<&str>| recorded.fixture.get(path, cookie).await;
+    let nobody = get("/incidents/1.html", None).await;
+    assert_eq!((nobody.status, nobody.leads_to()), (StatusCode::SEE_OTHER, Some("/login")));
+    let operator = recorded.fixture.cookie_of("operator").await;
+    assert_eq!(get("/incidents/1.html", Some(&operator)).await.status, StatusCode::FORBIDDEN);
+    for role in ["developer", "authority"] {
+        let cookie = recorded.fixture.cookie_of(role).await;
+        let report = get("/incidents/1.html", Some(&cookie)).await;
+        assert_eq!(report.status, StatusCode::OK);
+        assert_eq!(report.header("content-type"), Some("text/html; charset=utf-8"));
+        assert_eq!(report.header("content-disposition"), Some("inline; filename=\"incident-1.html\""));
+        let policy = report.header("content-security-policy").unwrap();
+        let own = policy.strip_suffix("; frame-ancestors 'none'").unwrap();
+        assert!(own.starts_with("default-src 'none'; style-src 'sha256-"), "{policy}");
+        for (name, value) in super::access::HEADERS.iter().skip(1) {
+            assert_eq!(report.header(name), Some(*value), "{name}");
+        }
+        // No recording has these bytes: that is said, and the rest is there.
+        for part in ["sensors/&#60;velodyne&#62;", "Incident report 1", "not as it was recorded"] {
+            assert!(report.body.contains(part), "{part}: {}", report.body);
+        }
+        assert!(
+            report.body.contains(&own.replace('\'', "&#39;")),
+            "the same holds for a copy: {}",
+            report.body
+        );
+        let german = get("/incidents/1.html", Some(&format!("{cookie}; lang=de"))).await;
+        assert!(german.body.contains("Vorfallbericht 1"), "{}", german.body);
+        assert_eq!(get("/incidents/2.html", Some(&cookie)).await.status, StatusCode::CONFLICT);
+        for missing in ["3.html", "x.html", ".html", "-1.html", "1.html.mcap"] {
+            let answer = get(&format!("/incidents/{missing}"), Some(&cookie)).await;
+            assert_eq!(answer.status, StatusCode::NOT_FOUND, "{missing}");
+        }
+    }
+    let cookie = recorded.fixture.cookie_of("developer").await;
+    let has_link = async |id: u64| {
+        let page = get(&format!("/incidents/{id}"), Some(&cookie)).await.body;
+        page.contains(&format!("href=\"/incidents/{id}.html\""))
+    };
+    assert!(has_link(1).await && !has_link(2).await);
+    std::fs::remove_file(folder_in(&recorded.data).join(file_name(1))).unwrap();
+    let report = get("/incidents/1.html", Some(&cookie)).await;
+    assert!(
+        report.status == StatusCode::OK && report.body.contains("its file is missing"),
+        "{}",
+        report.body
+    );
+    assert!(has_link(1).await);
+}
+
+#[tokio::test]
 async fn a_mark_has_a_name_a_note_and_a_record() {
     let recorded = Recorded::new("mark").await;
     let operator = recorded.fixture.cookie_of("operator").await;
@@ -194,12 +270,37 @@ async fn a_mark_has_a_name_a_note_and_a_record() {
     let mut bare = request(Method::POST, "/api/v1/mark", Some(&operator));
     bare.headers_mut().insert("origin", super::fixture::OWN_ORIGIN.parse().unwrap());
     assert_eq!(recorded.fixture.send(bare).await.status, StatusCode::OK);
+    // By a developer's page.
+    let developer = recorded.fixture.cookie_of("developer").await;
+    let answer = recorded.fixture.post("/incidents/mark", Some(&developer), "note=here").await;
+    assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/incidents")));
+    assert_eq!(recorded.marks.lock().unwrap().last().unwrap().1, "here");
     // Without a recorder.
     let without = Fixture::new().await;
     let cookie = without.cookie_of("developer").await;
     let answer = without.post("/api/v1/mark", Some(&cookie), "note=x").await;
     assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE);
     assert!(answer.body.contains("Nothing is recorded"), "{}", answer.body);
+}
+
+#[tokio::test]
+async fn the_operators_page_has_a_mark_and_tells_what_the_recorder_does() {
+    let recorded = Recorded::new("sign").await;
+    let page = async |user: &str| {
+        let cookie = recorded.fixture.cookie_of(user).await;
+        recorded.fixture.get("/", Some(&cookie)).await.body
+    };
+    for (user, may_mark) in [("operator", true), ("developer", true), ("authority", false)] {
+        let page = page(user).await;
+        assert!(page.contains(" data-recorder=\"ready\""), "{user}");
+        assert_eq!(page.contains("name=\"mark\""), may_mark, "{user}");
+    }
+    recorded.fault.send_replace(Some("the disk is full".into()));
+    assert!(page("operator").await.contains(" data-recorder=\"off\""));
+    let without = Fixture::new().await;
+    let cookie = without.cookie_of("operator").await;
+    let page = without.get("/", Some(&cookie)).await.body;
+    assert!(!page.contains("data-recorder") && !page.contains("name=\"mark\""));
 }
 
 #[tokio::test]
@@ -235,7 +336,12 @@ async fn pages_show_incidents_whose_recording_is_gone_or_no_recording() {
     let page = async |path: &str, cookie: &str| recorded.fixture.get(path, Some(cookie)).await;
     let empty = page("/incidents", &developer).await;
     assert_eq!(empty.status, StatusCode::OK);
-    assert!(empty.body.contains("id=\"none\"") && empty.body.contains("recording: false"), "{}", empty.body);
+    assert!(empty.body.contains("id=\"none\"") && empty.body.contains("/incidents/mark"), "{}", empty.body);
+    assert!(!empty.body.contains("recording: false"), "{}", empty.body);
+    let without = Fixture::new().await;
+    let cookie = without.cookie_of("developer").await;
+    let empty = without.get("/incidents", Some(&cookie)).await.body;
+    assert!(empty.contains("recording: false") && !empty.contains("/incidents/mark"), "{empty}");
     recorded.add(1, "sensors/<velodyne>", true).await;
     recorded.add(2, "localization/tf_map", false).await;
     let rows = async |query: &str| {

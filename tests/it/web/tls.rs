@@ -182,28 +182,47 @@ async fn a_page_and_its_socket_work_over_tls_and_plain_http_does_not() {
 }
 
 #[tokio::test]
-async fn what_is_wrong_with_the_clock_or_the_certificate_stands_on_the_page() {
+async fn what_is_wrong_with_the_clock_the_certificate_or_the_recorder_stands_on_the_page() {
     let fixture = Fixture::new().await;
     let operator = fixture.cookie_of("operator").await;
     let said = |en: &str, de: &str| Some(Text { en: en.into(), de: de.into() });
     let upkeep = Upkeep {
         clock: said("the clock shows 1970", "die Uhr zeigt 1970"),
         certificate: said("it ends soon", "es endet bald"),
+        recording: said("raise `recording.memory`", "`recording.memory` erhöhen"),
     };
     fixture.input(Input::Upkeep(upkeep)).await;
     let is_warning = |snapshot: &Snapshot, id: &str| {
         let Some(NodeId::Module(module)) = snapshot.node(id) else { panic!("{id} is always there") };
         snapshot.module(module).1.own == State::Warning
     };
-    let both = ["telltale/clock", "telltale/certificate"];
-    fixture.until(|snapshot| both.iter().all(|id| is_warning(snapshot, id))).await;
+    let all = ["telltale/clock", "telltale/certificate", "telltale/recording"];
+    fixture.until(|snapshot| all.iter().all(|id| is_warning(snapshot, id))).await;
     for (lang, words) in [
-        ("en", ["Clock is wrong", "the clock shows 1970", "Certificate has to be renewed", "it ends soon"]),
-        ("de", ["Uhr geht falsch", "die Uhr zeigt 1970", "Zertifikat muss erneuert werden", "es endet bald"]),
+        (
+            "en",
+            [
+                "Clock is wrong",
+                "the clock shows 1970",
+                "Certificate has to be renewed",
+                "it ends soon",
+                "Recordings begin too late",
+            ],
+        ),
+        (
+            "de",
+            [
+                "Uhr geht falsch",
+                "die Uhr zeigt 1970",
+                "Zertifikat muss erneuert werden",
+                "es endet bald",
+                "Aufzeichnungen beginnen zu spät",
+            ],
+        ),
     ] {
         let page = fixture.get("/", Some(&format!("{operator}; lang={lang}"))).await.body;
         assert!(words.iter().all(|it| page.contains(it)), "{words:?}\n{page}");
     }
     fixture.input(Input::Upkeep(Upkeep::default())).await;
-    fixture.until(|snapshot| !both.iter().any(|id| is_warning(snapshot, id))).await;
+    fixture.until(|snapshot| !all.iter().any(|id| is_warning(snapshot, id))).await;
 }

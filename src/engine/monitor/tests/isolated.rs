@@ -260,5 +260,5 @@ fn a_watchdog_judges_how_long_an_answer_takes() {
     );
     let announced = Do::Probe(ProbeOutcome::Announced);
     let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands: Bands::default() };
-    check(watchdog, &[(0, announced, Ok, "it is announced")]);
+    check(watchdog, &[(0, announced, Ok, "is running")]);
 }

@@ -8,7 +8,7 @@ use super::words::IncidentWords;
 use crate::engine::model::Stage;
 use crate::record::retention::{Policy, size};
 use crate::record::writer::unix_ms;
-use crate::store::{Incident, IncidentFilter, OnDisk};
+use crate::store::{Incident, IncidentFilter, OnDisk, Role};
 use crate::web::AppState;
 use crate::web::developer::request::PageRequest;
 use crate::web::developer::{DevFrame, Page, PageQuery, frame};
@@ -54,6 +54,8 @@ struct ListHtml {
     cause: String,
     /// The name of a field, its word, and what can be chosen.
     selects: [(&'static str, &'static str, Vec<Choice>); 4],
+    /// The reader may mark this moment.
+    may_mark: bool,
     is_off: bool,
     fault: Option<String>,
     on_disk: String,
@@ -96,6 +98,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
             ("marked", it.marked, yes_or_no(query, "marked", it)),
             ("kept", it.kept, yes_or_no(query, "kept", it)),
         ],
+        may_mark: state.is_some() && request.context.role == Role::Developer,
         is_off: state.is_none(),
         fault,
         on_disk: on_disk_words(lang, on_disk, policy),

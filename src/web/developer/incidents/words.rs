@@ -28,6 +28,7 @@ words! {
     states: "States", "Zustände";
     freeze: "Values at the first instant", "Werte im ersten Augenblick";
     recording: "Recording", "Aufzeichnung";
+    report: "Report", "Bericht";
     download: "Download the recording", "Aufzeichnung herunterladen";
     keep: "Keep it", "Aufbewahren";
     release: "Keep it no longer", "Nicht länger aufbewahren";
@@ -41,6 +42,13 @@ words! {
     incomplete: "The file is not completed: what was written so far is shown.", "Die Datei ist nicht abgeschlossen: Gezeigt ist, was bisher geschrieben ist.";
     cut: "The file is longer than what is read for this page: its end is not shown.", "Die Datei ist länger, als für diese Seite gelesen wird: Ihr Ende fehlt hier.";
     left_out: "Parts of the file cannot be used", "Teile der Datei sind unbrauchbar";
+    only_known: "What follows is what the database knows.", "Was folgt, weiß die Datenbank.";
+    not_shown: "not shown here: the recording has all of it", "hier nicht gezeigt: Die Aufzeichnung enthält alles";
+    look_attributed: "Error that is owed to a cause", "Fehler, einer Ursache geschuldet";
+    look_masked: "Ignored, because its cause is shown", "Ignoriert, weil die Ursache gezeigt ist";
+    look_not_relevant: "Ignored, because it does not matter then", "Ignoriert, weil es dann nicht zählt";
+    first_trigger: "First trigger", "Erster Anlass";
+    look_own: "Line at the foot: what it says itself", "Linie am Fuß: was es selbst sagt";
     busy: "Other recordings are being read. Load the page again.", "Gerade werden andere Aufzeichnungen gelesen. Laden Sie die Seite neu.";
     nothing_told: "The recording tells no change.", "Die Aufzeichnung zeigt keine Änderung.";
     no_topics: "The recording has no messages.", "Die Aufzeichnung enthält keine Nachrichten.";
@@ -51,6 +59,22 @@ words! {
     lost_active: "autonomous driving ended", "autonomes Fahren endete";
     countermeasure: "request to the vehicle", "Anforderung an das Fahrzeug";
     mark: "mark", "Markierung";
+    mark_now: "Mark this moment", "Diesen Moment markieren";
+    report_of: "Incident report", "Vorfallbericht";
+    vehicle: "Vehicle", "Fahrzeug";
+    began: "Began", "Beginn";
+    stage: "Stage", "Phase";
+    causes: "Causes", "Ursachen";
+    times: "All times are UTC.", "Alle Zeiten in UTC.";
+    written: "Report written", "Bericht vom";
+    verify: "How to verify the recording", "So wird die Aufzeichnung geprüft";
+    verify_why: "This report was made from the recording and can be changed by anybody. What can be verified is the recording.", "Dieser Bericht ist aus der Aufzeichnung gemacht, und jeder kann ihn ändern. Geprüft werden kann die Aufzeichnung.";
+    verify_file: "The recording was completed with this hash, which every copy of it must have.", "Die Aufzeichnung wurde mit diesem Hash abgeschlossen; jede Kopie muss ihn haben.";
+    verify_vehicle: "On the vehicle's computer: compares the file with its hash in the database and in the audit log, and verifies the log. DIR is the data folder of Telltale.", "Auf dem Rechner des Fahrzeugs: vergleicht die Datei mit ihrem Hash in der Datenbank und im Protokoll und prüft das Protokoll. DIR ist der Datenordner von Telltale.";
+    verify_chain: "Every record of the audit log carries a hash, made with the vehicle's key, of itself and of the record before it. A record that was changed, removed or inserted later breaks this chain, so the hash of this recording and the time of its record cannot be replaced unseen. Only somebody who can read and write the whole data folder with its key could forge all of it together; that shows against a head of the log that was noted elsewhere:", "Jeder Eintrag des Protokolls trägt einen Hash, gebildet mit dem Schlüssel des Fahrzeugs, über sich selbst und den Eintrag davor. Ein später geänderter, entfernter oder eingefügter Eintrag zerreißt diese Kette; so können der Hash dieser Aufzeichnung und die Zeit seines Eintrags nicht unbemerkt ersetzt werden. Nur wer den ganzen Datenordner mit seinem Schlüssel lesen und schreiben kann, könnte alles zusammen fälschen; das zeigt sich an einem Kopf des Protokolls, der anderswo notiert ist:";
+    is_as_recorded: "The file on the vehicle still had it when this report was written.", "Die Datei auf dem Fahrzeug hatte ihn noch, als dieser Bericht geschrieben wurde.";
+    is_other: "The recording is not as it was recorded. What follows was read from the changed file. Its hash is", "Die Aufzeichnung ist nicht, wie sie aufgezeichnet wurde. Was folgt, ist aus der veränderten Datei gelesen. Ihr Hash ist";
+    no_hash: "The recording was not completed, so it has no hash, and nothing proves it.", "Die Aufzeichnung wurde nicht abgeschlossen. Sie hat keinen Hash, und nichts beweist sie.";
     reloaded: "The configuration was replaced", "Die Konfiguration wurde ersetzt";
 }
 

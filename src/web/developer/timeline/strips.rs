@@ -95,11 +95,7 @@ impl TimelineStrips<'_> {
     }
 
     fn signal(&self, name: &str, held: &[Period<Option<bool>>]) -> StripHtml {
-        self.level(clean(name, 2 * NAME), StripKind::Signal, held, |value| match value {
-            Some(true) => ("true", None, "true"),
-            Some(false) => ("false", None, "false"),
-            None => ("unknown", Some("p-unknown"), self.lang.state(State::Unknown)),
-        })
+        self.level(clean(name, 2 * NAME), StripKind::Signal, held, |value| signal_look(self.lang, value))
     }
 
     /// A strip of values without a cause: `look` gives class, pattern and word of a value.
@@ -167,14 +163,8 @@ impl Painter {
         if !message.is_empty() {
             title += &format!(", \u{201c}{message}\u{201d}");
         }
-        let pattern = match segment.look {
-            Look::Warning => Some("p-warning"),
-            Look::Masked => Some("p-masked"),
-            Look::NotRelevant => Some("p-not-relevant"),
-            Look::Unknown => Some("p-unknown"),
-            _ => None,
-        };
-        let bar = Bar { class: class(segment.look), pattern, own, title: &title, ..EMPTY };
+        let bar =
+            Bar { class: class(segment.look), pattern: pattern(segment.look), own, title: &title, ..EMPTY };
         self.bar((segment.from, segment.to), word, bar)
     }
 
@@ -196,7 +186,14 @@ impl Painter {
         out
     }
 
-    /// The stage, of which only driving has a colour.
+    /// The value of a signal.
+    pub fn signal(&self, from: Timestamp, to: Timestamp, value: Option<bool>) -> String {
+        let (class, pattern, word) = signal_look(self.lang, value);
+        let title = format!("{word}, {} \u{2013} {}", clock(from), clock(to));
+        self.bar((from, to), word, Bar { class, pattern, title: &title, ..EMPTY })
+    }
+
+    /// The stage. Only driving has a colour.
     pub fn stage(&self, from: Timestamp, to: Timestamp, stage: Stage) -> String {
         let word = self.lang.stage(stage, true);
         let class = if stage == Stage::Active { "stage bar-driving" } else { "stage" };
@@ -208,7 +205,27 @@ impl Painter {
 const EMPTY: Bar<'static> =
     Bar { x: "", width: "", y: BAR_Y, class: "", pattern: None, title: "", own: None };
 
-fn look_word(lang: Lang, look: Look) -> &'static str {
+/// The class, pattern and word of a signal's value.
+fn signal_look(lang: Lang, value: Option<bool>) -> (&'static str, Option<&'static str>, &'static str) {
+    match value {
+        Some(true) => ("true", None, "true"),
+        Some(false) => ("false", None, "false"),
+        None => ("unknown", Some("p-unknown"), lang.state(State::Unknown)),
+    }
+}
+
+/// The pattern that fills a bar; colours alone are in the stylesheet.
+pub fn pattern(look: Look) -> Option<&'static str> {
+    match look {
+        Look::Warning => Some("p-warning"),
+        Look::Masked => Some("p-masked"),
+        Look::NotRelevant => Some("p-not-relevant"),
+        Look::Unknown => Some("p-unknown"),
+        _ => None,
+    }
+}
+
+pub fn look_word(lang: Lang, look: Look) -> &'static str {
     lang.state(match look {
         Look::Ok | Look::True | Look::False => State::Ok,
         Look::Warning => State::Warning,

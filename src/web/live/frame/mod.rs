@@ -23,7 +23,7 @@ use crate::engine::time::Timestamp;
 use crate::runtime::Published;
 use crate::web::view;
 use crate::web::view::versions::{Seen, Versions};
-use crate::web::view::{Lang, Trends, permitted};
+use crate::web::view::{Lang, RecorderState, Trends, permitted};
 use parts::Parts;
 
 /// The latest frames, one per form.
@@ -92,9 +92,18 @@ fn is_as_late(of: &Published, published: &Published) -> bool {
 
 /// A sign of life for a page that shows everything up to `seq`; `number` grows by one each time.
 /// `now` on the monotonic clock is what the page finds delays by: the wall clock may be stepped.
-pub fn beat(number: u64, seq: u64, now: Timestamp, at: SystemTime) -> Utf8Bytes {
+/// `recorder` is what the recorder does, if there is one.
+pub fn beat(
+    number: u64,
+    seq: u64,
+    now: Timestamp,
+    at: SystemTime,
+    recorder: Option<RecorderState>,
+) -> Utf8Bytes {
     let (ms, at) = (now.as_nanos() / 1_000_000, json::rfc3339(at));
-    Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"ms\":{ms},\"at\":\"{at}\"}}"))
+    let recorder =
+        recorder.map_or(String::new(), |recorder| format!(",\"recorder\":\"{}\"", recorder.as_str()));
+    Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"ms\":{ms},\"at\":\"{at}\"{recorder}}}"))
 }
 
 /// The answer to a tap that came over the socket, as HTTP would have answered it:

@@ -126,6 +126,9 @@ fn drive(view: &View<'_>) -> Drive {
             ("idle", steps.held_until, condition(view))
         }
         Some(progress) if release && stands => ("idle", steps.held_until, progress.to_owned()),
+        Some(_) if stands && request.is_some_and(requests::is_engaged) => {
+            ("idle", steps.held_back, String::new())
+        }
         Some(progress) if requested => ("stop", progress, String::new()),
         Some(progress) => ("slow", progress, String::new()),
         None => ("drive", steps.drives, String::new()),

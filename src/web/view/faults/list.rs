@@ -3,6 +3,7 @@
 
 use askama::Template;
 
+use crate::engine::snapshot::Moving;
 use crate::engine::state::State;
 
 use super::entries::FaultEntry;
@@ -128,6 +129,13 @@ pub fn all_causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     Fragment { id: "all-causes".to_owned(), html }
 }
 
+/// While the vehicle is slowed down or stopped, the advice on a WARNING, such as that one may go on, would
+/// contradict that.
+fn is_overruled(view: &View<'_>, entry: &FaultEntry) -> bool {
+    let stops = requests::has_banner(view) && view.snapshot.motion.moving != Moving::No;
+    stops && entry.state == State::Warning
+}
+
 fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
     let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
     let target = entry.acknowledge.as_ref().filter(|_| view.snapshot.operator.is_some());
@@ -146,7 +154,7 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
         since: view.wall(entry.since),
         lasted: entry.lasted.map(|lasted| view.lang.lasted(lasted)).unwrap_or_default(),
         waits: entry.waits.clone(),
-        help: entry.help.clone(),
+        help: if is_overruled(view, entry) { String::new() } else { entry.help.clone() },
         acknowledge: target.map(|target| AcknowledgeHtml {
             address: address(&target.id),
             id: clean(&target.id, ID),
@@ -158,7 +166,7 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
 
 /// "All OK" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
-    if requests::has_banner(view) {
+    if requests::has_banner(view) && !requests::waits_for_release(view) {
         return (false, view.lang.steps().held_back.to_owned());
     }
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);

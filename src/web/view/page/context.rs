@@ -25,6 +25,28 @@ impl Palette {
     }
 }
 
+/// What the recorder does, as the operator's page shows it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecorderState {
+    /// Nothing can be recorded.
+    Off,
+    /// The last seconds are held, and no incident is being recorded.
+    Ready,
+    /// An incident is being recorded.
+    Recording,
+}
+
+impl RecorderState {
+    /// The word of the page's `data-recorder` attribute: `off`, `ready`, `recording`.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            RecorderState::Off => "off",
+            RecorderState::Ready => "ready",
+            RecorderState::Recording => "recording",
+        }
+    }
+}
+
 /// The part of a developer page that is rendered: the page's script asks for no more than it needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum PagePart {
@@ -65,6 +87,8 @@ pub struct PageContext {
     pub demo: bool,
     /// The configuration comes from a file: pages may link to its page.
     pub configuration: bool,
+    /// What the recorder does; `None` without a recorder.
+    pub recorder: Option<RecorderState>,
     /// The part that is rendered.
     pub part: PagePart,
 }

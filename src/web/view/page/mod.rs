@@ -7,7 +7,7 @@ mod login;
 mod message;
 mod operator;
 
-pub use context::{PageContext, PagePart, Palette};
+pub use context::{PageContext, PagePart, Palette, RecorderState};
 pub use demo::{DemoFault, demo_page};
 pub use login::{LoginContext, LoginFailure, login_page};
 pub use message::message_page;

@@ -2,9 +2,9 @@
 
 use askama::Template;
 
-use super::PageContext;
 use super::frame::PageFrame;
 use super::login::{LoginContext, login_page};
+use super::{PageContext, RecorderState};
 use crate::engine::model::Stage;
 use crate::runtime::Published;
 use crate::store::Role;
@@ -29,6 +29,10 @@ struct OperatorHtml {
     rows: usize,
     demo: bool,
     developer: bool,
+    /// What the recorder does; `None` without one.
+    recorder: Option<&'static str>,
+    /// The reader may mark a moment in the recording.
+    marks: bool,
     motion: String,
     top: String,
     arrows: String,
@@ -64,6 +68,8 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
         rows: view.board.rows,
         demo: context.demo,
         developer: context.role != Role::Operator,
+        recorder: context.recorder.map(RecorderState::as_str),
+        marks: context.recorder.is_some() && context.role != Role::Authority,
         motion: parts.motion.html,
         top: parts.top.html,
         arrows: parts.arrows.html,

@@ -29,6 +29,7 @@ pub fn context(lang: Lang, palette: Palette) -> PageContext {
         role: Role::Operator,
         demo: false,
         configuration: false,
+        recorder: Some(RecorderState::Ready),
         part: PagePart::Whole,
     }
 }

@@ -1,6 +1,7 @@
 //! Tests of the motion in words and numbers.
 
 use super::*;
+use crate::engine::input::Refusal;
 use crate::engine::model::countermeasure::Request;
 use crate::engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Motion, Moving};
 
@@ -69,33 +70,66 @@ fn without_a_source_nothing_is_said_of_driving() {
     check_motion(&moved(machine(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
 }
 
+/// The shuttle with a request to stop: by the operator, or by a cause that is there still or over.
+fn asked_to_stop(moving: Moving, cause_is_there: Option<bool>) -> Published {
+    let sample = Sample::shuttle(true);
+    asked_to_stop_from(sample, moving, cause_is_there)
+}
+
+fn asked_to_stop_from(sample: Sample, moving: Moving, cause_is_there: Option<bool>) -> Published {
+    let stopped = moved(sample, moving, 9);
+    let node = stopped.snapshot.node("sensors/imu").expect("it is there");
+    let cause = |present| CountermeasureCause { node, present, acknowledged: true };
+    let held = Countermeasure {
+        request: Request::ManeuverStop,
+        by_operator: cause_is_there.is_none(),
+        causes: cause_is_there.map(cause).into_iter().collect(),
+        since: Timestamp::ZERO,
+        state: CountermeasureState::Engaged,
+        latched: true,
+    };
+    let remains = cause_is_there == Some(true);
+    let refusals = remains.then(|| Refusal::CauseRemains { node: "sensors/imu".into() });
+    let snapshot = Snapshot {
+        countermeasures: [held].into(),
+        release_refusals: refusals.into_iter().collect(),
+        ..(*stopped.snapshot).clone()
+    };
+    Published { snapshot: snapshot.into(), ..stopped }
+}
+
 #[test]
 fn a_vehicle_that_was_stopped_and_stands_is_asked_whether_it_goes_on() {
-    let cause = |published: &Published| CountermeasureCause {
-        node: published.snapshot.node("sensors/imu").expect("it is there"),
-        present: false,
-        acknowledged: true,
-    };
-    let held = |moving| {
-        let stopped = moved(Sample::shuttle(true), moving, 9);
-        let held = Countermeasure {
-            request: Request::ManeuverStop,
-            by_operator: false,
-            causes: [cause(&stopped)].into(),
-            since: Timestamp::ZERO,
-            state: CountermeasureState::Engaged,
-            latched: true,
-        };
-        let snapshot = Snapshot {
-            countermeasures: [held].into(),
-            release_refusals: [].into(),
-            ..(*stopped.snapshot).clone()
-        };
-        Published { snapshot: snapshot.into(), ..stopped }
-    };
+    let over = |moving| asked_to_stop(moving, Some(false));
     let act = r#"data-urgency="act""#;
-    let expect = [act, ">Steht. Ursache behoben. Weiterfahren?<", ">Gehalten. Bewegungssensor gestört.<"];
-    check(&held(Moving::No), Lang::De, "instruction", &expect, &[]);
-    let expect = [act, ">Cause gone. Continue?<", ">Stopping safely. Motion sensor disturbed.<"];
-    check(&held(Moving::Yes), Lang::En, "instruction", &expect, &[]);
+    let expect =
+        [act, ">Steht. Ursache behoben. Weiterfahren?<", ">Gehalten. Vorbei: Bewegungssensor gestört.<"];
+    check(&over(Moving::No), Lang::De, "instruction", &expect, &[]);
+    let expect = [act, ">Cause gone. Continue?<", ">Stopping safely. Over: Motion sensor disturbed.<"];
+    check(&over(Moving::Yes), Lang::En, "instruction", &expect, &[]);
+}
+
+#[test]
+fn a_vehicle_that_stands_does_not_respond_any_more_it_is_held() {
+    let there = |moving| asked_to_stop(moving, Some(true));
+    check(&there(Moving::No), Lang::En, "step", &[">Held until the cause is gone<"], &["responds"]);
+    check(&there(Moving::Yes), Lang::En, "step", &[">The vehicle responds<"], &["Held until"]);
+}
+
+#[test]
+fn a_stop_of_the_operator_has_no_cause_to_wait_for() {
+    for moving in [Moving::Yes, Moving::No] {
+        let stop = asked_to_stop(moving, None);
+        check(&stop, Lang::En, "causes", &[r#"data-good="true""#, "components OK"], &["Held until"]);
+        check(&stop, Lang::En, "step", &[r#"name="release""#], &["until the cause"]);
+    }
+}
+
+#[test]
+fn no_warning_says_that_one_may_go_on_while_the_vehicle_is_stopped() {
+    let warned = || Sample::shuttle(true).report("can/battery", 1, "18 %", &[]).pass(3);
+    let advice = "You may go on. Stay alert.";
+    check(&moved(warned(), Moving::Yes, 9), Lang::En, "causes", &["Battery is low", advice], &[]);
+    let stopping = asked_to_stop_from(warned(), Moving::Yes, Some(true));
+    check(&stopping, Lang::En, "causes", &["Battery is low"], &[advice]);
 }

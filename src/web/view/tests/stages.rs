@@ -90,7 +90,7 @@ fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
         &["logout", r#"name="stop""#, r#"name="withdraw""#],
         &[r#"name="clearance""#],
     );
-    check(&cleared, Lang::En, "instruction", &["It starts at any moment."], &["data-blocked"]);
+    check(&cleared, Lang::En, "instruction", &["It may start at any moment."], &["data-blocked"]);
     let stopping = Sample::shuttle(true).act(OperatorAction::RequestStop).published();
     check(
         &stopping,

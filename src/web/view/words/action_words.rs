@@ -52,6 +52,12 @@ words! {
     all_checks: "Checks before the clearance", "Prüfungen vor der Freigabe";
     open_checks: "open", "offen";
     all_causes: "All that is wrong", "Alle Störungen";
+    mark: "Mark", "Merken";
+    mark_long: " this moment in the recording", ": diesen Moment in der Aufzeichnung";
+    marked: "Marked in the recording.", "In der Aufzeichnung gemerkt.";
+    not_marked: "Not marked: the server did not answer. Note the time.", "Nicht gemerkt: Der Server hat nicht geantwortet. Bitte die Uhrzeit notieren.";
+    recording_short: "REC", "REC";
+    recording_long: "An incident is being recorded.", "Ein Vorfall wird aufgezeichnet.";
     sound_on: "Sound on", "Ton an";
     sound_off: "Sound off", "Ton aus";
 
@@ -72,12 +78,12 @@ words! {
 
     drives: "On the way", "Unterwegs";
     runs: "Running", "In Betrieb";
-    may_start: "It starts at any moment.", "Fährt jeden Moment an.";
+    may_start: "It may start at any moment.", "Fährt jeden Moment an.";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
     cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
     held: "Held", "Gehalten";
     held_until: "Held until you continue", "Gehalten, bis Sie weiterfahren";
-    held_back: "Held back until the cause is gone", "Gehalten, bis die Ursache behoben ist";
+    held_back: "Held until the cause is gone", "Gehalten, bis die Ursache behoben ist";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
     take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
     go_on_alert: "You may go on. Stay alert.", "Weiterfahren möglich. Aufmerksam bleiben.";
@@ -236,7 +242,7 @@ mod tests {
 
     #[test]
     fn every_step_is_said_in_both_languages() {
-        const SAME: &[&str] = &["position", "stop"];
+        const SAME: &[&str] = &["position", "stop", "recording_short"];
         for (key, en, de) in ALL {
             assert!(!en.trim().is_empty() && !de.trim().is_empty(), "{key}");
             assert!(en != de || SAME.contains(key), "{key}: {en}");

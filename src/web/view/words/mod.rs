@@ -86,7 +86,7 @@ words! {
     stale_banner: "Display is late", "Anzeige verzögert";
     frozen: "Display frozen.", "Anzeige eingefroren.";
     frozen_take_over: "Take over.", "Übernehmen.";
-    frozen_text: "Nothing here is current since", "Nichts hier ist aktuell seit";
+    frozen_text: "Out of date since", "Veraltet seit";
     menu: "More", "Mehr";
     seen: "seen", "gesehen";
 

@@ -1,0 +1,134 @@
+//! `telltale incident export`: copies a recording, or writes a report of an incident.
+
+use std::fs::File;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+
+use super::{EXIT_NO, hashed, now_ms};
+use crate::record::folder;
+use crate::record::retention::size;
+use crate::store::{Incident, Incidents, StoreError};
+use crate::web::developer::incidents::report::report;
+use crate::web::incidents::{Proof, Read, compare, read};
+use crate::web::view::Lang;
+
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[arg(value_name = "ID")]
+    id: u64,
+    /// Where to copy the recording; no file there is overwritten [default: incident-ID.mcap in this folder]
+    #[arg(long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Write the report here, and copy the recording only with --output; no file there is overwritten
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+/// What a file is, and the flag that names another one.
+#[derive(Clone, Copy)]
+enum Kind {
+    Recording,
+    Report,
+}
+
+pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
+    let incident = Incidents::open(data)?.one(args.id)?.ok_or(StoreError::NoSuchIncident(args.id))?;
+    let mut is_good = true;
+    if let Some(output) = &args.report {
+        is_good &= write_report(data, &incident, output)?;
+    }
+    if args.report.is_none() || args.output.is_some() {
+        let output = args.output.clone().unwrap_or_else(|| PathBuf::from(folder::file_name(args.id)));
+        is_good &= copy(data, &incident, &output)?;
+    }
+    Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
+}
+
+/// Writes the report. Returns whether all of it could be read, and was as it was recorded.
+fn write_report(data: &Path, incident: &Incident, output: &Path) -> anyhow::Result<bool> {
+    let recordings = folder::folder_in(data);
+    let told = read(&recordings, &incident.summary);
+    let proof = compare(&recordings, &incident.summary);
+    let document = report(Lang::En, incident, (&told, &proof), now_ms());
+    let mut to = create(output, Kind::Report)?;
+    to.write_all(document.as_bytes())
+        .and_then(|()| to.sync_all())
+        .with_context(|| format!("the report cannot be written to {}", output.display()))?;
+    println!("{}, {}", output.display(), size(document.len() as u64));
+    let id = incident.summary.id;
+    let lacks = match &told {
+        Read::Told(_) => None,
+        Read::Bad(why) => Some(format!("cannot be read: {why}")),
+        Read::Missing | Read::Busy => Some("is gone".to_owned()),
+    };
+    if let Some(lacks) = &lacks {
+        eprintln!("telltale: the recording of incident {id} {lacks}. The report has what the database knows");
+    }
+    if let Proof::Other(hash) = &proof {
+        eprintln!(
+            "telltale: the recording is not as it was recorded, which the report says: its hash is {hash}"
+        );
+    }
+    tell_open(incident);
+    Ok(lacks.is_none() && !matches!(proof, Proof::Other(_)))
+}
+
+/// Copies the recording. Returns whether it is as it was recorded.
+fn copy(data: &Path, incident: &Incident, output: &Path) -> anyhow::Result<bool> {
+    let Some((path, mut from)) = open_recording(data, incident) else { return Ok(false) };
+    let mut to = create(output, Kind::Recording)?;
+    let (bytes, hash) = hashed(&mut from, &mut to)
+        .and_then(|copied| to.sync_all().map(|()| copied))
+        .with_context(|| format!("{} cannot be copied to {}", path.display(), output.display()))?;
+    println!("{}, {}", output.display(), size(bytes));
+    println!("sha256 {hash}");
+    tell_open(incident);
+    if let Some(recorded) = incident.summary.recording.sha256.as_ref().filter(|it| **it != hash) {
+        eprintln!("telltale: the file is not as it was recorded: its hash was {recorded}");
+        return Ok(false);
+    }
+    Ok(true)
+}
+
+fn tell_open(incident: &Incident) {
+    if incident.summary.recording.sha256.is_none() {
+        let id = incident.summary.id;
+        eprintln!("telltale: incident {id} is not finished: this is what is written of it by now");
+    }
+}
+
+/// Creates a file where none is.
+fn create(output: &Path, kind: Kind) -> anyhow::Result<File> {
+    File::options().write(true).create_new(true).open(output).map_err(|error| {
+        let (what, flag) = match kind {
+            Kind::Recording => ("the recording cannot be copied to", "--output"),
+            Kind::Report => ("the report cannot be written to", "--report"),
+        };
+        let what = format!("{what} {}", output.display());
+        match error.kind() {
+            io::ErrorKind::AlreadyExists => {
+                anyhow::anyhow!("{what}: there is a file already. Name another one with {flag}")
+            }
+            _ => anyhow::Error::new(error).context(what),
+        }
+    })
+}
+
+/// Opens the recording of an incident, and says so if there is none.
+fn open_recording(data: &Path, incident: &Incident) -> Option<(PathBuf, File)> {
+    let (id, file) = (incident.summary.id, &incident.summary.recording.file);
+    let Some(path) = folder::path_of(&folder::folder_in(data), file) else {
+        eprintln!("telltale: incident {id} has no recording");
+        return None;
+    };
+    match File::open(&path) {
+        Ok(open) => Some((path, open)),
+        Err(error) => {
+            eprintln!("telltale: the recording {} of incident {id} cannot be read: {error}", path.display());
+            None
+        }
+    }
+}

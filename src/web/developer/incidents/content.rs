@@ -1,0 +1,322 @@
+//! What the page of an incident and its report show alike.
+
+use super::list::{flags, length};
+use super::sentences::{sentence, stage_word, state_word};
+use super::words::IncidentWords;
+use crate::engine::event::Said;
+use crate::engine::model::Stage;
+use crate::engine::state::State;
+use crate::engine::view::record::Stretch;
+use crate::picture::bars::patterns;
+use crate::picture::strips::{Axis, Look, class, recorded, stamp};
+use crate::picture::svg::escaped;
+use crate::record::retention::size;
+use crate::record::story::{Happened, Moment, NodeStrip, Period, Story, ToldTopic, known};
+use crate::record::summary::{FrozenNode, Summary};
+use crate::store::Incident;
+use crate::web::developer::timeline::strips::{Painter, look_word, pattern};
+use crate::web::developer::timeline::{Tick, ticks};
+use crate::web::developer::why_address;
+use crate::web::developer::words::DevWords;
+use crate::web::incidents::{Read, wall_time};
+use crate::web::view::Lang;
+use crate::web::view::text::{MESSAGE, NAME, VALUE, clean, clean_lines};
+
+/// Parts of a damaged file that are named.
+const LEFT_OUT: usize = 5;
+/// Causes that are named.
+const CAUSES: usize = 24;
+
+/// Where the content stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Medium {
+    /// Names lead to the pages of their nodes.
+    Page,
+    /// A document by itself.
+    Report,
+}
+
+pub(super) struct MomentRow {
+    pub at: String,
+    pub clock: String,
+    /// Seconds after the first trigger.
+    pub after: String,
+    pub state: String,
+    pub text: String,
+}
+
+pub(super) struct Lane {
+    pub name: String,
+    /// The name as HTML, with places where its line may break.
+    pub broken: String,
+    pub why: Option<String>,
+    pub bars: String,
+}
+
+pub(super) struct FrozenRow {
+    /// The name as HTML, with places where its line may break.
+    pub broken: String,
+    pub why: Option<String>,
+    pub state: String,
+    pub word: &'static str,
+    pub message: String,
+    pub values: Vec<(String, String)>,
+}
+
+pub(super) struct TopicRow {
+    pub topic: String,
+    /// The name as HTML, with places where its line may break.
+    pub broken: String,
+    /// The same of its type.
+    pub type_name: String,
+    pub seconds: String,
+    pub messages: u64,
+    pub size: String,
+}
+
+/// A look of a bar in words.
+pub(super) struct Explained {
+    pub class: &'static str,
+    pub pattern: Option<&'static str>,
+    /// With a line at its foot.
+    pub is_own: bool,
+    pub word: String,
+}
+
+/// Everything that is known of an incident, in words of one language.
+pub(super) struct Content {
+    pub it: &'static IncidentWords,
+    pub words: &'static DevWords,
+    pub id: u64,
+    pub vehicle: String,
+    pub causes: Vec<(String, Option<String>)>,
+    pub more_causes: Option<String>,
+    pub since: String,
+    /// Date and time for people.
+    pub began: String,
+    /// Empty while it lasts.
+    pub length: String,
+    pub stage: &'static str,
+    pub kinds: String,
+    pub flags: Vec<&'static str>,
+    pub note: String,
+    pub note_by: String,
+    pub troubles: Vec<String>,
+    pub moments: Vec<MomentRow>,
+    pub more_moments: u64,
+    pub patterns: String,
+    /// A line over each strip.
+    pub first_trigger: String,
+    pub stage_bars: String,
+    pub signals: Vec<Lane>,
+    pub lanes: Vec<Lane>,
+    pub more_periods: u64,
+    /// Of a report. On the page each bar has its words as a tooltip.
+    pub legend: Vec<Explained>,
+    pub ticks: Vec<Tick>,
+    pub frozen: Vec<FrozenRow>,
+    pub size: String,
+    pub pre_roll_s: String,
+    pub messages: u64,
+    pub missing: u64,
+    pub sha256: String,
+    pub version: String,
+    pub configuration: String,
+    pub topics: Vec<TopicRow>,
+    /// The recording was read.
+    pub is_read: bool,
+}
+
+impl Content {
+    pub fn of(lang: Lang, incident: &Incident, read: &Read, medium: Medium) -> Content {
+        let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
+        let summary = &incident.summary;
+        let recording = &summary.recording;
+        let only_known;
+        let story = match read {
+            Read::Told(story) => story,
+            _ => {
+                only_known = known(summary);
+                &only_known
+            }
+        };
+        let why = |name: &str| (medium == Medium::Page).then(|| why_address(name));
+        let causes = summary.causes();
+        let more_causes = causes.len().saturating_sub(CAUSES);
+        let axis = Axis { from: stamp(story.from_ms), to: stamp(story.to_ms), left: 0.0, width: 100.0 };
+        let painter = Painter { lang, words, axis };
+        let lane = |strip: &NodeStrip| Lane {
+            name: clean(&strip.node, 2 * NAME),
+            broken: broken(&strip.node),
+            why: why(&strip.node),
+            bars: node_bars(&painter, strip),
+        };
+        let frozen = |frozen: &FrozenNode| FrozenRow {
+            broken: broken(&frozen.node),
+            why: why(&frozen.node),
+            state: clean(&frozen.state, NAME),
+            word: state_word(lang, &frozen.state),
+            message: clean(&frozen.message, MESSAGE),
+            values: frozen
+                .values
+                .iter()
+                .map(|(key, value)| (clean(key, VALUE), clean(value, VALUE)))
+                .collect(),
+        };
+        let note = incident.note.as_ref();
+        let since = wall_time(summary.since_ms);
+        Content {
+            id: summary.id,
+            vehicle: clean(&summary.vehicle, NAME),
+            causes: causes.iter().take(CAUSES).map(|name| (clean(name, 2 * NAME), why(name))).collect(),
+            more_causes: (more_causes > 0).then(|| lang.and_more(more_causes)),
+            began: format!("{} {} UTC", &since[..10], &since[11..19]),
+            since,
+            length: length(incident),
+            stage: stage_word(lang, &summary.stage),
+            kinds: kinds(it, summary),
+            flags: flags(it, incident),
+            note: note.map(|note| clean_lines(&note.text)).unwrap_or_default(),
+            note_by: note.map(|note| clean(&note.by, NAME)).unwrap_or_default(),
+            troubles: troubles(it, read),
+            moments: story.moments.iter().map(|moment| row(lang, moment, summary.since_ms)).collect(),
+            more_moments: story.more_moments,
+            patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
+            first_trigger: format!(
+                "<line class=\"moment\" x1=\"{x:.2}%\" x2=\"{x:.2}%\" y1=\"0\" y2=\"24\"/>",
+                x = axis.x(stamp(summary.since_ms))
+            ),
+            stage_bars: story.stages.iter().filter_map(|period| stage_bar(&painter, period)).collect(),
+            signals: story.signals.iter().map(|strip| signal_lane(&painter, strip)).collect(),
+            lanes: story.strips.iter().map(lane).collect(),
+            more_periods: story.more_periods,
+            legend: if medium == Medium::Report { legend(lang, it) } else { Vec::new() },
+            ticks: if story.strips.is_empty() { Vec::new() } else { ticks(axis) },
+            frozen: summary.freeze.iter().map(frozen).collect(),
+            size: size(recording.bytes),
+            pre_roll_s: format!("{:.1} s", recording.pre_roll_s),
+            messages: recording.messages,
+            missing: recording.missing.max(story.lost),
+            sha256: clean(recording.sha256.as_deref().unwrap_or_default(), MESSAGE),
+            version: clean(&summary.version, NAME),
+            configuration: clean(&summary.configuration, MESSAGE),
+            topics: story.topics.iter().map(topic).collect(),
+            is_read: matches!(read, Read::Told(_)),
+            it,
+            words,
+        }
+    }
+}
+
+/// A name that may break between its parts.
+fn broken(name: &str) -> String {
+    escaped(&clean(name, 2 * NAME)).replace('/', "/<wbr>").replace('_', "_<wbr>")
+}
+
+fn kinds(it: &IncidentWords, summary: &Summary) -> String {
+    let mut kinds: Vec<&str> = summary.triggers.iter().map(|trigger| it.kind(&trigger.kind)).collect();
+    kinds.sort_unstable();
+    kinds.dedup();
+    clean(&kinds.join(", "), MESSAGE)
+}
+
+fn troubles(it: &IncidentWords, read: &Read) -> Vec<String> {
+    let story: &Story = match read {
+        Read::Told(story) => story,
+        Read::Missing => return vec![it.no_file.to_owned()],
+        Read::Busy => return vec![it.busy.to_owned()],
+        Read::Bad(why) => {
+            return vec![format!("{}: {}. {}", it.bad_file, clean(why, MESSAGE), it.only_known)];
+        }
+    };
+    let mut troubles = Vec::new();
+    if !story.complete {
+        troubles.push(it.incomplete.to_owned());
+    }
+    if story.cut {
+        troubles.push(it.cut.to_owned());
+    }
+    if !story.left_out.is_empty() && story.complete {
+        let parts: Vec<String> =
+            story.left_out.iter().take(LEFT_OUT).map(|part| clean(part, MESSAGE)).collect();
+        troubles.push(format!("{}: {}", it.left_out, parts.join("; ")));
+    }
+    troubles
+}
+
+fn row(lang: Lang, moment: &Moment, since_ms: i64) -> MomentRow {
+    // Whole tenths, so that nothing is "-0.0".
+    let tenths = (moment.at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64;
+    let state = match &moment.what {
+        Happened::Fails { state, .. } => state.clone(),
+        Happened::Masks { .. } => "ignore".to_owned(),
+        Happened::Recovers { .. } => "ok".to_owned(),
+        _ => String::new(),
+    };
+    let at = wall_time(moment.at_ms);
+    MomentRow {
+        clock: at[11..21].to_owned(),
+        at,
+        after: format!("{:+.1} s", tenths as f64 / 10.0),
+        state: clean(&state, NAME),
+        text: sentence(lang, &moment.what),
+    }
+}
+
+fn stage_bar(painter: &Painter, period: &Period) -> Option<String> {
+    let stage = Stage::from_word(&period.state)?;
+    Some(painter.stage(stamp(period.from_ms), stamp(period.to_ms), stage))
+}
+
+fn signal_lane(painter: &Painter, strip: &NodeStrip) -> Lane {
+    let bar = |period: &Period| {
+        let value = period.state.parse().ok();
+        painter.signal(stamp(period.from_ms), stamp(period.to_ms), value)
+    };
+    let bars = strip.periods.iter().map(bar).collect();
+    Lane { name: clean(&strip.node, 2 * NAME), broken: broken(&strip.node), why: None, bars }
+}
+
+fn node_bars(painter: &Painter, strip: &NodeStrip) -> String {
+    let stretch = |period: &Period| {
+        Some(Stretch {
+            from_ms: period.from_ms,
+            to_ms: period.to_ms,
+            state: State::from_word(&period.state)?,
+            own: State::from_word(&period.own)?,
+            cause: period.masked_by.as_deref().map(Into::into),
+            said: Said::of(&period.message, None),
+        })
+    };
+    let stretches: Vec<Stretch> = strip.periods.iter().filter_map(stretch).collect();
+    recorded(&stretches).iter().map(|segment| painter.segment(segment)).collect()
+}
+
+fn legend(lang: Lang, it: &IncidentWords) -> Vec<Explained> {
+    let looks = [Look::Ok, Look::Warning, Look::Error, Look::Unknown];
+    let plain = looks.map(|look| (look, false, look_word(lang, look)));
+    let rest = [
+        (Look::Attributed, false, it.look_attributed),
+        (Look::Masked, false, it.look_masked),
+        (Look::NotRelevant, false, it.look_not_relevant),
+        (Look::Masked, true, it.look_own),
+    ];
+    let explained = |(look, is_own, word): (Look, bool, &str)| Explained {
+        class: class(look),
+        pattern: pattern(look),
+        is_own,
+        word: word.to_owned(),
+    };
+    plain.into_iter().chain(rest).map(explained).collect()
+}
+
+fn topic(topic: &ToldTopic) -> TopicRow {
+    TopicRow {
+        topic: clean(&topic.topic, 2 * NAME),
+        broken: broken(&topic.topic),
+        type_name: broken(&topic.type_name),
+        seconds: format!("{:.1}", topic.last_ms.saturating_sub(topic.first_ms) as f64 / 1000.0),
+        messages: topic.messages,
+        size: size(topic.bytes),
+    }
+}
