@@ -226,9 +226,13 @@ impl Database {
         // What was acknowledged so far lies in a log that has no name any more. The database still has one:
         // it takes all of that in, unless another program works with it through another log.
         if !self.health.is_reading && self.health.files.as_ref().is_some_and(OpenFiles::can_be_saved) {
-            let saved = self.connection.query_row("PRAGMA wal_checkpoint(PASSIVE)", [], |_| Ok(()));
-            if let Err(error) = saved {
-                tracing::error!(%error, "what was in the log of the database cannot be saved");
+            // FULL waits for readers of an older state, such as the daily copy: PASSIVE would leave out what
+            // was written after it began.
+            let is_busy = self.connection.query_row("PRAGMA wal_checkpoint(FULL)", [], |row| row.get(0));
+            match is_busy {
+                Ok(false) => {}
+                Ok(true) => tracing::error!("the log of the database is in use: it is saved later"),
+                Err(error) => tracing::error!(%error, "what was in the log of the database cannot be saved"),
             }
         }
         Err(fault)
@@ -262,6 +266,10 @@ impl Database {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
+    use rusqlite::OpenFlags;
+
     use super::*;
     use crate::clock::Clock;
     use crate::store::{DemoSecrets, FILE_NAME, Role, TestFolder};
@@ -302,6 +310,27 @@ mod tests {
         store.close().await;
         assert_eq!(locks(&path), 0);
         assert!(!folder.join(format!("{FILE_NAME}-wal")).exists(), "closed, it is one file");
+    }
+
+    #[tokio::test]
+    async fn a_log_without_a_name_is_saved_whole_although_the_database_is_being_read() {
+        let folder = TestFolder::new("health-read");
+        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let reader = Connection::open(folder.join(FILE_NAME)).unwrap();
+        reader.execute_batch("BEGIN; SELECT 1 FROM users LIMIT 1").unwrap();
+        store.add_user("anna", Role::Operator, "135791").await.unwrap();
+        std::fs::remove_file(folder.join(format!("{FILE_NAME}-wal"))).unwrap();
+        let (refused, ()) = tokio::join!(store.add_user("bert", Role::Operator, "135791"), async {
+            tokio::time::sleep(Duration::from_millis(200)).await;
+            reader.execute_batch("COMMIT").unwrap();
+        });
+        assert!(matches!(refused, Err(StoreError::Files(_))), "{refused:?}");
+        let database = folder.join(FILE_NAME);
+        let immutable = format!("file:{}?immutable=1", database.display());
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI;
+        let without_log = Connection::open_with_flags(immutable, flags).unwrap();
+        let names = "SELECT count(*) FROM users WHERE name = 'anna'";
+        assert_eq!(without_log.query_row(names, [], |row| row.get::<_, i64>(0)).unwrap(), 1);
     }
 
     #[tokio::test]
