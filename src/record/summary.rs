@@ -104,7 +104,8 @@ pub struct Recording {
     pub sha256: Option<String>,
     /// Messages in the file.
     pub messages: u64,
-    /// Messages and inputs that are missing in the file: the disk or the memory had no room for them.
+    /// Messages and inputs that are missing in the file: the disk or the memory had no room for them, or they
+    /// were too large for its readers.
     pub missing: u64,
     /// The program ended while it was recorded.
     #[serde(default)]

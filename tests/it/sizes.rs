@@ -9,6 +9,7 @@ use telltale::engine::input::{Input, StatusArray, WriterId};
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
+use telltale::record::file::KEYFRAMES;
 use telltale::runtime::Published;
 use telltale::store::Role;
 use telltale::web::developer::{PageQuery, coverage, graph, masking, statuses, topics, why};
@@ -177,4 +178,25 @@ fn long_names_take_the_room_of_many() {
     let said = &*dropped.report.message;
     assert!(said.contains("names are too long") && said.contains("256 bytes for each"), "{said}");
     assert!(snapshot.counters.dropped_names > 3000);
+}
+
+#[test]
+fn the_state_of_a_large_vehicle_fits_into_a_recording() {
+    let text = "limits: { discovered_modules: 100000 }\ngroups: [{ id: g0, match: [{ regex: '.*' }] }]\n";
+    let mut large = Engine::new(config::parse("test", text).unwrap().model, Timestamp::ZERO);
+    for part in 0..10 {
+        let names = (0..10_000).map(|it| format!("0 sensors/lidar_{part}_{it}: connection"));
+        say(&mut large, part, 1, "the rate is too low", 4, names);
+    }
+    let state = |engine: &Engine| serde_json::to_string(&engine.keyframe()).unwrap().len();
+    check("100,000 modules: state", state(&large), KEYFRAMES.bytes_max);
+    // As much as is ever kept of what a vehicle says at the default limits.
+    let mut talkative = engine(Stage::Active);
+    let words = "w".repeat(4000);
+    say(&mut talkative, 1, 2, &words, 0, (0..4000).map(|it| format!("0 {it}")));
+    say(&mut talkative, 2, 2, &words, 0, (0..4000).map(|it| format!("1 {it}")));
+    for (writer, group) in [(1, 0), (2, 1)] {
+        say(&mut talkative, writer, 2, &words, 3, (0..2048).map(|it| format!("{group} {it}")));
+    }
+    check("long words: state", state(&talkative), KEYFRAMES.bytes_max);
 }

@@ -13,25 +13,42 @@ pub struct JsonChannel {
     pub topic: &'static str,
     /// The JSON Schema of its documents.
     pub schema: &'static str,
+    /// A larger document is neither written nor read.
+    pub bytes_max: usize,
 }
+
+/// The largest line, and the largest document of a channel that is not ours. The text of a whole configuration
+/// fits into a line.
+const LINE_BYTES_MAX: usize = 16 << 20;
 
 /// Everything that the engine took, in its order.
 pub const JOURNAL: JsonChannel = JsonChannel {
     topic: "/telltale/journal",
     schema: r#"{"title":"An input of the engine","type":"object"}"#,
+    bytes_max: LINE_BYTES_MAX,
 };
 
 /// The engine's whole state at one instant.
 pub const KEYFRAMES: JsonChannel = JsonChannel {
     topic: "/telltale/keyframe",
     schema: r#"{"title":"A state of the engine","type":"object"}"#,
+    // With what stands before it in its chunk, it stays below the largest chunk. 100,000 modules with four values
+    // each take 109 MB.
+    bytes_max: 120 << 20,
 };
 
 /// Changes of what is shown.
 pub const TRANSITIONS: JsonChannel = JsonChannel {
     topic: "/telltale/transitions",
     schema: r#"{"title":"A change of what is shown","type":"object"}"#,
+    bytes_max: LINE_BYTES_MAX,
 };
+
+/// The bytes of the largest document of a channel.
+pub(super) fn bytes_max(topic: &str) -> usize {
+    let ours = [JOURNAL, KEYFRAMES, TRANSITIONS].into_iter().find(|channel| channel.topic == topic);
+    ours.map_or(LINE_BYTES_MAX, |channel| channel.bytes_max)
+}
 
 pub(super) const TYPE: &str = "std_msgs/msg/String";
 pub(super) const DEFINITION: &str = "string data\n";
@@ -48,8 +65,8 @@ impl JsonChannel {
     }
 }
 
-/// Appends a document as the CDR of a `std_msgs/msg/String` with its encapsulation.
-pub(super) fn encode(document: &impl Serialize, into: &mut Vec<u8>) -> io::Result<()> {
+/// Appends a document as the CDR of a `std_msgs/msg/String` with its encapsulation. Returns the bytes of its text.
+pub(super) fn encode(document: &impl Serialize, into: &mut Vec<u8>) -> io::Result<usize> {
     let start = into.len();
     into.extend([0, 1, 0, 0, 0, 0, 0, 0]);
     let text = into.len();
@@ -58,7 +75,7 @@ pub(super) fn encode(document: &impl Serialize, into: &mut Vec<u8>) -> io::Resul
     let length = u32::try_from(into.len() - text)
         .map_err(|_| io::Error::other("the document is longer than 4 GiB"))?;
     into[start + 4..text].copy_from_slice(&length.to_le_bytes());
-    Ok(())
+    Ok(into.len() - text - 1)
 }
 
 /// Whether a channel of this type and metadata has JSON documents.

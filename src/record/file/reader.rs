@@ -215,9 +215,12 @@ impl<R: Read + Seek> Reader<R> {
                 self.leave_out_channel(id, at, why);
                 None
             }
-            Format::Json => Some(Entry::Json { channel, stamps, text: data }),
+            Format::Json => self.document(at, channel, stamps, data),
             Format::JsonText => match json::text(&data) {
-                Some(text) => Some(Entry::Json { stamps, text: data.slice_ref(text), channel }),
+                Some(text) => {
+                    let text = data.slice_ref(text);
+                    self.document(at, channel, stamps, text)
+                }
                 None => {
                     self.omissions.add(at, 0, format!("a document of {} cannot be read", channel.topic));
                     None
@@ -236,6 +239,21 @@ impl<R: Read + Seek> Reader<R> {
                 Some(Entry::Message { channel, stamps, body })
             }
         }
+    }
+
+    fn document(
+        &mut self,
+        at: u64,
+        channel: Arc<Channel>,
+        stamps: MessageStamps,
+        text: Bytes,
+    ) -> Option<Entry> {
+        if text.len() > json::bytes_max(&channel.topic) {
+            let why = format!("a document of {} with {} bytes is too large", channel.topic, text.len());
+            self.omissions.add(at, 0, why);
+            return None;
+        }
+        Some(Entry::Json { channel, stamps, text })
     }
 
     fn leave_out_channel(&mut self, id: u16, at: u64, why: String) {

@@ -138,7 +138,8 @@ impl IncidentFile {
         self.put_message(topic, stamps)
     }
 
-    /// A document of one of our own channels.
+    /// A document of one of our own channels. Returns whether it is in the file: one that is too large for its
+    /// readers is not.
     ///
     /// # Errors
     /// It is no JSON (a map's key is no text), or the disk failed, if this completes a chunk.
@@ -147,16 +148,20 @@ impl IncidentFile {
         channel: &JsonChannel,
         log_time_ns: u64,
         document: &impl Serialize,
-    ) -> Result<(), FileError> {
+    ) -> Result<bool, FileError> {
+        self.scratch.clear();
+        let length = json::encode(document, &mut self.scratch)
+            .map_err(|error| FileError::format(self.output.path(), error.to_string()))?;
+        if length > channel.bytes_max {
+            return Ok(false);
+        }
         let (topic, sequence) = match self.json.get(channel.topic) {
             Some(known) => *known,
             None => (self.add(channel.topic, json::TYPE, json::DEFINITION, &channel.metadata())?, 0),
         };
         self.json.insert(channel.topic, (topic, sequence.wrapping_add(1)));
-        self.scratch.clear();
-        json::encode(document, &mut self.scratch)
-            .map_err(|error| FileError::format(self.output.path(), error.to_string()))?;
-        self.put_message(topic, MessageStamps { log_time_ns, publish_time_ns: log_time_ns, sequence })
+        self.put_message(topic, MessageStamps { log_time_ns, publish_time_ns: log_time_ns, sequence })?;
+        Ok(true)
     }
 
     fn put_message(&mut self, topic: Topic, stamps: MessageStamps) -> Result<(), FileError> {

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::{Place, VEHICLE};
@@ -14,7 +15,9 @@ use crate::engine::Engine;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Record;
 use crate::msg::received::Message;
-use crate::record::file::{FileError, IncidentFile, JOURNAL, KEYFRAMES, MessageStamps, TRANSITIONS};
+use crate::record::file::{
+    FileError, IncidentFile, JOURNAL, JsonChannel, KEYFRAMES, MessageStamps, TRANSITIONS,
+};
 use crate::record::folder::file_name;
 use crate::record::incident::Trigger;
 use crate::record::journal::Line;
@@ -126,8 +129,7 @@ impl OpenFile {
             self.next += gone;
             self.summary.recording.missing += gone;
             let at = entries.first().map_or(Timestamp::ZERO, |entry| entry.at);
-            let lost = Entry { at, taken: Taken::Lost(gone), message: None };
-            self.file.json(&JOURNAL, unix_ns(self.wall(at)), &Line::of(&lost))?;
+            self.lost(at, gone)?;
         }
         for entry in entries {
             self.take_entry(entry, place)?;
@@ -143,27 +145,44 @@ impl OpenFile {
         }
         match &entry.taken {
             Taken::Keyframe(Some(engine)) => {
-                self.file.json(&KEYFRAMES, at, &engine.keyframe())?;
+                self.document(&KEYFRAMES, at, &engine.keyframe())?;
                 if self.knows_states { Ok(()) } else { self.states(engine) }
             }
             Taken::Keyframe(None) => Ok(()),
             Taken::Transition(record) => {
                 let transition = Transition::of(record, unix_ms(self.wall(record.at)));
-                self.file.json(&TRANSITIONS, at, &transition)
+                self.document(&TRANSITIONS, at, &transition).map(drop)
             }
             Taken::Statuses if entry.message.is_none() => {
                 self.summary.recording.missing += 1;
-                let lost = Entry { at: entry.at, taken: Taken::Lost(1), message: None };
-                self.file.json(&JOURNAL, at, &Line::of(&lost))
+                self.lost(entry.at, 1)
             }
             Taken::Lost(count) => {
                 self.summary.recording.missing += count;
-                self.file.json(&JOURNAL, at, &Line::of(entry))
+                self.lost(entry.at, *count)
             }
             Taken::Input(_) | Taken::Statuses | Taken::Reload(_) => {
-                self.file.json(&JOURNAL, at, &Line::of(entry))
+                if self.document(&JOURNAL, at, &Line::of(entry))? { Ok(()) } else { self.lost(entry.at, 1) }
             }
         }
+    }
+
+    /// A document, unless it is too large for the readers of the file: then it is missing.
+    fn document(
+        &mut self,
+        channel: &JsonChannel,
+        at: u64,
+        document: &impl Serialize,
+    ) -> Result<bool, FileError> {
+        let is_written = self.file.json(channel, at, document)?;
+        self.summary.recording.missing += u64::from(!is_written);
+        Ok(is_written)
+    }
+
+    /// Says in the journal that entries are missing.
+    fn lost(&mut self, at: Timestamp, count: u64) -> Result<(), FileError> {
+        let lost = Entry { at, taken: Taken::Lost(count), message: None };
+        self.file.json(&JOURNAL, unix_ns(self.wall(at)), &Line::of(&lost)).map(drop)
     }
 
     /// The state of everything at the beginning, so that the transitions can be read by themselves.
@@ -173,7 +192,7 @@ impl OpenFile {
         // The first one says that the program started, which it did not now.
         present.iter().skip(1).try_for_each(|record| {
             let at = self.wall(record.at);
-            self.file.json(&TRANSITIONS, unix_ns(at), &Transition::of(record, unix_ms(at)))
+            self.document(&TRANSITIONS, unix_ns(at), &Transition::of(record, unix_ms(at))).map(drop)
         })
     }
 

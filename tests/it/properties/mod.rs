@@ -6,6 +6,7 @@ mod clones;
 mod driving;
 mod files;
 mod keyframes;
+mod lines;
 mod monitors;
 mod motion;
 mod oracle;

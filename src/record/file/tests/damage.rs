@@ -181,6 +181,29 @@ fn lengths_that_lie_cost_no_memory() {
 }
 
 #[test]
+fn a_document_that_is_too_large_is_left_out() {
+    let folder = TestFolder::new("record-document");
+    let path = folder.join("a.mcap");
+    let mut file = IncidentFile::create(&path, about()).unwrap();
+    let unbounded = JsonChannel { bytes_max: usize::MAX, ..JOURNAL };
+    let document = |bytes: usize| "x".repeat(bytes - 2);
+    assert!(file.json(&unbounded, 1, &document(JOURNAL.bytes_max)).unwrap());
+    assert!(file.json(&unbounded, 2, &document(JOURNAL.bytes_max + 1)).unwrap());
+    assert!(!file.json(&JOURNAL, 3, &document(JOURNAL.bytes_max + 1)).unwrap(), "nor is it written");
+    assert!(file.json(&KEYFRAMES, 4, &document(JOURNAL.bytes_max + 1)).unwrap(), "a state is larger");
+    file.finish().unwrap();
+    assert_eq!(check(&path).unwrap(), [""; 0]);
+    let mut reader = Reader::open(&path).unwrap();
+    let mut times = Vec::new();
+    while let Some(Entry::Json { stamps, .. }) = reader.next_entry() {
+        times.push(stamps.log_time_ns);
+    }
+    assert_eq!(times, [1, 4]);
+    let told = left_out(&reader).join("\n");
+    assert!(told.contains("a document of /telltale/journal with 16777217 bytes is too large"), "{told}");
+}
+
+#[test]
 fn an_end_in_the_middle_does_not_hide_what_follows() {
     let folder = TestFolder::new("record-end");
     let (path, _) = sample(&folder, false);
