@@ -31,7 +31,7 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
 /// Look at the incidents that a vehicle recorded, and look after their recordings.
 ///
 /// The recordings are MCAP files in the folder `incidents` of the data folder. A server may run on it
-/// meanwhile. Exit code 1 if a recording is missing or not as it was recorded.
+/// meanwhile. Exit code 1 if a recording is missing, damaged or not as it was recorded.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  telltale incident list --data /var/lib/telltale\n  \
     telltale incident export 12 --data /var/lib/telltale --output fault.mcap\n  \
@@ -61,10 +61,10 @@ enum Command {
             telltale incident export 12 --report fault.html --data /var/lib/telltale"
     )]
     Export(export::Args),
-    /// Say whether recordings are as they were recorded; exit code 1 if one is not
+    /// Say whether recordings are whole and as they were recorded; exit code 1 if one is not
     ///
     /// Each file is compared with its hash in the store and in the audit log, whose chain is verified as
-    /// `telltale audit verify` does it.
+    /// `telltale audit verify` does it, and read through for damage.
     #[command(after_help = "Example:\n  telltale incident verify 12 13 --data /var/lib/telltale")]
     Verify {
         /// The incidents [default: all]

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::{Value, json};
-use sha2::{Digest as _, Sha256};
 use telltale::clock::Clock;
 use telltale::record::file::{IncidentFile, TRANSITIONS};
 use telltale::record::folder::{file_name, folder_in};
@@ -36,10 +35,10 @@ impl Folder {
             (3, kind::ROOT, DAY_MS),
             (4, kind::ROOT, 0),
         ] {
-            let bytes = format!("recording {id}").repeat(100);
-            std::fs::write(folder_in(&data).join(file_name(id)), &bytes).unwrap();
+            let path = folder_in(&data).join(file_name(id));
+            let bytes = recording(&path, id);
             let is_over = id < 4;
-            let hash: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+            let hash = hash_file(&path).unwrap();
             let trigger = TriggerLine {
                 at_ms: now - age,
                 kind: kind.into(),
@@ -49,7 +48,7 @@ impl Folder {
             };
             let recording = Recording {
                 file: file_name(id),
-                bytes: bytes.len() as u64,
+                bytes,
                 finished: is_over,
                 sha256: is_over.then_some(hash),
                 ..Recording::default()
@@ -82,6 +81,17 @@ impl Folder {
     fn run(&self, words: &[&str]) -> (String, String, Option<i32>) {
         incident(&self.data, words)
     }
+}
+
+/// A small recording. Returns its bytes.
+fn recording(path: &Path, id: u64) -> u64 {
+    let mut file =
+        IncidentFile::create(path, BTreeMap::from([("incident".to_owned(), id.to_string())])).unwrap();
+    for at in 1..=100 {
+        file.json(&TRANSITIONS, at, &json!({ "at_ms": 0, "kind": "stage", "stage": format!("{id} {at}") }))
+            .unwrap();
+    }
+    file.finish().unwrap().bytes
 }
 
 impl Drop for Folder {
@@ -189,7 +199,14 @@ async fn a_report_is_written_beside_a_server_also_where_the_recording_is_damaged
     let (out, _, code) = folder.run(&["export", "5", "--report", &to("b.html"), "--output", &to("b.mcap")]);
     assert!(code == Some(0) && out.contains("b.html") && out.contains("b.mcap"), "{out}");
     assert_eq!(std::fs::read(to("b.mcap")).unwrap(), std::fs::read(&path).unwrap());
-    // What the database knows.
+    // What the database knows; two are no recordings.
+    let store = folder.store.as_ref().unwrap();
+    for id in [3, 4] {
+        std::fs::write(folder.file(id), "no recording").unwrap();
+    }
+    let mut summary = store.incident(3).await.unwrap().unwrap().summary;
+    summary.recording.sha256 = Some(hash_file(&folder.file(3)).unwrap());
+    store.incident_finished(&summary).await.unwrap();
     for (id, says, in_report) in [
         ("3", "cannot be read", "The recording cannot be read"),
         ("2", "is gone", "The recording is not there any more"),
@@ -241,12 +258,13 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
         let connection = rusqlite::Connection::open(folder.data.join("telltale.db")).unwrap();
         connection.execute_batch(sql).unwrap();
     };
-    let hash: String = Sha256::digest("forged").iter().map(|byte| format!("{byte:02x}")).collect();
+    std::fs::remove_file(folder.file(3)).unwrap();
+    recording(&folder.file(3), 33);
+    let hash = hash_file(&folder.file(3)).unwrap();
     let old: String = {
         let connection = rusqlite::Connection::open(folder.data.join("telltale.db")).unwrap();
         connection.query_row("SELECT sha256 FROM incidents WHERE id = 3", [], |row| row.get(0)).unwrap()
     };
-    std::fs::write(folder.file(3), "forged").unwrap();
     run(&format!("UPDATE incidents SET summary = replace(summary, '{old}', '{hash}'), sha256 = '{hash}'"));
     let (out, _, code) = folder.run(&["verify", "3"]);
     assert!(code == Some(1) && out.contains("the audit log has sha256"), "{out}");
@@ -257,6 +275,33 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
         code == Some(1) && out.contains("BAD   the audit log") && out.contains("ok    incident 3"),
         "{out}"
     );
+}
+
+#[tokio::test]
+async fn a_damaged_recording_is_told_also_where_its_hash_is_right() {
+    let folder = Folder::new("damaged").await;
+    let store = folder.store.as_ref().unwrap();
+    // Completed after a crash, and damaged before its hash was made.
+    let mut bytes = std::fs::read(folder.file(3)).unwrap();
+    let middle = bytes.len() / 3;
+    bytes[middle] ^= 0xff;
+    std::fs::write(folder.file(3), &bytes).unwrap();
+    let (out, _, code) = folder.run(&["verify", "3"]);
+    assert!(
+        code == Some(1) && out.contains("not as it was recorded") && out.contains("; it is damaged at byte"),
+        "{out}"
+    );
+    let mut summary = store.incident(3).await.unwrap().unwrap().summary;
+    summary.recording.sha256 = Some(hash_file(&folder.file(3)).unwrap());
+    store.incident_finished(&summary).await.unwrap();
+    let (out, _, code) = folder.run(&["verify", "3"]);
+    assert!(code == Some(1) && out.contains("is as it was recorded, but damaged at byte"), "{out}");
+    std::fs::write(folder.file(3), &bytes[..bytes.len() / 2]).unwrap();
+    summary.recording.sha256 = Some(hash_file(&folder.file(3)).unwrap());
+    store.incident_finished(&summary).await.unwrap();
+    let (out, _, code) = folder.run(&["verify", "3"]);
+    assert!(code == Some(1) && out.contains("the file ends in the middle of a record"), "{out}");
+    assert_eq!(folder.run(&["verify", "1"]).2, Some(0));
 }
 
 #[tokio::test]

@@ -1,4 +1,5 @@
-//! `telltale incident verify`: compares recordings with their hashes in the store and in the audit log.
+//! `telltale incident verify`: compares recordings with their hashes in the store and in the audit log, and says
+//! what is damaged in them.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -9,10 +10,14 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed};
-use crate::record::folder;
 use crate::record::retention::size;
+use crate::record::{file, folder};
 use crate::store::audit::verify_audit_in;
 use crate::store::{Incident, IncidentRecords, Incidents};
+use crate::yaml::plain::escaped;
+
+/// Damages of a file that are told.
+const DAMAGES_MAX: usize = 3;
 
 /// What was found out about one incident.
 enum Found {
@@ -77,7 +82,7 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
     };
     let opened = File::open(&path);
     let is_missing = matches!(&opened, Err(error) if error.kind() == io::ErrorKind::NotFound);
-    let path = path.display();
+    let (full, path) = (&path, path.display());
     match incident {
         None if is_missing && was_removed => return Found::Bad("it was removed".to_owned()),
         None if is_missing && recorded.is_some() => {
@@ -96,18 +101,40 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
         Err(_) if is_missing => return Found::Bad(format!("{path} is gone")),
         Err(error) => return Found::Bad(format!("{path} cannot be read: {error}")),
     };
+    let damaged = match file::check(full) {
+        Ok(damages) => told(&damages),
+        Err(error) => return Found::Bad(error.to_string()),
+    };
     let stored = incident.and_then(|it| it.summary.recording.sha256.as_ref());
     let wrong = |what: &str, expected: &str| {
-        Found::Bad(format!("{path} is not as it was recorded: {what} has sha256 {expected}, the file {hash}"))
+        let damaged =
+            damaged.as_ref().map(|damages| format!("; it is damaged {damages}")).unwrap_or_default();
+        Found::Bad(format!(
+            "{path} is not as it was recorded: {what} has sha256 {expected}, the file {hash}{damaged}"
+        ))
     };
     match (stored, recorded) {
         (Some(stored), _) if *stored != hash => wrong("the store", stored),
         (_, Some(recorded)) if *recorded != hash => wrong("the audit log", recorded),
         (_, None) => Found::Bad(format!("{path} has no hash in the audit log, so nothing proves it")),
+        (_, Some(_)) if let Some(damages) = damaged => {
+            Found::Bad(format!("{path} is as it was recorded, but damaged {damages}"))
+        }
         (None, Some(_)) if incident.is_none() => Found::Whole(format!(
             "{path}, {}, as the audit log has it; the store does not know it any more",
             size(bytes)
         )),
         _ => Found::Whole(format!("{path}, {}, sha256 {hash}", size(bytes))),
     }
+}
+
+/// What is damaged; `None` if nothing is.
+fn told(damages: &[String]) -> Option<String> {
+    let named = damages.iter().take(DAMAGES_MAX).map(|it| escaped(it).into_owned());
+    let mut told = named.collect::<Vec<_>>().join("; ");
+    let more = damages.len().saturating_sub(DAMAGES_MAX);
+    if more > 0 {
+        told += &format!("; and in {more} other places");
+    }
+    (!damages.is_empty()).then_some(told)
 }
