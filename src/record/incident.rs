@@ -16,7 +16,7 @@ use crate::engine::time::{Span, Timestamp};
 pub const LENGTH_MAX: Span = Span::from_secs(60);
 
 /// Triggers of one incident that are kept; more are counted.
-const TRIGGERS_MAX: usize = 256;
+pub(super) const TRIGGERS_MAX: usize = 256;
 
 /// Bounds on the values at the beginning of an incident.
 const FROZEN_MODULES_MAX: usize = 64;

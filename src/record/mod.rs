@@ -3,6 +3,7 @@
 pub mod feed;
 pub mod file;
 pub mod folder;
+pub mod found;
 pub mod incident;
 pub mod journal;
 pub mod recorder;

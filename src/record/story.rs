@@ -17,9 +17,9 @@ pub use strips::{NodeStrip, Period};
 use strips::{signals, stages, strips};
 
 /// Entries that are read of one file; further ones are left out, which is said.
-const ENTRIES_MAX: u64 = 2_000_000;
+pub(super) const ENTRIES_MAX: u64 = 2_000_000;
 /// Bytes of messages that are read of one file.
-const BYTES_MAX: u64 = 1 << 30;
+pub(super) const BYTES_MAX: u64 = 1 << 30;
 /// Changes that are kept while a file is read.
 const CHANGES_MAX: usize = 50_000;
 const TOPICS_MAX: usize = 1024;
@@ -317,7 +317,7 @@ fn triggers(summary: &Summary) -> impl Iterator<Item = Moment> {
 }
 
 /// A node below a group. Groups follow from them.
-fn is_module(node: &str) -> bool {
+pub(super) fn is_module(node: &str) -> bool {
     node.contains('/')
 }
 

@@ -97,7 +97,7 @@ pub struct Recording {
     pub bytes: u64,
     /// Seconds before the first trigger that can be shown.
     pub pre_roll_s: f64,
-    /// The file is whole and will not change.
+    /// The file will not change.
     pub finished: bool,
     /// SHA-256 of the finished file, in hexadecimal digits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -110,6 +110,9 @@ pub struct Recording {
     /// The program ended while it was recorded.
     #[serde(default)]
     pub interrupted: bool,
+    /// The file was not there any more when it should have been completed: the recording is lost.
+    #[serde(default)]
+    pub gone: bool,
 }
 
 impl Recording {

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::record::file::{IncidentFile, TRANSITIONS};
 use telltale::record::folder::{file_name, folder_in};
+use telltale::record::found;
 use telltale::record::summary::{Recording, Summary, TriggerLine, kind};
 use telltale::record::writer::hash_file;
 use telltale::store::{DemoSecrets, Store};
@@ -275,6 +276,22 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
         code == Some(1) && out.contains("BAD   the audit log") && out.contains("ok    incident 3"),
         "{out}"
     );
+}
+
+#[tokio::test]
+async fn a_recording_that_was_taken_in_is_proven_from_then_on() {
+    let folder = Folder::new("found").await;
+    recording(&folder.file(9), 9);
+    let (out, _, code) = folder.run(&["verify", "9"]);
+    assert!(code == Some(1) && out.contains("no hash"), "{out}");
+    let mut summary = found::summary(&folder.file(9), 9).unwrap().unwrap();
+    (summary.recording.finished, summary.recording.sha256) =
+        (true, Some(hash_file(&folder.file(9)).unwrap()));
+    folder.store.as_ref().unwrap().incident_found(&summary).await.unwrap();
+    let (out, _, code) = folder.run(&["verify", "9"]);
+    assert!(code == Some(0) && out.contains("nothing proves it before that"), "{out}");
+    std::fs::write(folder.file(9), "another").unwrap();
+    assert_eq!(folder.run(&["verify", "9"]).2, Some(1));
 }
 
 #[tokio::test]

@@ -106,6 +106,7 @@ fn line(incident: &Incident) -> String {
         (incident.kept, "kept"),
         (summary.storm, "storm"),
         (summary.recording.interrupted, "interrupted"),
+        (summary.recording.gone, "gone"),
         (summary.until_ms.is_some() && !summary.recording.finished, "unfinished"),
     ];
     let flags = flags.iter().filter(|(is_set, _)| *is_set).map(|(_, word)| format!("[{word}]"));

@@ -124,6 +124,10 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
             "{path}, {}, as the audit log has it; the store does not know it any more",
             size(bytes)
         )),
+        _ if records.found.contains(&id) => Found::Whole(format!(
+            "{path}, {}, sha256 {hash}, as it was when it was taken in; nothing proves it before that",
+            size(bytes)
+        )),
         _ => Found::Whole(format!("{path}, {}, sha256 {hash}", size(bytes))),
     }
 }

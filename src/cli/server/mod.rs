@@ -1,5 +1,6 @@
 //! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
+mod left_over;
 pub mod outputs;
 mod recording;
 pub mod reload;

@@ -11,19 +11,17 @@ use anyhow::Context as _;
 use tokio::sync::{mpsc, watch};
 use tokio::task;
 
-use super::reload;
+use super::{left_over, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::time::Span;
 use crate::msg::fields::Definitions;
 use crate::record::feed::{Feed, Turns};
-use crate::record::file::repair;
 use crate::record::folder;
 use crate::record::incident::Margins;
 use crate::record::recorder::{Recorder, Settings};
 use crate::record::retention::{Policy, surplus};
-use crate::record::summary::Summary;
-use crate::record::writer::{self, NEWS_MAX, News, Place, VEHICLE, hash_file, unix_ms};
+use crate::record::writer::{self, NEWS_MAX, News, Place, VEHICLE, unix_ms};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
@@ -120,8 +118,9 @@ pub async fn start(
     if let Err(error) = make_folder(&folder) {
         tracing::error!(%error, "the folder {} cannot be made", folder.display());
     }
-    make_whole(store, &folder).await;
-    let largest = folder::numbers(&folder).unwrap_or_default().last().copied().unwrap_or(0);
+    left_over::make_whole(store, &folder).await;
+    let files = folder::numbers(&folder).unwrap_or_default();
+    let largest = files.last().copied().unwrap_or(0);
     let number = store.next_incident_number(largest).await.unwrap_or_else(|error| {
         tracing::error!(%error, "incidents are numbered after the files that are there");
         largest + 1
@@ -140,7 +139,7 @@ pub async fn start(
     let (fault, faults) = watch::channel(None);
     let (policy, policies) = watch::channel(policy);
     let books = tokio::spawn(keep_books(news, store.clone(), fault));
-    let tidying = tokio::spawn(tidy(policies, store.clone(), folder, clock));
+    let tidying = tokio::spawn(look_after(policies, store.clone(), folder, files, clock));
     Ok(Some(Recording { recorder, fault: faults, policy, writer, books, tidying, _temporary: temporary }))
 }
 
@@ -217,40 +216,16 @@ async fn keep_books(mut news: mpsc::Receiver<News>, store: Store, fault: watch::
     }
 }
 
-/// Completes the files of incidents that the end of an earlier run interrupted.
-async fn make_whole(store: &Store, folder: &Path) {
-    let unfinished = match store.unfinished_incidents().await {
-        Ok(unfinished) => unfinished,
-        Err(error) => return tracing::error!(%error, "interrupted incidents are not looked for"),
-    };
-    for summary in unfinished {
-        let Some(path) = folder::path_of(folder, &summary.recording.file) else { continue };
-        let whole = task::spawn_blocking(move || whole(summary, &path)).await;
-        let Ok(summary) = whole else { continue };
-        if let Err(error) = store.incident_finished(&summary).await {
-            tracing::error!(%error, "an interrupted incident stays open in the database");
-        }
-    }
-}
-
-/// The summary of an incident whose file is made whole.
-fn whole(mut summary: Summary, path: &Path) -> Summary {
-    let recording = &mut summary.recording;
-    recording.interrupted = true;
-    let made = repair(path).map(|_| ()).map_err(anyhow::Error::from).and_then(|()| {
-        recording.bytes = std::fs::metadata(path)?.len();
-        recording.sha256 = Some(hash_file(path)?);
-        Ok(())
-    });
-    match made {
-        Ok(()) => recording.finished = true,
-        Err(error) => tracing::error!(%error, "the file of an interrupted incident cannot be completed"),
-    }
-    summary
-}
-
-/// Removes recordings that are too old or too many.
-async fn tidy(mut policies: watch::Receiver<Policy>, store: Store, folder: PathBuf, clock: Clock) {
+/// Takes in the recordings of earlier runs that the store does not know, and removes those that are too old or
+/// too many.
+async fn look_after(
+    mut policies: watch::Receiver<Policy>,
+    store: Store,
+    folder: PathBuf,
+    files: Vec<u64>,
+    clock: Clock,
+) {
+    left_over::take_in(&store, &folder, files).await;
     loop {
         let policy = *policies.borrow_and_update();
         if let Err(error) = remove_surplus(&store, &folder, &policy, clock).await {

@@ -93,6 +93,7 @@ impl OpenFile {
                 messages: 0,
                 missing: 0,
                 interrupted: false,
+                gone: false,
             },
         };
         let mut open = OpenFile {

@@ -49,6 +49,7 @@ actions! {
     DataRestored: "data restored", "A backup was put in the place of the database.";
     Mark: "mark", "Somebody marked a moment in the recording.";
     IncidentRecorded: "incident recorded", "The recording of an incident was finished; with its hash.";
+    IncidentFound: "incident found", "A recording was taken in that the store did not know; with its hash.";
     IncidentNote: "incident note", "A note about an incident was written.";
     IncidentKept: "incident kept", "An incident is kept from now on, or no longer.";
     IncidentRemoved: "incident removed", "An incident was removed with its recording; with its hash.";

@@ -1,6 +1,6 @@
 //! Reads incidents, also from a database that a server has open.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use rusqlite::{Connection, OptionalExtension as _, Row, params};
@@ -96,7 +96,8 @@ impl Store {
         .await
     }
 
-    /// The incidents whose recordings the last run of the program did not finish.
+    /// The incidents whose recordings the last run of the program did not finish, and those whose recordings were
+    /// gone.
     ///
     /// # Errors
     /// If the database fails.
@@ -105,12 +106,32 @@ impl Store {
             if !is_known(&database.connection)? {
                 return Ok(Vec::new());
             }
-            let sql = format!("SELECT {COLUMNS} FROM incidents WHERE NOT finished ORDER BY id");
+            let sql = format!("SELECT {COLUMNS} FROM incidents WHERE NOT finished OR (sha256 IS NULL AND bytes = 0) ORDER BY id");
             let mut query = database.connection.prepare_cached(&sql)?;
             let found = query.query_map([], |row| Ok(incident(row)?.summary))?;
             Ok(found.collect::<Result<_, _>>()?)
         })
         .await
+    }
+
+    /// Those of these numbers that belong to no incident.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn unknown_incidents(&self, numbers: Vec<u64>) -> Result<Vec<u64>, StoreError> {
+        self.call(move |database| {
+            let known: BTreeSet<u64> = held(&database.connection)?.iter().map(|it| it.id).collect();
+            Ok(numbers.into_iter().filter(|number| !known.contains(number)).collect())
+        })
+        .await
+    }
+
+    /// What the audit log says of recordings.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn incident_records(&self) -> Result<IncidentRecords, StoreError> {
+        self.call(|database| records(&database.connection)).await
     }
 }
 
@@ -125,6 +146,8 @@ pub struct IncidentRecords {
     pub hashes: BTreeMap<u64, String>,
     /// Those that were removed since.
     pub removed: Vec<u64>,
+    /// Those whose recordings were taken in without an incident, so that their hashes prove nothing before.
+    pub found: BTreeSet<u64>,
 }
 
 impl Incidents {
@@ -167,23 +190,31 @@ impl Incidents {
     /// # Errors
     /// If the database fails.
     pub fn records(&self) -> Result<IncidentRecords, StoreError> {
-        let mut records = IncidentRecords::default();
-        let [recorded, removed] = [Action::IncidentRecorded, Action::IncidentRemoved].map(Action::as_str);
-        let sql = "SELECT action, target FROM audit WHERE action IN (?1, ?2) ORDER BY number";
-        let mut query = self.0.prepare(sql)?;
-        let mut rows = query.query((recorded, removed))?;
-        while let Some(row) = rows.next()? {
-            let (action, target): (String, String) = (row.get(0)?, row.get(1)?);
-            let Some((id, hash)) = id_and_hash(&target) else { continue };
-            records.removed.retain(|it| *it != id);
-            if action == removed {
-                records.removed.push(id);
-            } else {
-                records.hashes.insert(id, hash.to_owned());
-            }
-        }
-        Ok(records)
+        records(&self.0)
     }
+}
+
+fn records(connection: &Connection) -> Result<IncidentRecords, StoreError> {
+    let mut records = IncidentRecords::default();
+    let actions = [Action::IncidentRecorded, Action::IncidentFound, Action::IncidentRemoved];
+    let [recorded, found, removed] = actions.map(Action::as_str);
+    let sql = "SELECT action, target FROM audit WHERE action IN (?1, ?2, ?3) ORDER BY number";
+    let mut query = connection.prepare(sql)?;
+    let mut rows = query.query((recorded, found, removed))?;
+    while let Some(row) = rows.next()? {
+        let (action, target): (String, String) = (row.get(0)?, row.get(1)?);
+        let Some((id, hash)) = id_and_hash(&target) else { continue };
+        records.removed.retain(|it| *it != id);
+        if action == removed {
+            records.removed.push(id);
+        } else {
+            records.hashes.insert(id, hash.to_owned());
+        }
+        if action == found {
+            records.found.insert(id);
+        }
+    }
+    Ok(records)
 }
 
 /// Reads `12 sha256:...`.

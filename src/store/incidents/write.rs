@@ -61,9 +61,21 @@ impl Store {
     /// # Errors
     /// If the database fails: then neither is written.
     pub async fn incident_finished(&self, summary: &Summary) -> Result<(), StoreError> {
+        self.finish_incident(summary, Action::IncidentRecorded).await
+    }
+
+    /// Stores an incident of which only its recording was left.
+    ///
+    /// # Errors
+    /// If there are too many, or the database fails: then neither it nor its hash is written.
+    pub async fn incident_found(&self, summary: &Summary) -> Result<(), StoreError> {
+        self.finish_incident(summary, Action::IncidentFound).await
+    }
+
+    async fn finish_incident(&self, summary: &Summary, action: Action) -> Result<(), StoreError> {
         let summary = bounded(summary);
         let hash = summary.recording.sha256.as_deref();
-        let record = Record::of(Action::IncidentRecorded, TELLTALE).on(target(summary.id, hash));
+        let record = Record::of(action, TELLTALE).on(target(summary.id, hash));
         self.call_surely(move |database| database.write(&[record], |transaction| put(transaction, &summary)))
             .await
     }

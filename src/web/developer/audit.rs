@@ -162,6 +162,7 @@ fn word(written: &str, lang: Lang) -> &str {
         "token revoked" => "Token entzogen",
         "mark" => "Markierung",
         "incident recorded" => "Vorfall aufgezeichnet",
+        "incident found" => "Vorfall wiedergefunden",
         "incident note" => "Notiz zu einem Vorfall",
         "incident kept" => "Vorfall aufbewahrt",
         "incident removed" => "Vorfall entfernt",

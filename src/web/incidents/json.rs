@@ -39,6 +39,7 @@ pub fn listed(incident: &Incident) -> Value {
             "pre_roll_s": recording.pre_roll_s,
             "finished": recording.finished,
             "interrupted": recording.interrupted,
+            "gone": recording.gone,
         },
     })
 }

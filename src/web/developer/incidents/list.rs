@@ -188,6 +188,7 @@ pub(super) fn flags(it: &IncidentWords, incident: &Incident) -> Vec<&'static str
         (incident.kept, it.kept),
         (summary.storm, it.storm),
         (summary.recording.interrupted, it.interrupted),
+        (summary.recording.gone, it.gone),
         (summary.until_ms.is_some() && !summary.recording.finished, it.unfinished),
     ];
     all.into_iter().filter(|(is_so, _)| *is_so).map(|(_, word)| word).collect()

@@ -21,6 +21,7 @@ words! {
     kept: "kept", "aufbewahrt";
     storm: "storm", "Störungsflut";
     interrupted: "interrupted", "unterbrochen";
+    gone: "recording lost", "Aufzeichnung verloren";
     unfinished: "not completed", "nicht abgeschlossen";
     why: "Why", "Anlass";
     note: "Note", "Notiz";

@@ -31,6 +31,7 @@ fn incident(name: &str) -> Incident {
         messages: 7,
         missing: 3,
         interrupted: false,
+        gone: false,
     };
     let summary = Summary {
         id: 12,
