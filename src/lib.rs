@@ -11,6 +11,7 @@ pub mod engine;
 pub mod msg;
 pub mod picture;
 pub mod record;
+pub mod replay;
 pub mod ros;
 pub mod runtime;
 pub mod sim;

@@ -338,8 +338,9 @@ impl Loop {
     }
 
     fn reload(&mut self, Reload { model, texts, done }: Reload) {
-        self.tell_events();
         let now = self.clock.now();
+        // Deadlines up to now act under the old configuration: their events name its nodes.
+        self.handle(Stamped::new(Input::Tick, now));
         self.engine.reload(model, now);
         if let Some(feed) = &mut self.feed {
             feed.reloaded(now, texts);
@@ -381,43 +382,4 @@ impl Loop {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::engine::input::{Input, StatusArray};
-    use crate::engine::model::{NodeId, Parts, StageModel};
-    use crate::engine::state::State;
-
-    fn empty_model() -> Arc<Model> {
-        let parts = Parts::empty("v", StageModel::Shuttle);
-        Arc::new(Model::new(parts).unwrap())
-    }
-
-    #[tokio::test]
-    async fn a_status_comes_out_and_a_command_is_answered_after_its_effect_is_published() {
-        let clock = Clock::start();
-        let mut link = start(empty_model(), clock);
-        let (reply, answer) = oneshot::channel();
-        let action = OperatorAction::Login { name: "anna".into() };
-        link.commands.send(Command { action, reply }).await.unwrap();
-        assert_eq!(answer.await.unwrap(), Response::Done);
-        assert_eq!(link.snapshots.borrow().snapshot.stage, Stage::Localizing);
-
-        let mut array = StatusArray::default();
-        array.push_status(2, "pump", "broken", "");
-        let input = Input::Diagnostics(array);
-        link.inputs.send(Stamped::new(input, clock.now())).await.unwrap();
-        let heard = |published: &Published| published.snapshot.node("other/pump").is_some();
-        let seen = link.snapshots.wait_for(heard).await.unwrap();
-        let Some(NodeId::Module(id)) = seen.snapshot.node("other/pump") else { panic!("it is a module") };
-        assert_eq!(seen.snapshot.module(id).1.state, State::Error);
-        assert_eq!(&*seen.snapshot.module(id).1.report.message, "broken");
-    }
-
-    #[tokio::test]
-    async fn snapshots_pulse_while_nothing_happens() {
-        let mut link = start(empty_model(), Clock::start());
-        let first = link.snapshots.borrow_and_update().at;
-        link.snapshots.changed().await.unwrap();
-        assert!(link.snapshots.borrow().at > first);
-    }
-}
+mod tests;

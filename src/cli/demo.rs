@@ -1,8 +1,6 @@
 //! `telltale demo`: everything on one computer, with a simulated shuttle or robot in a DDS participant of its
 //! own. Their configurations are part of the binary.
 
-mod patience;
-
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::process::ExitCode;
 
@@ -15,13 +13,13 @@ use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
 use super::{EXIT_USAGE, check, log};
 use crate::clock::Clock;
+use crate::config::patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, DOMAIN_MAX, DdsProcess};
 use crate::sim::machine::{Departure, FaultInfo};
 use crate::store::{DEMO_USERS, DemoSecrets, Role, Store};
 use crate::web::{DemoFault, DemoFaults, Enrolled};
 use crate::yaml::Problems;
-use patience::{PATIENCE, patient};
 
 const SHUTTLE: &str = include_str!("../../config/shuttle.yaml");
 const ROBOT: &str = include_str!("../../config/robot.yaml");

@@ -14,6 +14,7 @@ mod graph;
 mod history;
 mod incident;
 mod log;
+mod replay;
 mod scenario;
 mod serve;
 pub mod server;
@@ -51,6 +52,7 @@ enum Command {
     User(user::Args),
     History(history::Args),
     Incident(incident::Args),
+    Replay(replay::Args),
     Audit(audit::Args),
     Data(data::Args),
     Tls(tls::Args),
@@ -75,6 +77,7 @@ pub fn main() -> ExitCode {
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
         Command::Incident(args) => incident::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),

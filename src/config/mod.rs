@@ -5,6 +5,7 @@ pub mod describe;
 pub mod expression;
 mod file;
 mod glob;
+pub mod patience;
 pub mod publishing;
 pub mod recording;
 mod resolve;
@@ -140,6 +141,22 @@ pub fn parse(name: &str, text: &str) -> Result<Loaded, Problems> {
     of_source(sources, file).whole()
 }
 
+/// Reads a configuration from the texts of its files, by the names that they had. The first one includes the
+/// others. Folders with definitions of messages need not exist.
+///
+/// # Errors
+///
+/// All problems.
+pub fn of_texts(texts: impl IntoIterator<Item = (String, String)>) -> Result<Loaded, Problems> {
+    let texts: Vec<(String, String)> = texts.into_iter().collect();
+    let first = texts.first().map(|(name, _)| PathBuf::from(name)).unwrap_or_default();
+    let mut sources = Sources::kept(texts);
+    match sources.read(&first) {
+        Ok(file) => of_source(sources, file).whole(),
+        Err(problem) => Examined::of(problem).whole(),
+    }
+}
+
 /// Reads a configuration that is part of another file.
 ///
 /// # Errors
@@ -177,7 +194,7 @@ fn message_folders(file: &file::File, sources: &Sources, log: &mut Log) -> Vec<P
     for written in &file.message_folders {
         let base = Path::new(sources.name(written.span.file)).parent().unwrap_or(Path::new(""));
         let folder = base.join(&written.value);
-        if !folder.is_dir() {
+        if !sources.is_kept() && !folder.is_dir() {
             let problem = Problem::at(written.span, format!("there is no folder `{}`", folder.display()));
             log.push(problem.help(
                 "name a folder that holds `package/msg/Name.msg`, such as a ROS installation's `share`",

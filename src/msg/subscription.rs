@@ -4,13 +4,13 @@ mod untyped;
 
 use std::sync::Arc;
 
-use super::cdr::Endian;
+use super::cdr::{Endian, Fault};
 use super::fields::{BooleanReader, Definitions, EventReader, FieldError, FieldsError, NoValue, Reader};
 use super::messages::{self, DIAGNOSTIC_ARRAY};
-use super::ros_clock;
+use super::ros_clock::{self, RosClock};
 use super::sample_bytes::Guid;
 use super::sample_bytes::RawBody;
-use crate::engine::input::{Input, WriterId};
+use crate::engine::input::{Input, StatusArray, WriterId};
 use crate::engine::model::monitors::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
 use crate::engine::model::sample::{FieldValue, Sample};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
@@ -274,6 +274,24 @@ impl Subscription {
         (inputs, wrong)
     }
 
+    /// The same, with the times of the clock that the configuration asks for. `received` has the system's.
+    pub fn decode_by(&self, received: Received<'_>, clock: &RosClock) -> (Vec<Input>, Option<NoValue>) {
+        if self.stamps == StampClock::System {
+            return self.decode(received);
+        }
+        let mut of_clock = None;
+        if let (true, Ok((body, endian))) = (self.is_clock, received.body) {
+            of_clock = clock.take(body, *endian).err();
+        }
+        let (mut inputs, wrong) = self.decode(Received { wall_ns: clock.now_ns(), ..received });
+        for input in &mut inputs {
+            if let Input::Sample(sample) = input {
+                sample.received_wall_ns = clock.at_stamp(sample.stamp_ns);
+            }
+        }
+        (inputs, wrong.or(of_clock.map(NoValue::Fault)))
+    }
+
     fn decode_readable(
         &self,
         (body, endian, writer): (&[u8], Endian, Guid),
@@ -282,12 +300,11 @@ impl Subscription {
         wrong: &mut Option<NoValue>,
     ) {
         if let Some(prefix) = self.diagnostics.as_ref().filter(|_| !history) {
-            let (array, fault) = messages::diagnostic_array(body, endian, &self.limits);
-            let array = if prefix.is_empty() { array } else { array.prefixed(prefix) };
+            let (array, fault) = statuses(body, endian, (prefix, writer), &self.limits);
             // A complete empty array is a message too; a message with a fault before the first status is
             // not.
             if !array.is_empty() || fault.is_none() {
-                inputs.push(Input::Diagnostics(array.said_by(WriterId(writer))));
+                inputs.push(Input::Diagnostics(array));
             }
             *wrong = fault.map(NoValue::Fault);
         }
@@ -305,6 +322,35 @@ impl Subscription {
             }
         }
     }
+}
+
+/// The statuses of a message of a topic with this prefix, by this writer; and the fault, if it is not whole.
+fn statuses(
+    body: &[u8],
+    endian: Endian,
+    (prefix, writer): (&str, Guid),
+    limits: &Limits,
+) -> (StatusArray, Option<Fault>) {
+    let (array, fault) = messages::diagnostic_array(body, endian, limits);
+    let array = if prefix.is_empty() { array } else { array.prefixed(prefix) };
+    (array.said_by(WriterId(writer)), fault)
+}
+
+/// The statuses of a recorded message, as they were taken under a model when it was received.
+pub fn recorded_statuses(
+    model: &Model,
+    topic: &str,
+    body: &[u8],
+    endian: Endian,
+    writer: Guid,
+) -> StatusArray {
+    let named = model
+        .watched
+        .diagnostics
+        .iter()
+        .find(|it| it.topic.trim_start_matches('/') == topic.trim_start_matches('/'));
+    let prefix = named.map_or("", |named| &*named.prefix);
+    statuses(body, endian, (prefix, writer), &model.limits).0
 }
 
 impl WatchedFields {

@@ -10,6 +10,7 @@ use super::ring::{ConfigurationText, Entry, Taken};
 use crate::engine::input::Input;
 use crate::engine::time::Timestamp;
 use crate::msg::received::Message;
+use crate::msg::sample_bytes::Guid;
 
 /// One line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,6 +58,16 @@ impl<'a> Line<'a> {
             Taken::Transition(_) | Taken::Keyframe(_) => return None,
         };
         Some(Line { at_ns: entry.at, took, message: entry.message.as_ref().map(MessageRef::of) })
+    }
+}
+
+impl MessageRef<'_> {
+    /// The GUID of its writer; `None` if it is none.
+    pub fn writer(&self) -> Option<Guid> {
+        let pairs = self.writer.as_bytes().chunks(2).map(|pair| std::str::from_utf8(pair).ok());
+        let bytes = pairs.map(|pair| pair.and_then(|pair| u8::from_str_radix(pair, 16).ok()));
+        let bytes = bytes.collect::<Option<Vec<u8>>>()?;
+        bytes.try_into().ok()
     }
 }
 

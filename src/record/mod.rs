@@ -6,6 +6,7 @@ pub mod folder;
 pub mod found;
 pub mod incident;
 pub mod journal;
+pub mod reason;
 pub mod recorder;
 pub mod retention;
 pub mod ring;

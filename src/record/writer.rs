@@ -141,7 +141,11 @@ impl Writer {
                 Some(_) if is_all => break,
                 _ if is_all => {
                     let state = self.shared.lock();
-                    drop(self.shared.wait(state, LOOK_EVERY));
+                    let ends = |it: &Job| it.number == job.number && it.end.is_some();
+                    // What came since the ring was read has been notified already.
+                    if state.ring.next() == file.next && !state.jobs.iter().any(ends) {
+                        drop(self.shared.wait(state, LOOK_EVERY));
+                    }
                 }
                 _ => {}
             }

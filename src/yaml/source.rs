@@ -1,8 +1,10 @@
 //! The texts of files, and places in them.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::Path;
+use std::sync::Arc;
 
 use super::plain;
 use super::problem::Problem;
@@ -20,7 +22,11 @@ pub struct Span {
 
 /// All texts of one configuration or scenario.
 #[derive(Debug, Clone, Default)]
-pub struct Sources(Vec<Source>);
+pub struct Sources {
+    read: Vec<Source>,
+    /// The only files that can be read, by their names; `None`: those of the disk.
+    kept: Option<Arc<BTreeMap<String, String>>>,
+}
 
 #[derive(Debug, Clone)]
 struct Source {
@@ -30,11 +36,21 @@ struct Source {
 }
 
 impl Sources {
+    /// Reads files of a recording, by the names that they had, and nothing from the disk.
+    pub fn kept(texts: impl IntoIterator<Item = (String, String)>) -> Sources {
+        Sources { read: Vec::new(), kept: Some(Arc::new(texts.into_iter().collect())) }
+    }
+
+    /// Whether its files are those of a recording.
+    pub fn is_kept(&self) -> bool {
+        self.kept.is_some()
+    }
+
     /// Adds a text and returns its number.
     pub fn add(&mut self, name: &str, text: &str) -> u16 {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        self.0.push(Source { name: name.to_owned(), text: text.to_owned() });
-        (self.0.len() - 1) as u16
+        self.read.push(Source { name: name.to_owned(), text: text.to_owned() });
+        (self.read.len() - 1) as u16
     }
 
     /// Adds the text of a file.
@@ -43,6 +59,13 @@ impl Sources {
     /// It cannot be read, is too large, or is not UTF-8.
     pub fn read(&mut self, path: &Path) -> Result<u16, Problem> {
         let name = path.display().to_string();
+        if let Some(kept) = &self.kept {
+            let text = kept.get(&name).cloned();
+            let text = text.ok_or_else(|| {
+                Problem::of_file(&name, "is not in the recording", "name a configuration with --config")
+            })?;
+            return Ok(self.add(&name, &text));
+        }
         let bytes = read_bytes(path).map_err(|(what, help)| Problem::of_file(&name, what, help))?;
         self.add_bytes(&name, bytes)
     }
@@ -78,33 +101,33 @@ impl Sources {
             name: plain::escaped(&source.name).into_owned(),
             text: plain::masked(&source.text),
         };
-        Sources(self.0.iter().map(printable).collect())
+        Sources { read: self.read.iter().map(printable).collect(), kept: self.kept.clone() }
     }
 
     pub fn len(&self) -> usize {
-        self.0.len()
+        self.read.len()
     }
 
     pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+        self.read.is_empty()
     }
 
     pub fn name(&self, file: u16) -> &str {
-        &self.0[usize::from(file)].name
+        &self.read[usize::from(file)].name
     }
 
     pub fn text(&self, file: u16) -> &str {
-        &self.0[usize::from(file)].text
+        &self.read[usize::from(file)].text
     }
 
     /// Names and texts, in the order in which they were read.
     pub fn texts(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.0.iter().map(|source| (&*source.name, &*source.text))
+        self.read.iter().map(|source| (&*source.name, &*source.text))
     }
 
     /// Whether every file is unchanged since it was read.
     pub fn are_unchanged(&self) -> bool {
-        self.0.iter().all(|source| {
+        self.read.iter().all(|source| {
             let mut again = Sources::default();
             again.read(Path::new(&source.name)).is_ok_and(|file| again.text(file) == source.text)
         })

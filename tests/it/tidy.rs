@@ -15,6 +15,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("record", &["engine", "clock", "msg"]),
     ("runtime", &["engine", "clock", "msg", "record"]),
     ("msg", &["engine"]),
+    ("replay", &["engine", "yaml", "config", "msg", "record"]),
     ("ros", &["engine", "clock", "msg"]),
     ("store", &["engine", "clock", "record"]),
     ("picture", &["engine", "yaml"]),

@@ -7,6 +7,7 @@ use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::Definitions;
 use super::definition::{self, Arity, Base};
 use super::shape::{Message, Shape};
 use crate::msg::messages;
@@ -43,6 +44,7 @@ const WHOLE_BYTES_MAX: usize = 1 << 20;
 /// Resolves the type of one message with all types in it.
 pub struct Library<'a> {
     folders: &'a [PathBuf],
+    given: &'a BTreeMap<Box<str>, Box<str>>,
     known: BTreeMap<Box<str>, Arc<Shape>>,
     /// From the outermost type inwards.
     open: Vec<Box<str>>,
@@ -55,9 +57,34 @@ pub struct TypeError {
     pub help: String,
 }
 
+/// The definitions in a `ros2msg` schema, by the names of their types. The first one is that of `type_name`.
+pub fn parts(type_name: &str, whole: &str) -> Vec<(Box<str>, Box<str>)> {
+    let (mut parts, mut name, mut text) = (Vec::new(), Some(Box::from(type_name)), String::new());
+    let mut end = |name: &mut Option<Box<str>>, text: &mut String| {
+        let text = std::mem::take(text);
+        parts.extend(name.take().map(|name| (name, text.into_boxed_str())));
+    };
+    for line in whole.lines() {
+        if line.len() >= 20 && line.bytes().all(|byte| byte == b'=') {
+            end(&mut name, &mut text);
+        } else if name.is_none() {
+            // The line behind the separator.
+            let found = line.strip_prefix("MSG: ").and_then(|name| name.trim().split_once('/'));
+            name = found.map(|(package, name)| {
+                format!("{package}/msg/{}", name.strip_prefix("msg/").unwrap_or(name)).into()
+            });
+        } else {
+            text.push_str(line);
+            text.push('\n');
+        }
+    }
+    end(&mut name, &mut text);
+    parts
+}
+
 impl<'a> Library<'a> {
-    pub fn new(folders: &'a [PathBuf]) -> Library<'a> {
-        Library { folders, known: BTreeMap::new(), open: Vec::new() }
+    pub fn new(Definitions { folders, given }: &'a Definitions) -> Library<'a> {
+        Library { folders, given, known: BTreeMap::new(), open: Vec::new() }
     }
 
     /// `type_name` is `package/msg/Name`.
@@ -154,6 +181,9 @@ impl<'a> Library<'a> {
                 help: "write it as package/msg/Name: nav_msgs/msg/Odometry".to_owned(),
             });
         };
+        if let Some(text) = self.given.get(type_name) {
+            return Ok((package, text.clone().into_string()));
+        }
         for folder in self.folders {
             let file = folder.join(package).join("msg").join(format!("{name}.msg"));
             if let Some(text) = read(&file)? {
@@ -242,12 +272,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_parts_of_a_schema_are_definitions() {
+        let whole = Definitions::default().text("nav_msgs/msg/Odometry").unwrap();
+        let mut given = Definitions::default();
+        given.give("other_msgs/msg/Odometry", &whole);
+        let shape = Library::new(&given).shape("other_msgs/msg/Odometry").unwrap();
+        assert_eq!(format!("{:?}", shape).matches("other_msgs").count(), 1, "{shape:?}");
+        assert_eq!(parts("a/msg/A", "b/B it\n====================\nMSG: b/B\nint8 x\n").len(), 2);
+        assert_eq!(
+            parts("a/msg/A", "====================\nno name\nint8 x\n"),
+            [("a/msg/A".into(), "".into())]
+        );
+    }
+
+    #[test]
     fn every_built_in_type_is_whole() {
         let mut count = 0;
         for (package, text) in BUILT_IN {
             for (name, _) in sections(text) {
                 let type_name = format!("{package}/msg/{name}");
-                Library::new(&[]).shape(&type_name).unwrap_or_else(|error| panic!("{type_name}: {error:?}"));
+                Library::new(&Definitions::default())
+                    .shape(&type_name)
+                    .unwrap_or_else(|error| panic!("{type_name}: {error:?}"));
                 count += 1;
             }
         }
@@ -256,7 +302,8 @@ mod tests {
 
     #[test]
     fn a_whole_definition_has_each_type_in_it_once() {
-        let whole = |name: &str| Library::new(&[]).whole_text(name).map_err(|error| error.text);
+        let whole =
+            |name: &str| Library::new(&Definitions::default()).whole_text(name).map_err(|error| error.text);
         let line = "=".repeat(80);
         assert_eq!(whole("geometry_msgs/msg/Point").unwrap(), "float64 x\nfloat64 y\nfloat64 z\n");
         assert_eq!(
@@ -276,7 +323,7 @@ mod tests {
         std::fs::write(folder.join("a/msg/Holder.msg"), "geometry_msgs/Point at # kept\nMissing it\n")
             .unwrap();
         let folders = [folder];
-        let whole = |name: &str| Library::new(&folders).whole_text(name);
+        let whole = |name: &str| Library::new(&Definitions::new(folders.to_vec())).whole_text(name);
         assert_eq!(whole("a/msg/Loop").unwrap(), "Loop[] again\n");
         assert_eq!(whole("a/msg/Long").unwrap().len(), 210_000);
         assert!(whole("a/msg/Holder").unwrap_err().text.contains("a/msg/Missing"));
@@ -294,13 +341,14 @@ mod tests {
             ["actionlib_msgs/msg/GoalStatusArray", "shape_msgs/msg/Mesh", "stereo_msgs/msg/DisparityImage"];
         let more = ["trajectory_msgs/msg/JointTrajectory", "visualization_msgs/msg/MarkerArray"];
         for type_name in asked.into_iter().chain(common).chain(more) {
-            assert!(Library::new(&[]).shape(type_name).is_ok(), "{type_name}");
+            assert!(Library::new(&Definitions::default()).shape(type_name).is_ok(), "{type_name}");
         }
     }
 
     #[test]
     fn a_wrong_name_in_a_known_package_is_told_from_an_unknown_package() {
-        let misnamed = |name: &str| Library::new(&[]).misnamed(name).map(|error| error.help);
+        let misnamed =
+            |name: &str| Library::new(&Definitions::default()).misnamed(name).map(|error| error.help);
         let meant = "did you mean sensor_msgs/msg/PointCloud2?".to_owned();
         assert_eq!(misnamed("sensor_msgs/msg/PointClod2"), Some(meant));
         assert!(misnamed("sensor_msgs/msg/Smell").is_some_and(|help| help.contains("`share`")));
@@ -311,7 +359,9 @@ mod tests {
 
     #[test]
     fn unknown_types_are_refused_with_what_to_do() {
-        let refused = |folders: &[PathBuf], name: &str| Library::new(folders).shape(name).unwrap_err();
+        let refused = |folders: &[PathBuf], name: &str| {
+            Library::new(&Definitions::new(folders.to_vec())).shape(name).unwrap_err()
+        };
         let error = refused(&[], "nav_msgs/msg/Odometri");
         assert_eq!(error.help, "did you mean nav_msgs/msg/Odometry?");
         let error = refused(&["/nowhere".into()], "my_msgs/msg/Thing");

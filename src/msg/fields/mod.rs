@@ -15,6 +15,7 @@ mod positions;
 mod program;
 mod shape;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -29,11 +30,16 @@ pub use program::NoValue;
 use program::Program;
 use shape::{Shape, ShapeKind};
 
-/// The definitions of messages: first those in folders, then the built-in packages.
+/// The definitions of messages: first those of a recording, then those in folders, then the built-in packages.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Definitions {
     folders: Vec<PathBuf>,
+    /// By `package/msg/Name`.
+    given: Arc<BTreeMap<Box<str>, Box<str>>>,
 }
+
+/// Types that a recording may define.
+const GIVEN_MAX: usize = 10_000;
 
 /// A field of a topic that cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,7 +59,18 @@ impl Definitions {
     /// `FOLDER/package/msg/Name.msg`. The first folder with a type wins; all win over the built-in
     /// definitions.
     pub fn new(folders: Vec<PathBuf>) -> Definitions {
-        Definitions { folders }
+        Definitions { folders, given: Arc::default() }
+    }
+
+    /// Adds the schema of a recording, a text as [`Definitions::text`] makes it. The first definition of a type
+    /// counts.
+    pub fn give(&mut self, type_name: &str, whole: &str) {
+        let given = Arc::make_mut(&mut self.given);
+        for (name, text) in library::parts(type_name, whole) {
+            if given.len() < GIVEN_MAX {
+                given.entry(name).or_insert(text);
+            }
+        }
     }
 
     /// The folders, then `share` of every sourced ROS 2 installation: `AMENT_PREFIX_PATH`, which `env`
@@ -67,7 +84,8 @@ impl Definitions {
 
     /// With further folders behind the present ones.
     pub fn with(&self, folders: &[PathBuf]) -> Definitions {
-        Definitions::new(self.folders.iter().chain(folders).cloned().collect())
+        let folders = self.folders.iter().chain(folders).cloned().collect();
+        Definitions { folders, given: self.given.clone() }
     }
 
     /// Compiles a reader for the wanted fields of a topic. If only the arrival of messages matters, the
@@ -88,12 +106,12 @@ impl Definitions {
     pub fn reader(&self, spec: &TopicSpec) -> Result<(Reader, Vec<FieldError>), FieldsError> {
         let of_type = |text, help| FieldError { path: None, text, help };
         if spec.fields.is_empty() && !spec.stamp {
-            return match Library::new(&self.folders).misnamed(&spec.type_name) {
+            return match Library::new(self).misnamed(&spec.type_name) {
                 Some(error) => Err(FieldsError(vec![of_type(error.text, error.help)])),
                 None => Ok((Reader { fields: Vec::new(), stamp: None, whole: None }, Vec::new())),
             };
         }
-        let shape = Library::new(&self.folders).shape(&spec.type_name);
+        let shape = Library::new(self).shape(&spec.type_name);
         let shape = shape.map_err(|error| FieldsError(vec![of_type(error.text, error.help)]))?;
         let mut errors = Vec::new();
         let stamp = spec.stamp.then(|| stamp_of(&shape)).flatten();
@@ -120,7 +138,7 @@ impl Definitions {
     /// # Errors
     /// Why the field cannot be read.
     pub fn boolean(&self, type_name: &str, path: &str) -> Result<BooleanReader, FieldError> {
-        let shape = Library::new(&self.folders).shape(type_name);
+        let shape = Library::new(self).shape(type_name);
         let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
         let program = compile(&shape, &FieldSpec { path: path.into(), kind: FieldKind::Scalar })?;
         if program.kind() == Some(ScalarKind::Bool) {
@@ -134,12 +152,12 @@ impl Definitions {
     /// behind the first follows a line of `=` and a line `MSG: package/Name`. `None` if one of them is not
     /// known or cannot be read, or if they have more than 1 MiB together.
     pub fn text(&self, type_name: &str) -> Option<String> {
-        Library::new(&self.folders).whole_text(type_name).ok()
+        Library::new(self).whole_text(type_name).ok()
     }
 
     /// Judges whether messages follow their type; `None` if the type is not known.
     pub fn event(&self, type_name: &str) -> Option<EventReader> {
-        Library::new(&self.folders).shape(type_name).ok().and_then(EventReader::of)
+        Library::new(self).shape(type_name).ok().and_then(EventReader::of)
     }
 }
 

@@ -104,6 +104,13 @@ impl Definitions {
         Some(false)
     }
 
+    /// All channels that are known, by their numbers.
+    pub fn all(&mut self) -> Vec<Arc<Channel>> {
+        let mut ids: Vec<u16> = self.raw.keys().copied().collect();
+        ids.sort_unstable();
+        ids.into_iter().filter_map(|id| self.known(id)).collect()
+    }
+
     /// A channel, once its schema is known too.
     pub fn known(&mut self, id: u16) -> Option<Arc<Channel>> {
         if let Some(known) = self.channels.get(&id) {

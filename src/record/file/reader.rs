@@ -63,6 +63,14 @@ pub enum Entry {
     },
 }
 
+impl Entry {
+    pub fn stamps(&self) -> MessageStamps {
+        match self {
+            Entry::Message { stamps, .. } | Entry::Json { stamps, .. } => *stamps,
+        }
+    }
+}
+
 /// A message as it stands in the file.
 pub(super) struct Raw {
     pub at: u64,
@@ -144,6 +152,11 @@ impl<R: Read + Seek> Reader<R> {
             Part::Metadata { name, metadata } => Some((name.as_str(), metadata)),
             _ => None,
         })
+    }
+
+    /// The channels that are known so far: all of a completed file.
+    pub fn channels(&mut self) -> Vec<Arc<Channel>> {
+        self.definitions.all()
     }
 
     /// The names and media types of the attachments.

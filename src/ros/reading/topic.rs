@@ -12,7 +12,6 @@ use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
 use crate::clock::Clock;
 use crate::engine::input::{Input, TroubleKind};
-use crate::engine::model::monitors::StampClock;
 use crate::engine::model::sample::PublisherReport;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::NoValue;
@@ -260,16 +259,9 @@ impl Topic {
     ) -> Result<(), End> {
         let Message { body, writer, .. } = &**message;
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let wall_ns = match self.subscription.stamps {
-            StampClock::System => i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX),
-            StampClock::Ros => self.around.ros_clock.now_ns(),
-        };
-        if let (true, Ok((body, endian))) = (self.subscription.is_clock, body)
-            && let Err(fault) = self.around.ros_clock.take(body, *endian)
-        {
-            self.memory.troubles.add(TroubleKind::Malformed, 1, || fault.to_string());
-        }
-        let (mut inputs, wrong) = self.subscription.decode(Received { body, writer: *writer, wall_ns, when });
+        let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
+        let received_message = Received { body, writer: *writer, wall_ns, when };
+        let (mut inputs, wrong) = self.subscription.decode_by(received_message, &self.around.ros_clock);
         let bytes = message.len();
         if let Some(wrong) = wrong {
             let text = || match (&wrong, body) {
@@ -283,10 +275,7 @@ impl Topic {
         }
         // The first of them accounts for the size of the message.
         let mut body_bytes = bytes;
-        for mut input in inputs {
-            if let (StampClock::Ros, Input::Sample(sample)) = (self.subscription.stamps, &mut input) {
-                sample.received_wall_ns = self.around.ros_clock.at_stamp(sample.stamp_ns);
-            }
+        for input in inputs {
             let waiting = waiting_bytes(&input, bytes) + std::mem::take(&mut body_bytes);
             let stamped = Stamped { input, received, message: Some(message.clone()) };
             self.outbox.send(stamped, waiting).await?;

@@ -27,13 +27,13 @@ use super::cases::{self, Choices};
 use super::files::history_of_all;
 use super::{config, numbers};
 
-enum Step {
+pub enum Step {
     Take(Input),
     Reload(Arc<Model>),
 }
 
 /// A vehicle with everything that has a state of its own.
-fn model(choices: &mut Choices<'_>) -> Arc<Model> {
+pub fn model(choices: &mut Choices<'_>) -> Arc<Model> {
     cases::model_that(choices, |parts| {
         parts.driving.goal = Some(WatchedField { topic: TopicId(1), field: 1 });
         let stop = |x_m: f64| Stop {
@@ -91,7 +91,7 @@ fn add_signals(parts: &mut Parts) {
 }
 
 /// Inputs, and configurations among them: the same one and others.
-fn story(choices: &mut Choices<'_>, numbers: &[u32]) -> Vec<(Timestamp, Step)> {
+pub fn story(choices: &mut Choices<'_>, numbers: &[u32]) -> Vec<(Timestamp, Step)> {
     let others: Vec<u32> = numbers.iter().rev().copied().collect();
     let first = model(&mut Choices::new(numbers));
     let reloads: Vec<(usize, Arc<Model>)> = (0..choices.below(3))
@@ -114,7 +114,7 @@ fn story(choices: &mut Choices<'_>, numbers: &[u32]) -> Vec<(Timestamp, Step)> {
     steps
 }
 
-fn start(choices: &mut Choices<'_>, model: &Arc<Model>) -> Engine {
+pub fn start(choices: &mut Choices<'_>, model: &Arc<Model>) -> Engine {
     let mut engine = match choices.below(4) {
         0 => Engine::begin(model.clone(), Timestamp::ZERO),
         1 => {

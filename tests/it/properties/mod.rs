@@ -10,6 +10,7 @@ mod lines;
 mod monitors;
 mod motion;
 mod oracle;
+mod recordings;
 mod soundness;
 mod writers;
 

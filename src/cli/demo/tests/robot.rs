@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::story::{Ears, listening, masked_by, state, wall};
 use crate::cli::demo::load_config;
-use crate::cli::demo::patience::patient;
 use crate::cli::vehicle::machine::{Kind, Machine};
+use crate::config::patience::patient;
 use crate::config::publishing::Publishing;
 use crate::engine::Engine;
 use crate::engine::input::Input;

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use crate::cli::demo::load_config;
-use crate::cli::demo::patience::patient;
 use crate::cli::vehicle::machine::Kind;
 use crate::cli::vehicle::shuttle_wire::ShuttleWire;
 use crate::config::Loaded;
+use crate::config::patience::patient;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Place, Response};
 use crate::engine::model::monitors::{ProbeTarget, TopicSpec, WatchdogSpec};

@@ -11,8 +11,9 @@ use serde::ser::{SerializeMap, Serializer};
 use crate::clock::wall_at;
 use crate::engine::input::TroubleKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::{self, NotRelevant, Reason, Snapshot};
+use crate::engine::snapshot::{self, Reason, Snapshot};
 use crate::engine::time::Timestamp;
+use crate::record::reason::Why;
 
 /// More values than this in one status are searched for double keys by hash.
 const VALUES_SCANNED_MAX: usize = 16;
@@ -142,13 +143,6 @@ struct Class {
     location: &'static str,
     information: &'static str,
     flow: Option<&'static str>,
-}
-
-#[derive(Serialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-enum Why<'a> {
-    Masked { by: Vec<&'a str> },
-    NotRelevant { because: String },
 }
 
 #[derive(Serialize)]
@@ -319,15 +313,7 @@ impl<'a> Context<'a> {
     }
 
     fn why(&self, reason: &Reason) -> Why<'a> {
-        match reason {
-            Reason::Masked { by } => Why::Masked { by: self.names(self.told(by)) },
-            Reason::NotRelevant(NotRelevant::Stage(stage)) => {
-                Why::NotRelevant { because: format!("stage {}", stage.as_str()) }
-            }
-            Reason::NotRelevant(NotRelevant::Signal { name, value }) => {
-                Why::NotRelevant { because: format!("signal {name} {value}") }
-            }
-        }
+        Why::of(reason, self.snapshot, if self.lacks(LeftOut::Words) { 1 } else { usize::MAX })
     }
 
     fn wall(&self, then: Timestamp) -> Wall {

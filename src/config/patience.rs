@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::config::Loaded;
+use super::Loaded;
 use crate::engine::model::monitors::MonitorSpec;
 use crate::engine::model::{Model, ModuleMonitor, Parts};
 use crate::engine::time::Span;

@@ -1,0 +1,302 @@
+//! `telltale replay`: runs a recording through the engine and prints what changed.
+
+use std::io::{self, IsTerminal as _, Write as _};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, SystemTime};
+
+use anyhow::{Context as _, bail};
+
+use super::fields::{self, DefinitionFlags};
+use super::{EXIT_NO, EXIT_USAGE, check};
+use crate::clock::Clock;
+use crate::config;
+use crate::engine::model::Stage;
+use crate::engine::time::{Span, Timestamp};
+use crate::replay::expect::{Difference, Expected};
+use crate::replay::line::{Line, lines, seconds};
+use crate::replay::{Facts, Recording, Run};
+
+/// Differences that are printed.
+const DIFFERENCES_MAX: usize = 20;
+
+/// Run a recording through the engine and print each change of a node.
+///
+/// A recording of Telltale is judged as it was judged then; with `--config` by another configuration. The MCAP
+/// files of rosbag2 need `--config`: the topics that it reads are replayed.
+///
+/// `--json` prints an object for each change: `t_s` (seconds since the first instant that the recording shows),
+/// `at` (UTC), `node`, `shown`, `own`, `reason` (null, or an object with `kind` `masked` or `not_relevant`) and
+/// `roots`. With `--all`, other objects have `kind` instead of `node`: `stage`, `signal`, `alarm_raised` and the
+/// like.
+///
+/// Exit codes: 0; 1 where the changes differ from the expected ones; 2 where the recording or the configuration
+/// cannot be used. What of a recording cannot be used is said on standard error.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  telltale replay incident-12.mcap\n  \
+    telltale replay incident-12.mcap --json > expected.jsonl\n  \
+    telltale replay incident-12.mcap --config new.yaml --expect expected.jsonl\n  \
+    telltale replay rosbag2_2026_11_20/ --config robot.yaml --stage active")]
+pub struct Args {
+    /// The recording: an MCAP file
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Judge by this configuration instead of the recorded one
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Print a JSON object for each change, in a line of its own
+    #[arg(long)]
+    json: bool,
+    /// Print the changes of stages, signals and alarms too
+    #[arg(long)]
+    all: bool,
+    /// Compare the changes with these lines, as `--json` prints them; a line may have fewer keys
+    #[arg(long, value_name = "FILE")]
+    expect: Option<PathBuf>,
+    /// Print from here on: a time as `12s` after the first instant that is shown, or `2026-11-20T12:00:00Z`
+    #[arg(long, value_name = "TIME", value_parser = moment)]
+    from: Option<Moment>,
+    /// Print up to here
+    #[arg(long, value_name = "TIME", value_parser = moment)]
+    to: Option<Moment>,
+    /// Replay at this speed, 1 is the speed of the recording [default: as fast as possible]
+    #[arg(long, value_name = "N", value_parser = speed)]
+    speed: Option<f64>,
+    /// The stage in which a vehicle begins of which nothing but messages is recorded
+    #[arg(long, value_name = "STAGE", value_parser = stage)]
+    stage: Option<Stage>,
+    #[command(flatten)]
+    definitions: DefinitionFlags,
+}
+
+/// A moment of a recording.
+#[derive(Debug, Clone, Copy)]
+enum Moment {
+    /// After the first instant that is shown.
+    After(Duration),
+    Wall(SystemTime),
+}
+
+impl Moment {
+    fn at(self, facts: &Facts) -> Timestamp {
+        match self {
+            Moment::After(span) => {
+                facts.from + Span::from_nanos(u64::try_from(span.as_nanos()).unwrap_or(u64::MAX))
+            }
+            Moment::Wall(wall) => {
+                let since = wall.duration_since(facts.zero).unwrap_or_default().as_nanos();
+                Timestamp::from_nanos(u64::try_from(since).unwrap_or(u64::MAX))
+            }
+        }
+    }
+}
+
+fn moment(text: &str) -> Result<Moment, String> {
+    let after = || humantime::parse_duration(text).map(Moment::After).ok();
+    let seconds = || text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).map(Moment::After);
+    let wall = || humantime::parse_rfc3339_weak(text).map(Moment::Wall).ok();
+    after().or_else(seconds).or_else(wall).ok_or_else(|| "write `12s` or `2026-11-20T12:00:00Z`".to_owned())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|speed: &f64| speed.is_finite() && *speed > 0.0).ok_or_else(|| {
+        "write a number above 0: 1 is the speed of the recording, 2 is twice as fast".to_owned()
+    })
+}
+
+fn stage(text: &str) -> Result<Stage, String> {
+    let known = Stage::ALL.into_iter().find(|stage| stage.as_str() == text);
+    known.ok_or_else(|| {
+        let all = Stage::ALL.map(Stage::as_str).join(", ");
+        format!("there is no such stage: write one of {all}")
+    })
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let expected = match &args.expect {
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("the expected lines {} cannot be read", path.display()))?;
+            Some(Expected::parse(&text).map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?)
+        }
+        None => None,
+    };
+    let Some(mut run) = open(args)? else { return Ok(ExitCode::from(EXIT_USAGE)) };
+    let got = replay(args, &mut run, expected.is_none())?;
+    report(&run);
+    let Some(expected) = expected else { return Ok(ExitCode::SUCCESS) };
+    let differences = expected.compare(&got);
+    told(&differences);
+    Ok(if differences.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
+}
+
+/// The recording with an engine; `None` if the configuration is wrong, which is said.
+fn open(args: &Args) -> anyhow::Result<Option<Run>> {
+    let in_file = || args.file.display().to_string();
+    let mut recording = Recording::open(&args.file).with_context(in_file)?;
+    let Some(path) = &args.config else {
+        if args.stage.is_some() {
+            bail!("--stage needs --config: this recording has its stages");
+        }
+        return Ok(Some(Run::recorded(recording).with_context(in_file)?));
+    };
+    let examined = config::examine(path);
+    let definitions = args.definitions.definitions();
+    // Fields that only the recording defines are checked with it.
+    let loaded =
+        match fields::whole(examined, |loaded| recording.define(definitions.with(&loaded.message_folders))) {
+            Ok(loaded) => loaded,
+            Err(problems) => {
+                check::report(&problems);
+                return Ok(None);
+            }
+        };
+    let definitions = recording.define(definitions.with(&loaded.message_folders));
+    let run = Run::judged_by(recording, loaded.model, &definitions, args.stage).with_context(in_file)?;
+    Ok(Some(run))
+}
+
+/// Takes all steps. Prints the lines, or returns their JSON.
+fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String>> {
+    let facts = run.facts().clone();
+    let from = args.from.map_or(facts.from, |moment| moment.at(&facts));
+    let to = args.to.map(|moment| moment.at(&facts));
+    let mut pace = Pace::new(args.speed, from);
+    let mut progress = Progress::new(&facts, from, prints);
+    let mut got = Vec::new();
+    while let Some(taken) = run.step()? {
+        if to.is_some_and(|to| taken.at > to) {
+            break;
+        }
+        pace.wait(taken.at);
+        progress.show(taken.at);
+        for Line { at, json, text } in lines(&taken, &facts, args.all) {
+            if at < from {
+                continue;
+            }
+            if !prints {
+                got.push(json);
+            } else if !print(if args.json { &json } else { &text })? {
+                return Ok(got);
+            }
+        }
+    }
+    progress.end();
+    Ok(got)
+}
+
+/// Prints a line. Returns whether anybody reads further.
+fn print(line: &str) -> io::Result<bool> {
+    let line = crate::yaml::plain::escaped(line);
+    match writeln!(io::stdout(), "{line}") {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(false),
+        written => written.map(|()| true),
+    }
+}
+
+/// Says what of the recording could not be used.
+fn report(run: &Run) {
+    let notes = run.notes();
+    let counted = [
+        (
+            notes.lost,
+            "inputs are missing in the recording: from there to the next recorded state it may differ",
+        ),
+        (notes.unreadable, "lines of the journal cannot be read by this version"),
+        (notes.malformed, "messages do not follow their type"),
+    ];
+    for (count, what) in counted.iter().filter(|(count, _)| *count > 0) {
+        eprintln!("telltale: {count} {what}");
+    }
+    let (omissions, more) = run.omissions();
+    notes.said.iter().chain(&omissions).for_each(|sentence| eprintln!("telltale: {sentence}"));
+    if more > 0 {
+        eprintln!("telltale: {more} more parts of the file cannot be used");
+    }
+    let unheard = run.unheard();
+    if !unheard.is_empty() {
+        eprintln!("telltale: the recording has no messages of {}", unheard.join(", "));
+    }
+}
+
+fn told(differences: &[Difference]) {
+    for difference in differences.iter().take(DIFFERENCES_MAX) {
+        match difference {
+            Difference::Missing { line, text } => {
+                println!("line {line} is expected and does not come:\n  - {text}")
+            }
+            Difference::Unexpected { before: Some(line), text } => {
+                println!("before line {line} comes what is not expected:\n  + {text}");
+            }
+            Difference::Unexpected { before: None, text } => {
+                println!("at the end comes what is not expected:\n  + {text}");
+            }
+        }
+    }
+    match differences.len().saturating_sub(DIFFERENCES_MAX) {
+        0 => {}
+        more => println!("and {more} more differences"),
+    }
+}
+
+/// Waits so that a replay has the wanted speed.
+struct Pace {
+    clock: Clock,
+    speed: Option<f64>,
+    from: Timestamp,
+    /// When the first instant was reached.
+    began: Option<Timestamp>,
+}
+
+impl Pace {
+    fn new(speed: Option<f64>, from: Timestamp) -> Pace {
+        Pace { clock: Clock::start(), speed, from, began: None }
+    }
+
+    fn wait(&mut self, at: Timestamp) {
+        let Some(speed) = self.speed.filter(|_| at >= self.from) else { return };
+        let began = *self.began.get_or_insert(self.clock.now());
+        let due = seconds(self.from, at) / speed;
+        let wait = due - seconds(began, self.clock.now());
+        if wait > 0.0 {
+            std::thread::sleep(Duration::from_secs_f64(wait));
+        }
+    }
+}
+
+/// Says on the terminal how much of a recording is done, where no lines do.
+struct Progress {
+    from: Timestamp,
+    span_s: f64,
+    is_shown: bool,
+    percent: Option<u8>,
+}
+
+impl Progress {
+    fn new(facts: &Facts, from: Timestamp, prints: bool) -> Progress {
+        let is_free = !prints || !io::stdout().is_terminal();
+        let span_s = facts.to.map_or(0.0, |to| seconds(from, to));
+        Progress {
+            from,
+            span_s,
+            is_shown: is_free && io::stderr().is_terminal() && span_s > 0.0,
+            percent: None,
+        }
+    }
+
+    fn show(&mut self, at: Timestamp) {
+        if !self.is_shown {
+            return;
+        }
+        let percent = (seconds(self.from, at) / self.span_s * 100.0).clamp(0.0, 100.0) as u8;
+        if self.percent.replace(percent) != Some(percent) {
+            eprint!("\rreplayed {percent:>3} %");
+        }
+    }
+
+    fn end(&self) {
+        if self.percent.is_some() {
+            eprint!("\r{:20}\r", "");
+        }
+    }
+}

@@ -1,0 +1,121 @@
+//! Stands for the DDS bridge where messages of a recording are judged by another configuration than the one that
+//! counted when they were recorded, or by the first one.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use super::recording::ReplayError;
+use super::steps::Notes;
+use crate::engine::input::{Input, ReceptionTrouble, TroubleKind};
+use crate::engine::model::Model;
+use crate::engine::model::monitors::TopicSpec;
+use crate::engine::model::sample::PublisherReport;
+use crate::msg::fields::Definitions;
+use crate::msg::ros_clock::RosClock;
+use crate::msg::subscription::{Plan, Received, Subscription};
+use crate::record::file::Channel;
+
+pub(super) struct Bridge {
+    /// By topic.
+    topics: BTreeMap<Arc<str>, Topic>,
+    watched: BTreeMap<Box<str>, Arc<TopicSpec>>,
+    clock: RosClock,
+    /// The journal has the troubles of the reception and what discovery found.
+    has_journal: bool,
+}
+
+struct Topic {
+    subscription: Arc<Subscription>,
+    /// The engine knows that it has a publisher.
+    is_found: bool,
+    is_heard: bool,
+}
+
+impl Bridge {
+    /// # Errors
+    /// A field that no message of its type can provide.
+    pub fn new(model: &Model, definitions: &Definitions, has_journal: bool) -> Result<Bridge, ReplayError> {
+        let plan =
+            Plan::of(model, definitions).map_err(|error| ReplayError::Definitions(error.to_string()))?;
+        let topic = |subscription: Arc<Subscription>| {
+            (subscription.topic.clone(), Topic { subscription, is_found: false, is_heard: false })
+        };
+        let watched = plan.watched.topics.iter();
+        let watched = watched.map(|spec| (name(&spec.topic).into(), spec.clone())).collect();
+        let topics = plan.subscriptions.into_iter().map(topic).collect();
+        Ok(Bridge { topics, watched, clock: RosClock::default(), has_journal })
+    }
+
+    /// What a message means.
+    pub fn take(&mut self, channel: &Channel, received: Received<'_>, notes: &mut Notes) -> Vec<Input> {
+        let Some(topic) = self.topics.get_mut(&*name(&channel.topic)) else { return Vec::new() };
+        topic.is_heard = true;
+        let mut inputs = Vec::new();
+        if topic.subscription.is_untyped() {
+            match topic.subscription.learn(&channel.type_name) {
+                Ok(learned) => {
+                    learned.missing.into_iter().for_each(|sentence| notes.say(sentence));
+                    topic.subscription = Arc::new(learned.subscription);
+                }
+                Err(error) => notes.say(error.to_string()),
+            }
+        }
+        let is_its_type = channel.type_name == topic.subscription.type_name;
+        if !std::mem::replace(&mut topic.is_found, true) {
+            if !is_its_type {
+                notes.say(format!(
+                    "the messages of {} are {}, not {}",
+                    channel.topic, channel.type_name, topic.subscription.type_name
+                ));
+            }
+            inputs.extend(topic.subscription.watched().map(|spec| {
+                Input::Topic(PublisherReport {
+                    source: spec.clone(),
+                    publishers: u32::from(is_its_type),
+                    other_type: (!is_its_type).then(|| (*channel.type_name).into()),
+                })
+            }));
+        }
+        if !is_its_type {
+            return inputs;
+        }
+        let (meant, wrong) = topic.subscription.decode_by(received, &self.clock);
+        inputs.extend(meant);
+        if let Some(wrong) = wrong {
+            notes.malformed += 1;
+            // The journal says it already.
+            inputs.extend((!self.has_journal).then(|| {
+                Input::Reception(ReceptionTrouble {
+                    topic: (*channel.topic).into(),
+                    kind: TroubleKind::Malformed,
+                    count: 1,
+                    text: wrong.to_string().into(),
+                })
+            }));
+        }
+        inputs
+    }
+
+    /// An input of the journal that no message made, for this configuration; `None` if it concerns the other one.
+    pub fn fit(&self, input: Input) -> Option<Input> {
+        match input {
+            Input::Topic(report) => {
+                let source = self.watched.get(&*name(&report.source.topic))?.clone();
+                Some(Input::Topic(PublisherReport { source, ..report }))
+            }
+            input => Some(input),
+        }
+    }
+
+    /// Topics of which nothing was found.
+    pub fn unheard(&self) -> Vec<String> {
+        let unheard = self.topics.values().filter(|topic| !topic.is_heard);
+        let names: BTreeSet<String> = unheard.map(|topic| topic.subscription.topic.to_string()).collect();
+        names.into_iter().collect()
+    }
+}
+
+/// The name of a topic with its slash.
+fn name(topic: &str) -> String {
+    format!("/{}", topic.trim_start_matches('/'))
+}

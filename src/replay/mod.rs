@@ -1,0 +1,12 @@
+//! Runs a recording through the engine: as it was judged then, or by another configuration.
+
+mod bridge;
+pub mod expect;
+pub mod line;
+mod recording;
+mod run;
+mod steps;
+
+pub use recording::{Facts, Recording, ReplayError};
+pub use run::{Load, Run, Taken};
+pub use steps::Notes;

@@ -1,0 +1,226 @@
+//! An engine that takes a recording step by step.
+
+use std::sync::Arc;
+
+use super::bridge::Bridge;
+use super::recording::{Facts, Recording, ReplayError};
+use super::steps::{Notes, Step, Steps};
+use crate::engine::Engine;
+use crate::engine::event::Event;
+use crate::engine::input::Input;
+use crate::engine::keyframe::Keyframe;
+use crate::engine::model::{Model, Stage};
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::Timestamp;
+use crate::msg::fields::Definitions;
+use crate::record::ring::ConfigurationText;
+
+/// Makes a model of a recorded configuration.
+pub type Load = dyn Fn(&[ConfigurationText]) -> Result<Arc<Model>, ReplayError> + Send;
+
+/// A recording with the engine that judges it.
+pub struct Run {
+    steps: Steps,
+    model: Arc<Model>,
+    /// For reloads; `None`: the recorded ones are left out.
+    load: Option<Box<Load>>,
+    /// The engine takes `model` before the next step.
+    reload_at: Option<Timestamp>,
+    /// `None` before the first step.
+    engine: Option<Engine>,
+    /// The stage in which an engine without a recorded state begins.
+    stage: Option<Stage>,
+    /// The configuration under which it was recorded, if it runs by another one.
+    recorded: Option<Arc<Model>>,
+    /// Something is missing since the last recorded state.
+    lacks: bool,
+}
+
+/// What one step did.
+#[derive(Debug)]
+pub struct Taken {
+    pub at: Timestamp,
+    /// What changed, in order.
+    pub events: Vec<Event>,
+    /// What was shown after each instant at which something changed, the last one at `at`. Empty without events.
+    pub snapshots: Vec<Arc<Snapshot>>,
+}
+
+impl Run {
+    /// As it was judged when it was recorded.
+    ///
+    /// # Errors
+    /// The recording has no configuration, or this version cannot read it.
+    pub fn recorded(recording: Recording) -> Result<Run, ReplayError> {
+        let facts = recording.facts();
+        if !facts.has_journal || facts.configuration.is_empty() {
+            return Err(ReplayError::NoConfiguration);
+        }
+        let model = facts.load(&facts.configuration)?.model;
+        let facts = facts.clone();
+        let load = move |texts: &[ConfigurationText]| Ok(facts.load(texts)?.model);
+        Ok(Run::recorded_by(recording, model, Box::new(load)))
+    }
+
+    /// As it was judged by this model, and after reloads by the models that `load` makes of their texts.
+    pub fn recorded_by(recording: Recording, model: Arc<Model>, load: Box<Load>) -> Run {
+        Run { load: Some(load), ..Run::new(Steps::recorded(recording), model) }
+    }
+
+    /// Judged by another configuration. An engine without a recorded state begins in `stage`, if one is given.
+    ///
+    /// # Errors
+    /// The configuration reads fields that these definitions do not have.
+    pub fn judged_by(
+        recording: Recording,
+        model: Arc<Model>,
+        definitions: &Definitions,
+        stage: Option<Stage>,
+    ) -> Result<Run, ReplayError> {
+        let facts = recording.facts();
+        let bridge = Bridge::new(&model, definitions, facts.has_journal)?;
+        let recorded = facts.load(&facts.configuration).ok().map(|loaded| loaded.model);
+        let steps = Steps::judged_anew(recording, bridge);
+        Ok(Run { recorded, stage, ..Run::new(steps, model) })
+    }
+
+    fn new(steps: Steps, model: Arc<Model>) -> Run {
+        Run {
+            steps,
+            model,
+            load: None,
+            reload_at: None,
+            engine: None,
+            stage: None,
+            recorded: None,
+            lacks: false,
+        }
+    }
+
+    pub fn facts(&self) -> &Facts {
+        &self.steps.facts
+    }
+
+    /// What could not be used so far.
+    pub fn notes(&self) -> &Notes {
+        &self.steps.notes
+    }
+
+    /// What of the file could not be used so far, in sentences; and the number of further ones.
+    pub fn omissions(&self) -> (Vec<String>, u64) {
+        let omissions = self.steps.reader().omissions();
+        (omissions.list().iter().map(ToString::to_string).collect(), omissions.more())
+    }
+
+    /// Topics of the configuration of which the recording has nothing so far.
+    pub fn unheard(&self) -> Vec<String> {
+        self.steps.unheard()
+    }
+
+    /// The engine, which has taken all steps so far.
+    pub fn engine(&mut self) -> Option<&mut Engine> {
+        self.engine.as_mut()
+    }
+
+    /// Takes the next step; `None` at the end.
+    ///
+    /// # Errors
+    /// The vehicle took a configuration that this version cannot read.
+    pub fn step(&mut self) -> Result<Option<Taken>, ReplayError> {
+        if let Some(at) = self.reload_at.take() {
+            return Ok(Some(self.reload(at)));
+        }
+        while let Some(step) = self.steps.next(&self.model) {
+            match step {
+                Step::Input { at, input } => return Ok(Some(self.take(at, &input))),
+                Step::Reload { at, texts } => {
+                    let Some(load) = &self.load else { continue };
+                    let model = load(&texts)?;
+                    // Deadlines up to then act under the old configuration: their events name its nodes.
+                    let before = self.take(at, &Input::Tick);
+                    self.model = model;
+                    if before.events.is_empty() {
+                        return Ok(Some(self.reload(at)));
+                    }
+                    self.reload_at = Some(at);
+                    return Ok(Some(before));
+                }
+                Step::State(state) => self.state(&state),
+                Step::Lost => self.lacks = true,
+            }
+        }
+        Ok(None)
+    }
+
+    /// Takes a recorded state at the beginning, and where something is missing before it.
+    fn state(&mut self, state: &Keyframe) {
+        if self.engine.is_some() && !self.lacks {
+            return;
+        }
+        let by = self.recorded.as_ref().unwrap_or(&self.model);
+        match Engine::from_keyframe(by.clone(), state) {
+            Ok(mut engine) => {
+                if self.recorded.is_some() {
+                    engine.reload(self.model.clone(), state.at());
+                }
+                engine.keep_events();
+                // What happened before was told before.
+                engine.take_events();
+                // The states of what judges anew are its own.
+                if self.engine.is_none() || self.recorded.is_none() {
+                    self.engine = Some(engine);
+                }
+                self.lacks = false;
+            }
+            Err(error) => {
+                self.steps.notes.say(format!("a recorded state of the engine is left out: {error}"))
+            }
+        }
+    }
+
+    fn begun(&mut self, at: Timestamp) -> &mut Engine {
+        let (model, stage) = (&self.model, self.stage);
+        self.engine.get_or_insert_with(|| {
+            let mut engine = Engine::begin(model.clone(), at);
+            if let Some(stage) = stage {
+                engine.start_in(stage);
+            }
+            engine.keep_events();
+            engine
+        })
+    }
+
+    fn take(&mut self, at: Timestamp, input: &Input) -> Taken {
+        let engine = self.begun(at);
+        let (mut seq, mut snapshots) = (engine.seq(), Vec::new());
+        let mut look = |engine: &mut Engine| {
+            if engine.seq() != seq {
+                seq = engine.seq();
+                snapshots.push(engine.snapshot());
+            }
+        };
+        // The engine does the same by itself. This shows each instant.
+        while let Some(due) = engine.next_deadline().filter(|due| *due < at) {
+            engine.handle(&Input::Tick, due);
+            look(engine);
+        }
+        engine.handle(input, at);
+        look(engine);
+        taken(engine, at, snapshots)
+    }
+
+    fn reload(&mut self, at: Timestamp) -> Taken {
+        let model = self.model.clone();
+        let engine = self.begun(at);
+        engine.reload(model, at);
+        taken(engine, at, Vec::new())
+    }
+}
+
+fn taken(engine: &mut Engine, at: Timestamp, mut snapshots: Vec<Arc<Snapshot>>) -> Taken {
+    let events = engine.take_events();
+    if !events.is_empty() && snapshots.last().is_none_or(|last| last.seq != engine.seq()) {
+        snapshots.push(engine.snapshot());
+    }
+    Taken { at, events, snapshots }
+}

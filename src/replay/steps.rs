@@ -1,0 +1,227 @@
+//! From the entries of a recording to what the engine takes.
+
+use std::collections::{HashMap, VecDeque};
+use std::fs::File;
+use std::sync::Arc;
+
+use super::bridge::Bridge;
+use super::recording::{Facts, Recording};
+use crate::engine::input::Input;
+use crate::engine::keyframe::Keyframe;
+use crate::engine::model::Model;
+use crate::engine::time::Timestamp;
+use crate::msg::sample_bytes::RawBody;
+use crate::msg::subscription::{PublicationTime, Received, recorded_statuses};
+use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES, Reader};
+use crate::record::journal::{Line, MessageRef, Took};
+use crate::record::ring::ConfigurationText;
+
+/// Topics whose last message is at hand for the journal.
+const TOPICS_MAX: usize = 4096;
+
+/// What the engine takes next.
+#[derive(Debug)]
+pub(super) enum Step {
+    Input {
+        at: Timestamp,
+        input: Input,
+    },
+    /// The configuration of these files counts from here on.
+    Reload {
+        at: Timestamp,
+        texts: Vec<ConfigurationText>,
+    },
+    /// The whole state, as it was here.
+    State(Box<Keyframe>),
+    /// Something is missing here.
+    Lost,
+}
+
+/// What of a recording could not be used, beside damage of the file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Notes {
+    /// Inputs that the recorder did not keep, or whose message is missing.
+    pub lost: u64,
+    /// Lines of the journal that this version cannot read.
+    pub unreadable: u64,
+    /// Messages that do not follow their type.
+    pub malformed: u64,
+    /// Sentences, each once.
+    pub said: Vec<String>,
+}
+
+impl Notes {
+    pub(super) fn say(&mut self, sentence: String) {
+        if self.said.len() < 100 && !self.said.contains(&sentence) {
+            self.said.push(sentence);
+        }
+    }
+}
+
+struct LastMessage {
+    channel: Arc<Channel>,
+    /// The lower half of its sequence number.
+    sequence: u32,
+    body: RawBody,
+    /// It was decoded for the other configuration.
+    is_taken: bool,
+}
+
+impl LastMessage {
+    /// Whether the line names this one.
+    fn is(&self, named: &MessageRef<'_>) -> bool {
+        i64::from(self.sequence) == named.sequence & 0xffff_ffff
+    }
+}
+
+/// The steps of a recording, in its order.
+pub(super) struct Steps {
+    reader: Reader<File>,
+    pub facts: Facts,
+    /// Decodes the messages anew; `None`: the journal has what they meant.
+    bridge: Option<Bridge>,
+    /// The last message of each topic, for the lines of the journal that name it.
+    last: HashMap<Arc<str>, LastMessage>,
+    ready: VecDeque<Step>,
+    pub notes: Notes,
+}
+
+impl Steps {
+    /// What the engine took, exactly.
+    pub fn recorded(Recording { reader, facts }: Recording) -> Steps {
+        Steps {
+            reader,
+            facts,
+            bridge: None,
+            last: HashMap::new(),
+            ready: VecDeque::new(),
+            notes: Notes::default(),
+        }
+    }
+
+    /// What an engine with another configuration would have taken.
+    pub fn judged_anew(recording: Recording, bridge: Bridge) -> Steps {
+        Steps { bridge: Some(bridge), ..Steps::recorded(recording) }
+    }
+
+    /// Parts of the file that cannot be used.
+    pub fn reader(&self) -> &Reader<File> {
+        &self.reader
+    }
+
+    /// Topics of the configuration of which nothing was found so far.
+    pub fn unheard(&self) -> Vec<String> {
+        self.bridge.as_ref().map(Bridge::unheard).unwrap_or_default()
+    }
+
+    /// The next step. `model` is the configuration that counts now.
+    pub fn next(&mut self, model: &Model) -> Option<Step> {
+        loop {
+            if let Some(step) = self.ready.pop_front() {
+                return Some(step);
+            }
+            match self.reader.next_entry()? {
+                Entry::Message { channel, stamps, body } => match &mut self.bridge {
+                    // With a journal, its line knows who wrote it and when it was taken.
+                    Some(bridge) if !self.facts.has_journal => {
+                        let at = self.facts.at(stamps.log_time_ns);
+                        let wall_ns = i64::try_from(stamps.log_time_ns).unwrap_or(i64::MAX);
+                        let received =
+                            Received { body: &body, writer: [0; 16], wall_ns, when: PublicationTime::Now };
+                        let inputs = bridge.take(&channel, received, &mut self.notes);
+                        self.ready.extend(inputs.into_iter().map(|input| Step::Input { at, input }));
+                    }
+                    _ if self.last.len() < TOPICS_MAX || self.last.contains_key(&channel.topic) => {
+                        let topic = channel.topic.clone();
+                        let last = LastMessage { channel, sequence: stamps.sequence, body, is_taken: false };
+                        self.last.insert(topic, last);
+                    }
+                    _ => {}
+                },
+                Entry::Json { channel, text, .. } if *channel.topic == *KEYFRAMES.topic => {
+                    match serde_json::from_slice(&text) {
+                        Ok(state) => return Some(Step::State(Box::new(state))),
+                        Err(error) => {
+                            self.notes.say(format!("a state of the engine cannot be read: {error}"))
+                        }
+                    }
+                }
+                Entry::Json { channel, text, .. } if *channel.topic == *JOURNAL.topic => {
+                    let Ok(line) = serde_json::from_slice::<Line>(&text) else {
+                        self.notes.unreadable += 1;
+                        return Some(Step::Lost);
+                    };
+                    if let Some(step) = self.line(line, model) {
+                        return Some(step);
+                    }
+                }
+                Entry::Json { .. } => {}
+            }
+        }
+    }
+
+    fn line(&mut self, Line { at_ns: at, took, message }: Line<'_>, model: &Model) -> Option<Step> {
+        let is_anew = self.bridge.is_some();
+        match took {
+            Took::Lost(count) => {
+                self.notes.lost = self.notes.lost.saturating_add(count);
+                Some(Step::Lost)
+            }
+            // The other configuration stays.
+            Took::Reload(_) if is_anew => {
+                self.notes
+                    .say("the vehicle took another configuration meanwhile, which is left out".to_owned());
+                None
+            }
+            Took::Reload(texts) => Some(Step::Reload { at, texts }),
+            Took::Input(_) | Took::Statuses if is_anew && message.is_some() => {
+                message.and_then(|message| self.decode(at, &message))
+            }
+            Took::Input(input) => {
+                let input = input.into_owned();
+                let input = match &self.bridge {
+                    Some(bridge) => bridge.fit(input)?,
+                    None => input,
+                };
+                Some(Step::Input { at, input })
+            }
+            Took::Statuses => {
+                let found = message.and_then(|message| self.statuses(&message, model));
+                if found.is_none() {
+                    self.notes.lost += 1;
+                }
+                Some(found.map_or(Step::Lost, |input| Step::Input { at, input }))
+            }
+        }
+    }
+
+    /// Decodes the message of a line for the other configuration, once.
+    fn decode(&mut self, at: Timestamp, named: &MessageRef<'_>) -> Option<Step> {
+        let bridge = self.bridge.as_mut()?;
+        let last = self.last.get_mut(&*named.topic).filter(|last| last.is(named));
+        let Some(LastMessage { channel, body, is_taken, .. }) = last else {
+            self.notes.lost += 1;
+            return Some(Step::Lost);
+        };
+        if std::mem::replace(is_taken, true) {
+            return None;
+        }
+        let received = Received {
+            body,
+            writer: named.writer()?,
+            wall_ns: i64::try_from(named.received_ns).unwrap_or(i64::MAX),
+            when: PublicationTime::Now,
+        };
+        let inputs = bridge.take(channel, received, &mut self.notes);
+        self.ready.extend(inputs.into_iter().map(|input| Step::Input { at, input }));
+        self.ready.pop_front()
+    }
+
+    /// The statuses of a message, which stands before the line that names it.
+    fn statuses(&self, named: &MessageRef<'_>, model: &Model) -> Option<Input> {
+        let LastMessage { body, .. } = self.last.get(&*named.topic).filter(|last| last.is(named))?;
+        let (body, endian) = body.as_ref().ok()?;
+        let writer = named.writer()?;
+        Some(Input::Diagnostics(recorded_statuses(model, &named.topic, body, *endian, writer)))
+    }
+}

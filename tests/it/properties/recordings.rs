@@ -1,0 +1,173 @@
+//! What was recorded is replayed: an engine that takes a recording shows what the first one showed, from the
+//! beginning of the recording on, through everything that can happen.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, UNIX_EPOCH};
+
+use proptest::prelude::*;
+use telltale::clock::Clock;
+use telltale::engine::Engine;
+use telltale::engine::input::{Input, WriterId};
+use telltale::engine::model::Model;
+use telltale::engine::snapshot::Snapshot;
+use telltale::engine::time::{Span, Timestamp};
+use telltale::msg::cdr::Endian;
+use telltale::msg::fields::Definitions;
+use telltale::msg::messages;
+use telltale::msg::received::{Message, Stamped};
+use telltale::record::feed::Feed;
+use telltale::record::incident::Margins;
+use telltale::record::recorder::{Recorder, Settings};
+use telltale::record::ring::ConfigurationText;
+use telltale::record::writer::{self, NEWS_MAX, News, Place};
+use telltale::replay::{Recording, Run};
+use tokio::sync::mpsc;
+
+use super::cases::Choices;
+use super::keyframes::{Step, model, start, story};
+use super::{config, numbers};
+use crate::folder::TestFolder;
+
+/// Each case writes a file and brings it to the disk.
+fn few() -> ProptestConfig {
+    let ProptestConfig { cases, .. } = config();
+    ProptestConfig { cases: cases.div_ceil(80), ..config() }
+}
+
+static FOLDERS: AtomicUsize = AtomicUsize::new(0);
+
+/// The text that stands for a model.
+fn text(number: usize) -> ConfigurationText {
+    ConfigurationText { name: "v.yaml".to_owned(), text: number.to_string() }
+}
+
+/// As the bridge takes it: a message, and the statuses that are decoded from it.
+fn received(input: Input, number: i64, model: &Model) -> (Input, Option<Arc<Message>>) {
+    let writer = [7; 16];
+    let (input, topic, body) = match input {
+        Input::Diagnostics(array) if number % 3 > 0 => {
+            let body = messages::encode_diagnostic_arrays(&array, UNIX_EPOCH, usize::MAX).remove(0);
+            let (array, _) = messages::diagnostic_array(&body, Endian::Little, &model.limits);
+            (Input::Diagnostics(array.said_by(WriterId(writer))), "/diagnostics", body)
+        }
+        Input::Tick | Input::Sample(_) => (input, "/points", vec![0; 9]),
+        input => return (input, None),
+    };
+    let message = Message {
+        topic: topic.into(),
+        type_name: "std_msgs/msg/String".into(),
+        writer,
+        sequence: number,
+        source: None,
+        received: UNIX_EPOCH + Duration::from_secs(1_800_000_000),
+        body: Ok((body.into(), Endian::Little)),
+    };
+    (input, Some(Arc::new(message)))
+}
+
+/// An engine that is recorded.
+struct Recorded {
+    engine: Engine,
+    feed: Feed,
+    shown: Vec<(Timestamp, Snapshot)>,
+}
+
+impl Recorded {
+    fn take(&mut self, at: Timestamp, input: Input, message: Option<Arc<Message>>) {
+        self.engine.handle(&input, at);
+        self.feed.took(Stamped { input, received: at, message });
+        self.end_turn(at);
+    }
+
+    fn reload(&mut self, at: Timestamp, model: &Arc<Model>, number: usize) {
+        // As the runtime does it: what was due is of the old configuration.
+        self.take(at, Input::Tick, None);
+        self.engine.reload(model.clone(), at);
+        self.feed.reloaded(at, [text(number)].into());
+        self.end_turn(at);
+    }
+
+    fn end_turn(&mut self, at: Timestamp) {
+        let events = self.engine.take_events();
+        let snapshot = self.engine.snapshot();
+        self.feed.happened(&events, &snapshot);
+        self.shown.push((at, Snapshot::clone(&snapshot)));
+        self.feed.published(snapshot);
+        self.feed.end_turn(&self.engine);
+    }
+}
+
+proptest! {
+    #![proptest_config(few())]
+
+    #[test]
+    fn a_replayed_recording_shows_what_was_shown(numbers in numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let first = model(&mut choices);
+        let mut engine = start(&mut choices, &first);
+        engine.keep_events();
+        let story = story(&mut choices, &numbers);
+        let folder = TestFolder::new(&format!("replayed-{}", FOLDERS.fetch_add(1, Ordering::Relaxed)));
+        std::fs::create_dir(&*folder).unwrap();
+        let (clock, _) = Clock::standing();
+        let (feed, turns) = Feed::new();
+        let settings = Settings {
+            margins: Margins { before: Span::from_secs(30), after: Span::from_secs(100) },
+            memory: 100_000_000,
+            longest_memory: Span::ZERO,
+            configuration: [text(0)].into(),
+        };
+        let recorder = Recorder::start(turns, engine.snapshot(), settings, 1, clock).unwrap();
+        let (tell, mut news) = mpsc::channel(NEWS_MAX);
+        let place =
+            Place { folder: folder.to_path_buf(), definitions: Definitions::default(), about: BTreeMap::new() };
+        writer::start(&recorder, place, tell).unwrap();
+
+        let mut models = vec![first];
+        let mut recorded = Recorded { engine, feed, shown: Vec::new() };
+        let (tick, message) = received(Input::Tick, 0, &models[0]);
+        recorded.take(Timestamp::ZERO, tick, message);
+        while recorder.meter().topics.is_empty() {
+            std::thread::yield_now();
+        }
+        prop_assert_eq!(recorder.mark("anna", ""), Some(1));
+        for (index, (at, step)) in story.into_iter().enumerate() {
+            match step {
+                Step::Take(input) => {
+                    let (input, message) = received(input, index as i64 + 1, &models[models.len() - 1]);
+                    recorded.take(at, input, message);
+                }
+                Step::Reload(model) => {
+                    models.push(model.clone());
+                    recorded.reload(at, &model, models.len() - 1);
+                }
+            }
+        }
+        let Recorded { feed, shown, .. } = recorded;
+        drop((feed, recorder));
+        let summary = std::iter::from_fn(|| news.blocking_recv()).find_map(|news| match news {
+            News::Ended(summary) => Some(summary),
+            News::Begun(_) | News::Extended(_) | News::Fault(_) => None,
+        });
+        let summary = summary.expect("it is written before the end");
+
+        let recording = Recording::open(&folder.join(&summary.recording.file)).unwrap();
+        let first = models[0].clone();
+        let load = move |texts: &[ConfigurationText]| Ok(models[texts[0].text.parse::<usize>().unwrap()].clone());
+        let mut run = Run::recorded_by(recording, first, Box::new(load));
+        let mut shown = shown.into_iter();
+        // The recording begins with the state after it.
+        shown.next();
+        while let Some(taken) = run.step().unwrap() {
+            let (at, expected) = shown.next().expect("it takes no more than the first one took");
+            prop_assert_eq!(taken.at, at);
+            let got = Snapshot::clone(&run.engine().expect("it took something").snapshot());
+            prop_assert!(got == expected, "at {at:?}\n{expected:#?}\n{got:#?}");
+        }
+        prop_assert_eq!(shown.next().map(|(at, _)| at), None, "it takes all");
+        prop_assert_eq!(run.notes(), &Default::default());
+        prop_assert_eq!(run.omissions(), (Vec::new(), 0));
+    }
+}
