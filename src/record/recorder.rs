@@ -2,7 +2,7 @@
 //! incidents; the ring is all that lies between them.
 
 use std::collections::VecDeque;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -66,6 +66,8 @@ pub struct Shared {
     state: Mutex<State>,
     /// Notified when there is something to write.
     news: Condvar,
+    /// Since when the writer waits for the disk, in nanoseconds of the clock; zero while it does not.
+    disk_since: AtomicU64,
     clock: Clock,
 }
 
@@ -127,10 +129,23 @@ impl Recorder {
             next_number,
             ended: false,
         };
-        let shared = Arc::new(Shared { state: Mutex::new(state), news: Condvar::new(), clock });
+        let shared = Arc::new(Shared {
+            state: Mutex::new(state),
+            news: Condvar::new(),
+            disk_since: AtomicU64::new(0),
+            clock,
+        });
         let recorder = Recorder(shared.clone());
         std::thread::Builder::new().name("recorder".into()).spawn(move || shared.run(&turns))?;
         Ok(recorder)
+    }
+
+    /// How long the writer has waited for the disk by now. One that hangs reports no error.
+    pub fn waits_for_disk(&self) -> Option<Span> {
+        match self.0.disk_since.load(Ordering::Relaxed) {
+            0 => None,
+            since => Some(self.0.clock.now().since(Timestamp::from_nanos(since))),
+        }
     }
 
     /// Marks this moment: an incident begins or goes on. Returns its number.
@@ -179,6 +194,14 @@ impl Shared {
         for_at_most: Duration,
     ) -> MutexGuard<'a, State> {
         self.news.wait_timeout(state, for_at_most).unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    /// Does something that the disk may hold up.
+    pub(super) fn on_disk<T>(&self, work: impl FnOnce() -> T) -> T {
+        self.disk_since.store(self.clock.now().as_nanos(), Ordering::Relaxed);
+        let done = work();
+        self.disk_since.store(0, Ordering::Relaxed);
+        done
     }
 
     pub(super) fn clock(&self) -> Clock {

@@ -29,6 +29,9 @@ const LOOK_EVERY: Duration = Duration::from_millis(50);
 /// After a failure the disk is tried again this often.
 const TRY_EVERY: Span = Span::from_secs(5);
 
+/// Without a failure it is tried this often: nobody learns otherwise that it has become useless.
+const LOOK_AFTER_DISK_EVERY: Span = Span::from_secs(60);
+
 /// News that may wait for their receiver.
 pub const NEWS_MAX: usize = 64;
 
@@ -81,7 +84,7 @@ struct Writer {
     /// Ends of recordings that the receiver of news had no room for.
     untold: Vec<News>,
     fault: Option<String>,
-    /// When the disk was tried last after a failure.
+    /// When the disk was tried last, or failed.
     tried: Option<Timestamp>,
 }
 
@@ -112,7 +115,8 @@ impl Writer {
 
     /// Writes an incident from its beginning to its end.
     fn write(&mut self, job: &Job) {
-        let mut file = match OpenFile::begin(&self.place, job, self.clock) {
+        let begun = self.shared.on_disk(|| OpenFile::begin(&self.place, job, self.clock));
+        let mut file = match begun {
             Ok(file) => file,
             Err(error) => return self.fail(&error),
         };
@@ -132,8 +136,9 @@ impl Writer {
                 self.tell(News::Extended(file.summary.clone()));
             }
             let is_all = entries.is_empty();
-            let written =
-                file.take(&entries, gone, &self.place).and_then(|()| file.end_chunk_if_due(self.clock));
+            let written = self.shared.on_disk(|| {
+                file.take(&entries, gone, &self.place).and_then(|()| file.end_chunk_if_due(self.clock))
+            });
             if let Err(error) = written {
                 return self.give_up(file.abandon(self.clock), &error);
             }
@@ -150,9 +155,12 @@ impl Writer {
                 _ => {}
             }
         }
-        let (summary, finished) = file.finish(self.clock);
+        let (mut summary, finished) = self.shared.on_disk(|| file.finish(self.clock));
         match finished {
             Ok(()) => {
+                // That of a long recording takes its time, which is no fault of the disk.
+                let path = self.place.folder.join(&summary.recording.file);
+                summary.recording.sha256 = hash_file(&path).ok();
                 self.recover();
                 self.tell_surely(News::Ended(summary));
             }
@@ -184,21 +192,26 @@ impl Writer {
         }
     }
 
-    /// Without an incident, only a trial shows whether the disk takes recordings again.
+    /// Without an incident, only a trial shows whether the disk takes recordings, still or again.
     fn try_the_disk_again(&mut self) {
-        let waits = |tried| self.clock.now().since(tried) < TRY_EVERY;
-        if self.fault.is_some() && !self.tried.is_some_and(waits) {
+        let every = if self.fault.is_some() { TRY_EVERY } else { LOOK_AFTER_DISK_EVERY };
+        let waits = |tried| self.clock.now().since(tried) < every;
+        if !self.tried.is_some_and(waits) {
             self.try_the_disk();
         }
     }
 
     fn try_the_disk(&mut self) {
         let path = self.place.folder.join("trial.mcap");
-        // One that a crash left behind is no fault of the disk.
-        let _ = std::fs::remove_file(&path);
-        let trial = IncidentFile::create(&path, BTreeMap::new()).and_then(IncidentFile::finish);
-        // A trial that was never made need not be removed.
-        let _ = std::fs::remove_file(&path);
+        self.tried = Some(self.clock.now());
+        let trial = self.shared.on_disk(|| {
+            // One that a crash left behind is no fault of the disk.
+            let _ = std::fs::remove_file(&path);
+            let trial = IncidentFile::create(&path, BTreeMap::new()).and_then(IncidentFile::finish);
+            // A trial that was never made need not be removed.
+            let _ = std::fs::remove_file(&path);
+            trial
+        });
         match trial {
             Ok(_) => self.recover(),
             Err(error) => self.fail(&error),

@@ -1,6 +1,7 @@
 """A full disk, a read-only one, a broken database: the display goes on and says so.
 
-The tests need mount namespaces, as root or through user namespaces, and fail without them.
+The tests need mount namespaces, as root or through user namespaces, and fail without them. The one with a frozen disk
+needs root.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ from operating import expect_standing, log_in, stage, step
 from sizes import SIZES, faults
 from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, Vehicle, own_domain, until
 
+DEVELOPER = ("dora", "a long password")
 IS_ROOT = os.geteuid() == 0
 # A probe every five seconds, and a margin.
 NOTICE_S = 12
@@ -32,11 +34,12 @@ class Mounted(Server):
         self.data = data
         serve = [TELLTALE, "serve", "--config", CONFIG, "--data", data, "--interface", "127.0.0.1"]
         serve += ["--listen", f"127.0.0.1:{self.port}", "--domain", self.domain]
-        secret = f"{OPERATOR[1]}\\n{OPERATOR[1]}\\n"
+        secret, password = (f"{it}\\n{it}\\n" for it in (OPERATOR[1], DEVELOPER[1]))
         script = f"""
             set -e
             mount -t tmpfs -o size=16m,mode=0700 tmpfs {data}
             printf '{secret}' | {TELLTALE} user add {OPERATOR[0]} --role operator --data {data}
+            printf '{password}' | {TELLTALE} user add {DEVELOPER[0]} --role developer --data {data}
             exec {' '.join(map(str, serve))}
         """
         self.words = serve
@@ -120,6 +123,62 @@ def test_a_full_disk_is_a_warning_and_the_display_goes_on(mounted):
     assert until(lambda: mark(client), NOTICE_S, "incidents are recorded again")
     Client(mounted, *OPERATOR)
     assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
+
+
+def recorded(client, server):
+    """Waits until an incident that is marked now is finished, and verifies it."""
+    number = until(lambda: mark(client), NOTICE_S, "incidents are recorded again")
+    developer = Client(server, *DEVELOPER)
+    listed = lambda: {it["id"]: it["recording"] for it in json.load(developer.opener.open(f"{server.url}/api/v1/incidents", timeout=10))}
+    until(lambda: listed().get(number, {}).get("finished"), 60, listed)
+    told = server.inside(f"{TELLTALE} incident verify {number} --data .")
+    assert f"ok    incident {number}:" in told, told
+
+
+def recording_off(client):
+    """The message of the WARNING, by which a clearance is refused too."""
+    message = storage(client)
+    return message if message and "recording off: " in message else None
+
+
+def test_recordings_on_a_read_only_disk_are_a_warning_until_they_are_taken_again(mounted):
+    client = Client(mounted, *OPERATOR)
+    folder = mounted.data / "incidents"
+    mounted.inside(f"mount --bind {folder} {folder}; mount -o remount,bind,ro {folder}")
+    until(lambda: mark(client) is None, NOTICE_S, "no incident can be recorded")
+    message = until(lambda: recording_off(client), NOTICE_S, "a warning")
+    assert "Read-only" in message, message
+    goes_on(client)
+    mounted.inside(f"umount {folder}")
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    recorded(client, mounted)
+
+
+@pytest.fixture
+def freezing(mounted, tmp_path):
+    """Freezes and thaws the file system of the recordings, which is one of its own."""
+    folder = mounted.data / "incidents"
+    image = tmp_path / "recordings.img"
+    with open(image, "wb") as file:
+        file.truncate(64 << 20)
+    subprocess.run(["mkfs.ext4", "-q", image], check=True)
+    mounted.inside(f"mount -o loop {image} {folder}")
+    yield lambda freeze: mounted.inside(f"fsfreeze {'-f' if freeze else '-u'} {folder}")
+    # Nothing that waits for a frozen disk can be ended.
+    subprocess.run(mounted.enter("fsfreeze", "-u", folder), capture_output=True)
+
+
+def test_recordings_on_a_disk_that_hangs_are_a_warning_until_it_answers(mounted, freezing):
+    client = Client(mounted, *OPERATOR)
+    freezing(True)
+    mark(client)
+    message = until(lambda: recording_off(client), NOTICE_S, "a warning")
+    assert "has not answered for 3 s" in message, message
+    goes_on(client)
+    assert mark(client) is None
+    freezing(False)
+    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    recorded(client, mounted)
 
 
 def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(mounted):

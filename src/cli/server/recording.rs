@@ -33,6 +33,12 @@ const MEMORY_MAX: Span = Span::from_secs(120);
 /// Old recordings are looked for this often.
 const TIDY_EVERY: Duration = Duration::from_secs(600);
 
+/// A disk that takes no longer for a piece of a recording does not hang.
+const ANSWERS_WITHIN: Span = Span::from_secs(3);
+
+/// A disk that hangs is looked for this often.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
+
 /// The end of the program waits this long for the last incident to be written.
 const LAST_WITHIN: Duration = Duration::from_secs(1);
 
@@ -138,7 +144,7 @@ pub async fn start(
     let writer = writer::start(&recorder, place, tell).context("no thread can be started")?;
     let (fault, faults) = watch::channel(None);
     let (policy, policies) = watch::channel(policy);
-    let books = tokio::spawn(keep_books(news, store.clone(), fault));
+    let books = tokio::spawn(keep_books(news, store.clone(), fault, recorder.clone(), folder.clone()));
     let tidying = tokio::spawn(look_after(policies, store.clone(), folder, files, clock));
     Ok(Some(Recording { recorder, fault: faults, policy, writer, books, tidying, _temporary: temporary }))
 }
@@ -198,15 +204,40 @@ fn policy(loaded: &Loaded) -> Option<Policy> {
     loaded.recording.as_ref().map(|recording| Policy { disk: recording.disk, keep: recording.keep })
 }
 
-/// Tells the store of every incident.
-async fn keep_books(mut news: mpsc::Receiver<News>, store: Store, fault: watch::Sender<Option<Arc<str>>>) {
-    while let Some(news) = news.recv().await {
+/// Tells the store of every incident, and why nothing can be recorded.
+async fn keep_books(
+    mut news: mpsc::Receiver<News>,
+    store: Store,
+    fault: watch::Sender<Option<Arc<str>>>,
+    recorder: Recorder,
+    folder: PathBuf,
+) {
+    let mut of_writer: Option<Arc<str>> = None;
+    let hangs: Arc<str> = format!(
+        "the disk of {} has not answered for {} s",
+        folder.display(),
+        ANSWERS_WITHIN.as_millis() / 1000
+    )
+    .into();
+    loop {
+        let is_hanging = recorder.waits_for_disk().is_some_and(|waits| waits >= ANSWERS_WITHIN);
+        let found = if is_hanging { Some(hangs.clone()) } else { of_writer.clone() };
+        fault.send_if_modified(|said| {
+            let is_new = *said != found;
+            said.clone_from(&found);
+            is_new
+        });
+        let news = match tokio::time::timeout(LOOK_EVERY, news.recv()).await {
+            Ok(Some(news)) => news,
+            Ok(None) => return,
+            Err(_) => continue,
+        };
         let stored = match &news {
             News::Begun(summary) => store.incident_opened(summary).await,
             News::Extended(summary) => store.incident_updated(summary).await,
             News::Ended(summary) => store.incident_finished(summary).await,
             News::Fault(why) => {
-                fault.send_replace(why.as_deref().map(Arc::from));
+                of_writer = why.as_deref().map(Arc::from);
                 Ok(())
             }
         };

@@ -227,15 +227,13 @@ impl OpenFile {
         self.file.sync()
     }
 
-    /// Completes the file. If the disk refuses that, what is there can be read.
+    /// Completes the file; its hash is made afterwards. If the disk refuses that, what is there can be read.
     pub(super) fn finish(mut self, clock: Clock) -> (Summary, Result<(), FileError>) {
-        let path = self.file.path().to_owned();
         self.summary.until_ms.get_or_insert(unix_ms(clock.wall()));
         let OpenFile { file, mut summary, .. } = self;
         let finished = file.finish().map(|written| summary.recording.bytes = written.bytes);
         if finished.is_ok() {
             summary.recording.finished = true;
-            summary.recording.sha256 = hash_file(&path).ok();
         } else {
             summary.recording.interrupted = true;
         }

@@ -226,3 +226,26 @@ fn a_disk_that_refuses_is_a_fault_until_it_takes_recordings_again() {
     assert_eq!((summary.id, &summary.roots[..]), (8, &["other/pump".to_owned()][..]));
     assert!(summary.recording.finished && summary.recording.messages > 0, "{summary:?}");
 }
+
+#[test]
+fn a_folder_that_becomes_useless_is_told_before_an_incident() {
+    let mut recorded = Recorded::new("useless");
+    std::fs::remove_dir_all(&*recorded.folder).unwrap();
+    recorded.hand.advance(LOOK_AFTER_DISK_EVERY);
+    let Some(News::Fault(Some(why))) = recorded.news.blocking_recv() else { panic!("it is a fault") };
+    assert!(why.contains("trial.mcap"), "{why}");
+    std::fs::create_dir_all(&*recorded.folder).unwrap();
+    recorded.hand.advance(TRY_EVERY);
+    assert_eq!(recorded.news.blocking_recv(), Some(News::Fault(None)));
+}
+
+#[test]
+fn how_long_the_disk_takes_is_known_meanwhile() {
+    let recorded = Recorded::new("waits");
+    let (recorder, hand) = (&recorded.recorder, recorded.hand);
+    let waits = recorder.0.on_disk(|| {
+        hand.advance(Span::from_secs(3));
+        recorder.waits_for_disk()
+    });
+    assert!(waits.is_some_and(|waits| waits >= Span::from_secs(3)), "{waits:?}");
+}
