@@ -2,8 +2,11 @@
 
 use super::*;
 use crate::engine::input::{Input, StatusArray};
-use crate::engine::model::{NodeId, Parts, StageModel};
+use crate::engine::model::{
+    Combine, GroupId, GroupSpec, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, StageModel,
+};
 use crate::engine::state::State;
+use crate::engine::text::Text;
 use crate::engine::view::record::Recorded;
 
 fn empty_model() -> Arc<Model> {
@@ -35,9 +38,30 @@ async fn a_status_comes_out_and_a_command_is_answered_after_its_effect_is_publis
 /// Its deadline lies before the reload, and its node is not in the new configuration.
 #[tokio::test]
 async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {
-    let text = "vehicle: { stages: none }\ngroups: [{ id: sensors, modules: [\
-                { id: imu, status: imu, timeout: 1s }, { id: gnss, status: gnss, timeout: 1s, stale: error }] }]";
-    let model = crate::config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut parts = Parts::empty("v", StageModel::None);
+    parts.groups.push(GroupSpec {
+        path: "sensors".into(),
+        name: Text::plain("Sensors"),
+        parent: None,
+        combine: Combine::Worst,
+        when: None,
+        depends_on: Vec::new(),
+        filters: Vec::new(),
+        tile: None,
+    });
+    for (status, stale) in [("imu", State::Unknown), ("gnss", State::Error)] {
+        parts.modules.push(ModuleSpec {
+            id: format!("sensors/{status}").into(),
+            name: None,
+            help: None,
+            group: GroupId(0),
+            policy: Policy { timeout: Span::from_secs(1), stale, ..Policy::default() },
+            when: None,
+            depends_on: Vec::new(),
+            monitor: ModuleMonitor::SelfState(status.into()),
+        });
+    }
+    let model = Arc::new(Model::new(parts).unwrap());
     let (clock, hand) = Clock::standing();
     let (records, told) = std::sync::mpsc::sync_channel(64);
     let followers = Followers { records: Some(records), feed: None };
