@@ -22,8 +22,9 @@ const DIFFERENCES_MAX: usize = 20;
 
 /// Run a recording through the engine and print each change of a node.
 ///
-/// A recording of Telltale is judged as it was judged then; with `--config` by another configuration. The MCAP
-/// files of rosbag2 need `--config`: the topics that it reads are replayed.
+/// A recording of Telltale is judged as it was judged then; with `--config` by another configuration. A bag
+/// of rosbag2 (an MCAP file, a `.db3` database, or the folder with its `metadata.yaml`) needs `--config`: the topics
+/// that it reads are replayed.
 ///
 /// `--json` prints an object for each change: `t_s` (seconds since the first instant that the recording shows),
 /// `at` (UTC), `node`, `shown`, `own`, `reason` (null, or an object with `kind` `masked` or `not_relevant`) and
@@ -38,7 +39,7 @@ const DIFFERENCES_MAX: usize = 20;
     telltale replay incident-12.mcap --config new.yaml --expect expected.jsonl\n  \
     telltale replay rosbag2_2026_11_20/ --config robot.yaml --stage active")]
 pub struct Args {
-    /// The recording: an MCAP file
+    /// The recording: an MCAP file, a database of rosbag2, or the folder of a bag
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Judge by this configuration instead of the recorded one
@@ -133,7 +134,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The recording with an engine; `None` if the configuration is wrong, which is said.
 fn open(args: &Args) -> anyhow::Result<Option<Run>> {
     let in_file = || args.file.display().to_string();
-    let mut recording = Recording::open(&args.file).with_context(in_file)?;
+    let recording = Recording::open(&args.file).with_context(in_file)?;
     let Some(path) = &args.config else {
         if args.stage.is_some() {
             bail!("--stage needs --config: this recording has its stages");
@@ -204,6 +205,9 @@ fn report(run: &Run) {
         ),
         (notes.unreadable, "lines of the journal cannot be read by this version"),
         (notes.malformed, "messages do not follow their type"),
+        (notes.without_time, "messages have no time: each counts at the time of the message before"),
+        (notes.out_of_order, "messages stand behind later ones: each counts at the time of the latest"),
+        (notes.of_other_times, "messages are left out: their times do not fit those around them"),
     ];
     for (count, what) in counted.iter().filter(|(count, _)| *count > 0) {
         eprintln!("telltale: {count} {what}");

@@ -29,6 +29,8 @@ struct Topic {
     /// The engine knows that it has a publisher.
     is_found: bool,
     is_heard: bool,
+    /// A message of it could not be read, which is said.
+    is_malformed: bool,
 }
 
 impl Bridge {
@@ -38,7 +40,10 @@ impl Bridge {
         let plan =
             Plan::of(model, definitions).map_err(|error| ReplayError::Definitions(error.to_string()))?;
         let topic = |subscription: Arc<Subscription>| {
-            (subscription.topic.clone(), Topic { subscription, is_found: false, is_heard: false })
+            (
+                subscription.topic.clone(),
+                Topic { subscription, is_found: false, is_heard: false, is_malformed: false },
+            )
         };
         let watched = plan.watched.topics.iter();
         let watched = watched.map(|spec| (name(&spec.topic).into(), spec.clone())).collect();
@@ -83,6 +88,9 @@ impl Bridge {
         inputs.extend(meant);
         if let Some(wrong) = wrong {
             notes.malformed += 1;
+            if !std::mem::replace(&mut topic.is_malformed, true) {
+                notes.say(format!("a message of {} cannot be read: {wrong}", channel.topic));
+            }
             // The journal says it already.
             inputs.extend((!self.has_journal).then(|| {
                 Input::Reception(ReceptionTrouble {

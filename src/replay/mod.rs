@@ -1,11 +1,13 @@
 //! Runs a recording through the engine: as it was judged then, or by another configuration.
 
+mod bag;
 mod bridge;
 pub mod expect;
 pub mod line;
 mod recording;
 mod run;
 mod steps;
+mod times;
 
 pub use recording::{Facts, Recording, ReplayError};
 pub use run::{Load, Run, Taken};

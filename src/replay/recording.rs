@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use super::bag::Bag;
 use crate::config::patience::patient;
 use crate::config::{self, Loaded};
 use crate::engine::time::Timestamp;
@@ -34,7 +35,7 @@ pub enum ReplayError {
 
 /// A recording, and what it says of itself.
 pub struct Recording {
-    pub(super) reader: Reader<File>,
+    pub(super) reader: Bag,
     pub(super) facts: Facts,
 }
 
@@ -83,18 +84,19 @@ impl Facts {
 
 impl Recording {
     /// # Errors
-    /// It is no MCAP file with messages, or the disk cannot read it.
+    /// It is no recording with messages, or the disk cannot read it.
     pub fn open(path: &Path) -> Result<Recording, ReplayError> {
-        let mut reader = Reader::open(path)?;
-        let none = BTreeMap::new();
-        let about = reader.metadata().find(|(name, _)| *name == ABOUT).map(|(_, about)| about.clone());
-        let has_journal = about.is_some();
-        let about = about.unwrap_or(none);
+        let mut reader = Bag::open(path)?;
+        let mut about = BTreeMap::new();
+        let (mut has_journal, mut configuration) = (false, Arc::from([]));
+        if let Some(file) = reader.single() {
+            let found = file.metadata().find(|(name, _)| *name == ABOUT).map(|(_, about)| about.clone());
+            has_journal = found.is_some();
+            about = found.unwrap_or_default();
+            configuration = attached(file);
+        }
         let number = |key: &str| about.get(key).and_then(|text| text.parse::<u64>().ok());
-        let span = reader.span_ns();
-        let first = span.map(|(first, _)| first).or_else(|| first_time(path)).ok_or(ReplayError::Empty)?;
-        let zero_ns = number("start_of_clock_ns").unwrap_or(first);
-        let configuration = configuration(&mut reader);
+        let zero_ns = number("start_of_clock_ns").or(reader.first_ns()).ok_or(ReplayError::Empty)?;
         let mut facts = Facts {
             has_journal,
             zero: UNIX_EPOCH + Duration::from_nanos(zero_ns),
@@ -105,7 +107,7 @@ impl Recording {
             is_demo: about.get("demo").is_some_and(|demo| demo == "true"),
             configuration,
         };
-        facts.to = span.map(|(_, last)| facts.at(last));
+        facts.to = reader.last_ns().map(|last| facts.at(last));
         Ok(Recording { reader, facts })
     }
 
@@ -114,7 +116,7 @@ impl Recording {
     }
 
     /// Adds the definitions of the recording's own types, which come first.
-    pub fn define(&mut self, mut definitions: Definitions) -> Definitions {
+    pub fn define(&self, mut definitions: Definitions) -> Definitions {
         for channel in self.reader.channels() {
             if let Some(text) = &channel.definition {
                 definitions.give(&channel.type_name, text);
@@ -124,22 +126,17 @@ impl Recording {
     }
 }
 
-/// The time of the first message of a file without chunks.
-fn first_time(path: &Path) -> Option<u64> {
-    Reader::open(path).ok()?.next_entry().map(|entry| entry.stamps().log_time_ns)
-}
-
 /// The attached files, in the order in which they were read.
-fn configuration(reader: &mut Reader<File>) -> Arc<[ConfigurationText]> {
+fn attached(reader: &mut Reader<File>) -> Arc<[ConfigurationText]> {
     let names: Vec<String> = reader.attachments().map(|(name, _)| name.to_owned()).collect();
     let mut texts: Vec<ConfigurationText> = Vec::new();
-    for attached in names {
-        let Some(name) = attached.strip_prefix(CONFIGURATION) else { continue };
-        if texts.iter().any(|known| known.name == name) {
+    for name in names {
+        let Some(file) = name.strip_prefix(CONFIGURATION) else { continue };
+        if texts.iter().any(|known| known.name == file) {
             continue;
         }
-        if let Some(text) = reader.attachment(&attached).and_then(|bytes| String::from_utf8(bytes).ok()) {
-            texts.push(ConfigurationText { name: name.to_owned(), text });
+        if let Some(text) = reader.attachment(&name).and_then(|bytes| String::from_utf8(bytes).ok()) {
+            texts.push(ConfigurationText { name: file.to_owned(), text });
         }
     }
     texts.into()

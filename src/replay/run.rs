@@ -106,10 +106,9 @@ impl Run {
         &self.steps.notes
     }
 
-    /// What of the file could not be used so far, in sentences; and the number of further ones.
+    /// What of the files could not be used so far, in sentences; and the number of further ones.
     pub fn omissions(&self) -> (Vec<String>, u64) {
-        let omissions = self.steps.reader().omissions();
-        (omissions.list().iter().map(ToString::to_string).collect(), omissions.more())
+        self.steps.reader().omissions()
     }
 
     /// Topics of the configuration of which the recording has nothing so far.

@@ -1,23 +1,27 @@
 //! From the entries of a recording to what the engine takes.
 
 use std::collections::{HashMap, VecDeque};
-use std::fs::File;
 use std::sync::Arc;
 
+use super::bag::Bag;
 use super::bridge::Bridge;
 use super::recording::{Facts, Recording};
+use super::times::Times;
 use crate::engine::input::Input;
 use crate::engine::keyframe::Keyframe;
 use crate::engine::model::Model;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::sample_bytes::RawBody;
 use crate::msg::subscription::{PublicationTime, Received, recorded_statuses};
-use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES, Reader};
+use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES};
 use crate::record::journal::{Line, MessageRef, Took};
 use crate::record::ring::ConfigurationText;
 
 /// Topics whose last message is at hand for the journal.
 const TOPICS_MAX: usize = 4096;
+
+/// Messages that mean nothing to the configuration let time pass.
+const TICK: Span = Span::from_millis(100);
 
 /// What the engine takes next.
 #[derive(Debug)]
@@ -46,6 +50,12 @@ pub struct Notes {
     pub unreadable: u64,
     /// Messages that do not follow their type.
     pub malformed: u64,
+    /// Messages without a time, which got that of the message before.
+    pub without_time: u64,
+    /// Messages that stand behind later ones.
+    pub out_of_order: u64,
+    /// Messages of a time that cannot be, which are left out.
+    pub of_other_times: u64,
     /// Sentences, each once.
     pub said: Vec<String>,
 }
@@ -76,13 +86,16 @@ impl LastMessage {
 
 /// The steps of a recording, in its order.
 pub(super) struct Steps {
-    reader: Reader<File>,
+    reader: Bag,
     pub facts: Facts,
     /// Decodes the messages anew; `None`: the journal has what they meant.
     bridge: Option<Bridge>,
     /// The last message of each topic, for the lines of the journal that name it.
     last: HashMap<Arc<str>, LastMessage>,
     ready: VecDeque<Step>,
+    times: Times,
+    /// The time of the last step of a recording without a journal.
+    ticked: Timestamp,
     pub notes: Notes,
 }
 
@@ -95,6 +108,8 @@ impl Steps {
             bridge: None,
             last: HashMap::new(),
             ready: VecDeque::new(),
+            times: Times::default(),
+            ticked: Timestamp::ZERO,
             notes: Notes::default(),
         }
     }
@@ -105,7 +120,7 @@ impl Steps {
     }
 
     /// Parts of the file that cannot be used.
-    pub fn reader(&self) -> &Reader<File> {
+    pub fn reader(&self) -> &Bag {
         &self.reader
     }
 
@@ -124,11 +139,19 @@ impl Steps {
                 Entry::Message { channel, stamps, body } => match &mut self.bridge {
                     // With a journal, its line knows who wrote it and when it was taken.
                     Some(bridge) if !self.facts.has_journal => {
-                        let at = self.facts.at(stamps.log_time_ns);
-                        let wall_ns = i64::try_from(stamps.log_time_ns).unwrap_or(i64::MAX);
+                        let Some(ns) = self.times.take(stamps, &mut self.notes) else { continue };
+                        let at = self.facts.at(ns);
+                        let wall_ns = if stamps.log_time_ns == 0 { ns } else { stamps.log_time_ns };
+                        let wall_ns = i64::try_from(wall_ns).unwrap_or(i64::MAX);
                         let received =
                             Received { body: &body, writer: [0; 16], wall_ns, when: PublicationTime::Now };
                         let inputs = bridge.take(&channel, received, &mut self.notes);
+                        if inputs.is_empty() && at.since(self.ticked) >= TICK {
+                            self.ready.push_back(Step::Input { at, input: Input::Tick });
+                        }
+                        if !self.ready.is_empty() || !inputs.is_empty() {
+                            self.ticked = at;
+                        }
                         self.ready.extend(inputs.into_iter().map(|input| Step::Input { at, input }));
                     }
                     _ if self.last.len() < TOPICS_MAX || self.last.contains_key(&channel.topic) => {

@@ -24,6 +24,18 @@ pub struct Channel {
     pub(super) format: Format,
 }
 
+impl Channel {
+    /// A topic of messages in CDR.
+    pub fn cdr(topic: &str, type_name: &str, definition: Option<&str>) -> Channel {
+        Channel {
+            topic: topic.into(),
+            type_name: type_name.into(),
+            definition: definition.map(Arc::from),
+            format: Format::Cdr,
+        }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Format {
     Cdr,

@@ -12,11 +12,11 @@ pub enum FileError {
 }
 
 impl FileError {
-    pub(super) fn io(path: &Path, doing: &'static str, why: io::Error) -> FileError {
+    pub fn io(path: &Path, doing: &'static str, why: io::Error) -> FileError {
         FileError::Io { path: path.to_owned(), doing, why }
     }
 
-    pub(super) fn format(path: &Path, why: impl Into<String>) -> FileError {
+    pub fn format(path: &Path, why: impl Into<String>) -> FileError {
         FileError::Format { path: path.to_owned(), why: why.into() }
     }
 

@@ -21,7 +21,7 @@ pub use json::{JOURNAL, JsonChannel, KEYFRAMES, TRANSITIONS};
 pub use omission::{Omission, Omissions};
 pub use reader::{Entry, Reader};
 pub use repair::{REPAIRED, Repair, repair};
-pub use source::CHUNK_BYTES_MAX;
+pub use source::{CHUNK_BYTES_MAX, raw_body};
 pub use writer::{IncidentFile, MessageStamps, Topic, Written};
 
 /// The name of the metadata record that describes a file of ours.

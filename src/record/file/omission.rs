@@ -8,7 +8,7 @@ const LIST_MAX: usize = 100;
 /// A part of a file that could not be used.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Omission {
-    /// Where it begins in the file.
+    /// Where it begins in the file; 0 if that is not known.
     pub at: u64,
     /// Its length in the file; 0 if it is a part of something longer.
     pub bytes: u64,
@@ -18,6 +18,7 @@ pub struct Omission {
 impl fmt::Display for Omission {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.bytes {
+            0 if self.at == 0 => f.write_str(&self.why),
             0 => write!(f, "at byte {}: {}", self.at, self.why),
             bytes => write!(f, "{bytes} bytes at byte {}: {}", self.at, self.why),
         }
@@ -32,7 +33,8 @@ pub struct Omissions {
 }
 
 impl Omissions {
-    pub(super) fn add(&mut self, at: u64, bytes: u64, why: impl Into<String>) {
+    /// `at` is 0 where no place in the file is known.
+    pub fn add(&mut self, at: u64, bytes: u64, why: impl Into<String>) {
         let omission = Omission { at, bytes, why: why.into() };
         if self.list.contains(&omission) {
             return;

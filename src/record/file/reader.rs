@@ -15,9 +15,8 @@ use super::json;
 use super::layout::{Layout, Part};
 use super::omission::Omissions;
 use super::records::{self, AttachmentHead, ChunkHead, Fields, HEAD_BYTES};
-use super::source::{CHUNK_BYTES_MAX, Source, crc};
+use super::source::{CHUNK_BYTES_MAX, Source, crc, raw_body};
 use super::writer::MessageStamps;
-use crate::msg::cdr::{Endian, Fault, FaultKind};
 use crate::msg::sample_bytes::RawBody;
 
 /// A larger attachment is left out.
@@ -240,14 +239,9 @@ impl<R: Read + Seek> Reader<R> {
                 }
             },
             Format::Cdr => {
-                let Some((head, _)) = data.split_first_chunk::<4>() else {
+                let Some(body) = raw_body(&data) else {
                     self.omissions.add(at, 0, format!("a message of {} has no body", channel.topic));
                     return None;
-                };
-                let body = match [head[0], head[1]] {
-                    [0, 0] => Ok((data.slice(4..), Endian::Big)),
-                    [0, 1] => Ok((data.slice(4..), Endian::Little)),
-                    other => Err(Fault { at: 0, what: FaultKind::Encoding(other) }),
                 };
                 Some(Entry::Message { channel, stamps, body })
             }

@@ -6,6 +6,8 @@ use bytes::Bytes;
 use flate2::Crc;
 
 use super::records::{ChunkHead, HEAD_BYTES};
+use crate::msg::cdr::{Endian, Fault, FaultKind};
+use crate::msg::sample_bytes::RawBody;
 
 /// A larger chunk is left out. The largest message over DDS has half of it.
 pub const CHUNK_BYTES_MAX: u64 = 128 << 20;
@@ -119,6 +121,26 @@ fn unpack(packed: impl BufRead, compression: &str, size: u64) -> io::Result<Vec<
         other => Err(io::Error::other(format!("{other:?} is not known"))),
     }?;
     Ok(unpacked)
+}
+
+/// A message with its encapsulation, which rosbag2 may have compressed by itself; `None` if it is too short.
+pub fn raw_body(data: &Bytes) -> Option<RawBody> {
+    let is_packed = data.starts_with(&zstd::zstd_safe::MAGICNUMBER.to_le_bytes());
+    let unpacked = is_packed.then(|| unpack_message(data).ok()).flatten();
+    let data = unpacked.as_ref().unwrap_or(data);
+    let (head, _) = data.split_first_chunk::<4>()?;
+    Some(match [head[0], head[1]] {
+        [0, 0] => Ok((data.slice(4..), Endian::Big)),
+        [0, 1] => Ok((data.slice(4..), Endian::Little)),
+        other => Err(Fault { at: 0, what: FaultKind::Encoding(other) }),
+    })
+}
+
+fn unpack_message(data: &[u8]) -> io::Result<Bytes> {
+    let mut unpacked = Vec::new();
+    zstd::Decoder::with_buffer(data)?.take(CHUNK_BYTES_MAX + 1).read_to_end(&mut unpacked)?;
+    let is_too_large = unpacked.len() as u64 > CHUNK_BYTES_MAX;
+    if is_too_large { Err(io::ErrorKind::FileTooLarge.into()) } else { Ok(unpacked.into()) }
 }
 
 /// The checksum of all parts together.

@@ -1,0 +1,201 @@
+//! The files of a recording, one after the other: one MCAP file, one database of rosbag2, or a folder of them.
+
+mod database;
+mod folder;
+mod survey;
+
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use database::Database;
+use survey::Survey;
+
+use crate::record::file::{Channel, Entry, FileError, Omissions, Reader};
+
+/// More sentences are counted only.
+const SAID_MAX: usize = 100;
+
+pub(super) struct Bag {
+    /// Those that can be read, in their order.
+    files: Vec<PathBuf>,
+    /// The number of the open one.
+    at: usize,
+    open: Storage,
+    survey: Survey,
+    said: Said,
+}
+
+/// Sentences, each once.
+#[derive(Default)]
+struct Said {
+    list: Vec<String>,
+    more: u64,
+}
+
+impl Said {
+    fn say(&mut self, sentence: String) {
+        if self.list.contains(&sentence) {
+            return;
+        }
+        if self.list.len() < SAID_MAX {
+            self.list.push(sentence);
+        } else {
+            self.more += 1;
+        }
+    }
+}
+
+/// One file.
+enum Storage {
+    Mcap(Box<Reader<File>>),
+    Database(Box<Database>),
+}
+
+impl Storage {
+    fn open(path: &Path) -> Result<Storage, FileError> {
+        let failed = |error| FileError::io(path, "read", error);
+        let mut file = File::open(path).map_err(|error| FileError::io(path, "opened", error))?;
+        let mut start = Vec::new();
+        file.by_ref().take(database::MAGIC.len() as u64).read_to_end(&mut start).map_err(failed)?;
+        if start == database::MAGIC {
+            return Ok(Storage::Database(Box::new(Database::open(path)?)));
+        }
+        if start.starts_with(mcap::MAGIC) {
+            return Ok(Storage::Mcap(Box::new(Reader::new(path, file)?)));
+        }
+        if start.starts_with(&zstd::zstd_safe::MAGICNUMBER.to_le_bytes()) {
+            let plain = path.with_extension("");
+            let why = format!(
+                "it is compressed as a whole: decompress it first, `zstd -d {} -o {}`",
+                path.display(),
+                plain.display()
+            );
+            return Err(FileError::format(path, why));
+        }
+        Err(FileError::format(path, "it is no recording: neither an MCAP file nor a database of rosbag2"))
+    }
+
+    fn next_entry(&mut self) -> Option<Entry> {
+        match self {
+            Storage::Mcap(reader) => reader.next_entry(),
+            Storage::Database(database) => database.next_entry(),
+        }
+    }
+
+    fn omissions(&self) -> &Omissions {
+        match self {
+            Storage::Mcap(reader) => reader.omissions(),
+            Storage::Database(database) => database.omissions(),
+        }
+    }
+}
+
+impl Bag {
+    /// # Errors
+    /// No file can be read as a recording, or several are of Telltale, which do not follow one another.
+    pub fn open(path: &Path) -> Result<Bag, FileError> {
+        let mut said = Said::default();
+        let paths = if path.is_dir() {
+            let found = folder::files(path)?;
+            found.said.into_iter().for_each(|sentence| said.say(sentence));
+            found.paths
+        } else {
+            vec![path.to_owned()]
+        };
+        let (mut files, mut survey, mut first_error) = (Vec::new(), Survey::default(), None);
+        for file in paths {
+            match survey.take(&file) {
+                Ok(()) => files.push(file),
+                Err(error) => {
+                    said.say(error.to_string());
+                    first_error.get_or_insert(error);
+                }
+            }
+        }
+        if survey.is_ours && files.len() > 1 {
+            let why = "it has recordings of Telltale, which do not follow one another: name one of them";
+            return Err(FileError::format(path, why));
+        }
+        match (files.first(), first_error) {
+            (Some(first), _) => {
+                let open = Storage::open(first)?;
+                Ok(Bag { open, files, at: 0, survey, said })
+            }
+            (None, Some(error)) => Err(error),
+            (None, None) => Err(FileError::format(path, "it has no recording")),
+        }
+    }
+
+    /// The file, if it is one MCAP file: only these are of Telltale.
+    pub fn single(&mut self) -> Option<&mut Reader<File>> {
+        match &mut self.open {
+            Storage::Mcap(reader) if self.files.len() == 1 => Some(reader),
+            _ => None,
+        }
+    }
+
+    /// The time of the first message that has one.
+    pub fn first_ns(&self) -> Option<u64> {
+        self.survey.first_ns
+    }
+
+    /// The last time of a message; `None` if a file does not say it.
+    pub fn last_ns(&self) -> Option<u64> {
+        self.survey.last_ns
+    }
+
+    /// The topics of all files.
+    pub fn channels(&self) -> &[Arc<Channel>] {
+        &self.survey.channels
+    }
+
+    /// The next entry, in the order of the files.
+    pub fn next_entry(&mut self) -> Option<Entry> {
+        loop {
+            if let Some(entry) = self.open.next_entry() {
+                return Some(entry);
+            }
+            let path = self.files.get(self.at + 1)?.clone();
+            self.close();
+            self.at += 1;
+            match Storage::open(&path) {
+                Ok(storage) => self.open = storage,
+                Err(error) => self.said.say(error.to_string()),
+            }
+        }
+    }
+
+    /// Keeps what is to be said of the open file.
+    fn close(&mut self) {
+        let (sentences, more) = self.said_of_open();
+        sentences.into_iter().for_each(|sentence| self.said.say(sentence));
+        self.said.more += more;
+    }
+
+    fn said_of_open(&self) -> (Vec<String>, u64) {
+        let omissions = self.open.omissions();
+        let name = self.files[self.at].file_name().unwrap_or_default().to_string_lossy();
+        let sentence = |omission: &dyn std::fmt::Display| match self.files.len() {
+            1 => omission.to_string(),
+            _ => format!("{name}: {omission}"),
+        };
+        (omissions.list().iter().map(|omission| sentence(omission)).collect(), omissions.more())
+    }
+
+    /// What could not be used so far, in sentences; and the number of further ones.
+    pub fn omissions(&self) -> (Vec<String>, u64) {
+        let (mut sentences, mut more) = (self.said.list.clone(), self.said.more);
+        let (of_open, more_of_open) = self.said_of_open();
+        sentences.extend(of_open.into_iter().filter(|sentence| !self.said.list.contains(sentence)));
+        more += more_of_open;
+        (sentences, more)
+    }
+}
+
+#[cfg(test)]
+mod tests;
+
+#[cfg(test)]
+use crate::store::TestFolder;
