@@ -11,7 +11,7 @@ use super::fields::{self, DefinitionFlags};
 use super::{EXIT_NO, EXIT_USAGE, check};
 use crate::clock::Clock;
 use crate::config;
-use crate::engine::model::Stage;
+use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
 use crate::replay::expect::{Difference, Expected};
 use crate::replay::line::{Line, lines, seconds};
@@ -152,6 +152,12 @@ fn open(args: &Args) -> anyhow::Result<Option<Run>> {
                 return Ok(None);
             }
         };
+    if args.stage.is_some() && recording.facts().has_journal {
+        bail!("--stage is for recordings of others: this one has its stages");
+    }
+    if args.stage.is_some() && loaded.model.stages == StageModel::None {
+        bail!("--stage needs a configuration with `stages: shuttle`: {} has none", path.display());
+    }
     let definitions = recording.define(definitions.with(&loaded.message_folders));
     let run = Run::judged_by(recording, loaded.model, &definitions, args.stage).with_context(in_file)?;
     Ok(Some(run))
