@@ -15,7 +15,7 @@ use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
 use crate::replay::expect::{Difference, Expected};
 use crate::replay::line::{Line, lines, seconds};
-use crate::replay::{Facts, Recording, Run};
+use crate::replay::{Facts, Recording, ReplayError, Run};
 
 /// Differences that are printed.
 const DIFFERENCES_MAX: usize = 20;
@@ -134,7 +134,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The recording with an engine; `None` if the configuration is wrong, which is said.
 fn open(args: &Args) -> anyhow::Result<Option<Run>> {
     let in_file = || args.file.display().to_string();
-    let recording = Recording::open(&args.file).with_context(in_file)?;
+    let recording = match Recording::open(&args.file) {
+        // It names the file.
+        Err(error @ ReplayError::File(_)) => return Err(error.into()),
+        opened => opened.with_context(in_file)?,
+    };
     let Some(path) = &args.config else {
         if args.stage.is_some() {
             bail!("--stage needs --config: this recording has its stages");
