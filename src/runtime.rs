@@ -58,6 +58,8 @@ pub struct Published {
     pub epoch: u64,
     /// An incident is being recorded.
     pub recording: bool,
+    /// It comes from a replay. Its readers may see a locked vehicle too.
+    pub replay: bool,
 }
 
 /// The place of a state, or of its words, in what a source shows. After a step back in time the numbers
@@ -78,13 +80,19 @@ impl From<u64> for Version {
 impl Published {
     /// A snapshot that nobody received from an engine of this process: one of a recording or a test.
     pub fn recorded(snapshot: Arc<Snapshot>, at: SystemTime) -> Published {
-        Published { snapshot, at, received: Timestamp::ZERO, epoch: 0, recording: false }
+        Published { snapshot, at, received: Timestamp::ZERO, epoch: 0, recording: false, replay: false }
+    }
+
+    /// Nobody is logged in at the vehicle, so nothing of it is shown.
+    pub fn is_locked(&self) -> bool {
+        self.snapshot.stage == Stage::Locked && !self.replay
     }
 
     fn now(snapshot: Arc<Snapshot>, clock: &Clock, feed: Option<&Feed>) -> Published {
         let received = clock.now();
         let at = wall_at(clock.wall(), received, snapshot.now);
-        Published { snapshot, at, received, epoch: 0, recording: feed.is_some_and(Feed::is_recording) }
+        let recording = feed.is_some_and(Feed::is_recording);
+        Published { snapshot, at, received, epoch: 0, recording, replay: false }
     }
 
     /// Grows with every state.

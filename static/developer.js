@@ -19,6 +19,7 @@
   let newest = Number(content().dataset.revision);
   // A locked vehicle has another page, except for pages that say nothing about its parts.
   const locked = body.dataset.stage === "locked";
+  const replay = body.dataset.replay !== undefined;
   let behindSince = null;
   let renewedAt = performance.now();
   let pending = null;
@@ -40,7 +41,7 @@
   // --- the page that is shown
 
   // The page that an address belongs to, without its parameters.
-  const WHY = "/developer/why";
+  const WHY = `${body.dataset.socket.split("/live?")[0]}/why`;
   const pageOf = ({ pathname, search }) => (pathname === WHY ? pathname + search : pathname);
   const INCIDENT = /^\/incidents\/\d+$/;
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a")].map((link) => link.pathname)]);
@@ -152,7 +153,7 @@
     newest = message.revision;
     const renews = content().dataset.static === undefined;
     if (renews && Number(content().dataset.revision) < newest && !document.hidden) behindSince ??= performance.now();
-    if (renews && (message.stage === "locked") !== locked) location.reload();
+    if (renews && !replay && (message.stage === "locked") !== locked) location.reload();
   };
 
   let socket = null;

@@ -111,6 +111,9 @@
       setInterval(() => this.judge(), CHECK_MS);
     }
 
+    // A recording is shown: it is never live, and never late.
+    #isReplay = document.body.dataset.replay !== undefined;
+
     get isLive() {
       return document.body.dataset.live === "live";
     }
@@ -166,7 +169,7 @@
       const now = performance.now();
       const heard = this.#heardAge(now);
       const age = Math.max(heard, this.#page.behind?.(now) ?? 0);
-      const live = age >= DEAD_MS ? "dead" : age >= STALE_MS || !this.everBeat ? "stale" : "live";
+      const live = this.#isReplay ? "replay" : age >= DEAD_MS ? "dead" : age >= STALE_MS || !this.everBeat ? "stale" : "live";
       if (document.body.dataset.live !== live) document.body.dataset.live = live;
       this.#page.judged(live, now);
       const isBad = heard >= DEAD_MS || this.late_ms >= STALE_MS;

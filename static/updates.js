@@ -60,7 +60,7 @@
       for (const since of document.querySelectorAll(".frozen-at")) Live.setText(since, at);
       dispatchEvent(new Event("telltale:dead"));
     }
-    if (is === "live") tickTimes();
+    if (is === "live" || is === "replay") tickTimes();
     body.toggleAttribute("data-ebb", now % CALL_MS >= CALL_MS / 2);
     hidden.updateNext();
     renew();
@@ -76,6 +76,9 @@
 
   // --- the connection
 
+  // In a replay the address of the socket is another one.
+  const socket = document.getElementById("socket").getAttribute("hx-ws:connect").split("?")[0];
+
   // A new element closes the old connection and opens one of its own.
   const connect = () => {
     const lang = document.documentElement.lang === "de" ? "de" : "en";
@@ -83,7 +86,7 @@
       sourceElement: body,
       target: "#socket",
       swap: "outerHTML",
-      text: `<div id="socket" hidden hx-ws:connect="/ws?lang=${lang}"></div>`,
+      text: `<div id="socket" hidden hx-ws:connect="${socket}?lang=${lang}"></div>`,
     });
   };
 
@@ -155,7 +158,7 @@
   document.addEventListener("htmx:after:swap", () => {
     const { stage, layout } = document.getElementById("top").dataset;
     body.dataset.stage = stage;
-    if (stage === "locked") return location.assign("/login");
+    if (stage === "locked" && body.dataset.replay === undefined) return location.assign("/login");
     outdated = layout !== body.dataset.layout;
     renew();
     tickTimes();

@@ -31,6 +31,12 @@ impl Default for RosClock {
 }
 
 impl RosClock {
+    /// A clock that goes on from here by itself.
+    pub fn copy(&self) -> RosClock {
+        let copy = |value: &AtomicI64| AtomicI64::new(value.load(Ordering::Relaxed));
+        RosClock(Arc::new(Heard { now: copy(&self.0.now), step: copy(&self.0.step) }))
+    }
+
     /// [`Sample::NO_CLOCK`] before the first message.
     pub fn now_ns(&self) -> i64 {
         self.0.now.load(Ordering::Relaxed)

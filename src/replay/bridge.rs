@@ -24,6 +24,7 @@ pub(super) struct Bridge {
     has_journal: bool,
 }
 
+#[derive(Clone)]
 struct Topic {
     subscription: Arc<Subscription>,
     /// The engine knows that it has a publisher.
@@ -31,6 +32,19 @@ struct Topic {
     is_heard: bool,
     /// A message of it could not be read, which is said.
     is_malformed: bool,
+}
+
+/// A bridge that goes on from here by itself: clones of the clock are one clock.
+impl Clone for Bridge {
+    fn clone(&self) -> Bridge {
+        let Bridge { topics, watched, clock, has_journal } = self;
+        Bridge {
+            topics: topics.clone(),
+            watched: watched.clone(),
+            clock: clock.copy(),
+            has_journal: *has_journal,
+        }
+    }
 }
 
 impl Bridge {

@@ -57,8 +57,7 @@ pub struct Line {
 /// The lines of what one step did. `all`: also stages, signals and alarms.
 pub fn lines(taken: &Taken, facts: &Facts, all: bool) -> Vec<Line> {
     let line = |event: &Event| {
-        let snapshots = &taken.snapshots;
-        let snapshot = snapshots.iter().find(|it| it.now >= event.at).or(snapshots.last())?;
+        let snapshot = taken.snapshot_of(event)?;
         match &event.what {
             EventKind::Shown { node, .. } => Some(shown(event, *node, snapshot, facts)),
             _ if all => other(event, snapshot, facts),

@@ -4,11 +4,13 @@ mod bag;
 mod bridge;
 pub mod expect;
 pub mod line;
+mod playback;
 mod recording;
 mod run;
 mod steps;
 mod times;
 
+pub use playback::Playback;
 pub use recording::{Facts, Recording, ReplayError};
 pub use run::{Load, Run, Taken};
 pub use steps::Notes;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::bridge::Bridge;
 use super::recording::{Facts, Recording, ReplayError};
-use super::steps::{Notes, Step, Steps};
+use super::steps::{self, Notes, Step, Steps};
 use crate::engine::Engine;
 use crate::engine::event::Event;
 use crate::engine::input::Input;
@@ -24,6 +24,8 @@ pub struct Run {
     model: Arc<Model>,
     /// For reloads; `None`: the recorded ones are left out.
     load: Option<Box<Load>>,
+    /// A step that was read and is not taken yet.
+    next: Option<Step>,
     /// The engine takes `model` before the next step.
     reload_at: Option<Timestamp>,
     /// `None` before the first step.
@@ -36,6 +38,17 @@ pub struct Run {
     lacks: bool,
 }
 
+/// A place in a run, to which one can go back.
+#[derive(Clone)]
+pub struct Mark {
+    steps: steps::Mark,
+    next: Option<Step>,
+    model: Arc<Model>,
+    reload_at: Option<Timestamp>,
+    engine: Option<Engine>,
+    lacks: bool,
+}
+
 /// What one step did.
 #[derive(Debug)]
 pub struct Taken {
@@ -44,6 +57,15 @@ pub struct Taken {
     pub events: Vec<Event>,
     /// What was shown after each instant at which something changed, the last one at `at`. Empty without events.
     pub snapshots: Vec<Arc<Snapshot>>,
+}
+
+impl Taken {
+    /// What was shown after an event of this step, with the node that it names.
+    pub fn snapshot_of(&self, event: &Event) -> Option<&Arc<Snapshot>> {
+        let first = self.snapshots.iter().find(|it| it.now >= event.at).or(self.snapshots.last())?;
+        // Of several at one instant, only the last one surely has the nodes that came to be then.
+        self.snapshots.iter().rfind(|it| it.now == first.now)
+    }
 }
 
 impl Run {
@@ -89,12 +111,33 @@ impl Run {
             steps,
             model,
             load: None,
+            next: None,
             reload_at: None,
             engine: None,
             stage: None,
             recorded: None,
             lacks: false,
         }
+    }
+
+    /// The present place; `None` if the recording is not one MCAP file.
+    pub fn mark(&mut self) -> Option<Mark> {
+        Some(Mark {
+            steps: self.steps.mark()?,
+            next: self.next.clone(),
+            model: self.model.clone(),
+            reload_at: self.reload_at,
+            engine: self.engine.clone(),
+            lacks: self.lacks,
+        })
+    }
+
+    /// Goes back or forwards to a place.
+    pub fn go_to(&mut self, mark: &Mark) {
+        let Mark { steps, next, model, reload_at, engine, lacks } = mark.clone();
+        self.steps.go_to(&steps);
+        self.next = next;
+        (self.model, self.reload_at, self.engine, self.lacks) = (model, reload_at, engine, lacks);
     }
 
     pub fn facts(&self) -> &Facts {
@@ -126,11 +169,23 @@ impl Run {
     /// # Errors
     /// The vehicle took a configuration that this version cannot read.
     pub fn step(&mut self) -> Result<Option<Taken>, ReplayError> {
+        self.step_until(Timestamp::from_nanos(u64::MAX))
+    }
+
+    /// The same; `None` too if the next step is later than `until`.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn step_until(&mut self, until: Timestamp) -> Result<Option<Taken>, ReplayError> {
         if let Some(at) = self.reload_at.take() {
             return Ok(Some(self.reload(at)));
         }
-        while let Some(step) = self.steps.next(&self.model) {
+        while let Some(step) = self.next.take().or_else(|| self.steps.next(&self.model)) {
             match step {
+                Step::Input { at, .. } | Step::Reload { at, .. } if at > until => {
+                    self.next = Some(step);
+                    return Ok(None);
+                }
                 Step::Input { at, input } => return Ok(Some(self.take(at, &input))),
                 Step::Reload { at, texts } => {
                     let Some(load) = &self.load else { continue };

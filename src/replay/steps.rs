@@ -3,6 +3,8 @@
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
+use bytes::Bytes;
+
 use super::bag::Bag;
 use super::bridge::Bridge;
 use super::recording::{Facts, Recording};
@@ -11,9 +13,10 @@ use crate::engine::input::Input;
 use crate::engine::keyframe::Keyframe;
 use crate::engine::model::Model;
 use crate::engine::time::{Span, Timestamp};
+use crate::msg::messages::DIAGNOSTIC_ARRAY;
 use crate::msg::sample_bytes::RawBody;
 use crate::msg::subscription::{PublicationTime, Received, recorded_statuses};
-use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES};
+use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES, Place};
 use crate::record::journal::{Line, MessageRef, Took};
 use crate::record::ring::ConfigurationText;
 
@@ -24,7 +27,7 @@ const TOPICS_MAX: usize = 4096;
 const TICK: Span = Span::from_millis(100);
 
 /// What the engine takes next.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) enum Step {
     Input {
         at: Timestamp,
@@ -68,6 +71,7 @@ impl Notes {
     }
 }
 
+#[derive(Clone)]
 struct LastMessage {
     channel: Arc<Channel>,
     /// The lower half of its sequence number.
@@ -75,6 +79,17 @@ struct LastMessage {
     body: RawBody,
     /// It was decoded for the other configuration.
     is_taken: bool,
+}
+
+/// A place among the steps, to which one can go back.
+#[derive(Clone)]
+pub(super) struct Mark {
+    place: Place,
+    bridge: Option<Bridge>,
+    last: HashMap<Arc<str>, LastMessage>,
+    ready: VecDeque<Step>,
+    times: Times,
+    ticked: Timestamp,
 }
 
 impl LastMessage {
@@ -119,6 +134,28 @@ impl Steps {
         Steps { bridge: Some(bridge), ..Steps::recorded(recording) }
     }
 
+    /// The place of the next step; `None` in a recording of several files or in a database.
+    pub fn mark(&mut self) -> Option<Mark> {
+        Some(Mark {
+            place: self.reader.single()?.place(),
+            bridge: self.bridge.clone(),
+            last: self.last.clone(),
+            ready: self.ready.clone(),
+            times: self.times.clone(),
+            ticked: self.ticked,
+        })
+    }
+
+    /// Goes to a place, whose step is the next one.
+    pub fn go_to(&mut self, mark: &Mark) {
+        if let Some(reader) = self.reader.single() {
+            reader.go_to(mark.place);
+        }
+        let Mark { place: _, bridge, last, ready, times, ticked } = mark.clone();
+        (self.bridge, self.last, self.ready) = (bridge, last, ready);
+        (self.times, self.ticked) = (times, ticked);
+    }
+
     /// Parts of the file that cannot be used.
     pub fn reader(&self) -> &Bag {
         &self.reader
@@ -154,8 +191,12 @@ impl Steps {
                         }
                         self.ready.extend(inputs.into_iter().map(|input| Step::Input { at, input }));
                     }
+                    // With the recorded configuration, the journal has what all others meant.
+                    None if *channel.type_name != *DIAGNOSTIC_ARRAY => {}
                     _ if self.last.len() < TOPICS_MAX || self.last.contains_key(&channel.topic) => {
                         let topic = channel.topic.clone();
+                        // A mark must not hold the chunk in which it lies.
+                        let body = body.map(|(bytes, endian)| (Bytes::copy_from_slice(&bytes), endian));
                         let last = LastMessage { channel, sequence: stamps.sequence, body, is_taken: false };
                         self.last.insert(topic, last);
                     }

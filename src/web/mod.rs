@@ -11,6 +11,7 @@ pub mod incidents;
 pub mod live;
 mod operator;
 mod pages;
+mod replays;
 mod router;
 mod serve;
 mod source;
@@ -40,6 +41,7 @@ use live::frame::Frames;
 use operator::act::PLACES;
 use operator::stop_once::Stops;
 use operator::two_steps::PendingConfirmation;
+use replays::Replays;
 
 pub use admission::peer::Peer;
 pub use admission::proxies::{Network, NoNetwork, Proxies};
@@ -96,6 +98,7 @@ pub struct Shared {
     accounts: Accounts,
     pub session_ends: SessionEnds,
     pub trends: Trends,
+    replays: Replays,
     pub pending: PendingConfirmation,
     pub stops: Stops,
     pub hand_overs: HandOvers,
@@ -133,6 +136,7 @@ impl AppState {
             accounts: Accounts::default(),
             session_ends: SessionEnds::default(),
             trends: Trends::default(),
+            replays: Replays::default(),
             pending: PendingConfirmation::default(),
             stops: Stops::default(),
             hand_overs: HandOvers::default(),

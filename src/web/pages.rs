@@ -75,6 +75,7 @@ pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageC
         demo: app.settings.demo.is_some(),
         configuration: app.settings.rereads.is_some(),
         recorder: app.recorder_state(),
+        replay: app.live().is_none(),
         part: reader.part,
     }
 }

@@ -22,7 +22,7 @@ use super::http::guard::{Access, AccessTable, guard};
 use super::http::{headers, plain_errors};
 use super::live::socket;
 use super::operator::actions;
-use super::{demo, developer, incidents, pages};
+use super::{demo, developer, incidents, pages, replays};
 use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
@@ -76,6 +76,11 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/incidents/mark", Roles(&[Developer]), incidents::mark),
         on_post("/incidents/{id}/note", Roles(&[Developer]), incidents::note),
         on_post("/incidents/{id}/keep", Roles(&[Developer]), incidents::keep),
+        on_get("/replay/{id}", Roles(&[Developer, Authority]), replays::get),
+        on_get("/replay/{id}/state", Roles(&[Developer, Authority]), replays::state),
+        on_post("/replay/{id}/state", Roles(&[Developer, Authority]), replays::control),
+        on_get("/replay/{id}/screen/", Roles(&[Developer, Authority]), replays::first_screen),
+        on_get("/replay/{id}/screen/{*path}", Roles(&[Developer, Authority]), replays::screen),
         on_get("/api/v1/incidents", Roles(&[Developer, Authority]), incidents::list),
         on_get("/api/v1/incidents/{id}", Roles(&[Developer, Authority]), incidents::one),
         on_post("/api/v1/incidents/{id}/note", Roles(&[Developer]), incidents::note),

@@ -52,7 +52,7 @@ impl Replay {
 
 impl Player {
     pub fn start(first: Published) -> (Player, Replay) {
-        let (snapshots, shown) = watch::channel(first);
+        let (snapshots, shown) = watch::channel(Published { replay: true, ..first });
         (Player { snapshots }, Replay { snapshots: shown })
     }
 
@@ -63,7 +63,7 @@ impl Player {
             let ((now, seq, revision), before) = (place(&next), place(shown));
             let is_back = now < before.0 || seq < before.1 || revision < before.2;
             let epoch = shown.epoch + u64::from(is_back);
-            *shown = Published { epoch, ..next };
+            *shown = Published { epoch, replay: true, ..next };
         });
     }
 }

@@ -78,6 +78,7 @@ fn context() -> PageContext {
         demo: false,
         configuration: true,
         recorder: Some(RecorderState::Recording),
+        replay: false,
         part: PagePart::Whole,
     }
 }

@@ -20,7 +20,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("store", &["engine", "clock", "record"]),
     ("picture", &["engine", "yaml"]),
     ("sim", &["engine", "clock", "yaml", "picture"]),
-    ("web", &["engine", "clock", "runtime", "store", "picture", "record"]),
+    ("web", &["engine", "clock", "runtime", "store", "picture", "record", "replay"]),
 ];
 
 /// Words that must not stand in the pure core. Its types derive serde's traits; the format of a file is another

@@ -40,6 +40,14 @@ pub struct Reader<R> {
     from_ns: u64,
 }
 
+/// A place in a file, between two entries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    next: usize,
+    /// Within the part before `next`.
+    inner: Option<u64>,
+}
+
 /// What of a part is not read yet.
 enum Open {
     Chunk { at: u64, bytes: Bytes, done: usize },
@@ -202,6 +210,38 @@ impl<R: Read + Seek> Reader<R> {
     /// too.
     pub fn seek(&mut self, from_ns: u64) {
         (self.next, self.open, self.from_ns) = (0, None, from_ns);
+    }
+
+    /// The place of the next entry, for [`Reader::go_to`].
+    pub fn place(&self) -> Place {
+        let inner = match &self.open {
+            None => None,
+            Some(Open::Chunk { done, .. }) => Some(*done as u64),
+            Some(Open::Loose { at, .. }) => Some(*at),
+        };
+        Place { next: self.next, inner }
+    }
+
+    /// Goes back or forwards to a place, whose entry is the next one.
+    pub fn go_to(&mut self, place: Place) {
+        let Place { next, inner } = place;
+        (self.next, self.open, self.from_ns) = (next, None, 0);
+        let Some(inner) = inner else { return };
+        let Some(part) = next.checked_sub(1).and_then(|part| self.layout.parts.get(part)).cloned() else {
+            return;
+        };
+        match part {
+            Part::Chunk { at, data_at, head } => self.open_chunk(at, data_at, &head),
+            Part::Loose { at, end } => self.open = Some(Open::Loose { at, end }),
+            Part::Attachment { .. } | Part::Metadata { .. } => {}
+        }
+        match &mut self.open {
+            Some(Open::Chunk { bytes, done, .. }) => {
+                *done = usize::try_from(inner).unwrap_or(usize::MAX).min(bytes.len())
+            }
+            Some(Open::Loose { at, end }) => *at = inner.min(*end),
+            None => {}
+        }
     }
 
     /// The next entry, in the order of the file. What cannot be used is in `omissions`.

@@ -57,6 +57,18 @@ pub struct Session {
     pub(super) ended: watch::Receiver<()>,
 }
 
+impl Session {
+    /// Whether both are the same login.
+    pub fn is_same(&self, other: &Session) -> bool {
+        self.key == other.key
+    }
+
+    /// Whether its holder has logged out, or it was ended otherwise.
+    pub fn has_ended(&self) -> bool {
+        self.ended.has_changed().is_err()
+    }
+}
+
 impl Token {
     /// # Errors
     /// If the operating system gives no random numbers.

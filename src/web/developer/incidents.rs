@@ -1,6 +1,6 @@
 //! The pages of incidents: their list, one with everything that is known of it, and its report.
 
-mod content;
+pub mod content;
 pub mod list;
 pub mod one;
 pub mod report;

@@ -118,13 +118,19 @@ struct DevFrame {
     renew_ms: u32,
     /// The content does not change by itself: it is from the past, or complete.
     fixed: bool,
+    replay: bool,
 }
 
 impl DevFrame {
     fn new(view: &View<'_>, context: &PageContext, page: Page, renew_ms: u32) -> DevFrame {
         let snapshot = view.snapshot;
         let words = DevWords::of(context.lang);
-        let known = Page::ALL.into_iter().filter(|&it| it != Page::Configuration || context.configuration);
+        let has = |page: Page| match page {
+            Page::Statuses | Page::Graph | Page::Masking | Page::Coverage => true,
+            Page::Configuration => context.configuration && !context.replay,
+            Page::Timeline | Page::Incidents | Page::Topics | Page::Audit => !context.replay,
+        };
+        let known = Page::ALL.into_iter().filter(|&it| has(it));
         let links = known.enumerate().map(|(index, it)| NavLink {
             path: it.path(),
             word: it.word(words),
@@ -141,12 +147,13 @@ impl DevFrame {
             stage_word: view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
             overall: snapshot.overall.as_str(),
             user: clean(&context.user, NAME),
-            locked: snapshot.stage == Stage::Locked,
+            locked: snapshot.stage == Stage::Locked && !context.replay,
             at: view.wall(snapshot.now),
             seq: snapshot.seq,
             revision: snapshot.revision,
             renew_ms,
             fixed: false,
+            replay: context.replay,
         }
     }
 }

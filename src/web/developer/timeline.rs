@@ -50,7 +50,7 @@ struct Event {
     cause: String,
 }
 
-pub(super) struct Tick {
+pub(in crate::web) struct Tick {
     pub x: String,
     pub at: String,
     pub text: String,

@@ -39,6 +39,8 @@ pub enum HttpError {
     Unfinished,
     /// The file of a recording is gone.
     NoRecording,
+    /// A recording cannot be replayed.
+    NoReplay,
 }
 
 impl From<StoreError> for HttpError {
@@ -59,7 +61,7 @@ impl HttpError {
             HttpError::NoSession => StatusCode::UNAUTHORIZED,
             HttpError::Forbidden | HttpError::ForeignOrigin => StatusCode::FORBIDDEN,
             HttpError::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
-            HttpError::Replay | HttpError::Unfinished => StatusCode::CONFLICT,
+            HttpError::Replay | HttpError::Unfinished | HttpError::NoReplay => StatusCode::CONFLICT,
             HttpError::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
             HttpError::BadRequest => StatusCode::BAD_REQUEST,
             HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
@@ -198,6 +200,15 @@ impl HttpError {
             (HttpError::Unfinished, Lang::De) => (
                 "Noch nicht fertig",
                 "Dieser Vorfall wird noch aufgezeichnet. In einer Minute noch einmal versuchen.",
+            ),
+            (HttpError::NoReplay, Lang::En) => (
+                "No replay",
+                "This recording cannot be replayed; the server's log says why. It can be downloaded.",
+            ),
+            (HttpError::NoReplay, Lang::De) => (
+                "Keine Wiedergabe",
+                "Diese Aufzeichnung kann nicht wiedergegeben werden; das Protokoll des Servers sagt, warum. Sie kann \
+                 heruntergeladen werden.",
             ),
             (HttpError::NoRecording, Lang::En) => {
                 ("No recording", "The file of this recording is gone. `telltale incident verify` says more.")

@@ -56,7 +56,7 @@ pub struct Fragment {
 /// locked that is the top bar alone, whose stage sends the page to the login.
 pub fn fragments(published: &Published, seen: &Seen, lang: Lang, trends: &Trends) -> Vec<Fragment> {
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, lang, true) };
-    if published.snapshot.stage == Stage::Locked {
+    if published.is_locked() {
         return vec![top_bar::top(&view)];
     }
     Parts::of(&view).into_fragments()

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use crate::engine::model::Stage;
 use crate::engine::persistent::PersistentVec;
 use crate::engine::snapshot::{Layout, Localization, Snapshot};
 use crate::engine::state::State;
@@ -12,7 +11,7 @@ use crate::runtime::Published;
 /// Every page and every frame is made from this.
 pub fn permitted(published: &Published) -> Published {
     let snapshot = &published.snapshot;
-    if snapshot.stage != Stage::Locked {
+    if !published.is_locked() {
         return published.clone();
     }
     let layout = Layout {

@@ -22,7 +22,7 @@ use telltale::record::incident::Margins;
 use telltale::record::recorder::{Recorder, Settings};
 use telltale::record::ring::ConfigurationText;
 use telltale::record::writer::{self, NEWS_MAX, News, Place};
-use telltale::replay::{Recording, Run};
+use telltale::replay::{Playback, Recording, Run};
 use tokio::sync::mpsc;
 
 use super::cases::Choices;
@@ -33,7 +33,7 @@ use crate::folder::TestFolder;
 /// Each case writes a file and brings it to the disk.
 fn few() -> ProptestConfig {
     let ProptestConfig { cases, .. } = config();
-    ProptestConfig { cases: cases.div_ceil(80), ..config() }
+    ProptestConfig { cases: cases.div_ceil(160), ..config() }
 }
 
 static FOLDERS: AtomicUsize = AtomicUsize::new(0);
@@ -46,18 +46,22 @@ fn text(number: usize) -> ConfigurationText {
 /// As the bridge takes it: a message, and the statuses that are decoded from it.
 fn received(input: Input, number: i64, model: &Model) -> (Input, Option<Arc<Message>>) {
     let writer = [7; 16];
-    let (input, topic, body) = match input {
+    let (input, (topic, type_name), body) = match input {
         Input::Diagnostics(array) if number % 3 > 0 => {
             let body = messages::encode_diagnostic_arrays(&array, UNIX_EPOCH, usize::MAX).remove(0);
             let (array, _) = messages::diagnostic_array(&body, Endian::Little, &model.limits);
-            (Input::Diagnostics(array.said_by(WriterId(writer))), "/diagnostics", body)
+            (
+                Input::Diagnostics(array.said_by(WriterId(writer))),
+                ("/diagnostics", messages::DIAGNOSTIC_ARRAY),
+                body,
+            )
         }
-        Input::Tick | Input::Sample(_) => (input, "/points", vec![0; 9]),
+        Input::Tick | Input::Sample(_) => (input, ("/points", "std_msgs/msg/String"), vec![0; 9]),
         input => return (input, None),
     };
     let message = Message {
         topic: topic.into(),
-        type_name: "std_msgs/msg/String".into(),
+        type_name: type_name.into(),
         writer,
         sequence: number,
         source: None,
@@ -153,10 +157,23 @@ proptest! {
         });
         let summary = summary.expect("it is written before the end");
 
-        let recording = Recording::open(&folder.join(&summary.recording.file)).unwrap();
-        let first = models[0].clone();
-        let load = move |texts: &[ConfigurationText]| Ok(models[texts[0].text.parse::<usize>().unwrap()].clone());
-        let mut run = Run::recorded_by(recording, first, Box::new(load));
+        let path = folder.join(&summary.recording.file);
+        let run = || {
+            let (first, models) = (models[0].clone(), models.clone());
+            let load =
+                move |texts: &[ConfigurationText]| Ok(models[texts[0].text.parse::<usize>().unwrap()].clone());
+            Run::recorded_by(Recording::open(&path).unwrap(), first, Box::new(load))
+        };
+        let mut playback = Playback::open(run()).unwrap();
+        for pick in numbers.iter().take(3) {
+            let (at, _) = shown[*pick as usize % shown.len()];
+            let (_, expected) = shown.iter().rfind(|(it, _)| *it == at).expect("it was shown");
+            playback.go_to(at).unwrap();
+            prop_assert_eq!(playback.at(), at);
+            let got = Snapshot::clone(&playback.snapshot().expect("it is recorded"));
+            prop_assert!(&got == expected, "shown at {at:?}\n{expected:#?}\n{got:#?}");
+        }
+        let mut run = run();
         let mut shown = shown.into_iter();
         // The recording begins with the state after it.
         shown.next();

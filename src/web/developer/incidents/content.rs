@@ -29,14 +29,16 @@ const CAUSES: usize = 24;
 
 /// Where the content stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Medium {
+pub(in crate::web) enum Medium {
     /// Names lead to the pages of their nodes.
     Page,
+    /// The page of its replay: names lead to their nodes as they were.
+    Replay,
     /// A document by itself.
     Report,
 }
 
-pub(super) struct MomentRow {
+pub(in crate::web) struct MomentRow {
     pub at: String,
     pub clock: String,
     /// Seconds after the first trigger.
@@ -45,7 +47,7 @@ pub(super) struct MomentRow {
     pub text: String,
 }
 
-pub(super) struct Lane {
+pub(in crate::web) struct Lane {
     pub name: String,
     /// The name as HTML, with places where its line may break.
     pub broken: String,
@@ -53,7 +55,7 @@ pub(super) struct Lane {
     pub bars: String,
 }
 
-pub(super) struct FrozenRow {
+pub(in crate::web) struct FrozenRow {
     /// The name as HTML, with places where its line may break.
     pub broken: String,
     pub why: Option<String>,
@@ -63,7 +65,7 @@ pub(super) struct FrozenRow {
     pub values: Vec<(String, String)>,
 }
 
-pub(super) struct TopicRow {
+pub(in crate::web) struct TopicRow {
     pub topic: String,
     /// The name as HTML, with places where its line may break.
     pub broken: String,
@@ -75,7 +77,7 @@ pub(super) struct TopicRow {
 }
 
 /// A look of a bar in words.
-pub(super) struct Explained {
+pub(in crate::web) struct Explained {
     pub class: &'static str,
     pub pattern: Option<&'static str>,
     /// With a line at its foot.
@@ -84,7 +86,7 @@ pub(super) struct Explained {
 }
 
 /// Everything that is known of an incident, in words of one language.
-pub(super) struct Content {
+pub(in crate::web) struct Content {
     pub it: &'static IncidentWords,
     pub words: &'static DevWords,
     pub id: u64,
@@ -114,6 +116,9 @@ pub(super) struct Content {
     /// Of a report. On the page each bar has its words as a tooltip.
     pub legend: Vec<Explained>,
     pub ticks: Vec<Tick>,
+    /// The ends of the strips.
+    pub from_ms: i64,
+    pub to_ms: i64,
     pub frozen: Vec<FrozenRow>,
     pub size: String,
     pub pre_roll_s: String,
@@ -140,7 +145,12 @@ impl Content {
                 &only_known
             }
         };
-        let why = |name: &str| (medium == Medium::Page).then(|| why_address(name));
+        let id = incident.summary.id;
+        let why = |name: &str| match medium {
+            Medium::Page => Some(why_address(name)),
+            Medium::Replay => Some(format!("/replay/{id}/screen{}", why_address(name))),
+            Medium::Report => None,
+        };
         let causes = summary.causes();
         let more_causes = causes.len().saturating_sub(CAUSES);
         let axis = Axis { from: stamp(story.from_ms), to: stamp(story.to_ms), left: 0.0, width: 100.0 };
@@ -191,6 +201,8 @@ impl Content {
             lanes: story.strips.iter().map(lane).collect(),
             more_periods: story.more_periods,
             legend: if medium == Medium::Report { legend(lang, it) } else { Vec::new() },
+            from_ms: story.from_ms,
+            to_ms: story.to_ms,
             ticks: if story.strips.is_empty() { Vec::new() } else { ticks(axis) },
             frozen: summary.freeze.iter().map(frozen).collect(),
             size: size(recording.bytes),

@@ -30,6 +30,17 @@ words! {
     freeze: "Values at the first instant", "Werte im ersten Augenblick";
     recording: "Recording", "Aufzeichnung";
     report: "Report", "Bericht";
+    replay: "Replay", "Wiedergabe";
+    leave_replay: "Leave the replay", "Wiedergabe verlassen";
+    screens: "The screens as they were", "Die Bildschirme von damals";
+    controls: "Play", "Abspielen";
+    play: "Play", "Abspielen";
+    pause: "Pause", "Anhalten";
+    previous: "Previous change", "Vorige Änderung";
+    next: "Next change", "Nächste Änderung";
+    speed: "Speed", "Tempo";
+    link: "Link to this moment", "Link zu diesem Augenblick";
+    no_answer: "The server does not answer. What is shown stands still.", "Der Server antwortet nicht. Die Anzeige steht still.";
     download: "Download the recording", "Aufzeichnung herunterladen";
     keep: "Keep it", "Aufbewahren";
     release: "Keep it no longer", "Nicht länger aufbewahren";

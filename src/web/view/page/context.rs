@@ -89,6 +89,8 @@ pub struct PageContext {
     pub configuration: bool,
     /// What the recorder does; `None` without a recorder.
     pub recorder: Option<RecorderState>,
+    /// A recording is shown: nothing can be done, and pages that a recording does not have are not linked.
+    pub replay: bool,
     /// The part that is rendered.
     pub part: PagePart,
 }

@@ -5,7 +5,6 @@ use askama::Template;
 use super::frame::PageFrame;
 use super::login::{LoginContext, login_page};
 use super::{PageContext, RecorderState};
-use crate::engine::model::Stage;
 use crate::runtime::Published;
 use crate::store::Role;
 use crate::web::view::bars::top_bar;
@@ -29,6 +28,7 @@ struct OperatorHtml {
     rows: usize,
     demo: bool,
     developer: bool,
+    replay: bool,
     /// What the recorder does; `None` without one.
     recorder: Option<&'static str>,
     /// The reader may mark a moment in the recording.
@@ -52,7 +52,7 @@ struct OperatorHtml {
 /// The operator's screen. In the stage `locked` it is the login: nothing of the vehicle shows.
 pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, trends: &Trends) -> String {
     let dpi = published.snapshot.layout.display_dpi;
-    if published.snapshot.stage == Stage::Locked {
+    if published.is_locked() {
         return login_page(&LoginContext::new(context.lang, context.palette, dpi, context.demo));
     }
     let view = View { seen: seen.clone(), trends: Some(trends), ..View::new(published, context.lang, false) };
@@ -67,7 +67,8 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
         columns: view.board.columns,
         rows: view.board.rows,
         demo: context.demo,
-        developer: context.role != Role::Operator,
+        developer: context.role != Role::Operator && !context.replay,
+        replay: context.replay,
         recorder: context.recorder.map(RecorderState::as_str),
         marks: context.recorder.is_some() && context.role != Role::Authority,
         motion: parts.motion.html,

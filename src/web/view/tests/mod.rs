@@ -30,6 +30,7 @@ pub fn context(lang: Lang, palette: Palette) -> PageContext {
         demo: false,
         configuration: false,
         recorder: Some(RecorderState::Ready),
+        replay: false,
         part: PagePart::Whole,
     }
 }

@@ -83,6 +83,7 @@ words! {
     live: "Live", "Live";
     live_stale: "Delayed", "Verzögert";
     live_dead: "Not live", "Nicht live";
+    replay: "Replay", "Wiedergabe";
     stale_banner: "Display is late", "Anzeige verzögert";
     frozen: "Display frozen.", "Anzeige eingefroren.";
     frozen_take_over: "Take over.", "Übernehmen.";

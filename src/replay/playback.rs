@@ -1,0 +1,128 @@
+//! Shows a recording at any instant: it was run once to its end, and marks on the way lead back.
+
+use std::sync::Arc;
+
+use super::run::{Mark, Run, Taken};
+use super::{Facts, ReplayError};
+use crate::engine::input::Input;
+use crate::engine::snapshot::Snapshot;
+use crate::engine::time::{Span, Timestamp};
+use crate::engine::view::record::{Record, Recorded};
+
+/// The time between two marks of a short recording.
+const MARK_EVERY: Span = Span::from_secs(10);
+/// Of more marks than this each second one goes, and their distance doubles.
+const MARKS_MAX: usize = 128;
+/// Changes that are listed. Further ones are shown, but there is no step to them.
+const CHANGES_MAX: usize = 100_000;
+
+/// A recording that was run to its end once.
+pub struct Playback {
+    run: Run,
+    facts: Facts,
+    /// The beginning and the marks, each with the time of the last step before it.
+    marks: Vec<(Timestamp, Mark)>,
+    /// The time of the last step that was taken.
+    taken: Timestamp,
+    /// The instant that is shown.
+    at: Timestamp,
+    to: Timestamp,
+    changes: Vec<Record>,
+}
+
+impl Playback {
+    /// Runs a recording to its end, and shows its first instant.
+    ///
+    /// # Errors
+    /// It holds nothing, is not one MCAP file, or has a configuration that this version cannot read.
+    pub fn open(mut run: Run) -> Result<Playback, ReplayError> {
+        let facts = run.facts().clone();
+        let (mut every, mut to) = (MARK_EVERY, None);
+        let mut marks = vec![(Timestamp::ZERO, run.mark().ok_or(ReplayError::NotOneFile)?)];
+        let mut changes = Vec::new();
+        while let Some(taken) = run.step()? {
+            to = to.max(Some(taken.at));
+            if changes.len() < CHANGES_MAX {
+                changes.extend(records(&taken).filter(|record| record.at >= facts.from));
+            }
+            let last = marks.last().map_or(Timestamp::ZERO, |(at, _)| *at);
+            if taken.at.since(last) >= every {
+                marks.extend(run.mark().map(|mark| (taken.at, mark)));
+            }
+            if marks.len() > MARKS_MAX {
+                let mut index = 0;
+                marks.retain(|_| {
+                    index += 1;
+                    index % 2 == 1
+                });
+                every = Span::from_nanos(every.as_nanos().saturating_mul(2));
+            }
+        }
+        let to = to.ok_or(ReplayError::Empty)?.max(facts.from);
+        let at = facts.from;
+        let mut playback = Playback { run, facts, marks, taken: to, at, to, changes };
+        playback.go_to(at)?;
+        Ok(playback)
+    }
+
+    pub fn facts(&self) -> &Facts {
+        &self.facts
+    }
+
+    /// The instant that is shown.
+    pub fn at(&self) -> Timestamp {
+        self.at
+    }
+
+    /// The last instant.
+    pub fn to(&self) -> Timestamp {
+        self.to
+    }
+
+    /// What changed from the first instant that is shown on, in order.
+    pub fn changes(&self) -> &[Record] {
+        &self.changes
+    }
+
+    /// The time of the first change of a node, the stage or an alarm after the shown instant, or before it.
+    pub fn next_change(&self, forwards: bool) -> Option<Timestamp> {
+        let is_step = |record: &&Record| !matches!(record.what, Recorded::Started { .. } | Recorded::Lost(_));
+        let mut times = self.changes.iter().filter(is_step).map(|record| record.at);
+        if forwards { times.find(|at| *at > self.at) } else { times.rfind(|at| *at < self.at) }
+    }
+
+    /// Shows this instant, or the nearest one that is recorded.
+    ///
+    /// # Errors
+    /// The vehicle took a configuration that this version cannot read.
+    pub fn go_to(&mut self, at: Timestamp) -> Result<(), ReplayError> {
+        let at = at.clamp(self.facts.from, self.to);
+        let nearest = self.marks.iter().rev().find(|(before, _)| *before <= at).or(self.marks.first());
+        if let Some((before, mark)) = nearest
+            && (self.taken > at || self.taken < *before)
+        {
+            self.run.go_to(mark);
+            self.taken = *before;
+        }
+        while let Some(taken) = self.run.step_until(at)? {
+            self.taken = taken.at;
+        }
+        self.at = at;
+        Ok(())
+    }
+
+    /// What was shown at this instant; `None` if the recording lacks it.
+    pub fn snapshot(&mut self) -> Option<Arc<Snapshot>> {
+        // The engine takes no tick that it did not take then.
+        let mut engine = self.run.engine()?.clone();
+        if engine.now() < self.at {
+            engine.handle(&Input::Tick, self.at);
+        }
+        Some(engine.snapshot())
+    }
+}
+
+/// What a step changed, with the names that were valid then.
+fn records(taken: &Taken) -> impl Iterator<Item = Record> {
+    taken.events.iter().filter_map(|event| Record::of(event.clone(), taken.snapshot_of(event)?))
+}

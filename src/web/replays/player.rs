@@ -1,0 +1,169 @@
+//! The thread of a replay: it goes through the recording as somebody wants, and shows where it is.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::time::Duration;
+
+use serde::Serialize;
+use tokio::sync::watch;
+
+use crate::clock::Clock;
+use crate::engine::time::{Span, Timestamp};
+use crate::record::writer::unix_ms;
+use crate::replay::Playback;
+use crate::runtime::Published;
+use crate::web::source::Player;
+
+/// Orders that may wait. A full queue loses further ones: the slider sends the next one soon.
+const ORDERS_MAX: usize = 64;
+/// While it plays, so often.
+const PLAYING_EVERY: Duration = Duration::from_millis(100);
+/// While it stands still, a page must hear that the server lives.
+const PULSE_EVERY: Duration = Duration::from_millis(250);
+
+/// What somebody wants to see.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Order {
+    /// Milliseconds since 1970.
+    GoTo(i64),
+    /// The next change, or the one before.
+    Step {
+        forwards: bool,
+    },
+    /// 1 is the speed of the recording.
+    Play(f64),
+    Pause,
+}
+
+/// Sends orders to the thread, which ends when all are dropped.
+#[derive(Debug, Clone)]
+pub(super) struct Controls(SyncSender<Order>);
+
+impl Controls {
+    pub fn order(&self, order: Order) {
+        let _ = self.0.try_send(order);
+    }
+}
+
+/// Where a replay is. Times are milliseconds since 1970.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PlayState {
+    pub at_ms: i64,
+    pub from_ms: i64,
+    pub to_ms: i64,
+    pub playing: bool,
+    pub speed: f64,
+}
+
+/// Starts the thread, which stands at the first instant.
+///
+/// # Errors
+/// If no thread can be started.
+pub(super) fn start(
+    playback: Playback,
+    show: Player,
+    clock: Clock,
+) -> std::io::Result<(Controls, watch::Receiver<PlayState>)> {
+    let (orders, taken) = sync_channel(ORDERS_MAX);
+    let mut thread = Thread { playback, show, clock, playing: None, speed: 1.0 };
+    let (state, states) = watch::channel(thread.state());
+    std::thread::Builder::new().name("replay".into()).spawn(move || {
+        // On Linux this sets the priority of the calling thread only: the vehicle goes first.
+        let _ = rustix::process::nice(10);
+        thread.run(&taken, &state);
+    })?;
+    Ok((Controls(orders), states))
+}
+
+/// What is shown now; `None` if the recording lacks it.
+pub(super) fn published(playback: &mut Playback) -> Option<Published> {
+    let at = playback.facts().wall(playback.at());
+    Some(Published::recorded(playback.snapshot()?, at))
+}
+
+struct Thread {
+    playback: Playback,
+    show: Player,
+    clock: Clock,
+    /// When it began to play, and where.
+    playing: Option<(Timestamp, Timestamp)>,
+    speed: f64,
+}
+
+impl Thread {
+    fn run(&mut self, orders: &Receiver<Order>, state: &watch::Sender<PlayState>) {
+        loop {
+            let every = if self.playing.is_some() { PLAYING_EVERY } else { PULSE_EVERY };
+            match orders.recv_timeout(every) {
+                Ok(order) => {
+                    self.obey(order);
+                    // Of the places of a slider that is moved, only the last one counts.
+                    while let Ok(order) = orders.try_recv() {
+                        self.obey(order);
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            self.advance();
+            if let Some(published) = published(&mut self.playback) {
+                self.show.show(published);
+            }
+            state.send_replace(self.state());
+        }
+    }
+
+    fn obey(&mut self, order: Order) {
+        let now = self.clock.now();
+        match order {
+            Order::GoTo(at_ms) => {
+                self.go_to(
+                    self.playback.facts().at(u64::try_from(at_ms).unwrap_or(0).saturating_mul(1_000_000)),
+                );
+                self.playing = self.playing.map(|_| (now, self.playback.at()));
+            }
+            Order::Step { forwards } => {
+                self.playing = None;
+                if let Some(at) = self.playback.next_change(forwards) {
+                    self.go_to(at);
+                }
+            }
+            Order::Play(speed) => {
+                self.speed = speed;
+                // From the end it begins anew.
+                if self.playback.at() >= self.playback.to() {
+                    self.go_to(self.playback.facts().from);
+                }
+                self.playing = Some((now, self.playback.at()));
+            }
+            Order::Pause => self.playing = None,
+        }
+    }
+
+    fn advance(&mut self) {
+        let Some((began, from)) = self.playing else { return };
+        let played = self.clock.now().since(began).as_nanos() as f64 * self.speed;
+        let at = from + Span::from_nanos(played as u64);
+        self.go_to(at);
+        if at >= self.playback.to() {
+            self.playing = None;
+        }
+    }
+
+    fn go_to(&mut self, at: Timestamp) {
+        if let Err(error) = self.playback.go_to(at) {
+            tracing::warn!(%error, "a replay cannot go on");
+            self.playing = None;
+        }
+    }
+
+    fn state(&self) -> PlayState {
+        let ms = |at| unix_ms(self.playback.facts().wall(at));
+        PlayState {
+            at_ms: ms(self.playback.at()),
+            from_ms: ms(self.playback.facts().from),
+            to_ms: ms(self.playback.to()),
+            playing: self.playing.is_some(),
+            speed: self.speed,
+        }
+    }
+}

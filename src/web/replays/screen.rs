@@ -1,0 +1,74 @@
+//! The screens of a replay: the operator's page and the developer's pages as they were, behind the address of the
+//! replay.
+
+use axum::body::{Body, to_bytes};
+use axum::extract::{Path, Request, State};
+use axum::http::header::{ACCEPT_ENCODING, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE};
+use axum::http::{HeaderValue, Uri};
+use axum::response::{IntoResponse, Response};
+use tower::ServiceExt as _;
+
+use crate::web::AppState;
+use crate::web::http::errors::HttpError;
+use crate::web::http::guard::SignedIn;
+use crate::web::http::headers::FRAMED;
+use crate::web::http::respond::{Reader, refusal};
+
+/// No page is larger.
+const PAGE_BYTES_MAX: usize = 64 << 20;
+
+/// `GET /replay/{id}/screen/`: the operator's page.
+pub async fn first(
+    state: State<AppState>,
+    Path(id): Path<u64>,
+    session: SignedIn,
+    request: Request,
+) -> Response {
+    get(state, Path((id, String::new())), session, request).await
+}
+
+/// `GET /replay/{id}/screen/...`: a page of the server, as it was.
+pub async fn get(
+    State(app): State<AppState>,
+    Path((id, path)): Path<(u64, String)>,
+    SignedIn(session): SignedIn,
+    mut request: Request,
+) -> Response {
+    let reader = Reader::of(request.uri(), request.headers());
+    let Some(open) = app.replays.find(id, &session, app.clock.now()) else {
+        return refusal(&reader, HttpError::NotFound);
+    };
+    let query = request.uri().query().map(|query| format!("?{query}")).unwrap_or_default();
+    let Ok(uri) = Uri::try_from(format!("/{}{query}", path.trim_start_matches('/'))) else {
+        return refusal(&reader, HttpError::NotFound);
+    };
+    *request.uri_mut() = uri;
+    // The answer is changed, and compressed afterwards.
+    request.headers_mut().remove(ACCEPT_ENCODING);
+    let answer = match open.screen.oneshot(request).await {
+        Ok(answer) => answer,
+        Err(never) => match never {},
+    };
+    based(answer.into_response(), &format!("/replay/{id}/screen")).await
+}
+
+/// A page with links that stay in the replay. The replay's own page may frame it.
+async fn based(mut answer: Response, base: &str) -> Response {
+    answer.headers_mut().insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(FRAMED));
+    let is_page = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/html");
+    if !answer.headers().get(CONTENT_TYPE).is_some_and(is_page) {
+        return answer;
+    }
+    let (mut parts, body) = answer.into_parts();
+    let Ok(bytes) = to_bytes(body, PAGE_BYTES_MAX).await else {
+        return HttpError::Unavailable.status().into_response();
+    };
+    // Text of the vehicle has no bare quotes in it: these are attributes of templates.
+    let mut page = String::from_utf8_lossy(&bytes).into_owned();
+    for address in ["/developer", "/ws"] {
+        page = page.replace(&format!("=\"{address}"), &format!("=\"{base}{address}"));
+    }
+    page = page.replace("href=\"/\"", &format!("href=\"{base}/\""));
+    parts.headers.remove(CONTENT_LENGTH);
+    Response::from_parts(parts, Body::from(page))
+}

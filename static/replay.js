@@ -1,0 +1,124 @@
+// The page of a replay: moves through the recording, and shows where it is. The screens in the frame follow by
+// themselves.
+(() => {
+  "use strict";
+  const ASK_MS = 250;
+  const ANSWER_MS = 3000;
+
+  const { body } = document;
+  const address = `/replay/${body.dataset.replay}/state`;
+  const [from, to] = [Number(body.dataset.from), Number(body.dataset.to)];
+  const slider = document.querySelector("input[name=at]");
+  const speed = document.querySelector("select[name=speed]");
+  const clock = document.getElementById("replay-clock");
+  const after = document.getElementById("replay-after");
+  const moment = document.getElementById("moment");
+  const lost = document.getElementById("lost");
+  const lanes = document.querySelector(".lanes");
+  const two = (number) => String(number).padStart(2, "0");
+
+  let isMoved = false;
+  let pending = null;
+
+  for (const link of document.querySelectorAll(".lanes a")) link.target = "screen";
+  for (const text of document.querySelectorAll("[data-clock]")) {
+    text.textContent = new Date(text.dataset.clock).toTimeString().slice(0, 8);
+  }
+
+  // A line in each strip, at the instant that is shown.
+  const cursors = [...document.querySelectorAll(".lane svg")].map((strip) => {
+    const line = document.createElementNS("http://www.w3.org/2000/svg", "line");
+    line.setAttribute("class", "cursor");
+    line.setAttribute("y1", "0");
+    line.setAttribute("y2", "24");
+    return strip.appendChild(line);
+  });
+
+  const timeOf = (ms) => {
+    const at = new Date(ms);
+    return `${at.toTimeString().slice(0, 8)}.${Math.floor(at.getMilliseconds() / 100)}`;
+  };
+
+  const show = (at) => {
+    clock.textContent = timeOf(at);
+    clock.dateTime = new Date(at).toISOString();
+    const s = (at - from) / 1000;
+    after.textContent = `+${two(Math.floor(s / 60))}:${two(Math.floor(s % 60))}.${Math.floor((s * 10) % 10)}`;
+    moment.href = `/replay/${body.dataset.replay}?at=${Math.round(at)}`;
+    slider.setAttribute("aria-valuetext", clock.textContent);
+    if (!lanes) return;
+    const { start, end } = lanes.dataset;
+    const x = `${(100 * (at - start)) / (end - start)}%`;
+    for (const line of cursors) {
+      line.setAttribute("x1", x);
+      line.setAttribute("x2", x);
+    }
+  };
+
+  const take = (state) => {
+    body.toggleAttribute("data-playing", state.playing);
+    if (isMoved) return;
+    slider.value = state.at_ms;
+    show(state.at_ms);
+  };
+
+  // One request at a time; a newer order aborts the older one's answer.
+  const ask = async (order) => {
+    if (!order && pending) return;
+    pending?.abort();
+    const abort = new AbortController();
+    pending = abort;
+    const limit = setTimeout(() => abort.abort(), ANSWER_MS);
+    const options = order ? { method: "POST", body: new URLSearchParams(order) } : {};
+    const headers = { Accept: "application/json", ...(order ? {} : { "Telltale-Renewal": "1" }) };
+    try {
+      const answer = await fetch(address, { ...options, headers, cache: "no-store", signal: abort.signal });
+      if (answer.status === 404 || answer.status === 401) return void location.reload();
+      take(await answer.json());
+      lost.hidden = true;
+    } catch {
+      if (pending === abort) lost.hidden = false;
+    } finally {
+      clearTimeout(limit);
+      if (pending === abort) pending = null;
+    }
+  };
+
+  const goTo = (at) => {
+    const within = Math.min(to, Math.max(from, Math.round(at)));
+    slider.value = within;
+    show(within);
+    ask({ at_ms: within });
+  };
+
+  slider.addEventListener("input", () => {
+    isMoved = true;
+    goTo(Number(slider.value));
+  });
+  slider.addEventListener("change", () => {
+    isMoved = false;
+    goTo(Number(slider.value));
+  });
+
+  document.querySelector("button[name=play]").addEventListener("click", () => {
+    ask({ play: "playing" in body.dataset ? 0 : speed.value });
+  });
+  speed.addEventListener("change", () => {
+    if ("playing" in body.dataset) ask({ play: speed.value });
+  });
+  for (const name of ["previous", "next"]) {
+    document.querySelector(`button[name=${name}]`).addEventListener("click", () => ask({ step: name }));
+  }
+
+  // A click in a strip goes to its instant.
+  lanes?.addEventListener("click", (event) => {
+    const strip = event.target.closest("svg");
+    if (!strip || event.target.closest("a")) return;
+    const { left, width } = strip.getBoundingClientRect();
+    const [start, end] = [Number(lanes.dataset.start), Number(lanes.dataset.end)];
+    goTo(start + ((event.clientX - left) / width) * (end - start));
+  });
+
+  show(Number(body.dataset.at));
+  setInterval(() => ask(), ASK_MS);
+})();

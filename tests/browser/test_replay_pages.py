@@ -1,0 +1,144 @@
+"""The replay of an incident in the running HMI: the screens as they were, at any instant, and nothing that acts."""
+
+import datetime
+import json
+import os
+import re
+import urllib.error
+import urllib.request
+
+import pytest
+from playwright.sync_api import expect
+
+from accessible import violations
+from operating import enter
+from test_developer import CAUSE, DEVELOPER, STATUS, prepare
+from vehicle import Client, until
+
+# The addresses of actions, with what each may want.
+ACTIONS = [
+    "/vehicle/stop", "/vehicle/localize", "/vehicle/clearance", "/vehicle/clearance/confirm", "/vehicle/clearance/withdraw",
+    "/vehicle/release", "/vehicle/release/confirm", "/vehicle/shutdown", "/alarms/1/acknowledge", "/alarms/acknowledge-over",
+    "/modules/sensors/imu/reset", "/developer/configuration/reload", "/incidents/mark", "/api/v1/mark", "/logout",
+]
+
+
+@pytest.fixture
+def incident(server, vehicle):
+    """A sensor failed for a while, which is recorded."""
+    operator = prepare(server)
+    client = Client(server, *DEVELOPER)
+
+    def ask(path):
+        with client.opener.open(server.url + path, timeout=10) as answer:
+            return json.load(answer)
+
+    vehicle.set(STATUS, 2, "no packets")
+    until(lambda: any(root["node"] == CAUSE for root in operator.snapshot()["roots"]), 20, operator.snapshot)
+    now = lambda: datetime.datetime.fromisoformat(operator.snapshot()["at"]).timestamp()
+    began = now()
+    until(lambda: now() > began + 2, 20, "it lasts")
+    vehicle.set(STATUS, 0)
+    until(lambda: not operator.snapshot()["roots"], 20, operator.snapshot)
+    about = lambda: [it for it in ask("/api/v1/incidents") if CAUSE in it["roots"] and it["recording"]["finished"]]
+    number = until(about, 90, lambda: ask("/api/v1/incidents"))[0]["id"]
+    return number, ask(f"/api/v1/incidents/{number}")
+
+
+def failed_at(told):
+    return next(it["at_ms"] for it in told["story"]["moments"] if it["kind"] == "fails" and (it["node"], it["state"]) == (CAUSE, "error"))
+
+
+def test_the_screens_are_as_they_were_and_nothing_acts(server, vehicle, page, incident, tmp_path):
+    number, told = incident
+    enter(page, server, *DEVELOPER)
+    page.goto(f"{server.url}/incidents/{number}")
+    page.locator("#replay").click()
+    page.wait_for_url(f"**/replay/{number}")
+    expect(page.locator("body")).to_have_attribute("data-live", "replay")
+    expect(page.locator(".replay-sign")).to_contain_text(re.compile(r"Replay|Wiedergabe"))
+    screen = page.frame_locator("iframe[name=screen]")
+    body = screen.locator("body")
+    expect(body).to_have_attribute("data-live", "replay")
+    tile = screen.locator("#tile-sensors")
+    expect(tile).to_be_visible()
+    assert violations(page) == ""
+
+    # At the fault, and again before it.
+    fault_ms = failed_at(told)
+    page.goto(f"{server.url}/replay/{number}?at={fault_ms + 1000}")
+    expect(tile).to_have_attribute("data-state", "error")
+    expect(screen.locator(f"#causes [data-node='{CAUSE}']")).to_be_visible()
+    expect(screen.locator("#tile-localization")).to_have_attribute("data-reason", "masked")
+    page.locator("input[name=at]").fill(str(fault_ms - 1000))
+    expect(tile).to_have_attribute("data-state", "ok")
+    page.locator("button[name=next]").click()
+    page.locator("button[name=next]").click()
+    if folder := os.environ.get("REPLAY_SHOTS"):
+        page.goto(f"{server.url}/replay/{number}?at={fault_ms + 1000}")
+        expect(tile).to_have_attribute("data-state", "error")
+        for name, size in [("1280", (1280, 800)), ("1920", (1920, 1080)), ("1024", (1024, 600))]:
+            page.set_viewport_size({"width": size[0], "height": size[1]})
+            page.wait_for_timeout(500)
+            page.screenshot(path=f"{folder}/replay-{name}.png")
+
+    # It plays to the end, faster than it was.
+    page.locator("select[name=speed]").select_option("20")
+    page.locator("button[name=play]").click()
+    at = lambda: int(page.locator("input[name=at]").input_value())
+    until(lambda: at() >= told["story"]["to_ms"] - 500, 30, lambda: f"the end, {at()} of {told['story']['to_ms']}")
+    expect(tile).to_have_attribute("data-state", "ok")
+
+    # The developer's pages are those of the same instant.
+    page.goto(f"{server.url}/replay/{number}?at={fault_ms + 1000}")
+    page.locator("nav a").nth(1).click()
+    row = screen.locator(f'tbody:last-child [data-module="{CAUSE}"]')
+    expect(row).to_have_attribute("data-state", "error")
+    expect(row).to_contain_text("no packets")
+    page.locator("nav a").nth(2).click()
+    expect(screen.locator("#graph .node").first).to_be_visible()
+
+    # Nothing can be done: no button is there, and no address acts.
+    page.locator("nav a").first.click()
+    expect(body).to_have_attribute("data-live", "replay")
+    expect(screen.locator("button[name=stop]:visible, button[name=acknowledge]:visible, form:visible")).to_have_count(0)
+    client = Client(server, *DEVELOPER)
+    client.opener.open(f"{server.url}/replay/{number}", timeout=10)
+    before = client.snapshot()["stage"]
+    for action in ACTIONS:
+        for method in ("POST", "GET"):
+            data = b"version=1" if method == "POST" else None
+            request = urllib.request.Request(
+                f"{server.url}/replay/{number}/screen{action}", data=data, method=method,
+                headers={"Origin": server.url, "Accept": "application/json"},
+            )
+            with pytest.raises(urllib.error.HTTPError) as refused:
+                client.opener.open(request, timeout=10)
+            assert refused.value.code in (403, 404, 405, 409), (action, method, refused.value.code)
+    assert client.snapshot()["stage"] == before
+
+
+def test_two_people_replay_while_the_vehicle_goes_on(server, vehicle, page, incident):
+    number, told = incident
+    clients = [Client(server, *DEVELOPER) for _ in range(2)]
+
+    def ask(client, path, **order):
+        data = "&".join(f"{key}={value}" for key, value in order.items()).encode() or None
+        headers = {"Origin": server.url, "Accept": "application/json"}
+        request = urllib.request.Request(f"{server.url}{path}", data=data, headers=headers)
+        with client.opener.open(request, timeout=20) as answer:
+            text = answer.read()
+        return json.loads(text) if text.startswith(b"{") else text
+
+    fault_ms = failed_at(told)
+    for client, at_ms in zip(clients, (fault_ms - 1000, fault_ms + 1000)):
+        ask(client, f"/replay/{number}?at={at_ms}")
+    snapshot = lambda client: ask(client, f"/replay/{number}/screen/api/v1/snapshot")
+    shown = lambda client: next(it["state"] for it in snapshot(client)["groups"] if it["id"] == "sensors")
+    until(lambda: [shown(client) for client in clients] == ["ok", "error"], 10, lambda: [shown(it) for it in clients])
+    # As it was: the API says the same as the recording.
+    assert [root["node"] for root in snapshot(clients[1])["roots"]] == [CAUSE]
+    assert ask(clients[0], f"/replay/{number}/state", step="next")["from_ms"] == told["story"]["from_ms"]
+    live = lambda: clients[0].snapshot()["at"]
+    first = live()
+    until(lambda: live() > first, 5, "the vehicle goes on")
