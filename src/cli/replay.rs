@@ -11,11 +11,11 @@ use super::fields::{self, DefinitionFlags};
 use super::{EXIT_NO, EXIT_USAGE, check};
 use crate::clock::Clock;
 use crate::config;
-use crate::engine::model::Stage;
+use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
 use crate::replay::expect::{Difference, Expected};
 use crate::replay::line::{Line, lines, seconds};
-use crate::replay::{Facts, Recording, Run};
+use crate::replay::{Facts, Recording, ReplayError, Run};
 
 /// Differences that are printed.
 const DIFFERENCES_MAX: usize = 20;
@@ -134,7 +134,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// The recording with an engine; `None` if the configuration is wrong, which is said.
 fn open(args: &Args) -> anyhow::Result<Option<Run>> {
     let in_file = || args.file.display().to_string();
-    let recording = Recording::open(&args.file).with_context(in_file)?;
+    let recording = match Recording::open(&args.file) {
+        // It names the file.
+        Err(error @ ReplayError::File(_)) => return Err(error.into()),
+        opened => opened.with_context(in_file)?,
+    };
     let Some(path) = &args.config else {
         if args.stage.is_some() {
             bail!("--stage needs --config: this recording has its stages");
@@ -152,6 +156,12 @@ fn open(args: &Args) -> anyhow::Result<Option<Run>> {
                 return Ok(None);
             }
         };
+    if args.stage.is_some() && recording.facts().has_journal {
+        bail!("--stage is for recordings of others: this one has its stages");
+    }
+    if args.stage.is_some() && loaded.model.stages == StageModel::None {
+        bail!("--stage needs a configuration with `stages: shuttle`: {} has none", path.display());
+    }
     let definitions = recording.define(definitions.with(&loaded.message_folders));
     let run = Run::judged_by(recording, loaded.model, &definitions, args.stage).with_context(in_file)?;
     Ok(Some(run))
