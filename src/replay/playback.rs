@@ -34,11 +34,11 @@ impl Playback {
     /// Runs a recording to its end, and shows its first instant.
     ///
     /// # Errors
-    /// It holds nothing, is not one MCAP file, or has a configuration that this version cannot read.
+    /// It holds nothing, or has a configuration that this version cannot read.
     pub fn open(mut run: Run) -> Result<Playback, ReplayError> {
         let facts = run.facts().clone();
         let (mut every, mut to) = (MARK_EVERY, None);
-        let mut marks = vec![(Timestamp::ZERO, run.mark().ok_or(ReplayError::NotOneFile)?)];
+        let mut marks = vec![(Timestamp::ZERO, run.mark())];
         let mut changes = Vec::new();
         while let Some(taken) = run.step()? {
             to = to.max(Some(taken.at));
@@ -47,7 +47,7 @@ impl Playback {
             }
             let last = marks.last().map_or(Timestamp::ZERO, |(at, _)| *at);
             if taken.at.since(last) >= every {
-                marks.extend(run.mark().map(|mark| (taken.at, mark)));
+                marks.push((taken.at, run.mark()));
             }
             if marks.len() > MARKS_MAX {
                 let mut index = 0;

@@ -29,8 +29,6 @@ pub enum ReplayError {
     Configuration(Problems),
     #[error("the configuration needs what the recording does not define: {0}")]
     Definitions(String),
-    #[error("only a recording in one MCAP file can be shown")]
-    NotOneFile,
     #[error("the recording has no messages")]
     Empty,
 }

@@ -120,16 +120,16 @@ impl Run {
         }
     }
 
-    /// The present place; `None` if the recording is not one MCAP file.
-    pub fn mark(&mut self) -> Option<Mark> {
-        Some(Mark {
-            steps: self.steps.mark()?,
+    /// The present place.
+    pub fn mark(&self) -> Mark {
+        Mark {
+            steps: self.steps.mark(),
             next: self.next.clone(),
             model: self.model.clone(),
             reload_at: self.reload_at,
             engine: self.engine.clone(),
             lacks: self.lacks,
-        })
+        }
     }
 
     /// Goes back or forwards to a place.

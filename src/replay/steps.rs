@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 
-use super::bag::Bag;
+use super::bag::{Bag, Place};
 use super::bridge::Bridge;
 use super::recording::{Facts, Recording};
 use super::times::Times;
@@ -16,7 +16,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages::DIAGNOSTIC_ARRAY;
 use crate::msg::sample_bytes::RawBody;
 use crate::msg::subscription::{PublicationTime, Received, recorded_statuses};
-use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES, Place};
+use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES};
 use crate::record::journal::{Line, MessageRef, Took};
 use crate::record::ring::ConfigurationText;
 
@@ -134,23 +134,21 @@ impl Steps {
         Steps { bridge: Some(bridge), ..Steps::recorded(recording) }
     }
 
-    /// The place of the next step; `None` in a recording of several files or in a database.
-    pub fn mark(&mut self) -> Option<Mark> {
-        Some(Mark {
-            place: self.reader.single()?.place(),
+    /// The place of the next step.
+    pub fn mark(&self) -> Mark {
+        Mark {
+            place: self.reader.place(),
             bridge: self.bridge.clone(),
             last: self.last.clone(),
             ready: self.ready.clone(),
             times: self.times.clone(),
             ticked: self.ticked,
-        })
+        }
     }
 
     /// Goes to a place, whose step is the next one.
     pub fn go_to(&mut self, mark: &Mark) {
-        if let Some(reader) = self.reader.single() {
-            reader.go_to(mark.place);
-        }
+        self.reader.go_to(mark.place);
         let Mark { place: _, bridge, last, ready, times, ticked } = mark.clone();
         (self.bridge, self.last, self.ready) = (bridge, last, ready);
         (self.times, self.ticked) = (times, ticked);

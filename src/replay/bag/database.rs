@@ -29,6 +29,8 @@ pub(super) struct Database {
     rows: VecDeque<Row>,
     /// The time and the number of the last row that was looked up.
     after: (i64, i64),
+    /// The same of the last row that was taken.
+    taken: (i64, i64),
     is_at_end: bool,
     omissions: Omissions,
 }
@@ -99,7 +101,16 @@ impl Database {
         let is_indexed = connection.query_row(index, [], |_| Ok(())).optional().map_err(failed)?.is_some();
         let order = if is_indexed { BY_TIME } else { BY_NUMBER };
         let after = (i64::MIN, i64::MIN);
-        Ok(Database { connection, topics, order, rows: VecDeque::new(), after, is_at_end: false, omissions })
+        Ok(Database {
+            connection,
+            topics,
+            order,
+            rows: VecDeque::new(),
+            after,
+            taken: after,
+            is_at_end: false,
+            omissions,
+        })
     }
 
     pub fn omissions(&self) -> &Omissions {
@@ -123,6 +134,16 @@ impl Database {
         last.and_then(|last| u64::try_from(last).ok())
     }
 
+    /// The time and the number of the last row before the next entry.
+    pub fn place(&self) -> (i64, i64) {
+        self.taken
+    }
+
+    pub fn go_to(&mut self, place: (i64, i64)) {
+        self.rows.clear();
+        (self.after, self.taken, self.is_at_end) = (place, place, false);
+    }
+
     /// The next message. What cannot be used is in `omissions`.
     pub fn next_entry(&mut self) -> Option<Entry> {
         loop {
@@ -130,6 +151,7 @@ impl Database {
                 self.look_up()?;
                 continue;
             };
+            self.taken = (row.time, row.number);
             if let Some(entry) = self.entry(row) {
                 return Some(entry);
             }

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use database::Database;
 use survey::Survey;
 
-use crate::record::file::{Channel, Entry, FileError, Omissions, Reader};
+use crate::record::file::{self, Channel, Entry, FileError, Omissions, Reader};
 
 /// More sentences are counted only.
 const SAID_MAX: usize = 100;
@@ -25,6 +25,19 @@ pub(super) struct Bag {
     open: Storage,
     survey: Survey,
     said: Said,
+}
+
+/// A place in a recording, between two entries.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    file: usize,
+    within: Within,
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Within {
+    Mcap(file::Place),
+    Rows((i64, i64)),
 }
 
 /// Sentences, each once.
@@ -182,6 +195,34 @@ impl Bag {
             _ => format!("{name}: {omission}"),
         };
         (omissions.list().iter().map(|omission| sentence(omission)).collect(), omissions.more())
+    }
+
+    /// The place of the next entry.
+    pub fn place(&self) -> Place {
+        let within = match &self.open {
+            Storage::Mcap(reader) => Within::Mcap(reader.place()),
+            Storage::Database(database) => Within::Rows(database.place()),
+        };
+        Place { file: self.at, within }
+    }
+
+    /// Goes back or forwards to a place, whose entry is the next one.
+    pub fn go_to(&mut self, place: Place) {
+        if place.file != self.at {
+            match Storage::open(&self.files[place.file]) {
+                Ok(storage) => {
+                    self.close();
+                    (self.at, self.open) = (place.file, storage);
+                }
+                Err(error) => return self.said.say(error.to_string()),
+            }
+        }
+        match (&mut self.open, place.within) {
+            (Storage::Mcap(reader), Within::Mcap(within)) => reader.go_to(within),
+            (Storage::Database(database), Within::Rows(within)) => database.go_to(within),
+            // Another file stands there now.
+            (Storage::Mcap(_), Within::Rows(_)) | (Storage::Database(_), Within::Mcap(_)) => {}
+        }
     }
 
     /// What could not be used so far, in sentences; and the number of further ones.

@@ -207,3 +207,25 @@ fn a_message_that_rosbag2_compressed_by_itself_is_read() {
     let bytes: Vec<u8> = read(&mut Bag::open(&path).unwrap()).into_iter().map(|(_, _, byte)| byte).collect();
     assert_eq!(bytes, [42, 255]);
 }
+
+#[test]
+fn one_can_go_back_to_any_place() {
+    let folder = TestFolder::new("bag-places");
+    mcap_file(&folder.join("b_1.mcap"), None, 10..15);
+    mcap_file(&folder.join("b_2.mcap"), None, 15..20);
+    let rows = folder.join("rows.db3");
+    database(&rows, INDEX, &[(1, 30), (2, 10), (1, 10), (1, 20), (1, 40)]);
+    for path in [&*folder, &rows] {
+        let whole = read(&mut Bag::open(path).unwrap());
+        let mut bag = Bag::open(path).unwrap();
+        let mut places = vec![bag.place()];
+        while bag.next_entry().is_some() {
+            places.push(bag.place());
+        }
+        assert_eq!(places.len(), whole.len() + 1);
+        for (index, place) in places.iter().enumerate().rev().chain(places.iter().enumerate()) {
+            bag.go_to(*place);
+            assert_eq!(read(&mut bag), whole[index..], "{index}");
+        }
+    }
+}
