@@ -11,12 +11,15 @@ use crate::engine::input::Input;
 use crate::engine::keyframe::Keyframe;
 use crate::engine::model::{Model, Stage};
 use crate::engine::snapshot::Snapshot;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Definitions;
 use crate::record::ring::ConfigurationText;
 
 /// Makes a model of a recorded configuration.
 pub type Load = dyn Fn(&[ConfigurationText]) -> Result<Arc<Model>, ReplayError> + Send;
+
+/// The longest time between two steps. A recorder takes one at least every second.
+const STEP_MAX: Span = Span::from_secs(24 * 3600);
 
 /// A recording with the engine that judges it.
 pub struct Run {
@@ -182,6 +185,11 @@ impl Run {
         }
         while let Some(step) = self.next.take().or_else(|| self.steps.next(&self.model)) {
             match step {
+                Step::Input { at, .. } | Step::Reload { at, .. } if self.is_far_ahead(at) => {
+                    self.steps
+                        .notes
+                        .say("a step more than a day after the one before is left out".to_owned());
+                }
                 Step::Input { at, .. } | Step::Reload { at, .. } if at > until => {
                     self.next = Some(step);
                     return Ok(None);
@@ -204,6 +212,11 @@ impl Run {
             }
         }
         Ok(None)
+    }
+
+    /// An engine acts on every deadline up to a step: a damaged time would keep it busy without end.
+    fn is_far_ahead(&self, at: Timestamp) -> bool {
+        self.engine.as_ref().is_some_and(|engine| at.since(engine.now()) > STEP_MAX)
     }
 
     /// Takes a recorded state at the beginning, and where something is missing before it.

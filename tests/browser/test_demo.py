@@ -1,11 +1,15 @@
 """`telltale demo --drive` from the outside: every fault of the data shows as it should, through real
 DDS and the real monitors, read as a program reads it."""
 
+import datetime
+import json
 import re
 import signal
+import subprocess
 import time
 
 import pytest
+from mcap.reader import make_reader
 
 from demo import (
     A_LEG_S,
@@ -22,7 +26,7 @@ from demo import (
     state,
     wait_for_a_stop,
 )
-from vehicle import Client, Server, own_domain, until
+from vehicle import TELLTALE, Client, Server, own_domain, until
 
 # The simulation lives in real time.
 pytestmark = pytest.mark.timed
@@ -135,3 +139,44 @@ def test_developers_see_the_nodes_of_the_shuttle_as_they_come_and_go(demo, strea
     until(lambda: everybody - nodes() == {"/camera_driver"}, 10, nodes)
     faults.over("camera_crash", stream)
     until(lambda: everybody <= nodes(), 10, nodes)
+
+
+def recorded(path):
+    """The changes of nodes in a recording, as they were shown: those of the first instant are what was there before."""
+    with open(path, "rb") as file:
+        texts = [
+            message.data[8 : 7 + int.from_bytes(message.data[4:8], "little")]
+            for _, _, message in make_reader(file).iter_messages(topics=["/telltale/transitions"], log_time_order=False)
+        ]
+    changes = [change for change in map(json.loads, texts) if change["kind"] == "shown"]
+    first = changes[0]["at_ms"]
+    return [(it["at_ms"], it["node"], it["shown"], it["own"]) for it in changes if it["at_ms"] != first]
+
+
+def replayed(path):
+    words = [TELLTALE, "replay", str(path), "--json", "--from", "1970-01-01T00:00:00Z"]
+    done = subprocess.run(words, text=True, capture_output=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    ms = lambda at: round(datetime.datetime.fromisoformat(at).timestamp() * 1000)
+    changes = map(json.loads, done.stdout.splitlines())
+    return [(ms(it["at"]), it["node"], it["shown"], it["own"]) for it in changes]
+
+
+def test_every_incident_is_replayed_as_it_was_shown(demo, tmp_path):
+    """The faults above were recorded: the engine that takes a recording shows the same changes at the same times."""
+    developer = Client(demo, "developer", "demo-developer")
+
+    def get(path):
+        with developer.opener.open(demo.url + path, timeout=30) as answer:
+            return answer.read()
+
+    incidents = lambda: [it for it in json.loads(get("/api/v1/incidents?count=200"))]
+    until(lambda: all(it["recording"]["finished"] for it in incidents()), 90, incidents)
+    assert len(incidents()) > 0
+    for number in (it["id"] for it in incidents()):
+        path = tmp_path / f"{number}.mcap"
+        path.write_bytes(get(f"/incidents/{number}.mcap"))
+        shown = recorded(path)
+        again = replayed(path)
+        assert again[-len(shown) :] == shown, number
+        assert len(again) - len(shown) <= 100, "those of the first instant alone"

@@ -45,6 +45,7 @@ mod publishers;
 mod raw;
 mod recorded;
 mod recording_files;
+mod replayed;
 mod signals;
 mod sizes;
 mod start;
