@@ -63,7 +63,7 @@ pub struct Args {
     /// Replay at this speed, 1 is the speed of the recording [default: as fast as possible]
     #[arg(long, value_name = "N", value_parser = speed)]
     speed: Option<f64>,
-    /// The stage in which a vehicle begins of which nothing but messages is recorded
+    /// The stage in which the vehicle begins, where only its messages are recorded
     #[arg(long, value_name = "STAGE", value_parser = stage)]
     stage: Option<Stage>,
     #[command(flatten)]

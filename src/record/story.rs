@@ -1,6 +1,7 @@
 //! What the file of a recording tells of an incident, without a replay: what happened when, the states of the nodes
 //! concerned, and how much of each topic is there.
 
+mod series;
 mod strips;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,6 +14,7 @@ use super::journal::{Line, Took};
 use super::summary::{Summary, TriggerLine, kind};
 use super::transition::{Change, Transition};
 use crate::engine::input::{AlarmRef, Input, OperatorAction};
+pub use series::{Limit, Series};
 pub use strips::{NodeStrip, Period};
 use strips::{signals, stages, strips};
 
@@ -45,6 +47,8 @@ pub struct Story {
     /// Signals that changed.
     pub signals: Vec<NodeStrip>,
     pub topics: Vec<ToldTopic>,
+    /// Numbers over time, which only a replay finds.
+    pub series: Vec<Series>,
     /// Inputs that the recorder did not keep.
     pub lost: u64,
     /// The file was completed.

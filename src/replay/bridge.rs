@@ -129,7 +129,7 @@ impl Bridge {
         }
     }
 
-    /// Topics of which nothing was found.
+    /// Topics without any message.
     pub fn unheard(&self) -> Vec<String> {
         let unheard = self.topics.values().filter(|topic| !topic.is_heard);
         let names: BTreeSet<String> = unheard.map(|topic| topic.subscription.topic.to_string()).collect();

@@ -14,7 +14,7 @@ pub enum Difference {
     Unexpected { before: Option<usize>, text: String },
 }
 
-/// Expected lines, JSON objects of which each key must be equal in the line of the replay.
+/// Expected lines: JSON objects. Each of their keys must be equal in the line of the replay.
 #[derive(Debug, Default)]
 pub struct Expected(Vec<(usize, String, serde_json::Map<String, Value>)>);
 

@@ -7,6 +7,7 @@ pub mod line;
 mod playback;
 mod recording;
 mod run;
+pub mod series;
 mod steps;
 mod times;
 

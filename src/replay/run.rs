@@ -157,7 +157,7 @@ impl Run {
         self.steps.reader().omissions()
     }
 
-    /// Topics of the configuration of which the recording has nothing so far.
+    /// Topics of the configuration without any message in the recording so far.
     pub fn unheard(&self) -> Vec<String> {
         self.steps.unheard()
     }

@@ -159,7 +159,7 @@ impl Steps {
         &self.reader
     }
 
-    /// Topics of the configuration of which nothing was found so far.
+    /// Topics of the configuration without any message so far.
     pub fn unheard(&self) -> Vec<String> {
         self.bridge.as_ref().map(Bridge::unheard).unwrap_or_default()
     }

@@ -173,10 +173,18 @@ def test_every_incident_is_replayed_as_it_was_shown(demo, tmp_path):
     incidents = lambda: [it for it in json.loads(get("/api/v1/incidents?count=200"))]
     until(lambda: all(it["recording"]["finished"] for it in incidents()), 90, incidents)
     assert len(incidents()) > 0
+    series = []
     for number in (it["id"] for it in incidents()):
+        story = json.loads(get(f"/api/v1/incidents/{number}"))["story"]
+        assert story["left_out"] == [], story["left_out"]
+        series += story["series"]
         path = tmp_path / f"{number}.mcap"
         path.write_bytes(get(f"/incidents/{number}.mcap"))
         shown = recorded(path)
         again = replayed(path)
         assert again[-len(shown) :] == shown, number
         assert len(again) - len(shown) <= 100, "those of the first instant alone"
+    # Numbers over time: the shuttle drove, and what failed has its limits.
+    speeds = [number for it in series if it["key"] == "speed_kmh" for _, number in it["points"] if number is not None]
+    assert max(speeds) > 5, speeds
+    assert any(it["limits"] and it["node"] for it in series), [(it["node"], it["key"]) for it in series]

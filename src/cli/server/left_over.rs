@@ -108,7 +108,7 @@ pub async fn take_in(store: &Store, folder: &Path, files: Vec<u64>) {
     }
 }
 
-/// The summary of an incident of which only the file is left. `recorded`: the hash that the audit log has.
+/// The summary of an incident that left only its file. `recorded`: the hash that the audit log has.
 fn unknown_summary(id: u64, path: &Path, recorded: Option<String>) -> Option<Summary> {
     let left = |why: &dyn std::fmt::Display| {
         tracing::warn!("{} belongs to no incident and is left as it is: {why}", path.display());

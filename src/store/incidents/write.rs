@@ -64,7 +64,7 @@ impl Store {
         self.finish_incident(summary, Action::IncidentRecorded).await
     }
 
-    /// Stores an incident of which only its recording was left.
+    /// Stores an incident that left only its recording.
     ///
     /// # Errors
     /// If there are too many, or the database fails: then neither it nor its hash is written.

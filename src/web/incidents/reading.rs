@@ -9,9 +9,11 @@ use tokio::task;
 use tokio::time::timeout;
 
 use crate::record::folder;
-use crate::record::story::{self, Story};
+use crate::record::story::{self, Series, Story};
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
+use crate::replay::series::series;
+use crate::replay::{Playback, Recording, ReplayError, Run};
 use crate::web::AppState;
 
 /// Files that are read at once. More readers wait.
@@ -20,6 +22,8 @@ const READERS: usize = 2;
 const WAITS: Duration = Duration::from_secs(4);
 /// A larger file is not compared with its hash for a page: that takes longer than a reader waits.
 const COMPARED_BYTES_MAX: u64 = 256 << 20;
+/// The numbers of a larger recording are not looked for: a replay of it takes longer than a reader waits.
+const REPLAYED_BYTES_MAX: u64 = 64 << 20;
 
 static PLACES: LazyLock<Semaphore> = LazyLock::new(|| Semaphore::new(READERS));
 
@@ -50,9 +54,23 @@ pub fn read(folder: &Path, summary: &Summary) -> Read {
     let path = folder::path_of(folder, &summary.recording.file);
     let Some(path) = path.filter(|path| path.is_file()) else { return Read::Missing };
     match story::read(&path, summary) {
-        Ok(story) => Read::Told(Box::new(story)),
+        Ok(mut story) => {
+            if summary.recording.finished && summary.recording.bytes <= REPLAYED_BYTES_MAX {
+                match numbers(&path, summary) {
+                    Ok(series) => story.series = series,
+                    Err(error) => story.left_out.push(format!("it cannot be replayed: {error}")),
+                }
+            }
+            Read::Told(Box::new(story))
+        }
         Err(error) => Read::Bad(error.to_string()),
     }
+}
+
+/// The numbers of the nodes that an incident is about, and of the vehicle.
+fn numbers(path: &Path, summary: &Summary) -> Result<Vec<Series>, ReplayError> {
+    let mut playback = Playback::open(Run::recorded(Recording::open(path)?)?)?;
+    series(&mut playback, &summary.causes())
 }
 
 /// Compares the recording in this folder with the hash that it had. Blocks.

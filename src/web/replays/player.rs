@@ -64,7 +64,7 @@ pub(super) fn start(
     clock: Clock,
 ) -> std::io::Result<(Controls, watch::Receiver<PlayState>)> {
     let (orders, taken) = sync_channel(ORDERS_MAX);
-    let mut thread = Thread { playback, show, clock, playing: None, speed: 1.0 };
+    let mut thread = Thread { playback, show, clock, shown: None, playing: None, speed: 1.0 };
     let (state, states) = watch::channel(thread.state());
     std::thread::Builder::new().name("replay".into()).spawn(move || {
         // On Linux this sets the priority of the calling thread only: the vehicle goes first.
@@ -84,6 +84,8 @@ struct Thread {
     playback: Playback,
     show: Player,
     clock: Clock,
+    /// What is shown, and its instant.
+    shown: Option<(Timestamp, Published)>,
     /// When it began to play, and where.
     playing: Option<(Timestamp, Timestamp)>,
     speed: f64,
@@ -105,8 +107,12 @@ impl Thread {
                 Err(RecvTimeoutError::Disconnected) => return,
             }
             self.advance();
-            if let Some(published) = published(&mut self.playback) {
-                self.show.show(published);
+            // Standing still, it shows the same again: a copy of a large engine costs time.
+            if self.shown.as_ref().is_none_or(|(at, _)| *at != self.playback.at()) {
+                self.shown = published(&mut self.playback).map(|published| (self.playback.at(), published));
+            }
+            if let Some((_, published)) = &self.shown {
+                self.show.show(published.clone());
             }
             state.send_replace(self.state());
         }

@@ -47,7 +47,7 @@ const PIECES: &[&str] = &[
     "\"lost\":1",
 ];
 
-/// Replaces a few ranges of a text by pieces, of which some are of another text; some end too early.
+/// Replaces a few ranges of a text by pieces, some of another text; some end too early.
 fn damaged(text: &str, other: &str, choices: &mut Choices<'_>) -> String {
     let mut text = text.to_owned();
     for _ in 0..1 + choices.below(4) {

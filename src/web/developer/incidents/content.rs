@@ -1,6 +1,7 @@
 //! What the page of an incident and its report show alike.
 
 use super::list::{flags, length};
+use super::plots::{Plot, plots};
 use super::sentences::{sentence, stage_word, state_word};
 use super::words::IncidentWords;
 use crate::engine::event::Said;
@@ -112,6 +113,7 @@ pub(in crate::web) struct Content {
     pub stage_bars: String,
     pub signals: Vec<Lane>,
     pub lanes: Vec<Lane>,
+    pub plots: Vec<Plot>,
     pub more_periods: u64,
     /// Of a report. On the page each bar has its words as a tooltip.
     pub legend: Vec<Explained>,
@@ -199,6 +201,7 @@ impl Content {
             stage_bars: story.stages.iter().filter_map(|period| stage_bar(&painter, period)).collect(),
             signals: story.signals.iter().map(|strip| signal_lane(&painter, strip)).collect(),
             lanes: story.strips.iter().map(lane).collect(),
+            plots: plots(it, story),
             more_periods: story.more_periods,
             legend: if medium == Medium::Report { legend(lang, it) } else { Vec::new() },
             from_ms: story.from_ms,
@@ -221,7 +224,7 @@ impl Content {
 }
 
 /// A name that may break between its parts.
-fn broken(name: &str) -> String {
+pub(super) fn broken(name: &str) -> String {
     escaped(&clean(name, 2 * NAME)).replace('/', "/<wbr>").replace('_', "_<wbr>")
 }
 

@@ -27,6 +27,8 @@ words! {
     note: "Note", "Notiz";
     what_happened: "What happened", "Was geschah";
     states: "States", "Zustände";
+    numbers: "Numbers", "Zahlen";
+    vehicle_speed: "Speed, km/h", "Geschwindigkeit, km/h";
     freeze: "Values at the first instant", "Werte im ersten Augenblick";
     recording: "Recording", "Aufzeichnung";
     report: "Report", "Bericht";
