@@ -49,6 +49,8 @@ pub struct Story {
     pub topics: Vec<ToldTopic>,
     /// Numbers over time, which only a replay finds.
     pub series: Vec<Series>,
+    /// A replay still looks for them.
+    pub series_pending: bool,
     /// Inputs that the recorder did not keep.
     pub lost: u64,
     /// The file was completed.

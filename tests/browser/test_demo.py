@@ -175,7 +175,10 @@ def test_every_incident_is_replayed_as_it_was_shown(demo, tmp_path):
     assert len(incidents()) > 0
     series = []
     for number in (it["id"] for it in incidents()):
-        story = json.loads(get(f"/api/v1/incidents/{number}"))["story"]
+        # A long recording takes a while to be replayed.
+        told = lambda: json.loads(get(f"/api/v1/incidents/{number}"))["story"]
+        until(lambda: (it := told()) and not it["series_pending"], 60, told)
+        story = told()
         assert story["left_out"] == [], story["left_out"]
         series += story["series"]
         path = tmp_path / f"{number}.mcap"

@@ -1,7 +1,8 @@
 //! Reads recordings for pages, reports and programs: in a server beside the async runtime, and a bounded number at once.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
-use std::sync::LazyLock;
+use std::sync::{LazyLock, Mutex, PoisonError};
 use std::time::Duration;
 
 use tokio::sync::Semaphore;
@@ -24,6 +25,10 @@ const WAITS: Duration = Duration::from_secs(4);
 const COMPARED_BYTES_MAX: u64 = 256 << 20;
 /// The numbers of a larger recording are not looked for: a replay of it takes longer than a reader waits.
 const REPLAYED_BYTES_MAX: u64 = 64 << 20;
+/// A page waits this long for the numbers; a request may take ten seconds in all.
+const NUMBERS_WITHIN: Duration = Duration::from_millis(1500);
+/// Recordings whose numbers are remembered.
+const NUMBERS_MAX: usize = 32;
 
 static PLACES: LazyLock<Semaphore> = LazyLock::new(|| Semaphore::new(READERS));
 
@@ -49,28 +54,94 @@ pub enum Proof {
     None,
 }
 
-/// What the recording in this folder tells. Blocks.
+/// What the recording in this folder tells, with its numbers. Blocks.
 pub fn read(folder: &Path, summary: &Summary) -> Read {
+    let mut read = read_story(folder, summary);
+    if let Read::Told(story) = &mut read
+        && let Some(path) = replayable(folder, summary)
+    {
+        take_numbers(story, numbers(&path, summary));
+    }
+    read
+}
+
+/// What the recording in this folder tells without a replay. Blocks.
+fn read_story(folder: &Path, summary: &Summary) -> Read {
     let path = folder::path_of(folder, &summary.recording.file);
     let Some(path) = path.filter(|path| path.is_file()) else { return Read::Missing };
     match story::read(&path, summary) {
-        Ok(mut story) => {
-            if summary.recording.finished && summary.recording.bytes <= REPLAYED_BYTES_MAX {
-                match numbers(&path, summary) {
-                    Ok(series) => story.series = series,
-                    Err(error) => story.left_out.push(format!("it cannot be replayed: {error}")),
-                }
-            }
-            Read::Told(Box::new(story))
-        }
+        Ok(story) => Read::Told(Box::new(story)),
         Err(error) => Read::Bad(error.to_string()),
     }
 }
 
-/// The numbers of the nodes that an incident is about, and of the vehicle.
-fn numbers(path: &Path, summary: &Summary) -> Result<Vec<Series>, ReplayError> {
-    let mut playback = Playback::open(Run::recorded(Recording::open(path)?)?)?;
-    series(&mut playback, &summary.causes())
+/// The file, if it is whole and not too long for a replay.
+fn replayable(folder: &Path, summary: &Summary) -> Option<PathBuf> {
+    let recording = &summary.recording;
+    let is_replayed = recording.finished && recording.bytes <= REPLAYED_BYTES_MAX;
+    folder::path_of(folder, &recording.file).filter(|_| is_replayed)
+}
+
+fn take_numbers(story: &mut Story, numbers: Result<Vec<Series>, String>) {
+    match numbers {
+        Ok(series) => story.series = series,
+        Err(why) => story.left_out.push(format!("it cannot be replayed: {why}")),
+    }
+}
+
+/// The numbers of the nodes that an incident is about, and of the vehicle. Blocks.
+fn numbers(path: &Path, summary: &Summary) -> Result<Vec<Series>, String> {
+    let found = || {
+        let mut playback = Playback::open(Run::recorded(Recording::open(path)?)?)?;
+        series(&mut playback, &summary.causes())
+    };
+    found().map_err(|error: ReplayError| error.to_string())
+}
+
+/// The numbers of a recording that were looked for; `None` while a replay looks for them.
+type Numbers = Option<Result<Vec<Series>, String>>;
+
+/// A recording by its file and length.
+type Key = (PathBuf, u64);
+
+/// What was looked for last, the newest at the end.
+static NUMBERS: LazyLock<Mutex<VecDeque<(Key, Numbers)>>> = LazyLock::new(Mutex::default);
+
+fn known_numbers(key: &Key) -> Option<Numbers> {
+    let known = NUMBERS.lock().unwrap_or_else(PoisonError::into_inner);
+    known.iter().find(|(it, _)| it == key).map(|(_, numbers)| numbers.clone())
+}
+
+fn remember_numbers(key: Key, numbers: Numbers) {
+    let mut known = NUMBERS.lock().unwrap_or_else(PoisonError::into_inner);
+    known.retain(|(it, _)| *it != key);
+    if known.len() >= NUMBERS_MAX {
+        known.pop_front();
+    }
+    known.push_back((key, numbers));
+}
+
+/// Adds the numbers, if a replay finds them soon. It goes on in the background for the next reader.
+async fn with_numbers(app: &AppState, summary: &Summary, mut read: Read) -> Read {
+    let (Read::Told(story), Some(folder)) = (&mut read, &app.settings.recordings) else { return read };
+    let Some(path) = replayable(folder, summary) else { return read };
+    let key = (path, summary.recording.bytes);
+    if known_numbers(&key).is_none() {
+        remember_numbers(key.clone(), None);
+        let (key, summary) = (key.clone(), summary.clone());
+        let looking = tokio::spawn(async move {
+            let Ok(_place) = PLACES.acquire().await else { return };
+            let path = key.0.clone();
+            let found = task::spawn_blocking(move || numbers(&path, &summary)).await;
+            remember_numbers(key, Some(found.unwrap_or_else(|error| Err(error.to_string()))));
+        });
+        let _ = timeout(NUMBERS_WITHIN, looking).await;
+    }
+    match known_numbers(&key).flatten() {
+        Some(numbers) => take_numbers(story, numbers),
+        None => story.series_pending = true,
+    }
+    read
 }
 
 /// Compares the recording in this folder with the hash that it had. Blocks.
@@ -86,7 +157,8 @@ pub fn compare(folder: &Path, summary: &Summary) -> Proof {
 
 /// What the recording of an incident tells.
 pub async fn story(app: &AppState, summary: &Summary) -> Read {
-    in_turn(app, summary, read).await.unwrap_or_else(|without| without)
+    let read = in_turn(app, summary, read_story).await.unwrap_or_else(|without| without);
+    with_numbers(app, summary, read).await
 }
 
 /// The same, and whether it is as it was recorded.
@@ -96,9 +168,10 @@ pub async fn story_with_proof(app: &AppState, summary: &Summary) -> (Read, Proof
             ..=COMPARED_BYTES_MAX => compare(folder, summary),
             _ => Proof::None,
         };
-        (read(folder, summary), proof)
+        (read_story(folder, summary), proof)
     };
-    in_turn(app, summary, both).await.unwrap_or_else(|without| (without, Proof::None))
+    let (read, proof) = in_turn(app, summary, both).await.unwrap_or_else(|without| (without, Proof::None));
+    (with_numbers(app, summary, read).await, proof)
 }
 
 /// Does something with the folder of the recordings when it is this reader's turn.

@@ -86,7 +86,8 @@ async fn of(app: &AppState, incident: &Incident, session: &Session) -> Result<Op
     }
     let path = app.settings.recordings.as_deref().and_then(|it| folder::path_of(it, &recording.file));
     let path = path.filter(|path| path.is_file()).ok_or(HttpError::NoRecording)?;
-    let since_ns = u64::try_from(incident.summary.since_ms).unwrap_or(0).saturating_mul(1_000_000);
+    // The first trigger lies within its millisecond.
+    let since_ns = u64::try_from(incident.summary.since_ms + 1).unwrap_or(0).saturating_mul(1_000_000);
     let opening = app.replays.opening.clone().lock_owned();
     let opened = async {
         let held = opening.await;

@@ -59,7 +59,8 @@ fn one(page: &PageRequest, incident: &Incident, read: &Read) -> OneHtml {
     let content = Content::of(lang, incident, read, Medium::Page);
     let mut dev = DevFrame::new(view, &page.context, Page::Incidents, RENEW_MS);
     // It does not change any more; and it is shown while the vehicle is locked, as its recording can be downloaded.
-    dev.fixed = summary.until_ms.is_some();
+    let is_complete = !matches!(read, Read::Told(story) if story.series_pending);
+    dev.fixed = summary.until_ms.is_some() && is_complete;
     dev.locked = false;
     dev.title = format!("{} {}", content.it.incident, summary.id);
     OneHtml {
