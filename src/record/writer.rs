@@ -187,8 +187,9 @@ impl Writer {
     fn recover(&mut self) {
         if self.fault.take().is_some() {
             tracing::info!("incidents can be recorded again");
-            self.tell_surely(News::Fault(None));
+            // First: once this is told, the end of the engine may come, and ends what is open.
             self.shared.lock().take_up();
+            self.tell_surely(News::Fault(None));
         }
     }
 

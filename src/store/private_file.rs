@@ -38,7 +38,10 @@ pub struct TestFolder(std::path::PathBuf);
 #[cfg(test)]
 impl TestFolder {
     pub fn new(name: &str) -> TestFolder {
-        let folder = std::env::temp_dir().join(format!("telltale-{name}-{}", std::process::id()));
+        // Tests run side by side, and two may choose the same name.
+        static NEXT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
+        let (process, number) = (std::process::id(), NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed));
+        let folder = std::env::temp_dir().join(format!("telltale-{name}-{process}-{number}"));
         let _ = std::fs::remove_dir_all(&folder);
         make_folder(&folder).unwrap();
         TestFolder(folder)

@@ -13,19 +13,20 @@ use telltale::record::summary::{Recording, Summary, TriggerLine, kind};
 use telltale::record::writer::hash_file;
 use telltale::store::{DemoSecrets, Store};
 
+use crate::folder::TestFolder;
+
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
 /// A data folder with four incidents: 1 is old, 2 is marked, 3 is new, 4 lasts.
 struct Folder {
-    data: PathBuf,
+    data: TestFolder,
     /// As a server has it.
     store: Option<Store>,
 }
 
 impl Folder {
     async fn new(name: &str) -> Folder {
-        let data = std::env::temp_dir().join(format!("telltale-incident-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&data);
+        let data = TestFolder::new(&format!("incident-{name}"));
         std::fs::create_dir_all(folder_in(&data)).unwrap();
         let clock = Clock::start();
         let store = Store::open(&data, clock, DemoSecrets::Refused).unwrap();
@@ -93,13 +94,6 @@ fn recording(path: &Path, id: u64) -> u64 {
             .unwrap();
     }
     file.finish().unwrap().bytes
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // If this fails, the folder stays among the temporary files.
-        let _ = std::fs::remove_dir_all(&self.data);
-    }
 }
 
 fn incident(data: &Path, words: &[&str]) -> (String, String, Option<i32>) {
@@ -350,7 +344,7 @@ async fn pruning_beside_a_server_removes_what_is_old_and_not_what_is_kept() {
 
 #[test]
 fn a_folder_without_a_database_is_told() {
-    let data = std::env::temp_dir().join(format!("telltale-incident-none-{}", std::process::id()));
+    let data = TestFolder::new("incident-none");
     for words in
         [&["list"][..], &["export", "1"], &["verify"], &["keep", "1"], &["prune"], &["prune", "--dry-run"]]
     {

@@ -1,6 +1,5 @@
 //! Incidents over HTTP: lists with filters, recordings with ranges, marks, notes, and what is kept.
 
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
 use axum::http::header::RANGE;
@@ -17,20 +16,21 @@ use telltale::web::{AppState, Marker, Origins, RecordingState, Settings, router}
 use tokio::sync::watch;
 
 use super::fixture::{ADDRESS, Answer, Fixture, request, settings};
+use crate::folder::TestFolder;
 
 const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
 
 /// A vehicle with a folder of recordings.
 struct Recorded {
     fixture: Fixture,
-    data: PathBuf,
+    data: TestFolder,
     marks: Arc<Mutex<Vec<(String, String)>>>,
     fault: watch::Sender<Option<Arc<str>>>,
 }
 
 impl Recorded {
     async fn new(name: &str) -> Recorded {
-        let data = std::env::temp_dir().join(format!("telltale-incidents-{name}-{}", std::process::id()));
+        let data = TestFolder::new(&format!("incidents-{name}"));
         std::fs::create_dir_all(folder_in(&data)).unwrap();
         let mut fixture = Fixture::new().await;
         let marks: Arc<Mutex<Vec<(String, String)>>> = Arc::default();
@@ -119,13 +119,6 @@ impl Recorded {
         }
         request.headers_mut().insert("accept-encoding", "gzip, br".parse().unwrap());
         self.fixture.send(request).await
-    }
-}
-
-impl Drop for Recorded {
-    fn drop(&mut self) {
-        // If this fails, the folder stays among the temporary files.
-        let _ = std::fs::remove_dir_all(&self.data);
     }
 }
 
