@@ -9,6 +9,7 @@ mod data;
 mod data_folder;
 mod dds;
 mod demo;
+mod diff;
 pub mod fields;
 mod graph;
 mod history;
@@ -48,6 +49,7 @@ enum Command {
     Serve(serve::Args),
     Sim(sim::Args),
     Check(check::Args),
+    Diff(diff::Args),
     Scenario(scenario::Args),
     User(user::Args),
     History(history::Args),
@@ -73,6 +75,7 @@ pub fn main() -> ExitCode {
         Command::Serve(args) => serve::run(&args),
         Command::Sim(args) => sim::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Diff(args) => diff::run(&args),
         Command::Scenario(args) => scenario::run(&args),
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),

@@ -6,6 +6,8 @@ use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
 
+use crate::folder::TestFolder;
+
 fn telltale(words: &[&str], input: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
     command.args(words).env_remove("AMENT_PREFIX_PATH");
@@ -75,6 +77,46 @@ fn check_tells_programs_where_what_is_wrong() {
     let (out, _, code) = quietly("groups: 1\n");
     let found: Value = serde_json::from_str(&out).expect("it is JSON");
     assert_eq!((found["problems"].as_array().map(Vec::len), code), (Some(1), Some(2)), "{found}");
+}
+
+#[test]
+fn diff_says_what_two_files_mean_differently() {
+    let folder = TestFolder::new("diff");
+    std::fs::create_dir(&*folder).unwrap();
+    let path = |name: &str, text: &str| {
+        let path = folder.join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let good = path("good.yaml", GOOD);
+    let same = path("same.yaml", &format!("# a comment\n{}", GOOD.replace("status: s", "\"status\": 's'")));
+    let new = path(
+        "new.yaml",
+        "vehicle: { stages: none }\ngroups: [{ id: a, modules: [{ id: m, status: s, timeout: 3s }, { id: n, status: t }] }]\n",
+    );
+    let wrong = path("wrong.yaml", "groups:\n  - 1\n");
+    assert_eq!(said(&telltale(&["diff", &good, &same], "")), (String::new(), String::new(), Some(0)));
+    assert_eq!(said(&telltale(&["diff", "-", &good], GOOD)).2, Some(0));
+    let (out, err, code) = said(&telltale(&["diff", &good, &new], ""));
+    let lines: Vec<&str> = out.lines().collect();
+    assert!(lines[0].starts_with("module `a/m`: policy from "), "{out}{err}");
+    assert_eq!((lines[1], lines.len(), code), ("module `a/n` is new", 2, Some(1)));
+    let (out, _, code) = said(&telltale(&["diff", "--json", &new, &good], ""));
+    let found: Value = serde_json::from_str(&out).expect("it is JSON");
+    assert_eq!((&found["differs"], code), (&json!(true), Some(1)));
+    assert_eq!(
+        found["differences"][0],
+        json!({ "change": "removed", "subject": "module `a/n`", "detail": "" })
+    );
+    let (out, _, code) = said(&telltale(&["diff", "--json", &good, &same], ""));
+    assert_eq!((&*out, code), ("{\"differences\":[],\"differs\":false}\n", Some(0)));
+    // Both are told.
+    let (out, err, code) = said(&telltale(&["diff", &wrong, "/nowhere.yaml"], ""));
+    assert!(out.is_empty() && err.contains("wrong.yaml:2:5") && err.contains("/nowhere.yaml"), "{err}");
+    assert_eq!(code, Some(2));
+    let (_, err, code) = said(&telltale(&["diff", "-", "-"], GOOD));
+    assert!(err.contains("only one of the two"), "{err}");
+    assert_eq!(code, Some(2));
 }
 
 #[test]
