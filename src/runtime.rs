@@ -2,6 +2,7 @@
 
 mod recorder;
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::SystemTime;
@@ -156,6 +157,14 @@ pub struct Rereading {
     pub running: Arc<[ConfigurationText]>,
     /// Of the text of the files and of the differences; empty where there are problems.
     pub digest: String,
+}
+
+/// The files of the running configuration, and where each node is written in them.
+#[derive(Debug)]
+pub struct Written {
+    pub texts: Arc<[ConfigurationText]>,
+    /// By the name of the node: the position of its file, and its line there, counted from 1.
+    pub lines: HashMap<Box<str>, (u16, usize)>,
 }
 
 /// The connection of the rest of the program to the engine. Clones lead to the same engine.

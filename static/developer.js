@@ -30,7 +30,8 @@
     for (const time of part.querySelectorAll("time.clock")) {
       const at = new Date(time.dateTime);
       if (Number.isNaN(at.getTime())) continue;
-      const clock = at.toTimeString().slice(0, 8);
+      const ms = time.classList.contains("exact") ? `.${String(at.getMilliseconds()).padStart(3, "0")}` : "";
+      const clock = at.toTimeString().slice(0, 8) + ms;
       setText(time, time.classList.contains("whole") ? `${at.toLocaleDateString(root.lang)} ${clock}` : clock);
     }
     for (const text of part.querySelectorAll("[data-clock]")) {
@@ -112,6 +113,8 @@
   // Sizes that a script has set stay, and so does what somebody types.
   const beforeAttributeUpdated = (name, element) =>
     name !== "style" && !(name === "value" && element === document.activeElement);
+  // What a script fills is left to it.
+  const beforeNodeMorphed = (element) => element.dataset?.own === undefined;
 
   const renew = async (byItself) => {
     // If the next request came before the answer, the page and its address differ.
@@ -120,7 +123,7 @@
       const fresh = await ask(location.href, isOther ? "main" : "content", byItself);
       if (!fresh) return;
       if (isOther) return showPage(fresh, location);
-      Idiomorph.morph(content(), fresh, { callbacks: { beforeAttributeUpdated } });
+      Idiomorph.morph(content(), fresh, { callbacks: { beforeAttributeUpdated, beforeNodeMorphed } });
       shown();
     } catch {
       // A failed request shows as the age of the page; the content always belongs to the address.

@@ -22,7 +22,7 @@ use std::sync::Arc;
 use self::publishing::Publishing;
 use self::recording::Recording;
 use self::soundness::Soundness;
-use crate::engine::model::Model;
+use crate::engine::model::{Model, NodeId};
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Schema, Sources, Span, Spanned, tree};
 use describe::places::Places;
 
@@ -50,6 +50,15 @@ impl Loaded {
     /// The files that it was read from, with their texts.
     pub fn sources(&self) -> &Sources {
         &self.places.sources
+    }
+
+    /// Each node with the position of its file in [`sources`](Self::sources), and its line there, counted from 1.
+    pub fn lines(&self) -> impl Iterator<Item = (&str, u16, usize)> {
+        let name = |node| match node {
+            NodeId::Group(id) => &*self.model.groups[id.0 as usize].path,
+            NodeId::Module(id) => &*self.model.modules[id.0 as usize].id,
+        };
+        self.places.lines().map(move |(node, file, line)| (name(node), file, line))
     }
 
     /// Situations that this configuration permits and should not: see [`soundness`].

@@ -13,9 +13,6 @@ const POINTS: u64 = 400;
 const FOLLOWED_MAX: usize = 64;
 const TOLD_MAX: usize = 12;
 
-/// The names under which the monitors report their limits.
-const LIMITS: [&str; 4] = ["warning_below", "error_below", "warning_above", "error_above"];
-
 /// The key of the vehicle's speed.
 pub const SPEED: &str = "speed_kmh";
 
@@ -48,18 +45,17 @@ pub fn series(playback: &mut Playback, nodes: &[&str]) -> Result<Vec<Series>, Re
 fn follow_node(all: &mut Vec<Series>, node: &str, snapshot: &Snapshot, at_ms: i64) {
     let Some(NodeId::Module(id)) = snapshot.node(node) else { return };
     let (_, view) = snapshot.module(id);
-    let mut measured = None;
-    for (key, value) in view.report.values.iter().filter(|_| !view.silent) {
+    if view.silent {
+        return;
+    }
+    for (key, value) in view.report.values.iter().filter(|(key, _)| !Limit::is_name(key)) {
         let Some(value) = value.parse().ok().filter(|value: &f64| value.is_finite()) else { continue };
-        if !LIMITS.contains(&&**key) {
-            follow(all, (node, key), (at_ms, Some(value)));
-            measured.get_or_insert(key);
-        } else if let Some(series) =
-            measured.and_then(|of| all.iter_mut().find(|it| it.node == *node && *it.key == **of))
-        {
-            // The limits of a monitor follow the number that it measures.
-            series.limits.retain(|limit| limit.name != **key);
-            series.limits.push(Limit { name: key.to_string(), value });
+        follow(all, (node, key), (at_ms, Some(value)));
+    }
+    for (measured, limit) in Limit::reported(&view.report.values) {
+        if let Some(series) = all.iter_mut().find(|it| it.node == *node && it.key == measured) {
+            series.limits.retain(|known| known.name != limit.name);
+            series.limits.push(limit);
         }
     }
 }

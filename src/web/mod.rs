@@ -28,7 +28,7 @@ use tokio::sync::{Semaphore, mpsc, watch};
 use self::view::Trends;
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::runtime::Reread;
+use crate::runtime::{Reread, Written};
 use crate::store::{History, Store};
 use admission::login_throttle::Throttle;
 use auth::handover::HandOvers;
@@ -69,6 +69,8 @@ pub struct Settings {
     pub demo: Option<DemoFaults>,
     /// Requests to read the configuration file again; `None` without a file.
     pub rereads: Option<mpsc::Sender<Reread>>,
+    /// The running configuration as it is written; `None` where it is not known.
+    pub written: Option<watch::Receiver<Arc<Written>>>,
     /// The history; `None` if it cannot be stored.
     pub history: Option<History>,
     /// The participants and topics that DDS discovery knows; `None` without DDS.

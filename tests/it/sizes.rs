@@ -12,7 +12,7 @@ use telltale::engine::time::Timestamp;
 use telltale::record::file::KEYFRAMES;
 use telltale::runtime::Published;
 use telltale::store::Role;
-use telltale::web::developer::{PageQuery, coverage, graph, masking, statuses, topics, why};
+use telltale::web::developer::{PageQuery, Window, coverage, graph, masking, statuses, topics, why};
 use telltale::web::live::frame::Frames;
 use telltale::web::view::{Lang, PageContext, PagePart, Palette, RecorderState, Trends, operator_page};
 
@@ -109,15 +109,21 @@ fn check_all(case: &str, published: &Published) {
         let of_group = |id: &_| snapshot.module(*id).0.id.starts_with(group);
         snapshot.module_ids().find(of_group).map(|id| snapshot.module(id).0.id.to_string()).unwrap()
     };
+    let why = |name: &str| {
+        let query = PageQuery::of(pairs(&[("node", name)]));
+        let window = Window::over(published, &query, 300);
+        let read = why::NodeRead::default();
+        why::page((published, &trends), node(name), &context(), (&query, &window), &read)
+    };
     for (page, text) in [
         ("statuses", statuses::page(published, &context(), &asked, &trends)),
         ("graph", graph::page(published, &context(), &asked)),
         ("masking", masking::page(published, &context(), &asked)),
         ("coverage", coverage::page(published, &context(), &asked)),
         ("topics", topics::page(published, &context(), &asked, &Default::default(), None)),
-        ("why, group", why::page(published, node("g1"), &context(), &trends)),
-        ("why, module", why::page(published, node(&named("g0/")), &context(), &trends)),
-        ("why, masked", why::page(published, node(&named("g1/")), &context(), &trends)),
+        ("why, group", why("g1")),
+        ("why, module", why(&named("g0/"))),
+        ("why, masked", why(&named("g1/"))),
     ] {
         check(&format!("{case}: {page}"), text.len(), DEVELOPER_BYTES);
     }

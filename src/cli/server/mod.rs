@@ -28,8 +28,8 @@ use crate::engine::model::Model;
 use crate::engine::view::record::Record as Happening;
 use crate::ros::publish::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::Stamped;
 use crate::runtime::{self, Followers, Link};
+use crate::runtime::{Stamped, Written};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{History, Store};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
@@ -120,12 +120,14 @@ impl Server {
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
         let discovery = Some(bridge.discovery());
+        let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {
             origins,
             secure,
             enrolled,
             demo,
             rereads,
+            written: Some(written),
             history,
             discovery,
             recordings: Some(incidents),
@@ -149,8 +151,9 @@ impl Server {
             let app = AppState::new(link, store, clock, settings);
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running);
+            let parts = (&bridge, &outputs, recording.as_ref());
             tokio::select! {
-                served = while_serving(serving, (&bridge, &outputs, recording.as_ref()), running, &app) => served?,
+                served = while_serving(serving, parts, running, (&app, write)) => served?,
                 () = engine.closed() => bail!(
                     "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
                      shown any more. Start it again, and report the fault"
@@ -189,7 +192,7 @@ async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
     (bridge, publishing, recording): (&Bridge, &Outputs, Option<&Recording>),
     mut running: Option<watch::Receiver<Loaded>>,
-    app: &AppState,
+    (app, written): (&AppState, watch::Sender<Arc<Written>>),
 ) -> anyhow::Result<()> {
     let mut serving = std::pin::pin!(serving);
     loop {
@@ -197,6 +200,7 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
+        written.send_replace(reload::written(&next));
         publishing.follow(outputs::topics(&next.publishing));
         if let Some(recording) = recording {
             recording.follow(&next);

@@ -14,7 +14,7 @@ use crate::config::{self, Difference, Loaded};
 use crate::engine::model::monitors::Watched;
 use crate::engine::model::{FieldSource, Model};
 use crate::msg::fields::Definitions;
-use crate::runtime::{ConfigurationText, Reload, Reread, Rereading};
+use crate::runtime::{ConfigurationText, Reload, Reread, Rereading, Written};
 use crate::yaml::Problems;
 
 /// Requests that may wait. A full queue makes the senders wait: each reads a file and a person reads
@@ -141,6 +141,12 @@ pub fn texts(loaded: &Loaded) -> Arc<[ConfigurationText]> {
     let text =
         |(name, text): (&str, &str)| ConfigurationText { name: name.to_owned(), text: text.to_owned() };
     loaded.sources().texts().map(text).collect()
+}
+
+/// The files of a configuration, with the line of each node.
+pub fn written(loaded: &Loaded) -> Arc<Written> {
+    let lines = loaded.lines().map(|(node, file, line)| (node.into(), (file, line)));
+    Arc::new(Written { texts: texts(loaded), lines: lines.collect() })
 }
 
 /// The situations that should not occur with a configuration, found by a thread of its own.

@@ -1,7 +1,7 @@
 //! The places of a model's nodes in the file.
 
 use crate::engine::model::monitors::TopicId;
-use crate::engine::model::{ModuleId, NodeId};
+use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::yaml::{Sources, Span};
 
 /// A part of the configuration that can only be checked with the definitions of messages.
@@ -67,10 +67,27 @@ impl Places {
         }
     }
 
+    /// The file of each node by its position, and the line, counted from 1, of its id.
+    pub fn lines(&self) -> impl Iterator<Item = (NodeId, u16, usize)> {
+        let starts: Vec<Vec<usize>> = self.sources.texts().map(|(_, text)| line_starts(text)).collect();
+        let groups =
+            self.groups.iter().enumerate().map(|(id, place)| (NodeId::Group(GroupId(id as u32)), place));
+        let modules =
+            self.modules.iter().enumerate().map(|(id, place)| (NodeId::Module(ModuleId(id as u32)), place));
+        groups.chain(modules).filter_map(move |(node, place)| {
+            let starts = starts.get(usize::from(place.id.file))?;
+            Some((node, place.id.file, starts.partition_point(|&start| start <= place.id.start as usize)))
+        })
+    }
+
     pub fn of(&self, node: NodeId) -> &NodePlace {
         match node {
             NodeId::Group(id) => &self.groups[id.0 as usize],
             NodeId::Module(id) => &self.modules[id.0 as usize],
         }
     }
+}
+
+fn line_starts(text: &str) -> Vec<usize> {
+    std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect()
 }

@@ -20,3 +20,29 @@ pub struct Limit {
     pub name: String,
     pub value: f64,
 }
+
+/// The names under which the monitors report their limits.
+const NAMES: [&str; 4] = ["warning_below", "error_below", "warning_above", "error_above"];
+
+impl Limit {
+    /// Whether the value with this key is a limit.
+    pub fn is_name(key: &str) -> bool {
+        NAMES.contains(&key)
+    }
+
+    /// The limits in a report, each with the key of the number that it bounds: the first one, which the monitor
+    /// measures.
+    pub fn reported(values: &[(Box<str>, Box<str>)]) -> Vec<(&str, Limit)> {
+        let mut measured = None;
+        let mut limits = Vec::new();
+        for (key, value) in values {
+            let Some(value) = value.parse().ok().filter(|value: &f64| value.is_finite()) else { continue };
+            if !Limit::is_name(key) {
+                measured.get_or_insert(&**key);
+            } else if let Some(measured) = measured {
+                limits.push((measured, Limit { name: key.to_string(), value }));
+            }
+        }
+        limits
+    }
+}

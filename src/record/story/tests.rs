@@ -167,3 +167,22 @@ fn without_its_file_an_incident_is_known_by_its_triggers() {
     ];
     assert_eq!(told, expected);
 }
+
+#[test]
+fn the_limits_of_a_report_bound_what_its_monitor_measures() {
+    let values: Vec<(Box<str>, Box<str>)> = [
+        ("source", "lidar"),
+        ("rate_hz", "9"),
+        ("warning_below", "8"),
+        ("count", "3"),
+        ("error_below", "5"),
+        ("error_above", "nan"),
+        ("warning_above", "none"),
+    ]
+    .map(|(key, value)| (key.into(), value.into()))
+    .into();
+    let limits = Limit::reported(&values);
+    let found: Vec<_> = limits.iter().map(|(of, limit)| (*of, &*limit.name, limit.value)).collect();
+    assert_eq!(found, [("rate_hz", "warning_below", 8.0), ("rate_hz", "error_below", 5.0)]);
+    assert!(Limit::reported(&values[2..3]).is_empty(), "a limit of nothing");
+}

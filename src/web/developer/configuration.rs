@@ -25,7 +25,7 @@ use super::pager::Pager;
 use super::{DevFrame, Page, PageQuery};
 
 /// Lines of one page.
-const LINES: usize = 100;
+pub(super) const LINES: usize = 100;
 const LETTERS: usize = 400;
 /// The page asks again until the file is judged.
 const RENEW_MS: u32 = 1000;

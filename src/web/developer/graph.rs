@@ -2,6 +2,7 @@
 //! root causes highlighted.
 
 mod links;
+mod near;
 mod open;
 
 use std::cmp::Reverse;
@@ -13,8 +14,7 @@ use super::page_query::address;
 use super::request::PageRequest;
 use super::{DevFrame, Page, PageQuery, why_address};
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::engine::snapshot::{GroupInfo, Reason};
-use crate::engine::state::State;
+use crate::engine::snapshot::GroupInfo;
 use crate::picture::graph::{self, Arrow, Drawing, GroupBox, Label, Row, Style, Toggle};
 use crate::picture::svg::Attributes;
 use crate::runtime::Published;
@@ -23,6 +23,8 @@ use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::{PageContext, View, html};
 use links::Link;
+use near::Near;
+pub(super) use near::neighbourhood;
 use open::OpenGroups;
 
 const RENEW_MS: u32 = 0;
@@ -86,6 +88,8 @@ pub fn page(published: &Published, context: &PageContext, query: &PageQuery) -> 
 struct Graph<'a> {
     view: &'a View<'a>,
     open: OpenGroups<'a>,
+    /// Only a node and its neighbours are drawn.
+    near: Option<Near>,
     /// Modules drawn in each group that is open.
     each: usize,
     /// The node that is drawn for each group and module.
@@ -106,6 +110,7 @@ impl<'a> Graph<'a> {
         Graph {
             view,
             open,
+            near: None,
             each: (MODULES_IN_ALL / opened).clamp(MODULES_MIN, MODULES),
             groups: vec![None; layout.groups.len()],
             modules: vec![None; layout.modules.len()],
@@ -135,7 +140,8 @@ impl<'a> Graph<'a> {
     /// The modules of a group that have a row of their own, in their order: where not all have one,
     /// the worst.
     fn drawn(&self, group: &GroupInfo) -> Vec<ModuleId> {
-        let mut modules = group.modules.clone();
+        let is_near = |id: &ModuleId| self.near.as_ref().is_none_or(|near| near.has(NodeId::Module(*id)));
+        let mut modules: Vec<ModuleId> = group.modules.iter().copied().filter(is_near).collect();
         if modules.len() > self.each {
             let state = |id: &ModuleId| {
                 let module = self.view.snapshot.module(*id).1;
@@ -196,13 +202,18 @@ impl<'a> Graph<'a> {
             label: Label {
                 text: name,
                 title: format!("{}: {state} {because}", clean(&info.path, 2 * NAME)),
-                attributes: shown(group.state, group.reason.as_ref()),
+                attributes: self.look(NodeId::Group(id)),
                 link: Some(row_link(why_address(&info.path))),
             },
             notes: Vec::new(),
-            toggle: Some(Toggle { count, is_open, link: toggle }),
+            toggle: self.near.is_none().then_some(Toggle { count, is_open, link: toggle }),
             rows: inside.map(|info| self.rows(info)).unwrap_or_default(),
-            inner: inside.into_iter().flat_map(|info| &info.groups).map(|&inner| self.group(inner)).collect(),
+            inner: inside
+                .into_iter()
+                .flat_map(|info| &info.groups)
+                .filter(|&&inner| self.near.as_ref().is_none_or(|near| near.has(NodeId::Group(inner))))
+                .map(|&inner| self.group(inner))
+                .collect(),
         }
     }
 
@@ -220,6 +231,14 @@ impl<'a> Graph<'a> {
         self.drawn(group).into_iter().map(|id| self.row(id)).chain(more).collect()
     }
 
+    fn look(&self, node: NodeId) -> Attributes {
+        let (state, reason) = self.view.snapshot.shown(node);
+        let reason = reason.map(|reason| ("data-reason", reason_word(Some(reason)).to_owned()));
+        let is_it = self.near.as_ref().is_some_and(|near| near.node == node);
+        let mark = is_it.then(|| ("data-here", String::new()));
+        std::iter::once(("data-state", state.as_str().to_owned())).chain(reason).chain(mark).collect()
+    }
+
     fn row(&self, id: ModuleId) -> Row {
         let (info, module) = self.view.snapshot.module(id);
         let state = self.view.lang.state(module.state);
@@ -227,17 +246,11 @@ impl<'a> Graph<'a> {
         let label = Label {
             text: self.view.label(info),
             title: format!("{}: {state} {because}", clean(&info.id, 2 * NAME)),
-            attributes: shown(module.state, module.reason.as_ref()),
+            attributes: self.look(NodeId::Module(id)),
             link: Some(row_link(why_address(&info.id))),
         };
         Row { id: Some(id), label }
     }
-}
-
-fn shown(state: State, reason: Option<&Reason>) -> Attributes {
-    let state = ("data-state", state.as_str().to_owned());
-    let reason = reason.map(|reason| ("data-reason", reason_word(Some(reason)).to_owned()));
-    std::iter::once(state).chain(reason).collect()
 }
 
 /// The keys of the page go from one such link to the next.

@@ -3,7 +3,7 @@
 pub mod content;
 pub mod list;
 pub mod one;
-mod plots;
+pub(super) mod plots;
 pub mod report;
 mod sentences;
 mod words;

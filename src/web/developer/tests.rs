@@ -1,5 +1,7 @@
 //! Tests of the developer's pages.
 
+use std::sync::Arc;
+
 use super::*;
 use crate::engine::input::TroubleKind;
 use crate::engine::model::{Parts as ModelParts, StageModel};
@@ -17,10 +19,10 @@ use crate::engine::model::monitors::{
     AgreementRule, Bands, ProbeTarget, TopicId, TopicSpec, ValueRule, ValueSource, WatchdogId, WatchdogSpec,
     Watched,
 };
-use crate::engine::model::{ModuleMonitor, ModuleSpec, MonitorSpec, NodeId};
+use crate::engine::model::{ModuleMonitor, ModuleSpec, MonitorSpec};
 use crate::engine::state::State;
 use crate::engine::time::Span;
-use crate::runtime::{ConfigurationText, Rereading};
+use crate::runtime::{ConfigurationText, Rereading, Written};
 use crate::store::{NodePast, Past, PastEvent, Period, Stretch};
 
 pub fn query(pairs: &[(&str, &str)]) -> PageQuery {
@@ -84,6 +86,9 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("topics", topics::page(published, context, &query, &discovery(text), None)),
         ("configuration", configuration::page(published, &read, Some(true), context, &query)),
     ];
+    // A hostile name in the files of the configuration, and a hostile line.
+    let lines = published.snapshot.layout.modules.iter().map(|info| (Box::from(&*info.id), (0, 1)));
+    let written = Arc::new(Written { texts: read.running.clone(), lines: lines.collect() });
     // Of a locked vehicle no node has a page.
     let locked = published.snapshot.stage == Stage::Locked;
     let modules = published.snapshot.layout.modules.iter().filter(|_| !locked).map(|info| &info.id);
@@ -91,7 +96,9 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         modules.chain(published.snapshot.layout.groups.iter().filter(|_| !locked).map(|info| &info.path))
     {
         let node = published.snapshot.node(name).expect("it is there");
-        pages.push(("why", why::page(published, node, context, &trends)));
+        let read =
+            why::NodeRead { past: Some(past.clone()), incidents: Vec::new(), written: Some(written.clone()) };
+        pages.push(("why", why::page((published, &trends), node, context, (&query, &window), &read)));
     }
     pages
 }
@@ -116,12 +123,12 @@ fn discovery(text: &str) -> Discovery {
     }
 }
 
-fn english() -> PageContext {
+pub fn english() -> PageContext {
     context(Lang::En, Palette::Night)
 }
 
 #[track_caller]
-fn holds(html: &str, parts: &[&str]) {
+pub fn holds(html: &str, parts: &[&str]) {
     for part in parts {
         assert!(html.contains(part), "lacks {part:?}:\n{html}");
     }
@@ -415,15 +422,6 @@ fn the_timeline_tells_a_silence_from_an_error_that_was_reported() {
     );
     // Where all is well the words stay behind the strip.
     holds(&page(Lang::En, "100"), &["data-state=\"ok\">OK</span> <small></small>"]);
-}
-
-#[test]
-fn a_why_page_leads_to_what_it_names() {
-    let published = jump().pass(4).published();
-    let NodeId::Group(_) = published.snapshot.node("perception").expect("it is there") else { panic!() };
-    let node = published.snapshot.node("perception").expect("it is there");
-    let page = why::page(&published, node, &english(), &Trends::default());
-    holds(&page, &["/developer/why?node=localization%2Ftf_quality", "perception/costmap_delay"]);
 }
 
 #[test]

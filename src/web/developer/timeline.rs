@@ -56,10 +56,10 @@ pub(in crate::web) struct Tick {
     pub text: String,
 }
 
-struct SpanOption {
-    value: u64,
-    word: String,
-    chosen: bool,
+pub(super) struct SpanOption {
+    pub value: u64,
+    pub word: String,
+    pub chosen: bool,
 }
 
 #[derive(Template)]
@@ -93,14 +93,19 @@ struct TimelineHtml {
 pub struct Window {
     pub query: HistoryQuery,
     span_s: u64,
-    live: bool,
+    pub(super) live: bool,
     at: u64,
 }
 
 impl Window {
     pub fn of(published: &Published, query: &PageQuery) -> Window {
+        Window::over(published, query, SPAN_S)
+    }
+
+    /// With so many seconds where the address names no span.
+    pub fn over(published: &Published, query: &PageQuery, unasked_s: u64) -> Window {
         let now_ms = millis(published.at);
-        let span_s = query.number("span").unwrap_or(SPAN_S).clamp(1, SPANS_S[SPANS_S.len() - 1]);
+        let span_s = query.number("span").unwrap_or(unasked_s).clamp(1, SPANS_S[SPANS_S.len() - 1]);
         let until = query.number("until").and_then(|until| i64::try_from(until).ok());
         let to_ms = until.unwrap_or(now_ms).min(now_ms);
         let from_ms = to_ms.saturating_sub(span_s as i64 * 1000).max(0);
@@ -133,7 +138,7 @@ impl Window {
     }
 
     /// In hundredths of the width.
-    fn axis(&self) -> Axis {
+    pub(super) fn axis(&self) -> Axis {
         let HistoryQuery { from_ms, to_ms, .. } = self.query;
         Axis { from: stamp(from_ms), to: stamp(to_ms), left: 0.0, width: 100.0 }
     }
@@ -198,7 +203,7 @@ pub fn page(
     })
 }
 
-fn spans(window: &Window) -> Vec<SpanOption> {
+pub(super) fn spans(window: &Window) -> Vec<SpanOption> {
     let word = |seconds: u64| match seconds {
         0..60 => format!("{seconds} s"),
         60..3600 => format!("{} min", seconds / 60),

@@ -1,5 +1,12 @@
-//! The page that explains a node's state: each step from the report to the shown state, and the node's
-//! messages.
+//! The page of a node: why it has its state, its states and values over time, its place in the configuration,
+//! its neighbours and its incidents.
+
+mod excerpt;
+mod past;
+mod plots;
+mod words;
+
+use std::sync::Arc;
 
 use askama::Template;
 
@@ -11,21 +18,43 @@ use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
 use super::request::PageRequest;
-use crate::engine::model::NodeId;
+use crate::engine::model::{NodeId, Stage};
 use crate::engine::state::State;
 use crate::engine::view::why::WhyStep;
-use crate::runtime::Published;
+use crate::picture::bars::patterns;
+use crate::picture::graph::Drawing;
+use crate::runtime::{Published, Written};
+use crate::store::{Incident, IncidentFilter, Past};
+use crate::web::incidents::wall_time;
 use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, NAME, clean};
-use crate::web::view::trends::POINTS_WIDE;
 use crate::web::view::{Lang, PageContext, Trends, View, html};
 
-use super::{DevFrame, NodeLink, Page, ReportValue, report_values};
+use super::incidents::list::length;
+use super::timeline::{SpanOption, Window, spans};
+use super::{DevFrame, NodeLink, Page, PageQuery, graph};
+use excerpt::{Excerpt, excerpt};
+use past::{NodeStates, states};
+use plots::{Plots, plots};
+use words::NodeWords;
 
 /// Nodes named in one step; a group may have thousands of members.
 const NAMED: usize = 20;
 const VALUES: usize = 64;
+const INCIDENTS: u32 = 8;
+/// The span of the strip if the address names none: as long as numbers are kept.
+const SPAN_S: u64 = 300;
 const RENEW_MS: u32 = 1000;
+
+/// What is read for the page beside the snapshot.
+#[derive(Default)]
+pub struct NodeRead {
+    /// `None` if it cannot be read.
+    pub past: Option<Past>,
+    /// The newest first.
+    pub incidents: Vec<Incident>,
+    pub written: Option<Arc<Written>>,
+}
 
 /// A sentence, and the nodes that it is about.
 struct Explanation {
@@ -34,42 +63,116 @@ struct Explanation {
     more: Option<String>,
 }
 
+struct IncidentRow {
+    id: u64,
+    since: String,
+    /// Empty while it lasts.
+    length: String,
+    note: String,
+}
+
 #[derive(Template)]
 #[template(path = "developer/why.html")]
 struct WhyHtml {
     frame: PageFrame,
     dev: DevFrame,
+    it: &'static NodeWords,
     node: String,
     state: &'static str,
     word: &'static str,
     since: String,
     message: String,
-    hardware: String,
-    class: String,
+    /// A word and what stands beside it.
+    facts: Vec<(&'static str, String)>,
     steps: Vec<Explanation>,
     paths: Vec<Vec<NodeLink>>,
-    values: Vec<ReportValue>,
+    /// Keys with their values.
+    values: Vec<(String, String)>,
+    more_values: usize,
+    plots: Plots,
     members: Vec<(NodeLink, &'static str, &'static str)>,
     more_members: Option<String>,
+    /// The patterns of states; the stylesheet says their colours.
+    patterns: String,
+    states: Option<NodeStates>,
+    spans: Vec<SpanOption>,
+    from_ms: i64,
+    to_ms: i64,
+    live: bool,
+    present: String,
     /// Where the page of the timeline shows this node.
     timeline: String,
+    around: Option<(Drawing, usize)>,
+    excerpt: Option<Excerpt>,
+    /// The excerpt is that of its group.
+    is_matched: bool,
+    incidents: Vec<IncidentRow>,
+    incidents_address: String,
+    has_incidents: bool,
 }
 
-/// `GET /developer/why?node=group/module`
+/// `GET /developer/why?node=group/module&span=SECONDS&until=MS`
 pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Response {
-    let Some(node) = request.published.snapshot.node(request.query.get("node")) else {
-        return refusal(&request.reader, HttpError::NotFound);
+    let PageRequest { published, context, query, reader, .. } = request;
+    let Some(node) = published.snapshot.node(query.get("node")) else {
+        return refusal(&reader, HttpError::NotFound);
     };
-    Html(page(&request.published, node, &request.context, &app.trends)).into_response()
+    let window = Window::over(&published, &only(&query), SPAN_S);
+    let read = match published.snapshot.stage {
+        // While the vehicle is locked, its past is not shown either.
+        Stage::Locked => NodeRead::default(),
+        _ => read(&app, &window, node, &context).await,
+    };
+    Html(page((&published, &app.trends), node, &context, (&query, &window), &read)).into_response()
 }
 
-pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: &Trends) -> String {
+/// One node, with the span of time.
+fn only(query: &PageQuery) -> PageQuery {
+    let kept = ["node", "span", "until"].map(|name| (name.to_owned(), query.get(name).to_owned()));
+    PageQuery::of(kept.into())
+}
+
+async fn read(app: &AppState, window: &Window, node: NodeId, context: &PageContext) -> NodeRead {
+    let past = match &app.settings.history {
+        Some(history) => {
+            let past = history.past(window.query.clone()).await;
+            past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read")).ok()
+        }
+        None => None,
+    };
+    let name = window.query.nodes.first().cloned().unwrap_or_default();
+    let filter = match node {
+        // Causes stand on lines of their own.
+        NodeId::Module(_) => IncidentFilter { cause: format!("\n{name}\n"), ..IncidentFilter::default() },
+        NodeId::Group(_) => IncidentFilter { group: name, ..IncidentFilter::default() },
+    };
+    let incidents = match context.replay {
+        true => Vec::new(),
+        false => {
+            let found = app.store.incidents(IncidentFilter { count: INCIDENTS, ..filter }).await;
+            found
+                .inspect_err(|error| tracing::warn!(%error, "the incidents cannot be read"))
+                .unwrap_or_default()
+        }
+    };
+    NodeRead { past, incidents, written: app.settings.written.as_ref().map(|it| it.borrow().clone()) }
+}
+
+pub fn page(
+    (published, trends): (&Published, &Trends),
+    node: NodeId,
+    context: &PageContext,
+    (query, window): (&PageQuery, &Window),
+    read: &NodeRead,
+) -> String {
     let view = &View::new(published, context.lang, false);
     let snapshot = view.snapshot;
-    let name = clean(snapshot.node_name(node), 2 * NAME);
+    let raw_name = snapshot.node_name(node);
+    let name = clean(raw_name, 2 * NAME);
     let link = |node: NodeId| NodeLink::of(view, node);
     let mut dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
     dev.title = format!("{}: {name}", dev.words.why);
+    let it = NodeWords::of(context.lang);
     let (state, _) = snapshot.shown(node);
     let steps = snapshot.why(node).into_iter().map(|step| {
         let (text, nodes) = explain(view, &step);
@@ -80,24 +183,51 @@ pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: 
             more: (more > 0).then(|| view.lang.and_more(more)),
         }
     });
+    let (from_ms, to_ms) = (window.query.from_ms, window.query.to_ms);
+    let written = read.written.as_deref();
+    let own_excerpt = written.and_then(|written| excerpt(written, raw_name));
+    let is_matched = own_excerpt.is_none();
+    let of_group = || {
+        let NodeId::Module(id) = node else { return None };
+        excerpt(written?, snapshot.node_name(NodeId::Group(snapshot.module(id).0.group)))
+    };
+    let field = if matches!(node, NodeId::Group(_)) { "group" } else { "cause" };
     let mut page = WhyHtml {
         state: state.as_str(),
         word: view.lang.state(state),
         since: String::new(),
         message: String::new(),
-        hardware: String::new(),
-        class: String::new(),
+        facts: Vec::new(),
         steps: steps.collect(),
         paths: Vec::new(),
         values: Vec::new(),
+        more_values: 0,
+        plots: plots(published, node, trends, (from_ms, to_ms)),
         members: Vec::new(),
         more_members: None,
+        patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
+        states: read.past.as_ref().map(|past| states(context.lang, query, window, past)),
+        spans: spans(window),
+        from_ms,
+        to_ms,
+        live: window.live,
+        present: query.without(&["until"]),
         timeline: format!(
             "/developer/timeline{}",
-            super::page_query::address([("node", &**snapshot.node_name(node))].into_iter())
+            super::page_query::address([("node", &**raw_name)].into_iter())
         ),
+        around: graph::neighbourhood(view, node),
+        excerpt: own_excerpt.or_else(of_group),
+        is_matched,
+        incidents: read.incidents.iter().map(incident_row).collect(),
+        incidents_address: format!(
+            "/incidents{}",
+            super::page_query::address([(field, &**raw_name)].into_iter())
+        ),
+        has_incidents: !context.replay,
         node: name,
         frame: super::frame(context),
+        it,
         dev,
     };
     match node {
@@ -105,10 +235,17 @@ pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: 
             let (info, module) = snapshot.module(id);
             page.since = view.wall(module.since);
             page.message = view.message_text(module);
-            page.hardware = clean(&module.report.hardware_id, NAME);
-            page.class = super::statuses::class(info);
-            let past = trends.of(id.0 as usize, &info.id, POINTS_WIDE);
-            page.values = report_values(module, VALUES, MESSAGE, past);
+            let facts = [
+                (it.status, info.status.as_deref().unwrap_or_default()),
+                (it.monitor, info.kind),
+                (it.class, &super::statuses::class(info)),
+                (it.hardware, &module.report.hardware_id),
+            ];
+            let said = facts.into_iter().filter(|(_, text)| !text.is_empty());
+            page.facts = said.map(|(word, text)| (word, clean(text, 2 * NAME))).collect();
+            let values = module.report.values.iter().take(VALUES);
+            page.values = values.map(|(key, value)| (clean(key, NAME), clean(value, MESSAGE))).collect();
+            page.more_values = module.report.values.len().saturating_sub(VALUES);
         }
         NodeId::Group(id) => {
             let (info, group) = snapshot.group(id);
@@ -127,6 +264,15 @@ pub fn page(published: &Published, node: NodeId, context: &PageContext, trends: 
         }
     }
     html(&page)
+}
+
+fn incident_row(incident: &Incident) -> IncidentRow {
+    IncidentRow {
+        id: incident.summary.id,
+        since: wall_time(incident.summary.since_ms),
+        length: length(incident),
+        note: incident.note.as_ref().map(|note| clean(&note.text, MESSAGE)).unwrap_or_default(),
+    }
 }
 
 fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
@@ -183,3 +329,6 @@ fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
         WhyStep::Shown(is) => (format!("{}: {}", text("It shows", "Es zeigt"), state(*is)), Vec::new()),
     }
 }
+
+#[cfg(test)]
+mod tests;

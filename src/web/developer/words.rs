@@ -78,9 +78,6 @@ words! {
     dropped_samples: "of another configuration", "einer anderen Konfiguration";
 
     why: "Why", "Warum";
-    value: "Value", "Wert";
-    least: "Least", "Kleinster";
-    most: "Most", "Größter";
     minutes: "Last 5 minutes", "Letzte 5 Minuten";
     members: "Members", "Teile";
 

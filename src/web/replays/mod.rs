@@ -123,6 +123,7 @@ fn start(app: &AppState, incident: u64, session: &Session, mut playback: Playbac
         enrolled: app.settings.enrolled.clone(),
         demo: None,
         rereads: None,
+        written: None,
         history: None,
         discovery: None,
         recordings: None,

@@ -21,9 +21,8 @@ const SERIES: usize = 20_000;
 /// A value with a longer key is not followed: 20,000 keys take 5 MB at most.
 const KEY_BYTES: usize = 256;
 
-/// Points of a line as wide as a word, and of one as wide as a column.
+/// Points of a line as wide as a word.
 pub const POINTS_SMALL: usize = 36;
-pub const POINTS_WIDE: usize = SAMPLES;
 
 /// Drawn into this box.
 const WIDTH: f32 = 100.0;
@@ -36,7 +35,8 @@ pub struct Trends(Mutex<Sampled>);
 #[derive(Debug, Default)]
 struct Sampled {
     epoch: u64,
-    last: Option<Timestamp>,
+    /// When each sample was taken, oldest first; the newest sample of every value is of the last of them.
+    times: VecDeque<Timestamp>,
     layout: Option<Arc<Layout>>,
     /// By `ModuleId` of `layout`.
     modules: Vec<ModuleTrends>,
@@ -67,10 +67,10 @@ impl Trends {
         if inner.epoch != published.epoch {
             *inner = Sampled { epoch: published.epoch, ..Sampled::default() };
         }
-        if inner.last.is_some_and(|last| snapshot.now.since(last) < SAMPLE_EVERY) {
+        if inner.times.back().is_some_and(|&last| snapshot.now.since(last) < SAMPLE_EVERY) {
             return;
         }
-        inner.last = Some(snapshot.now);
+        push(&mut inner.times, snapshot.now);
         inner.follow(&snapshot.layout);
         let Sampled { modules, series, .. } = &mut *inner;
         for (module, view) in modules.iter_mut().zip(snapshot.modules.iter()) {
@@ -86,15 +86,38 @@ impl Trends {
     /// The values of a module that are numbers and have a past, in lines of so many points.
     pub fn of(&self, module: usize, id: &str, points: usize) -> Vec<Trend> {
         let inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let named = |layout: &Arc<Layout>| layout.modules.get(module).is_some_and(|info| *info.id == *id);
-        if !inner.layout.as_ref().is_some_and(named) {
-            return Vec::new();
-        }
-        inner.modules[module].values.iter().filter_map(|(key, samples)| draw(key, samples, points)).collect()
+        let values = inner.values(module, id).iter();
+        values.filter_map(|(key, samples)| draw(key, samples, points)).collect()
+    }
+
+    /// When samples were taken, and the values of a module at these times: nothing where it had none.
+    pub fn numbers(&self, module: usize, id: &str) -> (Vec<Timestamp>, Vec<(String, Numbers)>) {
+        let inner = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let numbers = |samples: &VecDeque<f32>| {
+            let before = std::iter::repeat_n(None, inner.times.len().saturating_sub(samples.len()));
+            before.chain(samples.iter().map(|&it| (!it.is_nan()).then_some(exactly(it)))).collect()
+        };
+        let values = inner.values(module, id).iter();
+        let values = values.map(|(key, samples)| (key.to_string(), numbers(samples))).collect();
+        (inner.times.iter().copied().collect(), values)
     }
 }
 
+/// One value at the times of all samples.
+pub type Numbers = Vec<Option<f64>>;
+
+/// The decimal number that was reported, not the binary one that is nearest to it.
+fn exactly(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
+
 impl Sampled {
+    /// The values of a module; none if it is another one than `id`.
+    fn values(&self, module: usize, id: &str) -> &[(Box<str>, VecDeque<f32>)] {
+        let named = |layout: &Arc<Layout>| layout.modules.get(module).is_some_and(|info| *info.id == *id);
+        if self.layout.as_ref().is_some_and(named) { &self.modules[module].values } else { &[] }
+    }
+
     /// With a new layout, each module keeps its samples by its name.
     fn follow(&mut self, layout: &Arc<Layout>) {
         let Some(before) = self.layout.replace(layout.clone()) else {
@@ -147,7 +170,7 @@ impl ModuleTrends {
     }
 }
 
-fn push(samples: &mut VecDeque<f32>, value: f32) {
+fn push<T>(samples: &mut VecDeque<T>, value: T) {
     if samples.len() == SAMPLES {
         samples.pop_front();
     }
@@ -218,10 +241,21 @@ mod tests {
         assert_eq!((&*trend.key, trend.least, trend.most), ("v", 1.0, 3.0));
         assert_eq!(trend.line, "M93.1 19.0L96.6 1.0L100.0 10.0");
         assert!(trends.of(index, "another", SAMPLES).is_empty());
+        let (times, values) = trends.numbers(index, "can/battery");
+        assert_eq!(times.len(), 3);
+        assert_eq!(values, [("v".to_owned(), vec![Some(1.0), Some(3.0), Some(2.0)])]);
 
         let mut sample = sample.silence("can/battery").pass(8);
         trends.sample(&recorded(&mut sample));
         let trend = trends.of(index, "can/battery", SAMPLES).remove(0);
         assert_eq!(trend.line, "M89.7 19.0L93.1 1.0L96.6 10.0", "the present is unknown");
+        let (times, values) = trends.numbers(index, "can/battery");
+        assert_eq!((times.len(), &*values[0].1), (4, &[Some(1.0), Some(3.0), Some(2.0), None][..]));
+
+        // A value that comes later had nothing before.
+        let mut sample = sample.report("can/battery", 0, "fine", &[("v", "4"), ("w", "0.1")]).pass(2);
+        trends.sample(&recorded(&mut sample));
+        let (_, values) = trends.numbers(index, "can/battery");
+        assert_eq!(values[1], ("w".to_owned(), vec![None, None, None, None, Some(0.1)]));
     }
 }

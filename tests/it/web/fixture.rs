@@ -307,6 +307,7 @@ pub fn settings(origins: Origins, secure: bool) -> Settings {
         enrolled: Enrolled::default(),
         demo: None,
         rereads: None,
+        written: None,
         history: None,
         discovery: None,
         recordings: None,

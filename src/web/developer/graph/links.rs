@@ -30,6 +30,9 @@ impl Graph<'_> {
             for dependency in dependencies {
                 let any = matches!(dependency, DependsOn::AnyOf(_));
                 for &on in dependency.nodes() {
+                    if self.near.as_ref().is_some_and(|near| !near.joins(on, from)) {
+                        continue;
+                    }
                     let (Some(left), Some(right)) = (self.shown(on), self.shown(from)) else { continue };
                     if left == right {
                         continue;

@@ -175,7 +175,7 @@ fn row(it: &'static IncidentWords, lang: Lang, incident: &Incident) -> Row {
 }
 
 /// How long it lasted; empty while it does.
-pub(super) fn length(incident: &Incident) -> String {
+pub(in crate::web::developer) fn length(incident: &Incident) -> String {
     let summary = &incident.summary;
     let long = summary.until_ms.map(|until_ms| until_ms.saturating_sub(summary.since_ms));
     long.map(|ms| format!("{} s", ms / 1000)).unwrap_or_default()

@@ -27,11 +27,16 @@ pub(super) fn plots(it: &IncidentWords, story: &Story) -> Vec<Plot> {
     story.series.iter().map(|series| plot(it, series, (story.from_ms, story.to_ms))).collect()
 }
 
-fn plot(it: &IncidentWords, series: &Series, (from_ms, to_ms): (i64, i64)) -> Plot {
+fn plot(it: &IncidentWords, series: &Series, span: (i64, i64)) -> Plot {
     let name = match &*series.node {
         "" => it.vehicle_speed.to_owned(),
         node => format!("{node} {}", series.key),
     };
+    drawn(&name, series, span)
+}
+
+/// Numbers as a picture of a span of time, in milliseconds since 1970.
+pub fn drawn(name: &str, series: &Series, (from_ms, to_ms): (i64, i64)) -> Plot {
     let numbers = || series.points.iter().filter_map(|(_, number)| *number);
     let (least, most) =
         (numbers().fold(f64::INFINITY, f64::min), numbers().fold(f64::NEG_INFINITY, f64::max));
@@ -60,7 +65,7 @@ fn plot(it: &IncidentWords, series: &Series, (from_ms, to_ms): (i64, i64)) -> Pl
     for limit in &series.limits {
         let _ = write!(range, ", {} {}", limit.name, rounded(limit.value));
     }
-    Plot { broken: broken(&name), name: clean(&name, 2 * NAME), range, lines }
+    Plot { broken: broken(name), name: clean(name, 2 * NAME), range, lines }
 }
 
 /// Three digits, or all before the point.

@@ -60,7 +60,7 @@ impl TimelineStrips<'_> {
         stage.into_iter().chain(nodes).chain(signals).collect()
     }
 
-    fn node(&self, past: &NodePast) -> StripHtml {
+    pub fn node(&self, past: &NodePast) -> StripHtml {
         let segments = recorded(&past.stretches);
         let (state, word, because) = match self.at_moment(&segments, |it| (it.from, it.to)) {
             Some(segment) => {
@@ -169,7 +169,7 @@ impl Painter {
     }
 
     /// The module's message when the segment began.
-    fn message(&self, segment: &Segment) -> String {
+    pub fn message(&self, segment: &Segment) -> String {
         let Some(said) = &segment.said else { return String::new() };
         self.lang.with_silence(clean(&said.message, MESSAGE), said.silent)
     }
@@ -235,7 +235,7 @@ pub fn look_word(lang: Lang, look: Look) -> &'static str {
     })
 }
 
-fn state_of(look: Look) -> &'static str {
+pub fn state_of(look: Look) -> &'static str {
     match look {
         Look::Warning => "warning",
         Look::Error | Look::Attributed => "error",

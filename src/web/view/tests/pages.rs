@@ -199,7 +199,14 @@ fn vendored_files_are_those_that_are_recorded() {
     use sha2::{Digest, Sha256};
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/static/vendor/");
     let readme = std::fs::read_to_string(format!("{folder}README.md")).expect("the record is there");
-    for file in ["htmx.min.js", "hx-ws.min.js", "idiomorph.min.js", "inter-latin-wght-normal.woff2"] {
+    for file in [
+        "htmx.min.js",
+        "hx-ws.min.js",
+        "idiomorph.min.js",
+        "uplot.min.js",
+        "uplot.min.css",
+        "inter-latin-wght-normal.woff2",
+    ] {
         let bytes = std::fs::read(format!("{folder}{file}")).expect("the file is there");
         let hash: String = Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect();
         let row = readme.lines().find(|line| line.starts_with(&format!("| `{file}`")));

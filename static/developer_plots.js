@@ -1,0 +1,125 @@
+// The plots of a node's page: uPlot, which only this page loads, in place of the server's pictures. One cursor
+// goes through all of them.
+(() => {
+  "use strict";
+  const HEIGHT = 76;
+  // As wide as the last column of the lanes with the gap before it, so that plots and strips share their time.
+  const AXIS = 212;
+
+  const drawn = new Map();
+  let loading = null;
+  const load = ({ uplot, uplotStyle }) => {
+    loading ??= new Promise((done, failed) => {
+      const style = Object.assign(document.createElement("link"), { rel: "stylesheet", href: uplotStyle });
+      const script = Object.assign(document.createElement("script"), { src: uplot, onload: done, onerror: failed });
+      document.head.append(style, script);
+    });
+    return loading;
+  };
+
+  // Asked for at each drawing, so a plot follows the palette.
+  const colour = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+  const clock = (seconds) => {
+    const at = new Date(seconds * 1000);
+    return `${at.toTimeString().slice(0, 8)}.${String(at.getMilliseconds()).padStart(3, "0")}`;
+  };
+
+  const read = (plot) => {
+    const lanes = plot.closest(".lanes");
+    const times = JSON.parse(lanes.dataset.times).map((ms) => ms / 1000);
+    return {
+      span: [Number(lanes.dataset.start) / 1000, Number(lanes.dataset.end) / 1000],
+      limits: JSON.parse(plot.dataset.limits),
+      data: [times, JSON.parse(plot.dataset.numbers)],
+    };
+  };
+
+  const drawLimits = (plot) => (chart) => {
+    const { ctx, bbox } = chart;
+    ctx.save();
+    ctx.lineWidth = devicePixelRatio;
+    ctx.setLineDash([5 * devicePixelRatio, 3 * devicePixelRatio]);
+    for (const { name, value } of read(plot).limits) {
+      const y = chart.valToPos(value, "y", true);
+      ctx.strokeStyle = colour(name.startsWith("error") ? "--ring" : "--warning")();
+      ctx.beginPath();
+      ctx.moveTo(bbox.left, y);
+      ctx.lineTo(bbox.left + bbox.width, y);
+      ctx.stroke();
+    }
+    ctx.restore();
+  };
+
+  // The limits are in the picture, and a number that never changes has a height.
+  const range = (plot) => (_chart, least, most) => {
+    const all = [least, most, ...read(plot).limits.map(({ value }) => value)].filter(Number.isFinite);
+    if (!all.length) return [0, 1];
+    const [low, high] = [Math.min(...all), Math.max(...all)];
+    const margin = (high - low || Math.abs(high) || 1) * 0.08;
+    return [low - margin, high + margin];
+  };
+
+  const say = (plot) => (chart) => {
+    const { idx, left } = chart.cursor;
+    const number = left >= 0 && idx !== null ? chart.data[1][idx] : undefined;
+    const text = number === undefined ? "" : `${clock(chart.data[0][idx])}  ${number ?? "-"}`;
+    Live.setText(plot.querySelector("output"), text);
+  };
+
+  const make = (plot) => {
+    const host = plot.querySelector(".chart");
+    const options = {
+      width: host.parentElement.clientWidth - host.offsetLeft + host.parentElement.offsetLeft,
+      height: HEIGHT,
+      padding: [6, 0, 6, 0],
+      legend: { show: false },
+      cursor: { y: false, sync: { key: "node" }, drag: { setScale: false } },
+      scales: { x: { range: () => read(plot).span }, y: { range: range(plot) } },
+      axes: [
+        { show: false },
+        {
+          side: 1, size: AXIS, space: 22, gap: 8, stroke: colour("--quiet"), font: "11.5px Inter, sans-serif",
+          grid: { stroke: colour("--line"), width: 1 }, ticks: { show: false },
+        },
+      ],
+      series: [{}, { stroke: colour("--plot"), width: 1.6, points: { show: false } }],
+      hooks: { draw: [drawLimits(plot)], setCursor: [say(plot)] },
+    };
+    const chart = new uPlot(options, read(plot).data, host);
+    drawn.set(plot, chart);
+    fit(plot, chart);
+  };
+
+  const fit = (plot, chart) => {
+    const width = Math.floor(plot.querySelector(".chart").getBoundingClientRect().width);
+    if (width > AXIS && width !== chart.width) chart.setSize({ width, height: HEIGHT });
+  };
+
+  const draw = async () => {
+    for (const [plot, chart] of drawn) {
+      if (plot.isConnected) continue;
+      chart.destroy();
+      drawn.delete(plot);
+    }
+    const all = [...document.querySelectorAll(".plot[data-numbers]")];
+    if (!all.length) return;
+    try {
+      await load(all[0].closest(".lanes").dataset);
+    } catch {
+      // The server's pictures stay.
+      return;
+    }
+    for (const plot of all) {
+      if (!plot.isConnected) continue;
+      if (drawn.has(plot)) drawn.get(plot).setData(read(plot).data);
+      else make(plot);
+    }
+  };
+
+  addEventListener("telltale:shown", draw);
+  addEventListener("resize", () => {
+    for (const [plot, chart] of drawn) fit(plot, chart);
+  });
+  draw();
+})();
