@@ -1,7 +1,9 @@
 //! `telltale replay`: runs a recording through the engine and prints what changed.
 
+mod what_if;
+
 use std::io::{self, IsTerminal as _, Write as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
@@ -31,20 +33,35 @@ const DIFFERENCES_MAX: usize = 20;
 /// `roots`. With `--all`, other objects have `kind` instead of `node`: `stage`, `signal`, `alarm_raised` and the
 /// like.
 ///
+/// `--what-if NEW` runs each recording by its own configuration and by this one, and prints how much both show: the
+/// alarms, the nodes that were ignored because of a root cause, the requests to the vehicle, the changes of what a
+/// node shows, and the time from the first symptom to the root cause of the first alarm; below it the first instant
+/// at which both differ. With `--json`, an object for each recording and one in total. Exit code 1 where anything
+/// differs: a configuration that is not to change what was shown is tested so.
+///
 /// Exit codes: 0; 1 where the changes differ from the expected ones; 2 where the recording or the configuration
 /// cannot be used. What of a recording cannot be used is said on standard error.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale replay incident-12.mcap\n  \
     telltale replay incident-12.mcap --json > expected.jsonl\n  \
     telltale replay incident-12.mcap --config new.yaml --expect expected.jsonl\n  \
-    telltale replay rosbag2_2026_11_20/ --config robot.yaml --stage active")]
+    telltale replay rosbag2_2026_11_20/ --config robot.yaml --stage active\n  \
+    telltale replay --what-if new.yaml incident-12.mcap incident-13.mcap\n  \
+    telltale replay --what-if new.yaml --data /var/lib/telltale")]
 pub struct Args {
-    /// The recording: an MCAP file, a database of rosbag2, or the folder of a bag
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    /// The recording: an MCAP file, a database of rosbag2, or the folder of a bag. With `--what-if` any number, also
+    /// folders of recordings, and with `--data` numbers of incidents
+    #[arg(value_name = "FILE", required_unless_present = "data")]
+    files: Vec<PathBuf>,
     /// Judge by this configuration instead of the recorded one
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// Say what this configuration would have changed
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["all", "expect", "from", "to", "speed"])]
+    what_if: Option<PathBuf>,
+    /// The data folder of the vehicle, whose incidents are meant; those that are kept, if none is named
+    #[arg(long, value_name = "DIR", requires = "what_if")]
+    data: Option<PathBuf>,
     /// Print a JSON object for each change, in a line of its own
     #[arg(long)]
     json: bool,
@@ -114,6 +131,10 @@ fn stage(text: &str) -> Result<Stage, String> {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let Some(new) = &args.what_if {
+        return what_if::run(args, new);
+    }
+    let [file] = &args.files[..] else { bail!("one recording at a time can be replayed") };
     let expected = match &args.expect {
         Some(path) => {
             let text = std::fs::read_to_string(path)
@@ -122,7 +143,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         None => None,
     };
-    let Some(mut run) = open(args)? else { return Ok(ExitCode::from(EXIT_USAGE)) };
+    let Some(mut run) = open(args, file)? else { return Ok(ExitCode::from(EXIT_USAGE)) };
     let got = replay(args, &mut run, expected.is_none())?;
     report(&run);
     let Some(expected) = expected else { return Ok(ExitCode::SUCCESS) };
@@ -132,9 +153,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 /// The recording with an engine; `None` if the configuration is wrong, which is said.
-fn open(args: &Args) -> anyhow::Result<Option<Run>> {
-    let in_file = || args.file.display().to_string();
-    let recording = match Recording::open(&args.file) {
+fn open(args: &Args, file: &Path) -> anyhow::Result<Option<Run>> {
+    let in_file = || file.display().to_string();
+    let recording = match Recording::open(file) {
         // It names the file.
         Err(error @ ReplayError::File(_)) => return Err(error.into()),
         opened => opened.with_context(in_file)?,

@@ -2,6 +2,7 @@
 
 mod bag;
 mod bridge;
+pub mod compare;
 pub mod expect;
 pub mod line;
 mod playback;
@@ -10,8 +11,10 @@ mod run;
 pub mod series;
 mod steps;
 mod times;
+mod trace;
 
 pub use playback::Playback;
 pub use recording::{Facts, Recording, ReplayError};
 pub use run::{Load, Run, Taken};
 pub use steps::Notes;
+pub use trace::{Shown, Totals};

@@ -31,6 +31,8 @@ pub enum ReplayError {
     Definitions(String),
     #[error("the recording has no messages")]
     Empty,
+    #[error("it was stopped")]
+    Stopped,
 }
 
 /// A recording, and what it says of itself.
@@ -78,7 +80,12 @@ impl Facts {
     pub fn load(&self, texts: &[ConfigurationText]) -> Result<Loaded, ReplayError> {
         let texts = texts.iter().map(|it| (it.name.clone(), it.text.clone()));
         let loaded = config::of_texts(texts).map_err(ReplayError::Configuration)?;
-        Ok(if self.is_demo { patient(loaded) } else { loaded })
+        Ok(self.as_counted(loaded))
+    }
+
+    /// A configuration as it would have counted when this was recorded.
+    pub fn as_counted(&self, loaded: Loaded) -> Loaded {
+        if self.is_demo { patient(loaded) } else { loaded }
     }
 }
 
@@ -113,6 +120,11 @@ impl Recording {
 
     pub fn facts(&self) -> &Facts {
         &self.facts
+    }
+
+    /// Parts of the files that cannot be used, as far as they were read, in sentences.
+    pub fn omissions(&self) -> Vec<String> {
+        self.reader.omissions().0
     }
 
     /// Adds the definitions of the recording's own types, which come first.

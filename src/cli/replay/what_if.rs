@@ -1,0 +1,329 @@
+//! `telltale replay --what-if`: what another configuration would have shown of recordings.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::io::{self, ErrorKind};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, anyhow, bail};
+use serde_json::{Value, json};
+
+use super::{Args, print};
+use crate::cli::{EXIT_NO, EXIT_USAGE, check, fields};
+use crate::config::{self, Loaded};
+use crate::record::folder;
+use crate::replay::compare::{Comparison, Parting, PartingOf, compare, judged};
+use crate::replay::line::seconds;
+use crate::replay::{Recording, ReplayError, Run, Shown, Totals};
+use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, StoreError};
+use crate::yaml::Problems;
+use crate::yaml::plain::escaped;
+
+/// Nodes that one side alone has and that are named.
+const ALONE_MAX: usize = 5;
+
+/// One recording, under the name that is printed.
+struct Named {
+    name: String,
+    path: PathBuf,
+}
+
+/// Why a recording is not compared.
+enum Trouble {
+    /// The configuration is wrong, for every recording.
+    Configuration(Problems),
+    Recording(String),
+}
+
+pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
+    let recordings = recordings(args)?;
+    let (mut compared, mut failed) = (Vec::new(), 0);
+    for named in &recordings {
+        match one(args, named, new) {
+            Ok(comparison) => {
+                if compared.is_empty() && !args.json {
+                    print(&heading())?;
+                }
+                compared.push((comparison.differs(), comparison.recorded, comparison.new));
+                let is_read = match args.json {
+                    true => print(&with_name(comparison.json(), &named.name).to_string())?,
+                    false => print_lines(&text(&named.name, &comparison))?,
+                };
+                if !is_read {
+                    break;
+                }
+            }
+            Err(Trouble::Configuration(problems)) => {
+                check::report(&problems);
+                return Ok(ExitCode::from(EXIT_USAGE));
+            }
+            Err(Trouble::Recording(why)) => {
+                failed += 1;
+                eprintln!("telltale: {}: {}", escaped(&named.name), escaped(&why));
+                if args.json {
+                    print(&with_name(json!({ "error": why }), &named.name).to_string())?;
+                }
+            }
+        }
+    }
+    let differ = compared.iter().filter(|(differs, ..)| *differs).count();
+    let (recorded, new) = (sum(compared.iter().map(|it| it.1)), sum(compared.iter().map(|it| it.2)));
+    if args.json {
+        let count = compared.len();
+        let total =
+            json!({ "total": count, "differ": differ, "failed": failed, "recorded": recorded, "new": new });
+        print(&total.to_string())?;
+    } else if !compared.is_empty() {
+        print_lines(&format!(
+            "{}\n{}",
+            row("all", &recorded, &new),
+            verdict(compared.len(), differ, failed)
+        ))?;
+    }
+    Ok(match (failed, differ) {
+        (0, 0) => ExitCode::SUCCESS,
+        (0, _) => ExitCode::from(EXIT_NO),
+        _ => ExitCode::from(EXIT_USAGE),
+    })
+}
+
+/// Prints lines. Returns whether anybody reads further.
+fn print_lines(text: &str) -> io::Result<bool> {
+    text.lines().try_fold(true, |is_read, line| Ok(is_read && print(line)?))
+}
+
+/// The recordings that are meant.
+fn recordings(args: &Args) -> anyhow::Result<Vec<Named>> {
+    let data = args.data.as_deref();
+    let incidents = data.map(Incidents::open).transpose()?;
+    if let (Some(incidents), Some(data), []) = (&incidents, data, &args.files[..]) {
+        let kept = kept(incidents)?;
+        if kept.is_empty() {
+            bail!(
+                "no incident in {} is kept: `telltale incident keep ID` keeps one, or name some here",
+                data.display()
+            );
+        }
+        return kept.iter().map(|incident| of_incident(data, incident)).collect();
+    }
+    let mut found = Vec::new();
+    for path in &args.files {
+        let number = path.to_str().and_then(|text| text.parse::<u64>().ok());
+        match (number, &incidents, data) {
+            (Some(id), Some(incidents), Some(data)) => {
+                let incident = incidents.one(id)?.ok_or(StoreError::NoSuchIncident(id))?;
+                found.push(of_incident(data, &incident)?);
+            }
+            (Some(id), ..) if !path.exists() => {
+                bail!("{id} is no file: to mean an incident, name the data folder with --data")
+            }
+            _ => found.extend(of_path(path)?),
+        }
+    }
+    Ok(found)
+}
+
+/// All incidents that are kept, the oldest first.
+fn kept(incidents: &Incidents) -> Result<Vec<Incident>, StoreError> {
+    let mut all: Vec<Incident> = Vec::new();
+    loop {
+        let before = all.last().map(|incident| incident.summary.id);
+        let filter = IncidentFilter { kept: Some(true), before, ..IncidentFilter::default() };
+        let page = incidents.list(&filter)?;
+        let is_last = page.len() < INCIDENTS_PAGE_MAX as usize;
+        all.extend(page);
+        if is_last {
+            all.reverse();
+            return Ok(all);
+        }
+    }
+}
+
+fn of_incident(data: &Path, incident: &Incident) -> anyhow::Result<Named> {
+    let (id, file) = (incident.summary.id, &incident.summary.recording.file);
+    let path = folder::path_of(&folder::folder_in(data), file);
+    let path = path.ok_or_else(|| anyhow!("incident {id} has no recording"))?;
+    Ok(Named { name: format!("incident {id}"), path })
+}
+
+/// A file, a bag, or each recording in a folder.
+fn of_path(path: &Path) -> anyhow::Result<Vec<Named>> {
+    let named = |path: PathBuf| Named { name: path.display().to_string(), path };
+    let is_folder = match fs::metadata(path) {
+        Ok(about) => about.is_dir() && !path.join("metadata.yaml").exists(),
+        Err(error) if error.kind() == ErrorKind::NotFound => bail!("there is no file {}", path.display()),
+        Err(error) => return Err(anyhow!(error).context(path.display().to_string())),
+    };
+    if !is_folder {
+        return Ok(vec![named(path.to_owned())]);
+    }
+    let entries = fs::read_dir(path).with_context(|| path.display().to_string())?;
+    let mut found = Vec::new();
+    for entry in entries {
+        let path = entry.with_context(|| path.display().to_string())?.path();
+        let is_bag = path.join("metadata.yaml").exists();
+        if is_bag || path.extension().is_some_and(|it| it == "mcap" || it == "db3") {
+            found.push(path);
+        }
+    }
+    if found.is_empty() {
+        bail!("there are no recordings in {}", path.display());
+    }
+    // 2 before 10.
+    found.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
+    Ok(found.into_iter().map(named).collect())
+}
+
+fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
+    let trouble = |error: ReplayError| {
+        let said = error.to_string();
+        // It names the file, as its line does.
+        let said = said.strip_prefix(&format!("{}: ", named.path.display())).unwrap_or(&said).to_owned();
+        Trouble::Recording(said)
+    };
+    let recording = Recording::open(&named.path).map_err(trouble)?;
+    let loaded = load(args, new, &recording)?;
+    let definitions = args.definitions.definitions();
+    let mut recorded = match &args.config {
+        Some(old) => {
+            let old = load(args, old, &recording)?;
+            judged(&named.path, &old, &definitions, args.stage).map_err(trouble)?
+        }
+        None if args.stage.is_some() => {
+            let why = "--stage needs --config: this recording has its stages";
+            return Err(Trouble::Recording(why.to_owned()));
+        }
+        None => {
+            let omissions = recording.omissions();
+            Run::recorded(recording).map_err(|error| match (error, &omissions[..]) {
+                (ReplayError::NoConfiguration, [omission, ..]) => {
+                    Trouble::Recording(format!("{}; {omission}", ReplayError::NoConfiguration))
+                }
+                (error, _) => trouble(error),
+            })?
+        }
+    };
+    let mut new = judged(&named.path, &loaded, &definitions, args.stage).map_err(trouble)?;
+    compare(&mut recorded, &mut new, &|| true).map_err(trouble)
+}
+
+/// A configuration whose fields the messages of a recording have.
+fn load(args: &Args, path: &Path, recording: &Recording) -> Result<Loaded, Trouble> {
+    let definitions = args.definitions.definitions();
+    fields::whole(config::examine(path), |loaded| recording.define(definitions.with(&loaded.message_folders)))
+        .map_err(Trouble::Configuration)
+}
+
+fn with_name(mut object: Value, name: &str) -> Value {
+    object["recording"] = name.into();
+    object
+}
+
+/// Both sides of all recordings together; the longest of the times.
+fn sum(all: impl Iterator<Item = Totals>) -> Totals {
+    all.fold(Totals::default(), |sum, it| Totals {
+        alarms: sum.alarms + it.alarms,
+        masked: sum.masked + it.masked,
+        countermeasures: sum.countermeasures + it.countermeasures,
+        transitions: sum.transitions + it.transitions,
+        to_root_s: [sum.to_root_s, it.to_root_s].into_iter().flatten().reduce(f64::max),
+    })
+}
+
+fn heading() -> String {
+    columns("recording", &["alarms", "masked", "requests", "transitions", "to root"].map(str::to_owned))
+}
+
+fn row(name: &str, recorded: &Totals, new: &Totals) -> String {
+    let count = |of: fn(&Totals) -> u64| both(&of(recorded).to_string(), &of(new).to_string());
+    let time = |side: &Totals| side.to_root_s.map_or("-".to_owned(), |s| format!("{s:.2} s"));
+    let cells = [
+        count(|it| it.alarms),
+        count(|it| it.masked),
+        count(|it| it.countermeasures),
+        count(|it| it.transitions),
+        both(&time(recorded), &time(new)),
+    ];
+    columns(name, &cells)
+}
+
+/// Both values, or the one that they are.
+fn both(recorded: &str, new: &str) -> String {
+    if recorded == new { recorded.to_owned() } else { format!("{recorded} -> {new}") }
+}
+
+fn columns(name: &str, cells: &[String; 5]) -> String {
+    let [alarms, masked, requests, transitions, to_root] = cells;
+    format!("{name:<28} {alarms:>12} {masked:>12} {requests:>12} {transitions:>14} {to_root:>18}")
+        .trim_end()
+        .to_owned()
+}
+
+fn text(name: &str, comparison: &Comparison) -> String {
+    let mut out = row(name, &comparison.recorded, &comparison.new);
+    let parting = match &comparison.first {
+        None => "nothing differs".to_owned(),
+        Some(first) => parting(comparison, first),
+    };
+    let _ = write!(out, "\n  {parting}");
+    for (names, what) in [
+        (&comparison.only_recorded, "only in the recorded one"),
+        (&comparison.only_new, "only in the new one"),
+    ] {
+        if !names.is_empty() {
+            let more = names.len().saturating_sub(ALONE_MAX);
+            let named: Vec<&str> = names.iter().take(ALONE_MAX).map(|name| &**name).collect();
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            let _ = write!(out, "\n  {what}: {}{more}", named.join(", "));
+        }
+    }
+    for note in &comparison.notes {
+        let _ = write!(out, "\n  note: {note}");
+    }
+    out
+}
+
+/// Where they part, in a sentence.
+fn parting(comparison: &Comparison, Parting { at, of }: &Parting) -> String {
+    let listed = |all: &[String]| if all.is_empty() { "nothing".to_owned() } else { all.join(", ") };
+    let names = |all: &[std::sync::Arc<str>]| {
+        let all: Vec<String> = all.iter().map(ToString::to_string).collect();
+        listed(&all)
+    };
+    let what = match of {
+        PartingOf::Node { node, recorded, new } => {
+            format!("{node}: {} -> {}", shown(recorded.as_ref()), shown(new.as_ref()))
+        }
+        PartingOf::Stage { recorded, new } => format!("stage: {recorded} -> {new}"),
+        PartingOf::Requests { recorded, new } => format!("requests: {} -> {}", listed(recorded), listed(new)),
+        PartingOf::Alarms { recorded, new } => format!("alarms: {} -> {}", names(recorded), names(new)),
+    };
+    let others = (comparison.nodes.len() + comparison.more_nodes).saturating_sub(1);
+    let others = match others {
+        0 => String::new(),
+        1 => " (1 more node differs)".to_owned(),
+        more => format!(" ({more} more nodes differ)"),
+    };
+    let facts = &comparison.facts;
+    let wall = humantime::format_rfc3339_millis(facts.wall(*at));
+    format!("differs from {:.3} s on ({wall}): {what}{others}", seconds(facts.from, *at))
+}
+
+fn shown(shown: Option<&Shown>) -> String {
+    match shown {
+        None => "not there".to_owned(),
+        Some(Shown { state, cause: Some(cause), .. }) => format!("{state} because of {cause}"),
+        Some(Shown { state, own, .. }) if own != state => format!("{state} (own {own})"),
+        Some(Shown { state, .. }) => state.to_string(),
+    }
+}
+
+fn verdict(compared: usize, differ: usize, failed: usize) -> String {
+    let failed = match failed {
+        0 => String::new(),
+        1 => "; 1 cannot be used".to_owned(),
+        more => format!("; {more} cannot be used"),
+    };
+    format!("{differ} of {compared} differ{failed}")
+}
