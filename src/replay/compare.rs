@@ -32,6 +32,9 @@ pub struct Comparison {
     pub more_nodes: usize,
     pub recorded: Totals,
     pub new: Totals,
+    /// The nodes of alarms that one of the two alone raises.
+    pub alarms_gone: Vec<Arc<str>>,
+    pub alarms_new: Vec<Arc<str>>,
     /// Nodes that only one of the two has.
     pub only_recorded: Vec<Arc<str>>,
     pub only_new: Vec<Arc<str>>,
@@ -136,15 +139,18 @@ pub fn compare(
     }
     let first_of_whole = whole_parting(&left, &right, to);
     let (only_recorded, only_new) = (only(&left, &right), only(&right, &left));
+    let (alarms_gone, alarms_new) = (left.alarms_beyond(&right), right.alarms_beyond(&left));
     let (recorded, new) = (left.totals, right.totals);
     let mut nodes = node_differences(left, right, to);
-    // Of several at one instant, another state goes before another cause, and modules before their groups.
+    // Of several at one instant, another state goes before another cause, the worst first, and modules before
+    // their groups.
     nodes.sort_by_cached_key(|it| {
         let (was, is) = (at(&it.recorded, it.first), at(&it.new, it.first));
         let is_state = was.map(|it| it.state) != is.map(|it| it.state);
+        let worst = was.into_iter().chain(is).map(|it| it.state).max();
         let is_cause = was.map(|it| &it.cause) != is.map(|it| &it.cause);
         let depth = it.node.matches('/').count();
-        (it.first, Reverse(is_state), Reverse(is_cause), Reverse(depth), it.node.clone())
+        (it.first, Reverse(is_state), Reverse(worst), Reverse(is_cause), Reverse(depth), it.node.clone())
     });
     let first_node = nodes.first().map(|it| {
         let (recorded, new) = (at(&it.recorded, it.first).cloned(), at(&it.new, it.first).cloned());
@@ -153,7 +159,20 @@ pub fn compare(
     let first = [first_node, first_of_whole].into_iter().flatten().min_by_key(|parting| parting.at);
     let more_nodes = nodes.len().saturating_sub(NODES_MAX);
     nodes.truncate(NODES_MAX);
-    Ok(Comparison { facts, to, first, nodes, more_nodes, recorded, new, only_recorded, only_new, notes })
+    Ok(Comparison {
+        facts,
+        to,
+        first,
+        nodes,
+        more_nodes,
+        recorded,
+        new,
+        alarms_gone,
+        alarms_new,
+        only_recorded,
+        only_new,
+        notes,
+    })
 }
 
 fn notes(recorded: &Run, new: &Run) -> Vec<String> {
@@ -169,7 +188,7 @@ fn notes(recorded: &Run, new: &Run) -> Vec<String> {
         all.extend(run.notes().said.iter().cloned().chain(omissions));
         all.extend((more > 0).then(|| format!("{more} more parts of the file cannot be used")));
     }
-    let unheard = new.unheard();
+    let unheard = new.unheard_anew();
     if !unheard.is_empty() {
         all.push(format!("the recording has no messages of {}", unheard.join(", ")));
     }
@@ -276,6 +295,7 @@ impl Comparison {
             "incident": self.facts.incident, "differs": self.differs(), "first": first,
             "nodes": self.nodes.iter().map(node).collect::<Vec<_>>(), "more_nodes": self.more_nodes,
             "recorded": self.recorded, "new": self.new,
+            "alarms_gone": self.alarms_gone, "alarms_new": self.alarms_new,
             "only_recorded": self.only_recorded, "only_new": self.only_new, "notes": self.notes,
         })
     }

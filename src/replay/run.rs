@@ -1,5 +1,6 @@
 //! An engine that takes a recording step by step.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::bridge::Bridge;
@@ -37,6 +38,8 @@ pub struct Run {
     stage: Option<Stage>,
     /// The configuration under which it was recorded, if it runs by another one.
     recorded: Option<Arc<Model>>,
+    /// The topics that one reads.
+    reads: BTreeSet<String>,
     /// Something is missing since the last recorded state.
     lacks: bool,
 }
@@ -105,8 +108,10 @@ impl Run {
         let facts = recording.facts();
         let bridge = Bridge::new(&model, definitions, facts.has_journal)?;
         let recorded = facts.load(&facts.configuration).ok().map(|loaded| loaded.model);
+        let reads = recorded.as_ref().and_then(|model| Bridge::new(model, definitions, true).ok());
+        let reads = reads.map(|bridge| bridge.unheard().into_iter().collect()).unwrap_or_default();
         let steps = Steps::judged_anew(recording, bridge);
-        Ok(Run { recorded, stage, ..Run::new(steps, model) })
+        Ok(Run { recorded, reads, stage, ..Run::new(steps, model) })
     }
 
     fn new(steps: Steps, model: Arc<Model>) -> Run {
@@ -119,6 +124,7 @@ impl Run {
             engine: None,
             stage: None,
             recorded: None,
+            reads: BTreeSet::new(),
             lacks: false,
         }
     }
@@ -160,6 +166,13 @@ impl Run {
     /// Topics of the configuration without any message in the recording so far.
     pub fn unheard(&self) -> Vec<String> {
         self.steps.unheard()
+    }
+
+    /// The same, without those that the recorded configuration reads too: they were silent.
+    pub fn unheard_anew(&self) -> Vec<String> {
+        let mut unheard = self.unheard();
+        unheard.retain(|topic| !self.reads.contains(topic));
+        unheard
     }
 
     /// The engine, which has taken all steps so far.

@@ -18,6 +18,9 @@ use crate::engine::view::record::{Record, Recorded};
 /// Changes that are kept of one side. What comes after them is counted, and not compared.
 const CHANGES_MAX: usize = 200_000;
 
+/// Alarms whose nodes are kept.
+const ALARMS_MAX: usize = 10_000;
+
 /// What a node shows.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shown {
@@ -77,7 +80,8 @@ pub(super) struct Trace {
     /// Later changes were not kept.
     pub cut: Option<Timestamp>,
     from: Timestamp,
-    first_alarm: Option<u64>,
+    /// The alarms that were raised: their numbers and nodes.
+    alarms: Vec<(u64, Arc<str>)>,
     requests: Vec<RequestKind>,
     kept: usize,
 }
@@ -117,6 +121,20 @@ impl Trace {
         Ok(trace)
     }
 
+    /// The nodes of the alarms that were raised and that the other side lacks, each as often.
+    pub fn alarms_beyond(&self, other: &Trace) -> Vec<Arc<str>> {
+        let mut others: Vec<&Arc<str>> = other.alarms.iter().map(|(_, node)| node).collect();
+        let mut beyond: Vec<Arc<str>> = Vec::new();
+        for (_, node) in &self.alarms {
+            match others.iter().position(|it| *it == node) {
+                Some(index) => drop(others.swap_remove(index)),
+                None => beyond.push(node.clone()),
+            }
+        }
+        beyond.sort_unstable();
+        beyond
+    }
+
     fn take(&mut self, taken: &Taken) {
         self.to = taken.at;
         for snapshot in &taken.snapshots {
@@ -128,15 +146,7 @@ impl Trace {
                 EventKind::Shown { from, to, .. } if is_shown => {
                     self.totals.transitions += u64::from(from != to);
                 }
-                EventKind::AlarmRaised { id, .. } if is_shown => {
-                    self.totals.alarms += 1;
-                    if self.first_alarm.is_none() {
-                        (self.first_alarm, self.root) = (Some(id), Some(event.at));
-                    }
-                }
-                EventKind::AlarmMoved { id, .. } if self.first_alarm == Some(id) => {
-                    self.root = Some(event.at)
-                }
+                EventKind::AlarmRaised { .. } if is_shown => self.totals.alarms += 1,
                 _ => {}
             }
             let Some(snapshot) = taken.snapshot_of(event) else { continue };
@@ -147,6 +157,16 @@ impl Trace {
                         self.symptom = Some(event.at);
                     }
                     self.node(event.at, node, Some(Shown { state, own, cause }));
+                }
+                Some(Recorded::AlarmRaised { id, node }) if is_shown && self.alarms.len() < ALARMS_MAX => {
+                    self.root = self.root.or(Some(event.at));
+                    self.alarms.push((id, node));
+                }
+                Some(Recorded::AlarmMoved { id, cause, .. }) => {
+                    if let Some(index) = self.alarms.iter().position(|(of, _)| *of == id) {
+                        self.root = self.root.filter(|_| index > 0).or(Some(event.at));
+                        self.alarms[index].1 = cause;
+                    }
                 }
                 Some(Recorded::Left { node }) => self.node(event.at, node, None),
                 _ => {}

@@ -52,4 +52,5 @@ mod start;
 mod tidy;
 mod unheard;
 mod web;
+mod what_if;
 mod writers;

@@ -20,8 +20,8 @@ use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, Stor
 use crate::yaml::Problems;
 use crate::yaml::plain::escaped;
 
-/// Nodes that one side alone has and that are named.
-const ALONE_MAX: usize = 5;
+/// Names in one line.
+const NAMED_MAX: usize = 5;
 
 /// One recording, under the name that is printed.
 struct Named {
@@ -267,13 +267,16 @@ fn text(name: &str, comparison: &Comparison) -> String {
         Some(first) => parting(comparison, first),
     };
     let _ = write!(out, "\n  {parting}");
+    let Comparison { alarms_gone, alarms_new, only_recorded, only_new, .. } = comparison;
     for (names, what) in [
-        (&comparison.only_recorded, "only in the recorded one"),
-        (&comparison.only_new, "only in the new one"),
+        (alarms_gone, "alarms that are gone"),
+        (alarms_new, "new alarms"),
+        (only_recorded, "only in the recorded configuration"),
+        (only_new, "only in the new configuration"),
     ] {
         if !names.is_empty() {
-            let more = names.len().saturating_sub(ALONE_MAX);
-            let named: Vec<&str> = names.iter().take(ALONE_MAX).map(|name| &**name).collect();
+            let more = names.len().saturating_sub(NAMED_MAX);
+            let named: Vec<&str> = names.iter().take(NAMED_MAX).map(|name| &**name).collect();
             let more = if more > 0 { format!(" and {more} more") } else { String::new() };
             let _ = write!(out, "\n  {what}: {}{more}", named.join(", "));
         }

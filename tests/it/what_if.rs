@@ -1,0 +1,249 @@
+//! `telltale replay --what-if`: what another configuration would have shown of recordings.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::{Value, json};
+use telltale::clock::Clock;
+use telltale::config;
+use telltale::engine::Engine;
+use telltale::engine::input::Input;
+use telltale::engine::time::Timestamp;
+use telltale::record::file::{IncidentFile, JOURNAL, KEYFRAMES};
+use telltale::record::folder::{file_name, folder_in};
+use telltale::record::journal::{Line, Took};
+use telltale::record::summary::{Recording, Summary};
+use telltale::record::writer::hash_file;
+use telltale::sim::scenario_file;
+use telltale::sim::scenario_sample::Stamp;
+use telltale::store::audit::{Action, COMMAND_LINE, Record};
+use telltale::store::{DemoSecrets, Store};
+
+use crate::folder::TestFolder;
+
+/// The wall time at which the scenarios begin.
+pub const BEGAN_NS: i64 = 1_800_000_000_000_000_000;
+pub const SHUTTLE: &str = include_str!("../../config/shuttle.yaml");
+
+/// The shuttle whose Localization does not depend on Sensors: its false alarms are those that masking hides.
+pub fn without_sensors() -> String {
+    let text = SHUTTLE.replace("depends_on: [sensors, can]", "depends_on: [can]");
+    assert_ne!(text, SHUTTLE);
+    text
+}
+
+/// Records scenario 1 of the paper, the outage of a sensor, as the shuttle with its dependencies judges it.
+pub fn record_outage(path: &Path) {
+    record(path, "1-sensor-outage-without-dependencies.yaml");
+}
+
+fn record(path: &Path, scenario: &str) {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("config");
+    let file = scenario_file::load(&folder.join("scenarios").join(scenario));
+    let file = file.unwrap_or_else(|problems| panic!("{problems}"));
+    let loaded = config::parse("shuttle.yaml", SHUTTLE).unwrap_or_else(|problems| panic!("{problems}"));
+    let scenario = file.bind(&loaded.model).unwrap_or_else(|problems| panic!("{problems}"));
+    let about = BTreeMap::from([
+        ("start_of_clock_ns".to_owned(), BEGAN_NS.to_string()),
+        ("shown_from_ns".to_owned(), "1000000000".to_owned()),
+    ]);
+    let mut to = IncidentFile::create(path, about).unwrap();
+    to.attach("configuration/shuttle.yaml", "application/yaml", 1, SHUTTLE.as_bytes()).unwrap();
+    let mut engine = Engine::begin(loaded.model, Timestamp::ZERO);
+    engine.keep_events();
+    engine.start_in(scenario.start.expect("it drives"));
+    to.json(&KEYFRAMES, BEGAN_NS as u64, &engine.keyframe()).unwrap();
+    let mut inputs: Vec<(Timestamp, Input)> = Vec::new();
+    for step in &scenario.steps {
+        let until = step.repeat.map_or(step.at, |repeat| repeat.until);
+        let times = std::iter::successors(Some(step.at), |at| Some(*at + step.repeat?.every));
+        for at in times.take_while(|at| *at <= until) {
+            inputs.extend(step.inputs.iter().map(|input| (at, received(input, step.stamp, at))));
+        }
+    }
+    inputs.sort_by_key(|(at, _)| *at);
+    for (at, input) in &inputs {
+        let line = Line { at_ns: *at, took: Took::Input(Cow::Borrowed(input)), message: None };
+        to.json(&JOURNAL, BEGAN_NS as u64 + at.as_nanos(), &line).unwrap();
+    }
+    to.finish().unwrap();
+}
+
+/// As it is received at an instant, by right clocks.
+fn received(input: &Input, stamp: Option<Stamp>, at: Timestamp) -> Input {
+    let Input::Sample(sample) = input else { return input.clone() };
+    let mut sample = sample.clone();
+    sample.received_wall_ns = BEGAN_NS + at.as_nanos() as i64;
+    sample.stamp_ns = stamp.map(|stamp| match stamp {
+        Stamp::At(ns) => BEGAN_NS + ns,
+        Stamp::Behind(ns) => BEGAN_NS + at.as_nanos() as i64 - ns,
+    });
+    Input::Sample(sample)
+}
+
+struct Files(TestFolder);
+
+impl Files {
+    fn new(name: &str) -> Files {
+        let folder = TestFolder::new(name);
+        std::fs::create_dir(&*folder).unwrap();
+        Files(folder)
+    }
+
+    fn write(&self, name: &str, content: impl AsRef<[u8]>) -> String {
+        let path = self.0.join(name);
+        std::fs::write(&path, content).unwrap();
+        path.display().to_string()
+    }
+
+    fn recording(&self, name: &str) -> String {
+        let path = self.0.join(name);
+        record_outage(&path);
+        path.display().to_string()
+    }
+}
+
+fn what_if(words: &[&str]) -> (String, String, Option<i32>) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
+    command.args(["replay", "--what-if"]).args(words).env_remove("AMENT_PREFIX_PATH");
+    let output = command.output().expect("the program can be run");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr), output.status.code())
+}
+
+fn objects(words: &[&str]) -> (Vec<Value>, Option<i32>) {
+    let (out, err, code) = what_if(&[words, &["--json"]].concat());
+    let object =
+        |line: &str| serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line} {err}"));
+    (out.lines().map(object).collect(), code)
+}
+
+#[test]
+fn without_a_dependency_the_false_alarms_come_back() {
+    let files = Files::new("what-if-alarms");
+    let (recording, new) = (files.recording("a.mcap"), files.write("new.yaml", without_sensors()));
+    let (out, err, code) = what_if(&[&new, &recording]);
+    assert_eq!((err.as_str(), code), ("", Some(1)), "{out}");
+    let lines: Vec<&str> = out.lines().collect();
+    assert!(lines[0].starts_with("recording ") && lines[0].ends_with("to root"), "{out}");
+    assert!(lines[1].contains(" 2 -> 4 "), "{out}");
+    assert!(
+        lines[2]
+            .contains("localization/scan_matching: ignore because of sensors/velodyne_packet_alive -> error"),
+        "{out}"
+    );
+    assert_eq!(lines[3], "  new alarms: localization/tf_map, localization/tf_quality", "{out}");
+    assert_eq!(lines.last(), Some(&"1 of 1 differ"), "{out}");
+    let (found, code) = objects(&[&new, &recording]);
+    assert_eq!((found.len(), code), (2, Some(1)));
+    let one = &found[0];
+    assert_eq!((&one["recording"], &one["differs"]), (&json!(recording), &json!(true)));
+    assert_eq!((&one["recorded"]["alarms"], &one["new"]["alarms"]), (&json!(2), &json!(4)), "{one}");
+    assert_eq!(one["alarms_new"], json!(["localization/tf_map", "localization/tf_quality"]));
+    assert!(one["recorded"]["masked"].as_u64() > one["new"]["masked"].as_u64(), "{one}");
+    assert_eq!(one["first"]["node"], "localization/scan_matching", "{one}");
+    assert_eq!(one["first"]["recorded"]["masked_by"], "sensors/velodyne_packet_alive");
+    assert_eq!(one["first"]["new"], json!({ "shown": "error", "own": "error", "masked_by": null }));
+    let at_s = one["first"]["t_s"].as_f64().unwrap();
+    assert!((2.0..4.0).contains(&at_s), "the outage begins after 3 s, 2 s after the first instant: {one}");
+    assert!(one["first"]["at"].as_str().unwrap().starts_with("2027-01-15T08:00:0"), "{one}");
+    let total = &found[1];
+    assert_eq!((&total["total"], &total["differ"], &total["failed"]), (&json!(1), &json!(1), &json!(0)));
+    assert_eq!(total["new"]["alarms"], 4);
+}
+
+#[test]
+fn the_same_configuration_changes_nothing_and_a_folder_has_many_recordings() {
+    let files = Files::new("what-if-same");
+    let same = files.write("same.yaml", format!("# The same.\n{SHUTTLE}"));
+    files.recording("incident-2.mcap");
+    files.recording("incident-10.mcap");
+    let folder = files.0.display().to_string();
+    let (found, code) = objects(&[&same, &folder]);
+    assert_eq!((found.len(), code), (3, Some(0)), "{found:?}");
+    assert!(found[0]["recording"].as_str().unwrap().ends_with("/incident-2.mcap"), "{}", found[0]);
+    for one in &found[..2] {
+        assert_eq!(
+            (&one["differs"], &one["first"], &one["nodes"]),
+            (&json!(false), &Value::Null, &json!([]))
+        );
+        assert_eq!((&one["recorded"], &one["notes"]), (&one["new"], &json!([])), "{one}");
+        assert_eq!(one["recorded"]["alarms"], 2, "{one}");
+        assert!(one["recorded"]["to_root_s"].as_f64().is_some_and(|s| s > 0.0), "{one}");
+    }
+    let (out, _, code) = what_if(&[&same, &folder]);
+    assert_eq!((out.matches("nothing differs").count(), code), (2, Some(0)), "{out}");
+    assert!(out.ends_with("0 of 2 differ\n"), "{out}");
+}
+
+#[test]
+fn what_cannot_be_used_is_said_and_the_rest_is_compared() {
+    let files = Files::new("what-if-wrong");
+    let (recording, same) = (files.recording("good.mcap"), files.write("same.yaml", SHUTTLE));
+    let bytes = std::fs::read(&recording).unwrap();
+    let damaged = files.write("damaged.mcap", &bytes[..2000]);
+    let (out, err, code) = what_if(&[&same, &damaged, &recording]);
+    assert_eq!(code, Some(2), "{out}{err}");
+    assert!(err.contains("damaged.mcap: ") && err.contains("the file ends in the middle"), "{err}");
+    assert!(out.contains("nothing differs") && out.ends_with("0 of 1 differ; 1 cannot be used\n"), "{out}");
+    // A bag of others has no configuration of its own.
+    let bag = files.0.join("bag.mcap");
+    IncidentFile::create(&bag, BTreeMap::new()).unwrap().finish().unwrap();
+    let no_journal = bag.display().to_string();
+    let (found, code) = objects(&[&same, &no_journal]);
+    assert_eq!((found[0]["error"].as_str().is_some(), code), (true, Some(2)), "{found:?}");
+    let foreign = format!("{}/tests/data/none", env!("CARGO_MANIFEST_DIR"));
+    let (_, err, code) = what_if(&[&same, &foreign]);
+    assert!(code == Some(2) && err.contains("there is no file"), "{err}");
+    let wrong = files.write("wrong.yaml", SHUTTLE.replace("timeout: 1s", "timeout: soon"));
+    let (out, err, code) = what_if(&[&wrong, &recording]);
+    assert_eq!((out.as_str(), code), ("", Some(2)));
+    assert!(err.contains("expected a duration") && err.contains("wrong.yaml:"), "{err}");
+    let (_, err, code) = what_if(&[&same, "12"]);
+    assert!(code == Some(2) && err.contains("--data"), "{err}");
+    let (_, err, code) = what_if(&[&same, &recording, "--stage", "active"]);
+    assert!(code == Some(2) && err.contains("--stage needs --config"), "{err}");
+    // Both configurations can be given.
+    let new = files.write("new.yaml", without_sensors());
+    let (found, code) = objects(&[&same, "--config", &new, &recording]);
+    assert_eq!(
+        (&found[0]["recorded"]["alarms"], &found[0]["new"]["alarms"], code),
+        (&json!(4), &json!(2), Some(1))
+    );
+}
+
+#[tokio::test]
+async fn with_a_data_folder_incidents_have_numbers_and_those_that_are_kept_are_the_suite() {
+    let data = TestFolder::new("what-if-data");
+    std::fs::create_dir_all(folder_in(&data)).unwrap();
+    let store = Store::open(&data, Clock::start(), DemoSecrets::Refused).unwrap();
+    for id in 1..=3 {
+        let path = folder_in(&data).join(file_name(id));
+        record_outage(&path);
+        let sha256 = Some(hash_file(&path).unwrap());
+        let recording = Recording { file: file_name(id), finished: true, sha256, ..Recording::default() };
+        let summary = Summary { id, since_ms: 1, until_ms: Some(2), recording, ..Summary::default() };
+        store.incident_finished(&summary).await.unwrap();
+    }
+    let (folder, new) = (data.display().to_string(), data.join("new.yaml"));
+    std::fs::write(&new, without_sensors()).unwrap();
+    let new = new.display().to_string();
+    let (_, err, code) = what_if(&[&new, "--data", &folder]);
+    assert!(code == Some(2) && err.contains("no incident in"), "{err}");
+    for id in [3, 1] {
+        store.keep_incident(id, true, Record::of(Action::IncidentKept, COMMAND_LINE)).await.unwrap();
+    }
+    let names =
+        |found: &[Value]| -> Vec<Value> { found.iter().map(|one| one["recording"].clone()).collect() };
+    let (found, code) = objects(&[&new, "--data", &folder]);
+    assert_eq!(code, Some(1));
+    assert_eq!(names(&found), [json!("incident 1"), json!("incident 3"), Value::Null]);
+    assert_eq!((&found[2]["total"], &found[2]["differ"]), (&json!(2), &json!(2)));
+    let (found, _) = objects(&[&new, "2", "--data", &folder]);
+    assert_eq!(names(&found), [json!("incident 2"), Value::Null]);
+    let (_, err, code) = what_if(&[&new, "9", "--data", &folder]);
+    assert!(code == Some(2) && err.contains('9'), "{err}");
+    store.close().await;
+}
