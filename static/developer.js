@@ -45,7 +45,7 @@
   const WHY = `${body.dataset.socket.split("/live?")[0]}/why`;
   const pageOf = ({ pathname, search }) => (pathname === WHY ? pathname + search : pathname);
   const INCIDENT = /^\/incidents\/\d+$/;
-  const known = new Set([WHY, ...[...document.querySelectorAll("nav a")].map((link) => link.pathname)]);
+  const known = new Set([WHY, ...[...document.querySelectorAll("nav a, [data-search]")].map((link) => link.pathname)]);
   const isKnown = (pathname) => known.has(pathname) || INCIDENT.test(pathname);
   // The answer to a form stands under the address of its page, so a reload sends nothing twice.
   if (!isKnown(location.pathname)) history.replaceState(null, "", main().dataset.page);
@@ -240,7 +240,7 @@
 
   document.addEventListener("click", (event) => {
     const link = event.target.closest?.("a[href]");
-    if (!link || event.ctrlKey || event.metaKey || event.shiftKey || event.altKey || event.button !== 0) return;
+    if (!link || event.defaultPrevented || event.ctrlKey || event.metaKey || event.shiftKey || event.altKey || event.button !== 0) return;
     const url = new URL(link.getAttribute("href"), location.href);
     if (url.origin !== location.origin || !isKnown(url.pathname)) return;
     event.preventDefault();
@@ -267,7 +267,7 @@
     keepForm();
   };
 
-  globalThis.telltale = { go };
+  globalThis.telltale = { go, localTimes };
   localTimes(document);
   prepareForms();
   addEventListener("DOMContentLoaded", restoreScroll);

@@ -120,8 +120,8 @@
     if (event.target.closest?.("[data-help]")) help.showModal();
   });
 
-  const rows = () => [...document.querySelectorAll("[data-row]")];
-  const target = (row) => (row.matches("a") ? row : row.querySelector("[data-open], a"));
+  const rows = () => [...document.querySelectorAll("main [data-row]")];
+  const target = (row) => (row.matches("a") ? row : (row.querySelector("[data-open]") ?? row.querySelector("a")));
   const move = (step) => {
     const all = rows();
     const at = all.findIndex((row) => row.contains(document.activeElement));
@@ -130,7 +130,8 @@
   };
 
   const press = {
-    "/": () => document.getElementById("filter")?.focus(),
+    "/": () => document.querySelector("[data-search]")?.click(),
+    f: () => document.getElementById("filter")?.focus(),
     "?": () => help.showModal(),
     j: () => move(1),
     k: () => move(-1),
@@ -145,7 +146,7 @@
   };
 
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || help.open) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
     const field = event.target.closest?.("input, select, textarea");
     if (field) {
       if (event.key === "Escape") field.blur();

@@ -46,7 +46,7 @@ def row(page, module):
 def test_statuses_are_live_and_the_keyboard_is_enough(server, vehicle, developer, trouble):
     page = developer
     visit(page, server, "/developer")
-    page.keyboard.press("/")
+    page.keyboard.press("f")
     page.keyboard.type("VELODYNE")
     expect(page.locator("#matching")).to_have_text("1")
     vehicle.set(STATUS, 2, "<b>no packets</b>")
@@ -57,7 +57,7 @@ def test_statuses_are_live_and_the_keyboard_is_enough(server, vehicle, developer
     page.keyboard.press("j")
     page.keyboard.press("p")
     expect(page.locator(".pinned [data-module]")).to_have_count(1)
-    page.keyboard.press("/")
+    page.keyboard.press("f")
     page.keyboard.press("Control+A")
     page.keyboard.type("odometry")
     expect(row(page, "localization/odometry")).to_have_attribute("data-reason", "masked")

@@ -176,7 +176,7 @@ def test_what_a_page_has_of_its_own_works_after_it_came_by_a_link(server, vehicl
     page.keyboard.press("Escape")
     page.keyboard.press("1")
     at(page, "/developer", "Statuses")
-    page.keyboard.press("/")
+    page.keyboard.press("f")
     page.keyboard.type("velodyne")
     expect(page.locator("#matching")).to_have_text("1")
     expect(row(page, CAUSE)).to_have_attribute("data-state", "error")

@@ -58,6 +58,7 @@ fn time(text: &str) -> Result<SystemTime, String> {
 pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
     let filter = IncidentFilter {
         cause: args.cause.clone(),
+        text: String::new(),
         group: args.group.clone(),
         stage: args.stage.clone(),
         marked: args.marked.then_some(true),

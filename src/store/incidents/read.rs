@@ -24,6 +24,8 @@ const COLUMNS: &str =
 pub struct IncidentFilter {
     /// A part of the name of a root cause, in any case; empty for all.
     pub cause: String,
+    /// A part of the name of a root cause or of the note, in any case; empty for all.
+    pub text: String,
     /// The group of a root cause, or a group around it; empty for all.
     pub group: String,
     /// The stage at the first trigger; empty for all.
@@ -253,12 +255,13 @@ fn list(connection: &Connection, filter: &IncidentFilter) -> Result<Vec<Incident
              AND (?3 = '' OR instr(causes, char(10) || ?3 || char(10)) OR instr(causes, char(10) || ?3 || '/'))
              AND (?4 = '' OR stage = ?4) AND (?5 IS NULL OR marked = ?5) AND (?6 IS NULL OR kept = ?6)
              AND (?7 IS NULL OR ifnull(until_ms, ?7) >= ?7) AND (?8 IS NULL OR since_ms <= ?8)
+             AND (?10 = '' OR instr(lower(causes), lower(?10)) OR instr(lower(ifnull(note, '')), lower(?10)))
          ORDER BY id DESC LIMIT ?9"
     );
     let before = filter.before.map_or(i64::MAX, surely);
     let count = if filter.count == 0 { INCIDENTS_PAGE_MAX } else { filter.count.min(INCIDENTS_PAGE_MAX) };
-    let IncidentFilter { cause, group, stage, marked, kept, since_ms, until_ms, .. } = filter;
-    let parameters = params![before, cause, group, stage, marked, kept, since_ms, until_ms, count];
+    let IncidentFilter { cause, text, group, stage, marked, kept, since_ms, until_ms, .. } = filter;
+    let parameters = params![before, cause, group, stage, marked, kept, since_ms, until_ms, count, text];
     let mut query = connection.prepare_cached(&sql)?;
     let found = query.query_map(parameters, incident)?;
     Ok(found.collect::<Result<_, _>>()?)

@@ -102,6 +102,8 @@ async fn incidents_are_listed_newest_first_in_pages_and_by_each_filter() {
         (IncidentFilter { cause: "VELODYNE".into(), ..all() }, vec![2]),
         (IncidentFilter { cause: "tf_map".into(), ..all() }, vec![]),
         (IncidentFilter { cause: "%".into(), ..all() }, vec![]),
+        (IncidentFilter { text: "VELODYNE".into(), ..all() }, vec![2]),
+        (IncidentFilter { text: "%".into(), ..all() }, vec![]),
         (IncidentFilter { group: "sensors".into(), ..all() }, vec![2]),
         (IncidentFilter { group: "a".into(), ..all() }, vec![4]),
         (IncidentFilter { group: "a/b".into(), ..all() }, vec![4]),

@@ -11,6 +11,7 @@ mod page_query;
 mod pager;
 pub mod reload;
 mod request;
+pub mod search;
 pub mod statuses;
 #[cfg(test)]
 pub(in crate::web) mod tests;

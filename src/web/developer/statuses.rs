@@ -209,7 +209,7 @@ fn is_in(path: &str, group: &str) -> bool {
 
 /// Whether `text` contains `lower`, in small or capital letters. ASCII, which nearly every text is, needs
 /// no copy.
-fn contains(text: &str, lower: &str) -> bool {
+pub(super) fn contains(text: &str, lower: &str) -> bool {
     if !text.is_ascii() {
         return text.to_lowercase().contains(lower);
     }
@@ -304,7 +304,7 @@ fn troubles(view: &View<'_>, words: &'static DevWords) -> Vec<Trouble> {
     troubles.collect()
 }
 
-fn signal(value: Option<bool>) -> &'static str {
+pub(super) fn signal(value: Option<bool>) -> &'static str {
     match value {
         Some(true) => "true",
         Some(false) => "false",

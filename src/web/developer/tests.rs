@@ -41,6 +41,8 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("cell", "0 localization"),
         ("open", "all"),
     ]);
+    // Matches everything.
+    let every_node = PageQuery::of(vec![("q".to_owned(), "a".to_owned())]);
     let trends = Trends::default();
     let window = Window::of(published, &query);
     let stretch = |from_ms: i64, state: State, cause: Option<&str>| Stretch {
@@ -84,6 +86,7 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         ("masking", masking::page(published, context, &query)),
         ("coverage", coverage::page(published, context, &query)),
         ("topics", topics::page(published, context, &query, &discovery(text), None)),
+        ("search", search::page(published, context, &every_node, &discovery(text), &[])),
         ("configuration", configuration::page(published, &read, Some(true), context, &query)),
     ];
     // A hostile name in the files of the configuration, and a hostile line.

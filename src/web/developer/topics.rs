@@ -92,7 +92,11 @@ pub fn page(
     let filter = query.get("q").to_lowercase();
     let wanted = |topic: &&TopicSeen| {
         let holds = |text: &str| text.to_lowercase().contains(&filter);
-        filter.is_empty() || holds(&topic.name) || topic.types().into_iter().any(holds)
+        let mut ends = topic.publishers.iter().chain(&topic.subscribers);
+        filter.is_empty()
+            || holds(&topic.name)
+            || topic.types().into_iter().any(holds)
+            || ends.any(|end| end.node.as_deref().is_some_and(holds))
     };
     let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(wanted).collect();
     // Mismatches stand first.

@@ -23,6 +23,13 @@ words! {
     vehicle_page: "Vehicle", "Fahrzeug";
     help: "Keys", "Tasten";
     close: "Close", "Schließen";
+    search: "Search", "Suchen";
+    search_hint: "Id, title, status, message, topic, node, incident", "Id, Titel, Status, Meldung, Topic, Knoten, Vorfall";
+    search_how: "opens the first one", "öffnet das erste";
+    found_none: "Nothing has such a name or says that.", "Nichts heißt so oder sagt das.";
+    found_all: "all", "alle";
+    groups_and_modules: "Groups and modules", "Gruppen und Module";
+    help_search: "search everywhere", "überall suchen";
     help_filter: "to the filter", "zum Filter";
     help_move: "next, previous row", "nächste, vorige Zeile";
     help_open: "open the row", "Zeile öffnen";

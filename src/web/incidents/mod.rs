@@ -100,6 +100,7 @@ impl ListQuery {
         }
         Ok(IncidentFilter {
             cause: self.cause,
+            text: String::new(),
             group: self.group,
             stage: self.stage,
             marked: self.marked,

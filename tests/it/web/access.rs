@@ -42,6 +42,7 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("POST", "/modules/{*path}", [true, false, false, false]),
     ("GET", "/developer", [false, true, true, false]),
     ("GET", "/developer/why", [false, true, true, false]),
+    ("GET", "/developer/search", [false, true, true, false]),
     ("GET", "/developer/graph", [false, true, true, false]),
     ("GET", "/developer/timeline", [false, true, true, false]),
     ("GET", "/developer/masking", [false, true, true, false]),
