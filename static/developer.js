@@ -114,7 +114,8 @@
   const beforeAttributeUpdated = (name, element) =>
     name !== "style" && !(name === "value" && element === document.activeElement);
   // What a script fills is left to it.
-  const beforeNodeMorphed = (element) => element.dataset?.own === undefined;
+  const isServers = (element) => element.dataset?.own === undefined;
+  const callbacks = { beforeAttributeUpdated, beforeNodeMorphed: isServers, beforeNodeRemoved: isServers };
 
   const renew = async (byItself) => {
     // If the next request came before the answer, the page and its address differ.
@@ -123,7 +124,7 @@
       const fresh = await ask(location.href, isOther ? "main" : "content", byItself);
       if (!fresh) return;
       if (isOther) return showPage(fresh, location);
-      Idiomorph.morph(content(), fresh, { callbacks: { beforeAttributeUpdated, beforeNodeMorphed } });
+      Idiomorph.morph(content(), fresh, { callbacks });
       shown();
     } catch {
       // A failed request shows as the age of the page; the content always belongs to the address.
@@ -195,7 +196,9 @@
     if (url.href === location.href) history.replaceState(null, "", url);
     else history.pushState(null, "", url);
     showPage(fresh, url);
-    scrollTo(0, 0);
+    const part = url.hash && document.getElementById(url.hash.slice(1));
+    if (part) part.scrollIntoView();
+    else scrollTo(0, 0);
     return undefined;
   };
 

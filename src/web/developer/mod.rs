@@ -22,6 +22,7 @@ mod words;
 
 use crate::engine::model::{NodeId, Stage};
 use crate::engine::snapshot::ModuleView;
+use crate::record::story::Limit;
 
 pub use audit::AuditPage;
 pub use page_query::PageQuery;
@@ -181,6 +182,11 @@ fn why_address(name: &str) -> String {
     format!("/developer/why{}", page_query::address([("node", name)].into_iter()))
 }
 
+/// The values of a report without the limits of its monitor.
+fn measured(module: &ModuleView) -> impl Iterator<Item = &(Box<str>, Box<str>)> {
+    module.report.values.iter().filter(|(key, _)| !Limit::is_name(key))
+}
+
 /// A value of a report, with its last minutes if it is a number.
 struct ReportValue {
     key: String,
@@ -188,7 +194,7 @@ struct ReportValue {
     trend: Option<Trend>,
 }
 
-/// The first `count` values of a report, each in so many letters.
+/// The first `count` values of a report without the limits of its monitor, each in so many letters.
 fn report_values(
     module: &ModuleView,
     count: usize,
@@ -199,5 +205,5 @@ fn report_values(
         let trend = past.iter().position(|trend| *trend.key == **key).map(|index| past.swap_remove(index));
         ReportValue { key: clean(key, VALUE), value: clean(value, letters), trend }
     };
-    module.report.values.iter().take(count).map(value).collect()
+    measured(module).take(count).map(value).collect()
 }

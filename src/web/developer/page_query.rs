@@ -7,6 +7,8 @@ use crate::web::view::text::clean;
 
 /// Fields that are read; more are ignored.
 const PAIRS: usize = 64;
+/// A field that no address may have: only the page's script asks for so many rows, for a file.
+const ROWS: &str = "rows";
 /// Letters of one value.
 const LETTERS: usize = 400;
 
@@ -17,7 +19,18 @@ pub struct PageQuery(Vec<(String, String)>);
 impl PageQuery {
     pub fn of(pairs: Vec<(String, String)>) -> PageQuery {
         let short = |(_, value): &(String, String)| value.chars().count() <= LETTERS;
-        PageQuery(pairs.into_iter().filter(short).take(PAIRS).collect())
+        let may_stand = |(name, _): &(String, String)| name != ROWS;
+        PageQuery(pairs.into_iter().filter(short).filter(may_stand).take(PAIRS).collect())
+    }
+
+    /// The same page with all rows of its tables.
+    pub fn of_all_rows(mut self) -> PageQuery {
+        self.0.push((ROWS.to_owned(), "all".to_owned()));
+        self
+    }
+
+    pub fn wants_all_rows(&self) -> bool {
+        !self.get(ROWS).is_empty()
     }
 
     /// The first value of a field; empty if it is not there.
@@ -39,6 +52,12 @@ impl PageQuery {
     pub fn with(&self, name: &str, value: &str) -> String {
         let kept = self.0.iter().filter(|(key, _)| key != name);
         address(kept.map(pair).chain([(name, value)]))
+    }
+
+    /// The address of this page with other values of some fields; without those that are empty.
+    pub fn with_all(&self, fields: &[(&str, &str)]) -> String {
+        let is_new = |key: &str| fields.iter().any(|(name, _)| *name == key);
+        address(self.0.iter().filter(|(key, _)| !is_new(key)).map(pair).chain(fields.iter().copied()))
     }
 
     /// The address of this page with a value of a field added, or removed if it is there.

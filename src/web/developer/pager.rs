@@ -4,6 +4,9 @@ use std::ops::Range;
 
 use super::PageQuery;
 
+/// Rows of a table that is made for a file.
+const ROWS_MAX: usize = 5000;
+
 pub struct Pager {
     /// The `id` of the element that has the number of rows.
     pub id: &'static str,
@@ -24,6 +27,7 @@ impl Pager {
         count: usize,
         rows: usize,
     ) -> (Pager, Range<usize>) {
+        let rows = if query.wants_all_rows() { ROWS_MAX } else { rows };
         let pages = count.div_ceil(rows).max(1);
         let wanted = usize::try_from(query.number(field).unwrap_or(1)).unwrap_or(pages);
         let page = wanted.clamp(1, pages);
@@ -49,6 +53,14 @@ impl Pager {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_file_has_many_rows_and_no_address_asks_for_them() {
+        let asked = |query: PageQuery| Pager::of(&query, "", "page", 20_000, 10).1;
+        let named = || PageQuery::of(vec![("rows".to_owned(), "20000".to_owned())]);
+        assert_eq!(asked(named()), 0..10);
+        assert_eq!(asked(named().of_all_rows()), 0..ROWS_MAX);
+    }
 
     #[test]
     fn every_row_is_on_one_page_and_no_page_is_beyond() {

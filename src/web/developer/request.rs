@@ -15,6 +15,9 @@ use crate::web::view::permitted;
 
 use super::PageQuery;
 
+/// The header by which a page's script asks for all rows, to make a file of them.
+const ALL_ROWS: &str = "telltale-all-rows";
+
 /// What every developer page needs.
 pub struct PageRequest {
     pub published: Published,
@@ -32,10 +35,12 @@ impl FromRequestParts<AppState> for PageRequest {
         let reader = Reader::of(&parts.uri, &parts.headers);
         // A malformed query counts as an empty one.
         let query = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
+        let query = PageQuery::of(query.map(|Query(pairs)| pairs).unwrap_or_default());
+        let is_for_a_file = parts.headers.contains_key(ALL_ROWS);
         Ok(PageRequest {
             published: permitted(&app.published()),
             context: page_context(app, &session, &reader),
-            query: PageQuery::of(query.map(|Query(pairs)| pairs).unwrap_or_default()),
+            query: if is_for_a_file { query.of_all_rows() } else { query },
             reader,
             session,
         })

@@ -25,13 +25,15 @@ use crate::web::view::{Lang, PageContext, Trends, View, html};
 
 use super::pager::Pager;
 use super::words::DevWords;
-use super::{DevFrame, Page, PageQuery, ReportValue, report_values, why_address};
+use super::{DevFrame, Page, PageQuery, ReportValue, measured, report_values, why_address};
 
 /// Rows of one page of the table.
 const ROWS: usize = 30;
 /// Rows that may be pinned above it.
 const PINS: usize = 20;
 const VALUES: usize = 5;
+/// The order of a page that asks for none.
+const SORT: &str = "state";
 const TROUBLES: usize = 12;
 /// Ages count on without news.
 const RENEW_MS: u32 = 1000;
@@ -82,12 +84,22 @@ struct FilterOption {
     chosen: bool,
 }
 
+/// How many of those that the rest of the filter leaves show a state, with the address that leaves only them.
+struct StateCount {
+    state: &'static str,
+    word: &'static str,
+    count: usize,
+    address: String,
+    chosen: bool,
+}
+
 #[derive(Template)]
 #[template(path = "developer/statuses.html")]
 struct StatusesHtml {
     frame: PageFrame,
     dev: DevFrame,
     filter: String,
+    counts: Vec<StateCount>,
     levels: Vec<FilterOption>,
     groups: Vec<FilterOption>,
     /// Fields of the address that the form has to keep.
@@ -112,14 +124,20 @@ pub fn page(published: &Published, context: &PageContext, query: &PageQuery, tre
     let words = DevWords::of(context.lang);
     let dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
     let snapshot = view.snapshot;
-    let mut modules: Vec<ModuleId> = StatusFilter::of(view, query).modules();
+    let filter = StatusFilter::of(view, query);
+    let mut modules: Vec<ModuleId> = filter.modules();
+    let counts = counts(view, words, query, &modules);
+    modules.retain(|&id| filter.has_level(id));
     sort(view, query, &mut modules);
     let (pager, shown) = Pager::of(query, "matching", "page", modules.len(), ROWS);
     let pins: Vec<&str> = query.all("pin").take(PINS).collect();
-    let row = |id: ModuleId| row(view, id, query, &pins, trends);
+    // Many rows are for a file, which has no curves.
+    let curves = (shown.len() <= ROWS).then_some(trends);
+    let row = |id: ModuleId| row(view, id, query, &pins, curves);
     let rows: Vec<StatusRow> = modules[shown].iter().map(|&id| row(id)).collect();
     html(&StatusesHtml {
         filter: clean(query.get("q"), MESSAGE),
+        counts,
         levels: levels(view, words, query),
         groups: groups(view, words, query),
         kept: query.kept(&["sort", "desc", "pin"]),
@@ -167,21 +185,25 @@ impl<'a> StatusFilter<'a> {
         StatusFilter { view, text, level: query.get("level"), group: query.get("group") }
     }
 
-    /// In the order of the groups; those of `other` come last.
+    /// Of any state, in the order of the groups; those of `other` come last.
     fn modules(&self) -> Vec<ModuleId> {
         let groups = self.view.snapshot.layout.groups.iter().filter(|group| is_in(&group.path, self.group));
         let modules = groups.flat_map(|group| group.modules.iter().copied());
         modules.filter(|&id| self.matches(id)).collect()
     }
 
+    fn has_level(&self, id: ModuleId) -> bool {
+        let state = self.view.snapshot.module(id).1.state;
+        match self.level {
+            "" => true,
+            "abnormal" => matches!(state, State::Error | State::Warning | State::Unknown),
+            word => state.as_str() == word,
+        }
+    }
+
     fn matches(&self, id: ModuleId) -> bool {
         let (info, module) = self.view.snapshot.module(id);
-        let level = match self.level {
-            "" => true,
-            "abnormal" => matches!(module.state, State::Error | State::Warning | State::Unknown),
-            word => module.state.as_str() == word,
-        };
-        level && (self.text.is_empty() || self.contains_text(id, info, module))
+        self.text.is_empty() || self.contains_text(id, info, module)
     }
 
     /// Whether its row or its report contains the text.
@@ -218,13 +240,13 @@ pub(super) fn contains(text: &str, lower: &str) -> bool {
 }
 
 fn sort(view: &View<'_>, query: &PageQuery, modules: &mut [ModuleId]) {
-    let key = query.get("sort");
+    let key = sorted_by(query);
     let snapshot = view.snapshot;
     let compare = |a: ModuleId, b: ModuleId| -> Ordering {
         let ((a_info, a), (b_info, b)) = (snapshot.module(a), snapshot.module(b));
         match key {
             // The worst stands first.
-            "state" => b.state.cmp(&a.state),
+            "state" => (b.state, b.own).cmp(&(a.state, a.own)),
             "own" => b.own.cmp(&a.own),
             "name" => a_info.id.cmp(&b_info.id),
             "since" => b.since.cmp(&a.since),
@@ -241,12 +263,17 @@ fn sort(view: &View<'_>, query: &PageQuery, modules: &mut [ModuleId]) {
     }
 }
 
+/// The column that orders the table: that of the worst state, unless the address names another one.
+fn sorted_by(query: &PageQuery) -> &str {
+    if query.get("sort").is_empty() { SORT } else { query.get("sort") }
+}
+
 fn columns(words: &'static DevWords, query: &PageQuery) -> Vec<Column> {
     let heads = [words.shown, words.own, words.module, words.since, words.age, words.message];
     let column = |(name, word): (&'static str, &'static str)| {
-        let here = query.get("sort") == name;
+        let here = sorted_by(query) == name;
         let descending = query.get("desc") == "1";
-        // A third click leaves the order of the configuration.
+        // After a third click the worst stand first again.
         let kept = query.without(&["page", "sort", "desc"]);
         let more = match (here, descending) {
             (false, _) => format!("sort={name}"),
@@ -262,6 +289,27 @@ fn columns(words: &'static DevWords, query: &PageQuery) -> Vec<Column> {
         Column { name, word, address: format!("{kept}{joint}{more}"), sorted }
     };
     SORTS.into_iter().zip(heads).map(column).collect()
+}
+
+/// All, and each state from the worst on.
+fn counts(view: &View<'_>, words: &DevWords, query: &PageQuery, modules: &[ModuleId]) -> Vec<StateCount> {
+    let mut counts = [0; State::ALL.len()];
+    for &id in modules {
+        let state = view.snapshot.module(id).1.state;
+        if let Some(place) = State::ALL.iter().position(|known| *known == state) {
+            counts[place] += 1;
+        }
+    }
+    let of = |state: &'static str, word: &'static str, count: usize| StateCount {
+        state,
+        word,
+        count,
+        address: query.with_all(&[("level", state), ("page", "")]),
+        chosen: query.get("level") == state,
+    };
+    let states = State::ALL.iter().zip(counts).rev();
+    let each = states.map(|(state, count)| of(state.as_str(), view.lang.state(*state), count));
+    std::iter::once(of("", words.all_states, modules.len())).chain(each).collect()
 }
 
 fn levels(view: &View<'_>, words: &'static DevWords, query: &PageQuery) -> Vec<FilterOption> {
@@ -312,8 +360,15 @@ pub(super) fn signal(value: Option<bool>) -> &'static str {
     }
 }
 
-fn row(view: &View<'_>, id: ModuleId, query: &PageQuery, pins: &[&str], trends: &Trends) -> StatusRow {
+fn row(
+    view: &View<'_>,
+    id: ModuleId,
+    query: &PageQuery,
+    pins: &[&str],
+    trends: Option<&Trends>,
+) -> StatusRow {
     let (info, module) = view.snapshot.module(id);
+    let past = trends.map(|trends| trends.of(id.0 as usize, &info.id, POINTS_SMALL)).unwrap_or_default();
     StatusRow {
         id: clean(&info.id, 2 * NAME),
         why: why_address(&info.id),
@@ -326,12 +381,16 @@ fn row(view: &View<'_>, id: ModuleId, query: &PageQuery, pins: &[&str], trends: 
         own: module.own.as_str(),
         own_word: view.lang.state(module.own),
         since: view.wall(module.since),
-        age: module.received.map_or_else(|| DevWords::of(view.lang).never.to_owned(), |then| age(view, then)),
+        age: match module.received {
+            None => DevWords::of(view.lang).never.to_owned(),
+            Some(then) if module.silent => silence(view, then),
+            Some(then) => age(view, then),
+        },
         silent: module.silent,
         class: class(info),
         message: view.message_text(module),
-        values: report_values(module, VALUES, VALUE, trends.of(id.0 as usize, &info.id, POINTS_SMALL)),
-        more_values: module.report.values.len().saturating_sub(VALUES),
+        values: report_values(module, VALUES, VALUE, past),
+        more_values: measured(module).count().saturating_sub(VALUES),
     }
 }
 
@@ -343,6 +402,12 @@ pub(super) fn class(info: &ModuleInfo) -> String {
 pub(super) fn age(view: &View<'_>, then: Timestamp) -> String {
     let ms = view.snapshot.now.since(then).as_millis();
     if ms < 10_000 { format!("{ms} ms") } else { format!("{} s", ms / 1000) }
+}
+
+/// An age that needs no milliseconds.
+fn silence(view: &View<'_>, then: Timestamp) -> String {
+    let ms = view.snapshot.now.since(then).as_millis();
+    if ms < 10_000 { format!("{}.{} s", ms / 1000, ms % 1000 / 100) } else { format!("{} s", ms / 1000) }
 }
 
 #[cfg(test)]

@@ -23,6 +23,9 @@ words! {
     vehicle_page: "Vehicle", "Fahrzeug";
     help: "Keys", "Tasten";
     close: "Close", "Schließen";
+    copy: "Copy", "Kopieren";
+    copied: "Copied", "Kopiert";
+    not_copied: "Not copied", "Nicht kopiert";
     search: "Search", "Suchen";
     search_hint: "Id, title, status, message, topic, node, incident", "Id, Titel, Status, Meldung, Topic, Knoten, Vorfall";
     search_how: "opens the first one", "öffnet das erste";

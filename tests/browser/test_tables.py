@@ -1,0 +1,97 @@
+"""The statuses, worst first on lines of one height, and every table as a copy, as CSV and as JSON."""
+
+import csv
+import json
+import re
+
+from playwright.sync_api import expect
+
+from accessible import violations
+from test_developer import CAUSE, STATUS, developer, row, visit  # noqa: F401
+from vehicle import until
+
+FORMULA = '=HYPERLINK("http://evil";"x")'
+
+
+def saved(page, table, form):
+    button = page.locator(f"section:has({table}) .export [data-as={form}]")
+    with page.expect_download() as download:
+        button.click()
+    name = download.value.suggested_filename
+    assert re.fullmatch(rf"telltale-[\w-]+\.{form}|telltale-[\w-]+T[\d.]+Z\.{form}", name), name
+    return download.value.path().read_text("utf-8-sig")
+
+
+def test_the_worst_stands_first_and_every_row_is_one_line(server, vehicle, developer, trouble):
+    page = developer
+    vehicle.set(STATUS, 2, "no packets " * 30)
+    visit(page, server, "/developer")
+    rows = page.locator("#all [data-row]")
+    expect(rows.first).to_have_attribute("data-module", CAUSE)
+    expect(page.locator("#modules [aria-sort]")).to_contain_text("Shown")
+    heights = lambda: {round(it) for it in page.evaluate("() => [...document.querySelectorAll('#all tr')].map((it) => it.getBoundingClientRect().height)")}
+    assert heights() <= {28, 29}, heights()
+    # The counts are those of what the text and the group leave, and lead to their states.
+    expect(page.locator("#counts [data-state=error] b")).to_have_text("1")
+    page.locator("#counts [data-state=ok]").click()
+    expect(page.locator("#counts [data-state=ok]")).to_have_attribute("aria-current", "true")
+    expect(page.locator("#all [data-state=error]")).to_have_count(0)
+    expect(page.locator("#counts [data-state=error] b")).to_have_text("1")
+    page.locator("#filter").fill("velodyne")
+    expect(page.locator("#counts [data-state=ok] b")).to_have_text("0")
+    page.locator("#counts [data-state='']").click()
+    expect(row(page, CAUSE)).to_be_visible()
+    assert violations(page) == ""
+    # A value leads to its past.
+    row(page, CAUSE).locator(".value").first.click()
+    page.wait_for_url(re.compile("/developer/why.*#past"))
+    expect(page.locator("#past .plot").first).to_be_attached()
+
+
+def test_a_silent_module_is_marked(server, vehicle, developer, trouble):
+    page = developer
+    del vehicle.statuses[STATUS]
+    visit(page, server, "/developer?q=velodyne")
+    expect(row(page, CAUSE)).to_have_attribute("data-silent", "")
+    expect(row(page, CAUSE)).to_contain_text("silent")
+
+
+def test_a_table_is_saved_whole_and_holds_no_formula(server, vehicle, developer, trouble):
+    page = developer
+    vehicle.set(STATUS, 2, FORMULA)
+    visit(page, server, "/developer")
+    expect(row(page, CAUSE)).to_contain_text(FORMULA)
+    count = int(page.locator("#matching").text_content())
+    assert count > page.locator("#all tr").count(), "one page has all rows"
+    rows = list(csv.DictReader(saved(page, "#modules", "csv").splitlines()))
+    assert len(rows) == count
+    ours = next(it for it in rows if it["Module"] == CAUSE)
+    assert ours["Message"] == "'" + FORMULA and ours["Shown"] == "Error", ours
+    assert re.fullmatch(r"20\d\d-\d\d-\d\dT[\d:.]+Z", ours["Since"]), ours
+    told = json.loads(saved(page, "#modules", "json"))
+    assert len(told["rows"]) == count and told["page"] == "/developer", told["page"]
+    assert next(it for it in told["rows"] if it["Module"] == CAUSE)["Message"] == FORMULA
+    # The buttons stay while the page renews itself.
+    at = page.locator("#dev").get_attribute("data-at")
+    expect(page.locator("#dev")).not_to_have_attribute("data-at", at)
+    expect(page.locator("section:has(#modules) .export")).to_have_count(1)
+
+
+def test_a_table_is_copied_and_every_page_with_a_table_has_the_buttons(server, vehicle, developer, trouble):
+    page = developer
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"], origin=server.url)
+    vehicle.set(STATUS, 2, "-2+3")
+    visit(page, server, "/developer/coverage")
+    page.locator("section:has(#coverage) .export [data-as=copy]").click()
+    expect(page.locator(".export [data-as=copy]").first).to_have_text("Copied")
+    copied = page.evaluate("() => navigator.clipboard.readText()").splitlines()
+    assert copied[0].split("\t")[:4] == ["Group", "Isolated / Meta", "Isolated / Content", "Contextual / Meta"], copied[0]
+    assert any(line.startswith("Sensors") for line in copied), copied
+    visit(page, server, f"/developer/why?node={CAUSE.replace('/', '%2F')}")
+    expect(page.locator("#transitions")).to_contain_text("-2+3")
+    for path in ("/developer/topics", "/developer/audit", "/developer/why?node=sensors", "/developer/timeline"):
+        visit(page, server, path)
+        seen = lambda: page.locator("#dev table").count() == page.locator("#dev .export").count() > 0
+        until(seen, 20, lambda: f"{path}: {page.locator('#dev .export').count()}")
+    rows = list(csv.DictReader(saved(page, "#events", "csv").splitlines()))
+    assert rows and set(rows[0]) == {"Time", "Event", "Of what", "Cause"}, rows[:1]
