@@ -44,7 +44,7 @@
   // The page that an address belongs to, without its parameters.
   const WHY = `${body.dataset.socket.split("/live?")[0]}/why`;
   const pageOf = ({ pathname, search }) => (pathname === WHY ? pathname + search : pathname);
-  const INCIDENT = /^\/incidents\/\d+$/;
+  const INCIDENT = /^\/incidents\/\d+(\/what-if)?$/;
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a, [data-search]")].map((link) => link.pathname)]);
   const isKnown = (pathname) => known.has(pathname) || INCIDENT.test(pathname);
   // The answer to a form stands under the address of its page, so a reload sends nothing twice.

@@ -51,6 +51,21 @@
     if (document.activeElement !== until) until.value = asked.get("until") ? local(to) : "";
   };
 
+  // --- the what-if: a mistake leads to its line in the text
+
+  document.addEventListener("click", ({ target }) => {
+    const button = target.closest?.("#problems button");
+    const field = button && document.querySelectorAll(".what-if textarea")[button.dataset.file];
+    if (!field) return;
+    const lines = field.value.split("\n");
+    const line = Math.min(button.dataset.line, lines.length) - 1;
+    const start = lines.slice(0, line).reduce((sum, text) => sum + text.length + 1, 0);
+    field.focus();
+    field.setSelectionRange(start, start + lines[line].length);
+    const height = parseFloat(getComputedStyle(field).lineHeight);
+    field.scrollTop = Math.max(0, line * height - field.clientHeight / 2);
+  });
+
   // --- the graph: larger and smaller, around the pointer
 
   let zoom = 1;

@@ -5,12 +5,13 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::line::seconds;
 use super::trace::{Changes, Shown, Totals, Trace};
 use super::{Facts, Recording, ReplayError, Run};
-use crate::config::Loaded;
+use crate::config::{Loaded, difference};
 use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Definitions;
@@ -82,19 +83,46 @@ pub struct NodeDifference {
     pub new: Changes<Option<Shown>>,
 }
 
-/// Runs a recording as it was judged and by another configuration. `go_on` is asked before each step.
-///
-/// # Errors
-/// The recording or one of the configurations cannot be used, or it was stopped.
-pub fn what_if(
-    path: &Path,
-    new: &Loaded,
-    definitions: &Definitions,
-    go_on: &dyn Fn() -> bool,
-) -> Result<Comparison, ReplayError> {
-    let mut recorded = Run::recorded(Recording::open(path)?)?;
-    let mut new = judged(path, new, definitions, None)?;
-    compare(&mut recorded, &mut new, go_on)
+/// A configuration that recordings are to be judged by, for those who know nothing of configurations.
+#[derive(Debug)]
+pub struct Candidate {
+    pub loaded: Loaded,
+    pub definitions: Definitions,
+}
+
+/// What is wrong with a configuration: lines and columns from 1.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Mistake {
+    pub file: String,
+    pub line: Option<usize>,
+    pub column: Option<usize>,
+    pub message: String,
+    pub help: String,
+}
+
+impl Candidate {
+    /// What it means differently than the recorded configuration, in sentences.
+    ///
+    /// # Errors
+    /// The recording has no configuration, or this version cannot read it.
+    pub fn differences(&self, facts: &Facts) -> Result<Vec<String>, ReplayError> {
+        if facts.configuration.is_empty() {
+            return Err(ReplayError::NoConfiguration);
+        }
+        let recorded = facts.load(&facts.configuration)?;
+        let found = difference(&recorded, &facts.as_counted(self.loaded.clone()));
+        Ok(found.iter().map(ToString::to_string).collect())
+    }
+
+    /// Runs a recording as it was judged and by this configuration. `go_on` is asked before each step.
+    ///
+    /// # Errors
+    /// The recording cannot be used, or it was stopped.
+    pub fn compare(&self, path: &Path, go_on: &dyn Fn() -> bool) -> Result<Comparison, ReplayError> {
+        let mut recorded = Run::recorded(Recording::open(path)?)?;
+        let mut new = judged(path, &self.loaded, &self.definitions, None)?;
+        compare(&mut recorded, &mut new, go_on)
+    }
 }
 
 /// A recording that is judged by a configuration, with the patience that counted when it was recorded.
@@ -108,7 +136,7 @@ pub fn judged(
     stage: Option<Stage>,
 ) -> Result<Run, ReplayError> {
     let recording = Recording::open(path)?;
-    let definitions = recording.define(definitions.with(&loaded.message_folders));
+    let definitions = recording.define(definitions.clone());
     let loaded = recording.facts().as_counted(loaded.clone());
     Run::judged_by(recording, loaded.model, &definitions, stage)
 }

@@ -50,7 +50,8 @@ pub use auth::expiry::DEVELOPER_IDLE_MAX;
 pub use demo::{DemoFaults, FaultSwitch};
 pub use http::guard::{Access, cookie_name};
 pub use http::origins::{NoOrigin, Origins};
-pub use incidents::{Marker, RecordingState};
+use incidents::WhatIfs;
+pub use incidents::{Examiner, Marker, RecordingState};
 pub use router::{BODY_BYTES_MAX, Route, router, routes};
 pub use serve::accept::serve;
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
@@ -77,6 +78,8 @@ pub struct Settings {
     pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
     /// The folder of the recordings.
     pub recordings: Option<PathBuf>,
+    /// Reads the configurations of what-ifs; `None` where nothing is run.
+    pub what_if: Option<Examiner>,
     /// Marks moments in the recording; `None` if nothing is recorded.
     pub marker: Option<Marker>,
     /// What pages say of the recording; `None` if nothing is recorded.
@@ -101,6 +104,7 @@ pub struct Shared {
     pub session_ends: SessionEnds,
     pub trends: Trends,
     replays: Replays,
+    what_ifs: WhatIfs,
     pub pending: PendingConfirmation,
     pub stops: Stops,
     pub hand_overs: HandOvers,
@@ -139,6 +143,7 @@ impl AppState {
             session_ends: SessionEnds::default(),
             trends: Trends::default(),
             replays: Replays::default(),
+            what_ifs: WhatIfs::default(),
             pending: PendingConfirmation::default(),
             stops: Stops::default(),
             hand_overs: HandOvers::default(),

@@ -17,6 +17,7 @@ use tower_http::timeout::TimeoutLayer;
 
 use super::AppState;
 use super::auth::login;
+use super::developer::incidents::what_if;
 use super::http::guard::Access::{Asset, Open, Roles, Session};
 use super::http::guard::{Access, AccessTable, guard};
 use super::http::{headers, plain_errors};
@@ -27,6 +28,8 @@ use crate::store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
 pub const BODY_BYTES_MAX: usize = 16 * 1024;
+/// The largest body of a form with a configuration: its letters may be written as three each.
+const TEXT_BYTES_MAX: usize = 1024 * 1024;
 /// The time for a whole request with its body. Sockets have none.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
 
@@ -36,6 +39,8 @@ pub struct Route {
     pub method: Method,
     pub path: &'static str,
     pub access: Access,
+    /// The same for all methods of a path.
+    body_bytes_max: usize,
     answer: MethodRouter<AppState>,
 }
 
@@ -77,6 +82,8 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/incidents/mark", Roles(&[Developer]), incidents::mark),
         on_post("/incidents/{id}/note", Roles(&[Developer]), incidents::note),
         on_post("/incidents/{id}/keep", Roles(&[Developer]), incidents::keep),
+        with_text(on_get("/incidents/{id}/what-if", Roles(&[Developer]), what_if::get)),
+        with_text(on_post("/incidents/{id}/what-if", Roles(&[Developer]), what_if::post)),
         on_get("/replay/{id}", Roles(&[Developer, Authority]), replays::get),
         on_get("/replay/{id}/state", Roles(&[Developer, Authority]), replays::state),
         on_post("/replay/{id}/state", Roles(&[Developer, Authority]), replays::control),
@@ -102,18 +109,21 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
 
 /// The service of all routes, behind the guard.
 pub fn router(app: AppState) -> Router {
-    let mut router = Router::new();
+    let (mut plain, mut with_text) = (Router::new(), Router::new());
     let mut table: AccessTable = HashMap::new();
     for route in routes(app.settings.demo.is_some()) {
         table.insert((route.path, route.method), route.access);
-        router = router.route(route.path, route.answer);
+        let router = if route.body_bytes_max == BODY_BYTES_MAX { &mut plain } else { &mut with_text };
+        *router = std::mem::take(router).route(route.path, route.answer);
     }
-    router
-        .fallback(pages::not_found)
-        .method_not_allowed_fallback(pages::wrong_method)
-        .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
-        .layer(from_fn_with_state((app.clone(), Arc::new(table)), guard))
-        .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
+    let guard = from_fn_with_state((app.clone(), Arc::new(table)), guard);
+    let guarded = |router: Router<AppState>, bytes: usize| {
+        let router = router.method_not_allowed_fallback(pages::wrong_method);
+        let router = router.layer(DefaultBodyLimit::max(bytes)).layer(guard.clone());
+        router.layer(RequestBodyLimitLayer::new(bytes))
+    };
+    guarded(plain.fallback(pages::not_found), BODY_BYTES_MAX)
+        .merge(guarded(with_text, TEXT_BYTES_MAX))
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
         .layer(from_fn(plain_errors::in_words))
         .layer(from_fn_with_state(app.settings.secure, headers::secure))
@@ -127,9 +137,14 @@ fn is_made_now(_: StatusCode, _: Version, headers: &HeaderMap, _: &Extensions) -
 }
 
 fn on_get<T: 'static>(path: &'static str, access: Access, answer: impl Handler<T, AppState>) -> Route {
-    Route { method: Method::GET, path, access, answer: get(answer) }
+    Route { method: Method::GET, path, access, body_bytes_max: BODY_BYTES_MAX, answer: get(answer) }
 }
 
 fn on_post<T: 'static>(path: &'static str, access: Access, answer: impl Handler<T, AppState>) -> Route {
-    Route { method: Method::POST, path, access, answer: post(answer) }
+    Route { method: Method::POST, path, access, body_bytes_max: BODY_BYTES_MAX, answer: post(answer) }
+}
+
+/// With bodies that hold a configuration.
+fn with_text(route: Route) -> Route {
+    Route { body_bytes_max: TEXT_BYTES_MAX, ..route }
 }

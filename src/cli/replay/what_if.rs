@@ -188,7 +188,7 @@ fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
     let mut recorded = match &args.config {
         Some(old) => {
             let old = load(args, old, &recording)?;
-            judged(&named.path, &old, &definitions, args.stage).map_err(trouble)?
+            judged(&named.path, &old, &definitions.with(&old.message_folders), args.stage).map_err(trouble)?
         }
         None if args.stage.is_some() => {
             let why = "--stage needs --config: this recording has its stages";
@@ -204,6 +204,7 @@ fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
             })?
         }
     };
+    let definitions = definitions.with(&loaded.message_folders);
     let mut new = judged(&named.path, &loaded, &definitions, args.stage).map_err(trouble)?;
     compare(&mut recorded, &mut new, &|| true).map_err(trouble)
 }

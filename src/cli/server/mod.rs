@@ -5,6 +5,7 @@ pub mod outputs;
 mod recording;
 pub mod reload;
 mod timekeeping;
+pub mod what_if;
 
 use std::io::ErrorKind;
 use std::net::{IpAddr, SocketAddr};
@@ -131,6 +132,7 @@ impl Server {
             history,
             discovery,
             recordings: Some(incidents),
+            what_if: Some(what_if::examiner(options.definitions.clone())),
             marker: recording.as_ref().map(Recording::marker),
             recording: recording.as_ref().map(Recording::state),
         };

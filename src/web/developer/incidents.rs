@@ -6,4 +6,5 @@ pub mod one;
 pub(super) mod plots;
 pub mod report;
 mod sentences;
+pub mod what_if;
 mod words;

@@ -3,6 +3,7 @@
 mod download;
 mod json;
 mod reading;
+mod what_if;
 
 use std::fmt;
 use std::sync::Arc;
@@ -32,6 +33,8 @@ use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 pub use download::get as download;
 pub use json::{listed, time as wall_time, whole};
 pub use reading::{Proof, Read, compare, read, story, story_with_proof};
+pub use what_if::{Compared, Examiner, Progress, Run as WhatIf, Trouble, WhatIfs};
+pub(in crate::web) use what_if::{start as start_what_if, texts as recorded_texts};
 
 /// Incidents in one answer, unless `count` asks for another number.
 const COUNT: u32 = 50;

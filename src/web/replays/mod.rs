@@ -127,6 +127,7 @@ fn start(app: &AppState, incident: u64, session: &Session, mut playback: Playbac
         history: None,
         discovery: None,
         recordings: None,
+        what_if: None,
         marker: None,
         recording: None,
     };

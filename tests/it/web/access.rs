@@ -56,6 +56,8 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("GET", "/incidents/{id}", [false, true, true, false]),
     ("POST", "/incidents/{id}/note", [false, true, false, false]),
     ("POST", "/incidents/{id}/keep", [false, true, false, false]),
+    ("GET", "/incidents/{id}/what-if", [false, true, false, false]),
+    ("POST", "/incidents/{id}/what-if", [false, true, false, false]),
     ("GET", "/replay/{id}", [false, true, true, false]),
     ("GET", "/replay/{id}/state", [false, true, true, false]),
     ("POST", "/replay/{id}/state", [false, true, true, false]),

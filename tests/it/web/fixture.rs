@@ -311,6 +311,7 @@ pub fn settings(origins: Origins, secure: bool) -> Settings {
         history: None,
         discovery: None,
         recordings: None,
+        what_if: None,
         marker: None,
         recording: None,
     }

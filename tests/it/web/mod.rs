@@ -18,4 +18,5 @@ mod sockets;
 mod streams;
 mod tls;
 mod vehicle;
+mod what_if;
 mod wire;

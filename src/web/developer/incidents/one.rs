@@ -29,6 +29,8 @@ struct OneHtml {
     kept: bool,
     has_file: bool,
     has_report: bool,
+    /// May run it by another configuration.
+    has_what_if: bool,
 }
 
 /// `GET /incidents/{id}`; `GET /incidents/{id}.mcap` for its recording, `GET /incidents/{id}.html` for its report.
@@ -49,10 +51,11 @@ pub async fn get(
         Err(trouble) => return refusal(&page.reader, trouble),
     };
     let read = story(&app, &incident.summary).await;
-    Html(html(&one(&page, &incident, &read))).into_response()
+    let has_what_if = app.settings.what_if.is_some();
+    Html(html(&one(&page, &incident, &read, has_what_if))).into_response()
 }
 
-fn one(page: &PageRequest, incident: &Incident, read: &Read) -> OneHtml {
+fn one(page: &PageRequest, incident: &Incident, read: &Read, has_what_if: bool) -> OneHtml {
     let lang = page.context.lang;
     let view = &View::new(&page.published, lang, false);
     let summary = &incident.summary;
@@ -63,11 +66,14 @@ fn one(page: &PageRequest, incident: &Incident, read: &Read) -> OneHtml {
     dev.fixed = summary.until_ms.is_some() && is_complete;
     dev.locked = false;
     dev.title = format!("{} {}", content.it.incident, summary.id);
+    let may_change = page.context.role == Role::Developer;
+    let has_file = summary.recording.finished && !matches!(read, Read::Missing);
     OneHtml {
         frame: frame(&page.context),
-        may_change: page.context.role == Role::Developer,
+        may_change,
         kept: incident.kept,
-        has_file: summary.recording.finished && !matches!(read, Read::Missing),
+        has_file,
+        has_what_if: has_what_if && may_change && has_file,
         has_report: !summary.recording.is_open(),
         content,
         dev,

@@ -33,6 +33,7 @@ words! {
     recording: "Recording", "Aufzeichnung";
     report: "Report", "Bericht";
     replay: "Replay", "Wiedergabe";
+    what_if: "What if\u{2026}", "Was wäre, wenn\u{2026}";
     leave_replay: "Leave the replay", "Wiedergabe verlassen";
     screens: "The screens as they were", "Die Bildschirme von damals";
     controls: "Play", "Abspielen";
