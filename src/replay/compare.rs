@@ -79,6 +79,8 @@ pub struct NodeDifference {
     pub first: Timestamp,
     /// How long it differs, all in all.
     pub long: Span,
+    /// It shows another state, not only another cause or another state behind it.
+    pub is_seen: bool,
     pub recorded: Changes<Option<Shown>>,
     pub new: Changes<Option<Shown>>,
 }
@@ -237,19 +239,29 @@ fn node_differences(mut left: Trace, mut right: Trace, to: Timestamp) -> Vec<Nod
     for node in names {
         let (recorded, new) =
             (left.nodes.remove(&node).unwrap_or_default(), right.nodes.remove(&node).unwrap_or_default());
-        let is_same = |was: Option<&Option<Shown>>, is: Option<&Option<Shown>>| match (
-            was.and_then(Option::as_ref),
-            is.and_then(Option::as_ref),
-        ) {
-            (Some(was), Some(is)) => was == is,
-            (Some(alone), None) | (None, Some(alone)) => alone.is_quiet(),
-            (None, None) => true,
-        };
+        let is_same =
+            |was: Option<&Option<Shown>>, is: Option<&Option<Shown>>| same(was, is, |it| it.clone());
+        let looks_same =
+            |was: Option<&Option<Shown>>, is: Option<&Option<Shown>>| same(was, is, |it| it.state);
         if let (Some(first), long) = parting(&recorded, &new, to, is_same) {
-            found.push(NodeDifference { node, first, long, recorded, new });
+            let is_seen = parting(&recorded, &new, to, looks_same).0.is_some();
+            found.push(NodeDifference { node, first, long, is_seen, recorded, new });
         }
     }
     found
+}
+
+/// Whether both are alike in something. A node that is not there looks as a quiet one.
+fn same<T: PartialEq>(
+    was: Option<&Option<Shown>>,
+    is: Option<&Option<Shown>>,
+    of: impl Fn(&Shown) -> T,
+) -> bool {
+    match (was.and_then(Option::as_ref), is.and_then(Option::as_ref)) {
+        (Some(was), Some(is)) => of(was) == of(is),
+        (Some(alone), None) | (None, Some(alone)) => alone.is_quiet(),
+        (None, None) => true,
+    }
 }
 
 fn whole_parting(left: &Trace, right: &Trace, to: Timestamp) -> Option<Parting> {
@@ -315,7 +327,7 @@ impl Comparison {
         });
         let node = |it: &NodeDifference| {
             json!({
-                "node": it.node, "t_s": seconds(self.facts.from, it.first),
+                "node": it.node, "is_seen": it.is_seen, "t_s": seconds(self.facts.from, it.first),
                 "differs_s": seconds(Timestamp::ZERO, Timestamp::ZERO + it.long),
             })
         };

@@ -94,7 +94,7 @@ pub async fn get(State(app): State<AppState>, Path(id): Path<String>, page: Page
         let value = run.map_or_else(|| json!({ "progress": "none" }), |run| run.state().json());
         return json_answer(StatusCode::OK, &value);
     }
-    let texts = match (&*page.query.get("from"), &run) {
+    let texts = match (page.query.get("from"), &run) {
         ("running", _) => running(&app).await,
         ("recorded", _) | (_, None) => recorded_texts(&app, &incident.summary).await,
         (_, Some(run)) => run.texts.clone(),
@@ -181,11 +181,14 @@ fn what_if(
     dev.fixed = !matches!(phase, Phase::Waiting | Phase::Running(_));
     dev.locked = false;
     dev.title = format!("{} {id}", it.title);
-    let file = |it: &ConfigurationText| File {
-        name: clean(&it.name, 2 * NAME),
-        text: clean_lines(&it.text),
-        rows: if texts.len() > 1 { 14 } else { 24 },
+    // What was found has the room.
+    let rows = match phase {
+        Phase::None if texts.len() == 1 => 24,
+        Phase::None | Phase::Wrong => 16,
+        _ => 10,
     };
+    let file =
+        |it: &ConfigurationText| File { name: clean(&it.name, 2 * NAME), text: clean_lines(&it.text), rows };
     let state = state.as_deref();
     let mistakes = match state.map(|state| &state.progress) {
         Some(Progress::Wrong(mistakes)) => mistakes.iter().map(|mistake| row(mistake, texts)).collect(),

@@ -177,6 +177,8 @@ pub struct Strips {
     pub id: u64,
     pub patterns: String,
     pub pairs: Vec<Pair>,
+    /// Nodes whose strips would look the same.
+    pub alike: String,
     pub more: usize,
     /// A line where both part.
     pub parting: String,
@@ -202,11 +204,14 @@ impl Strips {
         let parting = comparison.first.as_ref().map(|first| axis.x(stamp(ms(comparison, first.at))));
         let line =
             |x: f64| format!("<line class=\"moment\" x1=\"{x:.2}%\" x2=\"{x:.2}%\" y1=\"0\" y2=\"24\"/>");
-        let pairs: Vec<Pair> = comparison.nodes.iter().take(NODES).map(pair).collect();
+        let (seen, alike): (Vec<_>, Vec<_>) = comparison.nodes.iter().partition(|it| it.is_seen);
+        let pairs: Vec<Pair> = seen.iter().take(NODES).map(|it| pair(it)).collect();
+        let alike: Vec<Arc<str>> = alike.iter().map(|it| it.node.clone()).collect();
         Some(Strips {
             id: compared.incident,
             patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
-            more: comparison.nodes.len() + comparison.more_nodes - pairs.len(),
+            more: seen.len() - pairs.len() + comparison.more_nodes,
+            alike: names(lang, &alike),
             parting: parting.map(line).unwrap_or_default(),
             ticks: if pairs.is_empty() { Vec::new() } else { ticks(axis) },
             only_recorded: names(lang, &comparison.only_recorded),

@@ -8,8 +8,8 @@ words! {
     title: "What if: incident", "Was wäre, wenn: Vorfall";
     configuration: "Another configuration", "Eine andere Konfiguration";
     about: "Edit the configuration. The recording then runs by the recorded one and by yours. Nothing of this touches the vehicle.", "Ändern Sie die Konfiguration. Die Aufzeichnung läuft dann mit der aufgezeichneten und mit Ihrer. Nichts davon berührt das Fahrzeug.";
-    recorded_one: "The recorded one", "Die aufgezeichnete";
-    running_one: "The one in force", "Die geltende";
+    recorded_one: "Recorded text", "Aufgezeichneter Text";
+    running_one: "Text in force", "Geltender Text";
     over_this: "this incident", "dieser Vorfall";
     over_all: "all kept incidents too", "auch alle aufbewahrten Vorfälle";
     run: "Run", "Durchspielen";
@@ -45,6 +45,7 @@ words! {
     own: "own state:", "eigener Zustand:";
     only_recorded: "Only in the recorded configuration", "Nur in der aufgezeichneten Konfiguration";
     only_new: "Only in the new configuration", "Nur in der neuen Konfiguration";
+    alike: "Nodes that show the same state for another cause, or another state behind it", "Knoten, die denselben Zustand aus anderer Ursache zeigen oder dahinter einen anderen haben";
     more_nodes: "more nodes differ", "weitere Knoten mit Unterschied";
     more: "more", "weitere";
     notes: "What could not be used", "Was nicht verwendet werden konnte";

@@ -1,0 +1,95 @@
+"""The what-if of an incident: a developer edits the configuration and sees what it would have changed."""
+
+import json
+import os
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from accessible import violations
+from operating import enter
+from test_developer import CAUSE, DEVELOPER, visit
+from test_replay_pages import incident  # noqa: F401
+from vehicle import Client
+
+SHOTS = os.environ.get("REPLAY_SHOTS")
+LOCALIZATION = "localization/scan_matching"
+
+
+def shoot(page, server, name):
+    """Pictures of the page in both palettes and two sizes, where somebody wants to look at them."""
+    for palette in ("day", "night"):
+        page.context.add_cookies([{"name": "palette", "value": palette, "url": server.url}])
+        page.reload()
+        page.wait_for_timeout(500)
+        for width, height in ((1280, 800), (1920, 1080)):
+            page.set_viewport_size({"width": width, "height": height})
+            page.screenshot(path=f"{SHOTS}/what-if-{name}-{palette}-{width}.png", full_page=True)
+
+
+def test_a_dependency_that_is_removed_shows_the_alarms_that_it_hid(server, vehicle, page, trouble, incident):  # noqa: F811
+    number, _ = incident
+    enter(page, server, *DEVELOPER)
+    visit(page, server, f"/incidents/{number}")
+    page.locator("#what-if").click()
+    page.wait_for_url(f"**/incidents/{number}/what-if")
+    text = page.locator("textarea")
+    recorded = text.input_value()
+    assert "depends_on: [sensors, can]" in recorded
+
+    # The same configuration first.
+    page.locator("button[name=run]").click()
+    expect(page.locator("#phase")).to_have_attribute("data-progress", "done")
+    expect(page.locator(f"#compared [data-incident='{number}']")).to_have_attribute("data-differs", "false")
+    assert violations(page) == ""
+
+    # What is typed stays where it is while the page is renewed.
+    new = recorded.replace("depends_on: [sensors, can]", "depends_on: [can]")
+    text.fill(new)
+    page.locator("button[name=run]").click()
+    page.wait_for_url(f"**/incidents/{number}/what-if")
+    row = page.locator(f"#compared [data-incident='{number}']")
+    expect(row).to_have_attribute("data-differs", "true")
+    expect(page.locator("#phase")).to_have_attribute("data-progress", "done")
+    assert text.input_value() == new
+    expect(page.locator("#strips [data-node]")).not_to_have_count(0)
+    expect(page.locator("#differences")).to_contain_text("depends_on from [sensors, can] to [can]")
+    assert violations(page) == ""
+    if SHOTS:
+        shoot(page, server, "differs")
+    page.reload()
+    row.locator(".first a").click()
+    page.wait_for_url(re.compile(rf"/replay/{number}\?at=\d+$"))
+    expect(page.locator("body")).to_have_attribute("data-live", "replay")
+
+    # A mistake leads to its line.
+    visit(page, server, f"/incidents/{number}/what-if")
+    text.fill(recorded.replace("timeout: 2s", "timeout: soon", 1))
+    page.locator("button[name=run]").click()
+    expect(page.locator("#phase")).to_have_attribute("data-progress", "wrong")
+    if SHOTS:
+        shoot(page, server, "wrong")
+    page.locator("#problems button").first.click()
+    chosen = page.evaluate("() => { const it = document.activeElement; return it.value.slice(it.selectionStart, it.selectionEnd) }")
+    assert "timeout: soon" in chosen
+    assert violations(page) == ""
+
+
+def test_it_works_without_scripts(server, vehicle, chromium, incident):  # noqa: F811
+    number, _ = incident
+    developer = Client(server, *DEVELOPER)
+    context = chromium.new_context(java_script_enabled=False)
+    context.add_cookies(developer.browser_cookies())
+    page = context.new_page()
+    page.goto(f"{server.url}/incidents/{number}/what-if")
+    page.locator("button[name=run]").click()
+    page.wait_for_url(f"**/incidents/{number}/what-if")
+    for _ in range(100):
+        progress = page.locator("#phase").get_attribute("data-progress")
+        if progress == "done":
+            break
+        assert progress in ("waiting", "running")
+        page.locator("#phase a").click()
+    expect(page.locator(f"#compared [data-incident='{number}']")).to_have_attribute("data-differs", "false")
+    context.close()
