@@ -12,7 +12,7 @@ use anyhow::{Context as _, bail};
 use super::fields::{self, DefinitionFlags};
 use super::{EXIT_NO, EXIT_USAGE, check};
 use crate::clock::Clock;
-use crate::config;
+use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
 use crate::replay::expect::{Difference, Expected};
@@ -177,15 +177,24 @@ fn open(args: &Args, file: &Path) -> anyhow::Result<Option<Run>> {
                 return Ok(None);
             }
         };
-    if args.stage.is_some() && recording.facts().has_journal {
-        bail!("--stage is for recordings of others: this one has its stages");
-    }
-    if args.stage.is_some() && loaded.model.stages == StageModel::None {
-        bail!("--stage needs a configuration with `stages: shuttle`: {} has none", path.display());
-    }
+    check_stage(args, recording.facts(), &loaded, path)?;
+    let loaded = recording.facts().as_counted(loaded);
     let definitions = recording.define(definitions.with(&loaded.message_folders));
     let run = Run::judged_by(recording, loaded.model, &definitions, args.stage).with_context(in_file)?;
     Ok(Some(run))
+}
+
+/// Whether a stage can be given for a recording that is judged by this configuration.
+fn check_stage(args: &Args, facts: &Facts, loaded: &Loaded, path: &Path) -> anyhow::Result<()> {
+    match args.stage {
+        Some(_) if facts.has_journal => {
+            bail!("--stage is for recordings of others: this one has its stages")
+        }
+        Some(_) if loaded.model.stages == StageModel::None => {
+            bail!("--stage needs a configuration with `stages: shuttle`: {} has none", path.display())
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Takes all steps. Prints the lines, or returns their JSON.

@@ -117,6 +117,14 @@ impl Trace {
         let masked = |changes: &&Changes<Option<Shown>>| {
             changes.iter().any(|(_, shown)| shown.as_ref().is_some_and(|shown| shown.cause.is_some()))
         };
+        // A reload tells every node anew, so its events are not counted.
+        let state = |(_, shown): &(Timestamp, Option<Shown>)| shown.as_ref().map(|shown| shown.state);
+        let other = |pair: &&[(Timestamp, Option<Shown>)]| match (state(&pair[0]), state(&pair[1])) {
+            (Some(before), Some(after)) => before != after,
+            _ => false,
+        };
+        let changes = trace.nodes.values().map(|changes| changes.windows(2).filter(other).count());
+        trace.totals.transitions = changes.sum::<usize>() as u64;
         trace.totals.masked = trace.nodes.values().filter(masked).count() as u64;
         Ok(trace)
     }
@@ -142,12 +150,8 @@ impl Trace {
         }
         for event in &taken.events {
             let is_shown = event.at >= self.from;
-            match event.what {
-                EventKind::Shown { from, to, .. } if is_shown => {
-                    self.totals.transitions += u64::from(from != to);
-                }
-                EventKind::AlarmRaised { .. } if is_shown => self.totals.alarms += 1,
-                _ => {}
+            if is_shown && matches!(event.what, EventKind::AlarmRaised { .. }) {
+                self.totals.alarms += 1;
             }
             let Some(snapshot) = taken.snapshot_of(event) else { continue };
             match Record::of(event.clone(), snapshot).map(|record| record.what) {

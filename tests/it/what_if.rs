@@ -14,6 +14,7 @@ use telltale::engine::time::Timestamp;
 use telltale::record::file::{IncidentFile, JOURNAL, KEYFRAMES};
 use telltale::record::folder::{file_name, folder_in};
 use telltale::record::journal::{Line, Took};
+use telltale::record::ring::ConfigurationText;
 use telltale::record::summary::{Recording, Summary};
 use telltale::record::writer::hash_file;
 use telltale::sim::scenario_file;
@@ -36,19 +37,20 @@ pub fn without_sensors() -> String {
 
 /// Records scenario 1 of the paper, the outage of a sensor, as the shuttle with its dependencies judges it.
 pub fn record_outage(path: &Path) {
-    record(path, "1-sensor-outage-without-dependencies.yaml");
+    record(path, "1-sensor-outage-without-dependencies.yaml", &[], None);
 }
 
-fn record(path: &Path, scenario: &str) {
+/// As `record_outage`, with a recording that says this of itself beside, and a reload after two seconds.
+fn record(path: &Path, scenario: &str, more: &[(&str, &str)], reload: Option<&str>) {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("config");
     let file = scenario_file::load(&folder.join("scenarios").join(scenario));
     let file = file.unwrap_or_else(|problems| panic!("{problems}"));
     let loaded = config::parse("shuttle.yaml", SHUTTLE).unwrap_or_else(|problems| panic!("{problems}"));
     let scenario = file.bind(&loaded.model).unwrap_or_else(|problems| panic!("{problems}"));
-    let about = BTreeMap::from([
-        ("start_of_clock_ns".to_owned(), BEGAN_NS.to_string()),
-        ("shown_from_ns".to_owned(), "1000000000".to_owned()),
-    ]);
+    let began = BEGAN_NS.to_string();
+    let about = [("start_of_clock_ns", &*began), ("shown_from_ns", "1000000000")];
+    let about: BTreeMap<String, String> =
+        about.iter().chain(more).map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
     let mut to = IncidentFile::create(path, about).unwrap();
     to.attach("configuration/shuttle.yaml", "application/yaml", 1, SHUTTLE.as_bytes()).unwrap();
     let mut engine = Engine::begin(loaded.model, Timestamp::ZERO);
@@ -64,7 +66,15 @@ fn record(path: &Path, scenario: &str) {
         }
     }
     inputs.sort_by_key(|(at, _)| *at);
+    let mut reload =
+        reload.map(|text| ConfigurationText { name: "shuttle.yaml".to_owned(), text: text.to_owned() });
     for (at, input) in &inputs {
+        if *at >= Timestamp::from_millis(2000)
+            && let Some(text) = reload.take()
+        {
+            let line = Line { at_ns: *at, took: Took::Reload(vec![text]), message: None };
+            to.json(&JOURNAL, BEGAN_NS as u64 + at.as_nanos(), &line).unwrap();
+        }
         let line = Line { at_ns: *at, took: Took::Input(Cow::Borrowed(input)), message: None };
         to.json(&JOURNAL, BEGAN_NS as u64 + at.as_nanos(), &line).unwrap();
     }
@@ -189,13 +199,22 @@ fn what_cannot_be_used_is_said_and_the_rest_is_compared() {
     assert!(err.contains("damaged.mcap: ") && err.contains("the file ends in the middle"), "{err}");
     assert!(out.contains("nothing differs") && out.ends_with("0 of 1 differ; 1 cannot be used\n"), "{out}");
     // A bag of others has no configuration of its own.
-    let bag = files.0.join("bag.mcap");
-    IncidentFile::create(&bag, BTreeMap::new()).unwrap().finish().unwrap();
-    let no_journal = bag.display().to_string();
-    let (found, code) = objects(&[&same, &no_journal]);
-    assert_eq!((found[0]["error"].as_str().is_some(), code), (true, Some(2)), "{found:?}");
-    let foreign = format!("{}/tests/data/none", env!("CARGO_MANIFEST_DIR"));
-    let (_, err, code) = what_if(&[&same, &foreign]);
+    let bag = files.write("bag.mcap", foreign_bag());
+    let (found, code) = objects(&[&same, &bag]);
+    let why = found[0]["error"].as_str().unwrap();
+    assert!(code == Some(2) && why.contains("no configuration of its own: name one with --config"), "{why}");
+    let watches = |limit: &str| {
+        format!(
+            "vehicle: {{ stages: none }}\ngroups: [{{ id: a, modules: [{{ id: m, monitor: {{ value: {{ topic: /a, type: std_msgs/msg/UInt8, field: data, error_above: {limit} }} }} }}] }}]\n"
+        )
+    };
+    let (old, new) = (files.write("old.yaml", watches("100")), files.write("above.yaml", watches("3")));
+    let (found, code) = objects(&[&new, "--config", &old, &bag]);
+    assert_eq!((&found[0]["first"]["node"], code), (&json!("a/m"), Some(1)), "{found:?}");
+    assert_eq!(found[0]["first"]["t_s"], 4.0);
+    let (_, err, code) = what_if(&[&new, "--config", &old, &bag, "--stage", "active"]);
+    assert!(code == Some(2) && err.contains("--stage needs a configuration with `stages: shuttle`"), "{err}");
+    let (_, err, code) = what_if(&[&same, "/nowhere.mcap"]);
     assert!(code == Some(2) && err.contains("there is no file"), "{err}");
     let wrong = files.write("wrong.yaml", SHUTTLE.replace("timeout: 1s", "timeout: soon"));
     let (out, err, code) = what_if(&[&wrong, &recording]);
@@ -204,7 +223,7 @@ fn what_cannot_be_used_is_said_and_the_rest_is_compared() {
     let (_, err, code) = what_if(&[&same, "12"]);
     assert!(code == Some(2) && err.contains("--data"), "{err}");
     let (_, err, code) = what_if(&[&same, &recording, "--stage", "active"]);
-    assert!(code == Some(2) && err.contains("--stage needs --config"), "{err}");
+    assert!(code == Some(2) && err.contains("--stage is for recordings of others"), "{err}");
     // Both configurations can be given.
     let new = files.write("new.yaml", without_sensors());
     let (found, code) = objects(&[&same, "--config", &new, &recording]);
@@ -212,6 +231,79 @@ fn what_cannot_be_used_is_said_and_the_rest_is_compared() {
         (&found[0]["recorded"]["alarms"], &found[0]["new"]["alarms"], code),
         (&json!(4), &json!(2), Some(1))
     );
+}
+
+/// A message a second, as a recorder of others writes them.
+fn foreign_bag() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let to = std::io::Cursor::new(&mut bytes);
+    let mut writer = mcap::WriteOptions::new().profile("ros2").create(to).unwrap();
+    let schema = writer.add_schema("std_msgs/msg/UInt8", "ros2msg", b"uint8 data\n").unwrap();
+    let channel_id = writer.add_channel(schema, "/a", "cdr", &BTreeMap::new()).unwrap();
+    for at in 0..10_u8 {
+        let log_time = BEGAN_NS as u64 + u64::from(at) * 1_000_000_000;
+        let header =
+            mcap::records::MessageHeader { channel_id, sequence: 0, log_time, publish_time: log_time };
+        writer.write_to_known_channel(&header, &[0, 1, 0, 0, at, 0, 0, 0]).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    bytes
+}
+
+#[test]
+fn what_the_new_configuration_adds_differs_where_it_shows_something() {
+    let files = Files::new("what-if-more");
+    let recording = files.recording("a.mcap");
+    let more = |module: &str| {
+        let group = format!("groups:\n  - id: more\n    modules: [{module}]\n");
+        let text = SHUTTLE.replacen("groups:\n", &group, 1);
+        assert_ne!(text, SHUTTLE);
+        files.write("more.yaml", text)
+    };
+    let (found, code) = objects(&[&more("{ id: fix, status: 'gnss: fix', timeout: 5s }"), &recording]);
+    let one = &found[0];
+    assert_eq!(
+        (&one["only_new"], &one["only_recorded"]),
+        (&json!(["more", "more/fix"]), &json!([])),
+        "{one}"
+    );
+    assert_eq!((&one["nodes"], &one["alarms_new"], code), (&json!([]), &json!([]), Some(0)), "{one}");
+    let (found, code) = objects(&[&more("{ id: lacks, status: nobody, timeout: 1s }"), &recording]);
+    let one = &found[0];
+    assert_eq!((&one["first"]["node"], code), (&json!("more/lacks"), Some(1)), "{one}");
+    assert_eq!(
+        (&one["first"]["recorded"], &one["first"]["new"]["shown"]),
+        (&Value::Null, &json!("unknown")),
+        "{one}"
+    );
+    // Requests that are no longer made, with all nodes as they were.
+    let rules = SHUTTLE.find("\ncountermeasures:").expect("it has some");
+    let (found, code) = objects(&[&files.write("less.yaml", &SHUTTLE[..rules]), &recording]);
+    let one = &found[0];
+    assert_eq!((&one["new"]["countermeasures"], code), (&json!(0), Some(1)), "{one}");
+    assert!(one["recorded"]["countermeasures"].as_u64() > Some(0), "{one}");
+}
+
+#[test]
+fn a_reload_on_the_way_counts_as_recorded_and_the_demo_has_its_patience_on_both_sides() {
+    let files = Files::new("what-if-reload");
+    let path = |name: &str| files.0.join(name);
+    let outage = "1-sensor-outage-without-dependencies.yaml";
+    let new = files.write("new.yaml", without_sensors());
+    record(&path("reload.mcap"), outage, &[], Some(&without_sensors()));
+    let (found, code) = objects(&[&new, &path("reload.mcap").display().to_string()]);
+    let one = &found[0];
+    assert_eq!((&one["differs"], code), (&json!(false), Some(0)), "{one}");
+    assert!(one["notes"].to_string().contains("took another configuration meanwhile"), "{one}");
+    assert_eq!((&one["recorded"], &one["new"]["alarms"]), (&one["new"], &json!(4)), "{one}");
+    record(&path("demo.mcap"), outage, &[("demo", "true")], None);
+    let (found, code) =
+        objects(&[&files.write("same.yaml", SHUTTLE), &path("demo.mcap").display().to_string()]);
+    assert_eq!((&found[0]["differs"], code), (&json!(false), Some(0)), "{}", found[0]);
+    // Its faults count later.
+    let (plain, _) = objects(&[&new, &files.recording("plain.mcap")]);
+    assert_ne!(found[0]["recorded"], plain[0]["recorded"]);
 }
 
 #[tokio::test]

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use anyhow::{Context as _, anyhow, bail};
 use serde_json::{Value, json};
 
-use super::{Args, print};
+use super::{Args, check_stage, print};
 use crate::cli::{EXIT_NO, EXIT_USAGE, check, fields};
 use crate::config::{self, Loaded};
 use crate::record::folder;
@@ -190,10 +190,6 @@ fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
             let old = load(args, old, &recording)?;
             judged(&named.path, &old, &definitions.with(&old.message_folders), args.stage).map_err(trouble)?
         }
-        None if args.stage.is_some() => {
-            let why = "--stage needs --config: this recording has its stages";
-            return Err(Trouble::Recording(why.to_owned()));
-        }
         None => {
             let omissions = recording.omissions();
             Run::recorded(recording).map_err(|error| match (error, &omissions[..]) {
@@ -212,8 +208,13 @@ fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
 /// A configuration whose fields the messages of a recording have.
 fn load(args: &Args, path: &Path, recording: &Recording) -> Result<Loaded, Trouble> {
     let definitions = args.definitions.definitions();
-    fields::whole(config::examine(path), |loaded| recording.define(definitions.with(&loaded.message_folders)))
-        .map_err(Trouble::Configuration)
+    let whole = fields::whole(config::examine(path), |loaded| {
+        recording.define(definitions.with(&loaded.message_folders))
+    });
+    let loaded = whole.map_err(Trouble::Configuration)?;
+    check_stage(args, recording.facts(), &loaded, path)
+        .map_err(|error| Trouble::Recording(error.to_string()))?;
+    Ok(loaded)
 }
 
 fn with_name(mut object: Value, name: &str) -> Value {

@@ -24,7 +24,7 @@ use crate::web::http::errors::HttpError;
 use crate::web::http::respond::{Speaks, bad_field, bad_form, json_answer, refusal};
 use crate::web::incidents::{Progress, WhatIf, find, recorded_texts, start_what_if};
 use crate::web::view::page::frame::PageFrame;
-use crate::web::view::text::{MESSAGE, NAME, clean, clean_lines};
+use crate::web::view::text::{MESSAGE, NAME, clean};
 use crate::web::view::{View, html};
 use crate::web::{AppState, Live};
 
@@ -36,7 +36,9 @@ const TEXT_BYTES_MAX: usize = 256 * 1024;
 /// Differences of meaning that are listed.
 const DIFFERENCES: usize = 50;
 
+/// A file of the configuration. Names and texts that are sent back are exact: a soft hyphen or a tab means something.
 struct File {
+    label: String,
     name: String,
     text: String,
     /// Its height in lines.
@@ -187,8 +189,12 @@ fn what_if(
         Phase::None | Phase::Wrong => 16,
         _ => 10,
     };
-    let file =
-        |it: &ConfigurationText| File { name: clean(&it.name, 2 * NAME), text: clean_lines(&it.text), rows };
+    let file = |it: &ConfigurationText| File {
+        label: clean(&it.name, 2 * NAME),
+        name: it.name.clone(),
+        text: it.text.clone(),
+        rows,
+    };
     let state = state.as_deref();
     let mistakes = match state.map(|state| &state.progress) {
         Some(Progress::Wrong(mistakes)) => mistakes.iter().map(|mistake| row(mistake, texts)).collect(),
