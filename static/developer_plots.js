@@ -74,7 +74,7 @@
       height: HEIGHT,
       padding: [6, 0, 6, 0],
       legend: { show: false },
-      cursor: { y: false, sync: { key: "node" }, drag: { setScale: false } },
+      cursor: { y: false, sync: { key: "node" }, drag: { x: false, y: false } },
       scales: { x: { range: () => read(plot).span }, y: { range: range(plot) } },
       axes: [
         { show: false },
@@ -117,6 +117,10 @@
     }
   };
 
+  // The crosshair of the strips goes through the plots too.
+  addEventListener("telltale:point", ({ detail: share }) => {
+    for (const chart of drawn.values()) chart.setCursor({ left: share * chart.over.clientWidth, top: 1 });
+  });
   addEventListener("telltale:shown", draw);
   addEventListener("resize", () => {
     for (const [plot, chart] of drawn) fit(plot, chart);

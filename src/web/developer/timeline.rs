@@ -83,6 +83,9 @@ struct TimelineHtml {
     earlier: String,
     later: Option<String>,
     present: String,
+    zoom_in: String,
+    zoom_out: String,
+    unzoomed: String,
     strips: Vec<StripHtml>,
     ticks: Vec<Tick>,
     events: Vec<Event>,
@@ -135,6 +138,16 @@ impl Window {
     fn moment_ms(&self) -> i64 {
         let HistoryQuery { from_ms, to_ms, .. } = self.query;
         from_ms + (to_ms - from_ms) * self.at as i64 / AT_END as i64
+    }
+
+    /// The address of another span, in which the moment keeps its place; the present goes on if it is shown.
+    fn zoomed(&self, query: &PageQuery, span_s: u64) -> String {
+        let after = (self.query.to_ms - self.moment_ms()) * span_s as i64 / self.span_s as i64;
+        let until = match self.live && self.at == AT_END {
+            true => String::new(),
+            false => (self.moment_ms() + after).to_string(),
+        };
+        query.with_all(&[("span", &span_s.to_string()), ("until", &until)])
     }
 
     /// In hundredths of the width.
@@ -195,6 +208,9 @@ pub fn page(
         earlier: shift((to_ms - half).max(0)),
         later: (!window.live).then(|| shift(to_ms + half)),
         present: query.without(&["until", "at"]),
+        zoom_in: window.zoomed(query, (window.span_s / 2).max(1)),
+        zoom_out: window.zoomed(query, (window.span_s * 2).min(SPANS_S[SPANS_S.len() - 1])),
+        unzoomed: query.without(&["span", "until", "at"]),
         strips: past.map(|past| timeline.strips(past)).unwrap_or_default(),
         ticks: ticks(window.axis()),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
@@ -205,10 +221,10 @@ pub fn page(
 
 pub(super) fn spans(window: &Window) -> Vec<SpanOption> {
     let word = |seconds: u64| match seconds {
-        0..60 => format!("{seconds} s"),
-        60..3600 => format!("{} min", seconds / 60),
-        3600..86_400 => format!("{} h", seconds / 3600),
-        _ => format!("{} d", seconds / 86_400),
+        _ if seconds.is_multiple_of(86_400) => format!("{} d", seconds / 86_400),
+        _ if seconds.is_multiple_of(3600) => format!("{} h", seconds / 3600),
+        _ if seconds.is_multiple_of(60) => format!("{} min", seconds / 60),
+        _ => format!("{seconds} s"),
     };
     let mut all: Vec<u64> = SPANS_S.to_vec();
     if !all.contains(&window.span_s) {

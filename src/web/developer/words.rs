@@ -38,6 +38,8 @@ words! {
     help_open: "open the row", "Zeile öffnen";
     help_pin: "pin the row", "Zeile anheften";
     help_zoom: "larger, smaller, as it was", "größer, kleiner, wie zuvor";
+    help_turn: "next, previous page; later, earlier", "nächste, vorige Seite; später, früher";
+    help_moment: "the moment on the timeline, finer with Shift", "der Zeitpunkt im Zeitverlauf, feiner mit Umschalt";
     help_help: "this help", "diese Hilfe";
     help_leave: "leave a field, close", "Feld verlassen, schließen";
 
@@ -116,6 +118,7 @@ words! {
 
     zoom_in: "Larger", "Größer";
     zoom_out: "Smaller", "Kleiner";
+    zoom_none: "The span of the beginning", "Die Spanne des Anfangs";
     zoom_whole: "Whole", "Ganz";
     open_all: "Open all", "Alle öffnen";
     close_all: "Close all", "Alle schließen";
