@@ -257,7 +257,8 @@ impl Steps {
         }
     }
 
-    /// Decodes the message of a line for the other configuration, once.
+    /// Decodes the message of a line for the other configuration, once. One that means nothing to it lets time pass,
+    /// as it did then: what was received earlier and taken later counts from there.
     fn decode(&mut self, at: Timestamp, named: &MessageRef<'_>) -> Option<Step> {
         let bridge = self.bridge.as_mut()?;
         let last = self.last.get_mut(&*named.topic).filter(|last| last.is(named));
@@ -265,8 +266,9 @@ impl Steps {
             self.notes.lost += 1;
             return Some(Step::Lost);
         };
+        let tick = Step::Input { at, input: Input::Tick };
         if std::mem::replace(is_taken, true) {
-            return None;
+            return Some(tick);
         }
         let received = Received {
             body,
@@ -276,7 +278,7 @@ impl Steps {
         };
         let inputs = bridge.take(channel, received, &mut self.notes);
         self.ready.extend(inputs.into_iter().map(|input| Step::Input { at, input }));
-        self.ready.pop_front()
+        Some(self.ready.pop_front().unwrap_or(tick))
     }
 
     /// The statuses of a message, which stands before the line that names it.

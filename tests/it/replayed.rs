@@ -2,13 +2,17 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::time::UNIX_EPOCH;
 
 use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::time::Timestamp;
-use telltale::record::file::{IncidentFile, JOURNAL, KEYFRAMES};
-use telltale::record::journal::{Line, Took};
+use telltale::msg::cdr::Endian;
+use telltale::msg::fields::Definitions;
+use telltale::msg::messages;
+use telltale::record::file::{IncidentFile, JOURNAL, KEYFRAMES, MessageStamps};
+use telltale::record::journal::{Line, MessageRef, Took};
 use telltale::replay::line::lines;
 use telltale::replay::{Playback, Recording, Run};
 
@@ -76,4 +80,59 @@ fn a_time_far_ahead_is_left_out_and_the_configuration_is_that_of_the_recording()
     let snapshot = playback.snapshot().unwrap();
     let imu = snapshot.node("sensors/imu").unwrap();
     assert_eq!(snapshot.shown(imu).0.as_str(), "error");
+}
+
+#[test]
+fn a_message_that_means_nothing_lets_the_same_time_pass_by_any_configuration() {
+    const ALONE: &str = "vehicle: { id: v, stages: none }\ngroups: [{ id: sensors, modules: [{ id: imu, status: imu, timeout: 1s, stale: error }] }]\n";
+    let folder = TestFolder::new("replayed-ticks");
+    std::fs::create_dir(&*folder).unwrap();
+    let path = folder.join("incident-1.mcap");
+    let zero_ns = 1_800_000_000_000_000_000;
+    let about = BTreeMap::from([("start_of_clock_ns".to_owned(), zero_ns.to_string())]);
+    let mut file = IncidentFile::create(&path, about).unwrap();
+    file.attach("configuration/v.yaml", "application/yaml", 1, ALONE.as_bytes()).unwrap();
+    let model = config::parse("v.yaml", ALONE).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let engine = Engine::begin(model.clone(), Timestamp::ZERO);
+    file.json(&KEYFRAMES, 1, &engine.keyframe()).unwrap();
+    let Input::Diagnostics(array) = says(0) else { panic!("it is one") };
+    let status = messages::encode_diagnostic_arrays(&array, UNIX_EPOCH, usize::MAX).remove(0);
+    // The status was received first, and taken behind a message that nobody reads.
+    for (topic, type_name, body, at_ms) in [
+        ("/other", "std_msgs/msg/UInt8", vec![1], 100),
+        ("/diagnostics", messages::DIAGNOSTIC_ARRAY, status, 50),
+    ] {
+        let channel = file.topic(topic, type_name, || None).unwrap();
+        let at_ns = zero_ns + at_ms * 1_000_000;
+        let stamps = MessageStamps { log_time_ns: at_ns, publish_time_ns: at_ns, sequence: 1 };
+        file.message(channel, stamps, (&body, Endian::Little)).unwrap();
+        let message = MessageRef {
+            topic: Cow::Borrowed(topic),
+            writer: "07".repeat(16),
+            sequence: 1,
+            received_ns: at_ns,
+        };
+        let took = if topic == "/other" { Took::Input(Cow::Owned(Input::Tick)) } else { Took::Statuses };
+        let line = Line { at_ns: Timestamp::from_millis(at_ms), took, message: Some(message) };
+        file.json(&JOURNAL, at_ns, &line).unwrap();
+    }
+    let line = Line {
+        at_ns: Timestamp::from_millis(3000),
+        took: Took::Input(Cow::Owned(Input::Tick)),
+        message: None,
+    };
+    file.json(&JOURNAL, zero_ns + 3_000_000_000, &line).unwrap();
+    file.finish().unwrap();
+    let shown = |mut run: Run| {
+        let (facts, mut shown) = (run.facts().clone(), Vec::new());
+        while let Some(taken) = run.step().unwrap() {
+            shown.extend(lines(&taken, &facts, false).into_iter().map(|line| line.json));
+        }
+        shown.into_iter().filter(|line| line.contains("\"sensors/imu\"")).collect::<Vec<_>>()
+    };
+    let recorded = shown(Run::recorded(Recording::open(&path).unwrap()).unwrap());
+    let recording = Recording::open(&path).unwrap();
+    let anew = shown(Run::judged_by(recording, model, &Definitions::default(), None).unwrap());
+    assert_eq!(recorded, anew);
+    assert!(recorded.last().is_some_and(|line| line.contains("\"t_s\":1.1,")), "{recorded:?}");
 }
