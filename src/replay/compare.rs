@@ -366,3 +366,54 @@ impl PartingOf {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::state::State;
+
+    /// Letters with the seconds from which they hold.
+    fn changes(text: &str) -> Changes<char> {
+        let pair = |pair: &str| {
+            let value = pair.chars().next().expect("a letter");
+            (Timestamp::from_millis(1000 * pair[1..].parse::<u64>().expect("seconds")), value)
+        };
+        text.split_whitespace().map(pair).collect()
+    }
+
+    #[test]
+    fn two_histories_part_at_the_first_instant_at_which_they_differ() {
+        for (left, right, first_s, long_s) in [
+            ("a0 b3", "a0 b3", None, 0),
+            ("a0 b3", "a0 b4", Some(3), 1),
+            ("a0", "a0 b2 a3 c7", Some(2), 4),
+            ("a0 b2", "b0 a2", Some(0), 10),
+            ("", "a4", Some(4), 6),
+            // Behind the end nothing is compared.
+            ("a0 b11", "a0", None, 0),
+        ] {
+            let (left, right) = (changes(left), changes(right));
+            let (first, long) = parting(&left, &right, Timestamp::from_millis(10_000), |was, is| was == is);
+            assert_eq!(first, first_s.map(|s| Timestamp::from_millis(1000 * s)), "{left:?} {right:?}");
+            assert_eq!(long, Span::from_secs(long_s), "{left:?} {right:?}");
+        }
+    }
+
+    #[test]
+    fn a_node_that_is_not_there_looks_as_one_that_is_quiet() {
+        let shown =
+            |state, cause: Option<&str>| Some(Shown { state, own: state, cause: cause.map(Arc::from) });
+        for (alone, is_same) in [
+            (shown(State::Ok, None), true),
+            (shown(State::Ignore, None), true),
+            (shown(State::Ignore, Some("a/b")), false),
+            (shown(State::Unknown, None), false),
+            (None, true),
+        ] {
+            for (was, is) in [(Some(&alone), None), (Some(&None), Some(&alone))] {
+                assert_eq!(same(was, is, Shown::clone), is_same, "{alone:?}");
+            }
+        }
+        assert!(!same(Some(&shown(State::Ok, None)), Some(&shown(State::Ignore, None)), Shown::clone));
+    }
+}

@@ -153,7 +153,11 @@ async fn the_same_configuration_differs_nowhere_and_all_that_are_kept_can_be_run
     let page = vehicle.page("/incidents/1/what-if").await;
     assert!(page.contains("href=\"/incidents/1/what-if?of=3\""), "{page}");
     assert!(vehicle.page("/incidents/1/what-if?of=3").await.contains("of incident 3"));
-    // A person has one at a time: that of another incident takes its place.
+    // A person has one at a time: a newer one ends it, and one of another incident takes its place.
+    vehicle.post(1, &without_sensors(), "all").await;
+    vehicle.post(1, SHUTTLE, "this").await;
+    let told = vehicle.told(1).await;
+    assert_eq!((&told["count"], &told["compared"][0]["differs"]), (&json!(1), &json!(false)), "{told}");
     vehicle.post(2, SHUTTLE, "this").await;
     vehicle.told(2).await;
     assert!(!vehicle.page("/incidents/1/what-if").await.contains("data-progress"));
