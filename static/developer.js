@@ -114,7 +114,7 @@
   const beforeAttributeUpdated = (name, element) =>
     name !== "style" && !(name === "value" && element === document.activeElement);
   // What a script fills is left to it.
-  const isServers = (element) => element.dataset?.own === undefined;
+  const isServers = (node) => node.nodeType !== Node.ELEMENT_NODE || !node.hasAttribute("data-own");
   const callbacks = { beforeAttributeUpdated, beforeNodeMorphed: isServers, beforeNodeRemoved: isServers };
 
   const renew = async (byItself) => {

@@ -87,6 +87,7 @@
       hooks: { draw: [drawLimits(plot)], setCursor: [say(plot)] },
     };
     const chart = new uPlot(options, read(plot).data, host);
+    plot.querySelector("svg").style.display = "none";
     drawn.set(plot, chart);
     fit(plot, chart);
   };
@@ -110,11 +111,11 @@
       // The server's pictures stay.
       return;
     }
-    for (const plot of all) {
-      if (!plot.isConnected) continue;
-      if (drawn.has(plot)) drawn.get(plot).setData(read(plot).data);
-      else make(plot);
-    }
+    for (const plot of all) if (drawn.has(plot)) drawn.get(plot).setData(read(plot).data);
+    // A page is painted with the pictures of the server first.
+    requestAnimationFrame(() => setTimeout(() => {
+      for (const plot of all) if (plot.isConnected && !drawn.has(plot)) make(plot);
+    }));
   };
 
   // The crosshair of the strips goes through the plots too.

@@ -27,7 +27,7 @@
   };
 
   const find = ({ target, clientX }) => {
-    const lanes = target.closest?.(".lanes[data-start]");
+    const lanes = target.closest?.(".lanes[data-zoomed]");
     const strip = lanes && target.closest(".lane > svg, .lane > .chart") && box(lanes);
     if (!strip?.width) return null;
     const share = (clientX - strip.left) / strip.width;
@@ -69,7 +69,6 @@
     const { lanes, share } = pointed;
     const strip = box(lanes);
     const cross = lanes.querySelector(".cross");
-    if (!cross) return;
     const [start, end] = span(lanes);
     cross.style.left = `${strip.left - lanes.getBoundingClientRect().left + share * strip.width}px`;
     Live.setText(cross.querySelector("output"), clock(timeAt(lanes, share), end - start));
@@ -135,7 +134,7 @@
   });
   document.addEventListener("pointerdown", (event) => {
     const at = event.button === 0 && find(event);
-    if (at && at.lanes.querySelector(".selected")) drag = { ...at, last: at.share, x: event.clientX };
+    if (at) drag = { ...at, last: at.share, x: event.clientX };
   });
   document.addEventListener("pointerup", (event) => {
     if (!drag) return;
@@ -149,7 +148,7 @@
 
   document.addEventListener("wheel", (event) => {
     const at = !event.shiftKey && !event.ctrlKey && find(event);
-    if (!at || !at.lanes.querySelector(".selected")) return;
+    if (!at) return;
     event.preventDefault();
     const [start, end] = wanted?.span ?? span(at.lanes);
     const whole = Math.min(SPAN_MAX_MS, Math.max(SPAN_MIN_MS, (end - start) * (event.deltaY < 0 ? 1 / WHEEL : WHEEL)));
@@ -177,7 +176,7 @@
   // The field of the span follows what links, the wheel and dragging have chosen.
   const words = (seconds) => (seconds % 60 ? `${seconds} s` : `${seconds / 60} min`);
   const follow = () => {
-    const lanes = document.querySelector(".lanes[data-start]:has(.cross)");
+    const lanes = document.querySelector(".lanes[data-zoomed]");
     const field = document.querySelector("main select[name=span]");
     if (!lanes || !field || field === document.activeElement) return;
     const [start, end] = span(lanes);

@@ -196,7 +196,7 @@ def measure(page, watch):
             [(lambda: keys("ArrowDown"), *differs("#matching")), (lambda: keys("ArrowUp"), *differs("#matching"))],
         )
     for place, column in ((2, "state"), (7, "message")):
-        sort = "(document.querySelector('[aria-sort]')?.getAttribute('aria-sort') ?? '')"
+        sort = "(document.querySelector('[aria-sort]')?.outerHTML ?? '')"
         it = f"#modules thead th:nth-child({place}) a"
         watch.pair(
             [f"statuses: sort by {column}", f"statuses: sort by {column}, turned", f"statuses: not by {column}"],
@@ -213,6 +213,15 @@ def measure(page, watch):
         [(click("tbody:last-child [data-pin]", 3), f"{pins} === 1"), (click(".pinned [data-pin]"), f"{pins} === 0")],
     )
     watch.row("statuses: follow a module", watch.follow("#modules [data-open]", "**/developer/why*"))
+
+    # The search lies over any page.
+    found = "(document.querySelector('#search .results').textContent)"
+    keys("/")
+    watch.pair(
+        ["search: a letter more", "search: the letter taken back"],
+        [(lambda: keys("7"), f"{found} !== before", found), (lambda: keys("Backspace"), f"{found} !== before", found)],
+    )
+    keys("Escape")
 
     watch.visit("/developer/graph")
     boxes, width = "document.querySelectorAll('#graph .node').length", "document.getElementById('graph').style.width"
@@ -245,6 +254,11 @@ def measure(page, watch):
     watch.pair(
         ["timeline: a longer span", "timeline: the span as it was"],
         [(lambda: keys("ArrowDown"), f"{span} !== before", span), (lambda: keys("ArrowUp"), f"{span} !== before", span)],
+    )
+    page.locator("main h2").focus()
+    watch.pair(
+        ["timeline: half the span", "timeline: twice the span"],
+        [(lambda: keys("+"), f"{span} !== before", span), (lambda: keys("-"), f"{span} !== before", span)],
     )
     place = "document.getElementById('timeline').dataset.to"
     present = "document.getElementById('timeline').dataset.present !== undefined"
