@@ -13,10 +13,13 @@
   const clock = document.getElementById("replay-clock");
   const after = document.getElementById("replay-after");
   const moment = document.getElementById("moment");
+  const differs = document.getElementById("differs");
   const lost = document.getElementById("lost");
   const lanes = document.querySelector(".lanes");
   const two = (number) => String(number).padStart(2, "0");
 
+  // The moment with which the shown one is compared.
+  let remembered = null;
   let isMoved = false;
   let pending = null;
 
@@ -46,6 +49,7 @@
     after.textContent = `+${two(Math.floor(s / 60))}:${two(Math.floor(s % 60))}.${Math.floor((s * 10) % 10)}`;
     moment.href = `/replay/${body.dataset.replay}?at=${Math.round(at)}`;
     slider.setAttribute("aria-valuetext", clock.textContent);
+    if (remembered !== null) differs.href = `/replay/${body.dataset.replay}/differences?a=${remembered}&b=${Math.round(at)}`;
     if (!lanes) return;
     const { start, end } = lanes.dataset;
     const x = `${(100 * (at - start)) / (end - start)}%`;
@@ -109,6 +113,13 @@
   for (const name of ["previous", "next"]) {
     document.querySelector(`button[name=${name}]`).addEventListener("click", () => ask({ step: name }));
   }
+
+  document.querySelector("button[name=remember]").addEventListener("click", () => {
+    remembered = Number(slider.value);
+    differs.querySelector("time").textContent = timeOf(remembered);
+    differs.hidden = false;
+    show(remembered);
+  });
 
   // A click in a strip goes to its instant.
   lanes?.addEventListener("click", (event) => {

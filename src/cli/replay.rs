@@ -1,16 +1,19 @@
 //! `telltale replay`: runs a recording through the engine and prints what changed.
 
+mod serve;
 mod what_if;
 
 use std::io::{self, IsTerminal as _, Write as _};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use anyhow::{Context as _, bail};
 
 use super::fields::{self, DefinitionFlags};
-use super::{EXIT_NO, EXIT_USAGE, check};
+use super::{EXIT_NO, EXIT_USAGE, check, server};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
@@ -80,6 +83,12 @@ pub struct Args {
     /// Replay at this speed, 1 is the speed of the recording [default: as fast as possible]
     #[arg(long, value_name = "N", value_parser = speed)]
     speed: Option<f64>,
+    /// Show it in the display instead: the operator's screen and the developer's pages as they were
+    #[arg(long, conflicts_with_all = ["what_if", "json", "all", "expect", "from", "to", "speed"])]
+    serve: bool,
+    /// Where browsers on this computer find it
+    #[arg(long, value_name = "ADDR", requires = "serve", default_value = server::LISTEN, value_parser = server::address)]
+    listen: SocketAddr,
     /// The stage in which the vehicle begins, where only its messages are recorded
     #[arg(long, value_name = "STAGE", value_parser = stage)]
     stage: Option<Stage>,
@@ -143,7 +152,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         None => None,
     };
-    let Some(mut run) = open(args, file)? else { return Ok(ExitCode::from(EXIT_USAGE)) };
+    let Some(open) = opener(args, file)? else { return Ok(ExitCode::from(EXIT_USAGE)) };
+    if args.serve {
+        let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
+        return serve::run(args, name, open);
+    }
+    let mut run = open().with_context(|| file.display().to_string())?;
     let got = replay(args, &mut run, expected.is_none())?;
     report(&run);
     let Some(expected) = expected else { return Ok(ExitCode::SUCCESS) };
@@ -152,8 +166,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(if differences.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
 }
 
-/// The recording with an engine; `None` if the configuration is wrong, which is said.
-fn open(args: &Args, file: &Path) -> anyhow::Result<Option<Run>> {
+/// Opens the recording with an engine, as often as it is called.
+type Open = dyn Fn() -> Result<Run, ReplayError> + Send + Sync;
+
+/// What opens the recording; `None` if the configuration is wrong, which is said.
+fn opener(args: &Args, file: &Path) -> anyhow::Result<Option<Arc<Open>>> {
+    let path_of_file = file.to_owned();
     let in_file = || file.display().to_string();
     let recording = match Recording::open(file) {
         // It names the file.
@@ -164,7 +182,7 @@ fn open(args: &Args, file: &Path) -> anyhow::Result<Option<Run>> {
         if args.stage.is_some() {
             bail!("--stage needs --config: this recording has its stages");
         }
-        return Ok(Some(Run::recorded(recording).with_context(in_file)?));
+        return Ok(Some(Arc::new(move || Recording::open(&path_of_file).and_then(Run::recorded))));
     };
     let examined = config::examine(path);
     let definitions = args.definitions.definitions();
@@ -180,8 +198,10 @@ fn open(args: &Args, file: &Path) -> anyhow::Result<Option<Run>> {
     check_stage(args, recording.facts(), &loaded, path)?;
     let loaded = recording.facts().as_counted(loaded);
     let definitions = recording.define(definitions.with(&loaded.message_folders));
-    let run = Run::judged_by(recording, loaded.model, &definitions, args.stage).with_context(in_file)?;
-    Ok(Some(run))
+    let (model, stage) = (loaded.model, args.stage);
+    Ok(Some(Arc::new(move || {
+        Run::judged_by(Recording::open(&path_of_file)?, model.clone(), &definitions, stage)
+    })))
 }
 
 /// Whether a stage can be given for a recording that is judged by this configuration.

@@ -31,6 +31,7 @@ pub struct Settings {
     /// The longest window, timeout or delay of the configuration: a recording begins so much earlier, so that
     /// another configuration has a past to judge by.
     pub longest_memory: Span,
+    /// The files of the configuration. The engine tells of later ones.
     pub configuration: Arc<[ConfigurationText]>,
 }
 
@@ -79,6 +80,8 @@ pub(super) struct State {
     snapshot: Arc<Snapshot>,
     /// Warnings since that snapshot.
     warnings: Vec<Arc<str>>,
+    /// The configurations by which the engine judged what the ring holds, each with the place from which on.
+    configurations: VecDeque<(Position, Arc<[ConfigurationText]>)>,
     /// Incidents to write, the oldest first.
     pub jobs: VecDeque<Job>,
     next_number: u64,
@@ -122,6 +125,7 @@ impl Recorder {
         let state = State {
             ring: Ring::new(settings.memory),
             tracker: Tracker::new(settings.margins, &first),
+            configurations: VecDeque::from([(0, settings.configuration.clone())]),
             settings,
             snapshot: first,
             warnings: Vec::new(),
@@ -174,6 +178,11 @@ impl Recorder {
             memory: state.ring.bytes_max(),
             topics: state.ring.meter(self.0.clock.now()),
         }
+    }
+
+    /// Since when it holds everything; `None` before the first state of the engine.
+    pub fn holds_since(&self) -> Option<Timestamp> {
+        self.0.lock().ring.keyframe_before(Timestamp::ZERO).map(|(_, at)| at)
     }
 
     /// The number of the incident that is being recorded.
@@ -252,15 +261,21 @@ impl State {
         for stamped in taken {
             self.ring.push_input(stamped);
         }
+        let begins = self.ring.next();
         let mut push = |at, taken| self.ring.push(Entry { at, taken, message: None });
         if let Some((at, texts)) = reload {
-            push(at, Taken::Reload(texts));
+            push(at, Taken::Reload(texts.clone()));
+            self.configurations.push_back((begins + 1, texts));
         }
         for record in records {
             push(record.at, Taken::Transition(Arc::new(record)));
         }
         if let Some(keyframe) = keyframe {
             self.ring.push_keyframe(keyframe);
+        }
+        // The oldest one that counts began before what the ring holds, or with it.
+        while self.configurations.get(1).is_some_and(|&(from, _)| from <= self.ring.first()) {
+            self.configurations.pop_front();
         }
         self.warnings.extend(warnings);
         if let Some(snapshot) = snapshot {
@@ -288,7 +303,7 @@ impl State {
     fn open(&mut self, open: Open) {
         let before =
             |span: Span| Timestamp::from_nanos(open.since.as_nanos().saturating_sub(span.as_nanos()));
-        let Settings { margins, ref configuration, .. } = self.settings;
+        let margins = self.settings.margins;
         let found = self.ring.keyframe_before(before(self.settings.past()));
         let Some((begin, at)) = found.filter(|_| self.jobs.len() < WAITING_MAX) else {
             tracing::error!("an incident is not recorded: {} others wait for the disk", self.jobs.len());
@@ -301,12 +316,35 @@ impl State {
             begin,
             shown_from: before(margins.before).max(at),
             end: None,
-            configuration: configuration.clone(),
+            configuration: self.configuration_at(begin),
             roots: Vec::new(),
             stage: self.snapshot.stage,
             freeze: freeze(&self.snapshot, &open),
             open,
         });
+    }
+
+    /// The configuration by which the engine judged at a place of the ring.
+    fn configuration_at(&self, place: Position) -> Arc<[ConfigurationText]> {
+        let counts = self.configurations.iter().rev().find(|(from, _)| *from <= place);
+        counts.or(self.configurations.front()).map(|(_, texts)| texts.clone()).unwrap_or_default()
+    }
+
+    /// All that the ring holds from the first state of the engine on, as an incident without a trigger.
+    pub fn everything(&self) -> Option<Job> {
+        let (begin, since) = self.ring.keyframe_before(Timestamp::ZERO)?;
+        let until = self.snapshot.now;
+        Some(Job {
+            number: 0,
+            begin,
+            shown_from: since,
+            end: Some(self.ring.next()),
+            configuration: self.configuration_at(begin),
+            roots: Vec::new(),
+            stage: self.snapshot.stage,
+            freeze: Vec::new(),
+            open: Open { since, until, triggers: Vec::new(), more: 0, storm: false },
+        })
     }
 
     /// Writes an incident that is open after all, if the disk refused it before: the ring still has its beginning.

@@ -196,6 +196,11 @@ impl Ring {
         }
     }
 
+    /// The place of the oldest entry.
+    pub fn first(&self) -> Position {
+        self.first
+    }
+
     /// The place of the next entry.
     pub fn next(&self) -> Position {
         self.first + self.entries.len() as u64

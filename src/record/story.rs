@@ -159,6 +159,13 @@ pub fn read(path: &Path, summary: &Summary) -> Result<Story, FileError> {
     Ok(Story { complete, cut, left_out, more_left_out, ..heard.tell(summary) })
 }
 
+/// What these changes tell, which begin with the states of all nodes.
+pub fn of_changes<'a>(changes: impl Iterator<Item = Transition<'a>>, summary: &Summary) -> Story {
+    let mut heard = Heard::default();
+    changes.for_each(|change| heard.change(change));
+    Story { complete: true, ..heard.tell(summary) }
+}
+
 /// What is known of an incident whose file cannot be read: its triggers.
 pub fn known(summary: &Summary) -> Story {
     let alarm = |trigger: &TriggerLine| {
@@ -188,15 +195,15 @@ fn from_ms(summary: &Summary) -> i64 {
 
 /// What was read so far.
 #[derive(Debug, Default)]
-struct Heard {
+struct Heard<'a> {
     topics: BTreeMap<String, ToldTopic>,
-    changes: Vec<Transition<'static>>,
+    changes: Vec<Transition<'a>>,
     more_changes: u64,
     operator: Vec<Moment>,
     lost: u64,
 }
 
-impl Heard {
+impl<'a> Heard<'a> {
     /// Takes an entry. Returns its bytes.
     fn take(&mut self, entry: Entry) -> u64 {
         match entry {
@@ -221,9 +228,9 @@ impl Heard {
             Entry::Json { channel, stamps, text } => {
                 if *channel.topic == *TRANSITIONS.topic {
                     // A line of another version says nothing.
-                    match serde_json::from_slice(&text) {
-                        Ok(change) if self.changes.len() < CHANGES_MAX => self.changes.push(change),
-                        _ => self.more_changes += 1,
+                    match serde_json::from_slice::<Transition<'static>>(&text) {
+                        Ok(change) => self.change(change),
+                        Err(_) => self.more_changes += 1,
                     }
                 } else if *channel.topic == *JOURNAL.topic {
                     self.journal(ms(stamps.log_time_ns), &text);
@@ -231,6 +238,10 @@ impl Heard {
                 text.len() as u64
             }
         }
+    }
+
+    fn change(&mut self, change: Transition<'a>) {
+        if self.changes.len() < CHANGES_MAX { self.changes.push(change) } else { self.more_changes += 1 }
     }
 
     /// Of the journal only what the operator did and what is missing is told.

@@ -2,6 +2,7 @@
 //! ring forgets the oldest messages of large topics first, and the file counts what it lacks.
 
 mod open_file;
+mod recent;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -19,6 +20,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Definitions;
 use open_file::OpenFile;
 pub use open_file::{digest, hash_file, unix_ms};
+pub use recent::write_recent;
 
 /// Bytes that are taken from the ring at once.
 const BATCH_BYTES: usize = 4 << 20;
@@ -52,7 +54,7 @@ pub enum News {
 }
 
 /// What the writer needs beside the recorder.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Place {
     /// The folder of the files.
     pub folder: PathBuf,

@@ -3,6 +3,7 @@
 mod bag;
 mod bridge;
 pub mod compare;
+pub mod difference;
 pub mod expect;
 pub mod line;
 mod playback;

@@ -8,6 +8,10 @@ use crate::engine::input::Input;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::{Record, Recorded};
+use crate::record::story::{Story, of_changes};
+use crate::record::summary::Summary;
+use crate::record::transition::Transition;
+use crate::record::writer::unix_ms;
 
 /// The time between two marks of a short recording.
 const MARK_EVERY: Span = Span::from_secs(10);
@@ -109,6 +113,22 @@ impl Playback {
         }
         self.at = at;
         Ok(())
+    }
+
+    /// What the recording tells, as the page of this incident shows it.
+    ///
+    /// # Errors
+    /// The vehicle took a configuration that this version cannot read.
+    pub fn story(&mut self, summary: &Summary) -> Result<Story, ReplayError> {
+        let at = self.at;
+        self.go_to(self.facts.from)?;
+        let present = self.snapshot().map(|first| Record::present(&first, false)).unwrap_or_default();
+        self.go_to(at)?;
+        let (facts, from) = (&self.facts, self.facts.from);
+        let at_ms = |record: &Record| unix_ms(facts.wall(record.at.max(from)));
+        // The first one says that the program started, which it did not then.
+        let all = present.iter().skip(1).chain(&self.changes);
+        Ok(of_changes(all.map(|record| Transition::of(record, at_ms(record))), summary))
     }
 
     /// What was shown at this instant; `None` if the recording lacks it.

@@ -42,6 +42,7 @@ use operator::act::PLACES;
 use operator::stop_once::Stops;
 use operator::two_steps::PendingConfirmation;
 use replays::Replays;
+pub use replays::ServedFile;
 
 pub use admission::peer::Peer;
 pub use admission::proxies::{Network, NoNetwork, Proxies};
@@ -84,6 +85,8 @@ pub struct Settings {
     pub marker: Option<Marker>,
     /// What pages say of the recording; `None` if nothing is recorded.
     pub recording: Option<RecordingState>,
+    /// The recording that is shown instead of a vehicle.
+    pub replayed: Option<ServedFile>,
 }
 
 /// Shared by all requests; clones are the same.

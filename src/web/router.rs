@@ -9,6 +9,7 @@ use axum::extract::DefaultBodyLimit;
 use axum::handler::Handler;
 use axum::http::{Extensions, HeaderMap, Method, StatusCode, Version, header};
 use axum::middleware::{from_fn, from_fn_with_state};
+use axum::response::Redirect;
 use axum::routing::{MethodRouter, get, post};
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{DefaultPredicate, Predicate as _};
@@ -32,6 +33,9 @@ pub const BODY_BYTES_MAX: usize = 16 * 1024;
 const TEXT_BYTES_MAX: usize = 1024 * 1024;
 /// The time for a whole request with its body. Sockets have none.
 const REQUEST_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// The routes of a server that shows a file alone begin with these.
+const OF_A_FILE: [&str; 6] = ["/login", "/logout", "/replay/", "/static/", "/healthz", "/readyz"];
 
 /// One row of the table.
 #[derive(Debug)]
@@ -69,6 +73,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/search", Roles(&[Developer, Authority]), developer::search::get),
         on_get("/developer/graph", Roles(&[Developer, Authority]), developer::graph::get),
         on_get("/developer/timeline", Roles(&[Developer, Authority]), developer::timeline::get),
+        on_get("/developer/moment", Roles(&[Developer, Authority]), replays::moment),
         on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking::get),
         on_get("/developer/coverage", Roles(&[Developer, Authority]), developer::coverage::get),
         on_get("/developer/topics", Roles(&[Developer, Authority]), developer::topics::get),
@@ -87,6 +92,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/replay/{id}", Roles(&[Developer, Authority]), replays::get),
         on_get("/replay/{id}/state", Roles(&[Developer, Authority]), replays::state),
         on_post("/replay/{id}/state", Roles(&[Developer, Authority]), replays::control),
+        on_get("/replay/{id}/differences", Roles(&[Developer, Authority]), replays::differences),
         on_get("/replay/{id}/screen/", Roles(&[Developer, Authority]), replays::first_screen),
         on_get("/replay/{id}/screen/{*path}", Roles(&[Developer, Authority]), replays::screen),
         on_get("/api/v1/incidents", Roles(&[Developer, Authority]), incidents::list),
@@ -111,7 +117,16 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
 pub fn router(app: AppState) -> Router {
     let (mut plain, mut with_text) = (Router::new(), Router::new());
     let mut table: AccessTable = HashMap::new();
-    for route in routes(app.settings.demo.is_some()) {
+    let shows_file = app.settings.replayed.is_some();
+    for mut route in routes(app.settings.demo.is_some()) {
+        if shows_file {
+            // There is no vehicle whose pages the others would be.
+            if route.method == Method::GET && matches!(route.path, "/" | "/developer") {
+                route.answer = get(async || Redirect::to("/replay/file"));
+            } else if !OF_A_FILE.iter().any(|path| route.path.starts_with(path)) {
+                continue;
+            }
+        }
         table.insert((route.path, route.method), route.access);
         let router = if route.body_bytes_max == BODY_BYTES_MAX { &mut plain } else { &mut with_text };
         *router = std::mem::take(router).route(route.path, route.answer);

@@ -1,19 +1,25 @@
 """What `telltale replay` prints of bags of a robot that never heard of Telltale, in every form in which rosbag2 stores them."""
 
 import json
+import os
+import re
 import shutil
+import signal
 import sqlite3
 import subprocess
+from types import SimpleNamespace
 
 import numpy
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
+from playwright.sync_api import expect
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from operating import log_in
 from vehicle import TELLTALE
 
 POWER, ODOMETRY = "robo_msgs/msg/Power", "nav_msgs/msg/Odometry"
@@ -282,6 +288,41 @@ def test_a_vehicle_begins_in_the_stage_that_is_named(plain, folder):
     assert planner("--stage", "active") == [(0, "ok", None), (3.5, "error", None)]
     assert planner("--stage", "standby") == planner()
     assert {state for _, state, _ in planner()} == {"ignore"}
+
+
+def test_a_bag_is_shown_in_the_display(plain, config, page):
+    words = [TELLTALE, "replay", plain, "--config", config, "--serve", "--listen", "127.0.0.1:0"]
+    serving = subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True)
+    try:
+        url = re.search(r"http://127\.0\.0\.1:\d+", serving.stdout.readline()).group()
+        name, password = re.findall("`(.*?)`", serving.stdout.readline())
+        log_in(page, SimpleNamespace(url=url), name, password)
+        page.wait_for_url(f"{url}/replay/file")
+        screen = page.frame_locator("iframe[name=screen]")
+        expect(screen.locator("body")).to_have_attribute("data-live", "replay")
+        page.goto(f"{url}/replay/file?at={BEGIN_NS // 10**6 + 4_500}")
+        expect(screen.locator("#tile-base")).to_have_attribute("data-state", "error")
+        expect(screen.locator("#tile-planning")).to_have_attribute("data-reason", "masked")
+        expect(page.locator(".lane[data-node='base/motor']")).to_be_visible()
+        page.goto(f"{url}/replay/file?at={BEGIN_NS // 10**6 + 2_000}")
+        expect(screen.locator("#tile-base")).to_have_attribute("data-state", "ok")
+        # There is nothing else, and nothing acts.
+        for path in ["/", "/developer"]:
+            page.goto(url + path)
+            page.wait_for_url(f"{url}/replay/file")
+        answer = page.request.post(f"{url}/vehicle/stop", form={"version": "1", "tap": "1"}, headers={"Origin": url})
+        assert answer.status == 404, answer.status
+        if shots := os.environ.get("REPLAY_SHOTS"):
+            page.goto(f"{url}/replay/file?at={BEGIN_NS // 10**6 + 4_500}")
+            expect(screen.locator("#tile-base")).to_have_attribute("data-state", "error")
+            page.screenshot(path=f"{shots}/serve.png")
+    finally:
+        serving.send_signal(signal.SIGINT)
+        assert serving.wait(20) == 0
+    _, said = replay(plain, "--serve", exits=2)
+    assert "--config" in said, said
+    _, said = replay(plain, "--config", config, "--serve", "--listen", "0.0.0.0:0", exits=2)
+    assert "beyond this computer" in said, said
 
 
 def test_what_cannot_be_used_is_said(tmp_path, plain, config):

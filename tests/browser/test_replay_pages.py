@@ -20,6 +20,7 @@ ACTIONS = [
     "/vehicle/stop", "/vehicle/localize", "/vehicle/clearance", "/vehicle/clearance/confirm", "/vehicle/clearance/withdraw",
     "/vehicle/release", "/vehicle/release/confirm", "/vehicle/shutdown", "/alarms/1/acknowledge", "/alarms/acknowledge-over",
     "/modules/sensors/imu/reset", "/developer/configuration/reload", "/incidents/mark", "/api/v1/mark", "/logout",
+    "/incidents/1/what-if", "/incidents/1/note", "/incidents/1/keep",
 ]
 
 
@@ -143,3 +144,78 @@ def test_two_people_replay_while_the_vehicle_goes_on(server, vehicle, page, inci
     live = lambda: clients[0].snapshot()["at"]
     first = live()
     until(lambda: live() > first, 5, "the vehicle goes on")
+
+
+def test_two_moments_stand_side_by_side_with_what_differs(server, page, incident):
+    number, told = incident
+    fault_ms = failed_at(told)
+    enter(page, server, *DEVELOPER)
+    page.goto(f"{server.url}/replay/{number}?at={fault_ms - 1000}")
+    expect(page.frame_locator("iframe[name=screen]").locator("#tile-sensors")).to_have_attribute("data-state", "ok")
+    page.locator("button[name=remember]").click()
+    page.locator("input[name=at]").fill(str(fault_ms + 1000))
+    page.locator("#differs").click()
+    page.wait_for_url("**/differences?*")
+    row = page.locator(f"#differences tr[data-node='{CAUSE}']")
+    expect(row.locator("td").nth(0).locator(".chip")).to_have_attribute("data-state", "ok")
+    expect(row.locator("td").nth(1).locator(".chip")).to_have_attribute("data-state", "error")
+    expect(row.locator("td").nth(1)).to_contain_text("no packets")
+    masked = page.locator("#differences tr[data-node='localization'] td").nth(1)
+    expect(masked.locator(".chip")).to_have_attribute("data-state", "ignore")
+    expect(masked).to_contain_text(CAUSE)
+    assert violations(page) == ""
+    if folder := os.environ.get("REPLAY_SHOTS"):
+        page.screenshot(path=f"{folder}/differences.png")
+    address = page.url
+    client = Client(server, *DEVELOPER)
+    client.opener.open(f"{server.url}/replay/{number}", timeout=10)
+    request = urllib.request.Request(address, headers={"Accept": "application/json"})
+    found = json.load(client.opener.open(request, timeout=10))["differences"]
+    assert CAUSE in [node["node"] for node in found["nodes"]] and found["vehicle"], found
+    page.goto(f"{server.url}/replay/{number}/differences?a={fault_ms}&b={fault_ms}")
+    expect(page.locator(".empty")).to_contain_text("Nothing differs")
+    page.locator("#leave").click()
+    page.wait_for_url(f"**/replay/{number}?at=*")
+
+
+def test_any_moment_is_shown_again_from_the_best_source(server, vehicle, page, incident):
+    number, told = incident
+    fault_ms = failed_at(told)
+    enter(page, server, *DEVELOPER)
+    screen = page.frame_locator("iframe[name=screen]")
+    clock = lambda: page.evaluate("() => Number(document.querySelector('input[name=at]').value)")
+
+    # The recorder still has the last minutes, from its start on, whatever is an incident.
+    page.goto(f"{server.url}/developer/timeline")
+    page.locator("#show-moment").click()
+    page.wait_for_url("**/replay/recent?at=*")
+    expect(page.locator(".replay-sign")).to_be_visible()
+    expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "ok")
+    page.goto(f"{server.url}/developer/moment?at={fault_ms + 500}")
+    page.wait_for_url("**/replay/recent?at=*")
+    expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "error")
+    expect(screen.locator(f"#causes [data-node='{CAUSE}']")).to_be_visible()
+    assert abs(clock() - (fault_ms + 500)) < 100
+    assert page.locator(f".lane[data-node='{CAUSE}'] .bar-error").count() == 1
+    assert violations(page) == ""
+
+    # A later moment than was held when it was opened is found in what is held now.
+    vehicle.set(STATUS, 2, "no packets again")
+    client = Client(server, *DEVELOPER)
+    root = lambda: next((root for root in client.snapshot()["roots"] if root["node"] == CAUSE), None)
+    since = datetime.datetime.fromisoformat(until(root, 20, client.snapshot)["since"])
+    now = lambda: datetime.datetime.fromisoformat(client.snapshot()["at"])
+    until(lambda: (now() - since).total_seconds() > 1, 20, client.snapshot)
+    page.goto(f"{server.url}/developer/moment")
+    page.wait_for_url("**/replay/recent?at=*")
+    expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "error")
+    vehicle.set(STATUS, 0)
+
+    # What nothing has recorded is told by the history.
+    page.goto(f"{server.url}/developer/moment?at={fault_ms - 86_400_000}")
+    page.wait_for_url("**/developer/timeline?*unrecorded*")
+    expect(page.locator(".past")).to_contain_text("No recording has this moment")
+    page.goto(f"{server.url}/replay/recent")
+    page.locator("#leave").click()
+    page.wait_for_url("**/developer")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")

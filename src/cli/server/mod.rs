@@ -135,6 +135,7 @@ impl Server {
             what_if: Some(what_if::examiner(options.definitions.clone())),
             marker: recording.as_ref().map(Recording::marker),
             recording: recording.as_ref().map(Recording::state),
+            replayed: None,
         };
         let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));
         store.record(start, None).await;

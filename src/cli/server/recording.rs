@@ -46,6 +46,7 @@ const LAST_WITHIN: Duration = Duration::from_secs(1);
 #[derive(Debug)]
 pub struct Recording {
     pub recorder: Recorder,
+    place: Place,
     /// Why nothing can be recorded.
     pub fault: watch::Receiver<Option<Arc<str>>>,
     policy: watch::Sender<Policy>,
@@ -141,12 +142,21 @@ pub async fn start(
         about.insert("demo".to_owned(), "true".to_owned());
     }
     let place = Place { folder: folder.clone(), definitions, about };
-    let writer = writer::start(&recorder, place, tell).context("no thread can be started")?;
+    let writer = writer::start(&recorder, place.clone(), tell).context("no thread can be started")?;
     let (fault, faults) = watch::channel(None);
     let (policy, policies) = watch::channel(policy);
     let books = tokio::spawn(keep_books(news, store.clone(), fault, recorder.clone(), folder.clone()));
     let tidying = tokio::spawn(look_after(policies, store.clone(), folder, files, clock));
-    Ok(Some(Recording { recorder, fault: faults, policy, writer, books, tidying, _temporary: temporary }))
+    Ok(Some(Recording {
+        recorder,
+        place,
+        fault: faults,
+        policy,
+        writer,
+        books,
+        tidying,
+        _temporary: temporary,
+    }))
 }
 
 impl Recording {
@@ -160,6 +170,7 @@ impl Recording {
     pub fn state(&self) -> RecordingState {
         RecordingState {
             recorder: self.recorder.clone(),
+            place: self.place.clone(),
             fault: self.fault.clone(),
             policy: self.policy.subscribe(),
         }

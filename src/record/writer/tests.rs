@@ -17,7 +17,7 @@ use crate::record::file::{ABOUT, Entry, JOURNAL, KEYFRAMES, Reader};
 use crate::record::incident::Margins;
 use crate::record::journal::{Line, Took};
 use crate::record::recorder::Settings;
-use crate::record::ring::ConfigurationText;
+use crate::record::ring::{ConfigurationText, KEPT_FOR};
 use crate::record::summary::Recording;
 
 /// An engine whose inputs are recorded into a folder.
@@ -197,6 +197,44 @@ fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
     let notes: Vec<_> = summary.triggers.iter().map(|it| (&*it.kind, &*it.what, &*it.note)).collect();
     assert_eq!(notes, [("mark", "anna", "a strange noise"), ("mark", "anna", "again")]);
     assert!(summary.recording.finished && !summary.recording.interrupted && summary.until_ms.is_some());
+}
+
+#[test]
+fn the_last_minutes_have_the_configuration_by_which_they_were_judged() {
+    let mut recorded = Recorded::new("recent");
+    let folder = TestFolder::new("recent-of");
+    let place = Place {
+        folder: recorded.folder.to_path_buf(),
+        definitions: Definitions::new(Vec::new()),
+        about: BTreeMap::new(),
+    };
+    let recorder = recorded.recorder.clone();
+    let recent = || {
+        let path = write_recent(&recorder, &place, &folder).unwrap().expect("it has a beginning");
+        let mut reader = Reader::open(&path).unwrap();
+        let text = reader.attachment("configuration/v.yaml").unwrap();
+        let times = std::iter::from_fn(|| reader.next_entry()).count();
+        assert!(reader.is_complete() && times > 0);
+        std::fs::remove_file(path).unwrap();
+        String::from_utf8(text).unwrap()
+    };
+    let held_from = |from: Timestamp| {
+        while recorder.holds_since().is_none_or(|since| since < from) {
+            std::thread::yield_now();
+        }
+    };
+    recorded.say("pump", 0, 1);
+    held_from(Timestamp::ZERO);
+    let later = ConfigurationText { name: "v.yaml".into(), text: "vehicle: { id: w }\n".into() };
+    recorded.feed.reloaded(recorded.clock.now(), [later].into());
+    recorded.say("pump", 0, 1);
+    assert_eq!(recent(), "vehicle: { id: v }\n");
+    // The ring forgets what is too old.
+    for _ in 0..5 {
+        recorded.say("pump", 0, KEPT_FOR.as_millis() / 2000);
+    }
+    held_from(Timestamp::ZERO + KEPT_FOR);
+    assert_eq!(recent(), "vehicle: { id: w }\n");
 }
 
 /// Removes a folder in which the writer may be trying the disk.

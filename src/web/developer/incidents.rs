@@ -5,6 +5,6 @@ pub mod list;
 pub mod one;
 pub(super) mod plots;
 pub mod report;
-mod sentences;
+pub(in crate::web) mod sentences;
 pub mod what_if;
-mod words;
+pub(in crate::web) mod words;

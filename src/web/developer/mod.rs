@@ -18,7 +18,7 @@ pub(in crate::web) mod tests;
 pub mod timeline;
 pub mod topics;
 pub mod why;
-mod words;
+pub(in crate::web) mod words;
 
 use crate::engine::model::{NodeId, Stage};
 use crate::engine::snapshot::ModuleView;

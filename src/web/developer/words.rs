@@ -144,6 +144,8 @@ words! {
     no_events: "Nothing happened in this span.", "In dieser Spanne geschah nichts.";
     no_record: "no record", "nicht aufgezeichnet";
     from_history: "From history: this is not the present.", "Aus dem Verlauf: Das ist nicht die Gegenwart.";
+    unrecorded: "No recording has this moment. The history knows states and alarms, no values or messages.", "Keine Aufzeichnung hat diesen Moment. Der Verlauf kennt Zustände und Alarme, keine Werte oder Nachrichten.";
+    show_moment: "Every page at this moment", "Alle Seiten in diesem Moment";
     no_history: "The history cannot be read now; the log says why. States and alarms work without it.", "Der Verlauf ist zurzeit nicht lesbar; das Protokoll sagt warum. Zustände und Alarme kommen ohne ihn aus.";
     history_lost: "transitions were lost because the disk was too slow", "Wechsel gingen verloren, weil der Speicher zu langsam war";
     cut: "There is more than can be drawn: choose a shorter span.", "Es gibt mehr, als gezeichnet werden kann: kürzere Spanne wählen.";

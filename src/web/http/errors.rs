@@ -41,6 +41,8 @@ pub enum HttpError {
     NoRecording,
     /// A recording cannot be replayed.
     NoReplay,
+    /// A long recording is being read for its replay.
+    Opening,
 }
 
 impl From<StoreError> for HttpError {
@@ -73,6 +75,7 @@ impl HttpError {
             | HttpError::StopNotKept
             | HttpError::StopNotHeard
             | HttpError::Busy
+            | HttpError::Opening
             | HttpError::NotRecording
             | HttpError::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         }
@@ -209,6 +212,14 @@ impl HttpError {
                 "Keine Wiedergabe",
                 "Diese Aufzeichnung kann nicht wiedergegeben werden; das Protokoll des Servers sagt, warum. Sie kann \
                  heruntergeladen werden.",
+            ),
+            (HttpError::Opening, Lang::En) => (
+                "Opening the recording",
+                "It is read from its beginning to its end. This page goes on by itself.",
+            ),
+            (HttpError::Opening, Lang::De) => (
+                "Die Aufzeichnung wird geöffnet",
+                "Sie wird vom Anfang bis zum Ende gelesen. Diese Seite geht von selbst weiter.",
             ),
             (HttpError::NoRecording, Lang::En) => {
                 ("No recording", "The file of this recording is gone. `telltale incident verify` says more.")

@@ -26,7 +26,7 @@ use super::{AppState, Live};
 use crate::record::incident::NOTE_BYTES_MAX;
 use crate::record::recorder::Recorder;
 use crate::record::retention::Policy;
-use crate::record::writer::unix_ms;
+use crate::record::writer::{Place, unix_ms};
 use crate::store::audit::{Action, Record};
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 
@@ -61,6 +61,8 @@ impl fmt::Debug for Marker {
 #[derive(Debug)]
 pub struct RecordingState {
     pub recorder: Recorder,
+    /// What a file of its last minutes says of the vehicle.
+    pub place: Place,
     /// Why nothing can be recorded.
     pub fault: watch::Receiver<Option<Arc<str>>>,
     pub policy: watch::Receiver<Policy>,

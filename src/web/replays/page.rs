@@ -5,24 +5,32 @@ use axum::Form;
 use axum::extract::rejection::FormRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
+use axum::http::header::REFRESH;
 use axum::response::{Html, IntoResponse, Response};
 use serde::Deserialize;
+use serde_json::json;
 
+use super::opening::of;
 use super::player::{Order, PlayState};
-use super::{OpenReplay, of};
+use super::{OpenReplay, Subject};
+use crate::store::{Incident, Session};
 use crate::web::AppState;
 use crate::web::developer::incidents::content::{Content, Medium};
+use crate::web::developer::incidents::words::IncidentWords;
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::respond::{Reader, bad_form, json_answer, refusal};
-use crate::web::incidents::{find, story};
+use crate::web::incidents::{Read, find};
 use crate::web::view::page::frame::PageFrame;
+use crate::web::view::text::{NAME, clean};
 use crate::web::view::{Lang, html};
 
 #[derive(Template)]
 #[template(path = "replay.html")]
 struct ReplayHtml {
     frame: PageFrame,
+    about: About,
+    subject: Subject,
     content: Content,
     state: PlayState,
     /// The screens: the address behind the replay's, and its name.
@@ -33,7 +41,7 @@ struct ReplayHtml {
 /// A moment in the address: milliseconds since 1970, or UTC.
 #[derive(Debug, Deserialize)]
 pub struct MomentQuery {
-    at: Option<String>,
+    pub(super) at: Option<String>,
 }
 
 /// Orders of the page: one at a time.
@@ -46,6 +54,49 @@ pub struct ControlForm {
     play: Option<f64>,
 }
 
+/// Of which recording, and where its page leads back to.
+struct About {
+    name: String,
+    leave: String,
+    leave_word: &'static str,
+}
+
+/// The name of a recording, for people.
+pub(super) fn about_name(app: &AppState, subject: Subject, it: &'static IncidentWords) -> String {
+    match subject {
+        Subject::Incident(id) => format!("{} {id}", it.incident),
+        Subject::Recent => it.last_minutes.to_owned(),
+        Subject::File => {
+            app.settings.replayed.as_ref().map(|file| clean(&file.name, 2 * NAME)).unwrap_or_default()
+        }
+    }
+}
+
+fn about(app: &AppState, subject: Subject, it: &'static IncidentWords) -> About {
+    let (leave, leave_word) = match subject {
+        Subject::Incident(id) => (format!("/incidents/{id}"), it.leave_replay),
+        Subject::Recent => ("/developer".to_owned(), it.back_to_now),
+        // There is nothing else.
+        Subject::File => (String::new(), ""),
+    };
+    About { name: about_name(app, subject, it), leave, leave_word }
+}
+
+/// The incident of the store, where one is replayed, and the replay.
+async fn opened(
+    app: &AppState,
+    subject: Subject,
+    session: &Session,
+    at_ms: Option<i64>,
+) -> Result<(Option<Incident>, OpenReplay), HttpError> {
+    let incident = match subject {
+        Subject::Incident(id) => Some(find(app, &id.to_string()).await?),
+        _ => None,
+    };
+    let replay = of(app, subject, incident.as_ref(), session, at_ms).await?;
+    Ok((incident, replay))
+}
+
 /// `GET /replay/{id}?at=TIME`
 pub async fn get(
     State(app): State<AppState>,
@@ -54,25 +105,34 @@ pub async fn get(
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Response {
-    let incident = match find(&app, &id).await {
-        Ok(incident) => incident,
+    let subject = match id.parse::<Subject>() {
+        Ok(subject) => subject,
         Err(trouble) => return refusal(&reader, trouble),
     };
-    let replay = match of(&app, &incident, &session).await {
-        Ok(replay) => replay,
+    let at_ms = at.as_deref().and_then(moment_ms);
+    let (incident, replay) = match opened(&app, subject, &session, at_ms).await {
+        Ok(opened) => opened,
+        Err(HttpError::Opening) => {
+            // The page asks again by itself.
+            return ([(REFRESH, "1")], refusal(&reader, HttpError::Opening)).into_response();
+        }
         Err(trouble) => return refusal(&reader, trouble),
     };
     let mut state = *replay.state.borrow();
-    if let Some(at_ms) = at.as_deref().and_then(moment_ms) {
+    if let Some(at_ms) = at_ms {
         replay.controls.order(Order::GoTo(at_ms));
         state.at_ms = at_ms.clamp(state.from_ms, state.to_ms);
     }
-    let read = story(&app, &incident.summary).await;
     let lang = reader.lang;
-    let content = Content::of(lang, &incident, &read, Medium::Replay);
+    let incident =
+        incident.unwrap_or_else(|| Incident { summary: (*replay.summary).clone(), kept: false, note: None });
+    let read = Read::Told(Box::new((*replay.story).clone()));
+    let content = Content::of(lang, &incident, &read, Medium::Replay(&id));
     let words = content.words;
     Html(html(&ReplayHtml {
         frame: PageFrame::new(lang, reader.palette),
+        about: about(&app, subject, content.it),
+        subject,
         screens: [
             ("/", operator_word(lang)),
             ("/developer", words.statuses),
@@ -94,7 +154,7 @@ const fn operator_word(lang: Lang) -> &'static str {
     }
 }
 
-fn moment_ms(text: &str) -> Option<i64> {
+pub(super) fn moment_ms(text: &str) -> Option<i64> {
     let utc = || humantime::parse_rfc3339_weak(text).ok().map(crate::record::writer::unix_ms);
     text.parse().ok().or_else(utc)
 }
@@ -102,12 +162,12 @@ fn moment_ms(text: &str) -> Option<i64> {
 /// `GET /replay/{id}/state`
 pub async fn state(
     State(app): State<AppState>,
-    Path(id): Path<u64>,
+    Path(id): Path<String>,
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Response {
-    match app.replays.find(id, &session, app.clock.now()) {
-        Some(replay) => told(&replay),
+    match app.replays.of_address(&id, &session, app.clock.now()) {
+        Some(replay) => json_answer(StatusCode::OK, &json!(*replay.state.borrow())),
         None => refusal(&reader, HttpError::NotFound),
     }
 }
@@ -115,7 +175,7 @@ pub async fn state(
 /// `POST /replay/{id}/state`
 pub async fn control(
     State(app): State<AppState>,
-    Path(id): Path<u64>,
+    Path(id): Path<String>,
     SignedIn(session): SignedIn,
     reader: Reader,
     form: Result<Form<ControlForm>, FormRejection>,
@@ -124,7 +184,7 @@ pub async fn control(
         Ok(Form(form)) => form,
         Err(rejection) => return bad_form(&reader, &rejection),
     };
-    let Some(replay) = app.replays.find(id, &session, app.clock.now()) else {
+    let Some(replay) = app.replays.of_address(&id, &session, app.clock.now()) else {
         return refusal(&reader, HttpError::NotFound);
     };
     let order = match form {
@@ -136,9 +196,7 @@ pub async fn control(
         _ => return refusal(&reader, HttpError::BadForm),
     };
     replay.controls.order(order);
-    told(&replay)
-}
-
-fn told(replay: &OpenReplay) -> Response {
-    json_answer(StatusCode::OK, &serde_json::json!(*replay.state.borrow()))
+    // Else the page would jump back to the place before.
+    let place = replay.controls.place().await;
+    json_answer(StatusCode::OK, &json!(place.unwrap_or(*replay.state.borrow())))
 }

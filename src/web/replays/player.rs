@@ -1,12 +1,15 @@
 //! The thread of a replay: it goes through the recording as somebody wants, and shows where it is.
 
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::time::Duration;
 
 use serde::Serialize;
-use tokio::sync::watch;
+use tokio::sync::{oneshot, watch};
 
+use super::subject::Temporary;
 use crate::clock::Clock;
+use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 use crate::record::writer::unix_ms;
 use crate::replay::Playback;
@@ -21,7 +24,7 @@ const PLAYING_EVERY: Duration = Duration::from_millis(100);
 const PULSE_EVERY: Duration = Duration::from_millis(250);
 
 /// What somebody wants to see.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug)]
 pub(super) enum Order {
     /// Milliseconds since 1970.
     GoTo(i64),
@@ -32,6 +35,20 @@ pub(super) enum Order {
     /// 1 is the speed of the recording.
     Play(f64),
     Pause,
+    /// Where it is, told when the orders before are done.
+    Tell(oneshot::Sender<PlayState>),
+    /// What was shown at this time, told once. The place stays.
+    Look {
+        at_ms: i64,
+        answer: oneshot::Sender<Option<Look>>,
+    },
+}
+
+/// What was shown at a time: milliseconds since 1970.
+#[derive(Debug)]
+pub(super) struct Look {
+    pub at_ms: i64,
+    pub snapshot: Arc<Snapshot>,
 }
 
 /// Sends orders to the thread, which ends when all are dropped.
@@ -41,6 +58,20 @@ pub(super) struct Controls(SyncSender<Order>);
 impl Controls {
     pub fn order(&self, order: Order) {
         let _ = self.0.try_send(order);
+    }
+
+    /// Where it is when all orders until now are done; `None` if too many wait.
+    pub async fn place(&self) -> Option<PlayState> {
+        let (answer, told) = oneshot::channel();
+        self.order(Order::Tell(answer));
+        told.await.ok()
+    }
+
+    /// What was shown at a time; `None` if the recording lacks it, or too many orders wait.
+    pub async fn look(&self, at_ms: i64) -> Option<Look> {
+        let (answer, told) = oneshot::channel();
+        self.order(Order::Look { at_ms, answer });
+        told.await.ok().flatten()
     }
 }
 
@@ -54,7 +85,7 @@ pub struct PlayState {
     pub speed: f64,
 }
 
-/// Starts the thread, which stands at the first instant.
+/// Starts the thread. A folder in which the recording lies is removed with it.
 ///
 /// # Errors
 /// If no thread can be started.
@@ -62,6 +93,7 @@ pub(super) fn start(
     playback: Playback,
     show: Player,
     clock: Clock,
+    folder: Option<Temporary>,
 ) -> std::io::Result<(Controls, watch::Receiver<PlayState>)> {
     let (orders, taken) = sync_channel(ORDERS_MAX);
     let mut thread = Thread { playback, show, clock, shown: None, playing: None, speed: 1.0 };
@@ -70,6 +102,8 @@ pub(super) fn start(
         // On Linux this sets the priority of the calling thread only: the vehicle goes first.
         let _ = rustix::process::nice(10);
         thread.run(&taken, &state);
+        // The recording was read from it.
+        drop(folder);
     })?;
     Ok((Controls(orders), states))
 }
@@ -122,9 +156,7 @@ impl Thread {
         let now = self.clock.now();
         match order {
             Order::GoTo(at_ms) => {
-                self.go_to(
-                    self.playback.facts().at(u64::try_from(at_ms).unwrap_or(0).saturating_mul(1_000_000)),
-                );
+                self.go_to_ms(at_ms);
                 self.playing = self.playing.map(|_| (now, self.playback.at()));
             }
             Order::Step { forwards } => {
@@ -142,6 +174,16 @@ impl Thread {
                 self.playing = Some((now, self.playback.at()));
             }
             Order::Pause => self.playing = None,
+            Order::Tell(answer) => {
+                let _ = answer.send(self.state());
+            }
+            Order::Look { at_ms, answer } => {
+                let place = self.playback.at();
+                self.go_to_ms(at_ms);
+                let at_ms = self.state().at_ms;
+                let _ = answer.send(self.playback.snapshot().map(|snapshot| Look { at_ms, snapshot }));
+                self.go_to(place);
+            }
         }
     }
 
@@ -153,6 +195,11 @@ impl Thread {
         if at >= self.playback.to() {
             self.playing = None;
         }
+    }
+
+    fn go_to_ms(&mut self, at_ms: i64) {
+        let at_ns = u64::try_from(at_ms).unwrap_or(0).saturating_mul(1_000_000);
+        self.go_to(self.playback.facts().at(at_ns));
     }
 
     fn go_to(&mut self, at: Timestamp) {

@@ -4,15 +4,19 @@
 use axum::body::{Body, to_bytes};
 use axum::extract::{Path, Request, State};
 use axum::http::header::{ACCEPT_ENCODING, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE};
-use axum::http::{HeaderValue, Uri};
+use axum::http::{Extensions, HeaderValue, Uri};
 use axum::response::{IntoResponse, Response};
+use hyper::upgrade::OnUpgrade;
 use tower::ServiceExt as _;
 
 use crate::web::AppState;
+use crate::web::admission::connections::ConnectionHandle;
+use crate::web::admission::peer::Peer;
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::headers::FRAMED;
 use crate::web::http::respond::{Reader, refusal};
+use crate::web::live::byte_budget::Meter;
 
 /// No page is larger.
 const PAGE_BYTES_MAX: usize = 64 << 20;
@@ -20,7 +24,7 @@ const PAGE_BYTES_MAX: usize = 64 << 20;
 /// `GET /replay/{id}/screen/`: the operator's page.
 pub async fn first(
     state: State<AppState>,
-    Path(id): Path<u64>,
+    Path(id): Path<String>,
     session: SignedIn,
     request: Request,
 ) -> Response {
@@ -30,12 +34,12 @@ pub async fn first(
 /// `GET /replay/{id}/screen/...`: a page of the server, as it was.
 pub async fn get(
     State(app): State<AppState>,
-    Path((id, path)): Path<(u64, String)>,
+    Path((id, path)): Path<(String, String)>,
     SignedIn(session): SignedIn,
     mut request: Request,
 ) -> Response {
     let reader = Reader::of(request.uri(), request.headers());
-    let Some(open) = app.replays.find(id, &session, app.clock.now()) else {
+    let Some(open) = app.replays.of_address(&id, &session, app.clock.now()) else {
         return refusal(&reader, HttpError::NotFound);
     };
     let query = request.uri().query().map(|query| format!("?{query}")).unwrap_or_default();
@@ -43,6 +47,12 @@ pub async fn get(
         return refusal(&reader, HttpError::NotFound);
     };
     *request.uri_mut() = uri;
+    // The parameters of this address would be taken for those of the one behind it.
+    let mut outer = std::mem::take(request.extensions_mut());
+    carry::<Peer>(&mut outer, &mut request);
+    carry::<Meter>(&mut outer, &mut request);
+    carry::<ConnectionHandle>(&mut outer, &mut request);
+    carry::<OnUpgrade>(&mut outer, &mut request);
     // The answer is changed, and compressed afterwards.
     request.headers_mut().remove(ACCEPT_ENCODING);
     let answer = match open.screen.oneshot(request).await {
@@ -50,6 +60,13 @@ pub async fn get(
         Err(never) => match never {},
     };
     based(answer.into_response(), &format!("/replay/{id}/screen")).await
+}
+
+/// Gives a request what the connection says of itself.
+fn carry<T: Clone + Send + Sync + 'static>(from: &mut Extensions, to: &mut Request) {
+    if let Some(value) = from.remove::<T>() {
+        to.extensions_mut().insert(value);
+    }
 }
 
 /// A page with links that stay in the replay. The replay's own page may frame it.

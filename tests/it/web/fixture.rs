@@ -314,6 +314,7 @@ pub fn settings(origins: Origins, secure: bool) -> Settings {
         what_if: None,
         marker: None,
         recording: None,
+        replayed: None,
     }
 }
 

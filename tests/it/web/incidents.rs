@@ -1,17 +1,20 @@
 //! Incidents over HTTP: lists with filters, recordings with ranges, marks, notes, and what is kept.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 
 use axum::http::header::RANGE;
 use axum::http::{Method, StatusCode};
 use serde_json::json;
 use telltale::engine::time::Span;
+use telltale::msg::fields::Definitions;
 use telltale::record::feed::Feed;
 use telltale::record::folder::{file_name, folder_in};
 use telltale::record::incident::Margins;
 use telltale::record::recorder::{Recorder, Settings as RecorderSettings};
 use telltale::record::retention::Policy;
 use telltale::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
+use telltale::record::writer::Place;
 use telltale::web::{AppState, Marker, Origins, RecordingState, Settings, router};
 use tokio::sync::watch;
 
@@ -53,6 +56,11 @@ impl Recorded {
             marker: Some(Marker::new(mark)),
             recording: Some(RecordingState {
                 recorder,
+                place: Place {
+                    folder: folder_in(&data),
+                    definitions: Definitions::default(),
+                    about: BTreeMap::new(),
+                },
                 fault: faults,
                 policy: watch::channel(Policy::default()).1,
             }),

@@ -30,11 +30,11 @@ const CAUSES: usize = 24;
 
 /// Where the content stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::web) enum Medium {
+pub(in crate::web) enum Medium<'a> {
     /// Names lead to the pages of their nodes.
     Page,
-    /// The page of its replay: names lead to their nodes as they were.
-    Replay,
+    /// The page of a replay with this address: names lead to their nodes as they were.
+    Replay(&'a str),
     /// A document by itself.
     Report,
 }
@@ -135,7 +135,7 @@ pub(in crate::web) struct Content {
 }
 
 impl Content {
-    pub fn of(lang: Lang, incident: &Incident, read: &Read, medium: Medium) -> Content {
+    pub fn of(lang: Lang, incident: &Incident, read: &Read, medium: Medium<'_>) -> Content {
         let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
         let summary = &incident.summary;
         let recording = &summary.recording;
@@ -147,10 +147,9 @@ impl Content {
                 &only_known
             }
         };
-        let id = incident.summary.id;
         let why = |name: &str| match medium {
             Medium::Page => Some(why_address(name)),
-            Medium::Replay => Some(format!("/replay/{id}/screen{}", why_address(name))),
+            Medium::Replay(id) => Some(format!("/replay/{id}/screen{}", why_address(name))),
             Medium::Report => None,
         };
         let causes = summary.causes();
@@ -194,10 +193,12 @@ impl Content {
             moments: story.moments.iter().map(|moment| row(lang, moment, summary.since_ms)).collect(),
             more_moments: story.more_moments,
             patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
-            first_trigger: format!(
-                "<line class=\"moment\" x1=\"{x:.2}%\" x2=\"{x:.2}%\" y1=\"0\" y2=\"24\"/>",
-                x = axis.x(stamp(summary.since_ms))
-            ),
+            first_trigger: if summary.triggers.is_empty() {
+                String::new()
+            } else {
+                let x = axis.x(stamp(summary.since_ms));
+                format!("<line class=\"moment\" x1=\"{x:.2}%\" x2=\"{x:.2}%\" y1=\"0\" y2=\"24\"/>")
+            },
             stage_bars: story.stages.iter().filter_map(|period| stage_bar(&painter, period)).collect(),
             signals: story.signals.iter().map(|strip| signal_lane(&painter, strip)).collect(),
             lanes: story.strips.iter().map(lane).collect(),
@@ -224,7 +225,7 @@ impl Content {
 }
 
 /// A name that may break between its parts.
-pub(super) fn broken(name: &str) -> String {
+pub(in crate::web) fn broken(name: &str) -> String {
     escaped(&clean(name, 2 * NAME)).replace('/', "/<wbr>").replace('_', "_<wbr>")
 }
 

@@ -7,12 +7,12 @@ use crate::record::story::Happened;
 use crate::web::view::Lang;
 use crate::web::view::text::{MESSAGE, NAME, clean};
 
-pub(super) fn stage_word(lang: Lang, stage: &str) -> &'static str {
+pub(in crate::web) fn stage_word(lang: Lang, stage: &str) -> &'static str {
     Stage::from_word(stage).map_or("", |stage| lang.stage(stage, true))
 }
 
 /// The word of a state. An unknown state is called a fault.
-pub(super) fn state_word(lang: Lang, state: &str) -> &'static str {
+pub(in crate::web) fn state_word(lang: Lang, state: &str) -> &'static str {
     State::from_word(state).map_or(IncidentWords::of(lang).root, |state| lang.state(state))
 }
 

@@ -1,0 +1,158 @@
+//! `GET /replay/{id}/differences`: two moments of a replay side by side, with what differs.
+
+use askama::Template;
+use axum::extract::{Path, Query, State};
+use axum::http::StatusCode;
+use axum::response::{Html, IntoResponse, Response};
+use serde::Deserialize;
+use serde_json::json;
+
+use super::page::{about_name, moment_ms};
+use crate::replay::difference::{Differences, Fact, NodeChange, NodeThen, VehicleChange};
+use crate::web::AppState;
+use crate::web::developer::incidents::content::broken;
+use crate::web::developer::incidents::sentences::{stage_word, state_word};
+use crate::web::developer::incidents::words::IncidentWords;
+use crate::web::developer::words::DevWords;
+use crate::web::http::errors::HttpError;
+use crate::web::http::guard::SignedIn;
+use crate::web::http::respond::{Reader, Speaks, json_answer, refusal};
+use crate::web::incidents::wall_time;
+use crate::web::view::page::frame::PageFrame;
+use crate::web::view::text::{MESSAGE, NAME, VALUE, clean};
+use crate::web::view::{Lang, html};
+
+/// Two moments: milliseconds since 1970, or UTC.
+#[derive(Debug, Deserialize)]
+pub struct TwoMoments {
+    a: String,
+    b: String,
+}
+
+struct Moment {
+    address: String,
+    at: String,
+    clock: String,
+}
+
+struct Then {
+    state: &'static str,
+    word: &'static str,
+    /// What masks it, or its own state behind that.
+    because: String,
+    message: String,
+}
+
+struct Row {
+    name: String,
+    /// The name as HTML, with places where its line may break.
+    broken: String,
+    /// At both moments.
+    thens: [Option<Then>; 2],
+    values: Vec<(String, String, String)>,
+}
+
+#[derive(Template)]
+#[template(path = "replay_differences.html")]
+struct DifferencesHtml {
+    frame: PageFrame,
+    it: &'static IncidentWords,
+    name: String,
+    moments: [Moment; 2],
+    back: String,
+    is_same: bool,
+    vehicle: Vec<(String, String, String)>,
+    rows: Vec<Row>,
+    more: Option<String>,
+    only_values: usize,
+}
+
+/// `GET /replay/{id}/differences?a=TIME&b=TIME`
+pub async fn differences(
+    State(app): State<AppState>,
+    Path(id): Path<String>,
+    Query(TwoMoments { a, b }): Query<TwoMoments>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Response {
+    let Some(replay) = app.replays.of_address(&id, &session, app.clock.now()) else {
+        return refusal(&reader, HttpError::NotFound);
+    };
+    let (Some(a), Some(b)) = (moment_ms(&a), moment_ms(&b)) else {
+        return refusal(&reader, HttpError::BadRequest);
+    };
+    let (Some(first), Some(second)) = (replay.controls.look(a).await, replay.controls.look(b).await) else {
+        return refusal(&reader, HttpError::Unavailable);
+    };
+    let found = Differences::between(&first.snapshot, &second.snapshot);
+    if reader.speaks == Speaks::Json {
+        let answer = json!({ "first_ms": first.at_ms, "second_ms": second.at_ms, "differences": found });
+        return json_answer(StatusCode::OK, &answer);
+    }
+    let lang = reader.lang;
+    let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
+    let moment = |at_ms: i64| {
+        let at = wall_time(at_ms);
+        Moment { address: format!("/replay/{id}?at={at_ms}"), clock: at[11..23].to_owned(), at }
+    };
+    Html(html(&DifferencesHtml {
+        frame: PageFrame::new(lang, reader.palette),
+        name: about_name(&app, replay.subject, it),
+        moments: [moment(first.at_ms), moment(second.at_ms)],
+        back: moment(second.at_ms).address,
+        is_same: found.vehicle.is_empty() && found.nodes.is_empty(),
+        vehicle: found.vehicle.iter().map(|change| fact(lang, it, words, change)).collect(),
+        rows: found.nodes.iter().map(|node| row(lang, node)).collect(),
+        more: (found.more_nodes > 0).then(|| lang.and_more(found.more_nodes)),
+        only_values: found.only_values,
+        it,
+    }))
+    .into_response()
+}
+
+fn fact(
+    lang: Lang,
+    it: &'static IncidentWords,
+    words: &'static DevWords,
+    change: &VehicleChange,
+) -> (String, String, String) {
+    let name = match change.what {
+        Fact::Stage => words.stage.to_owned(),
+        Fact::Overall => it.fact_overall.to_owned(),
+        Fact::SpeedKmh => it.vehicle_speed.to_owned(),
+        Fact::Roots => it.fact_roots.to_owned(),
+        Fact::Requests => it.fact_requests.to_owned(),
+        Fact::Signal => format!("{} {}", words.signal, clean(&change.name, NAME)),
+    };
+    let value = |text: &str| match change.what {
+        Fact::Stage => stage_word(lang, text).to_owned(),
+        Fact::Overall => state_word(lang, text).to_owned(),
+        _ => clean(text, MESSAGE),
+    };
+    (name, value(&change.first), value(&change.second))
+}
+
+fn row(lang: Lang, change: &NodeChange) -> Row {
+    let then = |then: &NodeThen| {
+        let because = if !then.masked_by.is_empty() {
+            format!("{}, \u{2190} {}", state_word(lang, then.own), clean(&then.masked_by.join(", "), MESSAGE))
+        } else if then.own != then.shown {
+            state_word(lang, then.own).to_owned()
+        } else {
+            String::new()
+        };
+        let (state, word) = (then.shown, state_word(lang, then.shown));
+        Then { state, word, because, message: clean(&then.message, MESSAGE) }
+    };
+    let value = |value: &Option<String>| value.as_deref().map(|it| clean(it, VALUE)).unwrap_or_default();
+    Row {
+        name: clean(&change.node, 2 * NAME),
+        broken: broken(&change.node),
+        thens: [change.first.as_ref().map(then), change.second.as_ref().map(then)],
+        values: change
+            .values
+            .iter()
+            .map(|it| (clean(&it.name, VALUE), value(&it.first), value(&it.second)))
+            .collect(),
+    }
+}

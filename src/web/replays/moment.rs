@@ -1,0 +1,70 @@
+//! `GET /developer/moment`: every page as it was at a moment, from the best source that still has it.
+
+use std::time::Duration;
+
+use axum::extract::{Query, State};
+use axum::response::{IntoResponse, Redirect, Response};
+
+use super::page::{MomentQuery, moment_ms};
+use crate::record::recorder::Recorder;
+use crate::record::writer::unix_ms;
+use crate::store::IncidentFilter;
+use crate::web::AppState;
+use crate::web::http::errors::HttpError;
+use crate::web::http::guard::SignedIn;
+use crate::web::http::respond::{Reader, refusal};
+
+/// No recording begins longer before its first trigger.
+const PRE_ROLL_MAX_MS: i64 = 3_600_000;
+/// Of the history, this much around the moment is shown.
+const SPAN_S: i64 = 120;
+
+/// `GET /developer/moment?at=TIME`, TIME in milliseconds since 1970 or UTC, without one now. Leads to the replay of
+/// the last minutes, else to that of an incident, else to the timeline, which has states and alarms alone.
+pub async fn moment(
+    State(app): State<AppState>,
+    Query(MomentQuery { at }): Query<MomentQuery>,
+    _: SignedIn,
+    reader: Reader,
+) -> Response {
+    let now_ms = unix_ms(app.clock.wall());
+    let at_ms = match at.as_deref().map(moment_ms) {
+        Some(Some(at_ms)) => at_ms.clamp(0, now_ms),
+        Some(None) => return refusal(&reader, HttpError::BadRequest),
+        None => now_ms,
+    };
+    let recorder = app.settings.recording.as_ref().map(|state| &state.recorder);
+    if recorder.and_then(|it| held_since_ms(&app, it)).is_some_and(|since_ms| since_ms <= at_ms) {
+        return Redirect::to(&format!("/replay/recent?at={at_ms}")).into_response();
+    }
+    let filter = IncidentFilter {
+        since_ms: Some(at_ms),
+        until_ms: Some(at_ms.saturating_add(PRE_ROLL_MAX_MS)),
+        ..IncidentFilter::default()
+    };
+    let incidents = match app.store.incidents(filter).await {
+        Ok(incidents) => incidents,
+        Err(error) => return refusal(&reader, error.into()),
+    };
+    let covers = incidents.iter().find(|incident| {
+        let recording = &incident.summary.recording;
+        let pre_roll_ms = (recording.pre_roll_s * 1000.0) as i64;
+        let from_ms = incident.summary.since_ms.saturating_sub(pre_roll_ms);
+        recording.finished && !recording.gone && from_ms <= at_ms
+    });
+    Redirect::to(&match covers {
+        Some(incident) => format!("/replay/{}?at={at_ms}", incident.summary.id),
+        None => {
+            let until_ms = at_ms.saturating_add(SPAN_S * 500);
+            format!("/developer/timeline?span={SPAN_S}&until={until_ms}&at=500&unrecorded=1")
+        }
+    })
+    .into_response()
+}
+
+/// Since when the recorder holds everything.
+fn held_since_ms(app: &AppState, recorder: &Recorder) -> Option<i64> {
+    let age = app.clock.now().since(recorder.holds_since()?);
+    // Its first millisecond may have begun before.
+    Some(unix_ms(app.clock.wall() - Duration::from_nanos(age.as_nanos())).saturating_add(1))
+}

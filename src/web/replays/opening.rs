@@ -1,0 +1,152 @@
+//! Opens recordings for replays. A long one takes its time: it is opened in the background, and its page waits.
+
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::task;
+use tokio::time::timeout;
+
+use super::subject::{self, Open};
+use super::{OPEN_MAX, OpenReplay, Replays, Subject, start};
+use crate::replay::{Playback, ReplayError};
+use crate::store::{Incident, Session};
+use crate::web::AppState;
+use crate::web::http::errors::HttpError;
+
+/// A page waits this long for a recording; after that it asks again.
+const READY_WITHIN: Duration = Duration::from_secs(3);
+
+/// How a recording was opened; `None` while it is read.
+type Outcome = Option<Result<(), HttpError>>;
+
+/// A recording that is being opened for a session.
+#[derive(Debug)]
+pub(super) struct Opening {
+    subject: Subject,
+    session: Session,
+    outcome: watch::Receiver<Outcome>,
+}
+
+impl Replays {
+    fn opening(&self, subject: Subject, session: &Session) -> Option<watch::Receiver<Outcome>> {
+        let opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = opening.iter().find(|it| it.subject == subject && it.session.is_same(session));
+        found.map(|it| it.outcome.clone())
+    }
+
+    fn add_opening(&self, opening: Opening) -> Result<(), HttpError> {
+        let mut others = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
+        // Nobody may have waited for the outcome of these.
+        others.retain(|it| it.outcome.borrow().is_none() && it.outcome.has_changed().is_ok());
+        if others.len() >= OPEN_MAX {
+            return Err(HttpError::Busy);
+        }
+        others.push(opening);
+        Ok(())
+    }
+
+    fn remove_opening(&self, subject: Subject, session: &Session) {
+        let mut opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
+        opening.retain(|it| it.subject != subject || !it.session.is_same(session));
+    }
+}
+
+/// The replay of this recording by this session. It is opened if it is not, or if it is one of the last minutes
+/// that ended before this moment: then the new one takes its place.
+pub(super) async fn of(
+    app: &AppState,
+    subject: Subject,
+    incident: Option<&Incident>,
+    session: &Session,
+    at_ms: Option<i64>,
+) -> Result<OpenReplay, HttpError> {
+    let reaches = |open: &OpenReplay| {
+        subject != Subject::Recent || at_ms.is_none_or(|at_ms| at_ms <= open.state.borrow().to_ms)
+    };
+    if let Some(open) = app.replays.find(subject, session, app.clock.now()).filter(reaches) {
+        return Ok(open);
+    }
+    let mut outcome = match app.replays.opening(subject, session) {
+        Some(outcome) => outcome,
+        None => begin(app, subject, incident, session)?,
+    };
+    let opened = match timeout(READY_WITHIN, outcome.wait_for(Option::is_some)).await {
+        Ok(opened) => opened.ok().and_then(|outcome| *outcome),
+        Err(_) => return Err(HttpError::Opening),
+    };
+    app.replays.remove_opening(subject, session);
+    opened.unwrap_or(Err(HttpError::NoReplay))?;
+    app.replays.find(subject, session, app.clock.now()).ok_or(HttpError::NoReplay)
+}
+
+fn begin(
+    app: &AppState,
+    subject: Subject,
+    incident: Option<&Incident>,
+    session: &Session,
+) -> Result<watch::Receiver<Outcome>, HttpError> {
+    let (open, since_ms) = match (subject, incident) {
+        (Subject::Incident(_), Some(incident)) => {
+            let recording = &incident.summary.recording;
+            if !recording.finished {
+                return Err(HttpError::Unfinished);
+            }
+            (subject::incident(app, &recording.file)?, Some(incident.summary.since_ms))
+        }
+        (Subject::Incident(_), None) => return Err(HttpError::NotFound),
+        (Subject::Recent, _) => (subject::recent(app)?, None),
+        (Subject::File, _) => (subject::file(app)?, None),
+    };
+    let (told, outcome) = watch::channel(None);
+    app.replays.add_opening(Opening { subject, session: session.clone(), outcome: outcome.clone() })?;
+    let (app, session) = (app.clone(), session.clone());
+    // If the request is gone by then, the next one finds it.
+    tokio::spawn(async move {
+        let outcome = opened(&app, subject, &session, open, since_ms).await;
+        told.send_replace(Some(outcome));
+    });
+    Ok(outcome)
+}
+
+async fn opened(
+    app: &AppState,
+    subject: Subject,
+    session: &Session,
+    open: Open,
+    since_ms: Option<i64>,
+) -> Result<(), HttpError> {
+    let turn = Arc::clone(&app.replays.turn).lock_owned().await;
+    let read = task::spawn_blocking(move || {
+        let _turn = turn;
+        let (run, folder) = open()?;
+        let mut playback = Playback::open(run)?;
+        // The first trigger of an incident lies within its millisecond. Other recordings are shown from their beginning.
+        let at = match since_ms {
+            Some(ms) => {
+                let ms = u64::try_from(ms.saturating_add(1)).unwrap_or(0);
+                playback.facts().at(ms.saturating_mul(1_000_000))
+            }
+            None => playback.facts().from,
+        };
+        playback.go_to(at)?;
+        Ok::<_, ReplayError>((playback, folder))
+    });
+    let (playback, folder) = match read.await {
+        Ok(Ok(read)) => read,
+        Ok(Err(error)) => {
+            tracing::warn!(%error, "the recording of /replay/{subject} cannot be replayed");
+            return Err(HttpError::NoReplay);
+        }
+        Err(error) => {
+            tracing::error!(%error, "a replay ended while it was opened");
+            return Err(HttpError::NoReplay);
+        }
+    };
+    let (starting, for_session) = (app.clone(), session.clone());
+    let started =
+        task::spawn_blocking(move || start(&starting, subject, &for_session, playback, folder)).await;
+    let replay = started.ok().flatten().ok_or(HttpError::NoReplay)?;
+    app.replays.add(replay);
+    Ok(())
+}
