@@ -189,7 +189,7 @@ impl Content {
             flags: flags(it, incident),
             note: note.map(|note| clean_lines(&note.text)).unwrap_or_default(),
             note_by: note.map(|note| clean(&note.by, NAME)).unwrap_or_default(),
-            troubles: troubles(it, read),
+            troubles: troubles(it, read, medium),
             moments: story.moments.iter().map(|moment| row(lang, moment, summary.since_ms)).collect(),
             more_moments: story.more_moments,
             patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
@@ -236,7 +236,7 @@ fn kinds(it: &IncidentWords, summary: &Summary) -> String {
     clean(&kinds.join(", "), MESSAGE)
 }
 
-fn troubles(it: &IncidentWords, read: &Read) -> Vec<String> {
+fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>) -> Vec<String> {
     let story: &Story = match read {
         Read::Told(story) => story,
         Read::Missing => return vec![it.no_file.to_owned()],
@@ -256,6 +256,10 @@ fn troubles(it: &IncidentWords, read: &Read) -> Vec<String> {
         let parts: Vec<String> =
             story.left_out.iter().take(LEFT_OUT).map(|part| clean(part, MESSAGE)).collect();
         troubles.push(format!("{}: {}", it.left_out, parts.join("; ")));
+    }
+    // The page asks again by itself; a report stays as it is.
+    if story.series_pending && medium == Medium::Report {
+        troubles.push(it.numbers_pending.to_owned());
     }
     troubles
 }

@@ -70,6 +70,7 @@ words! {
     incomplete: "The file is not completed: what was written so far is shown.", "Die Datei ist nicht abgeschlossen: Gezeigt ist, was bisher geschrieben ist.";
     cut: "The file is longer than what is read for this page: its end is not shown.", "Die Datei ist länger, als für diese Seite gelesen wird: Ihr Ende fehlt hier.";
     left_out: "Parts of the file cannot be used", "Teile der Datei sind unbrauchbar";
+    numbers_pending: "The numbers are still being found. Make the report again in a moment to have them in it.", "Die Zahlen werden noch ermittelt. Erstellen Sie den Bericht gleich noch einmal, dann stehen sie darin.";
     only_known: "What follows is what the database knows.", "Was folgt, weiß die Datenbank.";
     not_shown: "not shown here: the recording has all of it", "hier nicht gezeigt: Die Aufzeichnung enthält alles";
     look_attributed: "Error that is owed to a cause", "Fehler, einer Ursache geschuldet";

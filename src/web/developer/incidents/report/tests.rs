@@ -114,6 +114,14 @@ fn told(name: &str, periods: i64) -> Read {
 }
 
 #[test]
+fn a_report_without_its_numbers_says_that_they_are_still_being_found() {
+    let (incident, says) = (incident("sensors"), "still being found");
+    assert!(!document(Lang::En, &incident, &told("sensors", 4), &Proof::Same).contains(says));
+    let pending = Read::Told(Box::new(Story { series_pending: true, ..story("sensors", 4) }));
+    assert!(document(Lang::En, &incident, &pending, &Proof::Same).contains(says));
+}
+
+#[test]
 fn a_report_has_everything_and_says_how_to_verify_it() {
     let name = "sensors/velodyne_packet_alive";
     let document = document(Lang::En, &incident(name), &told(name, 4), &Proof::Same);
