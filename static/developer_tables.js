@@ -1,5 +1,5 @@
-// Copies every table of the developer's pages, or saves it as CSV or JSON: with all of its rows, of which the server
-// gives a bounded number, also where the page shows only a part of them.
+// Copies a table of the developer's pages, or saves it as CSV or JSON: with all rows, also where the page shows only
+// some. The server bounds their number.
 (() => {
   "use strict";
   const ALL_ROWS = { "Telltale-Part": "content", "Telltale-All-Rows": "1" };
