@@ -145,6 +145,10 @@ fn lossless(server: &Server, domain: &Domain, rate: u32) {
 fn main() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let domain = Domain::take();
+    let unrecorded = Server::with(&domain, "recording: false\n");
+    runtime.block_on(probe(&unrecorded, &domain, "idle, nothing recorded"));
+    drop(unrecorded);
+    // Here an incident is being written throughout: the probe keeps turning to WARNING.
     let server = Server::start(&domain);
     runtime.block_on(async {
         probe(&server, &domain, "idle").await;

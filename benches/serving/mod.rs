@@ -59,10 +59,15 @@ impl Drop for Folder {
 
 impl Server {
     pub fn start(domain: &Domain) -> Server {
+        Server::with(domain, "")
+    }
+
+    /// A server with further lines in its configuration.
+    pub fn with(domain: &Domain, lines: &str) -> Server {
         let folder = std::env::temp_dir().join(format!("telltale-bench-{}", std::process::id()));
         std::fs::create_dir_all(&folder).expect("a temporary folder");
         let data = Folder(folder);
-        let config = write_config(&data.0);
+        let config = write_config(&data.0, lines);
         let program = program();
         for (name, role, secret) in USERS {
             let mut user = Command::new(&program)
@@ -193,14 +198,14 @@ impl Drop for Server {
     }
 }
 
-/// The shuttle with one more group, for the load peer's statuses, and a countermeasure.
-fn write_config(folder: &Path) -> PathBuf {
+/// The shuttle with one more group, for the load peer's statuses, a countermeasure, and further lines.
+fn write_config(folder: &Path, lines: &str) -> PathBuf {
     let shuttle = concat!(env!("CARGO_MANIFEST_DIR"), "/config/self-diagnosing-shuttle.yaml");
     let text = std::fs::read_to_string(shuttle).expect("the shuttle's configuration");
     let group = "\n  - id: load\n    name: Load\n    match: [{ namespace: /load }]\n\
                  countermeasures: [{ request: decelerate, when: { modules: [can/wheel_speed] } }]\n";
     let path = folder.join("bench.yaml");
-    std::fs::write(&path, text.trim_end().to_owned() + group).expect("the folder can be written");
+    std::fs::write(&path, text.trim_end().to_owned() + group + lines).expect("the folder can be written");
     path
 }
 
