@@ -227,7 +227,7 @@ def test_nothing_acknowledged_is_lost_with_another_program_beside_it(server, pro
     server.kill()
     users = [name for it in adding for name in it.end()]
     server.start()
-    assert [status(server, "/api/v1/snapshot", Cookie=cookie) for cookie in cookies] == [200] * len(cookies)
+    assert [status(server, "/api/v1/snapshot", Cookie=cookie) for cookie in cookies] == [200] * len(cookies), server.read_log()
     reader = program(database(server))
     assert set(users) <= set(reader.run("SELECT name FROM users"))
     assert reader.run("PRAGMA integrity_check") == ["ok"]
@@ -325,7 +325,7 @@ def test_a_file_of_the_database_that_vanishes_is_a_fault_that_is_shown(server, n
         # Acknowledged data are in the database file itself by now.
         server.kill()
         server.start()
-        assert [status(server, "/api/v1/snapshot", Cookie=cookie) for cookie in cookies] == [200] * len(cookies)
+        assert [status(server, "/api/v1/snapshot", Cookie=cookie) for cookie in cookies] == [200] * len(cookies), server.read_log()
         assert storage(client) is None
     elif how != "cut":
         kept.rename(path)

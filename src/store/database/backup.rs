@@ -85,6 +85,10 @@ impl Database {
         if now < due || !self.health.is_well() {
             return;
         }
+        // A copy of a database whose log was removed lacks what lies in the log.
+        if self.check_files().is_err() {
+            return self.health.doubt();
+        }
         self.backups.due = Some(now + EVERY);
         let (report, running) = sync_channel(1);
         let wall = self.clock.wall();

@@ -72,12 +72,13 @@ impl OpenFiles {
     }
 
     /// Whether the content of the log may be taken into the database: both are whole, and no other program
-    /// can have begun another log or index, because those are unchanged or gone.
+    /// can have begun another log or index, because those are unchanged or gone. A program that opens the
+    /// database for reading leaves an empty log where there is none.
     pub(in crate::store) fn can_be_saved(&self) -> bool {
         let is_ours_or_gone = |file: &Opened| identity(&file.path).is_none_or(|it| Some(it) == file.identity);
         self.check_files(true).is_ok()
             && self.log.check_start(is_log).is_ok()
-            && is_ours_or_gone(&self.log)
+            && (is_ours_or_gone(&self.log) || self.log.size_now() == Some(0))
             && is_ours_or_gone(&self.index)
     }
 
