@@ -1,5 +1,6 @@
-// Strips over time: a crosshair with the time in milliseconds and what each strip shows under it, and zooming by
-// dragging and by the wheel. What is shown stands in the address; links and keys lead to the same addresses.
+// Strips over time: a crosshair with the time in milliseconds and what each strip shows under it, and where the page
+// can show another span (`data-zoomed`), zooming by dragging and by the wheel. What is shown stands in the address;
+// links and keys lead to the same addresses.
 (() => {
   "use strict";
   // A pointer that moved less was no drag.
@@ -27,7 +28,7 @@
   };
 
   const find = ({ target, clientX }) => {
-    const lanes = target.closest?.(".lanes[data-zoomed]");
+    const lanes = target.closest?.(".lanes[data-start]");
     const strip = lanes && target.closest(".lane > svg, .lane > .chart") && box(lanes);
     if (!strip?.width) return null;
     const share = (clientX - strip.left) / strip.width;
@@ -44,6 +45,7 @@
 
   const STATES = { attributed: "error", masked: "ignore", "not-relevant": "ignore" };
   const LEVELS = ["ok", "warning", "error", "ignore", "unknown"];
+  const isZoomed = (at) => at?.lanes?.dataset.zoomed !== undefined;
   const tell = (lane, share) => {
     const under = lane.querySelector(".under");
     if (!under) return;
@@ -65,10 +67,18 @@
     Live.setText(under.querySelector("small"), why.join(", "));
   };
 
+  const crossOf = (lanes) => {
+    const cross = Object.assign(document.createElement("div"), { className: "cross" });
+    cross.dataset.own = "";
+    cross.append(document.createElement("output"));
+    lanes.prepend(cross);
+    return cross;
+  };
+
   const point = () => {
     const { lanes, share } = pointed;
     const strip = box(lanes);
-    const cross = lanes.querySelector(".cross");
+    const cross = lanes.querySelector(".cross") ?? crossOf(lanes);
     const [start, end] = span(lanes);
     cross.style.left = `${strip.left - lanes.getBoundingClientRect().left + share * strip.width}px`;
     Live.setText(cross.querySelector("output"), clock(timeAt(lanes, share), end - start));
@@ -134,7 +144,7 @@
   });
   document.addEventListener("pointerdown", (event) => {
     const at = event.button === 0 && find(event);
-    if (at) drag = { ...at, last: at.share, x: event.clientX };
+    if (isZoomed(at)) drag = { ...at, last: at.share, x: event.clientX };
   });
   document.addEventListener("pointerup", (event) => {
     if (!drag) return;
@@ -148,7 +158,7 @@
 
   document.addEventListener("wheel", (event) => {
     const at = !event.shiftKey && !event.ctrlKey && find(event);
-    if (!at) return;
+    if (!isZoomed(at)) return;
     event.preventDefault();
     const [start, end] = wanted?.span ?? span(at.lanes);
     const whole = Math.min(SPAN_MAX_MS, Math.max(SPAN_MIN_MS, (end - start) * (event.deltaY < 0 ? 1 / WHEEL : WHEEL)));

@@ -5,6 +5,7 @@ mod bridge;
 pub mod compare;
 pub mod difference;
 pub mod expect;
+mod flows;
 pub mod line;
 mod playback;
 mod recording;
@@ -14,6 +15,7 @@ mod steps;
 mod times;
 mod trace;
 
+pub use flows::{FlowThen, Flows};
 pub use playback::Playback;
 pub use recording::{Facts, Recording, ReplayError};
 pub use run::{Load, Run, Taken};

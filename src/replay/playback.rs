@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::run::{Mark, Run, Taken};
-use super::{Facts, ReplayError};
+use super::{Facts, Flows, ReplayError};
 use crate::engine::input::Input;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
@@ -32,6 +32,7 @@ pub struct Playback {
     at: Timestamp,
     to: Timestamp,
     changes: Vec<Record>,
+    flows: Arc<Flows>,
 }
 
 impl Playback {
@@ -44,6 +45,7 @@ impl Playback {
         let (mut every, mut to) = (MARK_EVERY, None);
         let mut marks = vec![(Timestamp::ZERO, run.mark())];
         let mut changes = Vec::new();
+        run.count_messages();
         while let Some(taken) = run.step()? {
             to = to.max(Some(taken.at));
             if changes.len() < CHANGES_MAX {
@@ -64,7 +66,8 @@ impl Playback {
         }
         let to = to.ok_or(ReplayError::Empty)?.max(facts.from);
         let at = facts.from;
-        let mut playback = Playback { run, facts, marks, taken: to, at, to, changes };
+        let flows = Arc::new(run.take_flows());
+        let mut playback = Playback { run, facts, marks, taken: to, at, to, changes, flows };
         playback.go_to(at)?;
         Ok(playback)
     }
@@ -86,6 +89,25 @@ impl Playback {
     /// What changed from the first instant that is shown on, in order.
     pub fn changes(&self) -> &[Record] {
         &self.changes
+    }
+
+    /// What was there at the first instant that is shown, and then what changed, in order.
+    ///
+    /// # Errors
+    /// The vehicle took a configuration that this version cannot read.
+    pub fn records(&mut self) -> Result<Vec<Record>, ReplayError> {
+        let (at, from) = (self.at, self.facts.from);
+        self.go_to(from)?;
+        let present = self.snapshot().map(|first| Record::present(&first, false)).unwrap_or_default();
+        self.go_to(at)?;
+        // The first one says that the program started, which it did not then.
+        let present = present.into_iter().skip(1).map(|record| Record { at: record.at.max(from), ..record });
+        Ok(present.chain(self.changes.iter().cloned()).collect())
+    }
+
+    /// How many messages of each topic there are.
+    pub fn flows(&self) -> &Arc<Flows> {
+        &self.flows
     }
 
     /// The time of the first change of a node, the stage or an alarm after the shown instant, or before it.
@@ -120,15 +142,9 @@ impl Playback {
     /// # Errors
     /// The vehicle took a configuration that this version cannot read.
     pub fn story(&mut self, summary: &Summary) -> Result<Story, ReplayError> {
-        let at = self.at;
-        self.go_to(self.facts.from)?;
-        let present = self.snapshot().map(|first| Record::present(&first, false)).unwrap_or_default();
-        self.go_to(at)?;
-        let (facts, from) = (&self.facts, self.facts.from);
-        let at_ms = |record: &Record| unix_ms(facts.wall(record.at.max(from)));
-        // The first one says that the program started, which it did not then.
-        let all = present.iter().skip(1).chain(&self.changes);
-        Ok(of_changes(all.map(|record| Transition::of(record, at_ms(record))), summary))
+        let all = self.records()?;
+        let at_ms = |record: &Record| unix_ms(self.facts.wall(record.at));
+        Ok(of_changes(all.iter().map(|record| Transition::of(record, at_ms(record))), summary))
     }
 
     /// What was shown at this instant; `None` if the recording lacks it.

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::bridge::Bridge;
+use super::flows::Flows;
 use super::recording::{Facts, Recording, ReplayError};
 use super::steps::{self, Notes, Step, Steps};
 use crate::engine::Engine;
@@ -127,6 +128,15 @@ impl Run {
             reads: BTreeSet::new(),
             lacks: false,
         }
+    }
+
+    /// Counts the messages from here on, until the counts are taken.
+    pub(super) fn count_messages(&mut self) {
+        self.steps.flows = Some(Flows::default());
+    }
+
+    pub(super) fn take_flows(&mut self) -> Flows {
+        self.steps.flows.take().unwrap_or_default()
     }
 
     /// The present place.

@@ -7,6 +7,7 @@ use bytes::Bytes;
 
 use super::bag::{Bag, Place};
 use super::bridge::Bridge;
+use super::flows::Flows;
 use super::recording::{Facts, Recording};
 use super::times::Times;
 use crate::engine::input::Input;
@@ -112,6 +113,8 @@ pub(super) struct Steps {
     /// The time of the last step of a recording without a journal.
     ticked: Timestamp,
     pub notes: Notes,
+    /// Counts the messages while it is there.
+    pub flows: Option<Flows>,
 }
 
 impl Steps {
@@ -126,6 +129,7 @@ impl Steps {
             times: Times::default(),
             ticked: Timestamp::ZERO,
             notes: Notes::default(),
+            flows: None,
         }
     }
 
@@ -170,7 +174,12 @@ impl Steps {
             if let Some(step) = self.ready.pop_front() {
                 return Some(step);
             }
-            match self.reader.next_entry()? {
+            let entry = self.reader.next_entry()?;
+            if let (Some(flows), Entry::Message { channel, stamps, body }) = (&mut self.flows, &entry) {
+                let at_ns = if stamps.log_time_ns == 0 { stamps.publish_time_ns } else { stamps.log_time_ns };
+                flows.count(channel, at_ns, body.as_ref().map_or(0, |(bytes, _)| bytes.len()));
+            }
+            match entry {
                 Entry::Message { channel, stamps, body } => match &mut self.bridge {
                     // With a journal, its line knows who wrote it and when it was taken.
                     Some(bridge) if !self.facts.has_journal => {

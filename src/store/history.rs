@@ -12,7 +12,7 @@ mod write;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use rusqlite::{Connection, OpenFlags};
 
@@ -23,6 +23,7 @@ use reader::Reader;
 use super::StoreError;
 use super::private_file::make_private_file;
 use crate::clock::Clock;
+use crate::engine::time::Timestamp;
 use crate::engine::view::record::Record;
 
 /// The file of the history. It may grow large, and may be removed.
@@ -103,6 +104,22 @@ impl History {
     pub fn in_memory(clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
         let shared = |writing: &Arc<Mutex<Connection>>| Ok(writing.clone());
         Ok(History::start(Connection::open_in_memory()?, shared, clock, ROWS_MAX)?)
+    }
+
+    /// A history in memory of what is past: `until` is an instant of its clock, with the wall time then.
+    ///
+    /// # Errors
+    /// If SQLite fails.
+    pub fn recorded(
+        records: &[Record],
+        until: (SystemTime, Timestamp),
+        clock: Clock,
+    ) -> Result<History, StoreError> {
+        let mut connection = Connection::open_in_memory()?;
+        prepare(&connection)?;
+        write::Writer::new(&connection, ROWS_MAX)?.write(&mut connection, records, until)?;
+        let connection = Arc::new(Mutex::new(connection));
+        Ok(History { reader: Arc::new(Reader::new(connection.clone())), connection, clock })
     }
 
     /// `reading` opens the connection for readers, once the tables exist.

@@ -2,12 +2,14 @@
 
 use std::net::IpAddr;
 use std::ops::Deref;
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use tokio::sync::watch;
 
 use super::AppState;
 use crate::engine::time::Span;
+use crate::replay::Flows;
 use crate::runtime::{self, Link, Published};
 use crate::store::audit::Record;
 
@@ -35,6 +37,8 @@ impl From<Replay> for Source {
 #[derive(Debug, Clone)]
 pub struct Replay {
     snapshots: watch::Receiver<Published>,
+    /// The messages of the recording.
+    pub flows: Arc<Flows>,
 }
 
 /// Moves through a recording, forwards and back.
@@ -53,7 +57,7 @@ impl Replay {
 impl Player {
     pub fn start(first: Published) -> (Player, Replay) {
         let (snapshots, shown) = watch::channel(Published { replay: true, ..first });
-        (Player { snapshots }, Replay { snapshots: shown })
+        (Player { snapshots }, Replay { snapshots: shown, flows: Arc::default() })
     }
 
     /// Shows this snapshot. An earlier one than before begins a new epoch.

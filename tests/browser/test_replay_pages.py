@@ -219,3 +219,43 @@ def test_any_moment_is_shown_again_from_the_best_source(server, vehicle, page, i
     page.locator("#leave").click()
     page.wait_for_url("**/developer")
     expect(page.locator("body")).to_have_attribute("data-live", "live")
+
+
+def test_timeline_topics_and_nodes_are_those_of_the_shown_instant(server, vehicle, page, incident):
+    number, told = incident
+    fault_ms = failed_at(told)
+    enter(page, server, *DEVELOPER)
+    base = f"{server.url}/replay/{number}"
+    page.goto(f"{base}?at={fault_ms + 1000}")
+    screen = page.frame_locator("iframe[name=screen]")
+    expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "error")
+    page.locator("nav a[href$='/developer/timeline']").click()
+    lane = screen.locator("#timeline .lane[data-node=sensors]")
+    expect(lane.locator(".then .chip")).to_have_attribute("data-state", "error")
+    expect(lane.locator(".bar-error")).to_have_count(1)
+    end_ms = int(screen.locator("#timeline").get_attribute("data-to"))
+    assert abs(end_ms - (fault_ms + 1000)) < 100, "nothing of what came later is shown"
+    # A moment in it is one of the replay.
+    screen.locator("#show-moment").click()
+    page.wait_for_url(f"**/replay/{number}?at={end_ms}")
+    expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "error")
+
+    # The messages that were received until then, and no more is claimed.
+    page.locator("nav a[href$='/developer/topics']").click()
+    row = screen.locator("[data-topic='/diagnostics']")
+    expect(row).to_contain_text("Hz")
+    messages = lambda: int(row.locator("td").nth(2).inner_text())
+    before = messages()
+    expect(screen.locator("#not-recorded")).to_contain_text("not known")
+    page.goto(f"{base}?at={fault_ms + 2000}")
+    page.locator("nav a[href$='/developer/topics']").click()
+    expect(row).to_contain_text("Hz")
+    assert messages() > before, (messages(), before)
+
+    # A node's past, and from each of its changes to every page of that instant.
+    screen.locator("body").evaluate("(_, path) => location.assign(path)", f"/replay/{number}/screen/developer/why?node={CAUSE}")
+    change = screen.locator("#transitions tbody tr").filter(has=screen.locator("[data-state=error]")).first
+    expect(change).to_contain_text("no packets")
+    change.locator("a").first.click()
+    page.wait_for_url(f"**/replay/{number}?at={fault_ms}")
+    assert violations(page) == ""

@@ -128,9 +128,10 @@ impl DevFrame {
         let snapshot = view.snapshot;
         let words = DevWords::of(context.lang);
         let has = |page: Page| match page {
-            Page::Statuses | Page::Graph | Page::Masking | Page::Coverage => true,
+            Page::Statuses | Page::Graph | Page::Timeline => true,
+            Page::Masking | Page::Coverage | Page::Topics => true,
             Page::Configuration => context.configuration && !context.replay,
-            Page::Timeline | Page::Incidents | Page::Topics | Page::Audit => !context.replay,
+            Page::Incidents | Page::Audit => !context.replay,
         };
         let known = Page::ALL.into_iter().filter(|&it| has(it));
         let links = known.enumerate().map(|(index, it)| NavLink {

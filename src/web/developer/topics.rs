@@ -1,12 +1,15 @@
 //! The page of topics: topics, types, publishers and subscribers from discovery, mismatches between them, and what
 //! the recorder's memory holds.
 
+mod then;
+
 use askama::Template;
 
 use axum::extract::State;
 use axum::response::Html;
 
 use crate::web::AppState;
+use crate::web::source::Source;
 
 use super::request::PageRequest;
 use crate::engine::discovery::{Discovery, Endpoint, Mismatch, TopicSeen};
@@ -73,8 +76,11 @@ struct TopicsHtml {
     memory: Option<(String, String)>,
 }
 
-/// `GET /developer/topics?q=TEXT&page=N`
+/// `GET /developer/topics?q=TEXT&page=N`: what discovery sees; in a replay what the recording holds.
 pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<String> {
+    if let Source::Replay(replay) = &app.source {
+        return Html(then::page(&request.published, &request.context, &request.query, &replay.flows));
+    }
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
     let meter = app.settings.recording.as_ref().map(|recording| recording.recorder.meter());
     Html(page(&request.published, &request.context, &request.query, &seen, meter.as_ref()))

@@ -143,6 +143,8 @@ words! {
     events: "What happened", "Was geschah";
     no_events: "Nothing happened in this span.", "In dieser Spanne geschah nichts.";
     no_record: "no record", "nicht aufgezeichnet";
+    from_recording: "Before the instant that is shown.", "Vor dem gezeigten Augenblick.";
+    shown_instant: "Up to the shown instant", "Bis zum gezeigten Augenblick";
     from_history: "From history: this is not the present.", "Aus dem Verlauf: Das ist nicht die Gegenwart.";
     unrecorded: "No recording has this moment. The history knows states and alarms, no values or messages.", "Keine Aufzeichnung hat diesen Moment. Der Verlauf kennt Zustände und Alarme, keine Werte oder Nachrichten.";
     show_moment: "Every page at this moment", "Alle Seiten in diesem Moment";
@@ -176,6 +178,12 @@ words! {
     published_twice: "Published by another too", "Auch von anderen veröffentlicht";
     nodes: "ROS nodes", "ROS-Knoten";
     participants: "other participants", "andere Teilnehmer";
+    topics_then: "Up to the instant that is shown. A recording holds messages: who published and subscribed then is not known.", "Bis zum gezeigten Augenblick. Eine Aufzeichnung enthält Nachrichten: Wer dann veröffentlicht und abonniert hat, ist nicht bekannt.";
+    rate_over: "Over the last 5 s", "Über die letzten 5 s";
+    messages: "Messages", "Nachrichten";
+    last_message: "Last message", "Letzte Nachricht";
+    before_then: "before", "zuvor";
+    none_yet: "no message yet", "noch keine Nachricht";
     no_topics: "DDS discovery has seen nothing yet.", "Die DDS-Erkennung hat noch nichts gesehen.";
 
     config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";

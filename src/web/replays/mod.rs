@@ -19,12 +19,13 @@ use tokio::sync::watch;
 use super::live::{first_changes, trend_sampling};
 use super::source::Player;
 use super::{AppState, Settings, router};
+use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
 use crate::record::story::Story;
 use crate::record::summary::Summary;
 use crate::record::writer::unix_ms;
 use crate::replay::Playback;
-use crate::store::Session;
+use crate::store::{History, Session};
 pub use differences::differences;
 pub use moment::moment;
 use opening::Opening;
@@ -98,7 +99,9 @@ fn start(
 ) -> Option<OpenReplay> {
     let summary = Arc::new(summary_of(&playback));
     let story = Arc::new(playback.story(&summary).ok()?);
-    let (show, source) = Player::start(player::published(&mut playback)?);
+    let (show, mut source) = Player::start(player::published(&mut playback)?);
+    source.flows = playback.flows().clone();
+    let history = history_of(&mut playback, app.clock);
     let (controls, state) = player::start(playback, show, app.clock, folder).ok()?;
     let settings = Settings {
         origins: app.settings.origins.clone(),
@@ -107,7 +110,7 @@ fn start(
         demo: None,
         rereads: None,
         written: None,
-        history: None,
+        history,
         discovery: None,
         recordings: None,
         what_if: None,
@@ -122,6 +125,14 @@ fn start(
     let (used, screen) = (app.clock.now(), router(inner));
     let session = session.clone();
     Some(OpenReplay { subject, session, used, controls, state, screen, story, summary })
+}
+
+/// What the recording tells of the past. Without it, pages say that there is none.
+fn history_of(playback: &mut Playback, clock: Clock) -> Option<History> {
+    let records = playback.records().ok()?;
+    let until = (playback.facts().wall(playback.to()), playback.to());
+    let made = History::recorded(&records, until, clock);
+    made.inspect_err(|error| tracing::warn!(%error, "a replay has no history")).ok()
 }
 
 /// The first lines of a recording that is no incident of the store.

@@ -34,7 +34,7 @@ struct ReplayHtml {
     content: Content,
     state: PlayState,
     /// The screens: the address behind the replay's, and its name.
-    screens: [(&'static str, &'static str); 5],
+    screens: [(&'static str, &'static str); 7],
     speeds: [&'static str; 6],
 }
 
@@ -137,8 +137,10 @@ pub async fn get(
             ("/", operator_word(lang)),
             ("/developer", words.statuses),
             ("/developer/graph", words.graph),
+            ("/developer/timeline", words.timeline),
             ("/developer/masking", words.masking),
             ("/developer/coverage", words.coverage),
+            ("/developer/topics", words.topics),
         ],
         speeds: ["0.1", "0.5", "1", "2", "5", "20"],
         content,

@@ -5,7 +5,7 @@ use axum::body::{Body, to_bytes};
 use axum::extract::{Path, Request, State};
 use axum::http::header::{ACCEPT_ENCODING, CONTENT_LENGTH, CONTENT_SECURITY_POLICY, CONTENT_TYPE};
 use axum::http::{Extensions, HeaderValue, Uri};
-use axum::response::{IntoResponse, Response};
+use axum::response::{IntoResponse, Redirect, Response};
 use hyper::upgrade::OnUpgrade;
 use tower::ServiceExt as _;
 
@@ -42,6 +42,11 @@ pub async fn get(
     let Some(open) = app.replays.of_address(&id, &session, app.clock.now()) else {
         return refusal(&reader, HttpError::NotFound);
     };
+    if path == "developer/moment" {
+        // The replay's own page goes there.
+        let at = request.uri().query().unwrap_or_default();
+        return Redirect::to(&format!("/replay/{id}?{at}")).into_response();
+    }
     let query = request.uri().query().map(|query| format!("?{query}")).unwrap_or_default();
     let Ok(uri) = Uri::try_from(format!("/{}{query}", path.trim_start_matches('/'))) else {
         return refusal(&reader, HttpError::NotFound);

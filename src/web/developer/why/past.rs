@@ -16,6 +16,7 @@ const LISTED: usize = 50;
 
 pub struct Transition {
     pub at: String,
+    pub at_ms: i64,
     pub state: &'static str,
     pub word: &'static str,
     /// The state that it reported behind this one; empty if that is no fault.
@@ -52,9 +53,11 @@ pub fn states(lang: Lang, query: &PageQuery, window: &Window, past: &Past) -> No
 
 fn transition(lang: Lang, painter: &Painter, segment: &Segment, is_last: bool) -> Transition {
     let ms = segment.to.since(segment.from).as_millis();
+    let at_ms = i64::try_from(segment.from.as_nanos() / 1_000_000).unwrap_or(i64::MAX);
     let cause = segment.cause.as_ref().map(|cause| (clean(cause, 2 * NAME), why_address(cause)));
     Transition {
-        at: wall_time(i64::try_from(segment.from.as_nanos() / 1_000_000).unwrap_or(i64::MAX)),
+        at: wall_time(at_ms),
+        at_ms,
         state: state_of(segment.look),
         word: look_word(lang, segment.look),
         own: segment.own_fault().map_or("", |own| lang.state(own)),
