@@ -12,7 +12,8 @@ import measure_pixels
 from operating import expect_standing, log_in, touch_context, watch
 from vehicle import OPERATOR, Client, Writer, serving, until
 
-pytestmark = pytest.mark.alone
+# The long absence waits most of its time; the others measure times close to their limits.
+ALONE, TIMED = pytest.mark.alone, pytest.mark.timed
 
 WATCH = """() => {
   window.liveLog = [];
@@ -29,6 +30,7 @@ def reached(page, value, since_ms):
     return (times[0][0] - since_ms) / 1000
 
 
+@ALONE
 def test_a_server_that_hangs_makes_the_page_stale_then_dead_and_live_again(server, vehicle, page, trouble):
     log_in(page, server)
     expect_standing(page)
@@ -54,6 +56,7 @@ SOCKETS = (
 )
 
 
+@ALONE
 def test_a_server_that_was_killed_is_found_again_without_a_new_login(server, vehicle, page, trouble):
     page.add_init_script(SOCKETS)
     log_in(page, server)
@@ -75,6 +78,7 @@ AWAY_S = 25
 PAGES = 5
 
 
+@TIMED
 def test_after_a_long_absence_the_page_is_live_within_two_seconds(server, vehicle, chromium, trouble):
     """Ten returns: five pages, two restarts. Browsers hold sockets back after some that failed, so the page opens
     none while the server is away."""
@@ -103,6 +107,7 @@ def test_after_a_long_absence_the_page_is_live_within_two_seconds(server, vehicl
         context.close()
 
 
+@ALONE
 def test_a_renderer_that_hangs_is_noticed_by_the_server_and_forbids_a_clearance(server, vehicle, page, trouble):
     log_in(page, server)
     expect_standing(page)
@@ -124,6 +129,7 @@ def states(snapshot):
     return {module["id"] for group in system for module in group["modules"] if module["state"] != "ok"}
 
 
+@ALONE
 def test_a_dropped_socket_is_opened_again_and_shows_what_happened_meanwhile(server, vehicle, page, trouble):
     page.add_init_script(SOCKETS)
     log_in(page, server)
@@ -138,6 +144,7 @@ def test_a_dropped_socket_is_opened_again_and_shows_what_happened_meanwhile(serv
 CHANGES = 100
 
 
+@ALONE
 def test_a_change_of_state_is_painted_within_200_ms(page, trouble, tmp_path):
     """At the 99th percentile: all of a hundred changes but one."""
     with serving(tmp_path, config=measure_pixels.config(tmp_path)) as server:
