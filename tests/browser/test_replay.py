@@ -20,7 +20,8 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from operating import log_in
-from vehicle import TELLTALE
+from test_replay_pages import actions, answer
+from vehicle import TELLTALE, Client, until
 
 POWER, ODOMETRY = "robo_msgs/msg/Power", "nav_msgs/msg/Odometry"
 STATUS, DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray"
@@ -310,8 +311,12 @@ def test_a_bag_is_shown_in_the_display(plain, config, page):
         for path in ["/", "/developer"]:
             page.goto(url + path)
             page.wait_for_url(f"{url}/replay/file")
-        answer = page.request.post(f"{url}/vehicle/stop", form={"version": "1", "tap": "1"}, headers={"Origin": url})
-        assert answer.status == 404, answer.status
+        client = Client(SimpleNamespace(url=url), name, password)
+        until(lambda: answer(client.opener, client.server, "GET", "/replay/file") == 200, 60, "the replay is open")
+        for path in actions(1):
+            assert answer(client.opener, client.server, "POST", f"/replay/file/screen{path}") in (403, 404, 405, 409), path
+            if path not in ("/login", "/logout"):
+                assert answer(client.opener, client.server, "POST", path) == 404, path
         if shots := os.environ.get("REPLAY_SHOTS"):
             page.goto(f"{url}/replay/file?at={BEGIN_NS // 10**6 + 4_500}")
             expect(screen.locator("#tile-base")).to_have_attribute("data-state", "error")

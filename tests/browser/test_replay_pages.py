@@ -13,15 +13,30 @@ from playwright.sync_api import expect
 from accessible import violations
 from operating import enter
 from test_developer import CAUSE, DEVELOPER, STATUS, prepare
-from vehicle import Client, until
+from vehicle import OPERATOR, ROOT, Client, until
 
-# The addresses of actions, with what each may want.
-ACTIONS = [
-    "/vehicle/stop", "/vehicle/localize", "/vehicle/clearance", "/vehicle/clearance/confirm", "/vehicle/clearance/withdraw",
-    "/vehicle/release", "/vehicle/release/confirm", "/vehicle/shutdown", "/alarms/1/acknowledge", "/alarms/acknowledge-over",
-    "/modules/sensors/imu/reset", "/developer/configuration/reload", "/incidents/mark", "/api/v1/mark", "/logout",
-    "/incidents/1/what-if", "/incidents/1/note", "/incidents/1/keep",
-]
+# Every route of the server, as the table of accesses lists them; it has to list all.
+ROUTES = re.findall(r'^ +\("([A-Z]+)", "([^"]+)", \[', (ROOT / "tests/it/web/access.rs").read_text(), re.MULTILINE)
+OF_ALL = {"/alarms/{*path}": "/alarms/1/acknowledge", "/modules/{*path}": "/modules/sensors/imu/reset"}
+
+
+def actions(number):
+    """The addresses of all that can be sent to the server."""
+    paths = [OF_ALL.get(path, path).replace("{id}", str(number)) for method, path in ROUTES if method == "POST"]
+    assert len(ROUTES) > 50 and {"/vehicle/stop", "/logout", "/api/v1/mark", f"/incidents/{number}/note"} <= set(paths), paths
+    return paths
+
+
+def answer(opener, server, method, path):
+    """The status of the answer to a program's request."""
+    headers = {"Origin": server.url, "Accept": "application/json"}
+    data = b"version=1" if method == "POST" else None
+    request = urllib.request.Request(server.url + path, data=data, method=method, headers=headers)
+    try:
+        with opener.open(request, timeout=20) as answered:
+            return answered.status
+    except urllib.error.HTTPError as error:
+        return error.code
 
 
 @pytest.fixture
@@ -99,24 +114,37 @@ def test_the_screens_are_as_they_were_and_nothing_acts(server, vehicle, page, in
     page.locator("nav a").nth(2).click()
     expect(screen.locator("#graph .node").first).to_be_visible()
 
-    # Nothing can be done: no button is there, and no address acts.
+    # Nothing can be done: no button is there.
     page.locator("nav a").first.click()
     expect(body).to_have_attribute("data-live", "replay")
     expect(screen.locator("button[name=stop]:visible, button[name=acknowledge]:visible, form:visible")).to_have_count(0)
-    client = Client(server, *DEVELOPER)
-    client.opener.open(f"{server.url}/replay/{number}", timeout=10)
-    before = client.snapshot()["stage"]
-    for action in ACTIONS:
-        for method in ("POST", "GET"):
-            data = b"version=1" if method == "POST" else None
-            request = urllib.request.Request(
-                f"{server.url}/replay/{number}/screen{action}", data=data, method=method,
-                headers={"Origin": server.url, "Accept": "application/json"},
-            )
-            with pytest.raises(urllib.error.HTTPError) as refused:
-                client.opener.open(request, timeout=10)
-            assert refused.value.code in (403, 404, 405, 409), (action, method, refused.value.code)
-    assert client.snapshot()["stage"] == before
+
+
+def test_no_route_acts_in_a_replay_whoever_asks(server, vehicle, incident):
+    number, _ = incident
+    stand = lambda client: {key: client.snapshot()[key] for key in ("stage", "countermeasures", "alarms", "operator")}
+    developer, operator = Client(server, *DEVELOPER), Client(server, *OPERATOR)
+    server.add_user("otto", "a long password", role="authority")
+    authority, stranger = Client(server, "otto", "a long password"), urllib.request.build_opener()
+    told = lambda: developer.opener.open(f"{server.url}/api/v1/incidents/{number}", timeout=20).read()
+    before, incidents = stand(developer), told()
+    for subject in (number, "recent"):
+        for client in (developer, authority):
+            until(lambda: answer(client.opener, server, "GET", f"/replay/{subject}") == 200, 60, f"the replay of {subject}")
+        screen = f"/replay/{subject}/screen"
+        for path in actions(number):
+            for opener in (developer.opener, authority.opener):
+                # The screens have no replays, incidents and logins of their own.
+                assert answer(opener, server, "POST", screen + path) in (403, 404, 405, 409), (subject, path)
+                assert answer(opener, server, "GET", screen + path) in (200, 403, 404, 405, 409), (subject, path)
+            assert answer(operator.opener, server, "POST", screen + path) in (403, 405), (subject, path)
+            assert answer(stranger, server, "POST", screen + path) == 401, (subject, path)
+        for path in (path for method, path in ROUTES if method == "GET"):
+            status = answer(developer.opener, server, "GET", screen + path.replace("{id}", str(number)).replace("{*path}", "page.js"))
+            assert status < 500 or path == "/readyz", (subject, path, status)
+            assert answer(operator.opener, server, "GET", screen + path.replace("{*path}", "page.js")) == 403, (subject, path)
+    # The sessions are as they were, too.
+    assert stand(developer) == before and told() == incidents
 
 
 def test_two_people_replay_while_the_vehicle_goes_on(server, vehicle, page, incident):
