@@ -12,6 +12,7 @@ use crate::web::AppState;
 use crate::web::http::errors::HttpError;
 use crate::web::http::respond::refusal;
 
+use super::pager::ROWS_MAX;
 use super::request::PageRequest;
 use crate::runtime::Published;
 use crate::store::audit::Entry;
@@ -68,11 +69,14 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
     if !before.is_empty() && request.query.number("before").is_none() {
         return refusal(&request.reader, HttpError::NotFound);
     }
-    let before = request.query.number("before");
+    let (before, count) = match request.query.wants_all_rows() {
+        true => (None, ROWS_MAX as u32),
+        false => (request.query.number("before"), AUDIT_ROWS),
+    };
     // One reader at a time, because verifying a long chain takes a while.
     let _reader = app.audit_readers.lock().await;
     let read = async {
-        let entries = app.store.audit_entries(before, AUDIT_ROWS).await?;
+        let entries = app.store.audit_entries(before, count).await?;
         Ok::<_, StoreError>((entries, app.store.verify_audit().await?))
     };
     let (entries, verdict) = match read.await {
@@ -82,7 +86,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
             return refusal(&request.reader, HttpError::Unavailable);
         }
     };
-    let is_full = entries.len() == AUDIT_ROWS as usize;
+    let is_full = entries.len() == count as usize;
     let older = entries.last().filter(|last| is_full && last.number > 1).map(|last| last.number);
     let audit = AuditPage { entries, older, verdict };
     Html(page(&request.published, &audit, &request.context)).into_response()

@@ -5,7 +5,7 @@ use std::ops::Range;
 use super::PageQuery;
 
 /// Rows of a table that is made for a file.
-const ROWS_MAX: usize = 5000;
+pub const ROWS_MAX: usize = 5000;
 
 pub struct Pager {
     /// The `id` of the element that has the number of rows.

@@ -8,8 +8,9 @@ use super::words::IncidentWords;
 use crate::engine::model::Stage;
 use crate::record::retention::{Policy, size};
 use crate::record::writer::unix_ms;
-use crate::store::{Incident, IncidentFilter, OnDisk, Role};
+use crate::store::{Incident, IncidentFilter, OnDisk, Role, StoreError};
 use crate::web::AppState;
+use crate::web::developer::pager::ROWS_MAX;
 use crate::web::developer::request::PageRequest;
 use crate::web::developer::{DevFrame, Page, PageQuery, frame};
 use crate::web::http::respond::refusal;
@@ -69,7 +70,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
     let query = &request.query;
     let now_ms = unix_ms(app.clock.wall());
     let read = async {
-        let found = app.store.incidents(filter(query)).await?;
+        let found = found(&app, query).await?;
         Ok((found, app.store.incidents_on_disk(now_ms.saturating_sub(DAY_MS)).await?))
     };
     let (found, on_disk) = match read.await {
@@ -85,8 +86,9 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
     // Recordings are of the past, and can be downloaded too, while the vehicle is locked.
     dev.locked = false;
     let it = IncidentWords::of(lang);
-    let is_full = found.len() > ROWS as usize;
-    let rows: Vec<Row> = found.iter().take(ROWS as usize).map(|incident| row(it, lang, incident)).collect();
+    let count = if query.wants_all_rows() { ROWS_MAX } else { ROWS as usize };
+    let is_full = found.len() > count;
+    let rows: Vec<Row> = found.iter().take(count).map(|incident| row(it, lang, incident)).collect();
     let older = rows.last().filter(|_| is_full).map(|last| query.with("before", &last.id.to_string()));
     let words = dev.words;
     let page = ListHtml {
@@ -111,6 +113,24 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
         dev,
     };
     Html(html(&page)).into_response()
+}
+
+/// One more than the page shows; for a file, all that fit the filter.
+async fn found(app: &AppState, query: &PageQuery) -> Result<Vec<Incident>, StoreError> {
+    if !query.wants_all_rows() {
+        return app.store.incidents(filter(query)).await;
+    }
+    let mut all: Vec<Incident> = Vec::new();
+    while all.len() < ROWS_MAX {
+        let before = all.last().map(|last| last.summary.id);
+        let more = IncidentFilter { before, count: 0, ..filter(query) };
+        let more = app.store.incidents(more).await?;
+        if more.is_empty() {
+            break;
+        }
+        all.extend(more);
+    }
+    Ok(all)
 }
 
 fn filter(query: &PageQuery) -> IncidentFilter {
