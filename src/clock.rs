@@ -1,6 +1,6 @@
 //! The only place that reads a clock.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use crate::engine::time::{Span, Timestamp};
@@ -19,20 +19,33 @@ pub fn earliest() -> SystemTime {
 pub struct Clock {
     start: Instant,
     /// The offset by which it was set ahead, in nanoseconds; only a test's clock has one.
-    ahead: Option<&'static AtomicU64>,
+    ahead: Option<&'static Ahead>,
     /// It moves only when it is set ahead.
     stands: bool,
     /// The wall time at the start, if it is not that of the system.
     wall: Option<SystemTime>,
 }
 
+/// What a test has done to its clock, in nanoseconds.
+#[derive(Debug, Default)]
+struct Ahead {
+    both: AtomicU64,
+    wall: AtomicI64,
+}
+
 /// Sets a clock ahead, so that a test need not wait.
 #[derive(Debug, Clone, Copy)]
-pub struct ClockHand(&'static AtomicU64);
+pub struct ClockHand(&'static Ahead);
 
 impl ClockHand {
+    /// Time passes.
     pub fn advance(&self, span: Span) {
-        self.0.fetch_add(span.as_nanos(), Ordering::Relaxed);
+        self.0.both.fetch_add(span.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// Somebody sets the wall clock by so many seconds.
+    pub fn step_wall(&self, seconds: i64) {
+        self.0.wall.fetch_add(seconds * 1_000_000_000, Ordering::Relaxed);
     }
 }
 
@@ -44,7 +57,7 @@ impl Clock {
 
     /// A clock that can be set ahead, for tests. Its offset lives as long as the process.
     pub fn with_hand() -> (Clock, ClockHand) {
-        let ahead: &'static AtomicU64 = Box::leak(Box::default());
+        let ahead: &'static Ahead = Box::leak(Box::default());
         (Clock { ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
     }
 
@@ -69,7 +82,13 @@ impl Clock {
     /// The present wall time. It may be stepped at any time: for display only.
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn wall(&self) -> SystemTime {
-        self.wall.map_or_else(SystemTime::now, |wall| wall + Duration::from_nanos(self.now().as_nanos()))
+        let wall = match self.wall {
+            Some(wall) => wall + Duration::from_nanos(self.now().as_nanos()),
+            None => SystemTime::now() + Duration::from_nanos(self.ahead()),
+        };
+        let stepped = self.ahead.map_or(0, |ahead| ahead.wall.load(Ordering::Relaxed));
+        let by = Duration::from_nanos(stepped.unsigned_abs());
+        if stepped < 0 { wall - by } else { wall + by }
     }
 
     /// The monotonic instant as a tokio instant.
@@ -83,7 +102,7 @@ impl Clock {
     }
 
     fn ahead(&self) -> u64 {
-        self.ahead.map_or(0, |ahead| ahead.load(Ordering::Relaxed))
+        self.ahead.map_or(0, |ahead| ahead.both.load(Ordering::Relaxed))
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::file::{ABOUT, Entry, FileError, JOURNAL, REPAIRED, Reader, TRANSITIONS};
+use super::file::{ABOUT, BEGUN, Entry, FileError, JOURNAL, REPAIRED, Reader, TRANSITIONS};
 use super::folder::file_name;
 use super::incident::TRIGGERS_MAX;
 use super::journal::{Line, Took};
@@ -18,9 +18,9 @@ const PRE_ROLL_MS_MAX: i64 = 3_600_000;
 /// Alarms whose causes are followed.
 const ALARMS_MAX: usize = 1024;
 
-/// The summary of an incident by its file alone. Marks, requests to the vehicle, ends of autonomous driving and values
-/// are not in it; without another trigger, the incident begins with the first instant that is shown. `None`: the file
-/// is no recording of this program.
+/// The summary of an incident by its file alone: what was known when it began, and what followed. Notes that were
+/// written about it later are not in it. Of a file of an earlier version, its changes tell the triggers; without any,
+/// the incident begins with the first instant that is shown. `None`: the file is no recording of this program.
 ///
 /// # Errors
 /// It is no MCAP file, or the disk cannot read it.
@@ -31,6 +31,8 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
         return Ok(None);
     };
     let interrupted = !reader.is_complete() || reader.metadata().any(|(name, _)| name == REPAIRED);
+    let begun = reader.metadata().find(|(name, _)| *name == BEGUN);
+    let begun = begun.and_then(|(_, it)| serde_json::from_str::<Summary>(it.get("summary")?).ok());
     let version = reader.library().strip_prefix("telltale ").unwrap_or_default().to_owned();
     let text = |key: &str| about.get(key).cloned().unwrap_or_default();
     let ns = |key: &str| text(key).parse::<u64>().unwrap_or_default();
@@ -46,7 +48,16 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
             break;
         }
     }
-    let Heard { triggers, more_triggers, alarms, stage_at_first, stage, messages, missing, .. } = heard;
+    let Heard { triggers, told, more_triggers, alarms, stage_at_first, stage, messages, missing, .. } = heard;
+    let begun = begun.unwrap_or_default();
+    let mut known = begun.triggers;
+    for line in told {
+        if known.len() < TRIGGERS_MAX && !known.contains(&line) {
+            known.push(line);
+        }
+    }
+    let (triggers, more_triggers) =
+        if known.is_empty() { (triggers, more_triggers) } else { (known, begun.more_triggers) };
     let since_ms = triggers.first().map_or(from_ms, |trigger| trigger.at_ms);
     let mut roots: Vec<String> = Vec::new();
     for root in alarms.into_values() {
@@ -66,7 +77,9 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
         id,
         since_ms,
         until_ms: Some(ms(last).max(since_ms)),
-        stage: stage_at_first.unwrap_or(stage),
+        stage: if begun.stage.is_empty() { stage_at_first.unwrap_or(stage) } else { begun.stage },
+        storm: begun.storm,
+        freeze: begun.freeze,
         triggers,
         more_triggers,
         roots,
@@ -74,7 +87,6 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
         configuration: text("configuration_sha256"),
         version,
         recording,
-        ..Summary::default()
     }))
 }
 
@@ -82,7 +94,10 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
 #[derive(Debug, Default)]
 struct Heard {
     from_ms: i64,
+    /// As its changes tell them.
     triggers: Vec<TriggerLine>,
+    /// As it says itself.
+    told: Vec<TriggerLine>,
     more_triggers: u64,
     /// The present cause of each alarm.
     alarms: BTreeMap<u64, String>,
@@ -121,6 +136,16 @@ impl Heard {
 
     fn change(&mut self, Transition { at_ms, change }: &Transition<'_>) {
         match change {
+            Change::Trigger { of, what, alarm, note } if self.told.len() < TRIGGERS_MAX => {
+                let line = TriggerLine {
+                    at_ms: *at_ms,
+                    kind: of.to_string(),
+                    what: what.to_string(),
+                    alarm: *alarm,
+                    note: note.to_string(),
+                };
+                self.told.push(line);
+            }
             Change::Stage { stage } => self.stage = stage.to_string(),
             Change::AlarmRaised { alarm, node } if *at_ms >= self.from_ms => {
                 if self.alarms.len() < ALARMS_MAX {

@@ -55,7 +55,7 @@ impl<'a> Line<'a> {
             Taken::Statuses => Took::Statuses,
             Taken::Reload(texts) => Took::Reload(texts.to_vec()),
             Taken::Lost(count) => Took::Lost(*count),
-            Taken::Transition(_) | Taken::Keyframe(_) => return None,
+            Taken::Transition(_) | Taken::Told(_) | Taken::Keyframe(_) => return None,
         };
         Some(Line { at_ns: entry.at, took, message: entry.message.as_ref().map(MessageRef::of) })
     }

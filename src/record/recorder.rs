@@ -5,12 +5,13 @@ use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use super::feed::{Turn, Turns};
 use super::incident::{Change, Margins, Open, Tracker, Trigger, freeze, roots};
 use super::ring::{ConfigurationText, Entry, Held, Position, Ring, Taken};
 use super::summary::FrozenNode;
+use super::transition::Change as Told;
 use crate::clock::Clock;
 use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
@@ -21,6 +22,9 @@ const WAITING_MAX: usize = 4;
 
 /// Without a turn of the engine, the recorder looks this often whether an incident is over.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
+
+/// A wall clock that is suddenly so much ahead or behind was set.
+const STEP_MIN: Span = Span::from_millis(500);
 
 /// What the configuration says about recordings.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,6 +89,8 @@ pub(super) struct State {
     /// Incidents to write, the oldest first.
     pub jobs: VecDeque<Job>,
     next_number: u64,
+    /// The incident that is open has no recording: it had to wait for others, or for the engine's first state.
+    is_unrecorded: bool,
     pub ended: bool,
 }
 
@@ -131,6 +137,7 @@ impl Recorder {
             warnings: Vec::new(),
             jobs: VecDeque::new(),
             next_number,
+            is_unrecorded: false,
             ended: false,
         };
         let shared = Arc::new(Shared {
@@ -160,6 +167,11 @@ impl Recorder {
         state.apply(changes);
         self.0.news.notify_all();
         state.present().map(|job| job.number)
+    }
+
+    /// Something happened of which the engine knows nothing: it stands in the recording among the changes.
+    pub fn tell(&self, what: Told<'static>) {
+        self.0.lock().tell(what);
     }
 
     /// Another configuration counts from now on.
@@ -217,10 +229,26 @@ impl Shared {
         self.clock
     }
 
+    /// The wall time at the start of the monotonic clock; `None` while the program was held up in between.
+    fn zero(&self) -> Option<SystemTime> {
+        let before = self.clock.now();
+        let wall = self.clock.wall();
+        let is_quick = self.clock.now().since(before) < STEP_MIN;
+        is_quick.then(|| wall - Duration::from_nanos(before.as_nanos()))
+    }
+
     fn run(&self, turns: &Turns) {
+        let mut zero = self.zero();
         loop {
             let turn = turns.queue.recv_timeout(LOOK_EVERY);
+            let before = zero;
+            zero = self.zero().or(zero);
             let mut state = self.lock();
+            if let (Some(before), Some(after)) = (before, zero)
+                && let Some(by_ms) = step(before, after)
+            {
+                state.tell(Told::ClockSet { by_ms });
+            }
             // While turns wait, an incident ends by their times: it lacks nothing of what they bring.
             let now = match turn {
                 Ok(turn) => state.take(turn),
@@ -235,6 +263,9 @@ impl Shared {
             };
             let changes = state.tracker.due(now);
             state.apply(changes);
+            if state.is_unrecorded {
+                state.take_up();
+            }
             turns.recording.store(state.present().is_some(), Ordering::Relaxed);
             if !state.jobs.is_empty() {
                 self.news.notify_all();
@@ -243,10 +274,23 @@ impl Shared {
     }
 }
 
+/// By how much the wall clock was set between two looks; a slow correction is no step.
+fn step(before: SystemTime, after: SystemTime) -> Option<i64> {
+    let ms = |apart: Duration| i64::try_from(apart.as_millis()).unwrap_or(i64::MAX);
+    let by_ms = after.duration_since(before).map_or_else(|error| -ms(error.duration()), ms);
+    (by_ms.unsigned_abs() >= STEP_MIN.as_millis()).then_some(by_ms)
+}
+
 impl State {
     /// The incident that is open.
     fn present(&self) -> Option<&Job> {
         self.jobs.back().filter(|job| job.end.is_none())
+    }
+
+    /// Takes what the engine knows nothing of, at the time of what it took last: the order stays.
+    fn tell(&mut self, what: Told<'static>) {
+        let at = self.ring.newest().unwrap_or(self.snapshot.now);
+        self.ring.push(Entry { at, taken: Taken::Told(Arc::new(what)), message: None });
     }
 
     /// Takes a turn of the engine. Returns its time.
@@ -306,9 +350,15 @@ impl State {
         let margins = self.settings.margins;
         let found = self.ring.keyframe_before(before(self.settings.past()));
         let Some((begin, at)) = found.filter(|_| self.jobs.len() < WAITING_MAX) else {
-            tracing::error!("an incident is not recorded: {} others wait for the disk", self.jobs.len());
+            if !std::mem::replace(&mut self.is_unrecorded, true) {
+                tracing::error!(
+                    "an incident is not recorded yet: {} others wait for the disk",
+                    self.jobs.len()
+                );
+            }
             return;
         };
+        self.is_unrecorded = false;
         let number = self.next_number;
         self.next_number += 1;
         self.jobs.push_back(Job {
@@ -357,6 +407,7 @@ impl State {
     }
 
     fn end(&mut self, open: Open) {
+        self.is_unrecorded = false;
         let (end, roots) = (self.ring.next(), roots(&self.snapshot, open.since));
         if let Some(job) = self.jobs.back_mut().filter(|job| job.end.is_none()) {
             (job.open, job.end, job.roots) = (open, Some(end), roots);

@@ -55,17 +55,33 @@ impl Surplus {
     }
 }
 
+/// A clock that was set ahead makes no recording older than this much more, until the next start.
+const CREDIBLE_MS: i64 = 7 * 24 * 3600 * 1000;
+
+/// The time by which the age of recordings is judged, in milliseconds since 1970: the wall time, but not far ahead of
+/// the newest record at the start (`floor_ms`) and what has passed since then. A clock that jumps a year ahead must
+/// not remove everything.
+pub fn judged_ms(wall_ms: i64, floor_ms: i64, passed: Span) -> i64 {
+    let passed_ms = i64::try_from(passed.as_millis()).unwrap_or(i64::MAX);
+    wall_ms.min(floor_ms.saturating_add(passed_ms).saturating_add(CREDIBLE_MS))
+}
+
 /// Decides which recordings have to go. One that is kept, or still written, never does. Their order is that of
-/// their numbers, which no step of the clock changes; only the age needs `now_ms`, the wall time.
+/// their numbers, which no step of the clock changes; only the age needs `now_ms`, the wall time. No recording is
+/// older than one before it, or the newest ones of a clock that began in the past would go first.
 pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
     let mut order: Vec<&Held> = held.iter().collect();
     order.sort_unstable_by_key(|it| it.id);
     let mut bytes = order.iter().fold(0u64, |sum, it| sum.saturating_add(it.bytes));
     let mut count = order.len();
     let keep_ms = i64::try_from(policy.keep.as_millis()).unwrap_or(i64::MAX);
-    let mut remove = Vec::new();
+    let (mut remove, mut since_ms) = (Vec::new(), None);
     for it in order {
-        let is_old = now_ms.saturating_sub(it.since_ms) > keep_ms;
+        // What lies in the future was written by a wrong clock.
+        if it.since_ms <= now_ms {
+            since_ms = since_ms.max(Some(it.since_ms));
+        }
+        let is_old = since_ms.is_some_and(|since_ms| now_ms.saturating_sub(since_ms) > keep_ms);
         if it.kept || !it.finished || !(is_old || bytes > policy.disk || count > INCIDENTS_MAX) {
             continue;
         }
@@ -123,6 +139,25 @@ mod tests {
         // A clock that was set back makes none old.
         assert!(surplus(&all, &policy(1000, 0), -DAY_MS).remove.is_empty());
         assert!(surplus(&all, &policy(1000, 0), i64::MIN).remove.is_empty());
+    }
+
+    #[test]
+    fn a_clock_that_jumps_removes_nothing_that_is_not_old() {
+        let (one_year, month) = (365 * DAY_MS, policy(1000, 30));
+        // The clock began in the past after each start, and was set right later.
+        let all = [held(1, 400, 1), held(2, 0, 1), held(3, 401, 1), held(4, 1, 1)];
+        assert!(surplus(&all, &month, 402 * DAY_MS).remove.is_empty());
+        assert_eq!(surplus(&all, &month, 431 * DAY_MS).remove, [1, 2]);
+        // One was written by a clock far ahead: those after it become old all the same.
+        let all = [held(1, 400, 1), held(2, 9000, 1), held(3, 402, 1)];
+        assert_eq!(surplus(&all, &month, 431 * DAY_MS).remove, [1, 2]);
+        assert_eq!(surplus(&all, &month, 433 * DAY_MS).remove, [1, 2, 3]);
+        // It jumps a year ahead while the program runs, or before it starts.
+        let (newest, day) = (400 * DAY_MS, Span::from_secs(24 * 3600));
+        assert_eq!(judged_ms(newest + one_year, newest, day), newest + 8 * DAY_MS);
+        assert_eq!(judged_ms(newest + 5 * DAY_MS, newest, Span::ZERO), newest + 5 * DAY_MS);
+        assert_eq!(judged_ms(newest - one_year, newest, day), newest - one_year);
+        assert_eq!(judged_ms(i64::MAX, i64::MAX, day), i64::MAX);
     }
 
     #[test]

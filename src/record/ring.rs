@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::transition::Change;
 use crate::engine::Engine;
 use crate::engine::input::Input;
 use crate::engine::time::{Span, Timestamp};
@@ -46,6 +47,8 @@ pub enum Taken {
     Reload(Arc<[ConfigurationText]>),
     /// What changed by what was taken before: for readers, not for a replay.
     Transition(Arc<Record>),
+    /// What the engine knows nothing of: for readers, not for a replay.
+    Told(Arc<Change<'static>>),
     /// The engine's whole state here; `None` if it is kept no longer.
     Keyframe(Option<Arc<Engine>>),
     /// Entries before this one are missing: the recorder did not keep up.
@@ -247,6 +250,11 @@ impl Ring {
 
     pub fn bytes_max(&self) -> usize {
         self.bytes_max
+    }
+
+    /// The time of its newest entry.
+    pub fn newest(&self) -> Option<Timestamp> {
+        self.entries.back().map(|entry| entry.at)
     }
 
     /// The age of its oldest entry.

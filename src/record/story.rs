@@ -1,6 +1,7 @@
 //! What the file of a recording tells of an incident, without a replay: what happened when, the states of the nodes
 //! concerned, and how much of each topic is there.
 
+mod operator;
 mod series;
 mod strips;
 
@@ -13,7 +14,9 @@ use super::file::{Entry, FileError, JOURNAL, Reader, TRANSITIONS};
 use super::journal::{Line, Took};
 use super::summary::{Summary, TriggerLine, kind};
 use super::transition::{Change, Transition};
-use crate::engine::input::{AlarmRef, Input, OperatorAction};
+use crate::engine::input::Input;
+use operator::done;
+pub use operator::word as operator_word;
 pub use series::{Limit, Series};
 pub use strips::{NodeStrip, Period};
 use strips::{signals, stages, strips};
@@ -119,6 +122,18 @@ pub enum Happened {
     Operator {
         action: &'static str,
         on: String,
+    },
+    /// What the operator wanted and was refused, by the word of the action, and why, in English and German.
+    Refused {
+        action: String,
+        on: String,
+        by: String,
+        why: String,
+        why_de: String,
+    },
+    /// The wall clock was set by so much.
+    ClockSet {
+        by_ms: i64,
     },
     Reload,
     Lost {
@@ -298,28 +313,6 @@ fn ms(ns: u64) -> i64 {
     (ns / 1_000_000) as i64
 }
 
-/// What an action did; a first step of two does nothing.
-fn done(action: &OperatorAction) -> Option<Happened> {
-    let (action, on) = match action {
-        OperatorAction::AskClearance { .. } | OperatorAction::AskRelease { .. } => return None,
-        OperatorAction::Login { name } => ("login", name.to_string()),
-        OperatorAction::Logout => ("logout", String::new()),
-        OperatorAction::Shutdown => ("shutdown", String::new()),
-        OperatorAction::Localize { .. } => ("localize", String::new()),
-        OperatorAction::Clear { .. } => ("clearance", String::new()),
-        OperatorAction::RequestStop => ("stop", String::new()),
-        OperatorAction::Withdraw => ("withdraw", String::new()),
-        OperatorAction::Release { .. } => ("release", String::new()),
-        OperatorAction::Acknowledge { alarm: AlarmRef::Node(node) } => ("acknowledge", node.to_string()),
-        OperatorAction::Acknowledge { alarm: AlarmRef::Number(number) } => {
-            ("acknowledge", number.to_string())
-        }
-        OperatorAction::Acknowledge { alarm: AlarmRef::Over { .. } } => ("acknowledge", String::new()),
-        OperatorAction::Reset { module } => ("reset", module.to_string()),
-    };
-    Some(Happened::Operator { action, on })
-}
-
 /// The triggers that no change of a state tells.
 fn triggers(summary: &Summary) -> impl Iterator<Item = Moment> {
     summary.triggers.iter().filter_map(|trigger| {
@@ -398,6 +391,11 @@ fn happened(changes: &[Transition<'_>], summary: &Summary, from_ms: i64) -> Vec<
             }
             Change::Started { reloaded: true } if is_told => tell(Happened::Reload),
             Change::Lost { count } if is_told => tell(Happened::Lost { count: *count }),
+            Change::ClockSet { by_ms } if is_told => tell(Happened::ClockSet { by_ms: *by_ms }),
+            Change::Refused { action, on, by, why, why_de } if is_told => {
+                let [action, on, by, why, why_de] = [action, on, by, why, why_de].map(ToString::to_string);
+                tell(Happened::Refused { action, on, by, why, why_de });
+            }
             _ => {}
         }
     }

@@ -64,6 +64,27 @@ pub enum Change<'a> {
     Lost {
         count: u64,
     },
+    /// The wall clock of this machine was set. The times of a file do not follow it.
+    ClockSet {
+        by_ms: i64,
+    },
+    /// A reason of this incident: its kind and what it was, as the list of incidents has it.
+    Trigger {
+        of: Cow<'a, str>,
+        what: Cow<'a, str>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        alarm: Option<u64>,
+        #[serde(default, skip_serializing_if = "str::is_empty")]
+        note: Cow<'a, str>,
+    },
+    /// What an operator wanted to do and was not done, and why, in English and German.
+    Refused {
+        action: Cow<'a, str>,
+        on: Cow<'a, str>,
+        by: Cow<'a, str>,
+        why: Cow<'a, str>,
+        why_de: Cow<'a, str>,
+    },
 }
 
 impl Transition<'_> {

@@ -125,14 +125,29 @@ def test_a_full_disk_is_a_warning_and_the_display_goes_on(mounted):
     assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
 
 
+def no_clearance(client):
+    """There is none, and the reason is said."""
+    with pytest.raises(urllib.error.HTTPError) as refused:
+        client.post("/vehicle/clearance", version=client.snapshot()["seq"])
+    said = refused.value.read().decode()
+    assert refused.value.code == 409 and "Nothing can be recorded" in said, (refused.value.code, said)
+
+
 def recorded(client, server):
-    """Waits until an incident that is marked now is finished, and verifies it."""
+    """Waits until an incident that is marked now is finished, verifies it, and returns its story."""
     number = until(lambda: mark(client), NOTICE_S, "incidents are recorded again")
     developer = Client(server, *DEVELOPER)
     listed = lambda: {it["id"]: it["recording"] for it in json.load(developer.opener.open(f"{server.url}/api/v1/incidents", timeout=10))}
     until(lambda: listed().get(number, {}).get("finished"), 60, listed)
     told = server.inside(f"{TELLTALE} incident verify {number} --data .")
     assert f"ok    incident {number}:" in told, told
+    one = json.load(developer.opener.open(f"{server.url}/api/v1/incidents/{number}", timeout=10))
+    return one["story"]["moments"]
+
+
+def refusals(moments):
+    """The reasons of clearances that an operator did not get, as an incident tells them."""
+    return [it["why"] for it in moments if it["kind"] == "refused" and it["action"] == "clearance" and it["by"] == OPERATOR[0]]
 
 
 def recording_off(client):
@@ -148,10 +163,12 @@ def test_recordings_on_a_read_only_disk_are_a_warning_until_they_are_taken_again
     until(lambda: mark(client) is None, NOTICE_S, "no incident can be recorded")
     message = until(lambda: recording_off(client), NOTICE_S, "a warning")
     assert "Read-only" in message, message
+    no_clearance(client)
     goes_on(client)
     mounted.inside(f"umount {folder}")
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
-    recorded(client, mounted)
+    told = refusals(recorded(client, mounted))
+    assert len(told) == 1 and "Nothing can be recorded" in told[0], told
 
 
 @pytest.fixture
@@ -176,6 +193,7 @@ def test_recordings_on_a_disk_that_hangs_are_a_warning_until_it_answers(mounted,
     assert "has not answered for 3 s" in message, message
     goes_on(client)
     assert mark(client) is None
+    no_clearance(client)
     freezing(False)
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
     recorded(client, mounted)
@@ -186,6 +204,8 @@ def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(moun
     mounted.inside(f"mount --bind {mounted.data} {mounted.data}; mount -o remount,bind,ro {mounted.data}")
     message = until(lambda: storage(client), NOTICE_S, "a warning")
     assert "read-only" in message, message
+    assert until(lambda: mark(client) is None, NOTICE_S, "no incident can be recorded")
+    no_clearance(client)
     goes_on(client)
     # From outside: nobody can unmount the folder in which they are.
     mounted.inside(f"cd /; umount {mounted.data}")

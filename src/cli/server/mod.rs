@@ -95,7 +95,7 @@ impl Server {
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
         let (feed, turns) = recording::queue(&loaded);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
-        let recordings = recording::Folder::of(folder.as_deref());
+        let recordings = recording::Folder::of(folder.as_deref())?;
         let incidents = recordings.path().to_owned();
         let recording = match turns {
             Some(turns) => {

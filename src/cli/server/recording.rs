@@ -14,13 +14,13 @@ use tokio::task;
 use super::{left_over, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::time::Span;
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Definitions;
 use crate::record::feed::{Feed, Turns};
 use crate::record::folder;
 use crate::record::incident::Margins;
 use crate::record::recorder::{Recorder, Settings};
-use crate::record::retention::{Policy, surplus};
+use crate::record::retention::{Policy, judged_ms, surplus};
 use crate::record::writer::{self, NEWS_MAX, News, Place, VEHICLE, unix_ms};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
@@ -72,15 +72,21 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// In a data folder, or in one that ends with the program.
-    pub fn of(data: Option<&Path>) -> Folder {
-        match data {
+    /// In a data folder, or in one that ends with the program and that nobody can guess.
+    ///
+    /// # Errors
+    /// The system gives no random numbers.
+    pub fn of(data: Option<&Path>) -> anyhow::Result<Folder> {
+        Ok(match data {
             Some(data) => Folder { path: folder::folder_in(data), temporary: None },
             None => {
-                let path = std::env::temp_dir().join(format!("telltale-demo-{}", std::process::id()));
+                let mut random = [0; 8];
+                getrandom::fill(&mut random).context("this system gives no random numbers")?;
+                let name = format!("telltale-demo-{:016x}", u64::from_le_bytes(random));
+                let path = std::env::temp_dir().join(name);
                 Folder { path: folder::folder_in(&path), temporary: Some(Temporary(path)) }
             }
-        }
+        })
     }
 
     pub fn path(&self) -> &Path {
@@ -282,7 +288,14 @@ async fn look_after(
 
 async fn remove_surplus(store: &Store, folder: &Path, policy: &Policy, clock: Clock) -> anyhow::Result<()> {
     let held = store.incidents_held().await?;
-    let surplus = surplus(&held, policy, unix_ms(clock.wall()));
+    let wall_ms = unix_ms(clock.wall());
+    let now_ms = judged_ms(wall_ms, unix_ms(store.floor()), clock.now().since(Timestamp::ZERO));
+    if now_ms < wall_ms {
+        tracing::info!(
+            "the clock is far ahead of the newest record: no recording is removed for its age by it"
+        );
+    }
+    let surplus = surplus(&held, policy, now_ms);
     if surplus.is_over() {
         tracing::warn!(
             "the kept recordings alone take more than `recording.disk`: remove some, or permit more"

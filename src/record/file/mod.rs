@@ -27,6 +27,9 @@ pub use writer::{IncidentFile, MessageStamps, Topic, Written};
 /// The name of the metadata record that describes a file of ours.
 pub const ABOUT: &str = "telltale";
 
+/// The name of the metadata record with what was known of an incident when its recording began.
+pub const BEGUN: &str = "telltale:begun";
+
 /// The schema of a type whose definition is not known.
 const UNDEFINED: &str = "# The definition of this type was not known where it was recorded.\n";
 

@@ -1,6 +1,6 @@
 //! The file of the incident that is being written, and what is known of it so far.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::io::Read as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Record;
 use crate::msg::received::Message;
 use crate::record::file::{
-    FileError, IncidentFile, JOURNAL, JsonChannel, KEYFRAMES, MessageStamps, TRANSITIONS,
+    BEGUN, FileError, IncidentFile, JOURNAL, JsonChannel, KEYFRAMES, MessageStamps, TRANSITIONS,
 };
 use crate::record::folder::file_name;
 use crate::record::incident::Trigger;
@@ -24,7 +24,7 @@ use crate::record::journal::Line;
 use crate::record::recorder::Job;
 use crate::record::ring::{ConfigurationText, Entry, Position, Taken};
 use crate::record::summary::{Recording, Summary, TriggerLine, kind};
-use crate::record::transition::Transition;
+use crate::record::transition::{Change, Transition};
 
 /// A chunk of the file ends at least this often, and is brought to the disk.
 const CHUNK_EVERY: Span = Span::from_secs(1);
@@ -37,6 +37,8 @@ pub(super) struct OpenFile {
     pub(super) next: Position,
     /// The wall time at the start of the monotonic clock, as it was when the recording began.
     zero: SystemTime,
+    /// Triggers that are not in the file yet: it is not at their times.
+    untold: VecDeque<(Timestamp, TriggerLine)>,
     /// The last message of each topic that was written: several entries may share one.
     last: HashMap<Arc<str>, Arc<Message>>,
     /// The transitions begin with the states of all nodes, which are written.
@@ -101,11 +103,16 @@ impl OpenFile {
             summary,
             next: job.begin,
             zero,
+            untold: VecDeque::new(),
             last: HashMap::new(),
             knows_states: false,
             chunk_ended: None,
         };
         open.follow(job);
+        // For a store that loses it. A recording that was killed at once has its trigger too.
+        let known = serde_json::to_string(&open.summary)
+            .map_err(|error| FileError::format(open.file.path(), error.to_string()))?;
+        open.file.metadata(BEGUN, BTreeMap::from([("summary".to_owned(), known)]))?;
         Ok(open)
     }
 
@@ -114,6 +121,7 @@ impl OpenFile {
         let known = self.summary.triggers.len() as u64 + self.summary.more_triggers;
         for (at, trigger) in &job.open.triggers[self.summary.triggers.len()..] {
             let line = trigger_line(unix_ms(self.wall(*at)), trigger);
+            self.untold.push_back((*at, line.clone()));
             self.summary.triggers.push(line);
         }
         self.summary.more_triggers = job.open.more;
@@ -140,6 +148,7 @@ impl OpenFile {
     }
 
     fn take_entry(&mut self, entry: &Entry, place: &Place) -> Result<(), FileError> {
+        self.tell_triggers(entry.at)?;
         let at = unix_ns(self.wall(entry.at));
         if let Some(message) = &entry.message {
             self.take_message(message, at, place)?;
@@ -154,6 +163,11 @@ impl OpenFile {
                 let transition = Transition::of(record, unix_ms(self.wall(record.at)));
                 self.document(&TRANSITIONS, at, &transition).map(drop)
             }
+            Taken::Told(change) => {
+                let transition =
+                    Transition { at_ms: unix_ms(self.wall(entry.at)), change: (**change).clone() };
+                self.document(&TRANSITIONS, at, &transition).map(drop)
+            }
             Taken::Statuses if entry.message.is_none() => {
                 self.summary.recording.missing += 1;
                 self.lost(entry.at, 1)
@@ -166,6 +180,20 @@ impl OpenFile {
                 if self.document(&JOURNAL, at, &Line::of(entry))? { Ok(()) } else { self.lost(entry.at, 1) }
             }
         }
+    }
+
+    /// Writes the triggers up to an instant.
+    fn tell_triggers(&mut self, until: Timestamp) -> Result<(), FileError> {
+        while let Some((at, line)) = self.untold.pop_front_if(|(at, _)| *at <= until) {
+            let change = Change::Trigger {
+                of: line.kind.into(),
+                what: line.what.into(),
+                alarm: line.alarm,
+                note: line.note.into(),
+            };
+            self.document(&TRANSITIONS, unix_ns(self.wall(at)), &Transition { at_ms: line.at_ms, change })?;
+        }
+        Ok(())
     }
 
     /// A document, unless it is too large for the readers of the file: then it is missing.
@@ -229,9 +257,12 @@ impl OpenFile {
 
     /// Completes the file; its hash is made afterwards. If the disk refuses that, what is there can be read.
     pub(super) fn finish(mut self, clock: Clock) -> (Summary, Result<(), FileError>) {
-        self.summary.until_ms.get_or_insert(unix_ms(clock.wall()));
+        let until_ms = unix_ms(self.wall(clock.now()));
+        self.summary.until_ms.get_or_insert(until_ms);
+        let told = self.tell_triggers(Timestamp::MAX);
         let OpenFile { file, mut summary, .. } = self;
-        let finished = file.finish().map(|written| summary.recording.bytes = written.bytes);
+        let finished =
+            told.and_then(|()| file.finish()).map(|written| summary.recording.bytes = written.bytes);
         if finished.is_ok() {
             summary.recording.finished = true;
         } else {
@@ -241,7 +272,8 @@ impl OpenFile {
     }
 
     pub(super) fn abandon(mut self, clock: Clock) -> Summary {
-        self.summary.until_ms.get_or_insert(unix_ms(clock.wall()));
+        let until_ms = unix_ms(self.wall(clock.now()));
+        self.summary.until_ms.get_or_insert(until_ms);
         self.summary.recording.bytes = self.file.len();
         self.summary.recording.interrupted = true;
         self.summary

@@ -13,12 +13,14 @@ use crate::msg::cdr::Endian;
 use crate::msg::messages;
 use crate::msg::received::{Message, Stamped};
 use crate::record::feed::Feed;
-use crate::record::file::{ABOUT, Entry, JOURNAL, KEYFRAMES, Reader};
+use crate::record::file::{ABOUT, Entry, JOURNAL, KEYFRAMES, Reader, TRANSITIONS};
 use crate::record::incident::Margins;
 use crate::record::journal::{Line, Took};
 use crate::record::recorder::Settings;
-use crate::record::ring::{ConfigurationText, KEPT_FOR};
+use crate::record::ring::{ConfigurationText, KEPT_FOR, Taken};
+use crate::record::story::Happened;
 use crate::record::summary::Recording;
+use crate::record::transition::{Change, Transition};
 
 /// An engine whose inputs are recorded into a folder.
 struct Recorded {
@@ -197,6 +199,121 @@ fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
     let notes: Vec<_> = summary.triggers.iter().map(|it| (&*it.kind, &*it.what, &*it.note)).collect();
     assert_eq!(notes, [("mark", "anna", "a strange noise"), ("mark", "anna", "again")]);
     assert!(summary.recording.finished && !summary.recording.interrupted && summary.until_ms.is_some());
+}
+
+/// The changes of a recording, and the times of all its entries.
+fn changes(path: &Path) -> (Vec<Transition<'static>>, Vec<u64>) {
+    let mut reader = Reader::open(path).unwrap();
+    let (mut changes, mut times) = (Vec::new(), Vec::new());
+    while let Some(entry) = reader.next_entry() {
+        match entry {
+            Entry::Message { stamps, .. } => times.push(stamps.log_time_ns),
+            Entry::Json { channel, stamps, text } => {
+                times.push(stamps.log_time_ns);
+                if *channel.topic == *TRANSITIONS.topic {
+                    changes.push(serde_json::from_slice(&text).unwrap());
+                }
+            }
+        }
+    }
+    (changes, times)
+}
+
+#[test]
+fn a_clock_that_is_set_is_told_and_the_times_go_on() {
+    let mut recorded = Recorded::new("stepped");
+    let begin = unix_ms(recorded.clock.wall());
+    recorded.say("pump", 0, 1);
+    recorded.say("pump", 2, 1);
+    while recorded.recorder.present().is_none() {
+        std::thread::yield_now();
+    }
+    for hour in [3600, -3600] {
+        // The recorder looks at the clock while nothing else happens.
+        recorded.hand.step_wall(hour);
+        let told = || {
+            let (entries, _) = recorded.recorder.0.lock().ring.read(0, usize::MAX);
+            entries.iter().filter(|it| matches!(it.taken, Taken::Told(_))).count()
+        };
+        while told() < if hour > 0 { 1 } else { 2 } {
+            std::thread::yield_now();
+        }
+        recorded.say("pump", 2, 2);
+    }
+    recorded.say("pump", 2, 10);
+    let summary = recorded.ended();
+    let path = recorded.folder.join(&summary.recording.file);
+    let (changes, times) = changes(&path);
+    assert!(times.is_sorted(), "{times:?}");
+    let spans_ms = (times[times.len() - 1] - times[0]) / 1_000_000;
+    assert!((10_000..60_000).contains(&spans_ms), "{spans_ms}");
+    let apart = summary.since_ms.abs_diff(begin);
+    assert!(
+        apart < 60_000 || (3_540_000..3_660_000).contains(&apart),
+        "by the clock when its file began: {apart}"
+    );
+    assert!(summary.until_ms.unwrap() - summary.since_ms < 60_000);
+    let steps: Vec<i64> = changes
+        .iter()
+        .filter_map(|it| {
+            if let Change::ClockSet { by_ms } = it.change {
+                Some((by_ms as f64 / 1e5).round() as i64)
+            } else {
+                None
+            }
+        })
+        .collect();
+    assert_eq!(steps, [36, -36]);
+    let shown = crate::record::story::read(&path, &summary).unwrap().moments;
+    assert!(
+        shown.iter().any(|it| matches!(it.what, Happened::ClockSet { by_ms: 3_599_000..=3_601_000 })),
+        "{shown:?}"
+    );
+    assert!(recorded.replay(&path) > 0);
+}
+
+#[test]
+fn a_file_alone_has_the_marks_the_requests_and_the_values() {
+    let mut recorded = Recorded::new("alone");
+    recorded.say("pump", 0, 1);
+    recorded.say("pump", 2, 1);
+    while recorded.recorder.present().is_none() {
+        std::thread::yield_now();
+    }
+    recorded.recorder.mark("anna", "a strange noise");
+    recorded.recorder.tell(Change::Refused {
+        action: "clearance".into(),
+        on: "".into(),
+        by: "anna".into(),
+        why: "No goal is set.".into(),
+        why_de: "Kein Ziel.".into(),
+    });
+    recorded.say("valve", 2, 3);
+    recorded.say("pump", 2, 30);
+    let summary = recorded.ended();
+    let path = recorded.folder.join(&summary.recording.file);
+    let found = crate::record::found::summary(&path, summary.id).unwrap().unwrap();
+    assert_eq!(found.triggers, summary.triggers);
+    assert_eq!(
+        (&found.freeze, &found.roots, &found.stage),
+        (&summary.freeze, &summary.roots, &summary.stage)
+    );
+    assert!(found.is_marked() && found.since_ms == summary.since_ms && found.triggers.len() == 3);
+    let story = crate::record::story::read(&path, &summary).unwrap();
+    let refused = |it: &Happened| matches!(it, Happened::Refused { why, .. } if why == "No goal is set.");
+    assert!(story.moments.iter().any(|it| refused(&it.what)), "{:?}", story.moments);
+    assert_eq!(recorded.replay(&path), 3);
+}
+
+#[test]
+fn a_mark_before_the_first_state_of_the_engine_is_recorded_as_soon_as_there_is_one() {
+    let mut recorded = Recorded::new("early");
+    assert_eq!(recorded.recorder.mark("anna", "early"), None, "it is not promised");
+    recorded.say("pump", 0, 1);
+    recorded.say("pump", 0, 60);
+    let summary = recorded.ended();
+    assert_eq!((summary.id, &*summary.triggers[0].note), (7, "early"));
+    assert!(summary.recording.finished && summary.recording.messages > 0);
 }
 
 #[test]

@@ -41,11 +41,15 @@ async fn act_in_turn(tapped: &TappedAction) -> Result<(), NotDone> {
         return Err(refused(tapped, None, invalid.into()).await);
     }
     let Ok(place) = app.places.clone().try_acquire_owned() else {
-        app.store.note(tapped.record.clone().refused("too many others waited"));
+        let (why, de) = ("too many others waited", "zu viele andere warteten");
+        tapped.tell_recorder(why, de);
+        app.store.note(tapped.record.clone().refused(why));
         return Err(NotDone::HttpError(HttpError::Busy));
     };
     let Some(_acting) = app.clock.by(until, app.acting.lock()).await else {
-        app.store.note(tapped.record.clone().refused("it waited too long for others"));
+        let (why, de) = ("it waited too long for others", "es wartete zu lange auf andere");
+        tapped.tell_recorder(why, de);
+        app.store.note(tapped.record.clone().refused(why));
         return Err(NotDone::HttpError(if app.is_storage_ok() {
             HttpError::Busy
         } else {
@@ -57,7 +61,11 @@ async fn act_in_turn(tapped: &TappedAction) -> Result<(), NotDone> {
         Err(not_done) => return Err(refused(tapped, None, not_done).await),
     };
     let seq = preview.seq;
-    app.store.write_ahead(&tapped.record, Some(app.remembering(preview)), until, place).await?;
+    let memory = Some(app.remembering(preview));
+    if let Err(error) = app.store.write_ahead(&tapped.record, memory, until, place).await {
+        tapped.tell_recorder("it could not be stored", "es konnte nicht gespeichert werden");
+        return Err(error.into());
+    }
     let Err(not_done) = carry_out(tapped).await else { return Ok(()) };
     tracing::warn!("an action was written and is not done");
     let memory = app.memory();
@@ -107,11 +115,12 @@ async fn carry_out(tapped: &TappedAction) -> Result<(), NotDone> {
 /// Records why an action was not done, with the vehicle's state if another one was written.
 async fn refused(tapped: &TappedAction, memory: Option<VehicleMemory>, not_done: NotDone) -> NotDone {
     let app = &tapped.tap.app;
-    let why = match &not_done {
-        NotDone::Refused(reasons) => view::refusals(&app.published(), Lang::En, reasons).join(" "),
-        NotDone::Invalid(invalid) => invalid.words(Lang::En),
+    let [why, why_de] = [Lang::En, Lang::De].map(|lang| match &not_done {
+        NotDone::Refused(reasons) => view::refusals(&app.published(), lang, reasons).join(" "),
+        NotDone::Invalid(invalid) => invalid.words(lang),
         NotDone::HttpError(_) => NoAnswer.to_string(),
-    };
+    });
+    tapped.tell_recorder(&why, &why_de);
     app.store.record(tapped.record.clone().refused(why), memory).await;
     not_done
 }

@@ -169,6 +169,7 @@ async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> R
     let (requested, confirmed_until) = match redeemed {
         Ok(redeemed) => redeemed,
         Err(invalid) => {
+            tap.tell_recorder(&action, &invalid.words(Lang::En), &invalid.words(Lang::De));
             tap.app.store.record(record.refused(invalid.words(Lang::En)), None).await;
             return answer(&tap, Err(invalid.into()), &Value::Null);
         }

@@ -11,6 +11,8 @@ use super::not_done::InvalidTap;
 use crate::clock::wall_at;
 use crate::engine::input::OperatorAction;
 use crate::engine::time::{Span, Timestamp};
+use crate::record::story::operator_word;
+use crate::record::transition::Change;
 use crate::store::Session;
 use crate::store::audit::{Action, Record};
 use crate::web::admission::peer::{Peer, source_of};
@@ -23,6 +25,9 @@ use crate::web::{AppState, Live};
 
 /// Twice the time after which a page without heartbeats covers itself.
 const TAP_LATE_MAX: Span = Span::from_secs(4);
+
+/// Bytes of a reason in a recording.
+const REASON_BYTES_MAX: usize = 500;
 
 /// The `seq` that the button was shown with.
 #[derive(Debug, Deserialize)]
@@ -149,6 +154,20 @@ impl Tap {
     pub fn record(&self, action: Action) -> Record {
         Record::of_session(&self.session, action, self.source)
     }
+
+    /// Tells the recorder of incidents that this action was not done, and why.
+    pub fn tell_recorder(&self, action: &OperatorAction, why: &str, why_de: &str) {
+        let Some(recording) = &self.app.settings.recording else { return };
+        let cut = |text: &str| text[..text.floor_char_boundary(REASON_BYTES_MAX)].to_owned().into();
+        let (action, on) = operator_word(action);
+        recording.recorder.tell(Change::Refused {
+            action: action.into(),
+            on: cut(&on),
+            by: cut(&self.session.user),
+            why: cut(why),
+            why_de: cut(why_de),
+        });
+    }
 }
 
 impl TappedAction {
@@ -166,6 +185,11 @@ impl TappedAction {
             OperatorAction::Release { .. } => OperatorAction::Release { display_live, storage_ok },
             other => other.clone(),
         })
+    }
+
+    /// Tells the recorder of incidents that it was not done, and why.
+    pub fn tell_recorder(&self, why: &str, why_de: &str) {
+        self.tap.tell_recorder(&self.action, why, why_de);
     }
 
     /// The tap counts until then.

@@ -3,6 +3,7 @@
 use super::words::IncidentWords;
 use crate::engine::model::Stage;
 use crate::engine::state::State;
+use crate::engine::time::{Span, how_long};
 use crate::record::story::Happened;
 use crate::web::view::Lang;
 use crate::web::view::text::{MESSAGE, NAME, clean};
@@ -83,6 +84,24 @@ pub(super) fn sentence(lang: Lang, what: &Happened) -> String {
             text(format!("The operator {en} {on}"), format!("Fahrbegleitung: {de} {on}"))
                 .trim_end()
                 .to_owned()
+        }
+        Happened::Refused { action, on, by, why, why_de } => {
+            let (en, de) = operator(action);
+            let (on, by) = (name(on), name(by));
+            let [why, why_de] = [why, why_de].map(|why| clean(why, MESSAGE));
+            text(
+                format!("The operator {by} {en} {on}").trim_end().to_owned() + &format!(". Refused: {why}"),
+                format!("Fahrbegleitung {by}: {de} {on}").trim_end().to_owned()
+                    + &format!(". Abgelehnt: {why_de}"),
+            )
+        }
+        Happened::ClockSet { by_ms } => {
+            let long = how_long(Span::from_millis(by_ms.unsigned_abs()));
+            let (en, de) = if *by_ms < 0 { ("back", "zurück") } else { ("forward", "vor") };
+            text(
+                format!("The clock was set {en} by {long}, which the times here do not follow"),
+                format!("Die Uhr wurde um {long} {de}gestellt; die Zeiten hier laufen gleichmäßig weiter"),
+            )
         }
         Happened::Reload => IncidentWords::of(lang).reloaded.to_owned(),
         Happened::Lost { count } => text(
