@@ -263,6 +263,7 @@ def test_timeline_topics_and_nodes_are_those_of_the_shown_instant(server, vehicl
     expect(lane.locator(".bar-error")).to_have_count(1)
     end_ms = int(screen.locator("#timeline").get_attribute("data-to"))
     assert abs(end_ms - (fault_ms + 1000)) < 100, "nothing of what came later is shown"
+    expect(screen.locator("#timeline [data-zoom=whole]")).to_have_text("30 s")
     # A moment in it is one of the replay.
     screen.locator("#show-moment").click()
     page.wait_for_url(f"**/replay/{number}?at={end_ms}")

@@ -35,6 +35,8 @@ const STRIPS: usize = 60;
 const STRIPS_UNASKED: usize = 30;
 const SIGNALS: usize = 12;
 const SPAN_S: u64 = 120;
+/// Of a replay: a recording begins so long before its first trigger.
+const SPAN_THEN_S: u64 = 30;
 const SPANS_S: [u64; 7] = [30, 120, 600, 3600, 6 * 3600, 24 * 3600, 7 * 24 * 3600];
 const EVENTS: usize = 100;
 const RENEW_MS: u32 = 1000;
@@ -71,6 +73,9 @@ struct TimelineHtml {
     /// The patterns of states; the stylesheet says their colours.
     patterns: String,
     spans: Vec<SpanOption>,
+    /// The span without one in the address.
+    unasked: u64,
+    unasked_word: String,
     /// Fields that the forms have to keep.
     kept: Vec<(&'static str, String)>,
     offered: Vec<String>,
@@ -105,7 +110,7 @@ pub struct Window {
 
 impl Window {
     pub fn of(published: &Published, query: &PageQuery) -> Window {
-        Window::over(published, query, SPAN_S)
+        Window::over(published, query, unasked_s(published))
     }
 
     /// With so many seconds where the address names no span.
@@ -160,6 +165,11 @@ impl Window {
     }
 }
 
+/// The span of a page that asks for none.
+fn unasked_s(published: &Published) -> u64 {
+    if published.replay { SPAN_THEN_S } else { SPAN_S }
+}
+
 /// `GET /developer/timeline?node=NODE&span=SECONDS&until=MS&at=THOUSANDTHS`
 pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Html<String> {
     let PageRequest { published, context, query, .. } = request;
@@ -201,6 +211,8 @@ pub fn page(
         live: window.live,
         patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
         spans: spans(window),
+        unasked: unasked_s(published),
+        unasked_word: span_word(unasked_s(published)),
         kept: query.kept(&["until", "span", "at", "node"]),
         offered: offered(view, nodes),
         from_ms,
@@ -225,20 +237,23 @@ pub fn page(
 }
 
 pub(super) fn spans(window: &Window) -> Vec<SpanOption> {
-    let word = |seconds: u64| match seconds {
-        _ if seconds.is_multiple_of(86_400) => format!("{} d", seconds / 86_400),
-        _ if seconds.is_multiple_of(3600) => format!("{} h", seconds / 3600),
-        _ if seconds.is_multiple_of(60) => format!("{} min", seconds / 60),
-        _ => format!("{seconds} s"),
-    };
     let mut all: Vec<u64> = SPANS_S.to_vec();
     if !all.contains(&window.span_s) {
         all.push(window.span_s);
     }
     all.sort_unstable();
     all.into_iter()
-        .map(|value| SpanOption { value, word: word(value), chosen: value == window.span_s })
+        .map(|value| SpanOption { value, word: span_word(value), chosen: value == window.span_s })
         .collect()
+}
+
+fn span_word(seconds: u64) -> String {
+    match seconds {
+        _ if seconds.is_multiple_of(86_400) => format!("{} d", seconds / 86_400),
+        _ if seconds.is_multiple_of(3600) => format!("{} h", seconds / 3600),
+        _ if seconds.is_multiple_of(60) => format!("{} min", seconds / 60),
+        _ => format!("{seconds} s"),
+    }
 }
 
 /// Names that are not shown yet.
