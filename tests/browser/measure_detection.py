@@ -64,7 +64,7 @@ def status(name, level=0, **values):
 class Peer:
     """One participant of a foreign DDS with any number of writers."""
 
-    OPTIONS = dict(reliability="reliable", durability="volatile", depth=1, lease_s=10)
+    OPTIONS = dict(reliability="reliable", durability="volatile", depth=1, lease_s=10, interface="lo")
 
     def __init__(self, domain):
         self.domain = domain
