@@ -1,6 +1,6 @@
 //! Runs a recording through the engine: as it was judged then, or by another configuration.
 
-mod bag;
+pub mod bag;
 mod bridge;
 pub mod compare;
 pub mod difference;

@@ -183,6 +183,16 @@ impl Database {
         let mut rows = statement.query(params![self.after.0, self.after.1, ROWS as i64])?;
         while let Some(row) = rows.next()? {
             let (number, time) = (row.get(0)?, row.get(2)?);
+            // A damaged index gives rows in any order: without this they would come again and again.
+            let is_next = match self.order == BY_TIME {
+                true => (time, number) > self.after,
+                false => number > self.after.1,
+            };
+            if !is_next {
+                self.omissions.add(0, 0, "the database is damaged: its rows are out of order".to_owned());
+                self.is_at_end = true;
+                return Ok(());
+            }
             self.after = (time, number);
             let bytes = row.get::<_, Option<i64>>(3)?.and_then(|bytes| u64::try_from(bytes).ok());
             let topic = match row.get_ref(1)? {

@@ -17,7 +17,8 @@ use crate::record::file::{self, Channel, Entry, FileError, Omissions, Reader};
 /// More sentences are counted only.
 const SAID_MAX: usize = 100;
 
-pub(super) struct Bag {
+/// A recording that is read from its first message to its last, whatever its files are.
+pub struct Bag {
     /// Those that can be read, in their order.
     files: Vec<PathBuf>,
     /// The number of the open one.
@@ -29,7 +30,7 @@ pub(super) struct Bag {
 
 /// A place in a recording, between two entries.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Place {
+pub struct Place {
     file: usize,
     within: Within,
 }

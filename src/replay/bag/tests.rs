@@ -229,3 +229,44 @@ fn one_can_go_back_to_any_place() {
         }
     }
 }
+
+/// Rows of the sample that is damaged.
+const SAMPLE_ROWS: usize = 300;
+
+proptest::proptest! {
+    /// The same as the fuzz target `database`.
+    #[test]
+    fn a_damaged_database_is_read_to_an_end(
+        edits in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(), proptest::prelude::any::<u8>()), 1..24),
+        is_indexed in proptest::prelude::any::<bool>(),
+    ) {
+        static SAMPLES: std::sync::LazyLock<[Vec<u8>; 2]> = std::sync::LazyLock::new(|| {
+            let folder = TestFolder::new("bag-sample");
+            ["", INDEX].map(|index| {
+                let path = folder.join(format!("{}.db3", index.len()));
+                database(&path, &format!("{index}{DEFINITIONS}"), &[]);
+                let rows = format!(
+                    "WITH RECURSIVE number(value) AS (SELECT 1 UNION ALL SELECT value + 1 FROM number LIMIT {SAMPLE_ROWS})
+                     INSERT INTO messages SELECT value, 1 + value % 2, value * 7 % 1000, x'0001000005' FROM number"
+                );
+                Connection::open(&path).unwrap().execute_batch(&rows).unwrap();
+                fs::read(&path).unwrap()
+            })
+        });
+        let folder = TestFolder::new("bag-any");
+        let path = folder.join("any.db3");
+        let mut bytes = SAMPLES[usize::from(is_indexed)].clone();
+        for (at, value) in edits {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        fs::write(&path, bytes).unwrap();
+        if let Ok(mut bag) = Bag::open(&path) {
+            let mut found = 0;
+            while bag.next_entry().is_some() {
+                found += 1;
+                assert!(found <= 100 * SAMPLE_ROWS, "it has no end");
+            }
+        }
+    }
+}
