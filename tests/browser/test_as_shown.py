@@ -17,8 +17,8 @@ from demo import Stream, brief, masked_by, roots, state
 from test_developer import DEVELOPER
 from vehicle import OPERATOR, ROOT, TELLTALE, Client, Server, own_domain, until
 
-# The simulations live in real time.
-pytestmark = pytest.mark.timed
+# The simulations live in real time, and three vehicles at once leave little for others.
+pytestmark = pytest.mark.alone
 
 # As `engine/state.rs` numbers them, on the disk too.
 STATES = ["ignore", "ok", "warning", "unknown", "error"]
