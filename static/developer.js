@@ -243,7 +243,7 @@
 
   document.addEventListener("click", (event) => {
     const link = event.target.closest?.("a[href]");
-    if (!link || link.target) return;
+    if (!link || link.hasAttribute("target")) return;
     if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.shiftKey || event.altKey || event.button !== 0) return;
     const url = new URL(link.getAttribute("href"), location.href);
     if (url.origin !== location.origin || !isKnown(url.pathname)) return;
