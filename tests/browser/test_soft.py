@@ -213,9 +213,14 @@ def test_a_page_that_cannot_be_brought_is_left_to_the_browser(server, vehicle, d
     page = developer
     visit(page, server, "/developer")
     page.evaluate(MARK)
-    # A node that another configuration does not have.
-    page.evaluate("() => document.querySelector('#modules [data-open]').setAttribute('href', '/developer/why?node=gone')")
-    page.locator("#modules [data-open]").first.click()
+    # A node that another configuration does not have. At once: news of the page mend the address.
+    page.evaluate(
+        """() => {
+          const link = document.querySelector("#modules [data-open]");
+          link.setAttribute("href", "/developer/why?node=gone");
+          link.click();
+        }"""
+    )
     expect(page.locator("body")).to_contain_text("nothing at this address")
     page.go_back()
     expect(page.locator("body")).to_have_attribute("data-live", "live")
