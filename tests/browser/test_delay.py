@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 
 from delay import Delay
 from operating import enter, expect_standing, log_in, watch
-from test_live import SOCKETS
+from test_server_gone import SOCKETS
 from test_developer import DEVELOPER
 from vehicle import serving
 

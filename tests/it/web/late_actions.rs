@@ -13,8 +13,8 @@ use telltale::store::{Role, Session, Token};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
+use super::expired_sessions::Disk;
 use super::fixture::{Answer, Fixture, as_program, form_request, settled, until};
-use super::overdue::Disk;
 
 /// An operator at a vehicle that stands, whose taps wait between their judgement and the disk.
 struct Scene {
