@@ -127,6 +127,14 @@ async fn publisher(options: &BridgeOptions, machine: &Machine) -> Result<Publish
     for (topic, type_name, quality) in machine.offers() {
         publisher.offer(topic, type_name, quality)?;
     }
+    for node in machine.nodes() {
+        for topic in machine.subscriptions_of(node) {
+            let offer = machine.offers().into_iter().find(|(offered, ..)| *offered == topic);
+            if let Some((_, type_name, _)) = offer {
+                publisher.subscribe(node, topic, type_name)?;
+            }
+        }
+    }
     publisher.offer_announcements();
     Ok(publisher)
 }

@@ -25,6 +25,9 @@ use world::World;
 /// Long enough that every part of the shuttle has its data when the first message is sent.
 const WARM_UP_STEPS: u64 = 300;
 
+/// The node of the drive-by-wire interface. It publishes topics and no status.
+const CAN_GATEWAY: &str = "can_gateway";
+
 pub type Sent = machine::Sent<Message>;
 
 /// Metres, seconds and radians; poses are in the frame of the map unless stated otherwise.
@@ -206,7 +209,7 @@ impl Shuttle {
     /// The names of its running nodes.
     pub fn nodes(&self) -> Vec<&'static str> {
         let running = Node::ALL.into_iter().filter(|node| node.runs(&self.world));
-        running.map(Node::name).collect()
+        running.map(Node::name).chain([CAN_GATEWAY]).collect()
     }
 
     pub fn set_fault(&mut self, fault: Fault, on: bool) {

@@ -86,6 +86,14 @@ impl Machine {
         }
     }
 
+    /// The topics to which a node is subscribed.
+    pub fn subscriptions_of(&self, node: &str) -> Vec<&str> {
+        match self {
+            Machine::Shuttle(_, wire) => wire.subscriptions_of(node),
+            Machine::Robot(_) => robot_wire::subscriptions_of(node),
+        }
+    }
+
     /// The messages until `now`, each with its topic and its body; `wall` is the wall time of an instant.
     pub fn advance(
         &mut self,

@@ -62,6 +62,19 @@ pub fn topics_of(node: &str) -> Vec<&'static str> {
     }
 }
 
+/// To what a node is subscribed, as in the default configurations of Nav2: AMCL takes one scan, each of the two
+/// servers has a costmap of both scanners.
+pub fn subscriptions_of(node: &str) -> Vec<&'static str> {
+    match node {
+        "base_driver" => vec![COMMAND],
+        "amcl" => vec![SCAN_FRONT, TF],
+        "planner_server" => vec![SCAN_FRONT, SCAN_REAR, TF],
+        "controller_server" => vec![SCAN_FRONT, SCAN_REAR, ODOMETRY, TF],
+        "docking_server" => vec![BATTERY, ODOMETRY, TF],
+        _ => Vec::new(),
+    }
+}
+
 /// The topic and the body of a message that was published then.
 pub fn encode(message: &Message, stamp: SystemTime) -> (&'static str, Vec<u8>) {
     let header = |frame_id| Header { stamp, frame_id };

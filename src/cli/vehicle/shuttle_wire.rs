@@ -70,11 +70,12 @@ impl ShuttleWire {
         ]
     }
 
-    /// What a node publishes; its drivers and the mission speak for the rest of the vehicle.
+    /// What a node publishes; the mission speaks for the rest of the vehicle.
     pub fn topics_of(&self, node: &str) -> Vec<&str> {
         let all = self.offers();
         let of = |(topic, ..): &Offer<'_>| match *topic {
-            PACKETS | WHEEL_SPEED | BATTERY => "lidar_drivers",
+            PACKETS => "lidar_drivers",
+            WHEEL_SPEED | BATTERY => "can_gateway",
             TF | ODOMETRY => "localization",
             COSTMAP | OBJECTS | FREE_DISTANCE => "perception",
             TRAJECTORY => "planner",
@@ -83,6 +84,21 @@ impl ShuttleWire {
         };
         let published = all.iter().filter(|offer| of(offer) == node);
         published.map(|&(topic, ..)| topic).collect()
+    }
+
+    /// To what a node is subscribed, as far as the simulation publishes it. The prediction, the cameras and the other
+    /// sensors publish statuses alone, so nobody is subscribed to them.
+    pub fn subscriptions_of(&self, node: &str) -> Vec<&str> {
+        match node {
+            "can_gateway" => vec![SPEED_COMMAND],
+            "localization" => vec![PACKETS, WHEEL_SPEED],
+            "perception" => vec![PACKETS, TF],
+            "prediction" => vec![OBJECTS, TF],
+            "mission" => vec![TF],
+            "planner" => vec![COSTMAP, TF, GOAL, &self.active],
+            "controller" => vec![TRAJECTORY, WHEEL_SPEED, TF],
+            _ => Vec::new(),
+        }
     }
 
     /// The topic and the body of a message that was published then.

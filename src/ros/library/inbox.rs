@@ -264,6 +264,21 @@ impl Reader {
         self.via
     }
 
+    /// Waits until it is made; for ever if the participant has ended. Only of readers that belong to a node.
+    pub async fn guid(&self) -> Guid {
+        let shared = &self.participant.0.shared;
+        let mut made = shared.own_readers.subscribe();
+        loop {
+            let guid = lock(&shared.made_readers).get(&self.id).copied();
+            if let Some(guid) = guid {
+                return guid;
+            }
+            if made.changed().await.is_err() {
+                return std::future::pending().await;
+            }
+        }
+    }
+
     /// The next received sample. If there is none, the context is woken when one comes.
     pub fn poll(&mut self, context: &mut Context<'_>) -> Poll<ReaderEvent> {
         // Its sender lives until the reader is dropped.

@@ -2,12 +2,14 @@
 
 use crate::ros::library::Quality;
 use crate::ros::library::discovered::TOPIC;
+use std::future::poll_fn;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::SystemTime;
 
 use bytes::Bytes;
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinSet;
 
 use crate::clock::Clock;
 use crate::engine::input::{Input, StatusArray};
@@ -20,6 +22,7 @@ use crate::ros::discovery::peers;
 use crate::ros::discovery::peers::Announcer;
 use crate::ros::discovery::presence;
 use crate::ros::library::discovered::participant_name;
+use crate::ros::library::qos::Via;
 use crate::ros::library::{Participant, Writer};
 use crate::ros::options::BridgeOptions;
 use crate::ros::{BridgeError, DIAGNOSTICS};
@@ -40,12 +43,21 @@ pub struct Publisher {
     options: BridgeOptions,
     participant: Participant,
     writers: Vec<Offered>,
+    subscribed: Vec<Subscribed>,
+    /// They take what comes for the readers, and drop it.
+    draining: JoinSet<()>,
     /// Takes a copy of each published message, for recordings.
     copies: Option<(mpsc::Sender<Stamped>, Clock)>,
     /// For the nodes of this participant, once it had any.
     announcer: Option<Writer>,
     /// Announces the participant to hosts that multicast does not reach.
     peers: Option<Announcer>,
+}
+
+/// A topic to which a node of this participant is subscribed.
+struct Subscribed {
+    node: Box<str>,
+    guid: watch::Receiver<Option<Guid>>,
 }
 
 /// A topic that is offered.
@@ -56,6 +68,14 @@ struct Offered {
     writer: Writer,
     /// How many messages were published.
     written: AtomicI64,
+}
+
+impl Subscribed {
+    /// `None` if the participant has ended before the reader was made.
+    async fn guid(&self) -> Option<Guid> {
+        let mut guid = self.guid.clone();
+        guid.wait_for(Option::is_some).await.ok().and_then(|guid| *guid)
+    }
 }
 
 impl Publisher {
@@ -81,7 +101,17 @@ impl Publisher {
         let participant = Participant::open(options).await?;
         let peers = peers::announce(&participant, options);
         let (options, writers) = (options.clone(), Vec::new());
-        Ok(Publisher { options, participant, writers, copies: None, announcer: None, peers })
+        let (subscribed, draining) = (Vec::new(), JoinSet::new());
+        Ok(Publisher {
+            options,
+            participant,
+            writers,
+            subscribed,
+            draining,
+            copies: None,
+            announcer: None,
+            peers,
+        })
     }
 
     /// Sends a copy of each published message to the engine too, as a tick, so that it is recorded. A full queue
@@ -162,13 +192,34 @@ impl Publisher {
         Ok(())
     }
 
+    /// Subscribes a node of this participant to a topic, so that the graph of ROS 2 shows it. What comes is dropped.
+    ///
+    /// # Errors
+    /// No type has such a name.
+    pub fn subscribe(&mut self, node: &str, topic: &str, type_name: &str) -> Result<(), BridgeError> {
+        let topic = self.options.whole_name(topic);
+        let dds_type = messages::dds_type_name(type_name).ok_or_else(|| {
+            BridgeError::Participant(format!("{topic}: {type_name:?} is no package/msg/Name"))
+        })?;
+        let mut reader = self.participant.reader(&format!("rt{topic}"), &dds_type, Via::BestEffort, 1);
+        let (made, guid) = watch::channel(None);
+        self.subscribed.push(Subscribed { node: node.into(), guid });
+        self.draining.spawn(async move {
+            made.send_replace(Some(reader.guid().await));
+            loop {
+                drop(poll_fn(|context| reader.poll(context)).await);
+            }
+        });
+        Ok(())
+    }
+
     /// Makes announcements possible.
     pub fn offer_announcements(&mut self) {
         self.announcer = Some(presence::announcer(&self.participant));
     }
 
     /// Announces the ROS 2 nodes of this participant, as an rmw does, each with the topics that it
-    /// publishes; the last announcement counts. A wrong `size` makes processes of other distributions
+    /// publishes, and with those to which it is subscribed; the last announcement counts. A wrong `size` makes processes of other distributions
     /// throw.
     ///
     /// # Errors
@@ -176,7 +227,7 @@ impl Publisher {
     pub async fn announce(&self, nodes: &[(&str, Vec<&str>)], size: GidSize) -> Result<(), PublishError> {
         let topic = || TOPIC.to_owned();
         let writer = self.announcer.as_ref().ok_or_else(|| PublishError::NoSuchTopic(topic()))?;
-        let mut whole: Vec<(String, Vec<Guid>)> = Vec::with_capacity(nodes.len());
+        let mut whole: Vec<(String, Vec<Guid>, Vec<Guid>)> = Vec::with_capacity(nodes.len());
         for (name, topics) in nodes {
             let mut gids = Vec::with_capacity(topics.len());
             for topic in topics {
@@ -184,9 +235,14 @@ impl Publisher {
                     gids.push(offered.writer.guid().await);
                 }
             }
-            whole.push((self.options.whole_name(name), gids));
+            let mut readers = Vec::new();
+            for subscribed in self.subscribed.iter().filter(|subscribed| *subscribed.node == **name) {
+                readers.extend(subscribed.guid().await);
+            }
+            whole.push((self.options.whole_name(name), readers, gids));
         }
-        let entities = whole.iter().map(|(name, writers)| NodeEntities { name, readers: &[], writers });
+        let entities =
+            whole.iter().map(|(name, readers, writers)| NodeEntities { name, readers, writers });
         let entities: Vec<NodeEntities<'_>> = entities.collect();
         let body = messages::encode_nodes(self.participant.guid(), &entities, size);
         writer.write(body).await.map_err(|reason| PublishError::NotWritten { topic: topic(), reason })
@@ -234,8 +290,9 @@ impl Publisher {
 
     /// Ends the writers, then the participant, and waits for its threads.
     pub async fn shutdown(self) {
-        let Publisher { participant, writers, announcer, peers, .. } = self;
+        let Publisher { participant, writers, announcer, peers, mut draining, .. } = self;
         drop((peers, writers, announcer));
+        draining.shutdown().await;
         participant.close().await;
     }
 }
