@@ -84,6 +84,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     let server = Server {
         loaded,
         file: None,
+        drafts: None,
         store,
         folder: None,
         options,

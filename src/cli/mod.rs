@@ -14,6 +14,7 @@ pub mod fields;
 mod graph;
 mod history;
 mod incident;
+mod init;
 mod log;
 mod replay;
 mod scenario;
@@ -22,6 +23,7 @@ pub mod server;
 mod shutdown_signal;
 mod sim;
 mod tls;
+mod unconfigured;
 mod user;
 mod vehicle;
 
@@ -48,6 +50,7 @@ enum Command {
     Demo(demo::Args),
     Serve(serve::Args),
     Sim(sim::Args),
+    Init(init::Args),
     Check(check::Args),
     Diff(diff::Args),
     Scenario(scenario::Args),
@@ -74,6 +77,7 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Sim(args) => sim::run(&args),
+        Command::Init(args) => init::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Diff(args) => diff::run(&args),
         Command::Scenario(args) => scenario::run(&args),

@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use super::data_folder::{self, DataFolder};
 use super::server::{self, Server};
 use super::shutdown_signal::ShutdownSignal;
-use super::{EXIT_USAGE, check, dds, fields, log};
+use super::{EXIT_USAGE, check, dds, fields, log, unconfigured};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
@@ -30,8 +30,10 @@ use crate::web::{Enrolled, Network, Origins, Proxies, Tls, VehicleDisplay};
 )]
 pub struct Args {
     /// The configuration of the vehicle
+    ///
+    /// Without one, every status that is heard is shown, by node; `telltale init` writes a first configuration.
     #[arg(long, value_name = "FILE")]
-    config: PathBuf,
+    config: Option<PathBuf>,
     /// Where browsers find the display
     #[arg(long, value_name = "ADDR", default_value = server::LISTEN, value_parser = server::address)]
     listen: SocketAddr,
@@ -70,7 +72,10 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("info");
     let definitions = args.dds.definitions.definitions();
-    let examined = config::examine(&args.config);
+    let examined = match &args.config {
+        Some(file) => config::examine(file),
+        None => unconfigured::examined(),
+    };
     let loaded = match fields::whole(examined, |loaded| definitions.with(&loaded.message_folders)) {
         Ok(loaded) => loaded,
         Err(problems) => {
@@ -101,12 +106,29 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     }
     say_if_nobody_can_log_in(&store, &folder).await;
     let origins = args.origins.clone();
-    let file = Some(args.config.clone());
+    let file = args.config.clone();
+    let drafts = match file {
+        Some(_) => None,
+        None => Some(unconfigured::drafts(options.clone()).await?),
+    };
     let enrolled = Enrolled::new(args.displays.clone()).behind(Proxies::new(args.proxies.clone()));
     let folder = Some(folder);
-    Server { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo: None, clock }
-        .run(signal)
-        .await?;
+    Server {
+        loaded,
+        file,
+        drafts,
+        store,
+        folder,
+        options,
+        listener,
+        tls,
+        enrolled,
+        origins,
+        demo: None,
+        clock,
+    }
+    .run(signal)
+    .await?;
     Ok(ExitCode::SUCCESS)
 }
 

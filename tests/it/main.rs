@@ -29,6 +29,7 @@ mod discovered_modules;
 mod driving;
 mod evaluation;
 mod fields;
+mod first_configuration;
 mod folder;
 mod goals;
 mod graph;

@@ -12,6 +12,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("yaml", &[]),
     ("config", &["engine", "clock", "yaml"]),
     ("clock", &["engine"]),
+    ("init", &["engine", "yaml"]),
     ("record", &["engine", "clock", "msg"]),
     ("runtime", &["engine", "clock", "msg", "record"]),
     ("msg", &["engine"]),

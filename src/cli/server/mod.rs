@@ -67,6 +67,8 @@ pub struct Server {
     pub loaded: Loaded,
     /// The file of the configuration, for reloads.
     pub file: Option<PathBuf>,
+    /// Without a file: texts of configurations that are taken one after the other.
+    pub drafts: Option<mpsc::Receiver<String>>,
     pub store: Store,
     /// The folder of the history; without one it is kept in memory.
     pub folder: Option<PathBuf>,
@@ -88,8 +90,20 @@ impl Server {
     /// # Errors
     /// If DDS or the database cannot be started, or an origin is wrong.
     pub async fn run(self, mut signal: ShutdownSignal) -> anyhow::Result<()> {
-        let Server { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo, clock } =
-            self;
+        let Server {
+            loaded,
+            file,
+            drafts,
+            store,
+            folder,
+            options,
+            listener,
+            tls,
+            enrolled,
+            origins,
+            demo,
+            clock,
+        } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
@@ -114,6 +128,8 @@ impl Server {
                 reload::start(file, loaded.clone(), definitions, link.reloads.clone())
             })
             .transpose()?;
+        let followed =
+            drafts.map(|texts| reload::follow(texts, loaded.clone(), link.reloads.clone())).transpose()?;
         let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
         let secure = tls.is_some();
         let hosts = origins.iter().filter_map(|origin| Origins::secure_host(origin)).collect();
@@ -153,7 +169,7 @@ impl Server {
         {
             let app = AppState::new(link, store, clock, settings);
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
-            let running = reloads.map(|reloads| reloads.running);
+            let running = reloads.map(|reloads| reloads.running).or(followed);
             let parts = (&bridge, &outputs, recording.as_ref());
             tokio::select! {
                 served = while_serving(serving, parts, running, (&app, write)) => served?,
@@ -209,8 +225,7 @@ async fn while_serving(
             recording.follow(&next);
         }
         // Nobody is served while this waits, so it waits for no disk.
-        app.store
-            .note(Record::of(Action::Configuration, TELLTALE).on("the file that was read again is taken"));
+        app.store.note(Record::of(Action::Configuration, TELLTALE).on("another configuration is taken"));
         if let Err(error) = bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }

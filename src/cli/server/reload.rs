@@ -9,7 +9,7 @@ use sha2::{Digest as _, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
 
-use crate::cli::fields;
+use crate::cli::{fields, unconfigured};
 use crate::config::{self, Difference, Loaded};
 use crate::engine::model::monitors::Watched;
 use crate::engine::model::{FieldSource, Model};
@@ -134,6 +134,47 @@ pub fn start(
     let task = Task { path, definitions, engine, publish, running, shown: None, judging: None };
     tokio::spawn(task.run(waiting, hangups));
     Ok(Reloads { requests, running: followed })
+}
+
+/// Lets the engine run by one text after the other, until it ends. Returns the configuration that runs. SIGHUP
+/// finds no file to read.
+///
+/// # Errors
+/// If the operating system refuses the handler of the signal.
+pub fn follow(
+    mut drafts: mpsc::Receiver<String>,
+    loaded: Loaded,
+    engine: mpsc::Sender<Reload>,
+) -> anyhow::Result<watch::Receiver<Loaded>> {
+    let mut hangups = signal(SignalKind::hangup()).context("signals cannot be handled")?;
+    let (publish, followed) = watch::channel(loaded);
+    tokio::spawn(async move {
+        loop {
+            let text = tokio::select! {
+                Some(()) = hangups.recv() => {
+                    tracing::warn!("there is no configuration to read again: `serve` was started without one");
+                    continue;
+                }
+                text = drafts.recv() => text,
+                () = engine.closed() => None,
+            };
+            let Some(text) = text else { return };
+            let loaded = match unconfigured::parse(&text) {
+                Ok(loaded) => loaded,
+                Err(problems) => {
+                    tracing::error!("what was heard cannot be shown by node:\n{problems}");
+                    continue;
+                }
+            };
+            let differences = config::difference(&publish.borrow(), &loaded);
+            let outcome = Outcome { loaded, differences, warnings: None, topics_changed: false };
+            match take(outcome, &engine).await {
+                Ok(outcome) => drop(publish.send_replace(outcome.loaded)),
+                Err(_) => return,
+            }
+        }
+    });
+    Ok(followed)
 }
 
 /// The files of a configuration.

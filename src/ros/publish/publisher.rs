@@ -241,8 +241,7 @@ impl Publisher {
             }
             whole.push((self.options.whole_name(name), readers, gids));
         }
-        let entities =
-            whole.iter().map(|(name, readers, writers)| NodeEntities { name, readers, writers });
+        let entities = whole.iter().map(|(name, readers, writers)| NodeEntities { name, readers, writers });
         let entities: Vec<NodeEntities<'_>> = entities.collect();
         let body = messages::encode_nodes(self.participant.guid(), &entities, size);
         writer.write(body).await.map_err(|reason| PublishError::NotWritten { topic: topic(), reason })

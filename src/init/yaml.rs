@@ -1,0 +1,164 @@
+//! The text of a draft: the configuration, with its evidence as comments.
+
+use std::fmt::Write as _;
+
+use super::draft::{Draft, Group, Module, ModuleKind, Proposal};
+use super::names::{comment, is_full_name, scalar};
+use super::rhythm::duration;
+
+/// Nodes that are listed without a group.
+const QUIET_MAX: usize = 40;
+
+/// The configuration. Dependencies that the graph suggests are comments, unless `accept_guesses`.
+pub fn text(draft: &Draft, accept_guesses: bool) -> String {
+    let mut out = format!(
+        "# A first configuration, written by `telltale init` from what it heard in {} s. Limits and timeouts follow from\n\
+         # that time alone: what rested then is missing or too strict. Check it with `telltale check`, then change it.\n",
+        draft.observed_s
+    );
+    for note in &draft.notes {
+        let _ = writeln!(out, "# {note}");
+    }
+    out.push_str("\n# A machine without stages: Telltale publishes the diagnosis and nothing else.\n");
+    out.push_str("vehicle: { id: robot, name: Robot, stages: none }\n\n");
+    if !draft.diagnostics.is_empty() {
+        let _ =
+            writeln!(out, "diagnostics: {{ topics: [/diagnostics, {}] }}\n", draft.diagnostics.join(", "));
+    }
+    out.push_str("defaults: { timeout: 3s, stale: unknown }\n\n");
+    out.push_str("# Statuses that no group takes are a tile of their own.\nother: counted\n\ngroups:\n");
+    if draft.groups.is_empty() {
+        out.push_str("  # Nothing was heard: this group takes every status that comes.\n");
+        out.push_str("  - { id: everything, name: Everything, match: [{ regex: '(?s).*' }] }\n");
+    }
+    for group in &draft.groups {
+        write_group(&mut out, group, accept_guesses);
+    }
+    write_quiet(&mut out, draft);
+    out
+}
+
+/// A configuration that shows every status that was heard, by node, and judges nothing else.
+pub fn heard_text(draft: &Draft) -> String {
+    let mut out = String::from(
+        "# No configuration: everything that is heard is shown, by node. `telltale init` writes a first one.\n\
+         vehicle: { id: robot, name: { en: Not configured (telltale init), de: Nicht eingerichtet (telltale init) }, stages: none }\n",
+    );
+    if !draft.diagnostics.is_empty() {
+        let _ = writeln!(out, "diagnostics: {{ topics: [/diagnostics, {}] }}", draft.diagnostics.join(", "));
+    }
+    out.push_str("defaults: { timeout: 10s, stale: unknown }\nother: counted\ngroups:\n");
+    let heard = draft.groups.iter().filter(|group| !(group.namespaces.is_empty() && group.names.is_empty()));
+    let mut any = false;
+    for group in heard {
+        let _ = writeln!(out, "  - {{ id: {}, match: [{}] }}", group.id, filters(group, true));
+        any = true;
+    }
+    if !any {
+        out.push_str("  - { id: everything, name: Everything heard, match: [{ regex: '(?s).*' }] }\n");
+    }
+    out
+}
+
+/// By namespace; those with other names are declared, unless `all`.
+fn filters(group: &Group, all: bool) -> String {
+    let namespaces = group.namespaces.iter().map(|it| format!("{{ namespace: {} }}", scalar(it)));
+    let names = group.names.iter().filter(|_| all).map(|it| format!("{{ name: {} }}", scalar(it)));
+    namespaces.chain(names).collect::<Vec<_>>().join(", ")
+}
+
+fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
+    let _ = writeln!(out, "  # {}", group.about);
+    let _ = writeln!(out, "  - id: {}", group.id);
+    write_proposals(out, &group.proposals, accept_guesses);
+    if !group.namespaces.is_empty() {
+        let _ = writeln!(out, "    match: [{}]", filters(group, false));
+    }
+    if !group.modules.is_empty() {
+        out.push_str("    modules:\n");
+    }
+    for module in &group.modules {
+        write_module(out, module);
+    }
+    if !group.remarks.is_empty() {
+        out.push_str("    # Not judged:\n");
+    }
+    for remark in &group.remarks {
+        let _ = writeln!(out, "    #   {remark}");
+    }
+    out.push('\n');
+}
+
+fn write_proposals(out: &mut String, proposals: &[Proposal], accept_guesses: bool) {
+    let (circular, open): (Vec<&Proposal>, Vec<&Proposal>) = proposals.iter().partition(|it| it.circular);
+    if !open.is_empty() {
+        let ids: Vec<&str> = open.iter().map(|it| &*it.on).collect();
+        let advice = match accept_guesses {
+            true => "A guess from the graph, in force as asked:",
+            false => "A guess from the graph. If it is right, remove the `#` in front of `depends_on`:",
+        };
+        let _ = writeln!(out, "    # {advice}");
+        write_evidence(out, &open);
+        let hash = if accept_guesses { "" } else { "# " };
+        let _ = writeln!(out, "    {hash}depends_on: [{}]", ids.join(", "));
+    }
+    if !circular.is_empty() {
+        out.push_str("    # Not proposed, because it would close a circle:\n");
+        write_evidence(out, &circular);
+    }
+}
+
+fn write_evidence(out: &mut String, proposals: &[&Proposal]) {
+    for proposal in proposals {
+        for evidence in &proposal.evidence {
+            let _ = writeln!(out, "    #   {}: {evidence}", proposal.on);
+        }
+    }
+}
+
+fn write_module(out: &mut String, module: &Module) {
+    let Module { id, kind, about } = module;
+    let _ = writeln!(out, "      # {about}");
+    let _ = match kind {
+        ModuleKind::Status { name, timeout_ms } => {
+            writeln!(
+                out,
+                "      - {{ id: {id}, status: {}, timeout: {} }}",
+                scalar(name),
+                duration(*timeout_ms)
+            )
+        }
+        ModuleKind::Rate { topic, type_name, limits } => writeln!(
+            out,
+            "      - {{ id: {id}, monitor: {{ frequency: {{ topic: {topic}, type: {type_name}, window: {}s, \
+             warning_below: {}, error_below: {} }} }} }}",
+            limits.window_s, limits.warning_below, limits.error_below
+        ),
+        ModuleKind::Age { topic, type_name, warning_ms } => writeln!(
+            out,
+            "      - {{ id: {id}, monitor: {{ latency: {{ topic: {topic}, type: {type_name}, warning_above: {}, \
+             error_above: {} }} }} }}",
+            duration(*warning_ms),
+            duration(2 * warning_ms)
+        ),
+        ModuleKind::Node { name } => writeln!(
+            out,
+            "      - {{ id: {id}, monitor: {{ watchdog: {{ node: {name}, every: 1s, misses: 3 }} }} }}"
+        ),
+    };
+}
+
+fn write_quiet(out: &mut String, draft: &Draft) {
+    let Some(first) = draft.quiet.iter().find(|node| is_full_name(node)) else { return };
+    out.push_str("# Nodes without a group: they publish nothing that can be judged, as viewers and some drivers of motors do.\n");
+    for node in draft.quiet.iter().take(QUIET_MAX) {
+        let _ = writeln!(out, "#   {}", comment(node));
+    }
+    if let Some(more @ 1..) = draft.quiet.len().checked_sub(QUIET_MAX) {
+        let _ = writeln!(out, "#   and {more} more");
+    }
+    let _ = writeln!(
+        out,
+        "# To watch that one of them runs: {{ id: runs, monitor: {{ watchdog: {{ node: {first} }} }} }}"
+    );
+}
