@@ -99,10 +99,15 @@ pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
     let groups = order.into_iter().filter_map(|place| by_place[place].take());
     let is_judged =
         |group: &Group| !group.modules.is_empty() || !group.namespaces.is_empty() || !group.names.is_empty();
+    let mut groups: Vec<Group> = groups.filter(is_judged).collect();
+    let ids: BTreeSet<String> = groups.iter().map(|group| group.id.clone()).collect();
+    for group in &mut groups {
+        group.proposals.retain(|proposal| ids.contains(&proposal.on));
+    }
     let quiet =
         seen.discovery.nodes.iter().filter(|node| !is_tool(node) && !grouping.of_node.contains_key(*node));
     Draft {
-        groups: groups.filter(is_judged).collect(),
+        groups,
         notes: notes(seen),
         diagnostics: seen.more_diagnostics(),
         quiet: quiet.cloned().collect(),

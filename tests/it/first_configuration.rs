@@ -213,7 +213,7 @@ fn hostile_names_make_a_valid_file_and_break_out_of_no_comment() {
         "%%%: \"",
         "&a *b !c",
     ];
-    let nodes = ["/x\n  - id: evil", "/日本", "/ok", "/a b", "/{}: #", "/\u{1b}]0;x"];
+    let nodes = ["/x\n  - id: evil", "/日本", "/ok", "/a b", "/{}: #", "/\u{1b}]0;x", "/null", "/false"];
     let topics = vec![
         topic("/x\n  - id: evil", "a/msg/B\n- c", &nodes, &nodes),
         topic("/y", "pkg/msg/Ty pe", &["/ok"], &nodes),
