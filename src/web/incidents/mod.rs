@@ -240,10 +240,9 @@ async fn keep_beside(app: &AppState, number: u64) {
         return;
     };
     let kept = move || note_file::write(&folder, number, incident.note.as_ref());
-    match tokio::task::spawn_blocking(kept).await {
-        Ok(Err(error)) => tracing::warn!(%error, "the note about incident {number} is in the database alone"),
-        // It is not known only at the end of the program.
-        Ok(Ok(())) | Err(_) => {}
+    // It is not known only at the end of the program.
+    if let Ok(Err(error)) = tokio::task::spawn_blocking(kept).await {
+        tracing::warn!(%error, "the note about incident {number} is in the database alone");
     }
 }
 
