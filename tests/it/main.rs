@@ -47,6 +47,7 @@ mod properties;
 mod publishers;
 mod recorded_messages;
 mod recording_files;
+mod recording_schemas;
 mod signals;
 mod source_messages;
 mod start_errors;

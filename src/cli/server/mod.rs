@@ -93,7 +93,7 @@ impl Server {
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
-        let (feed, turns) = recording::queue(&loaded);
+        let (feed, turns) = recording::queue(&loaded, clock);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
         let recordings = recording::Folder::of(folder.as_deref())?;
         let incidents = recordings.path().to_owned();

@@ -74,7 +74,8 @@ const DROPPED_MAX: usize = 4096;
 /// All names that feed a module. Declared names are here from the start.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Names {
-    index: HashMap<Arc<str>, u32>,
+    /// Shared with copies of the engine until a name comes or goes.
+    index: Arc<HashMap<Arc<str>, u32>>,
     pub(in crate::engine) routes: Vec<Route>,
     /// Routes of forgotten names.
     free: Vec<u32>,
@@ -103,7 +104,7 @@ impl Names {
     pub(in crate::engine) fn new(model: &Model) -> Names {
         let declared = model.modules.iter().filter(|module| module.monitor.status().is_some()).count();
         let mut names = Names {
-            index: HashMap::with_capacity(declared),
+            index: Arc::new(HashMap::with_capacity(declared)),
             routes: Vec::with_capacity(declared),
             free: Vec::new(),
             seen: 0,
@@ -179,7 +180,7 @@ impl Names {
 
     /// Continues the writers of each name from before a reload.
     pub(in crate::engine) fn keep_writer_reports(&mut self, old: &Names) {
-        for (name, &route) in &self.index {
+        for (name, &route) in &*self.index {
             if let Some(before) = old.find(name) {
                 self.routes[route as usize].writer_reports =
                     old.routes[before as usize].writer_reports.clone();
@@ -240,7 +241,7 @@ impl Names {
             return;
         }
         if route.more.is_empty() {
-            self.index.remove(&route.name);
+            Arc::make_mut(&mut self.index).remove(&route.name);
             route.name = Arc::default();
             self.free.push(index);
         } else {
@@ -291,7 +292,7 @@ impl Names {
                 self.routes.len() as u32 - 1
             }
         };
-        self.index.insert(name, route);
+        Arc::make_mut(&mut self.index).insert(name, route);
         route
     }
 }

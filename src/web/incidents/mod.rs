@@ -24,6 +24,7 @@ use super::http::respond::{Reader, Speaks, bad_field, bad_form, json_answer, ref
 use super::view::RecorderState;
 use super::{AppState, Live};
 use crate::record::incident::NOTE_BYTES_MAX;
+use crate::record::note as note_file;
 use crate::record::recorder::Recorder;
 use crate::record::retention::Policy;
 use crate::record::writer::{Place, unix_ms};
@@ -225,7 +226,25 @@ pub async fn note(
     let source = source_of(peer.map(|Extension(peer)| peer));
     let record = Record::of_session(&session, Action::IncidentNote, source);
     let written = app.store.set_incident_note(number, &note, record).await;
+    if written.is_ok() {
+        keep_beside(&app, number).await;
+    }
     changed(&app, &id, &reader, written).await
+}
+
+/// Puts the note of an incident beside its recording too. It counts without that: only a lost database needs it.
+async fn keep_beside(app: &AppState, number: u64) {
+    let (Some(folder), Ok(Some(incident))) =
+        (app.settings.recordings.clone(), app.store.incident(number).await)
+    else {
+        return;
+    };
+    let kept = move || note_file::write(&folder, number, incident.note.as_ref());
+    match tokio::task::spawn_blocking(kept).await {
+        Ok(Err(error)) => tracing::warn!(%error, "the note about incident {number} is in the database alone"),
+        // It is not known only at the end of the program.
+        Ok(Ok(())) | Err(_) => {}
+    }
 }
 
 #[derive(Debug, Deserialize)]

@@ -140,7 +140,7 @@ impl Views {
         for (id, MadeName { name, status, number }) in (net.fixed() as u32..).zip(&kept.made) {
             let module = &net.modules[id as usize];
             let gone = module.kind == ModuleKind::Gone;
-            if !gone && !self.names.insert(name.clone()) {
+            if !gone && !Arc::make_mut(&mut self.names).insert(name.clone()) {
                 return Err(KeyframeError::new(format!("two nodes have the name {name:?}")));
             }
             let group = module.node.parent.unwrap_or(GroupId(0));

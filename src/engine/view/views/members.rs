@@ -33,7 +33,7 @@ impl Views {
         now: Timestamp,
     ) {
         let layout = Arc::make_mut(&mut self.layout);
-        self.names.insert(name.clone());
+        Arc::make_mut(&mut self.names).insert(name.clone());
         let info = Arc::new(made(name, number, group, told));
         let group = &mut layout.groups[group.0 as usize];
         group.modules.push(id);
@@ -58,7 +58,7 @@ impl Views {
         info.gone = true;
         let name = info.id.clone();
         layout.groups[info.group.0 as usize].modules.retain(|&member| member != id);
-        self.names.remove(&name);
+        Arc::make_mut(&mut self.names).remove(&name);
         let since = self.modules[id.0 as usize].since;
         self.clear(id, since);
         self.seq_changed = true;
