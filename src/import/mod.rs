@@ -45,7 +45,7 @@ pub fn import(mut sources: Sources, file: u16, lookup: &Lookup) -> Result<Import
     let mut findings = Findings::default();
     log.into_problems().into_iter().for_each(|problem| findings.lost(problem));
     let made = match format_of(&root) {
-        Ok(Format::Analyzers) => aggregator::import(&sources.name(file).to_owned(), &root, &mut findings)
+        Ok(Format::Analyzers) => aggregator::import(sources.name(file), &root, &mut findings)
             .map(|text| ("diagnostic_aggregator's analyzers", text)),
         Ok(Format::Graph) => autoware::import(&mut sources, file, root, lookup, &mut findings)
             .map(|text| ("an Autoware diagnostic graph", text)),

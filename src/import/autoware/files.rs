@@ -142,12 +142,8 @@ fn resolve(written: &str, folder: &Path, lookup: &Lookup) -> Result<Vec<PathBuf>
         };
         let inside = texts[0][start + 2..start + length].to_owned();
         let values = substitution(&inside, folder, lookup)?;
-        let of = |text: &String| {
-            let (before, after) = (text[..start].to_owned(), text[start + length + 1..].to_owned());
-            values.iter().map(move |value| format!("{before}{value}{after}")).collect::<Vec<_>>()
-        };
-        // With several values, the texts are of different lengths: all but the first come from one text.
-        texts = of(&texts[0]);
+        let (before, after) = (&texts[0][..start], &texts[0][start + length + 1..]);
+        texts = values.iter().map(|value| format!("{before}{value}{after}")).collect();
     }
     Err((format!("`{written}` has too many substitutions"), "write the path out".into()))
 }
