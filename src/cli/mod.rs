@@ -13,6 +13,7 @@ mod diff;
 pub mod fields;
 mod graph;
 mod history;
+mod import;
 mod incident;
 mod log;
 mod replay;
@@ -50,6 +51,7 @@ enum Command {
     Sim(sim::Args),
     Check(check::Args),
     Diff(diff::Args),
+    Import(import::Args),
     Scenario(scenario::Args),
     User(user::Args),
     History(history::Args),
@@ -76,6 +78,7 @@ pub fn main() -> ExitCode {
         Command::Sim(args) => sim::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::Import(args) => import::run(&args),
         Command::Scenario(args) => scenario::run(&args),
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),

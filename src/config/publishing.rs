@@ -7,6 +7,8 @@ use crate::engine::time;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Publishing {
     pub diagnostics_agg: Option<Periodic>,
+    /// The path of the whole tree as diagnostic_aggregator has it; `None`: the tree has Telltale's own form.
+    pub tree_path: Option<Box<str>>,
     pub toplevel_state: Option<Periodic>,
     pub initialpose: Option<Box<str>>,
     pub stage: Option<Box<str>>,
@@ -32,6 +34,7 @@ impl Default for Publishing {
             Periodic { topic: topic.into(), period, beside_others: false }
         };
         Publishing {
+            tree_path: None,
             diagnostics_agg: Some(periodic("/diagnostics_agg", 1000)),
             toplevel_state: Some(periodic("/diagnostics_toplevel_state", 1000)),
             initialpose: Some("/initialpose".into()),

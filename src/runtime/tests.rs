@@ -48,6 +48,7 @@ async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {
         depends_on: Vec::new(),
         filters: Vec::new(),
         tile: None,
+        may_be_empty: false,
     });
     for (status, stale) in [("imu", State::Unknown), ("gnss", State::Error)] {
         parts.modules.push(ModuleSpec {
@@ -59,6 +60,7 @@ async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {
             when: None,
             depends_on: Vec::new(),
             monitor: ModuleMonitor::SelfState(status.into()),
+            expected: None,
         });
     }
     let model = Arc::new(Model::new(parts).unwrap());

@@ -34,6 +34,7 @@ mod goals;
 mod graph;
 mod held_requests;
 mod hostile;
+mod imports;
 mod incidents;
 mod learned_types;
 mod memory;

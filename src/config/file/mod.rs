@@ -4,10 +4,12 @@
 pub(super) mod agreement;
 pub(super) mod bands;
 pub(super) mod countermeasure;
+pub(super) mod filters;
 mod forms;
 pub(super) mod monitors;
 pub(super) mod motion;
 pub(super) mod nodes;
+pub(super) mod other;
 pub(super) mod policy;
 pub(super) mod publishing;
 pub(super) mod recording;
@@ -28,11 +30,11 @@ use crate::yaml::decode::{Entries, scalar, word};
 use crate::yaml::schema::{Json, default, least, most, one_of, words};
 use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 use countermeasure::RawRule;
+pub(super) use filters::{Filter, FilterKind, Pattern, Writers};
 use forms::{ID, default_span, with_about};
 use motion::RawMotion;
-pub(super) use nodes::{
-    Dependency, DependsOn, Filter, FilterKind, Group, Module, TILE_MAX, Tile, When, Writers,
-};
+pub(super) use nodes::{Dependency, DependsOn, Group, Module, TILE_MAX, Tile, When};
+use other::RawOther;
 pub(super) use policy::Policy;
 use publishing::{RawPublishing, Switch};
 use recording::RawRecording;
@@ -51,7 +53,7 @@ pub(super) struct File {
     pub limits: Option<Limits>,
     pub display: Option<Display>,
     pub localized_after: Option<time::Span>,
-    pub other: Option<Other>,
+    pub other: Option<RawOther>,
     pub groups: Vec<Group>,
     /// The place of the key `groups`.
     pub groups_span: Option<Span>,
@@ -153,16 +155,6 @@ impl FromNode for StageModel {
 
     fn form(_: &mut Schema) -> Members {
         words(["shuttle", "none"])
-    }
-}
-
-impl FromNode for Other {
-    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        word(node, log, "way to treat other statuses", &Other::ALL.map(|other| (other.as_str(), other)))
-    }
-
-    fn form(_: &mut Schema) -> Members {
-        words(Other::ALL.map(Other::as_str))
     }
 }
 

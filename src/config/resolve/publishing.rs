@@ -2,7 +2,7 @@
 
 use super::topics::Topics;
 use crate::config::file::publishing::{
-    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, Switch, off,
+    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, Switch, TreePath, off,
 };
 use crate::config::file::ros_names::check_topic;
 use crate::config::publishing::{Periodic, Publishing};
@@ -54,6 +54,10 @@ pub(in crate::config) fn publishing(
     }
     let found = Publishing {
         diagnostics_agg: aggregated(&raw.diagnostics_agg, default.diagnostics_agg, log),
+        tree_path: match &raw.diagnostics_agg {
+            Some(Switch::On(RawAggregated { path: Some(TreePath(path)), .. })) => Some(path.as_str().into()),
+            _ => None,
+        },
         toplevel_state: aggregated(&raw.toplevel_state, default.toplevel_state, log),
         initialpose: once(&raw.initialpose, default.initialpose, full.initialpose, log),
         stage: once(&raw.stage, default.stage, full.stage, log),
@@ -110,7 +114,7 @@ fn aggregated(
     match raw {
         None => default,
         Some(Switch::Off(_)) => None,
-        Some(Switch::On(RawAggregated { periodic, beside_others })) => default.map(|default| {
+        Some(Switch::On(RawAggregated { periodic, beside_others, path: _ })) => default.map(|default| {
             let beside_others = beside_others.unwrap_or(default.beside_others);
             Periodic { beside_others, ..periodic.over(default, log) }
         }),

@@ -1,7 +1,7 @@
 //! The content of snapshots, updated piece by piece.
 
 pub(in crate::engine) mod kept;
-mod members;
+pub(in crate::engine) mod members;
 mod questions;
 
 use std::collections::HashSet;

@@ -65,6 +65,8 @@ pub struct OutputTopic {
     /// Whether it is published even if another program publishes the same. Outputs for the vehicle always
     /// are.
     pub beside_others: bool,
+    /// The path of the tree as diagnostic_aggregator has it, if the tree has that form.
+    pub tree_path: Option<Box<str>>,
 }
 
 /// The running publications. They end when this is dropped.
@@ -372,12 +374,12 @@ async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::OtherAggregators, 
         tokio::select! {
             () = stopped(&mut ground.end) => return,
             () = tick(&mut trees) => {
-                if let Some(OutputTopic { topic, .. }) = &tree
+                if let Some(OutputTopic { topic, tree_path, .. }) = &tree
                     && !rivals.silence(topic)
                 {
                     let snapshot = ground.snapshots.borrow().clone();
-                    let published =
-                        publisher.statuses(topic, &aggregate::tree(&snapshot), ground.clock.wall()).await;
+                    let tree = aggregate::tree(&snapshot, tree_path.as_deref());
+                    let published = publisher.statuses(topic, &tree, ground.clock.wall()).await;
                     log(published);
                 }
                 continue;

@@ -119,6 +119,7 @@ fn nothing_that_the_robot_reads_commands_it() {
     let Publishing { diagnostics_agg, toplevel_state, .. } = loaded.publishing.clone();
     let only = Publishing {
         diagnostics_agg,
+        tree_path: None,
         toplevel_state,
         initialpose: None,
         stage: None,
