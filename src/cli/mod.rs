@@ -3,6 +3,7 @@
 //!
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
+mod api;
 mod audit;
 mod check;
 mod data;
@@ -58,6 +59,7 @@ enum Command {
     Incident(incident::Args),
     Replay(replay::Args),
     Audit(audit::Args),
+    Api(api::Args),
     Data(data::Args),
     Tls(tls::Args),
     /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
@@ -85,6 +87,7 @@ pub fn main() -> ExitCode {
         Command::Incident(args) => incident::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Audit(args) => audit::run(&args),
+        Command::Api(args) => api::run(&args),
         Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),
         Command::DdsProcess { parent, megabytes } => {

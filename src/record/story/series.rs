@@ -1,9 +1,10 @@
 //! Numbers over time in an incident: a replay of its recording finds them.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// A number that a node reported, or that the vehicle had, over the time of an incident.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Series {
     /// Empty: the vehicle.
     pub node: String,
@@ -15,7 +16,7 @@ pub struct Series {
 }
 
 /// A limit of a monitor, by its name in the configuration.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Limit {
     pub name: String,
     pub value: f64,

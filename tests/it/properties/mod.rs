@@ -11,6 +11,7 @@ mod monitors;
 mod motion;
 mod oracle;
 mod recordings;
+mod schemas;
 mod soundness;
 mod writers;
 

@@ -1,6 +1,7 @@
 //! The HTTP server: the router without a socket, and sockets on a free port.
 
 mod access;
+mod api;
 mod attacks;
 mod audit;
 mod bounds;
