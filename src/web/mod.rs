@@ -17,6 +17,7 @@ mod pages;
 mod replays;
 mod router;
 mod serve;
+pub mod services;
 mod source;
 mod vehicle_memory;
 pub mod view;

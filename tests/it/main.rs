@@ -48,6 +48,7 @@ mod publishers;
 mod recorded_messages;
 mod recording_files;
 mod recording_schemas;
+mod ros_services;
 mod schemas;
 mod signals;
 mod source_messages;

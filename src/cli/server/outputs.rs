@@ -33,7 +33,8 @@ pub fn topics(publishing: &Publishing) -> Vec<OutputTopic> {
         let (topic, period) = publishing.topic(publication)?;
         let beside_others = publishing.beside_others(publication);
         let tree_path = publishing.tree_path.clone().filter(|_| publication == Publication::DiagnosticsAgg);
-        Some(OutputTopic { publication, topic: topic.into(), period, beside_others, tree_path })
+        let level = publishing.log_level();
+        Some(OutputTopic { publication, topic: topic.into(), period, beside_others, tree_path, level })
     };
     Publication::ALL.into_iter().filter_map(topic).collect()
 }

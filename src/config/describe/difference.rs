@@ -106,6 +106,8 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
         ];
         let publishing = &loaded.publishing;
         facts.extend(Publication::ALL.map(|it| (it.as_str(), published(publishing.topic(it)))));
+        facts.push(("services", words::services(&loaded.services)));
+        facts.push(("rosout.level", publishing.log_level().as_str().to_owned()));
         let beside = |it| publishing.beside_others(it).to_string();
         facts.push(("diagnostics", words::diagnostics(&loaded.model.watched.diagnostics)));
         let simulated = loaded.model.watched.stamps == StampClock::Ros;

@@ -7,10 +7,12 @@ use std::time::Duration;
 
 pub use self::monitor::monitor;
 use crate::config::recording::Recording;
+use crate::config::services::{Offer, Services};
 use crate::engine::model::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::{DiagnosticsTopic, RecordedTopic};
 use crate::engine::model::motion::SpeedSource;
+use crate::engine::model::service::Service;
 use crate::engine::model::{
     CountsAs, Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource,
     SignalSpec, When,
@@ -191,6 +193,16 @@ pub fn bytes(bytes: u64) -> String {
         Some((unit, scale)) => format!("{}{unit}", bytes / scale),
         None => format!("{}kB", bytes as f64 / 1000.0),
     }
+}
+
+/// The services that are offered.
+pub fn services(services: &Services) -> String {
+    let word = |(service, offer): (&Service, &Offer)| {
+        let also = offer.while_driving && *service != Service::Mark;
+        format!("{}{}", service.as_str(), if also { " (also while driving)" } else { "" })
+    };
+    let words: Vec<String> = services.0.iter().map(word).collect();
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
 /// The settings of the recording.

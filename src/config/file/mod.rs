@@ -14,6 +14,7 @@ pub(super) mod policy;
 pub(super) mod publishing;
 pub(super) mod recording;
 pub(super) mod ros_names;
+pub(super) mod services;
 pub(super) mod signals;
 pub(super) mod sources;
 pub(super) mod units;
@@ -38,6 +39,7 @@ use other::RawOther;
 pub(super) use policy::Policy;
 use publishing::{RawPublishing, Switch};
 use recording::RawRecording;
+use services::RawServices;
 pub(super) use signals::{Signal, SignalFrom};
 use sources::RawDiagnostics;
 
@@ -60,6 +62,7 @@ pub(super) struct File {
     pub countermeasures: Vec<RawRule>,
     pub publish: Option<RawPublishing>,
     pub recording: Option<Switch<RawRecording>>,
+    pub services: Option<RawServices>,
     /// The topics on which components report; without it, `/diagnostics`.
     pub diagnostics: Option<RawDiagnostics>,
     /// The clock of the stamps in messages.
@@ -94,6 +97,7 @@ impl FromNode for File {
             "other",
             "publish",
             "recording",
+            "services",
             "diagnostics",
             "clock",
         ];
@@ -115,6 +119,7 @@ impl FromNode for File {
             countermeasures: fields.or_default(key("countermeasures").about("What the vehicle is asked to do when something fails.")),
             publish: fields.optional("publish"),
             recording: fields.optional("recording"),
+            services: fields.optional("services"),
             diagnostics: fields.optional("diagnostics"),
             clock: fields.optional(key("clock").about("The clock of the stamps in messages: that of this machine, or the time on /clock, as nodes with use_sim_time have it.").rules(|| vec![default("system")])),
             message_folders: fields.or_default(key("message_folders").about("Folders with `package/msg/Name.msg`, relative to this file, for types that are not built in: a ROS installation's `share`.")),

@@ -3,8 +3,9 @@
 use super::bands::hertz;
 use super::forms;
 use super::forms::TOPIC;
-use crate::yaml::decode::scalar;
-use crate::yaml::schema::of_type;
+use crate::engine::model::output::LogLevel;
+use crate::yaml::decode::{scalar, word};
+use crate::yaml::schema::{default, of_type, words};
 use crate::yaml::{Fields, FromNode, KeyDoc, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 
 /// The permitted rates of a topic.
@@ -18,6 +19,7 @@ pub(in crate::config) struct RawPublishing {
     pub span: Span,
     pub diagnostics_agg: Option<Switch<RawAggregated>>,
     pub toplevel_state: Option<Switch<RawAggregated>>,
+    pub rosout: Option<Switch<RawRosout>>,
     pub initialpose: Option<Switch<RawOnce>>,
     pub stage: Option<Switch<RawOnce>>,
     pub clearance: Option<Switch<RawOnce>>,
@@ -38,6 +40,10 @@ impl FromNode for RawPublishing {
             ),
             toplevel_state: fields
                 .optional(key("toplevel_state").about("/diagnostics_toplevel_state with 1 Hz.")),
+            rosout: fields.optional(
+                key("rosout")
+                    .about("/rosout: warnings and errors of Telltale, and root causes as they come and go."),
+            ),
             initialpose: fields.optional(key("initialpose").about("/initialpose.")),
             stage: fields.optional(key("stage").about("/telltale/stage.")),
             clearance: fields.optional(key("clearance").about("/telltale/clearance.")),
@@ -95,6 +101,35 @@ impl FromNode for RawOnce {
         let topic = fields.optional(TOPIC);
         fields.finish();
         Some(RawOnce { topic })
+    }
+}
+
+/// The lines of the log.
+#[derive(Debug)]
+pub(in crate::config) struct RawRosout {
+    pub topic: Option<Spanned<String>>,
+    pub level: Option<LogLevel>,
+}
+
+impl FromNode for RawRosout {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, map("rosout", "the published log"), log)?;
+        let level = key("level")
+            .about("The least severity: with `error`, neither warnings nor the ends of root causes are published.")
+            .rules(|| vec![default(LogLevel::default().as_str())]);
+        let rosout = RawRosout { topic: fields.optional(TOPIC), level: fields.optional(level) };
+        fields.finish();
+        Some(rosout)
+    }
+}
+
+impl FromNode for LogLevel {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "severity", &LogLevel::ALL.map(|level| (level.as_str(), level)))
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        words(LogLevel::ALL.map(LogLevel::as_str))
     }
 }
 

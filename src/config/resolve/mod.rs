@@ -9,6 +9,7 @@ mod names;
 mod publishing;
 mod recording;
 mod relations;
+mod services;
 mod signals;
 mod topics;
 
@@ -69,6 +70,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
         driving.goal = motion::goal(&signals, &mut topics, log);
     }
     let recording = recording::recording(file.recording.as_ref(), log);
+    let services = services::services(file.services.as_ref(), stages, log);
     driving.unpublished = publishing.switched_off();
     let (mut watched, topics) = topics.finish();
     watched.recorded = recording.as_ref().map_or_else(Vec::new, |recording| recording.topics.clone());
@@ -103,7 +105,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let stop_off = file.publish.as_ref().and_then(RawPublishing::stop_off);
     let places =
         Places { topics, signals: signal_places, rules, stop_off, ..places(&names, &implied_places) };
-    Some(Loaded { model, publishing, recording, message_folders, places: Arc::new(places) })
+    Some(Loaded { model, publishing, recording, services, message_folders, places: Arc::new(places) })
 }
 
 fn places(names: &Names, implied: &[Span]) -> Places {

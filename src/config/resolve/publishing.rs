@@ -2,10 +2,10 @@
 
 use super::topics::Topics;
 use crate::config::file::publishing::{
-    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, Switch, TreePath, off,
+    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, RawRosout, Switch, TreePath, off,
 };
 use crate::config::file::ros_names::check_topic;
-use crate::config::publishing::{Periodic, Publishing};
+use crate::config::publishing::{Periodic, Publishing, Rosout};
 use crate::engine::model::StageModel;
 use crate::engine::model::countermeasure::{Request, Rule};
 use crate::engine::model::output::{Output, Publication};
@@ -59,6 +59,7 @@ pub(in crate::config) fn publishing(
             _ => None,
         },
         toplevel_state: aggregated(&raw.toplevel_state, default.toplevel_state, log),
+        rosout: rosout(&raw.rosout, default.rosout, log),
         initialpose: once(&raw.initialpose, default.initialpose, full.initialpose, log),
         stage: once(&raw.stage, default.stage, full.stage, log),
         clearance: once(&raw.clearance, default.clearance, full.clearance, log),
@@ -121,6 +122,17 @@ fn aggregated(
     }
 }
 
+fn rosout(raw: &Option<Switch<RawRosout>>, default: Option<Rosout>, log: &mut Log) -> Option<Rosout> {
+    match raw {
+        None => default,
+        Some(Switch::Off(_)) => None,
+        Some(Switch::On(raw)) => default.map(|default| Rosout {
+            topic: topic(raw.topic.as_ref(), log).unwrap_or(default.topic),
+            level: raw.level.unwrap_or(default.level),
+        }),
+    }
+}
+
 impl RawPeriodic {
     fn over(&self, default: Periodic, log: &mut Log) -> Periodic {
         let every = |Rate(hertz): &Rate| time::Span::from_nanos((1e9 / hertz).round() as u64);
@@ -153,7 +165,12 @@ fn place(raw: Option<&RawPublishing>, publication: Publication) -> Option<Span> 
         raw.periodic.topic.as_ref().map(|topic| topic.span)
     }
     let raw = raw?;
+    let rosout = || match &raw.rosout {
+        Some(Switch::On(raw)) => raw.topic.as_ref().map(|topic| topic.span),
+        _ => None,
+    };
     let topic = match publication {
+        Publication::Rosout => rosout(),
         Publication::DiagnosticsAgg => aggregated(&raw.diagnostics_agg),
         Publication::TopLevelState => aggregated(&raw.toplevel_state),
         Publication::Vehicle(Output::Pose) => once(&raw.initialpose),

@@ -11,6 +11,7 @@ pub mod output;
 mod policy;
 pub mod quantity;
 pub mod sample;
+pub mod service;
 pub mod wording;
 
 use super::text::Text;

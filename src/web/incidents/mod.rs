@@ -45,7 +45,7 @@ const COUNT: u32 = 50;
 
 /// Marks the present moment in the recording. It is given who marks and a note, and returns the number of the
 /// incident; `None` if nothing is recorded.
-pub struct Marker(Box<Mark>);
+pub struct Marker(pub(in crate::web) Box<Mark>);
 
 type Mark = dyn Fn(&str, &str) -> Option<u64> + Send + Sync;
 

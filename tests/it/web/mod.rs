@@ -15,6 +15,7 @@ mod late_actions;
 mod login;
 mod login_policy;
 mod replay;
+mod services;
 mod snapshot_json;
 mod sockets;
 mod streams;

@@ -243,7 +243,7 @@ fn node_level(snapshot: &Snapshot, node: NodeId) -> Level {
 }
 
 /// The last message of a module; a silent module says first for how long.
-fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
+pub fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
     let is_new = view.received.is_none() && view.report.message.is_empty();
     match view.own {
         State::Unknown if is_new => "nothing is known yet".into(),
