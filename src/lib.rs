@@ -9,6 +9,8 @@ pub mod clock;
 pub mod config;
 pub mod engine;
 pub mod import;
+pub mod latency;
+pub mod metrics;
 pub mod msg;
 pub mod picture;
 pub mod record;

@@ -37,6 +37,7 @@ pub struct Deed<'a> {
 /// # Errors
 /// Why nothing has changed. It is in the audit log, or will be.
 pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
+    let (app, arrived) = (tapped.tap.app.clone(), tapped.tap.arrived);
     let acting = tokio::spawn(async move {
         let deed = Deed {
             app: &tapped.tap.app,
@@ -51,7 +52,9 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
         }
     });
     // It ends early only if the whole program does.
-    acting.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)))
+    let done = acting.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)));
+    app.action_latency.observe(app.clock.now().since(arrived));
+    done
 }
 
 /// What is done is on the disk before, with the vehicle's state after it; what cannot be written is not
