@@ -185,7 +185,12 @@ impl Peer {
 
     /// The next line; `None` if none comes.
     pub fn next(&mut self) -> Option<Value> {
-        self.lines.recv_timeout(PATIENCE).ok()
+        self.next_within(PATIENCE)
+    }
+
+    /// The same, for a line that may not come.
+    pub fn next_within(&mut self, limit: Duration) -> Option<Value> {
+        self.lines.recv_timeout(limit).ok()
     }
 
     /// The lines that are there already.

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
@@ -58,10 +59,15 @@ impl Serving {
     }
 }
 
+/// A client that was not answered within this asks again.
+const AGAIN: Duration = Duration::from_secs(3);
+
 /// A client of one service. What it receives while something else is waited for stays in `replies`.
 struct Client {
     peer: Peer,
     replies: VecDeque<Answer>,
+    /// The last request of the beginning.
+    greeted: u64,
 }
 
 /// A reply to a request of this client.
@@ -72,18 +78,33 @@ struct Answer {
 }
 
 impl Client {
-    /// Starts a client and waits until it has found the service.
+    /// Starts a client and waits until it has found the service and was answered. The first calls of a client
+    /// may be lost, in ROS 2 as here: each side finds the other at an instant of its own.
     fn start(domain: &Domain, service: Service, more: &str) -> Client {
         let type_name = if service.has_argument() {
             "diagnostic_msgs::srv::dds_::AddDiagnostics"
         } else {
             "std_srvs::srv::dds_::Trigger"
         };
+        let greeting = if service.has_argument() { json!({"text": "hello"}) } else { json!({}) };
         let service = service.as_str();
         let mut peer =
             Peer::start(domain, &format!("client --service /telltale/{service} --type {type_name} {more}"));
         peer.wait_matched(1);
-        Client { peer, replies: VecDeque::new() }
+        let mut client = Client { peer, replies: VecDeque::new(), greeted: 0 };
+        let limit = Limit::start();
+        while limit.holds() {
+            let asked = client.ask(&greeting);
+            while let Some(line) = client.peer.next_within(AGAIN) {
+                client.take(&line);
+                if client.replies.iter().any(|answer| answer.request == asked) {
+                    client.replies.clear();
+                    client.greeted = asked;
+                    return client;
+                }
+            }
+        }
+        unreachable!("a limit that does not hold fails")
     }
 
     /// Sends a request. Returns its number.
@@ -120,8 +141,13 @@ impl Client {
 
     fn next_line(&mut self) -> Value {
         let line = self.peer.next().expect("the client goes on");
-        if line["mine"] == json!(true) {
-            let request = line["sequence"].as_u64().expect("a number");
+        self.take(&line);
+        line
+    }
+
+    fn take(&mut self, line: &Value) {
+        let request = line["sequence"].as_u64().unwrap_or(0);
+        if line["mine"] == json!(true) && request > self.greeted {
             let message = line["reply"]["message"].as_str().expect("a text").to_owned();
             self.replies.push_back(Answer {
                 request,
@@ -129,7 +155,6 @@ impl Client {
                 message,
             });
         }
-        line
     }
 }
 
@@ -162,6 +187,7 @@ async fn a_wrong_argument_is_answered(vendor: Vendor) {
     let domain = Domain::of(vendor);
     let serving = Serving::start(&domain).await;
     let mut client = Client::start(&domain, Service::Reset, "");
+    let done = serving.done();
     let Answer { success, message, .. } = client.call(&json!({"text": "wrong"}));
     assert!(!success && message.starts_with("reset \"wrong\""), "{message}");
     let Answer { success, message, .. } = client.call(&json!({"text": "x".repeat(5000)}));
@@ -171,7 +197,7 @@ async fn a_wrong_argument_is_answered(vendor: Vendor) {
         let Answer { success, message, .. } = client.call(&command);
         assert!(!success && message.contains("needs one string"), "{message}");
     }
-    assert_eq!(serving.done(), 1);
+    assert_eq!(serving.done(), 1 + done);
     serving.shutdown().await;
 }
 
@@ -180,6 +206,7 @@ async fn clients_at_once_get_their_own_answers(vendor: Vendor) {
     let serving = Serving::start(&domain).await;
     let start = || Client::start(&domain, Service::Acknowledge, "");
     let mut clients = [start(), start()];
+    let done = serving.done();
     let mut expected: [BTreeMap<u64, String>; 2] = Default::default();
     for round in 0..4 {
         for (index, client) in clients.iter_mut().enumerate() {
@@ -196,14 +223,14 @@ async fn clients_at_once_get_their_own_answers(vendor: Vendor) {
             assert!(success && message.starts_with(&wanted), "{wanted}: {message}");
         }
     }
-    assert_eq!(serving.done(), 8);
+    assert_eq!(serving.done(), 8 + done);
     if matches!(vendor, Vendor::Cyclone) {
         // A client whose reply was lost repeats its request: it is answered, and done once.
         for _ in 0..3 {
             let answer = clients[0].call(&json!({"text": "again", "sequence": 77}));
             assert!(answer.success, "{}", answer.message);
         }
-        assert_eq!(serving.done(), 9);
+        assert_eq!(serving.done(), 9 + done);
     }
     serving.shutdown().await;
 }
