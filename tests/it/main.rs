@@ -20,6 +20,7 @@ macro_rules! with_each_peer {
 
 mod alarms_that_are_over;
 mod answer_sizes;
+mod book;
 mod commands;
 mod countermeasures;
 mod damaged_recordings;

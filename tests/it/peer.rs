@@ -26,9 +26,13 @@ impl Limit {
         Limit { clock, end }
     }
 
+    pub fn is_over(&self) -> bool {
+        self.clock.now() >= self.end
+    }
+
     /// True, or the test has failed.
     pub fn holds(&self) -> bool {
-        assert!(self.clock.now() < self.end, "what the test waits for does not come");
+        assert!(!self.is_over(), "what the test waits for does not come");
         true
     }
 }
