@@ -47,8 +47,13 @@ TYPES = {
     "ParticipantEntitiesInfo": wire.PARTICIPANT_ENTITIES_INFO,
 }
 
+SPEAKING = threading.Lock()
+
+
 def say(**words):
-    print(json.dumps(words), flush=True)
+    """A line at once: several threads may speak."""
+    with SPEAKING:
+        print(json.dumps(words), flush=True)
 
 
 def write(writer, data, age_s=0):

@@ -1,6 +1,6 @@
 //! The services of one participant: its readers of requests, and its writers of replies.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::BTreeSet;
 use std::future::poll_fn;
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -41,11 +41,6 @@ const ANSWER_WITHIN: Duration = Duration::from_secs(8);
 const READER_WITHIN: Duration = Duration::from_secs(1);
 /// The time to answer before the services are offered otherwise.
 const FINISHING: Duration = Duration::from_secs(2);
-/// Replies to a client that is new wait for so long: what is sent before a reader of Cyclone DDS has heard of
-/// the state of the writer is lost to it for good.
-const SETTLING: Span = Span::from_millis(300);
-/// Clients that are known not to be new.
-const CLIENTS_MAX: usize = 64;
 /// Replies without an effect: a flood of calls must not become a flood of refusals.
 const REFUSALS: Rate = Rate { burst: 100, refill: Span::from_millis(10) };
 /// How often the log counts what was not answered.
@@ -61,8 +56,6 @@ pub struct Server {
     /// Announces the participant to hosts that multicast does not reach.
     _peers: Option<Announcer>,
     last: LastRequests,
-    /// The last clients of each service, and when they are ready for replies.
-    clients: VecDeque<((Caller, Service), Timestamp)>,
     refusals: Bucket,
     unanswered: Unanswered,
     /// Calls that are worked on.
@@ -85,7 +78,6 @@ struct Endpoint {
 struct ReplyTo {
     replies: Arc<Writer>,
     topic: Arc<str>,
-    service: Service,
     client: Caller,
     correlation: Correlation,
     /// The request, for the protocol.
@@ -119,7 +111,6 @@ impl Server {
             announcer: presence::announcer(&participant),
             _peers: peers::announce(&participant, &around.options),
             last: LastRequests::default(),
-            clients: VecDeque::new(),
             refusals: Bucket::new(REFUSALS, now),
             unanswered: Unanswered::default(),
             waiting: JoinSet::new(),
@@ -191,7 +182,6 @@ impl Server {
         let to = ReplyTo {
             replies: endpoint.replies.clone(),
             topic: endpoint.reply_topic.clone(),
-            service: endpoint.service,
             client,
             correlation: request.correlation,
             // Newer clients of Fast DDS name their reader of replies, older ones are known by their writer.
@@ -243,30 +233,13 @@ impl Server {
 
     fn write(&mut self, to: ReplyTo, reply: Reply) {
         let participant = self.participant.clone();
-        let settles = self.settles(&to);
-        let clock = self.around.clock;
         self.writing.spawn(async move {
             to.wait_for_reader(&participant).await;
-            tokio::time::sleep_until(clock.instant(settles).into()).await;
             let related = (to.correlation == Correlation::Sample).then_some(to.request);
             if let Err(error) = to.replies.write_related(to.correlation.reply(&reply), related).await {
                 tracing::debug!("a call was not answered on {}: {error}", to.topic);
             }
         });
-    }
-
-    /// When a client is ready for its replies.
-    fn settles(&mut self, to: &ReplyTo) -> Timestamp {
-        let client = (to.client, to.service);
-        if let Some((_, settles)) = self.clients.iter().find(|(known, _)| *known == client) {
-            return *settles;
-        }
-        let settles = self.around.clock.now() + SETTLING;
-        self.clients.push_back((client, settles));
-        if self.clients.len() > CLIENTS_MAX {
-            self.clients.pop_front();
-        }
-        settles
     }
 
     /// Answers the calls that are worked on, for a while.
