@@ -232,10 +232,10 @@ async fn what_is_too_large_or_malformed_is_told_in_words() {
     );
     assert!(json.body.contains(r#"{"error":"Nothing was changed."#), "{}", json.body);
     let cookie = fixture.cookie_of("operator").await;
-    let upgrade = fixture.get("/ws", Some(&cookie)).await;
+    let upgrade = fixture.get("/api/v1/stream", Some(&cookie)).await;
     assert_eq!(
         (upgrade.status, upgrade.header("content-type")),
-        (StatusCode::BAD_REQUEST, Some("application/json"))
+        (StatusCode::UPGRADE_REQUIRED, Some("text/plain; charset=utf-8"))
     );
 }
 
