@@ -1,19 +1,23 @@
 //! The HTTP server: pages, sessions, the WebSocket and the wire.
 
 mod admission;
+mod api;
 pub mod assets;
 mod auth;
 mod demo;
 pub mod developer;
 mod engine_link;
+mod exports;
 mod http;
 pub mod incidents;
 pub mod live;
+mod operations;
 mod operator;
 mod pages;
 mod replays;
 mod router;
 mod serve;
+pub mod services;
 mod source;
 mod vehicle_memory;
 pub mod view;
@@ -28,8 +32,10 @@ use tokio::sync::{Semaphore, mpsc, watch};
 use self::view::Trends;
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
+use crate::latency::Latency;
 use crate::runtime::{Reread, Written};
 use crate::store::{History, Store};
+use admission::connections::Connections;
 use admission::login_throttle::Throttle;
 use auth::handover::HandOvers;
 use auth::session_ends::SessionEnds;
@@ -53,7 +59,8 @@ pub use http::guard::{Access, cookie_name};
 pub use http::origins::{NoOrigin, Origins};
 use incidents::WhatIfs;
 pub use incidents::{Examiner, Marker, RecordingState};
-pub use router::{BODY_BYTES_MAX, Route, router, routes};
+pub use live::frame::{snapshot_schema, stream_schema};
+pub use router::{BODY_BYTES_MAX, Route, openapi, router, routes};
 pub use serve::accept::serve;
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
 pub use source::{Live, Player, Replay, Source};
@@ -101,6 +108,9 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub connections: Connections,
+    /// From the arrival of an operator's action until it is done or refused.
+    pub action_latency: Latency,
     first_changes: FirstChanges,
     /// The budgets of bytes that accounts may send over their sockets.
     accounts: Accounts,
@@ -141,6 +151,8 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            connections: Connections::default(),
+            action_latency: Latency::default(),
             first_changes: FirstChanges::default(),
             accounts: Accounts::default(),
             session_ends: SessionEnds::default(),

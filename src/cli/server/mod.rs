@@ -1,9 +1,11 @@
 //! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
 mod left_over;
+pub mod metrics;
 pub mod outputs;
 mod recording;
 pub mod reload;
+mod services;
 mod timekeeping;
 pub mod what_if;
 
@@ -19,7 +21,9 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::time::timeout;
 
+use self::metrics::MetricsListener;
 use self::recording::Recording;
+use self::services::Serving;
 use super::dds;
 use super::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
@@ -81,6 +85,7 @@ pub struct Server {
     /// Addresses by which browsers reach it, beside that of the listener.
     pub origins: Vec<String>,
     pub demo: Option<DemoFaults>,
+    pub metrics: Option<MetricsListener>,
     pub clock: Clock,
 }
 
@@ -102,12 +107,13 @@ impl Server {
             enrolled,
             origins,
             demo,
+            metrics,
             clock,
         } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
-        let (feed, turns) = recording::queue(&loaded);
+        let (feed, turns) = recording::queue(&loaded, clock);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
         let recordings = recording::Folder::of(folder.as_deref())?;
         let incidents = recordings.path().to_owned();
@@ -136,6 +142,7 @@ impl Server {
         let origins = known_origins(address, secure, &origins)?;
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
+        let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
         let discovery = Some(bridge.discovery());
         let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {
@@ -166,11 +173,19 @@ impl Server {
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();
         let engine = link.inputs.clone();
+        let app = AppState::new(link, store, clock, settings);
+        let metrics = metrics.map(|metrics| metrics.serve(app.clone()));
         {
-            let app = AppState::new(link, store, clock, settings);
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running).or(followed);
-            let parts = (&bridge, &outputs, recording.as_ref());
+            let parts = Followed {
+                bridge: &bridge,
+                outputs: &outputs,
+                services: &services,
+                recording: recording.as_ref(),
+            };
+            // It ends with the services, and nothing that it does is cut off.
+            app.live().map(|live| tokio::spawn(services::answer(calls, live)));
             tokio::select! {
                 served = while_serving(serving, parts, running, (&app, write)) => served?,
                 () = engine.closed() => bail!(
@@ -182,11 +197,14 @@ impl Server {
         tracing::info!("ending");
         storage.abort();
         time.abort();
+        if let Some(metrics) = metrics {
+            metrics.abort();
+        }
         if !end.record(Record::of(Action::End, TELLTALE), None).await {
             tracing::error!("the end is not recorded");
         }
         tokio::select! {
-            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
+            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()); } => {}
             () = signal.requested() => {}
         }
         if let Some(recording) = recording {
@@ -205,11 +223,19 @@ fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSen
     opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
-/// Serves until the end, and lets the bridge follow each new configuration. The engine runs by it already:
+/// What follows each new configuration.
+struct Followed<'a> {
+    bridge: &'a Bridge,
+    outputs: &'a Outputs,
+    services: &'a Serving,
+    recording: Option<&'a Recording>,
+}
+
+/// Serves until the end, and lets everything follow each new configuration. The engine runs by it already:
 /// an engine that changed later would forget what the bridge reports anew.
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
-    (bridge, publishing, recording): (&Bridge, &Outputs, Option<&Recording>),
+    Followed { bridge, outputs: publishing, services, recording }: Followed<'_>,
     mut running: Option<watch::Receiver<Loaded>>,
     (app, written): (&AppState, watch::Sender<Arc<Written>>),
 ) -> anyhow::Result<()> {
@@ -221,6 +247,7 @@ async fn while_serving(
         };
         written.send_replace(reload::written(&next));
         publishing.follow(outputs::topics(&next.publishing));
+        services.follow(&next.services);
         if let Some(recording) = recording {
             recording.follow(&next);
         }
@@ -247,17 +274,22 @@ async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
 /// # Errors
 /// Why that fails, and what to do.
 pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
+    bind_as(address, "--listen").await
+}
+
+/// The same for the address of this flag.
+async fn bind_as(address: SocketAddr, flag: &str) -> anyhow::Result<TcpListener> {
     TcpListener::bind(address).await.map_err(|error| match error.kind() {
         ErrorKind::AddrInUse => {
             anyhow!(
-                "{address} is in use, perhaps by another telltale. End that, or choose another with --listen"
+                "{address} is in use, perhaps by another telltale. End that, or choose another with {flag}"
             )
         }
         ErrorKind::AddrNotAvailable => {
-            anyhow!("this machine has no address {}. Choose one that it has with --listen", address.ip())
+            anyhow!("this machine has no address {}. Choose one that it has with {flag}", address.ip())
         }
         ErrorKind::PermissionDenied => {
-            anyhow!("port {} is for the system alone. Choose one above 1023 with --listen", address.port())
+            anyhow!("port {} is for the system alone. Choose one above 1023 with {flag}", address.port())
         }
         _ => anyhow::Error::new(error).context(format!("nothing can listen on {address}")),
     })
