@@ -73,7 +73,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     server::check_plain(args.listen, false, args.insecure_http)?;
     let listener = server::bind(args.listen).await?;
     let metrics = args.metrics.bind().await?;
-    let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES };
+    let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES, log: log::form().word() };
     let options = BridgeOptions { dds_process, ..BridgeOptions::loopback(domain(args.domain)?) };
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
