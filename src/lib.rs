@@ -8,6 +8,8 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod engine;
+pub mod latency;
+pub mod metrics;
 pub mod msg;
 pub mod picture;
 pub mod record;

@@ -18,6 +18,7 @@ use crate::engine::restart::resume::Restored;
 use crate::engine::snapshot::{Countermeasure, Snapshot};
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Record;
+use crate::latency::Latency;
 pub use crate::msg::received::Stamped;
 use crate::record::feed::Feed;
 pub use crate::record::ring::ConfigurationText;
@@ -179,6 +180,16 @@ pub struct Link {
     /// Every snapshot in which the stage or the requests to the vehicle changed, also if the next one followed
     /// before a reader of `snapshots` saw it.
     pub turns: broadcast::Sender<Published>,
+    pub latencies: Latencies,
+}
+
+/// How long inputs take.
+#[derive(Debug, Clone, Default)]
+pub struct Latencies {
+    /// From the receipt of an input to its judgement.
+    pub judged: Latency,
+    /// From the receipt of the input that changed a state to the publication of that state.
+    pub published: Latency,
 }
 
 /// Receivers of what happens in the engine. It waits for none of them: a full queue loses what it cannot take,
@@ -218,7 +229,10 @@ fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers)
     let first = Published::now(engine.snapshot(), &clock, feed.as_ref());
     let (publish, snapshots) = watch::channel(first);
     let turns = broadcast::Sender::new(TURN_QUEUE);
+    let latencies = Latencies::default();
     let mut turn = Loop {
+        latencies: latencies.clone(),
+        changed_by: None,
         requests: engine.requests(),
         turns: turns.clone(),
         published_seq: engine.seq(),
@@ -234,7 +248,7 @@ fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers)
     let queues =
         Queues { inputs: inputs_rx, commands: commands_rx, rehearsals: rehearsals_rx, reloads: reloads_rx };
     tokio::spawn(async move { turn.run(queues).await });
-    Link { inputs, commands, rehearsals, reloads, snapshots, turns }
+    Link { inputs, commands, rehearsals, reloads, snapshots, turns, latencies }
 }
 
 struct Queues {
@@ -255,6 +269,9 @@ struct Loop {
     published_seq: u64,
     published_revision: u64,
     published_at: Timestamp,
+    latencies: Latencies,
+    /// The receipt of the first input that changed a state which is not published yet.
+    changed_by: Option<Timestamp>,
 }
 
 impl Loop {
@@ -306,7 +323,12 @@ impl Loop {
     }
 
     fn handle(&mut self, stamped: Stamped) -> Response {
-        let response = self.engine.handle(&stamped.input, stamped.received);
+        let received = stamped.received;
+        let response = self.engine.handle(&stamped.input, received);
+        self.latencies.judged.observe(self.clock.now().since(received));
+        if self.engine.seq() != self.published_seq {
+            self.changed_by.get_or_insert(received);
+        }
         if let Some(feed) = &mut self.feed {
             feed.took(stamped);
         }
@@ -395,6 +417,9 @@ impl Loop {
             feed.published(snapshot.clone());
         }
         self.publish.send_replace(Published::now(snapshot, &self.clock, self.feed.as_ref()));
+        if let Some(received) = self.changed_by.take() {
+            self.latencies.published.observe(self.clock.now().since(received));
+        }
     }
 }
 

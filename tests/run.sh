@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
-#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, and Chromium
+#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, prometheus, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
@@ -40,12 +40,19 @@ install_debian_packages() {
     command -v g++ >/dev/null || packages+=(g++)
     has_header fastdds/dds/domain/DomainParticipant.hpp || packages+=(libfastrtps-dev)
     has_header fastcdr/Cdr.h || packages+=(libfastcdr-dev)
+    command -v prometheus >/dev/null || packages+=(prometheus)
     [ ${#packages[@]} -gt 0 ] || return 0
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
         say "installing ${packages[*]}"
+        # Tests start Prometheus themselves: the service of its package would take a port of this machine.
+        local policy=/usr/sbin/policy-rc.d
+        if [ -e "$policy" ]; then policy=; else printf '#!/bin/sh\nexit 101\n' >"$policy" && chmod +x "$policy"; fi
         apt-get update -q >"$work/apt.log" 2>&1 &&
             DEBIAN_FRONTEND=noninteractive apt-get install -qy --no-install-recommends "${packages[@]}" \
-                >>"$work/apt.log" 2>&1 || { tail -n 20 "$work/apt.log" >&2; die "apt-get failed"; }
+                >>"$work/apt.log" 2>&1
+        local code=$?
+        [ -z "$policy" ] || rm -f "$policy"
+        [ "$code" -eq 0 ] || { tail -n 20 "$work/apt.log" >&2; die "apt-get failed"; }
     else
         die "missing: ${packages[*]}. Install with: sudo apt-get install ${packages[*]}"
     fi

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use tokio::sync::mpsc;
 
+use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
 use super::shutdown_signal::ShutdownSignal;
 use super::vehicle::machine::Kind;
@@ -48,6 +49,8 @@ pub struct Args {
     /// A warehouse robot instead of the shuttle: it works without an operator, and has no stages
     #[arg(long, conflicts_with = "drive")]
     robot: bool,
+    #[command(flatten)]
+    metrics: MetricsFlags,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -69,6 +72,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     let signal = ShutdownSignal::listen()?;
     server::check_plain(args.listen, false, args.insecure_http)?;
     let listener = server::bind(args.listen).await?;
+    let metrics = args.metrics.bind().await?;
     let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES };
     let options = BridgeOptions { dds_process, ..BridgeOptions::loopback(domain(args.domain)?) };
     let clock = Clock::start();
@@ -92,6 +96,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
         enrolled: Enrolled::default(),
         origins: Vec::new(),
         demo,
+        metrics,
         clock,
     };
     server.run(signal).await?;

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 
 use super::data_folder::{self, DataFolder};
+use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
 use super::shutdown_signal::ShutdownSignal;
 use super::{EXIT_USAGE, check, dds, fields, log};
@@ -64,6 +65,8 @@ pub struct Args {
     #[arg(long = "trusted-proxy", value_name = "CIDR")]
     proxies: Vec<Network>,
     #[command(flatten)]
+    metrics: MetricsFlags,
+    #[command(flatten)]
     dds: dds::DdsFlags,
 }
 
@@ -93,6 +96,7 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     warn_of_proxy(args);
     server::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
     let listener = server::bind(args.listen).await?;
+    let metrics = args.metrics.bind().await?;
     let folder = args.data.path()?;
     let _lock = data_folder::lock(&folder)?;
     let store = Store::open_or_read(&folder, clock, DemoSecrets::Refused)?;
@@ -104,9 +108,22 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let file = Some(args.config.clone());
     let enrolled = Enrolled::new(args.displays.clone()).behind(Proxies::new(args.proxies.clone()));
     let folder = Some(folder);
-    Server { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo: None, clock }
-        .run(signal)
-        .await?;
+    Server {
+        loaded,
+        file,
+        store,
+        folder,
+        options,
+        listener,
+        tls,
+        enrolled,
+        origins,
+        demo: None,
+        metrics,
+        clock,
+    }
+    .run(signal)
+    .await?;
     Ok(ExitCode::SUCCESS)
 }
 

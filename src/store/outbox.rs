@@ -99,6 +99,10 @@ impl Outbox {
         first
     }
 
+    pub(super) fn waiting(&self) -> usize {
+        self.lock().waiting.len()
+    }
+
     fn is_empty(&self) -> bool {
         let queue = self.lock();
         queue.waiting.is_empty() && queue.left_out == 0

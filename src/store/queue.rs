@@ -7,6 +7,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
 use super::{Caller, Database, Store, StoreError};
+use crate::latency::Latency;
 
 /// Jobs that may wait for the database. A full queue refuses the next one: see [`StoreError::Busy`].
 const JOBS_MAX: usize = 256;
@@ -21,6 +22,7 @@ pub(super) struct Queue {
     jobs: Sender<Job>,
     places: Arc<Semaphore>,
     of_strangers: Arc<Semaphore>,
+    latency: Latency,
 }
 
 /// The place of one job. The job holds it until it is done, even if nobody waits for its answer any more.
@@ -33,7 +35,15 @@ impl Queue {
     pub(super) fn new() -> (Queue, Receiver<Job>) {
         let (jobs, queue) = channel();
         let semaphore = |places| Arc::new(Semaphore::new(places));
-        (Queue { jobs, places: semaphore(JOBS_MAX), of_strangers: semaphore(STRANGERS_MAX) }, queue)
+        (
+            Queue {
+                jobs,
+                places: semaphore(JOBS_MAX),
+                of_strangers: semaphore(STRANGERS_MAX),
+                latency: Latency::default(),
+            },
+            queue,
+        )
     }
 
     fn place(&self, of_stranger: Option<OwnedSemaphorePermit>) -> Result<JobPlace, StoreError> {
@@ -43,6 +53,21 @@ impl Queue {
 }
 
 impl Store {
+    /// How long jobs take, their waiting included.
+    pub fn job_latency(&self) -> &Latency {
+        &self.queue.latency
+    }
+
+    /// Jobs that wait, or are being done.
+    pub fn jobs_waiting(&self) -> usize {
+        JOBS_MAX.saturating_sub(self.queue.places.available_permits())
+    }
+
+    /// Records of the audit log that are not on the disk.
+    pub fn records_unwritten(&self) -> usize {
+        self.outbox.waiting()
+    }
+
     /// Runs `job` on the store's thread and waits for its answer.
     pub(super) async fn call<T: Send + 'static>(
         &self,
@@ -82,8 +107,10 @@ impl Store {
         job: impl FnOnce(&mut Database) -> Result<T, StoreError> + Send + 'static,
     ) -> Result<T, StoreError> {
         let (reply, answer) = oneshot::channel();
+        let (latency, given) = (self.queue.latency.clone(), self.clock.now());
         let job: Job = Box::new(move |database| {
             let came_to = job(database);
+            latency.observe(database.clock.now().since(given));
             if let Err(error) = &came_to {
                 database.health.judge(error);
             }

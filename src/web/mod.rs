@@ -28,8 +28,10 @@ use tokio::sync::{Semaphore, mpsc, watch};
 use self::view::Trends;
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
+use crate::latency::Latency;
 use crate::runtime::{Reread, Written};
 use crate::store::{History, Store};
+use admission::connections::Connections;
 use admission::login_throttle::Throttle;
 use auth::handover::HandOvers;
 use auth::session_ends::SessionEnds;
@@ -101,6 +103,9 @@ pub struct Shared {
     pub settings: Settings,
     pub frames: Frames,
     pub displays: Displays,
+    pub connections: Connections,
+    /// From the arrival of an operator's action until it is done or refused.
+    pub action_latency: Latency,
     first_changes: FirstChanges,
     /// The budgets of bytes that accounts may send over their sockets.
     accounts: Accounts,
@@ -141,6 +146,8 @@ impl AppState {
             settings,
             frames: Frames::default(),
             displays: Displays::default(),
+            connections: Connections::default(),
+            action_latency: Latency::default(),
             first_changes: FirstChanges::default(),
             accounts: Accounts::default(),
             session_ends: SessionEnds::default(),

@@ -53,6 +53,19 @@ fn a_broken_configuration_is_shown_where_it_breaks() {
 }
 
 #[test]
+fn metrics_stay_on_this_machine_unless_that_is_asked_for() {
+    let data = folder("metrics");
+    let data = data.to_str().expect("the path is text");
+    let refused = ["beyond this machine", "--metrics-without-login"];
+    refuses(
+        &["serve", "--config", SHUTTLE, "--data", data, "--listen", "127.0.0.1:0", "--metrics", "0.0.0.0:0"],
+        &refused,
+    );
+    refuses(&["demo", "--listen", "127.0.0.1:0", "--metrics", "0.0.0.0:0"], &refused);
+    refuses(&["demo", "--metrics-without-login"], &["--metrics"]);
+}
+
+#[test]
 fn a_port_in_use_and_an_address_of_others_are_told() {
     let taken = TcpListener::bind("127.0.0.1:0").expect("some port is free");
     let address = taken.local_addr().expect("it is bound").to_string();

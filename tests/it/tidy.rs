@@ -13,14 +13,16 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("config", &["engine", "clock", "yaml"]),
     ("clock", &["engine"]),
     ("record", &["engine", "clock", "msg"]),
-    ("runtime", &["engine", "clock", "msg", "record"]),
+    ("latency", &["engine"]),
+    ("runtime", &["engine", "clock", "latency", "msg", "record"]),
     ("msg", &["engine"]),
     ("replay", &["engine", "yaml", "config", "msg", "record"]),
     ("ros", &["engine", "clock", "msg"]),
-    ("store", &["engine", "clock", "record"]),
+    ("store", &["engine", "clock", "latency", "record"]),
     ("picture", &["engine", "yaml"]),
     ("sim", &["engine", "clock", "yaml", "picture"]),
-    ("web", &["engine", "clock", "runtime", "store", "picture", "record", "replay"]),
+    ("web", &["engine", "clock", "latency", "runtime", "store", "picture", "record", "replay"]),
+    ("metrics", &["engine", "latency", "record", "runtime", "web"]),
 ];
 
 /// Words that must not stand in the pure core. Its types derive serde's traits; the format of a file is another

@@ -1,6 +1,7 @@
 //! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
 mod left_over;
+pub mod metrics;
 pub mod outputs;
 mod recording;
 pub mod reload;
@@ -19,6 +20,7 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::time::timeout;
 
+use self::metrics::MetricsListener;
 use self::recording::Recording;
 use super::dds;
 use super::shutdown_signal::ShutdownSignal;
@@ -79,6 +81,7 @@ pub struct Server {
     /// Addresses by which browsers reach it, beside that of the listener.
     pub origins: Vec<String>,
     pub demo: Option<DemoFaults>,
+    pub metrics: Option<MetricsListener>,
     pub clock: Clock,
 }
 
@@ -88,8 +91,20 @@ impl Server {
     /// # Errors
     /// If DDS or the database cannot be started, or an origin is wrong.
     pub async fn run(self, mut signal: ShutdownSignal) -> anyhow::Result<()> {
-        let Server { loaded, file, store, folder, options, listener, tls, enrolled, origins, demo, clock } =
-            self;
+        let Server {
+            loaded,
+            file,
+            store,
+            folder,
+            options,
+            listener,
+            tls,
+            enrolled,
+            origins,
+            demo,
+            metrics,
+            clock,
+        } = self;
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
@@ -150,8 +165,9 @@ impl Server {
         tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
         let end = store.clone();
         let engine = link.inputs.clone();
+        let app = AppState::new(link, store, clock, settings);
+        let metrics = metrics.map(|metrics| metrics.serve(app.clone()));
         {
-            let app = AppState::new(link, store, clock, settings);
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running);
             let parts = (&bridge, &outputs, recording.as_ref());
@@ -166,6 +182,9 @@ impl Server {
         tracing::info!("ending");
         storage.abort();
         time.abort();
+        if let Some(metrics) = metrics {
+            metrics.abort();
+        }
         if !end.record(Record::of(Action::End, TELLTALE), None).await {
             tracing::error!("the end is not recorded");
         }
@@ -232,17 +251,22 @@ async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
 /// # Errors
 /// Why that fails, and what to do.
 pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
+    bind_as(address, "--listen").await
+}
+
+/// The same for the address of this flag.
+async fn bind_as(address: SocketAddr, flag: &str) -> anyhow::Result<TcpListener> {
     TcpListener::bind(address).await.map_err(|error| match error.kind() {
         ErrorKind::AddrInUse => {
             anyhow!(
-                "{address} is in use, perhaps by another telltale. End that, or choose another with --listen"
+                "{address} is in use, perhaps by another telltale. End that, or choose another with {flag}"
             )
         }
         ErrorKind::AddrNotAvailable => {
-            anyhow!("this machine has no address {}. Choose one that it has with --listen", address.ip())
+            anyhow!("this machine has no address {}. Choose one that it has with {flag}", address.ip())
         }
         ErrorKind::PermissionDenied => {
-            anyhow!("port {} is for the system alone. Choose one above 1023 with --listen", address.port())
+            anyhow!("port {} is for the system alone. Choose one above 1023 with {flag}", address.port())
         }
         _ => anyhow::Error::new(error).context(format!("nothing can listen on {address}")),
     })

@@ -123,6 +123,11 @@ impl Connections {
         Some((ConnectionPlace { connections: self.clone(), number }, gone))
     }
 
+    /// How many are open.
+    pub fn count(&self) -> usize {
+        self.table().open.len()
+    }
+
     fn table(&self) -> MutexGuard<'_, Table> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -9,6 +9,7 @@ use tokio::time::{MissedTickBehavior, interval};
 
 use crate::engine::input::Input;
 use crate::engine::time::{Span, Timestamp};
+use crate::latency::Latency;
 use crate::runtime::{Stamped, Version};
 use crate::store::{Role, Session};
 use crate::web::Live;
@@ -46,6 +47,7 @@ struct Table {
     next: u64,
     open: HashMap<u64, OpenDisplay>,
     count: watch::Sender<usize>,
+    latency: Latency,
 }
 
 /// One open socket.
@@ -113,6 +115,22 @@ impl Displays {
     /// How many sockets are open.
     pub fn count(&self) -> usize {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).open.len()
+    }
+
+    /// How many pages and streams are open, by the role of their users.
+    pub fn by_kind_and_role(&self) -> Vec<(&'static str, Role, usize)> {
+        let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = |is_stream, role| {
+            table.open.values().filter(|it| it.is_stream == is_stream && it.session.role == role).count()
+        };
+        let kinds = [("page", false), ("stream", true)];
+        let all = kinds.iter().flat_map(|kind| Role::ALL.map(|role| (*kind, role)));
+        all.map(|((kind, is_stream), role)| (kind, role, count(is_stream, role))).collect()
+    }
+
+    /// How long it takes until a page confirms what it was sent.
+    pub fn latency(&self) -> Latency {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).latency.clone()
     }
 
     /// The instant whose state the best display of a login shows, if one has confirmed any.
@@ -246,21 +264,26 @@ impl Place {
     }
 
     /// The page confirms that it shows `seq`, and with it everything that was sent before.
-    pub fn confirm(&self, seq: Version) {
-        self.change(|display| {
-            if !display.says_beats {
-                display.confirm(|sent| sent.seq <= seq);
-            }
+    pub fn confirm(&self, seq: Version, now: Timestamp) {
+        self.confirmed(now, |display| match display.says_beats {
+            false => display.confirm(|sent| sent.seq <= seq),
+            true => Vec::new(),
         });
     }
 
     /// The page confirms a beat, and that it shows everything that was sent before the beat, up to `seq` if it
     /// names one.
-    pub fn confirm_beat(&self, beat: u64, seq: Option<Version>) {
-        self.change(|display| {
+    pub fn confirm_beat(&self, beat: u64, seq: Option<Version>, now: Timestamp) {
+        self.confirmed(now, |display| {
             display.says_beats = true;
-            display.confirm(|sent| sent.beat <= beat && seq.is_none_or(|seq| sent.seq <= seq));
+            display.confirm(|sent| sent.beat <= beat && seq.is_none_or(|seq| sent.seq <= seq))
         });
+    }
+
+    fn confirmed(&self, now: Timestamp, confirm: impl FnOnce(&mut OpenDisplay) -> Vec<Timestamp>) {
+        let mut table = self.displays.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let sent = table.open.get_mut(&self.number).map(confirm).unwrap_or_default();
+        sent.into_iter().for_each(|at| table.latency.observe(now.since(at)));
     }
 
     fn change(&self, change: impl FnOnce(&mut OpenDisplay)) {
@@ -279,10 +302,14 @@ impl OpenDisplay {
         }
     }
 
-    fn confirm(&mut self, is_shown: impl Fn(&Sent) -> bool) {
+    /// Returns when what is shown now was sent.
+    fn confirm(&mut self, is_shown: impl Fn(&Sent) -> bool) -> Vec<Timestamp> {
+        let mut confirmed = Vec::new();
         while let Some(sent) = self.sent.pop_front_if(|sent| is_shown(sent)) {
             self.shows_as_of = self.shows_as_of.max(Some(sent.at));
+            confirmed.push(sent.at);
         }
+        confirmed
     }
 }
 
@@ -312,24 +339,24 @@ mod tests {
         let place = displays.enter(&session).unwrap();
         place.sent(seq(1), at(1_000));
         assert!(!displays.is_live_for(&session, at(1_000)), "nothing is confirmed");
-        place.confirm(seq(1));
+        place.confirm(seq(1), Timestamp::ZERO);
         assert!(displays.is_live_for(&session, at(2_999)) && !displays.is_live_for(&session, at(3_000)));
         for ms in (2_000..9_000).step_by(100) {
             place.sent(seq(ms), at(ms));
         }
         // It goes on to answer, but shows what is old.
-        place.confirm(seq(2_000));
+        place.confirm(seq(2_000), Timestamp::ZERO);
         assert!(!displays.is_live_for(&session, at(4_000)) && displays.is_late("operator", at(4_100)));
-        place.confirm(seq(8_900));
+        place.confirm(seq(8_900), Timestamp::ZERO);
         assert_eq!(displays.shows_as_of(&session).map(|shown| shown > at(5_000)), Some(true));
         place.sent(seq(9_000), at(9_000));
-        place.confirm(seq(9_000));
+        place.confirm(seq(9_000), Timestamp::ZERO);
         assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
         // A step back in time: what was confirmed before it says nothing about what was sent after it.
         place.sent(Version { epoch: 1, number: 5 }, at(11_000));
-        place.confirm(seq(9_000));
+        place.confirm(seq(9_000), Timestamp::ZERO);
         assert!(!displays.is_live_for(&session, at(11_500)));
-        place.confirm(Version { epoch: 1, number: 5 });
+        place.confirm(Version { epoch: 1, number: 5 }, Timestamp::ZERO);
         assert!(displays.is_live_for(&session, at(11_500)));
         drop(place);
         assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));
@@ -357,8 +384,8 @@ mod tests {
                 }
                 while let Some((_, beat, seq)) = on_the_way.pop_front_if(|(due_ms, ..)| *due_ms <= ms) {
                     match says_beats {
-                        true => place.confirm_beat(beat, Some(seq)),
-                        false => place.confirm(seq),
+                        true => place.confirm_beat(beat, Some(seq), now),
+                        false => place.confirm(seq, now),
                     }
                 }
                 let is_late = displays.is_late("operator", now);

@@ -368,10 +368,11 @@ impl LiveConnection {
                     Said::Shown(said) => said,
                 };
                 let shown = said.shown.map(|number| self.sent(number)).transpose()?;
+                let now = self.app.clock.now();
                 match (said.beat, shown) {
                     (Some(beat), _) if beat > self.beat => return Err(Ending::Nonsense),
-                    (Some(beat), shown) => self.place.confirm_beat(beat, shown),
-                    (None, Some(seq)) => self.place.confirm(seq),
+                    (Some(beat), shown) => self.place.confirm_beat(beat, shown, now),
+                    (None, Some(seq)) => self.place.confirm(seq, now),
                     (None, None) => return Err(Ending::Nonsense),
                 }
                 Ok(())

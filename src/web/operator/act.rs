@@ -22,6 +22,7 @@ pub const PLACES: usize = 8;
 /// # Errors
 /// Why nothing has changed. It is in the audit log, or will be.
 pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
+    let (app, arrived) = (tapped.tap.app.clone(), tapped.tap.arrived);
     let acting = tokio::spawn(async move {
         match tapped.action {
             OperatorAction::RequestStop => stop(&tapped).await,
@@ -29,7 +30,9 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
         }
     });
     // It ends early only if the whole program does.
-    acting.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)))
+    let done = acting.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)));
+    app.action_latency.observe(app.clock.now().since(arrived));
+    done
 }
 
 /// What is done is on the disk before, with the vehicle's state after it; what cannot be written is not

@@ -44,7 +44,7 @@ pub struct Tap {
     pub session: Session,
     source: IpAddr,
     pub reader: Reader,
-    arrived: Timestamp,
+    pub arrived: Timestamp,
 }
 
 /// A tap with the action that it asks for.

@@ -22,7 +22,7 @@ use tower::ServiceExt as _;
 
 use super::parse_error::WithHeaders;
 use super::tls::Tls;
-use crate::web::admission::connections::{ConnectionPlace, Connections};
+use crate::web::admission::connections::ConnectionPlace;
 use crate::web::admission::peer::Peer;
 use crate::web::auth::expiry;
 use crate::web::live::byte_budget::{Meter, Metered};
@@ -58,7 +58,7 @@ pub async fn serve(
         tracing::warn!(%address, "listening on all addresses, known by the loopback names and configured origins only");
     }
     let router = router(app.clone());
-    let places = Connections::default();
+    let places = app.connections.clone();
     let mut connections = JoinSet::new();
     // A replay has none of the tasks that command the engine or write to the store.
     let vehicle_memory_task = app.live().map(VehicleMemoryTask::start);

@@ -66,7 +66,7 @@ impl Vehicle {
         let place = displays.enter(&self.session()).unwrap();
         let seq = self.fixture.link.snapshots.borrow().snapshot.seq;
         place.sent(seq.into(), now);
-        place.confirm(seq.into());
+        place.confirm(seq.into(), self.fixture.clock.now());
         std::mem::forget(place);
     }
 

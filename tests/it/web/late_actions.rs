@@ -85,7 +85,7 @@ impl Scene {
         let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
         let (place, seq) = (displays.enter(&self.session()).unwrap(), self.version().await);
         place.sent(seq.into(), now);
-        place.confirm(seq.into());
+        place.confirm(seq.into(), self.fixture.clock.now());
         let asked = self.tap(seq, "/vehicle/clearance", "");
         self.judged().await.go_on();
         let answer = asked.await.unwrap();
@@ -140,7 +140,7 @@ async fn a_tap_counts_no_more_when_what_it_was_made_for_changes_while_it_waits()
         let place = scene.fixture.app.displays.enter(&scene.session()).unwrap();
         let version = scene.version().await;
         place.sent(version.into(), scene.fixture.clock.now());
-        place.confirm(version.into());
+        place.confirm(version.into(), scene.fixture.clock.now());
         let (before, last) = (scene.standing_so(), scene.log(1).await[0].number);
         let tap = scene.tap(version, path, &fields);
         let judged = scene.judged().await;
@@ -217,7 +217,7 @@ async fn a_confirmation_that_waits_past_its_ten_seconds_clears_nothing() {
     let place = scene.fixture.app.displays.enter(&scene.session()).unwrap();
     let version = scene.version().await;
     place.sent(version.into(), scene.fixture.clock.now());
-    place.confirm(version.into());
+    place.confirm(version.into(), scene.fixture.clock.now());
     let tap = scene.tap(version, "/vehicle/clearance/confirm", &token);
     let judged = scene.judged().await;
     assert!(judged.preview.is_ok(), "{:?}", judged.preview);

@@ -45,7 +45,7 @@ impl Operator {
         let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
         let place = displays.enter(&self.session()).unwrap();
         place.sent(self.seq().into(), now);
-        place.confirm(self.seq().into());
+        place.confirm(self.seq().into(), self.fixture.clock.now());
         // The socket stays open as long as the test runs.
         std::mem::forget(place);
     }
