@@ -24,6 +24,7 @@ mod sim;
 mod tls;
 mod user;
 mod vehicle;
+mod watch;
 
 use std::process::ExitCode;
 
@@ -58,6 +59,7 @@ enum Command {
     Audit(audit::Args),
     Data(data::Args),
     Tls(tls::Args),
+    Watch(watch::Args),
     /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
     #[command(hide = true)]
     DdsProcess {
@@ -84,6 +86,7 @@ pub fn main() -> ExitCode {
         Command::Audit(args) => audit::run(&args),
         Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),
+        Command::Watch(args) => watch::run(&args),
         Command::DdsProcess { parent, megabytes } => {
             log::start("warn");
             Ok(ros::dds_process(parent, megabytes))
