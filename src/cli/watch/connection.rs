@@ -165,11 +165,7 @@ async fn read(socket: &mut WebSocketStream<Stream>, tell: &mpsc::Sender<News>) -
     }
     while let Ok(Some(Ok(message))) = timeout(SILENT_MAX, socket.next()).await {
         match message {
-            Message::Text(text) => {
-                if tell.send(News::Message(text.as_str().to_owned())).await.is_err() {
-                    return None;
-                }
-            }
+            Message::Text(text) => tell.send(News::Message(text.as_str().to_owned())).await.ok()?,
             Message::Close(Some(frame)) if frame.code == CloseCode::Policy => {
                 return Some("the server has ended the session. Log in again".to_owned());
             }

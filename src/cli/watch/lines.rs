@@ -11,17 +11,35 @@ use super::snapshot::Vehicle;
 pub struct Lines {
     facts: BTreeMap<String, String>,
     at: String,
-    is_stale: bool,
+    connection: Connection,
+}
+
+/// What was said of the connection; its age alone is no news.
+#[derive(Debug, Default, PartialEq, Eq)]
+enum Connection {
+    #[default]
+    Live,
+    Stale,
+    Lost {
+        connected: bool,
+    },
 }
 
 impl Lines {
     /// The lines for what is different since the last call. All that is known comes at first.
     pub fn changes(&mut self, vehicle: Option<&Vehicle>, freshness: Freshness) -> Vec<String> {
         let mut lines = Vec::new();
-        let is_stale = freshness != Freshness::Live && !self.at.is_empty();
-        if is_stale != self.is_stale {
-            self.is_stale = is_stale;
-            let said = if is_stale { freshness.words() } else { "live again".to_owned() };
+        let connection = match freshness {
+            // Before the first data there is nothing that could be old.
+            _ if self.at.is_empty() => Connection::Live,
+            Freshness::Live => Connection::Live,
+            Freshness::Stale(_) => Connection::Stale,
+            Freshness::Lost { connected, .. } => Connection::Lost { connected },
+        };
+        if connection != self.connection {
+            self.connection = connection;
+            let is_live = self.connection == Connection::Live;
+            let said = if is_live { "live again".to_owned() } else { freshness.words() };
             lines.push(format!("{}  connection: {said}", self.at));
         }
         let Some(vehicle) = vehicle else { return lines };
@@ -122,6 +140,9 @@ mod tests {
             ["2026-11-20T12:00:39.000Z  connection: STALE, last data 1 s ago"]
         );
         assert!(lines.changes(None, late).is_empty());
+        let lost = |ms| Freshness::Lost { since: Some(Span::from_millis(ms)), connected: false };
+        assert!(lines.changes(None, lost(2100))[0].ends_with("NOT CONNECTED, last data 2 s ago"));
+        assert!(lines.changes(None, lost(9000)).is_empty());
         let over = r#""groups":[{"id":"sensors","name":"Sensors","state":"ok","ok":4,"counted":4,"reason":null}],"roots":[]"#;
         Vehicle::take(&mut vehicle, &changes(r#""base":9,"#, over)).unwrap();
         let after = lines.changes(vehicle.as_ref(), Freshness::Live);

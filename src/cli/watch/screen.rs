@@ -274,7 +274,7 @@ mod tests {
     #[test]
     fn what_is_not_fresh_never_looks_live() {
         let (text, _) = drawn(110, 40, Freshness::Stale(time::Span::from_millis(1500)), Colours::Yes);
-        assert!(text.contains("STALE, last data 1 s ago") && !text.contains("live"), "{text}");
+        assert!(text.contains("STALE, last data 1 s ago") && !text.contains("  live,"), "{text}");
         let lost = Freshness::Lost { since: Some(time::Span::from_secs(3)), connected: false };
         let (text, buffer) = drawn(110, 40, lost, Colours::Yes);
         assert!(text.contains("NOT CONNECTED, last data 3 s ago") && text.contains("? was ERROR"), "{text}");
