@@ -25,6 +25,9 @@ const PROBED_S: u64 = 24;
 /// Requests to the vehicle that are timed.
 const COUNTERMEASURES: usize = 200;
 
+/// A request that stays longer is refused for a reason that does not pass.
+const RELEASED_WITHIN_NS: u64 = 20_000_000_000;
+
 /// Receives frames and returns the delays in microseconds, one for each published change.
 async fn delays(server: (String, String), path: &str) -> (Vec<f64>, usize) {
     let (address, cookie) = server;
@@ -75,6 +78,7 @@ async fn probe(server: &Server, domain: &Domain, what: &str) {
 /// From the status that a foreign peer writes to the request that another one receives; between two
 /// of them the operator lets the vehicle go on, so that each is a new one.
 fn countermeasures(server: &Server, domain: &Domain, what: &str) {
+    let _display = server.open_display();
     let mut active = Peer::start(domain, "pub --topic rt/mission/active --type Bool");
     active.wait_matched(1);
     active.write(&json!({ "bool": true }));
@@ -99,8 +103,10 @@ fn countermeasures(server: &Server, domain: &Domain, what: &str) {
             delays.push((at(&heard) - at(&sent)) / 1000.0);
         }
         status.write(&say(0));
+        let deadline = monotonic_ns() + RELEASED_WITHIN_NS;
         while server.snapshot()["countermeasures"].as_array().is_some_and(|all| !all.is_empty()) {
-            server.release();
+            let answer = server.release();
+            assert!(monotonic_ns() < deadline, "the request is not released: {answer}");
         }
         // Repetitions that came meanwhile.
         std::thread::sleep(Duration::from_millis(60));

@@ -1,9 +1,12 @@
-//! What it costs to record 200 MB of messages a second: the ring alone, and with an incident being written.
+//! What it costs to record 200 MB of messages a second: the ring alone, and with an incident being written; and
+//! how long a change of a state waits for the engine's copy for a keyframe.
 //! `cargo bench --bench recording [-- FOLDER]`; recordings go to a new folder in FOLDER, else in the temporary one.
 
 mod vehicle;
+#[path = "vehicle/watched.rs"]
+mod watched;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +15,7 @@ use bytes::Bytes;
 use telltale::clock::Clock;
 use telltale::engine::Engine;
 use telltale::engine::input::Input;
-use telltale::engine::time::Span;
+use telltale::engine::time::{Span, Timestamp};
 use telltale::msg::cdr::Endian;
 use telltale::msg::fields::Definitions;
 use telltale::msg::received::{Message, Stamped};
@@ -27,6 +30,10 @@ const MESSAGE_BYTES: usize = 2_000_000;
 const SECONDS: u32 = 20;
 const MEMORY: usize = 256_000_000;
 const MODULES: usize = 1_000;
+/// Copies for keyframes, each after ten seconds of statuses.
+const COPIES: usize = 40;
+/// The recorder keeps about so many copies.
+const COPIES_KEPT: usize = 10;
 
 /// Processor time of this process so far, in seconds.
 fn used() -> f64 {
@@ -64,6 +71,7 @@ fn run(clock: Clock, mut take: impl FnMut(Stamped)) -> f64 {
             source: None,
             received: clock.wall(),
             body: Ok((Bytes::copy_from_slice(&cloud), Endian::Little)),
+            kept: false,
         };
         take(Stamped { input: Input::Tick, received: clock.now(), message: Some(Arc::new(message)) });
     }
@@ -72,7 +80,7 @@ fn run(clock: Clock, mut take: impl FnMut(Stamped)) -> f64 {
 
 /// The same with a recorder; the second number says how much of the past it held at the end, in seconds.
 fn recorded(clock: Clock, engine: &mut Engine, folder: Option<PathBuf>) -> (f64, f64) {
-    let (mut feed, turns) = Feed::new();
+    let (mut feed, turns) = Feed::new(clock);
     let settings = Settings {
         margins: Margins::default(),
         memory: MEMORY,
@@ -119,12 +127,61 @@ fn recorded(clock: Clock, engine: &mut Engine, folder: Option<PathBuf>) -> (f64,
     (share, held)
 }
 
+/// How long copies of an engine take, and how long the first statuses behind one do: what a copy shares is copied
+/// when it changes.
+fn copies(clock: Clock, what: &str, mut engine: Engine, mut live: impl FnMut(&mut Engine, usize)) {
+    let ms = |since| clock.now().since(since).as_nanos() as f64 / 1e6;
+    let (mut copies, mut behind, mut kept) = (Vec::new(), Vec::new(), VecDeque::new());
+    for number in 0..COPIES {
+        live(&mut engine, number);
+        let began = clock.now();
+        kept.push_back(Arc::new(engine.clone()));
+        copies.push(ms(began));
+        let began = clock.now();
+        live(&mut engine, number + 1);
+        behind.push(ms(began));
+        if kept.len() > COPIES_KEPT {
+            kept.pop_front();
+        }
+    }
+    copies.sort_by(f64::total_cmp);
+    behind.sort_by(f64::total_cmp);
+    println!(
+        "{what}: a copy {:.2} ms, {:.2} ms at most; the statuses behind it {:.2} ms",
+        copies[COPIES / 2],
+        copies[COPIES - 1],
+        behind[COPIES / 2],
+    );
+}
+
 fn main() {
+    let clock = Clock::start();
+    for modules in [1_000, 10_000, 100_000] {
+        let what = format!("{modules} modules");
+        copies(clock, &what, vehicle::running(modules), |engine, number| {
+            let level = u8::from(number.is_multiple_of(2));
+            let now = engine.now() + Span::from_secs(1);
+            engine.handle(&vehicle::array(0..100, level), now);
+            engine.handle(&vehicle::array(100..modules.min(1_100), 0), now);
+            engine.snapshot();
+        });
+    }
+    let model = Arc::new(watched::model());
+    let topics = model.watched.topics.clone();
+    let monitored = Engine::new(model, Timestamp::ZERO);
+    let mut number = 0;
+    copies(clock, "1,000 monitors on 200 topics", monitored, |engine, _| {
+        for _ in 0..40_000 {
+            let (input, now) = watched::message(&topics, number);
+            engine.handle(&input, now);
+            number += 1;
+        }
+        engine.snapshot();
+    });
     let parent = std::env::args().skip(1).find(|word| !word.starts_with("--"));
     let parent = parent.map_or_else(std::env::temp_dir, PathBuf::from);
     let folder = parent.join(format!("telltale-recording-bench-{}", std::process::id()));
     std::fs::create_dir(&folder).expect("a folder for recordings");
-    let clock = Clock::start();
     let mut engine = vehicle::running(MODULES);
     let rate = MESSAGE_BYTES as f64 * f64::from(MESSAGES_PER_S) / 1e6;
     let alone = run(clock, drop);

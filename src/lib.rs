@@ -8,6 +8,7 @@ pub mod cli;
 pub mod clock;
 pub mod config;
 pub mod engine;
+pub mod import;
 pub mod latency;
 pub mod metrics;
 pub mod msg;

@@ -322,9 +322,12 @@ impl Loop {
         }
     }
 
-    fn handle(&mut self, stamped: Stamped) -> Response {
+    fn handle(&mut self, mut stamped: Stamped) -> Response {
         let received = stamped.received;
-        let response = self.engine.handle(&stamped.input, received);
+        // Several threads stamp what they receive before it waits here: the engine takes an earlier instant for its
+        // last one, and so the recording has it.
+        stamped.received = received.max(self.engine.now());
+        let response = self.engine.handle(&stamped.input, stamped.received);
         self.latencies.judged.observe(self.clock.now().since(received));
         if self.engine.seq() != self.published_seq {
             self.changed_by.get_or_insert(received);

@@ -14,6 +14,8 @@
   const after = document.getElementById("replay-after");
   const moment = document.getElementById("moment");
   const differs = document.getElementById("differs");
+  // The replay of the same incident by the other configuration.
+  const other = document.getElementById("other");
   const lost = document.getElementById("lost");
   const lanes = document.querySelector(".lanes");
   const two = (number) => String(number).padStart(2, "0");
@@ -48,6 +50,7 @@
     const s = (at - from) / 1000;
     after.textContent = `+${two(Math.floor(s / 60))}:${two(Math.floor(s % 60))}.${Math.floor((s * 10) % 10)}`;
     moment.href = `/replay/${body.dataset.replay}?at=${Math.round(at)}`;
+    if (other) other.href = `/replay/${other.dataset.replay}?at=${Math.round(at)}`;
     slider.setAttribute("aria-valuetext", clock.textContent);
     if (remembered !== null) differs.href = `/replay/${body.dataset.replay}/differences?a=${remembered}&b=${Math.round(at)}`;
     if (!lanes) return;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
-#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, prometheus, and Chromium
+#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, curl, jq, prometheus, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
@@ -37,6 +37,8 @@ install_debian_packages() {
     has_venv || packages+=(python3 python3-venv)
     command -v sqlite3 >/dev/null || packages+=(sqlite3)
     command -v ip >/dev/null || packages+=(iproute2)
+    command -v curl >/dev/null || packages+=(curl)
+    command -v jq >/dev/null || packages+=(jq)
     command -v g++ >/dev/null || packages+=(g++)
     has_header fastdds/dds/domain/DomainParticipant.hpp || packages+=(libfastrtps-dev)
     has_header fastcdr/Cdr.h || packages+=(libfastcdr-dev)

@@ -7,8 +7,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use futures_util::{SinkExt as _, StreamExt as _};
 use serde_json::Value;
 use tokio::net::TcpStream as Stream;
+use tokio::sync::oneshot;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest as _;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
@@ -147,13 +149,31 @@ impl Server {
         self.exchange(&format!("{head}Connection: close\r\n\r\n{body}"))
     }
 
-    /// Releases the vehicle's countermeasures, in both steps.
-    pub fn release(&self) {
+    /// Releases the vehicle's countermeasures, in both steps. Returns the answer.
+    pub fn release(&self) -> String {
         let asked = self.post("/vehicle/release", &format!("version={}", self.snapshot()["seq"]));
         let token = asked.split("\"token\":\"").nth(1).and_then(|rest| rest.split('"').next());
-        if let Some(token) = token {
-            self.post("/vehicle/release/confirm", &format!("token={token}"));
+        match token {
+            Some(token) => self.post("/vehicle/release/confirm", &format!("token={token}")),
+            None => asked,
         }
+    }
+
+    /// Opens a page that confirms what it is shown, in a thread of its own, until the returned sender is
+    /// dropped: without a live display no request is released.
+    pub fn open_display(&self) -> oneshot::Sender<()> {
+        let (address, cookie) = (self.address.clone(), self.cookie.clone());
+        let (open, closed) = oneshot::channel();
+        std::thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+            runtime.expect("a runtime").block_on(async {
+                tokio::select! {
+                    () = confirm_beats(&address, &cookie) => {}
+                    _ = closed => {}
+                }
+            });
+        });
+        open
     }
 
     pub fn snapshot(&self) -> Value {
@@ -176,6 +196,19 @@ impl Server {
         let children = children.split_whitespace().filter_map(|pid| pid.parse().ok());
         let sum = |sum: (f64, f64), one: (f64, f64)| (sum.0 + one.0, sum.1 + one.1);
         std::iter::once(server).chain(children).map(used_by).fold((0.0, 0.0), sum)
+    }
+}
+
+/// Confirms each beat of a page, with the state that it names, until the socket closes.
+async fn confirm_beats(address: &str, cookie: &str) {
+    let mut socket = connect(address, cookie, "/ws?lang=en").await;
+    while let Some(Ok(message)) = socket.next().await {
+        let Ok(Value::Object(said)) = serde_json::from_slice(&message.into_data()) else { continue };
+        let Some((beat, seq)) = said.get("beat").zip(said.get("seq")) else { continue };
+        let shown = serde_json::json!({ "beat": beat, "shown": seq }).to_string();
+        if socket.send(shown.into()).await.is_err() {
+            return;
+        }
     }
 }
 

@@ -36,6 +36,7 @@ pub fn model(modules: usize) -> Arc<Model> {
         },
         filters: Vec::new(),
         tile: None,
+        may_be_empty: false,
     };
     let module = |index: usize| {
         let group = index / MODULES_PER_GROUP;
@@ -48,6 +49,7 @@ pub fn model(modules: usize) -> Arc<Model> {
             when: None,
             depends_on: Vec::new(),
             monitor: ModuleMonitor::SelfState(name(index).into()),
+            expected: None,
         }
     };
     let parts = Parts {
@@ -61,6 +63,7 @@ pub fn model(modules: usize) -> Arc<Model> {
         driving: Driving::default(),
         discovered: Policy::default(),
         other: Default::default(),
+        unclaimed: Default::default(),
         limits: Limits::default(),
         display_dpi: DISPLAY_DPI,
     };

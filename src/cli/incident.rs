@@ -8,10 +8,11 @@ use std::fs;
 use std::io::{self, Read, Write};
 use std::path::Path;
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use anyhow::{Context as _, bail};
 use clap::Subcommand;
+use humantime::format_rfc3339_seconds;
 use sha2::{Digest as _, Sha256};
 use tokio::time::timeout;
 
@@ -19,9 +20,9 @@ use super::EXIT_NO;
 use super::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::engine::time::Span;
-use crate::record::folder;
-use crate::record::retention::{Policy, size, surplus};
+use crate::record::retention::{Policy, judged_ms, size, surplus};
 use crate::record::writer::unix_ms;
+use crate::record::{folder, note};
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::{DemoSecrets, Incidents, Store, StoreError};
 
@@ -96,6 +97,11 @@ enum Command {
         /// The age up to which recordings stay
         #[arg(long, value_name = "TIME", default_value = "30d", value_parser = humantime::parse_duration)]
         keep: Duration,
+        /// Judge the age by the clock of this computer, even if it is far ahead of the newest record
+        ///
+        /// Otherwise a clock that was set years ahead removes nothing. Use it where the vehicle stood for long.
+        #[arg(long)]
+        trust_clock: bool,
     },
 }
 
@@ -114,10 +120,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
             Ok(ExitCode::SUCCESS)
         }),
-        Command::Prune { dry_run, disk, keep } => {
+        Command::Prune { dry_run, disk, keep, trust_clock } => {
             let keep = Span::from_nanos(u64::try_from(keep.as_nanos()).unwrap_or(u64::MAX));
             let policy = Policy { disk: *disk, keep };
-            if *dry_run { dry_run_of(&data, &policy) } else { prune(&data, &policy) }
+            if *dry_run {
+                dry_run_of(&data, &policy, *trust_clock)
+            } else {
+                prune(&data, &policy, *trust_clock)
+            }
         }
     }
 }
@@ -145,10 +155,11 @@ fn with_store(
     }
 }
 
-fn dry_run_of(data: &Path, policy: &Policy) -> anyhow::Result<ExitCode> {
+fn dry_run_of(data: &Path, policy: &Policy, trust_clock: bool) -> anyhow::Result<ExitCode> {
     let incidents = Incidents::open(data)?;
     let held = incidents.held()?;
-    let surplus = surplus(&held, policy, now_ms());
+    let surplus =
+        surplus(&held, policy, judged_at_ms(Clock::start().wall(), incidents.floor()?, trust_clock));
     for it in held.iter().filter(|it| surplus.remove.contains(&it.id)) {
         println!("would remove incident {}, {}", it.id, size(it.bytes));
     }
@@ -156,16 +167,17 @@ fn dry_run_of(data: &Path, policy: &Policy) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn prune(data: &Path, policy: &Policy) -> anyhow::Result<ExitCode> {
+fn prune(data: &Path, policy: &Policy, trust_clock: bool) -> anyhow::Result<ExitCode> {
     let recordings = folder::folder_in(data);
     with_store(data, async |store| {
         let held = store.incidents_held().await?;
-        let surplus = surplus(&held, policy, now_ms());
+        let surplus = surplus(&held, policy, judged_at_ms(Clock::start().wall(), store.floor(), trust_clock));
         let record = Record::of(Action::IncidentRemoved, COMMAND_LINE);
         let forgotten = store.forget_incidents(surplus.remove.clone(), record).await?;
         let mut code = ExitCode::SUCCESS;
         for it in &forgotten {
             let removed = folder::path_of(&recordings, &it.file).map_or(Ok(()), fs::remove_file);
+            let noted = note::write(&recordings, it.id, None);
             match removed {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => {
                     eprintln!(
@@ -176,6 +188,9 @@ fn prune(data: &Path, policy: &Policy) -> anyhow::Result<ExitCode> {
                     code = ExitCode::from(EXIT_NO);
                 }
                 _ => println!("removed incident {}, {}", it.id, size(it.bytes)),
+            }
+            if let Err(error) = noted {
+                eprintln!("telltale: the note about incident {} cannot be removed: {error}", it.id);
             }
         }
         tell_rest(forgotten.len(), held.len(), surplus.bytes, surplus.is_over());
@@ -233,9 +248,25 @@ fn now_ms() -> i64 {
     unix_ms(Clock::start().wall())
 }
 
+/// The time by which ages are judged, by the rule of a server that starts now.
+fn judged_at_ms(wall: SystemTime, floor: SystemTime, trust_clock: bool) -> i64 {
+    let judged_ms = judged_ms(unix_ms(wall), unix_ms(floor), Span::ZERO);
+    if trust_clock || judged_ms == unix_ms(wall) {
+        return unix_ms(wall);
+    }
+    eprintln!(
+        "telltale: the clock says {}, far ahead of the newest record, {}: nothing is removed for its age by it. \
+         Set the clock, or, if it is right, add --trust-clock",
+        format_rfc3339_seconds(wall),
+        format_rfc3339_seconds(floor)
+    );
+    judged_ms
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::record::retention::Held;
 
     #[test]
     fn sizes_are_read_and_written_with_their_units() {
@@ -251,5 +282,24 @@ mod tests {
             [999, 1500, 2_500_000, 10_000_000_000].map(size),
             ["999 B", "1.5 kB", "2.5 MB", "10.0 GB"]
         );
+    }
+
+    #[test]
+    fn a_clock_that_is_years_ahead_removes_nothing_for_its_age() {
+        let day = Duration::from_secs(24 * 3600);
+        let newest = Clock::start().wall();
+        let held = |id, age: Duration| Held {
+            id,
+            since_ms: unix_ms(newest - age),
+            finished: true,
+            ..Held::default()
+        };
+        let all = [held(1, 40 * day), held(2, day)];
+        let removed = |ahead: Duration, trust_clock| {
+            surplus(&all, &Policy::default(), judged_at_ms(newest + ahead, newest, trust_clock)).remove
+        };
+        assert_eq!(removed(Duration::ZERO, false), [1]);
+        assert_eq!(removed(1000 * day, false), [1]);
+        assert_eq!(removed(1000 * day, true), [1, 2]);
     }
 }

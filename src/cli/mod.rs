@@ -3,6 +3,7 @@
 //!
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
+mod api;
 mod audit;
 mod check;
 mod data;
@@ -13,6 +14,7 @@ mod diff;
 pub mod fields;
 mod graph;
 mod history;
+mod import;
 mod incident;
 mod log;
 mod replay;
@@ -51,12 +53,14 @@ enum Command {
     Sim(sim::Args),
     Check(check::Args),
     Diff(diff::Args),
+    Import(import::Args),
     Scenario(scenario::Args),
     User(user::Args),
     History(history::Args),
     Incident(incident::Args),
     Replay(replay::Args),
     Audit(audit::Args),
+    Api(api::Args),
     Data(data::Args),
     Tls(tls::Args),
     Watch(watch::Args),
@@ -78,12 +82,14 @@ pub fn main() -> ExitCode {
         Command::Sim(args) => sim::run(&args),
         Command::Check(args) => check::run(&args),
         Command::Diff(args) => diff::run(&args),
+        Command::Import(args) => import::run(&args),
         Command::Scenario(args) => scenario::run(&args),
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
         Command::Incident(args) => incident::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Audit(args) => audit::run(&args),
+        Command::Api(args) => api::run(&args),
         Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),
         Command::Watch(args) => watch::run(&args),

@@ -9,6 +9,7 @@ pub mod patience;
 pub mod publishing;
 pub mod recording;
 mod resolve;
+pub mod services;
 pub mod soundness;
 
 pub use describe::difference::{Change, Difference, difference};
@@ -21,6 +22,7 @@ use std::sync::Arc;
 
 use self::publishing::Publishing;
 use self::recording::Recording;
+use self::services::Services;
 use self::soundness::Soundness;
 use crate::engine::model::{Model, NodeId};
 use crate::yaml::{FromNode, Log, Node, Problem, Problems, Schema, Sources, Span, Spanned, tree};
@@ -41,6 +43,7 @@ pub struct Loaded {
     pub publishing: Publishing,
     /// `None`: the recording is switched off.
     pub recording: Option<Recording>,
+    pub services: Services,
     /// Folders with definitions of messages, beside the built-in ones.
     pub message_folders: Vec<PathBuf>,
     places: Arc<Places>,

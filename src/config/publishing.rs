@@ -1,19 +1,29 @@
 //! Telltale's publications: their topics and rates.
 
-use crate::engine::model::output::{Output, Publication};
+use crate::engine::model::output::{LogLevel, Output, Publication};
 use crate::engine::time;
 
 /// All publications. `None`: the configuration switches it off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Publishing {
     pub diagnostics_agg: Option<Periodic>,
+    /// The path of the whole tree as diagnostic_aggregator has it; `None`: the tree has Telltale's own form.
+    pub tree_path: Option<Box<str>>,
     pub toplevel_state: Option<Periodic>,
+    pub rosout: Option<Rosout>,
     pub initialpose: Option<Box<str>>,
     pub stage: Option<Box<str>>,
     pub clearance: Option<Box<str>>,
     /// Sent while a deceleration is in force.
     pub deceleration_request: Option<Periodic>,
     pub maneuver_stop_request: Option<Box<str>>,
+}
+
+/// The lines of the log that are published.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rosout {
+    pub topic: Box<str>,
+    pub level: LogLevel,
 }
 
 /// A topic that is published periodically.
@@ -32,8 +42,10 @@ impl Default for Publishing {
             Periodic { topic: topic.into(), period, beside_others: false }
         };
         Publishing {
+            tree_path: None,
             diagnostics_agg: Some(periodic("/diagnostics_agg", 1000)),
             toplevel_state: Some(periodic("/diagnostics_toplevel_state", 1000)),
+            rosout: Some(Rosout { topic: "/rosout".into(), level: LogLevel::Warning }),
             initialpose: Some("/initialpose".into()),
             stage: Some("/telltale/stage".into()),
             clearance: Some("/telltale/clearance".into()),
@@ -63,9 +75,14 @@ impl Publishing {
         let periodic = match publication {
             Publication::DiagnosticsAgg => &self.diagnostics_agg,
             Publication::TopLevelState => &self.toplevel_state,
-            Publication::Vehicle(_) => return true,
+            Publication::Rosout | Publication::Vehicle(_) => return true,
         };
         periodic.as_ref().is_some_and(|it| it.beside_others)
+    }
+
+    /// The least severity of the published lines of the log.
+    pub fn log_level(&self) -> LogLevel {
+        self.rosout.as_ref().map_or(LogLevel::default(), |it| it.level)
     }
 
     /// The topic, and its period if it is periodic. `None`: the configuration switches it off.
@@ -79,6 +96,7 @@ impl Publishing {
         match publication {
             Publication::DiagnosticsAgg => periodic(&self.diagnostics_agg),
             Publication::TopLevelState => periodic(&self.toplevel_state),
+            Publication::Rosout => self.rosout.as_ref().map(|it| (&*it.topic, None)),
             Publication::Vehicle(Output::Pose) => once(&self.initialpose),
             Publication::Vehicle(Output::Stage) => once(&self.stage),
             Publication::Vehicle(Output::Clearance) => once(&self.clearance),

@@ -111,6 +111,20 @@ impl Engine {
         !turned.is_empty()
     }
 
+    /// Counts the members of groups that must have a certain number of them. Returns whether that changed anything.
+    pub(super) fn count_members(&mut self) -> bool {
+        let mut changed = false;
+        for (id, watch) in self.watching.counts().collect::<Vec<_>>() {
+            let group = self.net.modules[id.0 as usize].node.parent;
+            let members = group.map_or(0, |group| self.net.groups[group.0 as usize].members.len());
+            // The counting module is a member itself.
+            if self.watching.set_count(watch, members.saturating_sub(1) as u32) {
+                changed |= self.judge_monitor(watch, false);
+            }
+        }
+        changed
+    }
+
     /// Continues the monitors from before a reload, once their modules exist.
     pub(super) fn resume_monitors(&mut self) {
         for index in 0..self.watching.watches.len() as u32 {
@@ -123,6 +137,7 @@ impl Net {
     /// A module's monitor has a new judgement without a new input. Returns whether the module's own state may
     /// have changed.
     fn revise(&mut self, id: ModuleId, state: State, by_the_clock: bool, now: Timestamp) -> bool {
+        let state = self.counted(id, state);
         let policy = self.policy(id).clone();
         let own = &mut self.modules[id.0 as usize].own;
         let heard = own.received().is_some();

@@ -13,12 +13,13 @@ use super::Engine;
 use super::event::EventKind;
 use super::mask::net::Net;
 use super::mask::node::{GroupNode, ModuleKind, ModuleNode, UNSEEN, new_node};
-use super::model::{Dependency, GroupId, ModuleId, NodeId, Policy};
+use super::model::{Dependency, GroupId, Match, ModuleId, NodeId, Policy};
 use super::module::OwnState;
 use super::module::overflow;
 use super::state::{State, Tally};
 use super::time::Timestamp;
 use super::view::views::Views;
+use super::view::views::members::Told;
 
 /// The indices of modules that left.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -56,7 +57,10 @@ impl Engine {
             .filter_map(|id| self.net.modules[id.0 as usize].node.parent)
             .collect();
         present.extend(left_out);
-        let claim = self.names.claim(&self.model, name, self.net.other_group(), &present);
+        let other = self.net.other_group();
+        // What has a module in a group is not unclaimed: the configuration expects it there.
+        present.extend(known.map(|_| other));
+        let claim = self.names.claim(&self.model, name, other, &present);
         // A dropped name is counted once, not with each of its statuses.
         for &group in claim.dropped_by.iter().filter(|_| known.is_none()) {
             let module = self
@@ -67,6 +71,10 @@ impl Engine {
                 self.overflow.count(group, module, self.model.limits.discovered_modules, claim.too_long);
             self.net.report(module, State::Warning, self.now);
             self.views.set_message(module, message);
+        }
+        if known.is_none() && claim.places.is_empty() && claim.dropped_by.is_empty() {
+            self.names.drop_name(name);
+            return None;
         }
         let mut route = known;
         for place in &claim.places {
@@ -89,8 +97,8 @@ impl Engine {
         let slot = self.departed.named.remove(&name).or_else(|| self.free_slot());
         let id = self.net.discover(place, kind, slot, self.now);
         let number = self.net.modules[id.0 as usize].arrival;
-        let writers = self.net.policy(id).writers.clone();
-        self.views.discover(id, place.group, (name, number), (status, writers), self.now);
+        let told = Told::of(&self.net, id, status);
+        self.views.discover(id, place.group, (name, number), told, self.now);
         id
     }
 
@@ -157,7 +165,7 @@ impl Engine {
         }
         // References to it are restored later: until then no index is free.
         let id = self.net.discover(&NewModule::of(group), ModuleKind::Discovered, None, self.now);
-        self.views.discover(id, group, (name.clone(), 0), (None, None), self.now);
+        self.views.discover(id, group, (name.clone(), 0), Told::default(), self.now);
         self.net.remove(id);
         self.net.left.retain(|&left| left != id);
         self.views.leave(id);
@@ -261,9 +269,17 @@ impl Net {
     /// The policy of a discovered module: that of the entry that claimed it.
     pub(super) fn discovered_policy(&self, id: ModuleId) -> &Policy {
         let module = &self.modules[id.0 as usize];
-        let group = module.node.parent.and_then(|id| self.model.groups.get(id.0 as usize));
-        let entry = group.zip(module.made_by).and_then(|(group, entry)| group.filters.get(entry as usize));
-        entry.and_then(|entry| entry.policy.as_ref()).unwrap_or(&self.model.discovered)
+        let is_unclaimed = module.node.parent == Some(self.other_group());
+        let unclaimed = self.model.unclaimed.policy.as_ref().filter(|_| is_unclaimed);
+        let entry = self.claimed_by(id).and_then(|entry| entry.policy.as_ref());
+        entry.or(unclaimed).unwrap_or(&self.model.discovered)
+    }
+
+    /// The entry that claimed a discovered module.
+    pub(super) fn claimed_by(&self, id: ModuleId) -> Option<&Match> {
+        let module = &self.modules[id.0 as usize];
+        let group = module.node.parent.and_then(|id| self.model.groups.get(id.0 as usize))?;
+        group.filters.get(module.made_by? as usize)
     }
 
     /// Removes a module that was silent for too long, if it is not removed already. Returns whether it is gone.

@@ -272,10 +272,13 @@ impl Engine {
         let mut before = None;
         for (position, status) in array.iter().enumerate() {
             let known = self.names.find_behind(before, status.name());
+            if known.is_none() && self.names.is_dropped(status.name()) {
+                continue;
+            }
             before =
                 known.filter(|&index| !self.names.may_grow(index)).or_else(|| self.discover(status.name()));
             let Some(index) = before else {
-                self.counters.dropped_names += 1;
+                self.counters.dropped_names += u64::from(!self.names.is_dropped(status.name()));
                 continue;
             };
             let route = &mut self.names.routes[index as usize];
@@ -339,7 +342,7 @@ impl Engine {
     fn settle(&mut self) {
         self.say_cut();
         self.follow_changes();
-        while self.turn_monitors() || self.follow_vehicle() {
+        while self.turn_monitors() || self.count_members() || self.follow_vehicle() {
             self.follow_changes();
         }
         if let Some(breach) = self.breach() {

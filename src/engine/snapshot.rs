@@ -208,6 +208,8 @@ pub struct GroupInfo {
     pub tile: Option<(u8, u8)>,
     /// The group of unclaimed statuses.
     pub is_other: bool,
+    pub is_any: bool,
+    pub may_be_empty: bool,
     /// It counts towards the state of the vehicle.
     pub counted: bool,
     /// The group of Telltale's own modules.
@@ -231,6 +233,8 @@ pub struct ModuleInfo {
     pub group: GroupId,
     /// The status of the module, if it has one. Filters may overlap, so other modules may have the same.
     pub status: Option<Arc<str>>,
+    /// The name that people read, where the configuration leaves out the beginning of a status name.
+    pub shown: Option<Arc<str>>,
     /// Full names of the nodes whose reports count; `None`: all.
     pub writers: Option<NodeNames>,
     pub depends_on: Vec<DependsOn>,

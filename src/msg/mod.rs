@@ -7,4 +7,5 @@ pub mod messages;
 pub mod received;
 pub(crate) mod ros_clock;
 pub(crate) mod sample_bytes;
+pub mod services;
 pub(crate) mod subscription;

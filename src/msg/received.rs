@@ -23,6 +23,8 @@ pub struct Message {
     /// When it was received, by this machine's wall clock.
     pub received: SystemTime,
     pub body: RawBody,
+    /// Its writer keeps it for late readers (transient local): it counts until the next one.
+    pub kept: bool,
 }
 
 impl Message {

@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
 use super::incident::warning;
 use super::ring::{ConfigurationText, KEYFRAME_EVERY};
+use crate::clock::Clock;
 use crate::engine::Engine;
 use crate::engine::event::Event;
 use crate::engine::snapshot::Snapshot;
@@ -18,6 +19,13 @@ const TURNS_MAX: usize = 4096;
 
 /// A new state follows a loss after this time: a copy of the engine costs time too.
 const KEYFRAME_AFTER_LOSS: Span = Span::from_secs(1);
+
+/// A copy of the engine is followed by this many times its own duration without one: of all changes of a state, at
+/// most one in so many waits for a copy.
+const KEYFRAME_REST: u64 = 250;
+
+/// However long a copy takes, the next one follows within this time: a recording begins with one.
+const KEYFRAME_EVERY_MAX: Span = Span::from_secs(60);
 
 /// One turn of the engine: what it took, and what came of it.
 #[derive(Debug, Default)]
@@ -40,6 +48,7 @@ pub struct Turn {
 pub struct Feed {
     queue: SyncSender<Turn>,
     turn: Turn,
+    clock: Clock,
     /// The time of the next keyframe.
     keyframe_at: Timestamp,
     recording: Arc<AtomicBool>,
@@ -55,11 +64,11 @@ pub struct Turns {
 
 impl Feed {
     /// A queue, and its other end for the recorder.
-    pub fn new() -> (Feed, Turns) {
+    pub fn new(clock: Clock) -> (Feed, Turns) {
         let (queue, turns) = sync_channel(TURNS_MAX);
         let recording = Arc::new(AtomicBool::new(false));
-        let feed =
-            Feed { queue, turn: Turn::default(), keyframe_at: Timestamp::ZERO, recording: recording.clone() };
+        let (turn, keyframe_at) = (Turn::default(), Timestamp::ZERO);
+        let feed = Feed { queue, turn, clock, keyframe_at, recording: recording.clone() };
         (feed, Turns { queue: turns, recording })
     }
 
@@ -95,8 +104,9 @@ impl Feed {
     pub fn end_turn(&mut self, engine: &Engine) {
         let now = engine.now();
         if now >= self.keyframe_at {
+            let began = self.clock.now();
             self.turn.keyframe = Some(Arc::new(engine.clone()));
-            self.keyframe_at = now + KEYFRAME_EVERY;
+            self.keyframe_at = now + rest(self.clock.now().since(began));
         }
         let turn = std::mem::take(&mut self.turn);
         match self.queue.try_send(turn) {
@@ -110,5 +120,24 @@ impl Feed {
             // The program ends.
             Err(TrySendError::Disconnected(_)) => {}
         }
+    }
+}
+
+/// The time from a copy of the engine that took `cost` to the next one.
+fn rest(cost: Span) -> Span {
+    let rest = Span::from_nanos(cost.as_nanos().saturating_mul(KEYFRAME_REST));
+    rest.clamp(KEYFRAME_EVERY, KEYFRAME_EVERY_MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn copies_that_take_long_are_rare() {
+        for (cost_ms, rest_ms) in [(0, 10_000), (3, 10_000), (40, 10_000), (100, 25_000), (5_000, 60_000)] {
+            assert_eq!(rest(Span::from_millis(cost_ms)), Span::from_millis(rest_ms), "{cost_ms} ms");
+        }
+        assert_eq!(rest(Span::from_nanos(u64::MAX)), KEYFRAME_EVERY_MAX);
     }
 }

@@ -6,6 +6,8 @@ pub mod folder;
 pub mod found;
 pub mod incident;
 pub mod journal;
+mod latched;
+pub mod note;
 pub mod reason;
 pub mod recorder;
 pub mod retention;

@@ -1,20 +1,19 @@
 //! Why a node does not matter now, in the words of the API: for snapshots, streams and replays.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use crate::engine::model::NodeId;
 use crate::engine::snapshot::{NotRelevant, Reason, Snapshot};
 
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+/// Why a node shows `ignore`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Why<'a> {
     /// The nodes that explain it.
-    Masked {
-        by: Vec<&'a str>,
-    },
-    NotRelevant {
-        because: String,
-    },
+    Masked { by: Vec<&'a str> },
+    /// The vehicle is in a stage, or a signal has a value, in which it does not matter.
+    NotRelevant { because: String },
 }
 
 impl<'a> Why<'a> {

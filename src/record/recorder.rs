@@ -9,6 +9,7 @@ use std::time::{Duration, SystemTime};
 
 use super::feed::{Turn, Turns};
 use super::incident::{Change, Margins, Open, Tracker, Trigger, freeze, roots};
+use super::latched::Kept;
 use super::ring::{ConfigurationText, Entry, Held, Position, Ring, Taken};
 use super::summary::FrozenNode;
 use super::transition::Change as Told;
@@ -110,6 +111,8 @@ pub(super) struct Job {
     /// The stage at the first trigger.
     pub stage: Stage,
     pub freeze: Vec<FrozenNode>,
+    /// What latched topics had said last before it begins.
+    pub latched: Vec<Kept>,
 }
 
 /// A handle to a running recorder. Clones lead to the same one.
@@ -298,22 +301,24 @@ impl State {
         let Turn { lost, taken, reload, records, warnings, snapshot, keyframe } = turn;
         let shown = snapshot.as_ref().unwrap_or(&self.snapshot).now;
         let now = taken.iter().map(|stamped| stamped.received).fold(shown, Timestamp::max);
-        let mut push = |at, taken| self.ring.push(Entry { at, taken, message: None });
         if lost > 0 {
-            push(now, Taken::Lost(lost));
+            let at = taken.first().map_or(now, |first| first.received);
+            self.ring.push(Entry { at, taken: Taken::Lost(lost), message: None });
         }
+        let mut records = records.into_iter().peekable();
         for stamped in taken {
+            // What time alone changed before it stands before it.
+            while let Some(record) = records.next_if(|record| record.at < stamped.received) {
+                self.ring.push_record(record);
+            }
             self.ring.push_input(stamped);
         }
         let begins = self.ring.next();
-        let mut push = |at, taken| self.ring.push(Entry { at, taken, message: None });
         if let Some((at, texts)) = reload {
-            push(at, Taken::Reload(texts.clone()));
+            self.ring.push(Entry { at, taken: Taken::Reload(texts.clone()), message: None });
             self.configurations.push_back((begins + 1, texts));
         }
-        for record in records {
-            push(record.at, Taken::Transition(Arc::new(record)));
-        }
+        records.for_each(|record| self.ring.push_record(record));
         if let Some(keyframe) = keyframe {
             self.ring.push_keyframe(keyframe);
         }
@@ -370,6 +375,7 @@ impl State {
             roots: Vec::new(),
             stage: self.snapshot.stage,
             freeze: freeze(&self.snapshot, &open),
+            latched: self.ring.latched_before(begin),
             open,
         });
     }
@@ -393,6 +399,7 @@ impl State {
             roots: Vec::new(),
             stage: self.snapshot.stage,
             freeze: Vec::new(),
+            latched: self.ring.latched_before(begin),
             open: Open { since, until, triggers: Vec::new(), more: 0, storm: false },
         })
     }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::latched::{Kept, Latched};
 use super::transition::Change;
 use crate::engine::Engine;
 use crate::engine::input::Input;
@@ -78,6 +79,8 @@ pub struct Ring {
     topics: BTreeMap<Arc<str>, Topic>,
     /// Messages of topics past the limit.
     unaccounted: u64,
+    /// The last messages of latched topics among those that are gone.
+    latched: Latched,
 }
 
 /// The messages of one topic in the ring.
@@ -137,6 +140,7 @@ impl Ring {
             keyframes: VecDeque::new(),
             topics: BTreeMap::new(),
             unaccounted: 0,
+            latched: Latched::default(),
         }
     }
 
@@ -152,6 +156,12 @@ impl Ring {
             (input, _) => Taken::Input(Arc::new(input)),
         };
         self.push(Entry { at: received, taken, message });
+    }
+
+    /// Takes a change of what is shown.
+    pub fn push_record(&mut self, record: Record) {
+        let at = record.at;
+        self.push(Entry { at, taken: Taken::Transition(Arc::new(record)), message: None });
     }
 
     /// Takes the next entry. The oldest ones make room for it.
@@ -235,6 +245,18 @@ impl Ring {
         (self.entries.iter().skip(skip).take_while(fits).cloned().collect(), gone)
     }
 
+    /// What latched topics had said last before this place, the oldest first.
+    pub fn latched_before(&self, place: Position) -> Vec<Kept> {
+        let mut latched = self.latched.clone();
+        let count = usize::try_from(place.saturating_sub(self.first)).unwrap_or(usize::MAX);
+        for entry in self.entries.iter().take(count) {
+            if let Some(message) = entry.message.as_ref().filter(|message| message.kept) {
+                latched.take(entry.at, message.clone(), self.bytes_max);
+            }
+        }
+        latched.in_order()
+    }
+
     /// What it holds of each topic, by name.
     pub fn meter(&self, now: Timestamp) -> Vec<Held> {
         let held = |(name, topic): (&Arc<str>, &Topic)| Held {
@@ -294,14 +316,20 @@ impl Ring {
     }
 
     fn forget_message(&mut self, place: Position) {
-        if let Some(entry) = self.entry(place) {
-            entry.message = None;
+        let bytes_max = self.bytes_max;
+        let Some(entry) = self.entry(place) else { return };
+        let at = entry.at;
+        if let Some(message) = entry.message.take().filter(|message| message.kept) {
+            self.latched.take(at, message, bytes_max);
         }
     }
 
     fn drop_oldest(&mut self, for_room: bool) {
         let Some(oldest) = self.entries.pop_front() else { return };
         self.bytes -= ENTRY_BYTES;
+        if let Some(message) = oldest.message.as_ref().filter(|message| message.kept) {
+            self.latched.take(oldest.at, message.clone(), self.bytes_max);
+        }
         if let Some(topic) = oldest.message.and_then(|message| self.topics.get_mut(&message.topic))
             && topic.held.front().is_some_and(|&(place, _, _)| place == self.first)
             && let Some((_, received, bytes)) = topic.held.pop_front()
@@ -334,6 +362,7 @@ mod tests {
             source: None,
             received: std::time::SystemTime::UNIX_EPOCH,
             body: Ok((vec![0; bytes].into(), Endian::Little)),
+            kept: false,
         })
     }
 

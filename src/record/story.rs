@@ -8,6 +8,7 @@ mod strips;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::file::{Entry, FileError, JOURNAL, Reader, TRANSITIONS};
@@ -35,7 +36,7 @@ const GIVEN_TIME_MS: i64 = 3000;
 const NAMED_MAX: usize = 12;
 
 /// Everything that a file tells. Times are milliseconds since 1970.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Story {
     /// The first and the last instant that is shown.
     pub from_ms: i64,
@@ -66,14 +67,14 @@ pub struct Story {
 }
 
 /// One thing that happened.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Moment {
     pub at_ms: i64,
     #[serde(flatten)]
     pub what: Happened,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum Happened {
     /// A module shows a fault that nothing explains, or no longer explains.
@@ -142,7 +143,7 @@ pub enum Happened {
 }
 
 /// The messages of one topic in the file.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct ToldTopic {
     pub topic: String,
     pub type_name: String,

@@ -59,12 +59,14 @@ impl Default for Flows {
 }
 
 impl Flows {
-    /// A message that was received at this time, in nanoseconds since 1970.
-    pub fn count(&mut self, channel: &Channel, at_ns: u64, bytes: usize) {
+    /// A message that was received at this time, in nanoseconds since 1970; `within`: not before the recording began.
+    pub fn count(&mut self, channel: &Channel, at_ns: u64, bytes: usize, within: bool) {
         if at_ns == 0 || self.topics.len() >= TOPICS_MAX && !self.topics.contains_key(&channel.topic) {
             return;
         }
-        self.first_ns = self.first_ns.min(at_ns);
+        if within {
+            self.first_ns = self.first_ns.min(at_ns);
+        }
         let flow = self
             .topics
             .entry(channel.topic.clone())
@@ -141,13 +143,13 @@ mod tests {
     fn a_topic_is_as_fast_as_in_the_last_seconds_and_as_old_as_its_last_message() {
         let mut flows = Flows::default();
         for tick in 0..200 {
-            flows.count(&channel("/fast"), 1000 * S + tick * S / 10, 100);
+            flows.count(&channel("/fast"), 1000 * S + tick * S / 10, 100, true);
             if tick < 100 {
-                flows.count(&channel("/ends"), 1000 * S + tick * S / 10, 10);
+                flows.count(&channel("/ends"), 1000 * S + tick * S / 10, 10, true);
             }
         }
-        flows.count(&channel("/late"), 1015 * S, 1);
-        flows.count(&channel("/timeless"), 0, 1);
+        flows.count(&channel("/late"), 1015 * S, 1, true);
+        flows.count(&channel("/timeless"), 0, 1, true);
         let at = |second| flows.at(second * S);
         let of = |second, topic: &str| at(second).into_iter().find(|it| *it.topic == *topic).unwrap();
         assert_eq!(at(1010).len(), 3);
@@ -166,13 +168,13 @@ mod tests {
     fn a_long_recording_takes_bounded_memory() {
         let mut flows = Flows::default();
         for tick in 0..2 * BUCKETS_MAX as u64 {
-            flows.count(&channel("/always"), 1000 * S + tick * S / 10, 1);
+            flows.count(&channel("/always"), 1000 * S + tick * S / 10, 1, true);
         }
         assert!(flows.buckets <= BUCKETS_MAX && flows.topics["/always"].buckets.len() == flows.buckets);
         let end = flows.at(u64::MAX).remove(0);
         assert_eq!(end.messages, 2 * BUCKETS_MAX as u64);
         for number in 0..2 * TOPICS_MAX {
-            flows.count(&channel(&format!("/{number}")), S, 1);
+            flows.count(&channel(&format!("/{number}")), S, 1, true);
         }
         assert_eq!(flows.topics.len(), TOPICS_MAX);
     }

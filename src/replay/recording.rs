@@ -33,6 +33,8 @@ pub enum ReplayError {
     Empty,
     #[error("it was stopped")]
     Stopped,
+    #[error("the edited configuration is wrong: {0}")]
+    Edited(String),
 }
 
 /// A recording, and what it says of itself.

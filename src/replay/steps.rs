@@ -115,6 +115,8 @@ pub(super) struct Steps {
     pub notes: Notes,
     /// Counts the messages while it is there.
     pub flows: Option<Flows>,
+    /// What latched topics had said before is over.
+    has_begun: bool,
 }
 
 impl Steps {
@@ -130,6 +132,7 @@ impl Steps {
             ticked: Timestamp::ZERO,
             notes: Notes::default(),
             flows: None,
+            has_begun: false,
         }
     }
 
@@ -177,8 +180,10 @@ impl Steps {
             let entry = self.reader.next_entry()?;
             if let (Some(flows), Entry::Message { channel, stamps, body }) = (&mut self.flows, &entry) {
                 let at_ns = if stamps.log_time_ns == 0 { stamps.publish_time_ns } else { stamps.log_time_ns };
-                flows.count(channel, at_ns, body.as_ref().map_or(0, |(bytes, _)| bytes.len()));
+                let bytes = body.as_ref().map_or(0, |(bytes, _)| bytes.len());
+                flows.count(channel, at_ns, bytes, self.has_begun || !self.facts.has_journal);
             }
+            self.has_begun |= matches!(&entry, Entry::Json { .. });
             match entry {
                 Entry::Message { channel, stamps, body } => match &mut self.bridge {
                     // With a journal, its line knows who wrote it and when it was taken.

@@ -11,7 +11,9 @@ mod options;
 mod outbox;
 mod probe;
 pub mod publish;
+mod rate;
 mod reading;
+pub mod services;
 mod session;
 
 use std::sync::Arc;

@@ -48,6 +48,7 @@ async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {
         depends_on: Vec::new(),
         filters: Vec::new(),
         tile: None,
+        may_be_empty: false,
     });
     for (status, stale) in [("imu", State::Unknown), ("gnss", State::Error)] {
         parts.modules.push(ModuleSpec {
@@ -59,6 +60,7 @@ async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {
             when: None,
             depends_on: Vec::new(),
             monitor: ModuleMonitor::SelfState(status.into()),
+            expected: None,
         });
     }
     let model = Arc::new(Model::new(parts).unwrap());
@@ -91,4 +93,66 @@ async fn snapshots_pulse_while_nothing_happens() {
     let first = link.snapshots.borrow_and_update().at;
     link.snapshots.changed().await.unwrap();
     assert!(link.snapshots.borrow().at > first);
+}
+
+/// Threads stamp what they receive before it waits for the engine.
+#[tokio::test]
+async fn a_recording_has_the_times_of_the_engine_in_order() {
+    use crate::msg::fields::Definitions;
+    use crate::record::file::{Entry, JOURNAL, Reader};
+    use crate::record::journal::Line;
+    use crate::record::recorder::{Recorder, Settings};
+    use crate::record::writer::{Place, write_recent};
+
+    let folder = std::env::temp_dir().join(format!("telltale-runtime-order-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let (clock, hand) = Clock::standing();
+    hand.advance(Span::from_secs(1));
+    let (feed, turns) = Feed::new(clock);
+    let mut link = start_followed(empty_model(), clock, Followers { records: None, feed: Some(feed) });
+    let settings = Settings {
+        margins: crate::record::incident::Margins::default(),
+        memory: 10_000_000,
+        longest_memory: Span::ZERO,
+        configuration: [].into(),
+    };
+    let first = link.snapshots.borrow().snapshot.clone();
+    let recorder = Recorder::start(turns, first, settings, 1, clock).unwrap();
+    // Module reports of different times, some of them earlier than what the engine took before.
+    for (name, at_ms) in [("a", 1_500), ("b", 1_400), ("c", 2_000), ("d", 900), ("e", 2_001), ("last", 1_999)]
+    {
+        let mut array = StatusArray::default();
+        array.push_status(2, name, "", "");
+        let stamped = Stamped::new(Input::Diagnostics(array), Timestamp::from_millis(at_ms));
+        link.inputs.send(stamped).await.unwrap();
+    }
+    link.snapshots.wait_for(|it| it.snapshot.node("other/last").is_some()).await.unwrap();
+    drop(link);
+    let place = Place {
+        folder: folder.clone(),
+        definitions: Definitions::new(Vec::new()),
+        about: Default::default(),
+    };
+    let (mut times, mut taken) = (Vec::new(), Vec::new());
+    // The recorder's thread may be behind.
+    while taken.len() < 6 {
+        (times, taken) = (Vec::new(), Vec::new());
+        let Some(path) = write_recent(&recorder, &place, &folder).unwrap() else { continue };
+        let mut reader = Reader::open(&path).unwrap();
+        while let Some(Entry::Message { stamps, .. } | Entry::Json { stamps, .. }) = reader.next_entry() {
+            times.push(stamps.log_time_ns);
+        }
+        let mut reader = Reader::open(&path).unwrap();
+        while let Some(entry) = reader.next_entry() {
+            if let Entry::Json { channel, text, .. } = entry
+                && *channel.topic == *JOURNAL.topic
+            {
+                taken.push(serde_json::from_slice::<Line>(&text).unwrap().at_ns.as_nanos() / 1_000_000);
+            }
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+    std::fs::remove_dir_all(folder).unwrap();
+    assert!(times.is_sorted(), "{times:?}");
+    assert_eq!(taken[..6], [1_500, 1_500, 2_000, 2_000, 2_001, 2_001]);
 }

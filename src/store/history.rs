@@ -5,6 +5,7 @@
 //! [`ROWS_MAX`] records the oldest go, but the last of each node stays, so that the state of every node is
 //! known for every kept moment.
 
+mod lines;
 mod read;
 mod reader;
 mod write;
@@ -17,6 +18,7 @@ use std::time::{Duration, SystemTime};
 use rusqlite::{Connection, OpenFlags};
 
 pub use crate::engine::view::record::Stretch;
+pub use lines::{HistoryLine, LineKind, LineQuery};
 pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
 use reader::Reader;
 
@@ -157,6 +159,14 @@ impl History {
     /// An error of the database, or that it took too long.
     pub async fn past(&self, query: HistoryQuery) -> Result<Past, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| read::past(connection, &query)).await
+    }
+
+    /// Records one by one, in the order in which they were written.
+    ///
+    /// # Errors
+    /// An error of the database, or that it took too long.
+    pub async fn lines(&self, query: LineQuery) -> Result<Vec<HistoryLine>, StoreError> {
+        self.reader.read(READ_WITHIN, move |connection| lines::lines(connection, &query)).await
     }
 
     fn lock(&self) -> MutexGuard<'_, Connection> {

@@ -33,7 +33,10 @@ pub use database::schema::FILE_NAME;
 pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
-pub use history::{HISTORY_FILE, History, HistoryQuery, NodePast, Past, PastEvent, Period, Stretch, past_in};
+pub use history::{
+    HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, NodePast, Past, PastEvent, Period,
+    Stretch, past_in,
+};
 pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Note, OnDisk,
 };

@@ -1,19 +1,23 @@
 //! The HTTP server: pages, sessions, the WebSocket and the wire.
 
 mod admission;
+mod api;
 pub mod assets;
 mod auth;
 mod demo;
 pub mod developer;
 mod engine_link;
+mod exports;
 mod http;
 pub mod incidents;
 pub mod live;
+mod operations;
 mod operator;
 mod pages;
 mod replays;
 mod router;
 mod serve;
+pub mod services;
 mod source;
 mod vehicle_memory;
 pub mod view;
@@ -55,7 +59,8 @@ pub use http::guard::{Access, cookie_name};
 pub use http::origins::{NoOrigin, Origins};
 use incidents::WhatIfs;
 pub use incidents::{Examiner, Marker, RecordingState};
-pub use router::{BODY_BYTES_MAX, Route, router, routes};
+pub use live::frame::{snapshot_schema, stream_schema};
+pub use router::{BODY_BYTES_MAX, Route, openapi, router, routes};
 pub use serve::accept::serve;
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
 pub use source::{Live, Player, Replay, Source};

@@ -106,6 +106,7 @@ def test_a_recording_has_every_message_of_foreign_publishers(recorded, tmp_path)
     read = subprocess.run([sys.executable, ROOT / "tests/record/readers.py", file], capture_output=True, text=True, timeout=120)
     assert read.returncode == 0, read.stderr
     read = json.loads(read.stdout)
+    assert sorted(read["schema"]) == ["/telltale/journal", "/telltale/keyframe", "/telltale/transitions"]
     of = lambda messages, topic: [it for it in messages if it[0] == topic]
     for topic, written in stamps.items():
         raw = of(read["mcap"]["messages"], topic)

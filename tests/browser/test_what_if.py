@@ -62,12 +62,38 @@ def test_a_dependency_that_is_removed_shows_the_alarms_that_it_hid(server, vehic
     row.locator(".first a").click()
     page.wait_for_url(re.compile(rf"/replay/{number}\?at=\d+$"))
     expect(page.locator("body")).to_have_attribute("data-live", "replay")
+    # A second into it.
+    page.goto(f"{server.url}/replay/{number}?at={int(page.url.rpartition('=')[2]) + 1000}")
+    screen = page.frame_locator("iframe")
+    recorded_tile = screen.locator("#tile-localization")
+    expect(recorded_tile).to_have_attribute("data-reason", "masked")
+    expect(page.locator("[data-edited]")).to_have_count(0)
+
+    # The same moment by the edited configuration, which every screen says.
+    page.locator("#other").click()
+    page.wait_for_url(re.compile(rf"/replay/{number}-what-if\?at=\d+$"))
+    expect(page.locator("body")).to_have_attribute("data-edited", "Edited configuration")
+    expect(page.locator("#edited")).to_be_visible()
+    expect(screen.locator("body")).to_have_attribute("data-edited", "Edited configuration")
+    expect(screen.locator("body")).to_have_attribute("data-live", "replay")
+    # It no longer waits for the sensors, and is well by itself.
+    expect(screen.locator("#tile-localization")).not_to_have_attribute("data-reason", "masked")
+    expect(screen.locator("#tile-localization")).to_have_attribute("data-state", "ok")
+    assert violations(page) == ""
+    if SHOTS:
+        shoot(page, server, "replay")
+    page.get_by_role("link", name="Graph").click()
+    expect(screen.locator("body.page-developer")).to_have_attribute("data-edited", "Edited configuration")
+    page.locator("#other").click()
+    page.wait_for_url(re.compile(rf"/replay/{number}\?at=\d+$"))
 
     # A mistake leads to its line.
     visit(page, server, f"/incidents/{number}/what-if")
     text.fill(recorded.replace("timeout: 2s", "timeout: soon", 1))
     page.locator("button[name=run]").click()
     expect(page.locator("#phase")).to_have_attribute("data-progress", "wrong")
+    # Nothing is shown by a wrong configuration. The page's console would tell of the refusal.
+    assert page.context.request.get(f"{server.url}/replay/{number}-what-if").status == 404
     if SHOTS:
         shoot(page, server, "wrong")
     page.locator("#problems button").first.click()

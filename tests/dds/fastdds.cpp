@@ -72,6 +72,13 @@ public:
     bool getKey(void*, InstanceHandle_t*, bool) override { return false; }
 };
 
+struct Received {
+    uint32_t number = 0;
+    Bytes bytes;
+    // The sample to which it replies.
+    SampleIdentity related;
+};
+
 struct Participant {
     DomainParticipant* dds = nullptr;
     Publisher* publisher = nullptr;
@@ -79,8 +86,8 @@ struct Participant {
     std::vector<std::unique_ptr<DataReaderListener>> listeners;
     std::mutex lock;
     std::condition_variable news;
-    std::deque<std::pair<uint32_t, Bytes>> received;
-    Bytes taken;
+    std::deque<Received> received;
+    Received taken;
 };
 
 // Takes what a reader has into the one queue.
@@ -94,7 +101,7 @@ public:
         while (reader->take_next_sample(&bytes, &info) == ReturnCode_t::RETCODE_OK) {
             if (info.valid_data) {
                 std::lock_guard<std::mutex> guard(owner_->lock);
-                owner_->received.emplace_back(number_, std::move(bytes));
+                owner_->received.push_back({number_, std::move(bytes), info.related_sample_identity});
                 owner_->news.notify_one();
             }
         }
@@ -104,6 +111,11 @@ private:
     Participant* owner_;
     uint32_t number_;
 };
+
+void put(const GUID_t& id, uint8_t* bytes) {
+    std::memcpy(bytes, id.guidPrefix.value, 12);
+    std::memcpy(bytes + 12, id.entityId.value, 4);
+}
 
 template <class Qos>
 void set(Qos& qos, bool reliable, bool transient_local, int32_t depth) {
@@ -162,9 +174,7 @@ Participant* fast_open(uint32_t domain, int32_t lease_ms) {
 
 // 16 bytes.
 void fast_guid(Participant* participant, uint8_t* guid) {
-    const auto& id = participant->dds->guid();
-    std::memcpy(guid, id.guidPrefix.value, 12);
-    std::memcpy(guid + 12, id.entityId.value, 4);
+    put(participant->dds->guid(), guid);
 }
 
 DataWriter* fast_writer(Participant* participant, const char* topic, const char* type, bool reliable,
@@ -187,6 +197,12 @@ int32_t fast_matched(DataWriter* writer) {
     return status.current_count;
 }
 
+int32_t fast_writers(DataReader* reader) {
+    SubscriptionMatchedStatus status;
+    reader->get_subscription_matched_status(status);
+    return status.current_count;
+}
+
 int32_t fast_complaints(DataWriter* writer) {
     OfferedIncompatibleQosStatus status;
     writer->get_offered_incompatible_qos_status(status);
@@ -198,14 +214,14 @@ bool fast_acknowledged(DataWriter* writer, int32_t seconds) {
 }
 
 // What it receives is queued under this number.
-bool fast_reader(Participant* participant, uint32_t number, const char* topic, const char* type,
+DataReader* fast_reader(Participant* participant, uint32_t number, const char* topic, const char* type,
                  bool reliable, bool transient_local, int32_t depth) {
     DataReaderQos qos = DATAREADER_QOS_DEFAULT;
     set(qos, reliable, transient_local, depth);
     Topic* made = make_topic(participant, topic, type);
     participant->listeners.push_back(std::make_unique<QueueListener>(participant, number));
-    return made != nullptr && participant->subscriber->create_datareader(
-                                  made, qos, participant->listeners.back().get()) != nullptr;
+    return made == nullptr ? nullptr : participant->subscriber->create_datareader(
+                                           made, qos, participant->listeners.back().get());
 }
 
 // Waits for a sample; its bytes stay until the next call.
@@ -215,11 +231,32 @@ const uint8_t* fast_take(Participant* participant, int32_t wait_ms, uint32_t* nu
     if (!participant->news.wait_for(guard, std::chrono::milliseconds(wait_ms), there)) {
         return nullptr;
     }
-    *number = participant->received.front().first;
-    participant->taken = std::move(participant->received.front().second);
+    participant->taken = std::move(participant->received.front());
     participant->received.pop_front();
-    *size = participant->taken.size();
-    return participant->taken.data();
+    *number = participant->taken.number;
+    *size = participant->taken.bytes.size();
+    return participant->taken.bytes.data();
+}
+
+// 16 bytes of the writer or reader to which the taken sample replies, and its number there.
+int64_t fast_related(Participant* participant, uint8_t* guid) {
+    put(participant->taken.related.writer_guid(), guid);
+    return participant->taken.related.sequence_number().to64long();
+}
+
+// Writes a request as rmw_fastrtps does. With `reader` it names its own reader of replies, as newer versions
+// do; `guid` gets the 16 bytes by which it knows the reply. Returns its number, 0 if it fails.
+int64_t fast_request(DataWriter* writer, DataReader* reader, const uint8_t* data, size_t size, uint8_t* guid) {
+    Bytes bytes(data, data + size);
+    WriteParams params;
+    if (reader != nullptr) {
+        params.related_sample_identity().writer_guid() = reader->guid();
+    }
+    if (!writer->write(&bytes, params)) {
+        return 0;
+    }
+    put(reader != nullptr ? reader->guid() : writer->guid(), guid);
+    return params.sample_identity().sequence_number().to64long();
 }
 
 // Says goodbye.

@@ -12,10 +12,13 @@ FUNCTIONS = {
     "fast_writer": (POINTER, POINTER, TEXT, TEXT, FLAG, FLAG, NUMBER),
     "fast_write": (FLAG, POINTER, TEXT, ctypes.c_size_t, ctypes.c_int64),
     "fast_matched": (NUMBER, POINTER),
+    "fast_writers": (NUMBER, POINTER),
     "fast_complaints": (NUMBER, POINTER),
     "fast_acknowledged": (FLAG, POINTER, NUMBER),
-    "fast_reader": (FLAG, POINTER, ctypes.c_uint32, TEXT, TEXT, FLAG, FLAG, NUMBER),
+    "fast_reader": (POINTER, POINTER, ctypes.c_uint32, TEXT, TEXT, FLAG, FLAG, NUMBER),
     "fast_take": (POINTER, POINTER, NUMBER, POINTER, POINTER),
+    "fast_related": (ctypes.c_int64, POINTER, POINTER),
+    "fast_request": (ctypes.c_int64, POINTER, POINTER, TEXT, ctypes.c_size_t, POINTER),
     "fast_close": (None, POINTER),
 }
 
@@ -61,8 +64,42 @@ class Participant:
             if taken:
                 yield index.value, ctypes.string_at(taken, size.value), time.monotonic_ns()
 
+    def client(self, requests, replies, newer):
+        return Client(self, requests, replies, newer)
+
     def close(self):
         self.lib.fast_close(self.dds)
+
+
+class Client:
+    """A client of a service, as rmw_fastrtps makes it: the protocol says which reply is whose. Newer versions
+    name their reader of replies in each request."""
+
+    def __init__(self, participant, requests, replies, newer):
+        self.lib, self.dds = participant.lib, participant.dds
+        name, type_name = replies
+        made = self.lib.fast_reader(self.dds, 0, name.encode(), type_name.encode(), *participant.qos)
+        self.reader, self.newer = there(made, f"no reader of {name}"), newer
+        self.writer = participant.writer(*requests)
+        self.own = ctypes.create_string_buffer(16)
+
+    def matched(self):
+        """How many servers are there, for its requests and their replies."""
+        return min(self.writer.matched(), self.lib.fast_writers(self.reader))
+
+    def request(self, data, sequence):
+        """Returns the number of the request; the library chooses it."""
+        return there(self.lib.fast_request(self.writer.dds, self.reader if self.newer else None, data, len(data), self.own), "no request is written")
+
+    def replies(self):
+        """Replies for ever: whether each is ours, the number of its request, and its bytes."""
+        index, size, related = ctypes.c_uint32(), ctypes.c_size_t(), ctypes.create_string_buffer(16)
+        while True:
+            taken = self.lib.fast_take(self.dds, 1000, ctypes.byref(index), ctypes.byref(size))
+            if taken:
+                data = ctypes.string_at(taken, size.value)
+                sequence = self.lib.fast_related(self.dds, related)
+                yield related.raw == self.own.raw, sequence, data
 
 
 class Writer:

@@ -28,7 +28,9 @@ acknowledged and prints {"done": true}.
 import argparse
 import importlib
 import json
+import os
 import sys
+import threading
 import time
 
 import wire
@@ -41,11 +43,17 @@ TYPES = {
     "TwistStamped": wire.TWIST_STAMPED,
     "AccelStamped": wire.ACCEL_STAMPED,
     "PoseWithCovarianceStamped": wire.POSE_WITH_COVARIANCE_STAMPED,
+    "Log": wire.LOG,
     "ParticipantEntitiesInfo": wire.PARTICIPANT_ENTITIES_INFO,
 }
 
+SPEAKING = threading.Lock()
+
+
 def say(**words):
-    print(json.dumps(words), flush=True)
+    """A line at once: several threads may speak."""
+    with SPEAKING:
+        print(json.dumps(words), flush=True)
 
 
 def write(writer, data, age_s=0):
@@ -144,6 +152,40 @@ def serve(participant, options):
     say(done=True)
 
 
+def client(participant, options):
+    """Calls a service with what the JSON lines on standard input say:
+        {"text": "a"}     a request with one string   {}   an empty one   {"raw": "0001..."}   these very bytes
+        {"wait_matched": 1}   until requests and replies have so many servers, as a client of ROS waits for a service
+    With Cyclone, "sequence" is the number of the request, the next one by default: the same number again is the
+    same request. "times" sends it so often. It prints {"asked": number} of the last, and for each reply {"reply":
+    {...}, "sequence": number, "mine": whether it replies to a request of this client}."""
+    type_name = f"{options.type}_{{}}_"
+    requests = (f"rq{options.service}Request", type_name.format("Request"))
+    replies = (f"rr{options.service}Reply", type_name.format("Response"))
+    asking = participant.client(requests, replies, not options.older)
+
+    def print_replies():
+        for mine, sequence, data in asking.replies():
+            say(reply=wire.read_service_reply(data), sequence=sequence, mine=mine)
+
+    threading.Thread(target=print_replies, daemon=True).start()
+    say(ready=True)
+    number = 0
+    for line in sys.stdin:
+        command = json.loads(line)
+        if "wait_matched" in command:
+            say(matched=wait_matched(asking, command["wait_matched"], command.get("timeout", 20)))
+            continue
+        for _ in range(command.get("times", 1)):
+            number = command.get("sequence", number + 1)
+            asked = asking.request(wire.service_request(command), number)
+        say(asked=asked)
+    say(done=True)
+    # The thread above reads on, so the participant is not taken from under it.
+    sys.stdout.flush()
+    os._exit(0)
+
+
 def load(participant, options):
     """Sends arrays of `--statuses` at `--rate` a second. Only the first status differs: its values
     `sequence` and `sent_ns` (CLOCK_MONOTONIC) are patched into the ready-made bytes, with `--say` its
@@ -233,6 +275,11 @@ def main():
     one.add_argument("--service", required=True, help="with its namespace: /map/get")
     one.add_argument("--type", default="std_srvs::srv::dds_::Trigger")
     one.set_defaults(run=serve)
+    one = commands.add_parser("client")
+    one.add_argument("--service", required=True, help="with its namespace: /telltale/reload")
+    one.add_argument("--type", default="std_srvs::srv::dds_::Trigger")
+    one.add_argument("--older", action="store_true", help="as Fast DDS of before Foxy: it does not name its reader of replies")
+    one.set_defaults(run=client)
     one = commands.add_parser("load")
     one.add_argument("--statuses", type=int, default=1000)
     one.add_argument("--rate", type=float, default=100.0)

@@ -14,6 +14,7 @@ STATUS = "diagnostic_msgs::msg::dds_::DiagnosticStatus_"
 TWIST_STAMPED = "geometry_msgs::msg::dds_::TwistStamped_"
 ACCEL_STAMPED = "geometry_msgs::msg::dds_::AccelStamped_"
 POSE_WITH_COVARIANCE_STAMPED = "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_"
+LOG = "rcl_interfaces::msg::dds_::Log_"
 PARTICIPANT_ENTITIES_INFO = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 
 
@@ -193,7 +194,34 @@ def read_participant_entities_info(data):
     return {"undecodable": data.hex()}
 
 
+def service_request(command):
+    """Of std_srvs/srv/Trigger, or of diagnostic_msgs/srv/AddDiagnostics with its text. Cyclone puts its 16 bytes
+    behind the encapsulation."""
+    if "raw" in command:
+        return bytes.fromhex(command["raw"])
+    out = Writer()
+    if "text" in command:
+        out.string(command["text"])
+    else:
+        # An empty structure has one byte.
+        out.u8(0)
+    return bytes(out.out)
+
+
+def read_service_reply(data):
+    source = Reader(data)
+    return {"success": bool(source.u8()), "message": source.string()}
+
+
+def read_log(data):
+    source = Reader(data)
+    stamp = [source.u32(), source.u32()]
+    found = {"stamp": stamp, "level": source.u8(), "name": source.string(), "msg": source.string()}
+    return found | {"file": source.string(), "function": source.string(), "line": source.u32()}
+
+
 READ = {
+    LOG: read_log,
     DIAGNOSTIC_ARRAY: read_diagnostic_array,
     BOOL: read_boolean,
     STRING: read_text,

@@ -20,6 +20,7 @@ macro_rules! with_each_peer {
 
 mod alarms_that_are_over;
 mod answer_sizes;
+mod book;
 mod commands;
 mod countermeasures;
 mod damaged_recordings;
@@ -34,6 +35,7 @@ mod goals;
 mod graph;
 mod held_requests;
 mod hostile;
+mod imports;
 mod incidents;
 mod learned_types;
 mod memory;
@@ -46,6 +48,9 @@ mod properties;
 mod publishers;
 mod recorded_messages;
 mod recording_files;
+mod recording_schemas;
+mod ros_services;
+mod schemas;
 mod signals;
 mod source_messages;
 mod start_errors;

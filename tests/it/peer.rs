@@ -26,9 +26,13 @@ impl Limit {
         Limit { clock, end }
     }
 
+    pub fn is_over(&self) -> bool {
+        self.clock.now() >= self.end
+    }
+
     /// True, or the test has failed.
     pub fn holds(&self) -> bool {
-        assert!(self.clock.now() < self.end, "what the test waits for does not come");
+        assert!(!self.is_over(), "what the test waits for does not come");
         true
     }
 }
@@ -185,7 +189,12 @@ impl Peer {
 
     /// The next line; `None` if none comes.
     pub fn next(&mut self) -> Option<Value> {
-        self.lines.recv_timeout(PATIENCE).ok()
+        self.next_within(PATIENCE)
+    }
+
+    /// The same, for a line that may not come.
+    pub fn next_within(&mut self, limit: Duration) -> Option<Value> {
+        self.lines.recv_timeout(limit).ok()
     }
 
     /// The lines that are there already.

@@ -150,7 +150,7 @@ fn a_recording_is_read_by_the_programs_of_others() {
         }
         file.end_chunk().expect("the disk has room");
     }
-    let document = json!({ "node": "loc", "shown": "error" });
+    let document = json!({ "at_ms": 7, "kind": "shown", "node": "loc", "shown": "error", "own": "error" });
     file.json(&TRANSITIONS, time, &document).expect("the disk has room");
     file.attach("configuration.yaml", "application/yaml", time, b"groups: []\n").expect("the disk has room");
     file.finish().expect("the disk has room");

@@ -11,6 +11,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("engine", &[]),
     ("yaml", &[]),
     ("config", &["engine", "clock", "yaml"]),
+    ("import", &["engine", "yaml", "config"]),
     ("clock", &["engine"]),
     ("record", &["engine", "clock", "msg"]),
     ("latency", &["engine"]),

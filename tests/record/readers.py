@@ -1,11 +1,13 @@
 """Prints what foreign programs read in a recording: one JSON object. Usage: readers.py FILE"""
 
+import collections
 import dataclasses
 import hashlib
 import json
 import sys
 from pathlib import Path
 
+import fastjsonschema
 from mcap.reader import make_reader
 from mcap.records import Attachment, Footer
 from mcap.stream_reader import StreamReader
@@ -81,5 +83,24 @@ def by_rosbags(path):
         return {"count": reader.message_count, "messages": found}
 
 
+def by_schema(path):
+    """The number of JSON documents of each channel. Each follows the schema in the channel's metadata."""
+    counts, validators = collections.Counter(), {}
+    with open(path, "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in reader.iter_decoded_messages(log_time_order=False):
+            if channel.metadata.get("message_format") != "json":
+                continue
+            if channel.topic not in validators:
+                schema = json.loads(channel.metadata["json_schema"])
+                validators[channel.topic] = fastjsonschema.compile(schema)
+            try:
+                validators[channel.topic](json.loads(message.data))
+            except fastjsonschema.JsonSchemaException as error:
+                raise AssertionError(f"{channel.topic}: {error}: {message.data[:500]}") from error
+            counts[channel.topic] += 1
+    return counts
+
+
 path = sys.argv[1]
-json.dump({"mcap": by_mcap(path), "mcap_ros2": by_mcap_ros2(path), "rosbags": by_rosbags(path)}, sys.stdout)
+json.dump({"schema": by_schema(path), "mcap": by_mcap(path), "mcap_ros2": by_mcap_ros2(path), "rosbags": by_rosbags(path)}, sys.stdout)

@@ -10,7 +10,7 @@ use crate::record::file::{FileError, repair};
 use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
-use crate::record::{folder, found};
+use crate::record::{folder, found, note};
 use crate::store::Store;
 
 /// In the audit log, in place of the hash of a recording that has none.
@@ -102,9 +102,23 @@ pub async fn take_in(store: &Store, folder: &Path, files: Vec<u64>) {
         let summary = task::spawn_blocking(move || unknown_summary(id, &path, recorded)).await;
         let Ok(Some(summary)) = summary else { continue };
         match store.incident_found(&summary).await {
-            Ok(()) => tracing::warn!("the recording of incident {id} was not in the database, and is again"),
+            Ok(()) => {
+                tracing::warn!("the recording of incident {id} was not in the database, and is again");
+                take_note(store, folder, id).await;
+            }
             Err(error) => return tracing::error!(%error, "recordings without an incident are not taken in"),
         }
+    }
+}
+
+/// Takes over the note beside a recording.
+async fn take_note(store: &Store, folder: &Path, id: u64) {
+    let folder = folder.to_owned();
+    let note = task::spawn_blocking(move || note::read(&folder, id)).await;
+    if let Ok(Some(note)) = note
+        && let Err(error) = store.incident_note_found(id, note).await
+    {
+        tracing::error!(%error, "the note about incident {id} is not taken in");
     }
 }
 
@@ -217,6 +231,8 @@ mod tests {
     async fn a_recording_that_the_store_lost_is_listed_counted_and_removed_again() {
         let place = Place::new("left-over-lost");
         place.record(3, true);
+        let note = note::Note { text: "brake squeals".into(), by: "dora".into(), at_ms: 5 };
+        note::write(&place.folder, 3, Some(&note)).unwrap();
         place.record(5, false);
         std::fs::write(place.path(6), "no recording").unwrap();
         std::fs::create_dir(place.path(7)).unwrap();
@@ -226,6 +242,7 @@ mod tests {
         let all = store.incidents(IncidentFilter::default()).await.unwrap();
         let ids: Vec<u64> = all.iter().map(|it| it.summary.id).collect();
         assert_eq!(ids, [5, 3]);
+        assert_eq!((&all[0].note, &all[1].note), (&None, &Some(note.clone())));
         let Summary { since_ms, roots, vehicle, recording, .. } = &all[0].summary;
         assert_eq!((*since_ms, &**vehicle), (1_790_000_000_005, "shuttle-1"));
         assert_eq!(*roots, ["a/b"]);
@@ -233,9 +250,10 @@ mod tests {
         assert_eq!(check(&place.path(5)).unwrap(), [""; 0]);
         let hash = |id: u64| hash_file(&place.path(id)).unwrap();
         let found = |id: u64| ("incident found".to_owned(), format!("{id} sha256:{}", hash(id)));
-        assert_eq!(told(&store).await, [found(5), found(3)]);
+        let noted = ("incident note".to_owned(), "3: brake squeals".to_owned());
+        assert_eq!(told(&store).await, [found(5), found(3), noted]);
         place.start(&store).await;
-        assert_eq!(told(&store).await.len(), 2, "nothing is new");
+        assert_eq!(told(&store).await.len(), 3, "nothing is new");
         let held = store.incidents_held().await.unwrap();
         assert_eq!(held.iter().map(|it| it.bytes).sum::<u64>(), {
             [3, 5].map(|id| std::fs::metadata(place.path(id)).unwrap().len()).iter().sum::<u64>()

@@ -5,6 +5,7 @@ pub mod metrics;
 pub mod outputs;
 mod recording;
 pub mod reload;
+mod services;
 mod timekeeping;
 pub mod what_if;
 
@@ -22,6 +23,7 @@ use tokio::time::timeout;
 
 use self::metrics::MetricsListener;
 use self::recording::Recording;
+use self::services::Serving;
 use super::dds;
 use super::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
@@ -108,7 +110,7 @@ impl Server {
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
-        let (feed, turns) = recording::queue(&loaded);
+        let (feed, turns) = recording::queue(&loaded, clock);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
         let recordings = recording::Folder::of(folder.as_deref())?;
         let incidents = recordings.path().to_owned();
@@ -135,6 +137,7 @@ impl Server {
         let origins = known_origins(address, secure, &origins)?;
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
+        let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
         let discovery = Some(bridge.discovery());
         let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {
@@ -170,7 +173,14 @@ impl Server {
         {
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running);
-            let parts = (&bridge, &outputs, recording.as_ref());
+            let parts = Followed {
+                bridge: &bridge,
+                outputs: &outputs,
+                services: &services,
+                recording: recording.as_ref(),
+            };
+            // It ends with the services, and nothing that it does is cut off.
+            app.live().map(|live| tokio::spawn(services::answer(calls, live)));
             tokio::select! {
                 served = while_serving(serving, parts, running, (&app, write)) => served?,
                 () = engine.closed() => bail!(
@@ -189,7 +199,7 @@ impl Server {
             tracing::error!("the end is not recorded");
         }
         tokio::select! {
-            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown()); } => {}
+            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()); } => {}
             () = signal.requested() => {}
         }
         if let Some(recording) = recording {
@@ -208,11 +218,19 @@ fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSen
     opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
-/// Serves until the end, and lets the bridge follow each new configuration. The engine runs by it already:
+/// What follows each new configuration.
+struct Followed<'a> {
+    bridge: &'a Bridge,
+    outputs: &'a Outputs,
+    services: &'a Serving,
+    recording: Option<&'a Recording>,
+}
+
+/// Serves until the end, and lets everything follow each new configuration. The engine runs by it already:
 /// an engine that changed later would forget what the bridge reports anew.
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<()>>,
-    (bridge, publishing, recording): (&Bridge, &Outputs, Option<&Recording>),
+    Followed { bridge, outputs: publishing, services, recording }: Followed<'_>,
     mut running: Option<watch::Receiver<Loaded>>,
     (app, written): (&AppState, watch::Sender<Arc<Written>>),
 ) -> anyhow::Result<()> {
@@ -224,6 +242,7 @@ async fn while_serving(
         };
         written.send_replace(reload::written(&next));
         publishing.follow(outputs::topics(&next.publishing));
+        services.follow(&next.services);
         if let Some(recording) = recording {
             recording.follow(&next);
         }

@@ -17,11 +17,11 @@ use crate::config::Loaded;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Definitions;
 use crate::record::feed::{Feed, Turns};
-use crate::record::folder;
 use crate::record::incident::Margins;
 use crate::record::recorder::{Recorder, Settings};
 use crate::record::retention::{Policy, judged_ms, surplus};
 use crate::record::writer::{self, NEWS_MAX, News, Place, VEHICLE, unix_ms};
+use crate::record::{folder, note};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
@@ -109,8 +109,8 @@ impl Drop for Temporary {
 }
 
 /// The two ends of a queue between the engine and the recorder, if the configuration records.
-pub fn queue(loaded: &Loaded) -> (Option<Feed>, Option<Turns>) {
-    loaded.recording.as_ref().map(|_| Feed::new()).unzip()
+pub fn queue(loaded: &Loaded, clock: Clock) -> (Option<Feed>, Option<Turns>) {
+    loaded.recording.as_ref().map(|_| Feed::new(clock)).unzip()
 }
 
 /// Starts to record what comes through the queue.
@@ -310,6 +310,9 @@ async fn remove_surplus(store: &Store, folder: &Path, policy: &Policy, clock: Cl
             && let Err(error) = std::fs::remove_file(&path)
         {
             tracing::warn!(%error, "the recording {} is not removed", path.display());
+        }
+        if let Err(error) = note::write(folder, gone.id, None) {
+            tracing::warn!(%error, "the note about incident {} is not removed", gone.id);
         }
     }
     Ok(())

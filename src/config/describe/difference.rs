@@ -9,7 +9,8 @@ use crate::engine::model::monitors::StampClock;
 use crate::engine::model::output::Publication;
 use crate::engine::model::wording::{Advice, ByStage, Wording};
 use crate::engine::model::{
-    Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop, When,
+    Combine, Dependency, GroupSpec, Limits, Model, ModuleSpec, Parts, SignalSpec, StageModel, Stop,
+    Unclaimed, When,
 };
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -70,6 +71,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             stages: model,
             discovered,
             other,
+            unclaimed: Unclaimed { policy: unclaimed, except },
             limits,
             display_dpi,
             signals: _,
@@ -89,6 +91,8 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("stages", stages(*model).into()),
             ("defaults", words::policy(discovered)),
             ("other", other.as_str().into()),
+            ("other: silence", unclaimed.as_ref().map_or_else(|| "as in defaults".into(), words::policy)),
+            ("other: except", if except.is_empty() { "none".into() } else { words::filters(except) }),
             ("limits.discovered_modules", discovered_modules.to_string()),
             ("limits.values_per_status", values_per_status.to_string()),
             ("limits.string_bytes", string_bytes.to_string()),
@@ -102,11 +106,16 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
         ];
         let publishing = &loaded.publishing;
         facts.extend(Publication::ALL.map(|it| (it.as_str(), published(publishing.topic(it)))));
+        facts.push(("services", words::services(&loaded.services)));
+        facts.push(("rosout.level", publishing.log_level().as_str().to_owned()));
         let beside = |it| publishing.beside_others(it).to_string();
         facts.push(("diagnostics", words::diagnostics(&loaded.model.watched.diagnostics)));
         let simulated = loaded.model.watched.stamps == StampClock::Ros;
         facts.push(("clock", if simulated { "ros" } else { "system" }.to_owned()));
         facts.push(("diagnostics_agg.beside_others", beside(Publication::DiagnosticsAgg)));
+        let path =
+            publishing.tree_path.as_ref().map_or_else(|| "the vehicle's name".into(), |it| format!("'{it}'"));
+        facts.push(("diagnostics_agg.path", path));
         facts.push(("toplevel_state.beside_others", beside(Publication::TopLevelState)));
         facts
     };
@@ -147,7 +156,8 @@ fn groups(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     }
     let facts = |model: &Model, group: &GroupSpec| {
         // The parent is in the path.
-        let GroupSpec { path: _, name, parent: _, combine, when, depends_on, filters, tile } = group;
+        let GroupSpec { path: _, name, parent: _, combine, when, depends_on, filters, may_be_empty, tile } =
+            group;
         let filters: Vec<String> = filters.iter().map(words::matching).collect();
         vec![
             ("name", text(name)),
@@ -155,6 +165,7 @@ fn groups(old: &Model, new: &Model, found: &mut Vec<Difference>) {
             ("when", condition(model, when.as_ref())),
             ("depends_on", dependencies(model, depends_on)),
             ("match", listed(&filters)),
+            ("empty", if *may_be_empty { "ok".into() } else { "unknown".into() }),
             ("tile", tile.map_or("by itself".into(), |(column, row)| format!("column {column}, row {row}"))),
         ]
     };
@@ -167,7 +178,14 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
     }
     let facts = |model: &Model, module: &ModuleSpec| {
         // The group is in the id.
-        let ModuleSpec { id: _, name, help, group: _, policy, when, depends_on, monitor } = module;
+        let ModuleSpec { id: _, name, help, group: _, policy, when, depends_on, monitor, expected } = module;
+        let expected = expected.as_ref().map_or_else(
+            || "no".into(),
+            |it| match &*it.prefixes {
+                [] => "yes".to_owned(),
+                prefixes => format!("yes, without {}", words::prefixes(prefixes)),
+            },
+        );
         vec![
             ("name", wording(name.as_deref(), text, Wording::name)),
             ("help", wording(help.as_deref(), advice, Wording::help)),
@@ -175,6 +193,7 @@ fn modules(old: &Model, new: &Model, found: &mut Vec<Difference>) {
             ("when", condition(model, when.as_deref())),
             ("depends_on", dependencies(model, depends_on)),
             ("monitor", words::monitor(model, monitor)),
+            ("expected by a filter", expected),
         ]
     };
     compare("module", (old, &old.modules), (new, &new.modules), key, facts, found);

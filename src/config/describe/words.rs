@@ -7,12 +7,15 @@ use std::time::Duration;
 
 pub use self::monitor::monitor;
 use crate::config::recording::Recording;
+use crate::config::services::{Offer, Services};
 use crate::engine::model::countermeasure::{ConfirmedBy, Request, Rule};
 use crate::engine::model::filter::Filter;
 use crate::engine::model::monitors::{DiagnosticsTopic, RecordedTopic};
 use crate::engine::model::motion::SpeedSource;
+use crate::engine::model::service::Service;
 use crate::engine::model::{
-    Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource, SignalSpec, When,
+    CountsAs, Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource,
+    SignalSpec, When,
 };
 use crate::engine::state::State;
 use crate::engine::time::Span;
@@ -73,7 +76,13 @@ pub fn policy_when_heard(policy: &Policy) -> impl Iterator<Item = String> {
     let latch = policy.latch.map(|latch| format!("an error of {} stays until reset", span(latch)));
     let writers = policy.writers.as_ref().map(|writers| format!("said by {} alone", writers.join(" or ")));
     let delays = [after("worse", policy.raise_after), after("better", policy.clear_after)];
-    delays.into_iter().chain([publisher, latch, writers]).flatten()
+    let counts_as = match policy.counts_as {
+        CountsAs::Reported => None,
+        CountsAs::WarningOk => Some("a warning is ok".to_owned()),
+        CountsAs::WarningError => Some("a warning is an error".to_owned()),
+        CountsAs::Error => Some("whatever is reported is an error".to_owned()),
+    };
+    delays.into_iter().chain([publisher, latch, writers, counts_as]).flatten()
 }
 
 /// `decelerate by 1 m/s² when planning or execution is error in active, confirmed by braking within 1s`
@@ -128,9 +137,23 @@ pub fn other(other: Other) -> &'static str {
 }
 
 /// An entry of a `match` list.
-pub fn matching(Match { filter, policy }: &Match) -> String {
-    let policy = policy.as_ref().map_or(String::new(), |it| format!(" ({})", self::policy(it)));
-    format!("{}{policy}", self::filter(filter))
+pub fn matching(Match { filter, except, prefixes, policy }: &Match) -> String {
+    let except = (!except.is_empty()).then(|| format!("except {}", filters(except)));
+    let prefix = (!prefixes.is_empty()).then(|| format!("without {}", self::prefixes(prefixes)));
+    let beside = except.into_iter().chain(prefix).chain(policy.as_ref().map(self::policy));
+    let beside = beside.collect::<Vec<_>>().join(", ");
+    if beside.is_empty() { self::filter(filter) } else { format!("{} ({beside})", self::filter(filter)) }
+}
+
+/// `'/sensors' and 'imu' at the beginning of the name`
+pub fn prefixes(prefixes: &[Box<str>]) -> String {
+    let all: Vec<String> = prefixes.iter().map(|prefix| format!("'{prefix}'")).collect();
+    format!("{} at the beginning of the name", all.join(" and "))
+}
+
+/// Several filters, each of which takes its statuses.
+pub fn filters(all: &[Filter]) -> String {
+    all.iter().map(filter).collect::<Vec<_>>().join(" and ")
 }
 
 fn filter(filter: &Filter) -> String {
@@ -170,6 +193,16 @@ pub fn bytes(bytes: u64) -> String {
         Some((unit, scale)) => format!("{}{unit}", bytes / scale),
         None => format!("{}kB", bytes as f64 / 1000.0),
     }
+}
+
+/// The services that are offered.
+pub fn services(services: &Services) -> String {
+    let word = |(service, offer): (&Service, &Offer)| {
+        let also = offer.while_driving && *service != Service::Mark;
+        format!("{}{}", service.as_str(), if also { " (also while driving)" } else { "" })
+    };
+    let words: Vec<String> = services.0.iter().map(word).collect();
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
 }
 
 /// The settings of the recording.

@@ -22,7 +22,7 @@ pub(super) const WRITERS: KeyDoc = key("writers")
     .about("The nodes whose reports of the status count. A report by another node is ignored, and is a WARNING of `telltale`. Whole names, as `ros2 node list` has them.")
     .form(writers);
 pub(super) const FORGET_AFTER: KeyDoc = key("forget_after").about(
-    "After this long without a report, the last report no longer counts; a module that a filter made leaves. Longer than `timeout`.",
+    "After this long without a report, the last report no longer counts; a module that a filter made leaves. Not shorter than `timeout`; with the same value, a silent module is forgotten at once.",
 );
 
 pub(super) fn id(schema: &mut Schema) -> Members {

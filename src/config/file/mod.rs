@@ -4,14 +4,17 @@
 pub(super) mod agreement;
 pub(super) mod bands;
 pub(super) mod countermeasure;
+pub(super) mod filters;
 mod forms;
 pub(super) mod monitors;
 pub(super) mod motion;
 pub(super) mod nodes;
+pub(super) mod other;
 pub(super) mod policy;
 pub(super) mod publishing;
 pub(super) mod recording;
 pub(super) mod ros_names;
+pub(super) mod services;
 pub(super) mod signals;
 pub(super) mod sources;
 pub(super) mod units;
@@ -28,14 +31,15 @@ use crate::yaml::decode::{Entries, scalar, word};
 use crate::yaml::schema::{Json, default, least, most, one_of, words};
 use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 use countermeasure::RawRule;
+pub(super) use filters::{Filter, FilterKind, Pattern, Writers};
 use forms::{ID, default_span, with_about};
 use motion::RawMotion;
-pub(super) use nodes::{
-    Dependency, DependsOn, Filter, FilterKind, Group, Module, TILE_MAX, Tile, When, Writers,
-};
+pub(super) use nodes::{Dependency, DependsOn, Group, Module, TILE_MAX, Tile, When};
+use other::RawOther;
 pub(super) use policy::Policy;
 use publishing::{RawPublishing, Switch};
 use recording::RawRecording;
+use services::RawServices;
 pub(super) use signals::{Signal, SignalFrom};
 use sources::RawDiagnostics;
 
@@ -51,13 +55,14 @@ pub(super) struct File {
     pub limits: Option<Limits>,
     pub display: Option<Display>,
     pub localized_after: Option<time::Span>,
-    pub other: Option<Other>,
+    pub other: Option<RawOther>,
     pub groups: Vec<Group>,
     /// The place of the key `groups`.
     pub groups_span: Option<Span>,
     pub countermeasures: Vec<RawRule>,
     pub publish: Option<RawPublishing>,
     pub recording: Option<Switch<RawRecording>>,
+    pub services: Option<RawServices>,
     /// The topics on which components report; without it, `/diagnostics`.
     pub diagnostics: Option<RawDiagnostics>,
     /// The clock of the stamps in messages.
@@ -92,6 +97,7 @@ impl FromNode for File {
             "other",
             "publish",
             "recording",
+            "services",
             "diagnostics",
             "clock",
         ];
@@ -113,6 +119,7 @@ impl FromNode for File {
             countermeasures: fields.or_default(key("countermeasures").about("What the vehicle is asked to do when something fails.")),
             publish: fields.optional("publish"),
             recording: fields.optional("recording"),
+            services: fields.optional("services"),
             diagnostics: fields.optional("diagnostics"),
             clock: fields.optional(key("clock").about("The clock of the stamps in messages: that of this machine, or the time on /clock, as nodes with use_sim_time have it.").rules(|| vec![default("system")])),
             message_folders: fields.or_default(key("message_folders").about("Folders with `package/msg/Name.msg`, relative to this file, for types that are not built in: a ROS installation's `share`.")),
@@ -153,16 +160,6 @@ impl FromNode for StageModel {
 
     fn form(_: &mut Schema) -> Members {
         words(["shuttle", "none"])
-    }
-}
-
-impl FromNode for Other {
-    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        word(node, log, "way to treat other statuses", &Other::ALL.map(|other| (other.as_str(), other)))
-    }
-
-    fn form(_: &mut Schema) -> Members {
-        words(Other::ALL.map(Other::as_str))
     }
 }
 

@@ -11,6 +11,7 @@ use crate::config::expression::TEXT_BYTES_MAX;
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{AgreementRule, Bands, ProbeTarget, ValueRule};
 use crate::engine::model::sample::FieldValue;
+use crate::engine::state::State;
 use crate::engine::time;
 use crate::yaml::decode::{AllEntries, did_you_mean};
 use crate::yaml::schema::{Json, needs_any};
@@ -21,7 +22,7 @@ use crate::yaml::{
 pub(in crate::config) type Decoder = fn(&Node, &mut Log) -> Option<Monitor>;
 
 /// The kinds of monitor, each with its decoder.
-pub(in crate::config) const KINDS: [(&str, Decoder); 10] = [
+pub(in crate::config) const KINDS: [(&str, Decoder); 11] = [
     ("self_state", self_state),
     ("frequency", frequency),
     ("latency", latency),
@@ -32,6 +33,7 @@ pub(in crate::config) const KINDS: [(&str, Decoder); 10] = [
     ("agreement", agreement::agreement),
     ("expression", expression),
     ("external", external),
+    ("constant", constant),
 ];
 
 /// The memory of a monitor grows with these.
@@ -92,6 +94,7 @@ pub(in crate::config) enum Monitor {
         rule: AgreementRule,
     },
     Expression(Expression),
+    Constant(State),
 }
 
 #[derive(Debug)]
@@ -154,6 +157,19 @@ fn external(node: &Node, log: &mut Log) -> Option<Monitor> {
     let (status, class) = (fields.optional(MODULE_STATUS), fields.required("class"));
     fields.finish();
     Some(Monitor::External { status, class: class? })
+}
+
+fn constant(node: &Node, log: &mut Log) -> Option<Monitor> {
+    let doc = map("constant", "a constant monitor").about("Always the same state.");
+    let mut fields = Fields::of(node, doc, log)?;
+    let states = [State::Ok, State::Warning, State::Error, State::Unknown];
+    let state = fields.choice(key("state"), "state", &states.map(|state| (state.as_str(), state)));
+    if fields.key_span("state").is_none() {
+        let problem = Problem::at(node.span, "a constant monitor needs `state`");
+        fields.log.push(problem.help("add `state: ok`"));
+    }
+    fields.finish();
+    state.map(Monitor::Constant)
 }
 
 fn frequency(node: &Node, log: &mut Log) -> Option<Monitor> {

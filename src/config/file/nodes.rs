@@ -1,20 +1,19 @@
 //! Groups and modules as they are written, and their relations.
 
+use super::filters::{Filter, Writers};
 use super::forms;
 use super::forms::{ID, WRITERS};
 use super::monitors::Monitor;
 use super::policy::Policy;
 use super::wording::RawWording;
-use crate::config::glob;
-use crate::config::glob::is_glob;
 use crate::engine::model::wording::Advice;
 use crate::engine::model::{Combine, Stage};
 use crate::engine::state::State;
 use crate::engine::text::Text;
-use crate::yaml::decode::{All, Entries, did_you_mean, scalar, word};
+use crate::yaml::decode::{All, Entries, word};
 use crate::yaml::schema::{Json, default, least, most, needs_any, needs_one, not_empty, one_of, words};
 use crate::yaml::{
-    Fields, FromNode, KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map, suggest,
+    Fields, FromNode, KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map,
 };
 
 #[derive(Debug)]
@@ -24,6 +23,9 @@ pub(in crate::config) struct Group {
     pub name: Option<Text>,
     pub tile: Option<Spanned<Tile>>,
     pub filters: Vec<Filter>,
+    pub empty: Option<State>,
+    /// The number of its modules that is right.
+    pub count: Option<Spanned<u64>>,
     pub depends_on: Vec<Dependency>,
     pub when: Option<When>,
     pub combine: Option<Combine>,
@@ -42,6 +44,18 @@ impl FromNode for Group {
             filters: fields.or_default(
                 key("match").about("Statuses that match any of these become modules of this group."),
             ),
+            empty: fields.choice(
+                key("empty")
+                    .about("The state of the group while it has no member.")
+                    .rules(|| vec![default(State::Unknown.as_str())]),
+                "state of an empty group",
+                &[State::Ok, State::Unknown].map(|state| (state.as_str(), state)),
+            ),
+            count: fields.optional(
+                key("count")
+                    .about("How many modules the group must have, with those under `modules`: with another number it is in ERROR.")
+                    .rules(|| vec![least(1), most(COUNT_MAX)]),
+            ),
             depends_on: fields.or_default(DEPENDS_ON),
             when: fields.optional("when"),
             combine: fields.optional(
@@ -56,6 +70,9 @@ impl FromNode for Group {
         Some(group)
     }
 }
+
+/// The largest number of modules that a group may be told to have.
+pub(in crate::config) const COUNT_MAX: u64 = 100_000;
 
 impl FromNode for Combine {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
@@ -88,96 +105,6 @@ impl FromNode for Tile {
         fields.finish();
         Some(tile)
     }
-}
-
-#[derive(Debug)]
-pub(in crate::config) struct Filter {
-    pub span: Span,
-    pub kind: FilterKind,
-    pub text: Spanned<String>,
-    /// The policy of the modules that it makes.
-    pub policy: Policy,
-    pub writers: Option<Writers>,
-}
-
-/// The nodes whose reports of a status count.
-pub(in crate::config) type Writers = Spanned<All<Spanned<String>>>;
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::config) enum FilterKind {
-    Name,
-    Namespace,
-    Contains,
-    Regex,
-}
-
-impl FromNode for Filter {
-    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        const KINDS: [(&str, FilterKind); 4] = [
-            ("name", FilterKind::Name),
-            ("namespace", FilterKind::Namespace),
-            ("contains", FilterKind::Contains),
-            ("regex", FilterKind::Regex),
-        ];
-        let doc = map("filter", "a filter")
-            .rules(|| vec![needs_one(&[&["name"], &["namespace"], &["contains"], &["regex"]])]);
-        let mut fields = Fields::of(node, doc, log)?;
-        fields.may_have::<String>(key("name").about("The exact name."));
-        fields.may_have::<String>(key("namespace").about("Names that begin with this at a `/` or `:`."));
-        fields.may_have::<String>(key("contains").about("Names that contain this."));
-        fields.may_have::<String>(
-            key("regex")
-                .about("Names that this matches as a whole.")
-                .rules(|| vec![("format", "regex".into())]),
-        );
-        let found: Vec<_> = KINDS.into_iter().filter(|(key, _)| fields.node(*key).is_some()).collect();
-        let policy = Policy::of_filter(&mut fields);
-        let writers = fields.optional(WRITERS);
-        let filter = match found[..] {
-            [(key, kind)] => {
-                let text = fields.optional(key);
-                text.map(|text| Filter { span: node.span, kind, text, policy, writers })
-            }
-            [] if let Some(problem) = unknown(&fields, node) => {
-                fields.log.push(problem);
-                return None;
-            }
-            _ => {
-                let text = "a filter needs one of `name`, `namespace`, `contains`, `regex`";
-                let problem = Problem::at(node.span, text);
-                fields.log.push(problem.help("write one filter for each: `- { namespace: /sensors }`"));
-                None
-            }
-        };
-        fields.finish();
-        filter
-    }
-}
-
-/// The help for an unknown filter: users bring names from other tools.
-fn unknown(fields: &Fields, filter: &Node) -> Option<Problem> {
-    let Kind::Mapping(entries) = &filter.kind else { return None };
-    let (key, node) = entries.iter().find(|(key, _)| !fields.knows(&key.text))?;
-    let text = scalar(node).unwrap_or("...");
-    let escaped = || regex_syntax::escape(text);
-    let plain = key.text.to_lowercase().replace(['_', '-'], "");
-    let help = match plain.as_str() {
-        "startswith" | "beginswith" | "prefix" => format!(
-            "write `namespace: {text}` for names that begin with it up to a `/` or `:`, or `regex: '{}.*'` for any",
-            escaped()
-        ),
-        "endswith" | "suffix" => format!("write `regex: '.*{}'`", escaped()),
-        "glob" | "pattern" | "wildcard" | "fnmatch" | "like" if is_glob(text) => {
-            format!("write {}", glob::instead(text))
-        }
-        "pattern" | "regexp" | "re" | "matches" => format!("write `regex: '{text}'`"),
-        "glob" | "wildcard" | "fnmatch" | "like" | "includes" | "substring" => {
-            format!("write `contains: {text}`")
-        }
-        "equals" | "exact" | "is" | "status" | "id" => format!("write `name: {text}`"),
-        _ => did_you_mean(suggest(&key.text, ["name", "namespace", "contains", "regex"])?),
-    };
-    Some(Problem::at(key.span, format!("there is no filter `{}`", key.text)).help(help))
 }
 
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! How reports become states, as it is written: timeouts, delays, latches.
 
 use super::forms::{FORGET_AFTER, default_span};
-use crate::engine::model::Policy as Resolved;
+use crate::engine::model::{CountsAs, Policy as Resolved};
 use crate::engine::state::State;
 use crate::engine::time;
 use crate::yaml::schema::default;
@@ -20,6 +20,8 @@ pub(in crate::config) struct Policy {
     pub latch: Option<time::Span>,
     /// Of a module, of a filter, and, in the defaults, of all discovered modules.
     pub forget_after: Option<Spanned<time::Span>>,
+    /// Only of a declared module.
+    pub counts_as: Option<CountsAs>,
 }
 
 impl Policy {
@@ -66,6 +68,9 @@ impl Policy {
     pub fn of_module(fields: &mut Fields) -> Policy {
         let latch = key("latch").about("An ERROR that lasted this long stays until it is reset.");
         let (latch, forget_after) = (fields.optional(latch), fields.optional(FORGET_AFTER));
-        Policy { latch, forget_after, ..Policy::of(fields) }
+        let doc = key("warning_as").about("A reported WARNING counts as this.");
+        let ways = [("ok", CountsAs::WarningOk), ("error", CountsAs::WarningError)];
+        let counts_as = fields.choice(doc, "way to count a warning", &ways);
+        Policy { latch, forget_after, counts_as, ..Policy::of(fields) }
     }
 }

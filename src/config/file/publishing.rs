@@ -3,7 +3,9 @@
 use super::bands::hertz;
 use super::forms;
 use super::forms::TOPIC;
-use crate::yaml::decode::scalar;
+use crate::engine::model::output::LogLevel;
+use crate::yaml::decode::{scalar, word};
+use crate::yaml::schema::{default, of_type, words};
 use crate::yaml::{Fields, FromNode, KeyDoc, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
 
 /// The permitted rates of a topic.
@@ -17,6 +19,7 @@ pub(in crate::config) struct RawPublishing {
     pub span: Span,
     pub diagnostics_agg: Option<Switch<RawAggregated>>,
     pub toplevel_state: Option<Switch<RawAggregated>>,
+    pub rosout: Option<Switch<RawRosout>>,
     pub initialpose: Option<Switch<RawOnce>>,
     pub stage: Option<Switch<RawOnce>>,
     pub clearance: Option<Switch<RawOnce>>,
@@ -30,9 +33,17 @@ impl FromNode for RawPublishing {
         let mut fields = Fields::of(node, map("publishing", "what is published").about(about), log)?;
         let raw = RawPublishing {
             span: node.span,
-            diagnostics_agg: fields.optional(key("diagnostics_agg").about("/diagnostics_agg with 1 Hz.")),
+            diagnostics_agg: fields.optional_by(
+                key("diagnostics_agg").about("/diagnostics_agg with 1 Hz."),
+                |schema| forms::or_off(schema.decoder(RawAggregated::tree)),
+                |node, log| Switch::read(node, log, RawAggregated::tree),
+            ),
             toplevel_state: fields
                 .optional(key("toplevel_state").about("/diagnostics_toplevel_state with 1 Hz.")),
+            rosout: fields.optional(
+                key("rosout")
+                    .about("/rosout: warnings and errors of Telltale, and root causes as they come and go."),
+            ),
             initialpose: fields.optional(key("initialpose").about("/initialpose.")),
             stage: fields.optional(key("stage").about("/telltale/stage.")),
             clearance: fields.optional(key("clearance").about("/telltale/clearance.")),
@@ -62,14 +73,20 @@ pub(in crate::config) enum Switch<T> {
 
 impl<T: FromNode> FromNode for Switch<T> {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
-        match scalar(node) {
-            Some("false") => Some(Switch::Off(node.span)),
-            _ => T::from_node(node, log).map(Switch::On),
-        }
+        Switch::read(node, log, T::from_node)
     }
 
     fn form(schema: &mut Schema) -> Members {
         forms::or_off(T::form(schema))
+    }
+}
+
+impl<T> Switch<T> {
+    fn read(node: &Node, log: &mut Log, on: fn(&Node, &mut Log) -> Option<T>) -> Option<Switch<T>> {
+        match scalar(node) {
+            Some("false") => Some(Switch::Off(node.span)),
+            _ => on(node, log).map(Switch::On),
+        }
     }
 }
 
@@ -84,6 +101,35 @@ impl FromNode for RawOnce {
         let topic = fields.optional(TOPIC);
         fields.finish();
         Some(RawOnce { topic })
+    }
+}
+
+/// The lines of the log.
+#[derive(Debug)]
+pub(in crate::config) struct RawRosout {
+    pub topic: Option<Spanned<String>>,
+    pub level: Option<LogLevel>,
+}
+
+impl FromNode for RawRosout {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, map("rosout", "the published log"), log)?;
+        let level = key("level")
+            .about("The least severity: with `error`, neither warnings nor the ends of root causes are published.")
+            .rules(|| vec![default(LogLevel::default().as_str())]);
+        let rosout = RawRosout { topic: fields.optional(TOPIC), level: fields.optional(level) };
+        fields.finish();
+        Some(rosout)
+    }
+}
+
+impl FromNode for LogLevel {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "severity", &LogLevel::ALL.map(|level| (level.as_str(), level)))
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        words(LogLevel::ALL.map(LogLevel::as_str))
     }
 }
 
@@ -108,18 +154,55 @@ impl FromNode for RawPeriodic {
 pub(in crate::config) struct RawAggregated {
     pub periodic: RawPeriodic,
     pub beside_others: Option<bool>,
+    /// Only of the tree.
+    pub path: Option<TreePath>,
 }
 
 impl FromNode for RawAggregated {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, map("aggregated", "a topic of the aggregated diagnosis"), log)?;
+        let aggregated = RawAggregated::of(&mut fields);
+        fields.finish();
+        Some(aggregated)
+    }
+}
+
+impl RawAggregated {
+    fn of(fields: &mut Fields) -> RawAggregated {
         let periodic = RawPeriodic { topic: fields.optional(TOPIC), rate: fields.optional(RATE) };
         let beside_others = key("beside_others").about(
             "Whether Telltale publishes it also where another program publishes the same; otherwise Telltale is silent there.",
         );
-        let aggregated = RawAggregated { periodic, beside_others: fields.optional(beside_others) };
+        RawAggregated { periodic, beside_others: fields.optional(beside_others), path: None }
+    }
+
+    /// The topic of the tree.
+    fn tree(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, map("aggregated_tree", "the topic of the aggregated tree"), log)?;
+        let aggregated = RawAggregated::of(&mut fields);
+        let path = key("path").about(
+            "The path of the whole, as diagnostic_aggregator has it; `''` for none. With it, all paths and levels are exactly those of diagnostic_aggregator. Without it, the path is the vehicle's name.",
+        );
+        let aggregated = RawAggregated { path: fields.optional(path), ..aggregated };
         fields.finish();
         Some(aggregated)
+    }
+}
+
+/// The path of the whole tree; it may be empty.
+#[derive(Debug)]
+pub(in crate::config) struct TreePath(pub String);
+
+impl FromNode for TreePath {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        match scalar(node) {
+            Some(text) => Some(TreePath(text.trim_matches('/').to_owned())),
+            None => String::from_node(node, log).map(TreePath),
+        }
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        of_type("string")
     }
 }
 

@@ -12,7 +12,7 @@ use crate::config::file;
 use crate::config::file::FilterKind;
 use crate::config::glob;
 use crate::engine::model::filter::Filter;
-use crate::engine::model::{Match, Policy};
+use crate::engine::model::{Match, Policy, Prefixes};
 use crate::yaml::{Log, Problem, Span};
 
 /// Larger automata are not examined.
@@ -27,15 +27,23 @@ pub(in crate::config) fn filters(
     let mut filters: Vec<(Filter, Span)> = Vec::new();
     let mut matches = Vec::new();
     for filter in raw {
-        let Some(resolved) = resolve(filter, log) else { continue };
+        let except: Vec<(Filter, Span)> =
+            filter.except.iter().filter_map(|it| Some((resolve(it, log)?, it.span))).collect();
+        let resolved = filter.pattern.as_ref().and_then(|pattern| Some((pattern, resolve(pattern, log)?)));
+        let policy = policy(filter, defaults, log);
+        let Some((pattern, resolved)) = resolved else { continue };
         if let Some((_, first)) = filters.iter().find(|(earlier, _)| covers(earlier, &resolved)) {
             let problem = Problem::at(filter.span, "this filter takes nothing that an earlier one leaves");
             log.push(
                 problem.label("never used").also(*first, "this one is first").help("remove one of the two"),
             );
         }
-        if filter.kind == FilterKind::Name
-            && let Some(module) = names.claimed_by(&filter.text.value)
+        if let Some((_, all)) = except.iter().find(|(exception, _)| covers(exception, &resolved)) {
+            let problem = Problem::at(filter.span, "this filter takes nothing that its `except` leaves");
+            log.push(problem.label("never used").also(*all, "this takes all").help("remove one of the two"));
+        }
+        if pattern.kind == FilterKind::Name
+            && let Some(module) = names.claimed_by(&pattern.text.value)
         {
             let text = format!("the declared module `{}` takes this status before any filter", module.path);
             let also = module.status().map_or(filter.span, |status| status.span);
@@ -46,20 +54,33 @@ pub(in crate::config) fn filters(
                     .help("remove the filter"),
             );
         }
-        let file::Policy { timeout, stale, forget_after, .. } = &filter.policy;
-        let differs = timeout.is_some() || stale.is_some() || forget_after.is_some();
-        let writers = super::writers(filter.writers.as_ref(), log);
-        let policy = (differs || writers.is_some()).then(|| {
-            let policy = super::policy(&filter.policy, defaults, log);
-            Policy { writers, ..policy }
-        });
-        matches.push(Match { filter: resolved.clone(), policy });
-        filters.push((resolved, filter.span));
+        // With exceptions, an entry leaves names for later ones.
+        if except.is_empty() {
+            filters.push((resolved.clone(), filter.span));
+        }
+        let except = except.into_iter().map(|(exception, _)| exception).collect();
+        matches.push(Match { filter: resolved, except, prefixes: prefixes(filter), policy });
     }
     matches
 }
 
-fn resolve(filter: &file::Filter, log: &mut Log) -> Option<Filter> {
+/// `None`: that of all discovered modules.
+fn policy(filter: &file::Filter, defaults: &Policy, log: &mut Log) -> Option<Policy> {
+    let file::Policy { timeout, stale, forget_after, .. } = &filter.policy;
+    let differs = timeout.is_some() || stale.is_some() || forget_after.is_some();
+    let writers = super::writers(filter.writers.as_ref(), log);
+    (differs || writers.is_some()).then(|| {
+        let policy = super::policy(&filter.policy, defaults, log);
+        Policy { writers, ..policy }
+    })
+}
+
+pub(in crate::config) fn prefixes(filter: &file::Filter) -> Prefixes {
+    filter.prefixes.iter().map(|prefix| prefix.as_str().into()).collect()
+}
+
+/// The filter for a pattern; `None` if the log has the reason.
+pub(in crate::config) fn resolve(filter: &file::Pattern, log: &mut Log) -> Option<Filter> {
     let text: Box<str> = filter.text.value.as_str().into();
     match filter.kind {
         FilterKind::Name => Some(Filter::Name(text)),
@@ -69,7 +90,7 @@ fn resolve(filter: &file::Filter, log: &mut Log) -> Option<Filter> {
     }
 }
 
-fn regex(filter: &file::Filter, log: &mut Log) -> Option<Filter> {
+fn regex(filter: &file::Pattern, log: &mut Log) -> Option<Filter> {
     let pattern = &filter.text.value;
     let span = filter.text.span;
     let hir = match regex_syntax::parse(pattern) {

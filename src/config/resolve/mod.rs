@@ -2,12 +2,14 @@
 
 mod countermeasures;
 mod filters;
+mod implied;
 mod monitors;
 mod motion;
 mod names;
 mod publishing;
 mod recording;
 mod relations;
+mod services;
 mod signals;
 mod topics;
 
@@ -20,12 +22,14 @@ use super::Loaded;
 use super::describe::places::{NodePlace, Places};
 use super::describe::words;
 use super::file;
+use super::file::other::RawOther;
 use super::file::publishing::RawPublishing;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
-    Combine, DISPLAY_DPI, Driving, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec, NodeId, NodeNames,
-    Parts, Policy, StageModel, Stop,
+    Combine, CountsAs, DISPLAY_DPI, Driving, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec, NodeId,
+    NodeNames, Parts, Policy, StageModel, Stop, Unclaimed,
 };
+use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::yaml::decode::All;
 use crate::yaml::{Log, Problem, Sources, Span, Spanned};
@@ -54,7 +58,10 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let speed = motion::speed(file.motion.as_ref(), &mut topics, log);
     let mut driving = Driving { stops, localized_after, countermeasures, unpublished, speed, goal: None };
     let groups = groups(&names, &index, &discovered, log);
-    let modules = modules(&names, &index, &declared, &mut topics, log);
+    let mut modules = modules(&names, &index, &declared, &mut topics, log);
+    let implied = implied::modules(&names, &declared, log);
+    let implied_places: Vec<Span> = implied.iter().map(|(_, span)| *span).collect();
+    modules.extend(implied.into_iter().map(|(module, _)| module));
     let stages = vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle);
     let rules = &driving.countermeasures;
     let publishing = publishing::publishing(file.publish.as_ref(), stages, rules, &topics, log);
@@ -63,6 +70,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
         driving.goal = motion::goal(&signals, &mut topics, log);
     }
     let recording = recording::recording(file.recording.as_ref(), log);
+    let services = services::services(file.services.as_ref(), stages, log);
     driving.unpublished = publishing.switched_off();
     let (mut watched, topics) = topics.finish();
     watched.recorded = recording.as_ref().map_or_else(Vec::new, |recording| recording.topics.clone());
@@ -70,6 +78,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let limits = limits(file.limits.as_ref(), log);
     let dpi = file.display.as_ref().and_then(|display| display.dpi);
     let display_dpi = within(dpi, DISPLAY_DPI as usize, file::DPI, log) as u32;
+    let unclaimed = file.other.as_ref().map(|other| unclaimed(other, &discovered, log)).unwrap_or_default();
     let parts = Parts {
         vehicle_id: id,
         vehicle_name: name,
@@ -80,7 +89,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
         watched,
         driving,
         discovered,
-        other: file.other.unwrap_or_default(),
+        other: file.other.as_ref().and_then(|other| other.show).unwrap_or_default(),
+        unclaimed,
         limits,
         display_dpi,
     };
@@ -93,11 +103,12 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     };
     let rules = countermeasures::spans(&file.countermeasures);
     let stop_off = file.publish.as_ref().and_then(RawPublishing::stop_off);
-    let places = Places { topics, signals: signal_places, rules, stop_off, ..places(&names) };
-    Some(Loaded { model, publishing, recording, message_folders, places: Arc::new(places) })
+    let places =
+        Places { topics, signals: signal_places, rules, stop_off, ..places(&names, &implied_places) };
+    Some(Loaded { model, publishing, recording, services, message_folders, places: Arc::new(places) })
 }
 
-fn places(names: &Names) -> Places {
+fn places(names: &Names, implied: &[Span]) -> Places {
     let place = |node: NodeId, when: Option<&file::When>| NodePlace {
         id: names.span(node),
         when: when.map(|when| when.span),
@@ -105,10 +116,11 @@ fn places(names: &Names) -> Places {
     };
     let groups = names.groups().map(|(id, group)| place(NodeId::Group(id), group.raw.when.as_ref()));
     let modules = names.modules().map(|(id, module)| place(NodeId::Module(id), module.raw.when.as_ref()));
+    let implied = implied.iter().map(|&id| NodePlace { id, when: None, depends_on: Vec::new() });
     Places {
         sources: Sources::default(),
         groups: groups.collect(),
-        modules: modules.collect(),
+        modules: modules.chain(implied).collect(),
         topics: Vec::new(),
         signals: Vec::new(),
         rules: Vec::new(),
@@ -123,18 +135,21 @@ pub(super) fn policy(raw: &file::Policy, around: &Policy, log: &mut Log) -> Poli
     }
     let timeout = raw.timeout.map_or(around.timeout, |timeout| timeout.value);
     let forget_after = raw.forget_after.map(|after| after.value).or(around.forget_after);
-    if let Some(after) = forget_after.filter(|&after| after <= timeout) {
+    if let Some(after) = forget_after.filter(|&after| after < timeout) {
         let text = "it would be forgotten before it counts as silent";
         let (above, after) = (words::span(timeout), words::span(after));
         match (raw.forget_after, raw.timeout) {
             (Some(written), _) => {
                 let problem = Problem::at(written.span, text).label("`forget_after`");
-                log.push(problem.help(format!("write a duration above its `timeout`, which is {above}")));
+                log.push(
+                    problem
+                        .help(format!("write a duration that is not below its `timeout`, which is {above}")),
+                );
             }
             (None, Some(written)) => {
                 let problem = Problem::at(written.span, text).label("`timeout`");
                 log.push(problem.help(format!(
-                    "add a `forget_after` above it here, or write a duration below that of `defaults`, which is {after}"
+                    "add a `forget_after` here that is not below it, or write a duration up to that of `defaults`, which is {after}"
                 )));
             }
             (None, None) => {}
@@ -149,7 +164,18 @@ pub(super) fn policy(raw: &file::Policy, around: &Policy, log: &mut Log) -> Poli
         latch: raw.latch.or(around.latch),
         forget_after,
         writers: None,
+        counts_as: raw.counts_as.unwrap_or(around.counts_as),
     }
+}
+
+/// What holds for the statuses that no group takes.
+fn unclaimed(raw: &RawOther, around: &Policy, log: &mut Log) -> Unclaimed {
+    let policy = Policy {
+        counts_as: raw.state.map_or(CountsAs::Reported, |_| CountsAs::Error),
+        ..policy(&raw.policy, around, log)
+    };
+    let except = raw.except.iter().filter_map(|pattern| filters::resolve(pattern, log)).collect();
+    Unclaimed { policy: Some(policy).filter(|policy| policy != around), except }
 }
 
 /// Full names of nodes.
@@ -240,6 +266,7 @@ fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) ->
             when: raw.when.as_ref().and_then(|when| relations::when(when, signals, log)),
             depends_on: relations::depends_on(names, NodeId::Group(id), &raw.depends_on, log),
             filters: filters::filters(&raw.filters, names, defaults, log),
+            may_be_empty: raw.empty == Some(State::Ok),
             tile,
         });
     }
@@ -307,6 +334,7 @@ fn modules(
             when: when.map(Box::new),
             depends_on,
             monitor: monitor.unwrap_or_else(|| ModuleMonitor::SelfState("".into())),
+            expected: None,
         });
     }
     names::check_statuses(names, log);

@@ -52,6 +52,7 @@ pub(in crate::config) fn resolve(
             let (max_age, motion_over, rule) = (*max_age, *motion_over, rule.clone());
             MonitorSpec::Agreement { a, b, max_age, motion_over, rule }
         }
+        Monitor::Constant(state) => MonitorSpec::Constant { state: *state },
         Monitor::Expression(expression) => resolve_expression(expression, topics, log)?,
     };
     Some(spec.into())

@@ -188,7 +188,14 @@ impl<'r> Names<'r> {
 
 impl ModuleName<'_> {
     pub fn status(&self) -> Option<&Spanned<String>> {
-        match self.raw.monitor.as_ref()? {
+        self.raw.status()
+    }
+}
+
+impl file::Module {
+    /// The status that the module takes.
+    pub fn status(&self) -> Option<&Spanned<String>> {
+        match self.monitor.as_ref()? {
             Monitor::SelfState { status } | Monitor::External { status, .. } => status.as_ref(),
             _ => None,
         }

@@ -2,10 +2,10 @@
 
 use super::topics::Topics;
 use crate::config::file::publishing::{
-    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, Switch, off,
+    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, RawRosout, Switch, TreePath, off,
 };
 use crate::config::file::ros_names::check_topic;
-use crate::config::publishing::{Periodic, Publishing};
+use crate::config::publishing::{Periodic, Publishing, Rosout};
 use crate::engine::model::StageModel;
 use crate::engine::model::countermeasure::{Request, Rule};
 use crate::engine::model::output::{Output, Publication};
@@ -54,7 +54,12 @@ pub(in crate::config) fn publishing(
     }
     let found = Publishing {
         diagnostics_agg: aggregated(&raw.diagnostics_agg, default.diagnostics_agg, log),
+        tree_path: match &raw.diagnostics_agg {
+            Some(Switch::On(RawAggregated { path: Some(TreePath(path)), .. })) => Some(path.as_str().into()),
+            _ => None,
+        },
         toplevel_state: aggregated(&raw.toplevel_state, default.toplevel_state, log),
+        rosout: rosout(&raw.rosout, default.rosout, log),
         initialpose: once(&raw.initialpose, default.initialpose, full.initialpose, log),
         stage: once(&raw.stage, default.stage, full.stage, log),
         clearance: once(&raw.clearance, default.clearance, full.clearance, log),
@@ -110,9 +115,20 @@ fn aggregated(
     match raw {
         None => default,
         Some(Switch::Off(_)) => None,
-        Some(Switch::On(RawAggregated { periodic, beside_others })) => default.map(|default| {
+        Some(Switch::On(RawAggregated { periodic, beside_others, path: _ })) => default.map(|default| {
             let beside_others = beside_others.unwrap_or(default.beside_others);
             Periodic { beside_others, ..periodic.over(default, log) }
+        }),
+    }
+}
+
+fn rosout(raw: &Option<Switch<RawRosout>>, default: Option<Rosout>, log: &mut Log) -> Option<Rosout> {
+    match raw {
+        None => default,
+        Some(Switch::Off(_)) => None,
+        Some(Switch::On(raw)) => default.map(|default| Rosout {
+            topic: topic(raw.topic.as_ref(), log).unwrap_or(default.topic),
+            level: raw.level.unwrap_or(default.level),
         }),
     }
 }
@@ -149,7 +165,12 @@ fn place(raw: Option<&RawPublishing>, publication: Publication) -> Option<Span> 
         raw.periodic.topic.as_ref().map(|topic| topic.span)
     }
     let raw = raw?;
+    let rosout = || match &raw.rosout {
+        Some(Switch::On(raw)) => raw.topic.as_ref().map(|topic| topic.span),
+        _ => None,
+    };
     let topic = match publication {
+        Publication::Rosout => rosout(),
         Publication::DiagnosticsAgg => aggregated(&raw.diagnostics_agg),
         Publication::TopLevelState => aggregated(&raw.toplevel_state),
         Publication::Vehicle(Output::Pose) => once(&raw.initialpose),

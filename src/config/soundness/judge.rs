@@ -197,7 +197,8 @@ impl<'m> Judge<'m> {
             own.add(state);
             shown.add(rules::shown(facts.relevant, facts.blocked, state));
         }
-        let alone = nobody.then_some(State::Unknown);
+        let may_be_empty = self.model.groups[id.0 as usize].may_be_empty;
+        let alone = nobody.then_some(if may_be_empty { State::Ok } else { State::Unknown });
         let combine = match self.model.groups[id.0 as usize].combine {
             Combine::Any if !self.pessimistic => Combine::Any,
             Combine::Any | Combine::Worst => Combine::Worst,

@@ -110,7 +110,7 @@ fn filters_can_take_something() {
         &filters("{ zzzz: x }"),
         &[
             "1:60: a filter needs one of `name`, `namespace`, `contains`, `regex` (write one filter for each: `- { namespace: /sensors }`)",
-            "1:62: unknown key `zzzz` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout, writers)",
+            "1:62: unknown key `zzzz` in a filter (known here: name, namespace, contains, regex, except, prefix, expected, forget_after, stale, timeout, writers)",
         ],
     );
     check(&filters("{ contains: '' }"), &["1:72: expected a text, found nothing (write a value)"]);
@@ -242,22 +242,22 @@ fn a_signal_is_any_field_of_any_type() {
 #[test]
 fn what_is_forgotten_was_silent_before() {
     check(
-        "groups:\n  - { id: a, match: [{ name: n, timeout: 5s, forget_after: 5s }, { contains: c, forget_after: 1s }] }\n",
+        "groups:\n  - { id: a, match: [{ name: n, timeout: 5s, forget_after: 4s }, { contains: c, forget_after: 1s }] }\n",
         &[
-            "2:60: it would be forgotten before it counts as silent (write a duration above its `timeout`, which is 5s)",
-            "2:95: it would be forgotten before it counts as silent (write a duration above its `timeout`, which is 2s)",
+            "2:60: it would be forgotten before it counts as silent (write a duration that is not below its `timeout`, which is 5s)",
+            "2:95: it would be forgotten before it counts as silent (write a duration that is not below its `timeout`, which is 2s)",
         ],
     );
     check(
         "defaults: { timeout: 2s, forget_after: 1s }\ngroups: [{ id: a, match: [{ name: n }] }]\n",
         &[
-            "1:40: it would be forgotten before it counts as silent (write a duration above its `timeout`, which is 2s)",
+            "1:40: it would be forgotten before it counts as silent (write a duration that is not below its `timeout`, which is 2s)",
         ],
     );
     check(
         "defaults: { forget_after: 1m }\ngroups: [{ id: a, match: [{ name: n, timeout: 2m }] }]\n",
         &[
-            "2:47: it would be forgotten before it counts as silent (add a `forget_after` above it here, or write a duration below that of `defaults`, which is 1m)",
+            "2:47: it would be forgotten before it counts as silent (add a `forget_after` here that is not below it, or write a duration up to that of `defaults`, which is 1m)",
         ],
     );
     check(
@@ -267,7 +267,7 @@ fn what_is_forgotten_was_silent_before() {
     check(
         "groups:\n  - { id: a, match: [{ name: n, latch: 1s }] }\n",
         &[
-            "2:33: unknown key `latch` in a filter (known here: name, namespace, contains, regex, forget_after, stale, timeout, writers)",
+            "2:33: unknown key `latch` in a filter (known here: name, namespace, contains, regex, except, prefix, expected, forget_after, stale, timeout, writers)",
         ],
     );
     check_beside_group(
@@ -381,4 +381,65 @@ fn who_may_say_a_status_is_named_as_ros_names_it() {
     let loaded = parse("c", &module("status: s, writers: [/a, /b/c]")).unwrap();
     let writers = loaded.model.modules[0].policy.writers.as_ref().unwrap();
     assert_eq!(writers.iter().map(|name| &**name).collect::<Vec<_>>(), ["/a", "/b/c"]);
+}
+
+#[test]
+fn what_a_group_expects_leaves_and_shortens_is_checked() {
+    let filters = |filters: &str| {
+        format!("groups: [{{ id: a, modules: [{{ id: m, status: s }}], match: [{filters}] }}]\n")
+    };
+    check(&filters("{ contains: x, except: [{ name: xy }], prefix: [x, y], expected: [xz, q] }"), &[]);
+    check(&filters("{ expected: [q], timeout: 9s }, { contains: q, prefix: q }"), &[]);
+    check(
+        &filters("{ contains: x, expected: [s] }, { expected: [q, q] }"),
+        &[
+            "1:86: `s` is expected in this group already (name it once)",
+            "1:108: `q` is expected in this group already (name it once)",
+        ],
+    );
+    check(
+        &filters("{ contains: xy, except: [{ contains: x }] }"),
+        &["1:60: this filter takes nothing that its `except` leaves (remove one of the two)"],
+    );
+    // What an entry leaves, a later one may take.
+    check(&filters("{ contains: x, except: [{ contains: y }] }, { contains: xy }"), &[]);
+    check(
+        &filters("{ contains: x, except: [{ startswith: y }] }"),
+        &[
+            "1:86: there is no filter `startswith` (write `namespace: y` for names that begin with it up to a `/` or `:`, or `regex: 'y.*'` for any)",
+        ],
+    );
+    check(
+        &filters("{ prefix: /x }"),
+        &[
+            "1:62: there is no filter `prefix` (write `namespace: /x` for names that begin with it up to a `/` or `:`, or `regex: '/x.*'` for any)",
+        ],
+    );
+    check(
+        "groups: [{ id: a, empty: error, count: x, modules: [{ id: m, status: s, warning_as: unknown }] }]\n",
+        &[
+            "1:26: unknown state of an empty group `error` (one of: ok, unknown)",
+            "1:40: expected a whole number, found `x` (write digits only, for example `12`)",
+            "1:85: unknown way to count a warning `unknown` (one of: ok, error)",
+        ],
+    );
+    check(
+        "groups: [{ id: a, count: 0, match: [{ name: x }] }]\n",
+        &["1:26: 0 is not between 1 and 100000 (write `empty: ok` where there need be none)"],
+    );
+    check(
+        "groups: [{ id: a, modules: [{ id: m, monitor: { constant: { state: ignore } } }, { id: n, monitor: { constant: {} } }] }]\n",
+        &[
+            "1:68: unknown state `ignore` (one of: ok, warning, error, unknown)",
+            "1:112: a constant monitor needs `state` (add `state: ok`)",
+        ],
+    );
+    check_beside_group(
+        "other: { show: all, state: ok, except: [{ name: x }, { regex: '(' }] }\n",
+        &[
+            "2:16: unknown way to treat other statuses `all` (one of: hidden, shown, counted)",
+            "2:28: unknown state of other statuses `ok` (one of: error)",
+            "2:64: this is no regular expression: unclosed group (see character 1 of the expression)",
+        ],
+    );
 }

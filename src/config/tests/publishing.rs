@@ -1,14 +1,15 @@
 //! Tests of publications, and of folders with message definitions.
 
 use super::*;
-use crate::config::publishing::{Periodic, Publishing};
+use crate::config::publishing::{Periodic, Publishing, Rosout};
+use crate::engine::model::output::LogLevel;
 
 #[test]
 fn names_and_rates_can_be_chosen() {
     let loaded = parse("c", GROUP).unwrap();
     assert_eq!(loaded.publishing, Publishing::default());
     let text = format!(
-        "{GROUP}publish: {{ diagnostics_agg: {{ rate: 2 Hz, beside_others: true }}, toplevel_state: false, initialpose: {{ topic: /pose }}, deceleration_request: {{ topic: /slow, rate: 10 }} }}\n"
+        "{GROUP}publish: {{ diagnostics_agg: {{ rate: 2 Hz, beside_others: true }}, rosout: {{ level: error }}, toplevel_state: false, initialpose: {{ topic: /pose }}, deceleration_request: {{ topic: /slow, rate: 10 }} }}\n"
     );
     let loaded = parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
     let periodic = |topic: &str, millis, beside_others| {
@@ -17,6 +18,7 @@ fn names_and_rates_can_be_chosen() {
     let expected = Publishing {
         diagnostics_agg: periodic("/diagnostics_agg", 500, true),
         toplevel_state: None,
+        rosout: Some(Rosout { topic: "/rosout".into(), level: LogLevel::Error }),
         initialpose: Some("/pose".into()),
         deceleration_request: periodic("/slow", 100, false),
         ..Publishing::default()

@@ -53,6 +53,8 @@ pub(in crate::engine) struct Net {
     /// The policies of the declared modules.
     policies: Policies,
     built_in_policy: Policy,
+    /// Some report counts as another state than the reported one.
+    recounts: bool,
     queue: BinaryHeap<Reverse<(u32, Visit)>>,
     /// The number of modules that were discovered so far.
     pub(in crate::engine) arrivals: u64,
@@ -81,6 +83,7 @@ impl Net {
             locked: true,
             own_errors: 0,
             built_in_policy: system::policy(),
+            recounts: model.recounts(),
             policies: Policies::of(&model),
             queue: BinaryHeap::new(),
             arrivals: 0,
@@ -109,12 +112,18 @@ impl Net {
 
     /// Takes a report of a module. Returns whether its own state may have changed.
     pub(in crate::engine) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
+        let state = self.counted(id, state);
         if self.modules[id.0 as usize].own.repeats(state, now) {
             return false;
         }
         let policy = self.policy(id).clone();
         self.modules[id.0 as usize].own.report(state, &policy, now);
         true
+    }
+
+    /// The state as which a report of the module counts.
+    pub(in crate::engine) fn counted(&self, id: ModuleId, reported: State) -> State {
+        if self.recounts { self.policy(id).counts_as.of(reported) } else { reported }
     }
 
     pub(in crate::engine) fn node(&self, id: NodeId) -> &Node {
@@ -330,10 +339,12 @@ impl Net {
         self.graces.extend(grace_until.map(|until| (id, until)));
         let group = &mut self.groups[id.0 as usize];
         group.dirty_leave = false;
-        let combine = self.model.groups.get(id.0 as usize).map_or(Combine::Worst, |group| group.combine);
+        let spec = self.model.groups.get(id.0 as usize);
+        let combine = spec.map_or(Combine::Worst, |group| group.combine);
         // If `other` is a tile, an empty `other` is OK: every status is configured.
         let is_other_tile = id.0 as usize == self.model.groups.len() && !group.aside;
-        let alone = if is_other_tile { State::Ok } else { State::Unknown };
+        let may_be_empty = is_other_tile || spec.is_some_and(|group| group.may_be_empty);
+        let alone = if may_be_empty { State::Ok } else { State::Unknown };
         let alone = group.members.is_empty().then_some(alone);
         let facts = group.node.facts;
         // Dropped names raise OK to WARNING, in a relevant group only: an ignored group with WARNING would be

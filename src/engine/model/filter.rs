@@ -1,8 +1,12 @@
 //! Filters: which received statuses belong to a group (paper, Sec. IV-A).
 
+use std::sync::Arc;
+
 use regex::Regex;
 
-/// One entry of a group's `match` list.
+use super::Policy;
+
+/// Which names are meant.
 #[derive(Debug, Clone)]
 pub enum Filter {
     /// The exact name.
@@ -55,6 +59,42 @@ impl PartialEq for Filter {
             (Filter::Name(_) | Filter::Namespace(_) | Filter::Contains(_) | Filter::Regex(_), _) => false,
         }
     }
+}
+
+/// One entry of a group's `match` list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Match {
+    pub filter: Filter,
+    /// Names that the filter matches and does not take.
+    pub except: Vec<Filter>,
+    /// Left out at the beginning of the names that people read.
+    pub prefixes: Prefixes,
+    /// The policy of the modules that it claims; `None`: [`Parts::discovered`](super::Parts::discovered).
+    pub policy: Option<Policy>,
+}
+
+impl Match {
+    pub fn takes(&self, name: &str) -> bool {
+        self.filter.matches(name) && !self.except.iter().any(|filter| filter.matches(name))
+    }
+}
+
+impl From<Filter> for Match {
+    fn from(filter: Filter) -> Match {
+        Match { filter, except: Vec::new(), prefixes: Prefixes::default(), policy: None }
+    }
+}
+
+/// Beginnings of status names, in the order in which they are left out.
+pub type Prefixes = Arc<[Box<str>]>;
+
+/// What holds for the statuses that no group claims, beside [`Other`](super::Other).
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Unclaimed {
+    /// `None`: [`Parts::discovered`](super::Parts::discovered).
+    pub policy: Option<Policy>,
+    /// Statuses that are dropped.
+    pub except: Vec<Filter>,
 }
 
 #[cfg(test)]

@@ -19,7 +19,10 @@ impl Model {
 
     fn memory_of(&self, spec: &MonitorSpec) -> Span {
         match spec {
-            MonitorSpec::External { .. } | MonitorSpec::Value { .. } => Span::ZERO,
+            MonitorSpec::External { .. }
+            | MonitorSpec::Value { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. } => Span::ZERO,
             MonitorSpec::Frequency { window, .. }
             | MonitorSpec::Latency { window, .. }
             | MonitorSpec::RateRatio { window, .. } => *window,

@@ -8,24 +8,26 @@ pub mod monitors;
 pub mod motion;
 pub mod order;
 pub mod output;
+mod policy;
 pub mod quantity;
 pub mod sample;
+pub mod service;
 pub mod wording;
 
 use super::text::Text;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use super::state::State;
 use super::time::Span;
 use countermeasure::Rule;
-use filter::Filter;
+pub use filter::{Match, Prefixes, Unclaimed};
 use monitors::Watched;
 pub use monitors::{ModuleMonitor, MonitorSpec};
 pub use motion::Stop;
 use motion::{SpeedSource, WatchedField};
 use order::{Cycle, Order, Visit};
 use output::Output;
+pub use policy::{CountsAs, Policy};
 use wording::{Advice, Wording};
 
 /// Index of a group in [`Parts::groups`]. Parents stand before their children.
@@ -201,22 +203,10 @@ pub struct GroupSpec {
     pub depends_on: Vec<Dependency>,
     /// Statuses that match any of these become modules of this group.
     pub filters: Vec<Match>,
+    /// Without members it is OK, not UNKNOWN.
+    pub may_be_empty: bool,
     /// Column and row of the tile on the operator's page, counted from 1; without it the page places the tile.
     pub tile: Option<(u8, u8)>,
-}
-
-/// One entry of a group's `match` list.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Match {
-    pub filter: Filter,
-    /// The policy of the modules that it claims; `None`: [`Parts::discovered`].
-    pub policy: Option<Policy>,
-}
-
-impl From<Filter> for Match {
-    fn from(filter: Filter) -> Match {
-        Match { filter, policy: None }
-    }
 }
 
 /// The treatment of statuses that no group claims: the group `other`.
@@ -247,42 +237,6 @@ impl Other {
 /// Full names of ROS 2 nodes, `/ns/name`.
 pub type NodeNames = Arc<[Arc<str>]>;
 
-/// How a module's reports become its own state.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub struct Policy {
-    /// Silence longer than this makes the module stale.
-    pub timeout: Span,
-    /// The state of a silent module: UNKNOWN, WARNING or ERROR.
-    pub stale: State,
-    /// The state rises to the best that was reported within this time.
-    pub raise_after: Span,
-    /// The state falls to the worst that was reported within this time.
-    pub clear_after: Span,
-    /// An ERROR that lasted this long stays until it is reset.
-    pub latch: Option<Span>,
-    /// After this long without a report, the last report no longer counts. A discovered module leaves then.
-    pub forget_after: Option<Span>,
-    /// The state while nobody publishes a topic that the module watches: UNKNOWN or ERROR.
-    pub no_publisher: State,
-    /// Full names of the nodes whose reports count; `None`: all.
-    pub writers: Option<NodeNames>,
-}
-
-impl Default for Policy {
-    fn default() -> Policy {
-        Policy {
-            timeout: Span::from_secs(2),
-            stale: State::Unknown,
-            raise_after: Span::ZERO,
-            clear_after: Span::ZERO,
-            latch: None,
-            forget_after: None,
-            no_publisher: State::Unknown,
-            writers: None,
-        }
-    }
-}
-
 #[derive(Debug, Clone, PartialEq)]
 pub struct ModuleSpec {
     /// `group/module`, with the whole path of the group.
@@ -296,6 +250,15 @@ pub struct ModuleSpec {
     pub when: Option<Box<When>>,
     pub depends_on: Vec<Dependency>,
     pub monitor: ModuleMonitor,
+    /// For a status that is expected in a group's `match`: filters of other groups take it too.
+    pub expected: Option<Expected>,
+}
+
+/// A module that is there before its status, because the configuration expects it.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Expected {
+    /// Left out at the beginning of the name that people read.
+    pub prefixes: Prefixes,
 }
 
 /// Bounds on all inputs.
@@ -341,6 +304,7 @@ pub struct Parts {
     /// The policy of discovered modules.
     pub discovered: Policy,
     pub other: Other,
+    pub unclaimed: Unclaimed,
     pub limits: Limits,
     /// The density of the vehicle's display, in dots per inch.
     pub display_dpi: u32,
@@ -360,6 +324,7 @@ impl Parts {
             driving: Driving::default(),
             discovered: Policy::default(),
             other: Other::default(),
+            unclaimed: Unclaimed::default(),
             limits: Limits::default(),
             display_dpi: DISPLAY_DPI,
         }
@@ -419,6 +384,15 @@ impl Model {
         let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
         let of_modules = self.modules.iter().map(|module| &module.policy);
         of_modules.chain(of_filters).any(|policy| policy.writers.is_some())
+    }
+
+    /// Whether a report of some module counts as another state than the reported one.
+    pub(super) fn recounts(&self) -> bool {
+        let filters = self.groups.iter().flat_map(|group| &group.filters);
+        let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
+        let of_modules = self.modules.iter().map(|module| &module.policy);
+        let all = of_modules.chain(of_filters).chain(&self.unclaimed.policy);
+        all.into_iter().any(|policy| policy.counts_as != CountsAs::Reported)
     }
 
     /// All visits in an order in which each comes after everything that it depends on.

@@ -5,6 +5,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::sample::FieldValue;
+use crate::engine::state::State;
 use crate::engine::time::Span;
 
 /// Index of a topic in [`Watched::topics`].
@@ -279,6 +280,16 @@ pub enum MonitorSpec {
         motion_over: Option<Span>,
         rule: AgreementRule,
     },
+    /// Always this state.
+    Constant {
+        state: State,
+    },
+    /// The number of modules in its group, beside itself.
+    Count {
+        wanted: u32,
+        /// The state while there is none.
+        none: State,
+    },
     Expression {
         /// By the names that the conditions use.
         inputs: Vec<(Box<str>, ValueSource)>,
@@ -325,6 +336,8 @@ impl MonitorSpec {
             | MonitorSpec::RateRatio { .. }
             | MonitorSpec::Sequence { .. }
             | MonitorSpec::Agreement { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. }
             | MonitorSpec::Expression { .. } => None,
         }
     }

@@ -21,13 +21,16 @@ pub enum Publication {
     DiagnosticsAgg,
     /// The state of the whole vehicle.
     TopLevelState,
+    /// Warnings and errors, and root causes, as lines of the ROS 2 log.
+    Rosout,
     Vehicle(Output),
 }
 
 impl Publication {
-    pub const ALL: [Publication; 7] = [
+    pub const ALL: [Publication; 8] = [
         Publication::DiagnosticsAgg,
         Publication::TopLevelState,
+        Publication::Rosout,
         Publication::Vehicle(Output::Pose),
         Publication::Vehicle(Output::Stage),
         Publication::Vehicle(Output::Clearance),
@@ -40,11 +43,32 @@ impl Publication {
         match self {
             Publication::DiagnosticsAgg => "diagnostics_agg",
             Publication::TopLevelState => "toplevel_state",
+            Publication::Rosout => "rosout",
             Publication::Vehicle(Output::Pose) => "initialpose",
             Publication::Vehicle(Output::Stage) => "stage",
             Publication::Vehicle(Output::Clearance) => "clearance",
             Publication::Vehicle(Output::Deceleration) => "deceleration_request",
             Publication::Vehicle(Output::ManeuverStop) => "maneuver_stop_request",
+        }
+    }
+}
+
+/// The least severity of the published lines of the log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum LogLevel {
+    #[default]
+    Warning,
+    Error,
+}
+
+impl LogLevel {
+    pub const ALL: [LogLevel; 2] = [LogLevel::Warning, LogLevel::Error];
+
+    /// Its word in the configuration.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            LogLevel::Warning => "warning",
+            LogLevel::Error => "error",
         }
     }
 }

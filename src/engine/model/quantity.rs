@@ -52,6 +52,8 @@ impl Quantity {
             | MonitorSpec::Watchdog { .. }
             | MonitorSpec::RateRatio { .. }
             | MonitorSpec::Agreement { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. }
             | MonitorSpec::Expression { .. } => None,
         }
     }

@@ -2,7 +2,7 @@
 
 pub(in crate::engine) mod kept;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::writers::WriterReports;
@@ -68,11 +68,14 @@ impl Route {
 /// this in total, and at least enough for some long names.
 pub(super) const NAME_BYTES: usize = 256;
 const NAMES_BYTES_MIN: usize = 64 << 10;
+/// Remembered names that the configuration drops.
+const DROPPED_MAX: usize = 4096;
 
 /// All names that feed a module. Declared names are here from the start.
 #[derive(Debug, Clone)]
 pub(in crate::engine) struct Names {
-    index: HashMap<Arc<str>, u32>,
+    /// Shared with copies of the engine until a name comes or goes.
+    index: Arc<HashMap<Arc<str>, u32>>,
     pub(in crate::engine) routes: Vec<Route>,
     /// Routes of forgotten names.
     free: Vec<u32>,
@@ -82,6 +85,8 @@ pub(in crate::engine) struct Names {
     discovered_max: usize,
     /// The bytes of the names of discovered modules, each module with its own copy.
     bytes: usize,
+    /// Names that the configuration drops, as far as they were remembered.
+    dropped: HashSet<Arc<str>>,
 }
 
 /// The groups of a new name.
@@ -99,20 +104,50 @@ impl Names {
     pub(in crate::engine) fn new(model: &Model) -> Names {
         let declared = model.modules.iter().filter(|module| module.monitor.status().is_some()).count();
         let mut names = Names {
-            index: HashMap::with_capacity(declared),
+            index: Arc::new(HashMap::with_capacity(declared)),
             routes: Vec::with_capacity(declared),
             free: Vec::new(),
             seen: 0,
             of_module: HashMap::new(),
             discovered_max: model.limits.discovered_modules,
             bytes: 0,
+            dropped: HashSet::new(),
         };
         for (index, module) in model.modules.iter().enumerate() {
             if let Some(status) = module.monitor.status() {
                 names.feed(status.clone(), ModuleId(index as u32));
             }
         }
+        // Filters take what is only expected; they take nothing that is declared.
+        let statuses = |expected: bool| {
+            let modules = model.modules.iter().filter(move |it| it.expected.is_some() == expected);
+            modules.filter_map(|module| module.monitor.status())
+        };
+        for (lacking, status) in
+            statuses(true).map(|status| (true, status)).chain(statuses(false).map(|status| (false, status)))
+        {
+            if let Some(route) = names.find(status) {
+                names.set_lacking(route, lacking);
+            }
+        }
         names
+    }
+
+    /// Whether this name is remembered as one that the configuration drops.
+    pub(in crate::engine) fn is_dropped(&self, name: &str) -> bool {
+        !self.dropped.is_empty() && self.dropped.contains(name)
+    }
+
+    /// Remembers a name that the configuration drops, as long as there is room; it is matched again otherwise.
+    pub(in crate::engine) fn drop_name(&mut self, name: &str) {
+        if self.dropped.len() < DROPPED_MAX && name.len() <= NAME_BYTES {
+            self.dropped.insert(name.into());
+        }
+    }
+
+    /// Whether some group that claims the name may have no module of it.
+    pub(in crate::engine) fn is_lacking(&self, route: u32) -> bool {
+        self.routes[route as usize].lacking
     }
 
     pub(in crate::engine) fn find(&self, name: &str) -> Option<u32> {
@@ -145,7 +180,7 @@ impl Names {
 
     /// Continues the writers of each name from before a reload.
     pub(in crate::engine) fn keep_writer_reports(&mut self, old: &Names) {
-        for (name, &route) in &self.index {
+        for (name, &route) in &*self.index {
             if let Some(before) = old.find(name) {
                 self.routes[route as usize].writer_reports =
                     old.routes[before as usize].writer_reports.clone();
@@ -153,14 +188,14 @@ impl Names {
         }
     }
 
-    /// The groups that claim a name, whether there is room or not.
+    /// The groups that claim a name, whether there is room or not; none if the configuration drops it.
     pub(in crate::engine) fn wanted(model: &Model, name: &str, other: GroupId) -> Vec<NewModule> {
         let matching = model.groups.iter().zip(0..).filter_map(|(group, index)| {
-            let filter = group.filters.iter().position(|entry| entry.filter.matches(name))?;
+            let filter = group.filters.iter().position(|entry| entry.takes(name))?;
             Some(NewModule { group: GroupId(index), filter: Some(filter as u32) })
         });
         let mut places: Vec<NewModule> = matching.collect();
-        if places.is_empty() {
+        if places.is_empty() && !model.unclaimed.except.iter().any(|filter| filter.matches(name)) {
             places.push(NewModule::of(other));
         }
         places
@@ -206,7 +241,7 @@ impl Names {
             return;
         }
         if route.more.is_empty() {
-            self.index.remove(&route.name);
+            Arc::make_mut(&mut self.index).remove(&route.name);
             route.name = Arc::default();
             self.free.push(index);
         } else {
@@ -257,7 +292,7 @@ impl Names {
                 self.routes.len() as u32 - 1
             }
         };
-        self.index.insert(name, route);
+        Arc::make_mut(&mut self.index).insert(name, route);
         route
     }
 }

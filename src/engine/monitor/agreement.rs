@@ -15,6 +15,20 @@ use crate::engine::text::say;
 use crate::engine::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
+/// The limits of the two values of poses, each named after its value.
+const TRANSLATION_LIMITS: [&str; 4] = [
+    "translation_m_warning_below",
+    "translation_m_error_below",
+    "translation_m_warning_above",
+    "translation_m_error_above",
+];
+const ROTATION_LIMITS: [&str; 4] = [
+    "rotation_deg_warning_below",
+    "rotation_deg_error_below",
+    "rotation_deg_warning_above",
+    "rotation_deg_error_above",
+];
+
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Agreement {
     inputs: Inputs,
@@ -176,7 +190,9 @@ impl Agreement {
             shift = translation.say(metres, "m".into()),
             turn = rotation_deg.say(degrees, say!("deg", "Grad"))
         );
-        Words { message, values: vec![("translation_m", number(metres)), ("rotation_deg", number(degrees))] }
+        let measured = [("translation_m", number(metres)), ("rotation_deg", number(degrees))];
+        let limits = translation.limits(TRANSLATION_LIMITS).chain(rotation_deg.limits(ROTATION_LIMITS));
+        Words { message, values: measured.into_iter().chain(limits).collect() }
     }
 
     fn difference(&self, now: Timestamp) -> Result<Difference<'_>, NotComparable> {

@@ -1,5 +1,7 @@
 //! Passes messages, probe results and KeyValues to the monitors that watch them.
 
+mod conditions;
+mod counts;
 pub(in crate::engine) mod kept;
 mod keys;
 mod topic_fault;
@@ -29,6 +31,8 @@ pub(in crate::engine) struct Watching {
     /// Each probe with its monitors.
     probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
     statuses: HashMap<Arc<str>, WatchedStatus>,
+    /// The modules that count the members of their group, each with its monitor.
+    counts: Vec<(ModuleId, u32)>,
     /// Names of the present array, kept to save allocations.
     touched: Vec<Arc<str>>,
     /// Monitors to judge, kept to save allocations.
@@ -168,7 +172,11 @@ impl Watching {
         for (index, module) in model.modules.iter().enumerate() {
             let spec = module.monitor.other();
             if let Some((spec, monitor)) = spec.and_then(|it| Some((it, Monitor::new(it, &model.watched)?))) {
-                watching.of_module[index] = Some(watching.watches.len() as u32);
+                let (id, watch) = (ModuleId(index as u32), watching.watches.len() as u32);
+                watching.of_module[index] = Some(watch);
+                if matches!(spec, MonitorSpec::Count { .. }) {
+                    watching.counts.push((id, watch));
+                }
                 watching.add(Purpose::Module(ModuleId(index as u32)), spec, monitor);
             }
         }
@@ -205,7 +213,7 @@ impl Watching {
             self.topics[topic.0 as usize].readers.push(FieldWatcher { watch, slot, field });
             topics.push(topic);
         }
-        let mut from_dds = true;
+        let mut from_dds = !matches!(spec, MonitorSpec::Constant { .. } | MonitorSpec::Count { .. });
         if let MonitorSpec::Watchdog { watchdog, .. } = spec {
             let (spec, readers) = &mut self.probes[watchdog.0 as usize];
             from_dds = spec.target.asks_dds();
@@ -381,16 +389,6 @@ impl Watching {
             State::Unknown | State::Warning | State::Ignore => return None,
         };
         Some(SignalSample { is, at: expression.oldest()? })
-    }
-
-    /// Continues the inputs of a condition with the same meaning from before a reload.
-    pub(in crate::engine) fn keep_condition(&mut self, signal: usize, old: &Watching, before: usize) {
-        let of = |signal| move |watch: &&Watch| watch.purpose == Purpose::Signal(signal);
-        let Some(before) = old.watches.iter().find(of(before)) else { return };
-        let of = |watch: &&mut Watch| watch.purpose == Purpose::Signal(signal);
-        if let Some(watch) = self.watches.iter_mut().find(of) {
-            watch.monitor = before.monitor.clone();
-        }
     }
 
     pub(in crate::engine) fn by_the_clock(&self, index: u32) -> bool {

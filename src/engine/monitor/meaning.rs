@@ -59,6 +59,8 @@ impl MonitorSpec {
             MonitorSpec::RateRatio { .. } => "rate_ratio",
             MonitorSpec::Sequence { .. } => "sequence",
             MonitorSpec::Agreement { .. } => "agreement",
+            MonitorSpec::Constant { .. } => "constant",
+            MonitorSpec::Count { .. } => "count",
             MonitorSpec::Expression { .. } => "expression",
         }
     }
@@ -66,10 +68,11 @@ impl MonitorSpec {
     /// Its class in the paper's classification.
     pub fn class(&self) -> Class {
         match self {
-            MonitorSpec::Value { .. } => SELF_STATE,
-            MonitorSpec::Frequency { .. } | MonitorSpec::Latency { .. } | MonitorSpec::Watchdog { .. } => {
-                class("isolated", "meta", None)
-            }
+            MonitorSpec::Value { .. } | MonitorSpec::Constant { .. } => SELF_STATE,
+            MonitorSpec::Frequency { .. }
+            | MonitorSpec::Latency { .. }
+            | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::Count { .. } => class("isolated", "meta", None),
             MonitorSpec::RateRatio { .. } => class("contextual", "meta", Some("sequential")),
             MonitorSpec::Sequence { .. } => class("contextual", "content", Some("sequential")),
             MonitorSpec::Agreement { .. } => class("contextual", "content", Some("parallel")),
@@ -80,9 +83,11 @@ impl MonitorSpec {
     /// Whether the monitor itself judges silence, so that the module's timeout has no effect.
     pub fn by_the_clock(&self) -> bool {
         match self {
-            MonitorSpec::Frequency { .. } | MonitorSpec::RateRatio { .. } | MonitorSpec::Watchdog { .. } => {
-                true
-            }
+            MonitorSpec::Frequency { .. }
+            | MonitorSpec::RateRatio { .. }
+            | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. } => true,
             MonitorSpec::External { .. }
             | MonitorSpec::Latency { .. }
             | MonitorSpec::Value { .. }
@@ -116,7 +121,7 @@ impl MonitorSpec {
         let mut probe = None;
         let mut values: Vec<&mut ValueSource> = Vec::new();
         match &mut bare {
-            MonitorSpec::External { .. } => {}
+            MonitorSpec::External { .. } | MonitorSpec::Constant { .. } | MonitorSpec::Count { .. } => {}
             MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => name_topic(topic),
             MonitorSpec::RateRatio { input, output, .. } => {
                 name_topic(input);

@@ -2,6 +2,7 @@
 //! takes inputs with their times, judges them, and tells when time alone will change its judgement.
 
 mod agreement;
+mod count;
 mod expression;
 pub(super) mod feeds;
 mod frequency;
@@ -23,6 +24,7 @@ use super::model::monitors::{MonitorSpec, TopicId, ValueSource, Watched};
 use crate::engine::files::KeyframeError;
 use crate::engine::text::say;
 use agreement::Agreement;
+use count::Count;
 use expression::Expression;
 use frequency::Frequency;
 use inputs::Inputs;
@@ -59,7 +61,10 @@ pub(super) enum Feed<'a> {
 /// The sources of a monitor, by slot. A watchdog has none.
 pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
     match spec {
-        MonitorSpec::External { .. } | MonitorSpec::Watchdog { .. } => Vec::new(),
+        MonitorSpec::External { .. }
+        | MonitorSpec::Watchdog { .. }
+        | MonitorSpec::Constant { .. }
+        | MonitorSpec::Count { .. } => Vec::new(),
         MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => {
             vec![Feed::Messages(*topic)]
         }
@@ -88,6 +93,8 @@ pub(super) enum Monitor {
     RateRatio(RateRatio),
     Sequence(Sequence),
     Agreement(Box<Agreement>),
+    Constant(State),
+    Count(Count),
     Expression(Box<Expression>),
 }
 
@@ -97,6 +104,8 @@ impl Monitor {
         let one = |source, max_age| Inputs::new([("".into(), source)].into_iter(), watched, max_age);
         Some(match spec {
             MonitorSpec::External { .. } => return None,
+            MonitorSpec::Constant { state } => Monitor::Constant(*state),
+            MonitorSpec::Count { wanted, none } => Monitor::Count(Count::new(*wanted, *none)),
             MonitorSpec::Frequency { window, bands, .. } => {
                 Monitor::Frequency(Frequency::new(*window, *bands))
             }
@@ -145,6 +154,11 @@ impl Monitor {
             (Monitor::Sequence(monitor), Monitor::Sequence(kept)) => monitor.resume(kept),
             (Monitor::Agreement(monitor), Monitor::Agreement(kept)) => monitor.resume(*kept),
             (Monitor::Expression(monitor), Monitor::Expression(kept)) => monitor.resume(*kept),
+            (Monitor::Constant(_), Monitor::Constant(_)) => Ok(()),
+            (Monitor::Count(monitor), Monitor::Count(kept)) => {
+                monitor.resume(kept);
+                Ok(())
+            }
             _ => Err(KeyframeError::new("the configuration has a monitor of another kind")),
         }
     }
@@ -159,6 +173,8 @@ impl Monitor {
             | Monitor::Watchdog(_)
             | Monitor::RateRatio(_)
             | Monitor::Sequence(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_)
             | Monitor::Agreement(_) => false,
         }
     }
@@ -173,6 +189,8 @@ impl Monitor {
             | Monitor::Value(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_)
             | Monitor::Expression(_) => {}
         }
     }
@@ -187,6 +205,8 @@ impl Monitor {
             | Monitor::Watchdog(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_)
             | Monitor::Expression(_) => {}
         }
     }
@@ -201,6 +221,8 @@ impl Monitor {
             | Monitor::Watchdog(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_)
             | Monitor::Expression(_) => false,
         }
     }
@@ -216,6 +238,8 @@ impl Monitor {
             | Monitor::Watchdog(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_)
             | Monitor::Expression(_) => false,
         }
     }
@@ -238,6 +262,7 @@ impl Monitor {
                 Taken::Value(_) | Taken::Probe(_),
             )
             | (Monitor::Watchdog(_), Taken::Message(_) | Taken::Value(_))
+            | (Monitor::Constant(_) | Monitor::Count(_), _)
             | (
                 Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Agreement(_) | Monitor::Expression(_),
                 Taken::Message(_) | Taken::Probe(_),
@@ -255,6 +280,8 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.judge(now),
             Monitor::Sequence(monitor) => monitor.judge(),
             Monitor::Agreement(monitor) => monitor.judge(now),
+            Monitor::Constant(state) => Some(*state),
+            Monitor::Count(monitor) => Some(monitor.judge()),
             Monitor::Expression(monitor) => monitor.judge(now),
         }
     }
@@ -268,7 +295,7 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.due(now),
             Monitor::Agreement(monitor) => monitor.due(now),
             Monitor::Expression(monitor) => monitor.due(now),
-            Monitor::Value(_) | Monitor::Sequence(_) => None,
+            Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Constant(_) | Monitor::Count(_) => None,
         };
         due.filter(|&due| due > now)
     }
@@ -279,7 +306,7 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.moves(),
             Monitor::Latency(monitor) => monitor.moves(),
             Monitor::RateRatio(monitor) => monitor.moves(),
-            Monitor::Value(_) | Monitor::Sequence(_) => false,
+            Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Constant(_) | Monitor::Count(_) => false,
             Monitor::Watchdog(_) | Monitor::Agreement(_) | Monitor::Expression(_) => self.due(now).is_some(),
         }
     }
@@ -294,7 +321,9 @@ impl Monitor {
             | Monitor::Value(_)
             | Monitor::Watchdog(_)
             | Monitor::RateRatio(_)
-            | Monitor::Sequence(_) => false,
+            | Monitor::Sequence(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_) => false,
         }
     }
 
@@ -308,6 +337,10 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.words(now),
             Monitor::Sequence(monitor) => monitor.words(),
             Monitor::Agreement(monitor) => monitor.words(now),
+            Monitor::Constant(_) => {
+                Words::plain(say!("set by the configuration", "von der Konfiguration festgelegt"))
+            }
+            Monitor::Count(monitor) => monitor.words(),
             Monitor::Expression(monitor) => monitor.words(now),
         }
     }

@@ -105,14 +105,14 @@ impl Bands {
 
     /// The value and the limits by their names.
     pub(super) fn values(&self, name: &'static str, value: f64) -> Vec<(&'static str, String)> {
-        let limits = [
-            ("warning_below", self.warning_below),
-            ("error_below", self.error_below),
-            ("warning_above", self.warning_above),
-            ("error_above", self.error_above),
-        ];
-        let limits = limits.into_iter().filter_map(|(name, limit)| Some((name, number(limit?))));
+        let limits = self.limits(["warning_below", "error_below", "warning_above", "error_above"]);
         std::iter::once((name, number(value))).chain(limits).collect()
+    }
+
+    /// The limits by these names.
+    pub(super) fn limits(&self, names: [&'static str; 4]) -> impl Iterator<Item = (&'static str, String)> {
+        let limits = [self.warning_below, self.error_below, self.warning_above, self.error_above];
+        names.into_iter().zip(limits).filter_map(|(name, limit)| Some((name, number(limit?))))
     }
 }
 

@@ -82,7 +82,9 @@ impl Engine {
         for (name, modules) in old.names.in_order() {
             let modules: Vec<ModuleId> = modules.collect();
             let mut kinds = modules.iter().map(|id| old.net.modules[id.0 as usize].kind);
-            if kinds.any(|kind| kind == ModuleKind::Discovered) && self.names.find(name).is_none() {
+            if kinds.any(|kind| kind == ModuleKind::Discovered)
+                && self.names.find(name).is_none_or(|route| self.names.is_lacking(route))
+            {
                 self.discover_but(name, &self.groups_without(old, name, &modules));
             }
         }

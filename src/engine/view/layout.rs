@@ -5,14 +5,21 @@ use std::sync::Arc;
 use crate::engine::model::monitors::Class;
 use crate::engine::model::quantity::Quantity;
 use crate::engine::model::wording::Wording;
-use crate::engine::model::{GroupId, GroupSpec, Model, ModuleId, Other, StageModel};
+use crate::engine::model::{Combine, GroupId, GroupSpec, Model, ModuleId, ModuleSpec, Other, StageModel};
 use crate::engine::module::system::{BUILT_IN_GROUPS, OTHER_GROUP, SYSTEM_GROUP, SystemCheck};
 use crate::engine::snapshot::{GroupInfo, Layout, ModuleInfo};
 use crate::engine::text::Text;
+use crate::engine::view::ros_names::shortened;
 
 /// The class of a module that judges a received level.
 pub(in crate::engine) const SELF_STATE: Class =
     Class { location: "isolated", information: "content", flow: None };
+
+/// The name that people read of an expected status.
+fn shown(spec: &ModuleSpec) -> Option<Arc<str>> {
+    let status = spec.monitor.status()?;
+    shortened(status, &spec.expected.as_ref()?.prefixes).map(Arc::from)
+}
 
 pub(in crate::engine) fn layout(model: &Model) -> Layout {
     let info = |spec: &GroupSpec| GroupInfo {
@@ -24,6 +31,8 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
         depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
         tile: spec.tile,
         is_other: false,
+        is_any: spec.combine == Combine::Any,
+        may_be_empty: spec.may_be_empty,
         counted: true,
         is_system: false,
         hint: None,
@@ -38,6 +47,8 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
         depends_on: Vec::new(),
         tile: None,
         is_other: path == OTHER_GROUP,
+        is_any: false,
+        may_be_empty: path == OTHER_GROUP,
         counted: path != OTHER_GROUP || model.other == Other::Counted,
         is_system: path == SYSTEM_GROUP,
         hint: None,
@@ -57,6 +68,7 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
             help: spec.help.clone(),
             group: spec.group,
             status: spec.monitor.status().cloned(),
+            shown: shown(spec),
             writers: spec.policy.writers.clone(),
             depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
             discovered: false,
@@ -77,6 +89,7 @@ pub(in crate::engine) fn layout(model: &Model) -> Layout {
             help: (model.stages == StageModel::Shuttle).then(|| check.help().into()),
             group: system,
             status: None,
+            shown: None,
             writers: None,
             depends_on: Vec::new(),
             discovered: false,

@@ -1,7 +1,7 @@
 //! The content of snapshots, updated piece by piece.
 
 pub(in crate::engine) mod kept;
-mod members;
+pub(in crate::engine) mod members;
 mod questions;
 
 use std::collections::HashSet;
@@ -34,8 +34,9 @@ pub(in crate::engine) struct Views {
     pub(in crate::engine) seq: u64,
     pub(in crate::engine) revision: u64,
     layout: Arc<Layout>,
-    /// The names of groups and modules: no two are equal.
-    names: HashSet<Arc<str>>,
+    /// The names of groups and modules: no two are equal. Shared with copies of the engine until a module comes or
+    /// goes.
+    names: Arc<HashSet<Arc<str>>>,
     pub(in crate::engine) groups: PersistentVec<GroupView>,
     pub(in crate::engine) modules: PersistentVec<ModuleView>,
     roots: Arc<[RootCause]>,
@@ -65,12 +66,12 @@ impl Views {
     pub(in crate::engine) fn new(model: &Model, now: Timestamp) -> Views {
         let layout = layout(model);
         let groups = layout.groups.iter().map(|group| group.path.clone());
-        let names = groups.chain(layout.modules.iter().map(|module| module.id.clone())).collect();
+        let names: HashSet<_> = groups.chain(layout.modules.iter().map(|module| module.id.clone())).collect();
         let mut views = Views {
             seq: 0,
             revision: 0,
             layout: Arc::new(layout),
-            names,
+            names: Arc::new(names),
             groups: (0..model.groups.len() + 2).map(|_| new_group(now)).collect(),
             modules: PersistentVec::default(),
             roots: Arc::from([]),

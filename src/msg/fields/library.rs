@@ -13,7 +13,7 @@ use super::shape::{Message, Shape};
 use crate::msg::messages;
 
 /// Each message follows a line `=== Name`.
-const BUILT_IN: [(&str, &str); 16] = [
+const BUILT_IN: [(&str, &str); 17] = [
     ("action_msgs", include_str!("action_msgs.msgs")),
     ("actionlib_msgs", include_str!("actionlib_msgs.msgs")),
     ("builtin_interfaces", include_str!("builtin_interfaces.msgs")),
@@ -21,6 +21,7 @@ const BUILT_IN: [(&str, &str); 16] = [
     ("geometry_msgs", include_str!("geometry_msgs.msgs")),
     ("lifecycle_msgs", include_str!("lifecycle_msgs.msgs")),
     ("nav_msgs", include_str!("nav_msgs.msgs")),
+    ("rcl_interfaces", include_str!("rcl_interfaces.msgs")),
     ("sensor_msgs", include_str!("sensor_msgs.msgs")),
     ("shape_msgs", include_str!("shape_msgs.msgs")),
     ("std_msgs", include_str!("std_msgs.msgs")),
@@ -297,7 +298,7 @@ mod tests {
                 count += 1;
             }
         }
-        assert_eq!(count, 135);
+        assert_eq!(count, 136);
     }
 
     #[test]

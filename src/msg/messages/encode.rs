@@ -10,6 +10,7 @@ pub const ACCEL_STAMPED: &str = "geometry_msgs/msg/AccelStamped";
 pub const BATTERY_STATE: &str = "sensor_msgs/msg/BatteryState";
 pub const FLOAT64: &str = "std_msgs/msg/Float64";
 pub const IMU: &str = "sensor_msgs/msg/Imu";
+pub const LOG: &str = "rcl_interfaces/msg/Log";
 pub const LASER_SCAN: &str = "sensor_msgs/msg/LaserScan";
 pub const OCCUPANCY_GRID: &str = "nav_msgs/msg/OccupancyGrid";
 pub const ODOMETRY: &str = "nav_msgs/msg/Odometry";
@@ -58,6 +59,26 @@ pub struct Grid<'a> {
     pub origin_y_m: f64,
     /// Rows of `width` cells: 0 to 100, or -1 if unknown.
     pub cells: &'a [i8],
+}
+
+/// The levels of `rcl_interfaces/Log` that are used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Severity {
+    Warn = 30,
+    Error = 40,
+}
+
+/// `rcl_interfaces/Log`, with the file and the line that say it.
+pub fn log(at: SystemTime, severity: Severity, name: &str, text: &str, (file, line): (&str, u32)) -> Vec<u8> {
+    body(|writer| {
+        stamp(writer, at);
+        writer.u8(severity as u8);
+        writer.string(name);
+        writer.string(text);
+        writer.string(file);
+        writer.string("");
+        writer.u32(line);
+    })
 }
 
 pub fn boolean(value: bool) -> Vec<u8> {

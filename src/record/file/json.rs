@@ -11,7 +11,7 @@ use serde::Serialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct JsonChannel {
     pub topic: &'static str,
-    /// The JSON Schema of its documents.
+    /// The JSON Schema of its documents, of draft 7, which most programs know.
     pub schema: &'static str,
     /// A larger document is neither written nor read.
     pub bytes_max: usize,
@@ -24,14 +24,14 @@ const LINE_BYTES_MAX: usize = 16 << 20;
 /// Everything that the engine took, in its order.
 pub const JOURNAL: JsonChannel = JsonChannel {
     topic: "/telltale/journal",
-    schema: r#"{"title":"An input of the engine","type":"object"}"#,
+    schema: include_str!("schemas/journal.json"),
     bytes_max: LINE_BYTES_MAX,
 };
 
 /// The engine's whole state at one instant.
 pub const KEYFRAMES: JsonChannel = JsonChannel {
     topic: "/telltale/keyframe",
-    schema: r#"{"title":"A state of the engine","type":"object"}"#,
+    schema: include_str!("schemas/keyframe.json"),
     // With what stands before it in its chunk, it stays below the largest chunk. 100,000 modules with four values
     // each take 109 MB.
     bytes_max: 120 << 20,
@@ -40,7 +40,7 @@ pub const KEYFRAMES: JsonChannel = JsonChannel {
 /// Changes of what is shown.
 pub const TRANSITIONS: JsonChannel = JsonChannel {
     topic: "/telltale/transitions",
-    schema: r#"{"title":"A change of what is shown","type":"object"}"#,
+    schema: include_str!("schemas/transitions.json"),
     bytes_max: LINE_BYTES_MAX,
 };
 

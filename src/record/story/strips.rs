@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{is_fault, is_module};
@@ -16,14 +17,14 @@ const PERIODS_MAX: usize = 4000;
 const PERIODS_OF_ONE_MAX: usize = 1000;
 
 /// What a node showed over time, or a signal was.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct NodeStrip {
     pub node: String,
     pub periods: Vec<Period>,
 }
 
 /// A state from one instant to another; of a stage, its word; of a signal `true`, `false` or `unknown`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Period {
     pub from_ms: i64,
     pub to_ms: i64,

@@ -186,3 +186,32 @@ fn the_limits_of_a_report_bound_what_its_monitor_measures() {
     assert_eq!(found, [("rate_hz", "warning_below", 8.0), ("rate_hz", "error_below", 5.0)]);
     assert!(Limit::reported(&values[2..3]).is_empty(), "a limit of nothing");
 }
+
+#[test]
+fn limits_that_name_their_number_bound_that_one() {
+    let values: Vec<(Box<str>, Box<str>)> = [
+        ("translation_m", "0.2"),
+        ("rotation_deg", "3"),
+        ("translation_m_warning_above", "0.5"),
+        ("translation_m_error_above", "1"),
+        ("rotation_deg_error_above", "20"),
+    ]
+    .map(|(key, value)| (key.into(), value.into()))
+    .into();
+    let limits = Limit::reported(&values);
+    let found: Vec<_> = limits.iter().map(|(of, limit)| (*of, &*limit.name, limit.value)).collect();
+    let expected = [
+        ("translation_m", "warning_above", 0.5),
+        ("translation_m", "error_above", 1.0),
+        ("rotation_deg", "error_above", 20.0),
+    ];
+    assert_eq!(found, expected);
+    for (key, is_limit) in [
+        ("error_above", true),
+        ("rotation_deg_error_above", true),
+        ("_error_above", false),
+        ("terror_above", false),
+    ] {
+        assert_eq!(Limit::is_name(key), is_limit, "{key}");
+    }
+}

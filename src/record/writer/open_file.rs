@@ -39,6 +39,8 @@ pub(super) struct OpenFile {
     zero: SystemTime,
     /// Triggers that are not in the file yet: it is not at their times.
     untold: VecDeque<(Timestamp, TriggerLine)>,
+    /// The time of the last entry.
+    written: Timestamp,
     /// The last message of each topic that was written: several entries may share one.
     last: HashMap<Arc<str>, Arc<Message>>,
     /// The transitions begin with the states of all nodes, which are written.
@@ -104,6 +106,7 @@ impl OpenFile {
             next: job.begin,
             zero,
             untold: VecDeque::new(),
+            written: Timestamp::ZERO,
             last: HashMap::new(),
             knows_states: false,
             chunk_ended: None,
@@ -113,6 +116,10 @@ impl OpenFile {
         let known = serde_json::to_string(&open.summary)
             .map_err(|error| FileError::format(open.file.path(), error.to_string()))?;
         open.file.metadata(BEGUN, BTreeMap::from([("summary".to_owned(), known)]))?;
+        // With their own times, which may be long ago: no line of the journal names them.
+        for (at, message) in &job.latched {
+            open.take_message(message, unix_ns(open.wall(*at)), place)?;
+        }
         Ok(open)
     }
 
@@ -149,6 +156,7 @@ impl OpenFile {
 
     fn take_entry(&mut self, entry: &Entry, place: &Place) -> Result<(), FileError> {
         self.tell_triggers(entry.at)?;
+        self.written = entry.at;
         let at = unix_ns(self.wall(entry.at));
         if let Some(message) = &entry.message {
             self.take_message(message, at, place)?;
@@ -182,9 +190,10 @@ impl OpenFile {
         }
     }
 
-    /// Writes the triggers up to an instant.
+    /// Writes the triggers up to an instant. One that was noticed late stands behind what is there already.
     fn tell_triggers(&mut self, until: Timestamp) -> Result<(), FileError> {
         while let Some((at, line)) = self.untold.pop_front_if(|(at, _)| *at <= until) {
+            let at = at.max(self.written);
             let change = Change::Trigger {
                 of: line.kind.into(),
                 what: line.what.into(),

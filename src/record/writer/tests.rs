@@ -1,5 +1,7 @@
 //! Tests of an incident's way from the engine into a file.
 
+mod latched;
+
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -45,7 +47,7 @@ impl Recorded {
         let model = Arc::new(Model::new(parts).unwrap());
         let mut engine = Engine::begin(model.clone(), clock.now());
         engine.keep_events();
-        let (feed, turns) = Feed::new();
+        let (feed, turns) = Feed::new(clock);
         let text = ConfigurationText { name: "v.yaml".into(), text: "vehicle: { id: v }\n".into() };
         let settings = Settings {
             margins: Margins::default(),
@@ -80,6 +82,7 @@ impl Recorded {
             source: Some(self.clock.wall()),
             received: self.clock.wall(),
             body: Ok((body.into(), Endian::Little)),
+            kept: false,
         };
         let input = Input::Diagnostics(array.said_by(WriterId([3; 16])));
         self.engine.handle(&input, now);

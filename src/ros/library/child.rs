@@ -19,8 +19,8 @@ use futures_util::StreamExt as _;
 use rustdds::dds::ReadError;
 use rustdds::no_key::SimpleDataReader;
 use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, QosPolicyBuilder, RTPSEntity as _, StatusEvented as _,
-    Subscriber, Topic,
+    DomainParticipant, DomainParticipantBuilder, GUID, QosPolicyBuilder, RTPSEntity as _, SampleIdentity,
+    SequenceNumber, StatusEvented as _, Subscriber, Topic, WriteOptionsBuilder,
 };
 use tokio::io::AsyncWriteExt as _;
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
@@ -35,7 +35,7 @@ use super::echo_check::EchoCheck;
 use super::qos::{self, RawWriter};
 use super::raw_bytes::RawAdapter;
 use super::wire::{self, Frame, FromChild, Order};
-use super::{BEAT, RawSample, SAMPLE_BYTES, WINDOW_BYTES, WRITING_MAX};
+use super::{BEAT, RawSample, SAMPLE_BYTES, SampleId, WINDOW_BYTES, WRITING_MAX};
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::sample_bytes::{Guid, RawBody};
@@ -286,9 +286,9 @@ impl Child {
                 out.frame.news(&FromChild::Made { id, guid: writer.guid().to_bytes() });
                 self.writers.insert(id, Arc::new(writer));
             }
-            Order::Write { id, number, body } => {
+            Order::Write { id, number, related, body } => {
                 if let Some(writer) = self.writers.get(&id) {
-                    self.writing.spawn(write(writer.clone(), number, body));
+                    self.writing.spawn(write(writer.clone(), number, body, related));
                 }
             }
             Order::Open { .. } | Order::Close => {}
@@ -343,7 +343,7 @@ impl Child {
         self.echo_check.listen();
         if !std::mem::replace(&mut self.echo_check.writing, true) {
             let beat = Bytes::copy_from_slice(&self.echo_check.said.to_le_bytes());
-            self.writing.spawn(write(self.echo_check.writer.clone(), 0, beat));
+            self.writing.spawn(write(self.echo_check.writer.clone(), 0, beat, None));
         }
     }
 
@@ -393,6 +393,10 @@ impl OpenReaders {
                             writer: change.writer_guid.to_bytes(),
                             sequence: i64::from(change.sequence_number),
                             source: change.source_timestamp().map(|stamp| stamp.to_ticks()),
+                            related: change.related_sample_identity().map(|related| SampleId {
+                                writer: related.writer_guid.to_bytes(),
+                                sequence: i64::from(related.sequence_number),
+                            }),
                             body: change.into_value(),
                         };
                         hearing.in_flight += sample.weight();
@@ -418,11 +422,22 @@ impl OpenReaders {
 }
 
 /// Writes. The library would never report that its threads have ended.
-async fn write(writer: Arc<RawWriter>, number: u32, body: Bytes) -> (u32, Option<String>) {
-    let written = match tokio::time::timeout(WRITING_MAX, writer.async_write(body, None)).await {
-        Ok(written) => written.map_err(|error| wire::cut(&error)),
-        Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
-    };
+async fn write(
+    writer: Arc<RawWriter>,
+    number: u32,
+    body: Bytes,
+    related: Option<SampleId>,
+) -> (u32, Option<String>) {
+    let related = related.map(|related| SampleIdentity {
+        writer_guid: GUID::from_bytes(related.writer),
+        sequence_number: SequenceNumber::from(related.sequence),
+    });
+    let options = WriteOptionsBuilder::new().related_sample_identity_opt(related).build();
+    let written =
+        match tokio::time::timeout(WRITING_MAX, writer.async_write_with_options(body, options)).await {
+            Ok(written) => written.map(drop).map_err(|error| wire::cut(&error)),
+            Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
+        };
     (number, written.err())
 }
 

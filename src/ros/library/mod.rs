@@ -56,6 +56,13 @@ const OPENING: Duration = Duration::from_secs(10);
 /// The longest time to write. Waiting for slow readers takes a tenth of it.
 const WRITING_MAX: Duration = Duration::from_secs(1);
 
+/// The identity of a sample: who wrote it, and its number there (DDS-RPC 1.0, 7.5.1.1.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SampleId {
+    pub writer: Guid,
+    pub sequence: i64,
+}
+
 /// A sample as the DDS process received it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RawSample {
@@ -63,6 +70,8 @@ pub struct RawSample {
     pub sequence: i64,
     /// The publisher's clock, if the sample has it: seconds since 1970 in 32.32 bits.
     pub source: Option<u64>,
+    /// The sample to which it belongs, as requests and replies of Fast DDS say it.
+    pub related: Option<SampleId>,
     pub body: RawBody,
 }
 
@@ -234,9 +243,17 @@ impl Writer {
     /// # Errors
     /// A reader holds it back for too long, or the process does not answer.
     pub async fn write(&self, body: Vec<u8>) -> Result<(), String> {
+        self.write_related(body, None).await
+    }
+
+    /// The same, as the reply to another sample.
+    ///
+    /// # Errors
+    /// As above.
+    pub async fn write_related(&self, body: Vec<u8>, related: Option<SampleId>) -> Result<(), String> {
         let number = self.participant.next();
         let written = self.participant.0.shared.expect_written(number);
-        self.participant.order(Order::Write { id: self.id, number, body: body.into() });
+        self.participant.order(Order::Write { id: self.id, number, related, body: body.into() });
         let answer = tokio::time::timeout(WRITING_MAX, written).await;
         self.participant.0.shared.forget_written(number);
         match answer {

@@ -3,7 +3,7 @@
 use rustdds::bytes::Bytes;
 use rustdds::dds::CreateResult;
 use rustdds::no_key::{DataWriter, SimpleDataReader};
-use rustdds::policy::{Durability, History, Reliability, ResourceLimits};
+use rustdds::policy::{Durability, History, Lifespan, Reliability, ResourceLimits};
 use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, Subscriber, Topic, TopicKind};
 
 use super::raw_bytes::RawAdapter;
@@ -18,10 +18,16 @@ pub enum Quality {
     BestEffort,
     /// Reliable, transient local: late joiners get the last value.
     LastValue,
+    /// Reliable, volatile: replies of a service to many clients at once.
+    Reply,
+    /// As rcl offers `/rosout`: late joiners get the lines of the last ten seconds.
+    Log,
 }
 
 impl Quality {
-    pub const ALL: [Quality; 3] = [Quality::Reliable, Quality::BestEffort, Quality::LastValue];
+    pub const ALL: [Quality; 5] =
+        [Quality::Reliable, Quality::BestEffort, Quality::LastValue, Quality::Reply, Quality::Log];
+    pub const COUNT: u8 = Quality::ALL.len() as u8;
 
     /// Its index in [`Quality::ALL`].
     pub const fn number(self) -> u8 {
@@ -93,12 +99,18 @@ pub fn offered(quality: Quality) -> QosPolicies {
         Quality::Reliable => (reliable(), Durability::Volatile, 10),
         Quality::BestEffort => (Reliability::BestEffort, Durability::Volatile, 10),
         Quality::LastValue => (reliable(), Durability::TransientLocal, 1),
+        Quality::Reply => (reliable(), Durability::Volatile, 128),
+        Quality::Log => (reliable(), Durability::TransientLocal, 100),
     };
-    QosPolicyBuilder::new()
+    let qos = QosPolicyBuilder::new()
         .reliability(reliability)
         .durability(durability)
-        .history(History::KeepLast { depth })
-        .build()
+        .history(History::KeepLast { depth });
+    match quality {
+        Quality::Log => qos.lifespan(Lifespan { duration: rustdds::Duration::from_secs(10) }),
+        _ => qos,
+    }
+    .build()
 }
 
 fn reliable() -> Reliability {

@@ -12,7 +12,7 @@ use tokio_util::codec::LengthDelimitedCodec;
 
 use super::qos::Via;
 use super::raw_bytes::{BODY_BYTES_MAX, body_of};
-use super::{Found, Quality, RawSample};
+use super::{Found, Quality, RawSample, SampleId};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
 use crate::msg::sample_bytes::Guid;
@@ -86,6 +86,13 @@ impl Frame {
         }
     }
 
+    fn sample_id(&mut self, value: Option<&SampleId>) -> &mut Frame {
+        match value {
+            Some(SampleId { writer, sequence }) => self.u8(1).guid(writer).u64(*sequence as u64),
+            None => self.u8(0),
+        }
+    }
+
     fn bytes(&mut self, value: &[u8]) -> &mut Frame {
         // At once: a large message would be copied again each time that its frame grows.
         self.0.reserve(value.len() + 64);
@@ -120,7 +127,9 @@ impl Frame {
                 self.u8(5).u32(*id).bytes(topic.as_bytes()).bytes(type_name.as_bytes());
                 self.u8(quality.number());
             }
-            Order::Write { id, number, body } => drop(self.u8(6).u32(*id).u32(*number).bytes(body)),
+            Order::Write { id, number, related, body } => {
+                self.u8(6).u32(*id).u32(*number).sample_id(related.as_ref()).bytes(body);
+            }
             Order::Close => drop(self.u8(7)),
         }
     }
@@ -156,6 +165,7 @@ impl Frame {
 
     fn sample(&mut self, reader: u32, sample: &RawSample) {
         self.u8(4).u32(reader).guid(&sample.writer).u64(sample.sequence as u64).option(sample.source);
+        self.sample_id(sample.related.as_ref());
         match &sample.body {
             Ok((body, Endian::Little)) => drop(self.u8(0).bytes(body)),
             Ok((body, Endian::Big)) => drop(self.u8(1).bytes(body)),
@@ -248,6 +258,15 @@ impl<'a> Reading<'a> {
         Ok(if self.flag()? { Some(self.u64()?) } else { None })
     }
 
+    fn sample_id(&mut self) -> Result<Option<SampleId>, InvalidFrame> {
+        let is_some = self.flag()?;
+        Ok(if is_some {
+            Some(SampleId { writer: self.array()?, sequence: self.u64()? as i64 })
+        } else {
+            None
+        })
+    }
+
     fn bytes(&mut self, limit: usize) -> Result<&'a [u8], InvalidFrame> {
         let at = self.at;
         let length = self.u32()? as usize;
@@ -287,9 +306,14 @@ impl<'a> Reading<'a> {
                 id: self.u32()?,
                 topic: self.text()?,
                 type_name: self.text()?,
-                quality: Quality::ALL[usize::from(self.below(3)?)],
+                quality: Quality::ALL[usize::from(self.below(Quality::COUNT)?)],
             },
-            6 => Order::Write { id: self.u32()?, number: self.u32()?, body: self.body()? },
+            6 => Order::Write {
+                id: self.u32()?,
+                number: self.u32()?,
+                related: self.sample_id()?,
+                body: self.body()?,
+            },
             _ => Order::Close,
         })
     }
@@ -328,12 +352,13 @@ impl<'a> Reading<'a> {
                 },
                 lease_ns: self.option()?,
             },
-            takes: self.below(8)?,
+            takes: self.below(1 << Quality::COUNT)?,
         })
     }
 
     fn sample(&mut self) -> Result<RawSample, InvalidFrame> {
         let (writer, sequence, source) = (self.array()?, self.u64()? as i64, self.option()?);
+        let related = self.sample_id()?;
         let body = match self.below(4)? {
             0 => Ok((self.body()?, Endian::Little)),
             1 => Ok((self.body()?, Endian::Big)),
@@ -343,7 +368,7 @@ impl<'a> Reading<'a> {
             }
             _ => Err(FaultKind::Encoding(self.array()?)),
         };
-        Ok(RawSample { writer, sequence, source, body: body.map_err(|what| Fault { at: 0, what }) })
+        Ok(RawSample { writer, sequence, source, related, body: body.map_err(|what| Fault { at: 0, what }) })
     }
 }
 

@@ -9,6 +9,7 @@ mod announce;
 mod beside;
 mod levels;
 mod listeners;
+mod rosout;
 mod send_failures;
 
 use std::collections::BTreeMap;
@@ -20,7 +21,7 @@ use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::clock::Clock;
-use crate::engine::model::output::{Output, Publication};
+use crate::engine::model::output::{LogLevel, Output, Publication};
 use crate::engine::model::sample::Pose;
 use crate::engine::snapshot::{MapPose, Snapshot};
 use crate::engine::time::Span;
@@ -48,6 +49,7 @@ const fn offer(publication: Publication) -> (&'static str, Quality) {
     match publication {
         Publication::DiagnosticsAgg => (DIAGNOSTIC_ARRAY, Quality::Reliable),
         Publication::TopLevelState => (STATUS, Quality::Reliable),
+        Publication::Rosout => (encode::LOG, Quality::Log),
         Publication::Vehicle(Output::Pose) => (encode::POSE_WITH_COVARIANCE_STAMPED, Quality::Reliable),
         Publication::Vehicle(Output::Deceleration) => (encode::ACCEL_STAMPED, Quality::Reliable),
         Publication::Vehicle(Output::Stage) => (encode::STRING, Quality::LastValue),
@@ -65,6 +67,10 @@ pub struct OutputTopic {
     /// Whether it is published even if another program publishes the same. Outputs for the vehicle always
     /// are.
     pub beside_others: bool,
+    /// The path of the tree as diagnostic_aggregator has it, if the tree has that form.
+    pub tree_path: Option<Box<str>>,
+    /// For `/rosout`: the least severity.
+    pub level: LogLevel,
 }
 
 /// The running publications. They end when this is dropped.
@@ -193,6 +199,10 @@ async fn run(
                     beside::OtherAggregators::new(&publisher, &ground.topics, graph.discovery.clone());
                 graph.siblings.add(publisher.participant());
                 tasks.spawn(beside::tell(rivals.clone(), ground.inputs.clone(), clock, ground.end.clone()));
+                let rosout = ground.topics.iter().find(|it| it.publication == Publication::Rosout);
+                if let Some(topic) = rosout.cloned() {
+                    tasks.spawn(rosout::run(publisher.clone(), topic, ground.clone()));
+                }
                 tasks.spawn(diagnosis(publisher.clone(), rivals, ground));
                 look_after(&publisher, &options, &mut wanted, &mut stop).await;
                 // The receivers live in the tasks; without tasks there is nothing to end.
@@ -372,12 +382,12 @@ async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::OtherAggregators, 
         tokio::select! {
             () = stopped(&mut ground.end) => return,
             () = tick(&mut trees) => {
-                if let Some(OutputTopic { topic, .. }) = &tree
+                if let Some(OutputTopic { topic, tree_path, .. }) = &tree
                     && !rivals.silence(topic)
                 {
                     let snapshot = ground.snapshots.borrow().clone();
-                    let published =
-                        publisher.statuses(topic, &aggregate::tree(&snapshot), ground.clock.wall()).await;
+                    let tree = aggregate::tree(&snapshot, tree_path.as_deref());
+                    let published = publisher.statuses(topic, &tree, ground.clock.wall()).await;
                     log(published);
                 }
                 continue;

@@ -56,6 +56,8 @@ struct Offered {
     writer: Writer,
     /// How many messages were published.
     written: AtomicI64,
+    /// Late readers get the last one.
+    kept: bool,
 }
 
 impl Publisher {
@@ -103,7 +105,13 @@ impl Publisher {
             })?;
             let writer = self.participant.writer(&format!("rt{topic}"), &dds_type, quality);
             let (topic, type_name) = (topic.into(), type_name.into());
-            self.writers.push(Offered { topic, type_name, writer, written: AtomicI64::new(0) });
+            self.writers.push(Offered {
+                topic,
+                type_name,
+                writer,
+                written: AtomicI64::new(0),
+                kept: quality == Quality::LastValue,
+            });
         }
         Ok(())
     }
@@ -130,6 +138,7 @@ impl Publisher {
                 source: Some(stamp),
                 received: clock.wall(),
                 body: Ok((body, Endian::Little)),
+                kept: offered.kept,
             };
             let message = Some(Arc::new(message));
             // A recording can do without one of them, a vehicle cannot wait.

@@ -120,7 +120,7 @@ impl Readers {
                 && let Poll::Ready(heard) = reader.poll(context)
             {
                 match heard {
-                    ReaderEvent::Sample(RawSample { writer, sequence, source, body }) => {
+                    ReaderEvent::Sample(RawSample { writer, sequence, source, body, .. }) => {
                         bytes += body.as_ref().map_or(0, |(body, _)| body.len());
                         let source = source.map(wall_time);
                         batch.push(Sample { writer, sequence, via, source, body });

@@ -236,6 +236,7 @@ impl Topic {
             source: sample.source,
             received: self.around.clock.wall(),
             body: sample.body,
+            kept: keeps,
         });
         if keeps {
             let small = message.body.is_ok() && message.len() <= KEPT_BYTES_MAX;

@@ -285,14 +285,14 @@ pub fn has_words(connection: &Connection) -> rusqlite::Result<bool> {
 }
 
 /// A value that Telltale never writes is unknown.
-fn state(number: i64) -> State {
+pub(super) fn state(number: i64) -> State {
     State::ALL.into_iter().find(|state| *state as i64 == number).unwrap_or(State::Unknown)
 }
 
-fn silence(ms: i64) -> Option<Span> {
+pub(super) fn silence(ms: i64) -> Option<Span> {
     u64::try_from(ms).ok().map(Span::from_millis)
 }
 
-fn stage(number: i64) -> Option<Stage> {
+pub(super) fn stage(number: i64) -> Option<Stage> {
     Stage::ALL.into_iter().find(|stage| *stage as i64 == number)
 }

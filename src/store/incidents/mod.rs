@@ -7,6 +7,7 @@ mod bounds;
 mod read;
 mod write;
 
+pub use crate::record::note::Note;
 use crate::record::summary::Summary;
 
 pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents, OnDisk};
@@ -19,16 +20,6 @@ pub struct Incident {
     /// It is never removed. A marked one is kept until somebody says otherwise.
     pub kept: bool,
     pub note: Option<Note>,
-}
-
-/// What somebody wrote about an incident.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Note {
-    pub text: String,
-    /// The name of the user.
-    pub by: String,
-    /// Milliseconds since 1970.
-    pub at_ms: i64,
 }
 
 #[cfg(test)]

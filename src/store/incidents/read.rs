@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::time::SystemTime;
 
 use rusqlite::{Connection, OptionalExtension as _, Row, params};
 
@@ -11,6 +12,7 @@ use crate::record::retention::Held;
 use crate::record::summary::{Recording, Summary};
 use crate::store::audit::Action;
 use crate::store::database::schema;
+use crate::store::disk::clock_floor;
 use crate::store::{Store, StoreError};
 
 /// Incidents that are read at once.
@@ -160,6 +162,14 @@ impl Incidents {
     pub fn open(folder: &Path) -> Result<Incidents, StoreError> {
         let (connection, _, _) = schema::read_only(folder)?;
         Ok(Incidents(connection))
+    }
+
+    /// As [`Store::floor`], by now.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub fn floor(&self) -> Result<SystemTime, StoreError> {
+        clock_floor::of(&self.0)
     }
 
     /// As [`Store::incidents`].

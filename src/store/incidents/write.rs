@@ -2,6 +2,7 @@
 
 use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 
+use super::Note;
 use super::bounds::{bounded, note};
 use super::read::{last_number, surely};
 use crate::record::retention::INCIDENTS_MAX;
@@ -94,6 +95,23 @@ impl Store {
             database.change(&[record], |transaction| {
                 let sql = "UPDATE incidents SET note = ?2, note_by = ?3, note_ms = ?4 WHERE id = ?1";
                 found(id, transaction.execute(sql, params![id as i64, text, by, at_ms])?)
+            })
+        })
+        .await
+    }
+
+    /// Takes over the note that was found beside the recording of an incident, as it was written then.
+    ///
+    /// # Errors
+    /// If there is no such incident, or the database fails.
+    pub async fn incident_note_found(&self, id: u64, found_note: Note) -> Result<(), StoreError> {
+        let Note { text, by, at_ms } = found_note;
+        let (text, by) = (note(&text), note(&by));
+        let record = Record::of(Action::IncidentNote, TELLTALE).on(format!("{id}: {text}"));
+        self.call(move |database| {
+            database.change(&[record], |transaction| {
+                let sql = "UPDATE incidents SET note = ?2, note_by = ?3, note_ms = ?4 WHERE id = ?1";
+                found(id, transaction.execute(sql, params![surely(id), text, by, at_ms])?)
             })
         })
         .await

@@ -5,12 +5,14 @@ use std::net::IpAddr;
 use std::sync::PoisonError;
 use std::time::Duration;
 
+use axum::Json;
 use axum::extract::rejection::FormRejection;
 use axum::extract::{Extension, Form, RawQuery, State};
 use axum::http::header::{RETRY_AFTER, SET_COOKIE};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{Html, IntoResponse, Redirect, Response};
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use tokio::time::timeout;
 
@@ -41,14 +43,22 @@ const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
 /// The time for the disk to take the cookie of a known browser.
 const DEVICE_WITHIN: Duration = Duration::from_secs(1);
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 pub struct LoginForm {
     name: String,
+    /// The PIN or the password.
     secret: Option<String>,
     /// Given by an operator who was told that another one is in charge, and takes over.
     take_over: Option<String>,
     /// In place of the secret: the token of the question whether to take over.
     confirm: Option<String>,
+}
+
+/// Who has logged in.
+#[derive(Serialize, JsonSchema)]
+pub struct LoggedIn<'a> {
+    name: &'a str,
+    role: &'static str,
 }
 
 /// Operators whose names the vehicle's own displays offer. If there are more, none is offered.
@@ -307,9 +317,7 @@ async fn prove(
 
 fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) -> Response {
     let mut answer = match reader.speaks {
-        Speaks::Json => {
-            json_answer(StatusCode::OK, &json!({ "name": &*session.user, "role": session.role.as_str() }))
-        }
+        Speaks::Json => Json(LoggedIn { name: &session.user, role: session.role.as_str() }).into_response(),
         // The operator's screen of a locked vehicle is the login, where others would begin anew.
         Speaks::Html if session.role != Role::Operator && app.published().snapshot.stage == Stage::Locked => {
             Redirect::to("/developer").into_response()

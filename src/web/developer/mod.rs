@@ -1,6 +1,7 @@
 //! The developer pages, one in a file with its handler. All have the same frame: the vehicle, its stage,
 //! whether the page is live, and links to the other pages.
 
+pub mod api;
 pub mod audit;
 pub mod configuration;
 pub mod coverage;
@@ -46,6 +47,8 @@ pub enum Page {
     Topics,
     Configuration,
     Audit,
+    /// The interface for programs; the help leads there.
+    Api,
 }
 
 impl Page {
@@ -72,6 +75,7 @@ impl Page {
             Page::Topics => "/developer/topics",
             Page::Configuration => "/developer/configuration",
             Page::Audit => "/developer/audit",
+            Page::Api => "/developer/api",
         }
     }
 
@@ -86,6 +90,7 @@ impl Page {
             Page::Topics => words.topics,
             Page::Configuration => words.configuration,
             Page::Audit => words.audit,
+            Page::Api => words.api,
         }
     }
 }
@@ -131,7 +136,7 @@ impl DevFrame {
             Page::Statuses | Page::Graph | Page::Timeline => true,
             Page::Masking | Page::Coverage | Page::Topics => true,
             Page::Configuration => context.configuration && !context.replay,
-            Page::Incidents | Page::Audit => !context.replay,
+            Page::Incidents | Page::Audit | Page::Api => !context.replay,
         };
         let known = Page::ALL.into_iter().filter(|&it| has(it));
         let links = known.enumerate().map(|(index, it)| NavLink {

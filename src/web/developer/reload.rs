@@ -75,7 +75,7 @@ pub async fn post(
 
 /// The file compared with the running configuration and with what was shown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Found {
+pub(in crate::web) enum Found {
     Wrong,
     /// It is not what was shown.
     Other,
@@ -113,7 +113,7 @@ const RECORD_WITHIN: Span = Span::from_secs(4);
 
 /// Has the file taken, if it is what was shown. The request is on the disk before that, so an error means
 /// that nothing was changed; another result than the expected one is recorded after.
-async fn have_taken(
+pub(in crate::web) async fn have_taken(
     app: Live,
     shown: Option<String>,
     record: Record,

@@ -172,7 +172,7 @@ fn module_of(view: &View<'_>, name: &str) -> Option<ModuleId> {
 }
 
 /// The filter of the table.
-struct StatusFilter<'a> {
+pub(in crate::web) struct StatusFilter<'a> {
     view: &'a View<'a>,
     text: String,
     level: &'a str,
@@ -181,18 +181,27 @@ struct StatusFilter<'a> {
 
 impl<'a> StatusFilter<'a> {
     fn of(view: &'a View<'a>, query: &'a PageQuery) -> StatusFilter<'a> {
-        let text = query.get("q").to_lowercase();
-        StatusFilter { view, text, level: query.get("level"), group: query.get("group") }
+        StatusFilter::new(view, query.get("q"), query.get("level"), query.get("group"))
+    }
+
+    /// Modules with this text, in this state and group; an empty word stands for all.
+    pub(in crate::web) fn new(
+        view: &'a View<'a>,
+        text: &str,
+        level: &'a str,
+        group: &'a str,
+    ) -> StatusFilter<'a> {
+        StatusFilter { view, text: text.to_lowercase(), level, group }
     }
 
     /// Of any state, in the order of the groups; those of `other` come last.
-    fn modules(&self) -> Vec<ModuleId> {
+    pub(in crate::web) fn modules(&self) -> Vec<ModuleId> {
         let groups = self.view.snapshot.layout.groups.iter().filter(|group| is_in(&group.path, self.group));
         let modules = groups.flat_map(|group| group.modules.iter().copied());
         modules.filter(|&id| self.matches(id)).collect()
     }
 
-    fn has_level(&self, id: ModuleId) -> bool {
+    pub(in crate::web) fn has_level(&self, id: ModuleId) -> bool {
         let state = self.view.snapshot.module(id).1.state;
         match self.level {
             "" => true,

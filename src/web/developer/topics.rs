@@ -96,15 +96,7 @@ pub fn page(
     let view = &View::new(published, context.lang, false);
     let words = DevWords::of(context.lang);
     let filter = query.get("q").to_lowercase();
-    let wanted = |topic: &&TopicSeen| {
-        let holds = |text: &str| text.to_lowercase().contains(&filter);
-        let mut ends = topic.publishers.iter().chain(&topic.subscribers);
-        filter.is_empty()
-            || holds(&topic.name)
-            || topic.types().into_iter().any(holds)
-            || ends.any(|end| end.node.as_deref().is_some_and(holds))
-    };
-    let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(wanted).collect();
+    let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(|topic| matches(topic, &filter)).collect();
     // Mismatches stand first.
     topics.sort_by_key(|topic| topic.mismatches().is_empty() && !topic.is_published_beside_us());
     let (pager, shown) = Pager::of(query, "matching", "page", topics.len(), ROWS);
@@ -122,6 +114,16 @@ pub fn page(
         memory: meter
             .map(|meter| (format!("{} s", meter.wanted.as_millis() / 1000), size(meter.memory as u64))),
     })
+}
+
+/// Whether a topic, one of its types or of its nodes has this in its name, in small letters.
+pub fn matches(topic: &TopicSeen, lower: &str) -> bool {
+    let holds = |text: &str| text.to_lowercase().contains(lower);
+    let mut ends = topic.publishers.iter().chain(&topic.subscribers);
+    lower.is_empty()
+        || holds(&topic.name)
+        || topic.types().into_iter().any(holds)
+        || ends.any(|end| end.node.as_deref().is_some_and(holds))
 }
 
 fn row(words: &'static DevWords, topic: &TopicSeen, meter: Option<&Meter>) -> TopicRow {

@@ -14,6 +14,13 @@ words! {
     topics: "Topics", "Topics";
     configuration: "Configuration", "Konfiguration";
     audit: "Audit log", "Protokoll";
+    api: "Interface for programs", "Schnittstelle für Programme";
+    api_get: "The whole description as OpenAPI:", "Die ganze Beschreibung als OpenAPI:";
+    api_schemas: "JSON Schemas:", "JSON-Schemas:";
+    api_parameter: "Parameter", "Parameter";
+    api_values: "Values", "Werte";
+    api_needed: "needed", "nötig";
+    api_answer: "Answer", "Antwort";
     pages: "Pages", "Seiten";
 
     locked: "Locked: no diagnosis is shown before an operator logs in.", "Gesperrt: Keine Diagnose, bevor sich jemand anmeldet.";

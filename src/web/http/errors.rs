@@ -31,6 +31,8 @@ pub enum HttpError {
     /// Too many wait already.
     Busy,
     Unavailable,
+    /// No diagnosis is shown before an operator logs in.
+    Locked,
     /// A recording is shown, in which nothing can be done.
     Replay,
     /// There is no recorder, so nothing can be marked.
@@ -63,7 +65,9 @@ impl HttpError {
             HttpError::NoSession => StatusCode::UNAUTHORIZED,
             HttpError::Forbidden | HttpError::ForeignOrigin => StatusCode::FORBIDDEN,
             HttpError::ForeignHost => StatusCode::MISDIRECTED_REQUEST,
-            HttpError::Replay | HttpError::Unfinished | HttpError::NoReplay => StatusCode::CONFLICT,
+            HttpError::Locked | HttpError::Replay | HttpError::Unfinished | HttpError::NoReplay => {
+                StatusCode::CONFLICT
+            }
             HttpError::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
             HttpError::BadRequest => StatusCode::BAD_REQUEST,
             HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
@@ -228,6 +232,12 @@ impl HttpError {
                 "Keine Aufzeichnung",
                 "Die Datei dieser Aufzeichnung ist nicht mehr da. `telltale incident verify` sagt mehr.",
             ),
+            (HttpError::Locked, Lang::En) => {
+                ("Locked", "The vehicle is locked: no diagnosis is shown before an operator logs in.")
+            }
+            (HttpError::Locked, Lang::De) => {
+                ("Gesperrt", "Das Fahrzeug ist gesperrt: keine Diagnose, bevor sich jemand anmeldet.")
+            }
             (HttpError::Replay, Lang::En) => (
                 "This is a replay",
                 "A recording is shown, so nothing was done. Act at the live display of the vehicle.",

@@ -8,7 +8,9 @@ use axum::http::header::{ACCEPT, ACCEPT_LANGUAGE, CONTENT_TYPE, COOKIE};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{Html, IntoResponse, Response};
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value;
 
 use super::errors::HttpError;
 use crate::engine::input::Refusal;
@@ -84,11 +86,36 @@ fn preferred(headers: &HeaderMap) -> Option<Lang> {
     tags.filter_map(|tag| tag.trim().get(..2)).find_map(|tag| Lang::from_word(&tag.to_ascii_lowercase()))
 }
 
+/// Why a request was not answered as it was meant.
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "Error")]
+pub struct ErrorAnswer<'a> {
+    /// For people, in the language of `Accept-Language`: English or German.
+    pub error: &'a str,
+}
+
+impl ErrorAnswer<'_> {
+    fn with(&self, status: StatusCode) -> Response {
+        (status, axum::Json(self)).into_response()
+    }
+}
+
+/// Why an action was not done.
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "Refused")]
+pub struct RefusedAnswer<'a> {
+    /// One reason for each check that fails.
+    pub refused: &'a [String],
+    /// The present state, where the request was made for an older one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seq: Option<u64>,
+}
+
 /// Says what is wrong: a page, or `{"error": ...}`.
 pub fn refusal(reader: &Reader, trouble: HttpError) -> Response {
     let status = trouble.status();
     match reader.speaks {
-        Speaks::Json => json_answer(status, &json!({ "error": trouble.say(reader.lang).1 })),
+        Speaks::Json => ErrorAnswer { error: trouble.say(reader.lang).1 }.with(status),
         Speaks::Html => {
             let (title, text) = trouble.say(reader.lang);
             (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
@@ -117,13 +144,30 @@ pub fn bad_field(reader: &Reader, field: &str) -> Response {
     };
     let status = HttpError::BadForm.status();
     match reader.speaks {
-        Speaks::Json => json_answer(status, &json!({ "error": text })),
+        Speaks::Json => ErrorAnswer { error: &text }.with(status),
         Speaks::Html => {
             (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
                 .into_response()
         }
     }
 }
+
+/// A parameter of an address is unknown or has a wrong value: 400, and what to write.
+pub fn bad_query(reader: &Reader, why: &str) -> Response {
+    let why = &why[..why.floor_char_boundary(WHY_BYTES_MAX)];
+    let text = match reader.lang {
+        Lang::En => {
+            format!("The address is not understood: {why}. /api/v1/openapi.json lists the parameters.")
+        }
+        Lang::De => {
+            format!("Die Adresse ist nicht verständlich: {why}. /api/v1/openapi.json nennt die Parameter.")
+        }
+    };
+    ErrorAnswer { error: &text }.with(StatusCode::BAD_REQUEST)
+}
+
+/// What is repeated of a wrong address.
+const WHY_BYTES_MAX: usize = 200;
 
 /// Longer names of fields are not repeated in an answer.
 const FIELD_MAX: usize = 40;
@@ -138,11 +182,7 @@ pub fn refused(reader: &Reader, reasons: &[Refusal]) -> Response {
 pub fn refused_in_words(reader: &Reader, reasons: &[String], seq: Option<u64>) -> Response {
     match reader.speaks {
         Speaks::Json => {
-            let mut answer = json!({ "refused": reasons });
-            if let Some(seq) = seq {
-                answer["seq"] = seq.into();
-            }
-            json_answer(StatusCode::CONFLICT, &answer)
+            (StatusCode::CONFLICT, axum::Json(RefusedAnswer { refused: reasons, seq })).into_response()
         }
         Speaks::Html => {
             let title = match reader.lang {

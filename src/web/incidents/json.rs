@@ -1,11 +1,16 @@
 //! Incidents as JSON: the same objects for the HTTP API and for `telltale incident list --json`.
 
+use std::collections::BTreeMap;
 use std::time::{Duration, UNIX_EPOCH};
 
-use serde_json::{Map, Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::Value;
 
-use crate::record::summary::{FrozenNode, Summary, TriggerLine};
+use crate::record::story::Story;
+use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine};
 use crate::store::Incident;
+use crate::web::api::words;
 
 /// Milliseconds since 1970 as text, in UTC.
 pub fn time(ms: i64) -> String {
@@ -15,66 +20,209 @@ pub fn time(ms: i64) -> String {
 }
 
 /// An incident in a list.
-pub fn listed(incident: &Incident) -> Value {
-    let Incident { summary, kept, note } = incident;
-    let Summary { recording, triggers, .. } = summary;
-    let mut kinds: Vec<&str> = triggers.iter().map(|trigger| &*trigger.kind).collect();
-    kinds.sort_unstable();
-    kinds.dedup();
-    let note = note.as_ref().map(|it| json!({ "text": it.text, "by": it.by, "at": time(it.at_ms) }));
-    json!({
-        "id": summary.id,
-        "since": time(summary.since_ms),
-        "until": summary.until_ms.map(time),
-        "roots": summary.causes(),
-        "kinds": kinds,
-        "trigger_count": triggers.len() as u64 + summary.more_triggers,
-        "stage": Some(&summary.stage).filter(|stage| !stage.is_empty()),
-        "marked": summary.is_marked(),
-        "kept": kept,
-        "storm": summary.storm,
-        "note": note,
-        "recording": {
-            "bytes": recording.bytes,
-            "pre_roll_s": recording.pre_roll_s,
-            "finished": recording.finished,
-            "interrupted": recording.interrupted,
-            "gone": recording.gone,
-        },
-    })
+#[derive(Serialize, JsonSchema)]
+#[schemars(rename = "ListedIncident")]
+pub struct Listed<'a> {
+    #[serde(flatten)]
+    told: Told<'a>,
+    recording: ToldRecording,
 }
 
 /// Everything that is known of an incident.
+#[derive(Serialize, JsonSchema)]
+#[schemars(rename = "Incident")]
+pub struct Whole<'a> {
+    #[serde(flatten)]
+    told: Told<'a>,
+    recording: WholeRecording<'a>,
+    /// The id of the vehicle.
+    vehicle: Option<&'a str>,
+    /// Oldest first; at most 256.
+    triggers: Vec<Trigger<'a>>,
+    /// The nodes of the roots and of the first trigger, as they were then.
+    freeze: Vec<Frozen<'a>>,
+    /// SHA-256 of the configuration's files.
+    configuration: &'a str,
+    /// The version of Telltale.
+    version: &'a str,
+    /// What the recording tells, where one incident is asked for; `null` if its file cannot be read now.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    story: Option<Option<&'a Story>>,
+}
+
+#[derive(Serialize, JsonSchema)]
+struct Told<'a> {
+    id: u64,
+    /// The first trigger.
+    #[schemars(schema_with = "words::time")]
+    since: String,
+    /// The end; `null` while it lasts.
+    #[schemars(schema_with = "words::some_time")]
+    until: Option<String>,
+    roots: Vec<&'a str>,
+    /// Of its triggers: `root`, `lost_active`, `countermeasure`, `mark`.
+    kinds: Vec<&'a str>,
+    trigger_count: u64,
+    /// At the first trigger.
+    stage: Option<&'a str>,
+    marked: bool,
+    /// It stays whatever its age and size.
+    kept: bool,
+    /// It followed at once on an incident that reached its greatest length.
+    storm: bool,
+    note: Option<Note<'a>>,
+}
+
+#[derive(Serialize, JsonSchema)]
+struct Note<'a> {
+    text: &'a str,
+    by: &'a str,
+    #[schemars(schema_with = "words::time")]
+    at: String,
+}
+
+#[derive(Serialize, JsonSchema)]
+struct ToldRecording {
+    bytes: u64,
+    /// Seconds before the first trigger.
+    pre_roll_s: f64,
+    /// The file will not change.
+    finished: bool,
+    /// The program ended while it was recorded.
+    interrupted: bool,
+    /// The file is lost.
+    gone: bool,
+}
+
+#[derive(Serialize, JsonSchema)]
+struct WholeRecording<'a> {
+    #[serde(flatten)]
+    told: ToldRecording,
+    /// Of the finished file.
+    sha256: Option<&'a str>,
+    messages: u64,
+    /// Messages and inputs that are not in the file.
+    missing: u64,
+}
+
+/// A reason of an incident.
+#[derive(Serialize, JsonSchema)]
+struct Trigger<'a> {
+    #[schemars(schema_with = "words::time")]
+    at: String,
+    kind: &'a str,
+    what: &'a str,
+    /// The number of the alarm of a root.
+    alarm: Option<u64>,
+    note: &'a str,
+}
+
+/// A node at the first trigger.
+#[derive(Serialize, JsonSchema)]
+struct Frozen<'a> {
+    node: &'a str,
+    state: &'a str,
+    message: &'a str,
+    values: BTreeMap<&'a str, &'a str>,
+}
+
+/// `{"incident": 12}`: the number of the incident that a mark is in.
+#[derive(Serialize, JsonSchema)]
+pub struct Marked {
+    pub incident: u64,
+}
+
+/// An incident as an object of a list.
+pub fn listed(incident: &Incident) -> Value {
+    as_value(&Listed::of(incident))
+}
+
+/// Everything that is known of an incident without its recording.
 pub fn whole(incident: &Incident) -> Value {
-    let Summary { vehicle, triggers, freeze, configuration, version, recording, .. } = &incident.summary;
-    let mut value = listed(incident);
-    value["vehicle"] = json!(Some(vehicle).filter(|vehicle| !vehicle.is_empty()));
-    value["triggers"] = triggers.iter().map(trigger).collect();
-    value["freeze"] = freeze.iter().map(frozen).collect();
-    value["configuration"] = json!(configuration);
-    value["version"] = json!(version);
-    value["recording"]["sha256"] = json!(recording.sha256);
-    value["recording"]["messages"] = json!(recording.messages);
-    value["recording"]["missing"] = json!(recording.missing);
-    value
+    as_value(&Whole::of(incident, None))
 }
 
-fn trigger(trigger: &TriggerLine) -> Value {
+fn as_value(it: &impl Serialize) -> Value {
+    serde_json::to_value(it).expect("structs of strings and numbers are JSON")
+}
+
+impl<'a> Listed<'a> {
+    pub fn of(incident: &'a Incident) -> Listed<'a> {
+        Listed { told: Told::of(incident), recording: ToldRecording::of(&incident.summary.recording) }
+    }
+}
+
+impl<'a> Whole<'a> {
+    pub fn of(incident: &'a Incident, story: Option<Option<&'a Story>>) -> Whole<'a> {
+        let Summary { vehicle, triggers, freeze, configuration, version, recording, .. } = &incident.summary;
+        Whole {
+            told: Told::of(incident),
+            recording: WholeRecording {
+                told: ToldRecording::of(recording),
+                sha256: recording.sha256.as_deref(),
+                messages: recording.messages,
+                missing: recording.missing,
+            },
+            vehicle: Some(&**vehicle).filter(|vehicle| !vehicle.is_empty()),
+            triggers: triggers.iter().map(trigger).collect(),
+            freeze: freeze.iter().map(frozen).collect(),
+            configuration,
+            version,
+            story,
+        }
+    }
+}
+
+impl<'a> Told<'a> {
+    fn of(incident: &'a Incident) -> Told<'a> {
+        let Incident { summary, kept, note } = incident;
+        let mut kinds: Vec<&str> = summary.triggers.iter().map(|trigger| &*trigger.kind).collect();
+        kinds.sort_unstable();
+        kinds.dedup();
+        Told {
+            id: summary.id,
+            since: time(summary.since_ms),
+            until: summary.until_ms.map(time),
+            roots: summary.causes(),
+            kinds,
+            trigger_count: summary.triggers.len() as u64 + summary.more_triggers,
+            stage: Some(&*summary.stage).filter(|stage| !stage.is_empty()),
+            marked: summary.is_marked(),
+            kept: *kept,
+            storm: summary.storm,
+            note: note.as_ref().map(|it| Note { text: &it.text, by: &it.by, at: time(it.at_ms) }),
+        }
+    }
+}
+
+impl ToldRecording {
+    fn of(recording: &Recording) -> ToldRecording {
+        ToldRecording {
+            bytes: recording.bytes,
+            pre_roll_s: recording.pre_roll_s,
+            finished: recording.finished,
+            interrupted: recording.interrupted,
+            gone: recording.gone,
+        }
+    }
+}
+
+fn trigger(trigger: &TriggerLine) -> Trigger<'_> {
     let TriggerLine { at_ms, kind, what, alarm, note } = trigger;
-    json!({ "at": time(*at_ms), "kind": kind, "what": what, "alarm": alarm, "note": note })
+    Trigger { at: time(*at_ms), kind, what, alarm: *alarm, note }
 }
 
-fn frozen(frozen: &FrozenNode) -> Value {
+fn frozen(frozen: &FrozenNode) -> Frozen<'_> {
     let FrozenNode { node, state, message, values } = frozen;
-    let values: Map<String, Value> =
-        values.iter().map(|(key, value)| (key.clone(), Value::from(value.as_str()))).collect();
-    json!({ "node": node, "state": state, "message": message, "values": values })
+    let values = values.iter().map(|(key, value)| (&**key, &**value)).collect();
+    Frozen { node, state, message, values }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::summary::{Recording, kind};
+    use crate::record::summary::kind;
+    use serde_json::json;
 
     #[test]
     fn an_incident_that_lasts_is_as_the_contract_says() {

@@ -9,21 +9,25 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use axum::Json;
 use axum::extract::rejection::{FormRejection, QueryRejection};
 use axum::extract::{Extension, Form, Path, Query, State};
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Redirect, Response};
+use schemars::JsonSchema;
 use serde::Deserialize;
-use serde_json::{Value, json};
 use tokio::sync::watch;
 
 use super::admission::peer::{Peer, source_of};
+use super::api::table::{Format, Table};
+use super::api::words;
 use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, Speaks, bad_field, bad_form, json_answer, refusal};
 use super::view::RecorderState;
 use super::{AppState, Live};
 use crate::record::incident::NOTE_BYTES_MAX;
+use crate::record::note as note_file;
 use crate::record::recorder::Recorder;
 use crate::record::retention::Policy;
 use crate::record::writer::{Place, unix_ms};
@@ -31,7 +35,7 @@ use crate::store::audit::{Action, Record};
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 
 pub use download::get as download;
-pub use json::{listed, time as wall_time, whole};
+pub use json::{Listed, Marked, Whole, listed, time as wall_time, whole};
 pub use reading::{Proof, Read, compare, read, story, story_with_proof};
 pub use what_if::{Compared, Examiner, Progress, Run as WhatIf, Trouble, WhatIfs};
 pub(in crate::web) use what_if::{start as start_what_if, texts as recorded_texts};
@@ -41,7 +45,7 @@ const COUNT: u32 = 50;
 
 /// Marks the present moment in the recording. It is given who marks and a note, and returns the number of the
 /// incident; `None` if nothing is recorded.
-pub struct Marker(Box<Mark>);
+pub struct Marker(pub(in crate::web) Box<Mark>);
 
 type Mark = dyn Fn(&str, &str) -> Option<u64> + Send + Sync;
 
@@ -80,21 +84,48 @@ impl AppState {
     }
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct ListQuery {
+    /// Part of the name of a cause.
     #[serde(default)]
     cause: String,
+    /// The path of a group that a cause is in.
     #[serde(default)]
     group: String,
+    /// At the first trigger.
     #[serde(default)]
     stage: String,
     marked: Option<bool>,
     kept: Option<bool>,
+    /// Only those that began at this time or later.
+    #[schemars(schema_with = "words::time")]
     since: Option<String>,
+    /// Only those that began at this time or earlier.
+    #[schemars(schema_with = "words::time")]
     until: Option<String>,
+    /// Only those with a smaller number.
     before: Option<u64>,
+    /// At most so many; 50 unless it is given.
+    #[schemars(range(min = 1, max = INCIDENTS_PAGE_MAX))]
     count: Option<u32>,
+    format: Option<Format>,
 }
+
+/// The columns of the list as CSV.
+const COLUMNS: [&str; 12] = [
+    "id",
+    "since",
+    "until",
+    "roots",
+    "kinds",
+    "trigger_count",
+    "stage",
+    "marked",
+    "kept",
+    "storm",
+    "note",
+    "recording",
+];
 
 impl ListQuery {
     /// The filter, or the name of the field that cannot be read.
@@ -128,17 +159,23 @@ fn time(text: Option<&str>) -> Option<Option<i64>> {
 pub async fn list(
     State(app): State<AppState>,
     reader: Reader,
+    headers: HeaderMap,
     query: Result<Query<ListQuery>, QueryRejection>,
 ) -> Response {
-    let filter = match query.map(|Query(query)| query.filter()) {
-        Ok(Ok(filter)) => filter,
-        Ok(Err(field)) => return bad_field(&reader, field),
-        Err(_) => return bad_field(&reader, "marked, kept, before or count"),
+    let Ok(Query(query)) = query else {
+        return bad_field(&reader, "marked, kept, before, count or format");
     };
+    let format = Format::of(query.format, &headers);
+    let filter = match query.filter() {
+        Ok(filter) => filter,
+        Err(field) => return bad_field(&reader, field),
+    };
+    let count = filter.count as usize;
     match app.store.incidents(filter).await {
         Ok(found) => {
-            let list: Value = found.iter().map(listed).collect();
-            json_answer(StatusCode::OK, &list)
+            let rows: Vec<Listed<'_>> = found.iter().map(Listed::of).collect();
+            let next = found.last().filter(|_| found.len() == count).map(|last| last.summary.id);
+            Table { name: "incidents", columns: &COLUMNS, rows: &rows, next }.answer(format, &rows)
         }
         Err(error) => refusal(&reader, failed(error)),
     }
@@ -150,12 +187,11 @@ pub async fn one(State(app): State<AppState>, Path(id): Path<String>, reader: Re
         Ok(incident) => incident,
         Err(trouble) => return refusal(&reader, trouble),
     };
-    let mut value = whole(&incident);
-    value["story"] = match story(&app, &incident.summary).await {
-        Read::Told(story) => json!(story),
-        Read::Missing | Read::Bad(_) | Read::Busy => Value::Null,
+    let story = match story(&app, &incident.summary).await {
+        Read::Told(story) => Some(story),
+        Read::Missing | Read::Bad(_) | Read::Busy => None,
     };
-    json_answer(StatusCode::OK, &value)
+    Json(Whole::of(&incident, Some(story.as_deref()))).into_response()
 }
 
 /// The incident with the number in an address.
@@ -168,8 +204,9 @@ fn number(id: &str) -> Result<u64, HttpError> {
     id.parse().map_err(|_| HttpError::NotFound)
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Default, Deserialize, JsonSchema)]
 pub struct MarkForm {
+    /// What happens; longer ones are cut at 2,000 bytes.
     #[serde(default)]
     note: String,
 }
@@ -198,12 +235,13 @@ pub async fn mark(
     match reader.speaks {
         // Its own page is there once the disk has taken it.
         Speaks::Html => Redirect::to("/incidents").into_response(),
-        Speaks::Json => json_answer(StatusCode::OK, &json!({ "incident": id })),
+        Speaks::Json => Json(Marked { incident: id }).into_response(),
     }
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct NoteForm {
+    /// At most 2,000 bytes; an empty one removes the note.
     note: String,
 }
 
@@ -225,10 +263,27 @@ pub async fn note(
     let source = source_of(peer.map(|Extension(peer)| peer));
     let record = Record::of_session(&session, Action::IncidentNote, source);
     let written = app.store.set_incident_note(number, &note, record).await;
+    if written.is_ok() {
+        keep_beside(&app, number).await;
+    }
     changed(&app, &id, &reader, written).await
 }
 
-#[derive(Debug, Deserialize)]
+/// Puts the note of an incident beside its recording too. It counts without that: only a lost database needs it.
+async fn keep_beside(app: &AppState, number: u64) {
+    let (Some(folder), Ok(Some(incident))) =
+        (app.settings.recordings.clone(), app.store.incident(number).await)
+    else {
+        return;
+    };
+    let kept = move || note_file::write(&folder, number, incident.note.as_ref());
+    // It is not known only at the end of the program.
+    if let Ok(Err(error)) = tokio::task::spawn_blocking(kept).await {
+        tracing::warn!(%error, "the note about incident {number} is in the database alone");
+    }
+}
+
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct KeepForm {
     kept: bool,
 }

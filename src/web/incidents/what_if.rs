@@ -13,8 +13,8 @@ use crate::engine::time::{Span, Timestamp};
 use crate::record::folder;
 use crate::record::ring::ConfigurationText;
 use crate::record::summary::Summary;
-use crate::replay::compare::{Candidate, Comparison, Mistake};
-use crate::replay::{Recording, ReplayError};
+use crate::replay::compare::{Candidate, Comparison, Mistake, judged};
+use crate::replay::{self, Recording, ReplayError};
 use crate::store::{Incident, IncidentFilter, Session};
 use crate::web::AppState;
 use crate::web::http::errors::HttpError;
@@ -224,6 +224,38 @@ impl Run {
         self.state().progress = Progress::Done;
     }
 
+    /// What opens the recording of its incident as its configuration judges it.
+    ///
+    /// # Errors
+    /// The configuration is known to be wrong, or there is no recording to run.
+    pub fn judged(
+        self: &Arc<Run>,
+        app: &AppState,
+        summary: &Summary,
+    ) -> Result<impl FnOnce() -> Result<replay::Run, ReplayError> + Send + use<>, HttpError> {
+        if matches!(self.state().progress, Progress::Wrong(_)) {
+            return Err(HttpError::NotFound);
+        }
+        let folder = app.settings.recordings.as_deref().ok_or(HttpError::NoRecording)?;
+        let path = recording(folder, summary).map_err(|_| HttpError::NoRecording)?;
+        if app.settings.what_if.is_none() {
+            return Err(HttpError::NotFound);
+        }
+        let (run, app) = (self.clone(), app.clone());
+        Ok(move || {
+            let wrong = |mistakes: Vec<Mistake>| {
+                let first = mistakes.into_iter().next().map(|mistake| mistake.message);
+                ReplayError::Edited(first.unwrap_or_default())
+            };
+            let Some(Examiner(examine)) = &app.settings.what_if else {
+                return Err(ReplayError::NoConfiguration);
+            };
+            let Candidate { loaded, definitions } =
+                examine(&run.texts, &Recording::open(&path)?).map_err(wrong)?;
+            judged(&path, &loaded, &definitions, None)
+        })
+    }
+
     fn one(
         &self,
         app: &AppState,
@@ -233,7 +265,9 @@ impl Run {
     ) -> Result<Comparison, Stop> {
         let path = recording(folder, summary)?;
         let recording = Recording::open(&path).map_err(Stop::of)?;
-        let Some(Examiner(examine)) = &app.settings.what_if else { return Err(Trouble::Missing.into()) };
+        let Some(Examiner(examine)) = &app.settings.what_if else {
+            return Err(Trouble::Missing.into());
+        };
         let candidate = examine(&self.texts, &recording).map_err(|mut mistakes| {
             mistakes.truncate(MISTAKES_MAX);
             Stop::Mistakes(mistakes)

@@ -8,4 +8,5 @@ pub(super) mod first_changes;
 pub mod frame;
 pub(super) mod pacing;
 pub(super) mod socket;
+pub(super) mod stream_query;
 pub(super) mod trend_sampling;

@@ -10,6 +10,7 @@ use axum::extract::rejection::QueryRejection;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message, Utf8Bytes, WebSocketUpgrade};
 use axum::extract::{Extension, Query, State};
+use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio::sync::watch;
@@ -21,6 +22,7 @@ use super::client::{Client, Ending};
 use super::displays::Place;
 use super::frame::{self, Form, Sent};
 use super::pacing::Pacing;
+use super::stream_query::{StreamQuery, how_to_stream};
 use crate::runtime::{Published, Version};
 use crate::store::audit::{Action, Record};
 use crate::store::{Role, Session};
@@ -52,19 +54,6 @@ pub struct PageSocketQuery {
     lang: Option<String>,
 }
 
-/// The form of a stream. A key in the address is enough; its value says nothing.
-#[derive(Debug, Deserialize)]
-pub struct StreamQuery {
-    groups: Option<String>,
-    deltas: Option<String>,
-}
-
-impl StreamQuery {
-    fn form(&self) -> Form {
-        Form { groups: self.groups.is_some(), deltas: self.deltas.is_some() }
-    }
-}
-
 /// `GET /ws`
 pub async fn page(
     State(app): State<AppState>,
@@ -84,10 +73,14 @@ pub async fn stream(
     from: From,
     SignedIn(session): SignedIn,
     reader: Reader,
+    headers: HeaderMap,
     query: Result<Query<StreamQuery>, QueryRejection>,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response {
     let form = query.map(|Query(query)| query.form()).unwrap_or_default();
+    if upgrade.is_err() {
+        return how_to_stream(&app, &headers);
+    }
     open(app, from, session, &reader, upgrade, Feed::Snapshots { form, sent: None })
 }
 

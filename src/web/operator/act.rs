@@ -1,13 +1,15 @@
-//! Does what an operator's tap asks for: judged, written, judged again, done. It waits for others and for
+//! Does what an operator's tap asks for, or somebody else: judged, written, judged again, done. It waits for others and for
 //! the disk no longer than the tap counts.
 
-use super::not_done::NotDone;
+use super::not_done::{InvalidTap, NotDone};
 use super::tap::TappedAction;
 use crate::engine::input::{OperatorAction, Response};
 use crate::engine::model::output::Output;
 use crate::engine::restart::preview::Preview;
+use crate::engine::time::Timestamp;
 use crate::store::VehicleMemory;
-use crate::store::audit::RECORDED_WITHIN;
+use crate::store::audit::{RECORDED_WITHIN, Record};
+use crate::web::Live;
 use crate::web::engine_link::NoAnswer;
 use crate::web::http::errors::HttpError;
 use crate::web::view;
@@ -15,6 +17,19 @@ use crate::web::view::Lang;
 
 /// Operator's actions that may wait for one another and for the disk: pages send three at once.
 pub const PLACES: usize = 8;
+
+/// An action that somebody asks for, at a page or elsewhere.
+#[derive(Clone, Copy)]
+pub struct Deed<'a> {
+    pub app: &'a Live,
+    pub record: &'a Record,
+    /// It counts until then.
+    pub until: Timestamp,
+    /// The action with the conditions of this moment, or why it does not count now.
+    pub judged: &'a (dyn Fn() -> Result<OperatorAction, InvalidTap> + Sync),
+    /// Tells the recorder of incidents that it was not done, and why, in both languages.
+    pub tell_recorder: &'a (dyn Fn(&str, &str) + Sync),
+}
 
 /// Does what a tap asks for, if it counts. It runs to its end also if nobody listens any more: what was done
 /// has to be stored.
@@ -24,9 +39,16 @@ pub const PLACES: usize = 8;
 pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
     let (app, arrived) = (tapped.tap.app.clone(), tapped.tap.arrived);
     let acting = tokio::spawn(async move {
+        let deed = Deed {
+            app: &tapped.tap.app,
+            record: &tapped.record,
+            until: tapped.until(),
+            judged: &|| tapped.judged(),
+            tell_recorder: &|why, why_de| tapped.tell_recorder(why, why_de),
+        };
         match tapped.action {
-            OperatorAction::RequestStop => stop(&tapped).await,
-            _ => act_in_turn(&tapped).await,
+            OperatorAction::RequestStop => stop(deed).await,
+            _ => act_in_turn(deed).await,
         }
     });
     // It ends early only if the whole program does.
@@ -38,55 +60,58 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
 /// What is done is on the disk before, with the vehicle's state after it; what cannot be written is not
 /// done. If the program is killed in between, the action is done after the restart, and nobody was told that
 /// yet.
-async fn act_in_turn(tapped: &TappedAction) -> Result<(), NotDone> {
-    let (app, until) = (&tapped.tap.app, tapped.until());
-    if let Err(invalid) = tapped.judged() {
-        return Err(refused(tapped, None, invalid.into()).await);
+///
+/// # Errors
+/// Why nothing has changed.
+pub async fn act_in_turn(deed: Deed<'_>) -> Result<(), NotDone> {
+    let Deed { app, record, until, judged, tell_recorder } = deed;
+    if let Err(invalid) = judged() {
+        return Err(refused(deed, None, invalid.into()).await);
     }
     let Ok(place) = app.places.clone().try_acquire_owned() else {
         let (why, de) = ("too many others waited", "zu viele andere warteten");
-        tapped.tell_recorder(why, de);
-        app.store.note(tapped.record.clone().refused(why));
+        tell_recorder(why, de);
+        app.store.note(record.clone().refused(why));
         return Err(NotDone::HttpError(HttpError::Busy));
     };
     let Some(_acting) = app.clock.by(until, app.acting.lock()).await else {
         let (why, de) = ("it waited too long for others", "es wartete zu lange auf andere");
-        tapped.tell_recorder(why, de);
-        app.store.note(tapped.record.clone().refused(why));
+        tell_recorder(why, de);
+        app.store.note(record.clone().refused(why));
         return Err(NotDone::HttpError(if app.is_storage_ok() {
             HttpError::Busy
         } else {
             HttpError::Storage
         }));
     };
-    let preview = match preview(tapped).await {
+    let preview = match preview(deed).await {
         Ok(preview) => preview,
-        Err(not_done) => return Err(refused(tapped, None, not_done).await),
+        Err(not_done) => return Err(refused(deed, None, not_done).await),
     };
     let seq = preview.seq;
     let memory = Some(app.remembering(preview));
-    if let Err(error) = app.store.write_ahead(&tapped.record, memory, until, place).await {
-        tapped.tell_recorder("it could not be stored", "es konnte nicht gespeichert werden");
+    if let Err(error) = app.store.write_ahead(record, memory, until, place).await {
+        tell_recorder("it could not be stored", "es konnte nicht gespeichert werden");
         return Err(error.into());
     }
-    let Err(not_done) = carry_out(tapped).await else { return Ok(()) };
+    let Err(not_done) = carry_out(deed).await else { return Ok(()) };
     tracing::warn!("an action was written and is not done");
     let memory = app.memory();
     let memory = VehicleMemory { seq: memory.seq.max(seq), ..memory };
-    Err(refused(tapped, Some(memory), not_done).await)
+    Err(refused(deed, Some(memory), not_done).await)
 }
 
 /// A stop waits for no disk: it is done, then recorded.
-async fn stop(tapped: &TappedAction) -> Result<(), NotDone> {
-    let app = &tapped.tap.app;
-    if let Err(not_done) = carry_out(tapped).await {
-        return Err(refused(tapped, None, not_done).await);
+async fn stop(deed: Deed<'_>) -> Result<(), NotDone> {
+    let Deed { app, record, .. } = deed;
+    if let Err(not_done) = carry_out(deed).await {
+        return Err(refused(deed, None, not_done).await);
     }
     let until = app.clock.now() + RECORDED_WITHIN;
     let is_recorded = if let Some(_acting) = app.clock.by(until, app.acting.lock()).await {
-        app.store.record(tapped.record.clone(), Some(app.memory())).await
+        app.store.record(record.clone(), Some(app.memory())).await
     } else {
-        app.store.note(tapped.record.clone());
+        app.store.note(record.clone());
         false
     };
     if app.published().snapshot.unreached(Output::ManeuverStop).is_some() {
@@ -100,30 +125,30 @@ async fn stop(tapped: &TappedAction) -> Result<(), NotDone> {
     Ok(())
 }
 
-/// The vehicle's state after the action, if the engine would grant it and the tap still counts then.
-async fn preview(tapped: &TappedAction) -> Result<Preview, NotDone> {
-    let preview = tapped.tap.app.rehearse(tapped.judged()?).await?.map_err(NotDone::Refused)?;
+/// The vehicle's state after the action, if the engine would grant it and it still counts then.
+async fn preview(deed: Deed<'_>) -> Result<Preview, NotDone> {
+    let preview = deed.app.rehearse((deed.judged)()?).await?.map_err(NotDone::Refused)?;
     // The engine may have taken its time.
-    tapped.judged()?;
+    (deed.judged)()?;
     Ok(preview)
 }
 
-async fn carry_out(tapped: &TappedAction) -> Result<(), NotDone> {
-    match tapped.tap.app.command(tapped.judged()?).await? {
+async fn carry_out(deed: Deed<'_>) -> Result<(), NotDone> {
+    match deed.app.command((deed.judged)()?).await? {
         Response::Done => Ok(()),
         Response::Refused(reasons) => Err(NotDone::Refused(reasons)),
     }
 }
 
 /// Records why an action was not done, with the vehicle's state if another one was written.
-async fn refused(tapped: &TappedAction, memory: Option<VehicleMemory>, not_done: NotDone) -> NotDone {
-    let app = &tapped.tap.app;
+async fn refused(deed: Deed<'_>, memory: Option<VehicleMemory>, not_done: NotDone) -> NotDone {
+    let Deed { app, record, tell_recorder, .. } = deed;
     let [why, why_de] = [Lang::En, Lang::De].map(|lang| match &not_done {
         NotDone::Refused(reasons) => view::refusals(&app.published(), lang, reasons).join(" "),
         NotDone::Invalid(invalid) => invalid.words(lang),
         NotDone::HttpError(_) => NoAnswer.to_string(),
     });
-    tapped.tell_recorder(&why, &why_de);
-    app.store.record(tapped.record.clone().refused(why), memory).await;
+    tell_recorder(&why, &why_de);
+    app.store.record(record.clone().refused(why), memory).await;
     not_done
 }

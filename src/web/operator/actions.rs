@@ -1,11 +1,11 @@
 //! The routes of the operator's actions: one POST for each action, granted, or refused with reasons.
 
+use axum::Json;
 use axum::extract::rejection::{FormRejection, PathRejection};
 use axum::extract::{Form, Path};
-use axum::http::StatusCode;
 use axum::response::{IntoResponse, Redirect, Response};
-use serde::Deserialize;
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::act::act;
 use super::not_done::{InvalidTap, NotDone};
@@ -16,7 +16,7 @@ use crate::engine::model::NodeId;
 use crate::engine::snapshot::Snapshot;
 use crate::store::audit::{Action, Record};
 use crate::web::http::errors::HttpError;
-use crate::web::http::respond::{Speaks, bad_field, bad_form, json_answer, refusal, refused_in_words};
+use crate::web::http::respond::{Speaks, bad_field, bad_form, refusal, refused_in_words};
 use crate::web::view;
 use crate::web::view::Lang;
 use crate::web::view::versions::Aspect;
@@ -24,35 +24,53 @@ use crate::web::view::versions::Aspect;
 /// The longest name of a tap that a page makes.
 const TAP_BYTES_MAX: usize = 64;
 
+/// The answer to a first step.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct Granted {
+    /// For the second step.
+    token: String,
+    /// Seconds within which the second step has to come.
+    expires_s: u64,
+}
+
+/// Something was done, and there is nothing to say of it.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct Done {}
+
 type FormOf<T> = Result<Form<T>, FormRejection>;
 type PathOf = Result<Path<String>, PathRejection>;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct LocalizeForm {
+    /// The id of a stop; or else a pose.
     stop: Option<Box<str>>,
+    /// In metres, on the map.
     x: Option<f64>,
     y: Option<f64>,
     yaw_deg: Option<f64>,
+    /// The `seq` of the state that the operator was shown.
     version: u64,
+    /// The wall time of the last heartbeat that the display received, if it received one.
     beat: Option<String>,
 }
 
 /// A stop, over HTTP or over the socket of the page. It counts whatever the page showed, and however late.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct StopForm {
     /// The tap's own name: what comes with the same one again is the same tap.
     pub tap: Option<Box<str>>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct AcknowledgeOverForm {
     /// The highest number of an alarm that the page showed as over.
     last: u64,
     beat: Option<String>,
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct ConfirmForm {
+    /// Of the answer to the first step.
     token: String,
     version: Option<u64>,
     beat: Option<String>,
@@ -100,7 +118,7 @@ pub async fn request_stop(tap: Tap, form: StopForm) -> Response {
         Some(name) => tap.app.stops.once(&tap.session, name, stopping).await,
         None => stopping.await,
     };
-    answer(&tap, stopped, &json!({}))
+    answer(&tap, stopped, Done {})
 }
 
 /// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
@@ -143,13 +161,10 @@ async fn request(tap: Tap, form: FormOf<Versioned>, steps: TwoSteps) -> Response
     let (validity, record) = (tap.validity(&shown, steps.aspect()), tap.record(record));
     let granted = act(TappedAction { tap: tap.clone(), validity, action, record }).await;
     if granted.is_err() {
-        return answer(&tap, granted, &Value::Null);
+        return answer(&tap, granted, Done {});
     }
     match tap.app.pending.request(steps, &tap.session, shown.version, tap.app.clock.now()) {
-        Ok(token) => {
-            let token = json!({ "token": token, "expires_s": CONFIRM_WITHIN.as_millis() / 1000 });
-            answer(&tap, Ok(()), &token)
-        }
+        Ok(token) => answer(&tap, Ok(()), Granted { token, expires_s: CONFIRM_WITHIN.as_millis() / 1000 }),
         Err(error) => {
             tracing::error!(%error, "no token can be made");
             refusal(&tap.reader, HttpError::Unavailable)
@@ -171,7 +186,7 @@ async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> R
         Err(invalid) => {
             tap.tell_recorder(&action, &invalid.words(Lang::En), &invalid.words(Lang::De));
             tap.app.store.record(record.refused(invalid.words(Lang::En)), None).await;
-            return answer(&tap, Err(invalid.into()), &Value::Null);
+            return answer(&tap, Err(invalid.into()), Done {});
         }
     };
     let version = form.version.map_or(requested, |version| version.min(requested));
@@ -243,15 +258,15 @@ pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response 
 /// Has an action done, and answers.
 async fn done(tap: Tap, validity: TapValidity, action: OperatorAction, record: Record) -> Response {
     let done = act(TappedAction { tap: tap.clone(), validity, action, record }).await;
-    answer(&tap, done, &json!({}))
+    answer(&tap, done, Done {})
 }
 
 /// Answers with `granted`, or says why the tap changed nothing.
-fn answer(tap: &Tap, done: Result<(), NotDone>, granted: &Value) -> Response {
+fn answer(tap: &Tap, done: Result<(), NotDone>, granted: impl Serialize) -> Response {
     let reader = &tap.reader;
     match done {
         Ok(()) => match reader.speaks {
-            Speaks::Json => json_answer(StatusCode::OK, granted),
+            Speaks::Json => Json(granted).into_response(),
             Speaks::Html => Redirect::to("/").into_response(),
         },
         Err(NotDone::Refused(reasons)) => {

@@ -44,6 +44,8 @@ pub enum InvalidTap {
     NotInCharge,
     /// The part of the state that it was made for is not as it was shown.
     Stale,
+    /// While the vehicle is cleared or drives, it is for the operator alone.
+    ForOperator,
     /// It waited too long, on its way or here.
     Late,
     /// It confirms a request that was used, replaced, or made by somebody else.
@@ -59,6 +61,7 @@ impl InvalidTap {
             InvalidTap::SessionEnded => HttpError::NoSession.say(lang).1.to_owned(),
             InvalidTap::NotInCharge => words.not_in_charge.to_owned(),
             InvalidTap::Stale => words.refused_stale.to_owned(),
+            InvalidTap::ForOperator => words.refused_driving.to_owned(),
             InvalidTap::Late => words.refused_late.to_owned(),
             InvalidTap::NotPending => lang.not_pending(false),
             InvalidTap::ConfirmedLate => lang.not_pending(true),

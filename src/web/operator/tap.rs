@@ -5,6 +5,7 @@ use std::net::IpAddr;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use axum::response::Response;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::not_done::InvalidTap;
@@ -30,7 +31,7 @@ const TAP_LATE_MAX: Span = Span::from_secs(4);
 const REASON_BYTES_MAX: usize = 500;
 
 /// The `seq` that the button was shown with.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 pub struct Versioned {
     pub version: u64,
     /// The wall time of the server's last heartbeat before the tap, as the heartbeat said it.

@@ -16,6 +16,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use axum::Router;
 use tokio::sync::watch;
 
+use super::incidents::WhatIf;
 use super::live::{first_changes, trend_sampling};
 use super::source::Player;
 use super::{AppState, Settings, router};
@@ -61,6 +62,8 @@ struct OpenReplay {
     /// What the recording tells, and its first lines; of an incident the store knows better ones.
     story: Arc<Story>,
     summary: Arc<Summary>,
+    /// The what-if whose configuration it shows.
+    edited: Option<Arc<WhatIf>>,
 }
 
 impl Replays {
@@ -96,6 +99,7 @@ fn start(
     session: &Session,
     mut playback: Playback,
     folder: Option<Temporary>,
+    edited: Option<Arc<WhatIf>>,
 ) -> Option<OpenReplay> {
     let summary = Arc::new(summary_of(&playback));
     let story = Arc::new(playback.story(&summary).ok()?);
@@ -124,7 +128,7 @@ fn start(
     tokio::spawn(trend_sampling::watch(inner.clone()));
     let (used, screen) = (app.clock.now(), router(inner));
     let session = session.clone();
-    Some(OpenReplay { subject, session, used, controls, state, screen, story, summary })
+    Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, edited })
 }
 
 /// What the recording tells of the past. Without it, pages say that there is none.

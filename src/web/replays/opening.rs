@@ -13,6 +13,7 @@ use crate::replay::{Playback, ReplayError};
 use crate::store::{Incident, Session};
 use crate::web::AppState;
 use crate::web::http::errors::HttpError;
+use crate::web::incidents::WhatIf;
 
 /// A page waits this long for a recording; after that it asks again.
 const READY_WITHIN: Duration = Duration::from_secs(3);
@@ -52,8 +53,8 @@ impl Replays {
     }
 }
 
-/// The replay of this recording by this session. It is opened if it is not, or if it is one of the last minutes
-/// that ended before this moment: then the new one takes its place.
+/// The replay of this recording by this session. It is opened if it is not, if it is one of the last minutes
+/// that ended before this moment, or if its configuration was edited since: then the new one takes its place.
 pub(super) async fn of(
     app: &AppState,
     subject: Subject,
@@ -61,15 +62,25 @@ pub(super) async fn of(
     session: &Session,
     at_ms: Option<i64>,
 ) -> Result<OpenReplay, HttpError> {
+    let edited = match subject {
+        Subject::WhatIf(id) => app.what_ifs.of(session, id),
+        _ => None,
+    };
+    let is_newest = |open: &OpenReplay| {
+        let is_same = |(new, open): (&Arc<WhatIf>, &Arc<WhatIf>)| Arc::ptr_eq(new, open);
+        edited.as_ref().zip(open.edited.as_ref()).is_none_or(is_same)
+    };
     let reaches = |open: &OpenReplay| {
-        subject != Subject::Recent || at_ms.is_none_or(|at_ms| at_ms <= open.state.borrow().to_ms)
+        let ends_later =
+            subject != Subject::Recent || at_ms.is_none_or(|at_ms| at_ms <= open.state.borrow().to_ms);
+        ends_later && is_newest(open)
     };
     if let Some(open) = app.replays.find(subject, session, app.clock.now()).filter(reaches) {
         return Ok(open);
     }
     let mut outcome = match app.replays.opening(subject, session) {
         Some(outcome) => outcome,
-        None => begin(app, subject, incident, session)?,
+        None => begin(app, subject, incident, session, edited.as_ref())?,
     };
     let opened = match timeout(READY_WITHIN, outcome.wait_for(Option::is_some)).await {
         Ok(opened) => opened.ok().and_then(|outcome| *outcome),
@@ -77,7 +88,9 @@ pub(super) async fn of(
     };
     app.replays.remove_opening(subject, session);
     opened.unwrap_or(Err(HttpError::NoReplay))?;
-    app.replays.find(subject, session, app.clock.now()).ok_or(HttpError::NoReplay)
+    let open = app.replays.find(subject, session, app.clock.now()).ok_or(HttpError::NoReplay)?;
+    // It was edited while the one before was opened.
+    if is_newest(&open) { Ok(open) } else { Err(HttpError::Opening) }
 }
 
 fn begin(
@@ -85,25 +98,32 @@ fn begin(
     subject: Subject,
     incident: Option<&Incident>,
     session: &Session,
+    edited: Option<&Arc<WhatIf>>,
 ) -> Result<watch::Receiver<Outcome>, HttpError> {
     let (open, since_ms) = match (subject, incident) {
-        (Subject::Incident(_), Some(incident)) => {
-            let recording = &incident.summary.recording;
-            if !recording.finished {
+        (Subject::Incident(_) | Subject::WhatIf(_), Some(incident)) => {
+            let summary = &incident.summary;
+            if !summary.recording.finished {
                 return Err(HttpError::Unfinished);
             }
-            (subject::incident(app, &recording.file)?, Some(incident.summary.since_ms))
+            let open = match (subject, edited) {
+                (Subject::WhatIf(_), Some(edited)) => subject::what_if(app, edited, summary)?,
+                // Nothing is kept longer than a what-if.
+                (Subject::WhatIf(_), None) => return Err(HttpError::NotFound),
+                _ => subject::incident(app, &summary.recording.file)?,
+            };
+            (open, Some(summary.since_ms))
         }
-        (Subject::Incident(_), None) => return Err(HttpError::NotFound),
+        (Subject::Incident(_) | Subject::WhatIf(_), None) => return Err(HttpError::NotFound),
         (Subject::Recent, _) => (subject::recent(app)?, None),
         (Subject::File, _) => (subject::file(app)?, None),
     };
     let (told, outcome) = watch::channel(None);
     app.replays.add_opening(Opening { subject, session: session.clone(), outcome: outcome.clone() })?;
-    let (app, session) = (app.clone(), session.clone());
+    let (app, session, edited) = (app.clone(), session.clone(), edited.cloned());
     // If the request is gone by then, the next one finds it.
     tokio::spawn(async move {
-        let outcome = opened(&app, subject, &session, open, since_ms).await;
+        let outcome = opened(&app, subject, &session, (open, edited), since_ms).await;
         told.send_replace(Some(outcome));
     });
     Ok(outcome)
@@ -113,7 +133,7 @@ async fn opened(
     app: &AppState,
     subject: Subject,
     session: &Session,
-    open: Open,
+    (open, edited): (Open, Option<Arc<WhatIf>>),
     since_ms: Option<i64>,
 ) -> Result<(), HttpError> {
     let turn = Arc::clone(&app.replays.turn).lock_owned().await;
@@ -145,7 +165,7 @@ async fn opened(
     };
     let (starting, for_session) = (app.clone(), session.clone());
     let started =
-        task::spawn_blocking(move || start(&starting, subject, &for_session, playback, folder)).await;
+        task::spawn_blocking(move || start(&starting, subject, &for_session, playback, folder, edited)).await;
     let replay = started.ok().flatten().ok_or(HttpError::NoReplay)?;
     app.replays.add(replay);
     Ok(())

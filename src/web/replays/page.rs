@@ -33,6 +33,10 @@ struct ReplayHtml {
     subject: Subject,
     content: Content,
     state: PlayState,
+    /// What says that this was never shown; empty where it was.
+    edited: &'static str,
+    /// The replay of the same incident by the other configuration, and its name.
+    other: Option<(Subject, &'static str)>,
     /// The screens: the address behind the replay's, and its name.
     screens: [(&'static str, &'static str); 7],
     speeds: [&'static str; 6],
@@ -65,6 +69,7 @@ struct About {
 pub(super) fn about_name(app: &AppState, subject: Subject, it: &'static IncidentWords) -> String {
     match subject {
         Subject::Incident(id) => format!("{} {id}", it.incident),
+        Subject::WhatIf(id) => format!("{} {id}, {}", it.incident, it.edited),
         Subject::Recent => it.last_minutes.to_owned(),
         Subject::File => {
             app.settings.replayed.as_ref().map(|file| clean(&file.name, 2 * NAME)).unwrap_or_default()
@@ -75,6 +80,7 @@ pub(super) fn about_name(app: &AppState, subject: Subject, it: &'static Incident
 fn about(app: &AppState, subject: Subject, it: &'static IncidentWords) -> About {
     let (leave, leave_word) = match subject {
         Subject::Incident(id) => (format!("/incidents/{id}"), it.leave_replay),
+        Subject::WhatIf(id) => (format!("/incidents/{id}/what-if"), it.leave_replay),
         Subject::Recent => ("/developer".to_owned(), it.back_to_now),
         // There is nothing else.
         Subject::File => (String::new(), ""),
@@ -89,9 +95,9 @@ async fn opened(
     session: &Session,
     at_ms: Option<i64>,
 ) -> Result<(Option<Incident>, OpenReplay), HttpError> {
-    let incident = match subject {
-        Subject::Incident(id) => Some(find(app, &id.to_string()).await?),
-        _ => None,
+    let incident = match subject.incident() {
+        Some(id) => Some(find(app, &id.to_string()).await?),
+        None => None,
     };
     let replay = of(app, subject, incident.as_ref(), session, at_ms).await?;
     Ok((incident, replay))
@@ -129,10 +135,19 @@ pub async fn get(
     let read = Read::Told(Box::new((*replay.story).clone()));
     let content = Content::of(lang, &incident, &read, Medium::Replay(&id));
     let words = content.words;
+    let other = match subject {
+        Subject::WhatIf(id) => Some((Subject::Incident(id), content.it.as_recorded)),
+        Subject::Incident(id) => {
+            app.what_ifs.of(&session, id).map(|_| (Subject::WhatIf(id), content.it.as_edited))
+        }
+        _ => None,
+    };
     Html(html(&ReplayHtml {
         frame: PageFrame::new(lang, reader.palette),
         about: about(&app, subject, content.it),
         subject,
+        edited: if subject.is_edited() { content.it.edited } else { "" },
+        other,
         screens: [
             ("/", operator_word(lang)),
             ("/developer", words.statuses),

@@ -12,6 +12,7 @@ use tower::ServiceExt as _;
 use crate::web::AppState;
 use crate::web::admission::connections::ConnectionHandle;
 use crate::web::admission::peer::Peer;
+use crate::web::developer::incidents::words::IncidentWords;
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::headers::FRAMED;
@@ -60,11 +61,13 @@ pub async fn get(
     carry::<OnUpgrade>(&mut outer, &mut request);
     // The answer is changed, and compressed afterwards.
     request.headers_mut().remove(ACCEPT_ENCODING);
-    let answer = match open.screen.oneshot(request).await {
+    let answer = match open.screen.clone().oneshot(request).await {
         Ok(answer) => answer,
         Err(never) => match never {},
     };
-    based(answer.into_response(), &format!("/replay/{id}/screen")).await
+    let is_edited = open.subject.is_edited();
+    let edited = if is_edited { IncidentWords::of(reader.lang).edited } else { "" };
+    based(answer.into_response(), &format!("/replay/{id}/screen"), edited).await
 }
 
 /// Gives a request what the connection says of itself.
@@ -74,8 +77,9 @@ fn carry<T: Clone + Send + Sync + 'static>(from: &mut Extensions, to: &mut Reque
     }
 }
 
-/// A page with links that stay in the replay. The replay's own page may frame it.
-async fn based(mut answer: Response, base: &str) -> Response {
+/// A page with links that stay in the replay. The replay's own page may frame it. `edited` is a sign on every page that
+/// shows what was never shown.
+async fn based(mut answer: Response, base: &str, edited: &'static str) -> Response {
     answer.headers_mut().insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(FRAMED));
     let is_page = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/html");
     if !answer.headers().get(CONTENT_TYPE).is_some_and(is_page) {
@@ -91,6 +95,9 @@ async fn based(mut answer: Response, base: &str) -> Response {
         page = page.replace(&format!("=\"{address}"), &format!("=\"{base}{address}"));
     }
     page = page.replace("href=\"/\"", &format!("href=\"{base}/\""));
+    if !edited.is_empty() {
+        page = page.replacen("<body ", &format!("<body data-edited=\"{edited}\" "), 1);
+    }
     parts.headers.remove(CONTENT_LENGTH);
     Response::from_parts(parts, Body::from(page))
 }

@@ -1,4 +1,4 @@
-//! What a replay shows: an incident, the last minutes, or the file with which `telltale replay --serve` was started.
+//! What a replay shows: an incident, as it was judged or as an edited configuration judges it, the last minutes, or the file with which `telltale replay --serve` was started.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,11 +8,13 @@ use std::sync::Arc;
 use crate::record::file::FileError;
 use crate::record::folder;
 use crate::record::recorder::Recorder;
+use crate::record::summary::Summary;
 use crate::record::writer::{Place, write_recent};
 use crate::replay::{Recording, ReplayError, Run};
 use crate::store::make_folder;
 use crate::web::AppState;
 use crate::web::http::errors::HttpError;
+use crate::web::incidents::WhatIf;
 
 /// Opens the recording that a server shows. It may run by another configuration than it was recorded by.
 type OpenFile = dyn Fn() -> Result<Run, ReplayError> + Send + Sync;
@@ -48,10 +50,30 @@ impl fmt::Debug for ServedFile {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Subject {
     Incident(u64),
+    /// The same by the configuration of this person's last what-if of it.
+    WhatIf(u64),
     /// What the recorder's ring held when it was opened.
     Recent,
     /// The file of `telltale replay --serve`.
     File,
+}
+
+/// Behind the number of an incident in the address of its replay by an edited configuration.
+const WHAT_IF: &str = "-what-if";
+
+impl Subject {
+    /// The incident of the store that it shows.
+    pub(super) fn incident(self) -> Option<u64> {
+        match self {
+            Subject::Incident(id) | Subject::WhatIf(id) => Some(id),
+            Subject::Recent | Subject::File => None,
+        }
+    }
+
+    /// It shows what was never shown.
+    pub(super) fn is_edited(self) -> bool {
+        matches!(self, Subject::WhatIf(_))
+    }
 }
 
 impl FromStr for Subject {
@@ -61,7 +83,11 @@ impl FromStr for Subject {
         match text {
             "recent" => Ok(Subject::Recent),
             "file" => Ok(Subject::File),
-            number => number.parse().map(Subject::Incident).map_err(|_| HttpError::NotFound),
+            number => match number.strip_suffix(WHAT_IF) {
+                Some(number) => number.parse().map(Subject::WhatIf),
+                None => number.parse().map(Subject::Incident),
+            }
+            .map_err(|_| HttpError::NotFound),
         }
     }
 }
@@ -70,6 +96,7 @@ impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Subject::Incident(id) => id.fmt(f),
+            Subject::WhatIf(id) => write!(f, "{id}{WHAT_IF}"),
             Subject::Recent => f.write_str("recent"),
             Subject::File => f.write_str("file"),
         }
@@ -84,6 +111,12 @@ pub(super) fn incident(app: &AppState, file: &str) -> Result<Open, HttpError> {
     let path = app.settings.recordings.as_deref().and_then(|it| folder::path_of(it, file));
     let path = path.filter(|path| path.is_file()).ok_or(HttpError::NoRecording)?;
     Ok(Box::new(move || Ok((Recording::open(&path).and_then(Run::recorded)?, None))))
+}
+
+/// What opens the recording of an incident as an edited configuration judges it.
+pub(super) fn what_if(app: &AppState, edited: &Arc<WhatIf>, summary: &Summary) -> Result<Open, HttpError> {
+    let judged = edited.judged(app, summary)?;
+    Ok(Box::new(move || Ok((judged()?, None))))
 }
 
 /// What opens the last minutes.
@@ -130,6 +163,26 @@ impl Drop for Temporary {
     fn drop(&mut self) {
         if let Err(error) = std::fs::remove_dir_all(&self.0) {
             tracing::warn!(%error, "the folder {} is not removed", self.0.display());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_names_what_is_shown() {
+        for (text, subject) in [
+            ("12", Subject::Incident(12)),
+            ("12-what-if", Subject::WhatIf(12)),
+            ("recent", Subject::Recent),
+            ("file", Subject::File),
+        ] {
+            assert_eq!((text.parse().ok(), &*subject.to_string()), (Some(subject), text));
+        }
+        for wrong in ["", "-what-if", "12-what", "x", "recent-what-if", "12-what-if-what-if", "-1"] {
+            assert!(wrong.parse::<Subject>().is_err(), "{wrong}");
         }
     }
 }

@@ -86,7 +86,7 @@ impl View<'_> {
     pub fn label(&self, info: &ModuleInfo) -> String {
         let path = &self.snapshot.layout.groups[info.group.0 as usize].path;
         let tail = info.id.strip_prefix(&**path).and_then(|rest| rest.strip_prefix('/'));
-        clean(tail.unwrap_or(&info.id), NAME)
+        clean(info.shown.as_deref().filter(|name| !name.is_empty()).or(tail).unwrap_or(&info.id), NAME)
     }
 
     /// The title of a module's fault: the configuration's name for it ("Position jumped"), or the component

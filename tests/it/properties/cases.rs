@@ -10,9 +10,9 @@ use telltale::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request
 use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
-    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match,
-    Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy, SignalSource, SignalSpec,
-    Stage, StageModel, When,
+    Combine, CountsAs, DISPLAY_DPI, Dependency, DependsOn, Driving, Expected, FieldSource, GroupId,
+    GroupSpec, Limits, Match, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy,
+    SignalSource, SignalSpec, Stage, StageModel, Unclaimed, When,
 };
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
@@ -62,11 +62,16 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
             depends_on: Vec::new(),
             filters: if choices.one_in(2) {
                 let filter = Filter::Namespace(format!("/d{}", choices.below(2)).into());
-                vec![Match { filter, policy: choices.one_in(2).then(|| policy(choices)) }]
+                vec![Match {
+                    except: choices.one_in(3).then(|| Filter::Contains("2".into())).into_iter().collect(),
+                    policy: choices.one_in(2).then(|| policy(choices)),
+                    ..Match::from(filter)
+                }]
             } else {
                 Vec::new()
             },
             tile: None,
+            may_be_empty: choices.one_in(4),
         });
     }
     for index in 0..choices.below(9) {
@@ -81,6 +86,7 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
             when: when(choices).map(Box::new),
             depends_on: Vec::new(),
             monitor: ModuleMonitor::SelfState(format!("s{}", choices.below(9)).into()),
+            expected: choices.one_in(4).then(Expected::default),
         });
     }
     for _ in 0..choices.below(10) {
@@ -139,6 +145,7 @@ fn empty(choices: &mut Choices<'_>) -> Parts {
         },
         discovered: policy(choices),
         other: Other::ALL[choices.below(3)],
+        unclaimed: Unclaimed::default(),
         limits: Limits { discovered_modules: choices.below(5), ..Limits::default() },
         display_dpi: DISPLAY_DPI,
     }
@@ -175,6 +182,8 @@ fn policy(choices: &mut Choices<'_>) -> Policy {
         latch: Some(latch).filter(|latch| !latch.is_zero()),
         no_publisher: State::Unknown,
         writers: choices.one_in(6).then(|| Arc::from([WRITERS[choices.below(2)].into()])),
+        counts_as: [CountsAs::Reported, CountsAs::Reported, CountsAs::WarningOk, CountsAs::WarningError]
+            [choices.below(4)],
     }
 }
 

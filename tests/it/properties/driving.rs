@@ -189,6 +189,7 @@ fn simple_vehicle(choices: &mut Choices<'_>) -> Model {
         when: None,
         depends_on: Vec::new(),
         monitor: ModuleMonitor::SelfState("s0".into()),
+        expected: None,
     });
     let goal =
         SignalSpec { name: "goal".into(), present_for: Some(Span::from_secs(5)), ..parts.signals[0].clone() };

@@ -59,6 +59,7 @@ pub fn model(choices: &mut Choices<'_>) -> Arc<Model> {
             when,
             depends_on,
             monitor,
+            expected: None,
         });
         parts.limits.status_bytes = 300;
         parts.limits.source_bytes = 200;

@@ -11,6 +11,7 @@ mod monitors;
 mod motion;
 mod oracle;
 mod recordings;
+mod schemas;
 mod soundness;
 mod writers;
 
@@ -88,7 +89,8 @@ proptest! {
             for (id, since) in (0..).map(ModuleId).zip(&since) {
                 if let Some(verdict) = seen.verdict(id, *since) {
                     let reported = snapshot.module(id).1.steps.reported;
-                    prop_assert_eq!(reported, verdict, "{:?} at {:?}", model.modules[id.0 as usize].monitor, at);
+                    let counts_as = model.modules[id.0 as usize].policy.counts_as;
+                    prop_assert_eq!(reported, verdict.map(|state| counts_as.of(state)), "{:?} at {:?}", model.modules[id.0 as usize].monitor, at);
                 }
             }
         }

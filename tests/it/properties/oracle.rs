@@ -173,7 +173,8 @@ impl<'a> Oracle<'a> {
         };
         let counted =
             self.snapshot.layout.groups[id.0 as usize].is_other && !self.is_aside(NodeId::Group(id));
-        let empty = if counted { State::Ok } else { State::Unknown };
+        let may_be_empty = self.model.groups.get(id.0 as usize).is_some_and(|group| group.may_be_empty);
+        let empty = if counted || may_be_empty { State::Ok } else { State::Unknown };
         folded.unwrap_or(if members.is_empty() { empty } else { State::Ignore })
     }
 

@@ -67,6 +67,7 @@ fn received(input: Input, number: i64, model: &Model) -> (Input, Option<Arc<Mess
         source: None,
         received: UNIX_EPOCH + Duration::from_secs(1_800_000_000),
         body: Ok((body.into(), Endian::Little)),
+        kept: false,
     };
     (input, Some(Arc::new(message)))
 }
@@ -116,7 +117,7 @@ proptest! {
         let folder = TestFolder::new(&format!("replayed-{}", FOLDERS.fetch_add(1, Ordering::Relaxed)));
         std::fs::create_dir(&*folder).unwrap();
         let (clock, _) = Clock::standing();
-        let (feed, turns) = Feed::new();
+        let (feed, turns) = Feed::new(clock);
         let settings = Settings {
             margins: Margins { before: Span::from_secs(30), after: Span::from_secs(100) },
             memory: 100_000_000,

@@ -235,7 +235,7 @@ async fn what_is_too_large_or_malformed_is_told_in_words() {
     let upgrade = fixture.get("/api/v1/stream", Some(&cookie)).await;
     assert_eq!(
         (upgrade.status, upgrade.header("content-type")),
-        (StatusCode::BAD_REQUEST, Some("application/json"))
+        (StatusCode::UPGRADE_REQUIRED, Some("text/plain; charset=utf-8"))
     );
 }
 

@@ -394,6 +394,7 @@ pub fn model() -> Model {
         },
         discovered: Policy::default(),
         other: Default::default(),
+        unclaimed: Default::default(),
         limits: Limits::default(),
         display_dpi: DISPLAY_DPI,
     };
@@ -415,6 +416,7 @@ fn group(path: &str, name: &str, parent: Option<GroupId>) -> GroupSpec {
         depends_on: Vec::new(),
         filters: Vec::new(),
         tile: None,
+        may_be_empty: false,
     }
 }
 
@@ -428,5 +430,6 @@ fn module(id: &str, group: u32, status: &str) -> ModuleSpec {
         when: None,
         depends_on: Vec::new(),
         monitor: ModuleMonitor::SelfState(status.into()),
+        expected: None,
     }
 }

@@ -50,7 +50,7 @@ impl Recorded {
             longest_memory: Span::ZERO,
             configuration: Arc::default(),
         };
-        let recorder = Recorder::start(Feed::new().1, first, recording, 1, clock).unwrap();
+        let recorder = Recorder::start(Feed::new(clock).1, first, recording, 1, clock).unwrap();
         let settings = Settings {
             recordings: Some(folder_in(&data)),
             marker: Some(Marker::new(mark)),

@@ -1,6 +1,7 @@
 //! The HTTP server: the router without a socket, and sockets on a free port.
 
 mod access;
+mod api;
 mod attacks;
 mod audit;
 mod bounds;
@@ -14,6 +15,7 @@ mod late_actions;
 mod login;
 mod login_policy;
 mod replay;
+mod services;
 mod snapshot_json;
 mod sockets;
 mod streams;

@@ -57,6 +57,7 @@ fn a_snapshot_reads_as_documented() {
                      "repeats": 0 }]),
         ),
         ("countermeasures", json!([])),
+        ("signals", json!({ "active": null })),
     ] {
         assert_eq!(snapshot[field], expected, "{field}");
     }
@@ -69,14 +70,15 @@ fn a_snapshot_reads_as_documented() {
             "modules": [{
                 "id": "sensors/lidar", "state": "error", "own": "error", "since": then,
                 "message": "no \u{202e}packets\n", "age_ms": 250, "reason": null, "class": class(),
-                "values": { "rate_hz": "0", "since": "2 s" },
+                "hardware_id": "velodyne", "values": { "rate_hz": "0", "since": "2 s" },
             }],
             "groups": [{
                 "id": "sensors/inside", "name": "Inside", "state": "ok", "own": "ok", "since": then,
                 "ok": 1, "counted": 1, "reason": null, "paths": [], "groups": [],
                 "modules": [{
                     "id": "sensors/inside/imu", "state": "ok", "own": "ok", "since": then,
-                    "message": "fine", "age_ms": 250, "reason": null, "class": class(), "values": {},
+                    "message": "fine", "age_ms": 250, "reason": null, "class": class(),
+                    "hardware_id": "", "values": {},
                 }],
             }],
         })

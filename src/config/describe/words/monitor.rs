@@ -54,6 +54,10 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
             let (a, b) = (value(model, a), value(model, b));
             format!("{of}{a} against {b}, not older than {}: {}", span(*max_age), agreement(rule))
         }
+        MonitorSpec::Constant { state } => format!("always {state}"),
+        MonitorSpec::Count { wanted, none } => {
+            format!("the number of statuses: error unless {wanted}, {none} while there is none")
+        }
         MonitorSpec::Expression { inputs, max_age, warning, error, class } => {
             let inputs: Vec<String> =
                 inputs.iter().map(|(name, source)| format!("{name} = {}", value(model, source))).collect();

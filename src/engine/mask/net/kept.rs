@@ -49,6 +49,7 @@ impl Net {
             threshold: _,
             policies: _,
             built_in_policy: _,
+            recounts: _,
             // From the states of the nodes.
             root: _,
             own_errors: _,

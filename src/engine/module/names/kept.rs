@@ -41,6 +41,8 @@ impl Names {
             free: _,
             of_module: _,
             bytes: _,
+            // They are matched again.
+            dropped: _,
         } = self;
         let kept = |route: &u32| {
             let Route {
@@ -74,6 +76,8 @@ impl Names {
         is_discovered: impl Fn(ModuleId) -> bool,
     ) -> Result<(), KeyframeError> {
         let KeptNames { seen, routes } = kept;
+        // Those that lack a module are named.
+        self.routes.iter_mut().for_each(|route| route.lacking = false);
         for KeptRoute { name, number, made, lacking, writers } in routes {
             for module in made {
                 if !is_discovered(module) || self.of_module.contains_key(&module) {

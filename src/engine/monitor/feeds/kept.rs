@@ -47,6 +47,7 @@ impl Watching {
             topic_names: _,
             probes: _,
             statuses: _,
+            counts: _,
             // About one input, which is over.
             touched: _,
             judge: _,

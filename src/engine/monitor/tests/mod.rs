@@ -100,6 +100,7 @@ pub(super) fn parts(modules: Vec<(MonitorSpec, Policy)>) -> Parts {
         depends_on: Vec::new(),
         filters: Vec::new(),
         tile: None,
+        may_be_empty: false,
     };
     let module = |(index, (monitor, policy)): (usize, (MonitorSpec, Policy))| ModuleSpec {
         id: format!("g/m{index}").into(),
@@ -110,6 +111,7 @@ pub(super) fn parts(modules: Vec<(MonitorSpec, Policy)>) -> Parts {
         when: None,
         depends_on: Vec::new(),
         monitor: monitor.into(),
+        expected: None,
     };
     Parts {
         groups: vec![group],

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::Views;
-use super::members::made;
+use super::members::{Told, made};
 use crate::engine::discovery::WriterId;
 use crate::engine::files::{KeyframeError, count};
 use crate::engine::mask::net::Net;
@@ -140,13 +140,12 @@ impl Views {
         for (id, MadeName { name, status, number }) in (net.fixed() as u32..).zip(&kept.made) {
             let module = &net.modules[id as usize];
             let gone = module.kind == ModuleKind::Gone;
-            if !gone && !self.names.insert(name.clone()) {
+            if !gone && !Arc::make_mut(&mut self.names).insert(name.clone()) {
                 return Err(KeyframeError::new(format!("two nodes have the name {name:?}")));
             }
             let group = module.node.parent.unwrap_or(GroupId(0));
-            let policy = status.as_ref().map(|_| net.discovered_policy(ModuleId(id)));
-            let writers = policy.and_then(|policy| policy.writers.clone());
-            let info = made(name.clone(), *number, group, status.clone(), writers);
+            let told = Told::of(net, ModuleId(id), status.clone());
+            let info = made(name.clone(), *number, group, told);
             layout.modules.push(Arc::new(ModuleInfo { gone, ..info }));
         }
         for _ in &kept.made {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::Views;
 use crate::engine::discovery::WriterId;
+use crate::engine::mask::net::Net;
 use crate::engine::model::{GroupId, ModuleId, NodeNames};
 use crate::engine::snapshot::Steps;
 use crate::engine::snapshot::{ModuleInfo, ModuleView};
@@ -11,6 +12,7 @@ use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::time::Timestamp;
 use crate::engine::view::layout::SELF_STATE;
+use crate::engine::view::ros_names::shortened;
 
 impl Views {
     /// The name of a discovered module, made different from declared ones.
@@ -27,12 +29,12 @@ impl Views {
         id: ModuleId,
         group: GroupId,
         (name, number): (Arc<str>, u64),
-        (status, writers): (Option<Arc<str>>, Option<NodeNames>),
+        told: Told,
         now: Timestamp,
     ) {
         let layout = Arc::make_mut(&mut self.layout);
-        self.names.insert(name.clone());
-        let info = Arc::new(made(name, number, group, status, writers));
+        Arc::make_mut(&mut self.names).insert(name.clone());
+        let info = Arc::new(made(name, number, group, told));
         let group = &mut layout.groups[group.0 as usize];
         group.modules.push(id);
         group.hint = None;
@@ -56,7 +58,7 @@ impl Views {
         info.gone = true;
         let name = info.id.clone();
         layout.groups[info.group.0 as usize].modules.retain(|&member| member != id);
-        self.names.remove(&name);
+        Arc::make_mut(&mut self.names).remove(&name);
         let since = self.modules[id.0 as usize].since;
         self.clear(id, since);
         self.seq_changed = true;
@@ -104,21 +106,34 @@ impl Views {
     }
 }
 
-/// The names of a module that is made while the engine runs.
-pub(super) fn made(
-    id: Arc<str>,
-    number: u64,
-    group: GroupId,
+/// What the configuration says of a discovered module.
+#[derive(Debug, Clone, Default)]
+pub(in crate::engine) struct Told {
     status: Option<Arc<str>>,
+    shown: Option<Arc<str>>,
     writers: Option<NodeNames>,
-) -> ModuleInfo {
+}
+
+impl Told {
+    /// `status` is the one that made the module, if one did.
+    pub(in crate::engine) fn of(net: &Net, id: ModuleId, status: Option<Arc<str>>) -> Told {
+        let writers = status.as_ref().and_then(|_| net.discovered_policy(id).writers.clone());
+        let entry = status.as_ref().and_then(|_| net.claimed_by(id));
+        let shown = entry.zip(status.as_ref()).and_then(|(entry, name)| shortened(name, &entry.prefixes));
+        Told { shown: shown.map(Arc::from), writers, status }
+    }
+}
+
+/// The names of a module that is made while the engine runs.
+pub(super) fn made(id: Arc<str>, number: u64, group: GroupId, told: Told) -> ModuleInfo {
     ModuleInfo {
         id,
         name: None,
         help: None,
         group,
-        status,
-        writers,
+        status: told.status,
+        shown: told.shown,
+        writers: told.writers,
         depends_on: Vec::new(),
         discovered: true,
         gone: false,

@@ -6,7 +6,7 @@ use bytes::Bytes;
 
 use crate::msg::sample_bytes::Guid;
 use crate::ros::library::qos::Via;
-use crate::ros::library::{Found, Quality, RawSample};
+use crate::ros::library::{Found, Quality, RawSample, SampleId};
 
 /// From the program to the DDS process.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +46,8 @@ pub enum Order {
     Write {
         id: u32,
         number: u32,
+        /// The sample to which it replies.
+        related: Option<SampleId>,
         body: Bytes,
     },
     /// End, and say goodbye to the other participants.

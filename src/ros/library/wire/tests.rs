@@ -4,6 +4,8 @@ use proptest::prelude::*;
 
 use super::*;
 
+const RELATED: SampleId = SampleId { writer: [8; 16], sequence: 1 << 40 };
+
 fn some_orders() -> Vec<Order> {
     let (topic, type_name) = ("rt/x".to_owned(), "std_msgs::msg::dds_::Bool_".to_owned());
     vec![
@@ -19,7 +21,8 @@ fn some_orders() -> Vec<Order> {
         Order::Deepen { topic: topic.clone(), type_name: type_name.clone(), depth: 512 },
         Order::Taken { id: 1, bytes: 4096 },
         Order::Writer { id: 2, topic, type_name, quality: Quality::BestEffort },
-        Order::Write { id: 2, number: 9, body: Bytes::from_static(&[1, 2, 3, 4]) },
+        Order::Write { id: 2, number: 9, related: None, body: Bytes::from_static(&[1, 2, 3, 4]) },
+        Order::Write { id: 2, number: 10, related: Some(RELATED), body: Bytes::new() },
         Order::EndReader { id: 1 },
         Order::Close,
     ]
@@ -41,7 +44,7 @@ fn some_news() -> Vec<FromChild> {
     let fault = |what| Err(Fault { at: 0, what });
     let sample = |body| FromChild::Sample {
         reader: 4,
-        sample: RawSample { writer: [9; 16], sequence: -1, source: Some(77), body },
+        sample: RawSample { writer: [9; 16], sequence: -1, source: Some(77), related: Some(RELATED), body },
     };
     vec![
         FromChild::Ready { guid: [1; 16], participant: 3 },
@@ -87,9 +90,11 @@ fn what_is_cut_or_too_long_is_refused_and_never_taken_in_part() {
     assert!(super::news(&frame(|frame| frame.news(&FromChild::Broken { reason: name.clone() }))).is_err());
     assert_eq!(cut(&name).len(), NAME_BYTES_MAX);
     // A body that claims to be larger than allowed.
-    let mut claim =
-        frame(|frame| frame.order(&Order::Write { id: 1, number: 1, body: vec![0; 8].into() })).to_vec();
-    claim[9..13].copy_from_slice(&u32::MAX.to_le_bytes());
+    let mut claim = frame(|frame| {
+        frame.order(&Order::Write { id: 1, number: 1, related: None, body: vec![0; 8].into() })
+    })
+    .to_vec();
+    claim[10..14].copy_from_slice(&u32::MAX.to_le_bytes());
     assert!(super::orders(&claim.into()).is_err());
 }
 

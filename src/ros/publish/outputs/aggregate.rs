@@ -1,6 +1,9 @@
 //! A snapshot in the form of ROS 2's aggregated diagnostics (rqt_robot_monitor and similar tools): one
 //! status for each node of the tree, named by its path, a group before its members.
 
+#[cfg(test)]
+mod aggregator_rules;
+
 use std::borrow::Cow;
 
 use crate::engine::input::StatusArray;
@@ -8,36 +11,43 @@ use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
 use crate::engine::snapshot::{GroupInfo, ModuleView, NotRelevant, Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
-use crate::engine::view::ros_names::{part, unique};
+use crate::engine::view::ros_names::{NO_NAME, part, unique};
 
-/// The tree of the vehicle. Before a login it contains nothing that modules report.
-pub fn tree(snapshot: &Snapshot) -> StatusArray {
+/// The tree of the vehicle. Before a login it contains nothing that modules report. With a `path`, which may be
+/// empty, paths and levels are exactly those of ROS 2's diagnostic_aggregator.
+pub fn tree(snapshot: &Snapshot, path: Option<&str>) -> StatusArray {
+    let tree = Tree { snapshot, exact: path.is_some() };
     let mut out = StatusArray::default();
-    let mut root = part(&snapshot.layout.vehicle_name.en);
-    if root.is_empty() {
-        root = part(&snapshot.layout.vehicle_id);
-    }
+    let root = match path {
+        Some("") => String::new(),
+        Some(path) => format!("/{path}"),
+        None => match part(&snapshot.layout.vehicle_name.en) {
+            name if name.is_empty() => format!("/{}", part(&snapshot.layout.vehicle_id)),
+            name => format!("/{name}"),
+        },
+    };
     let tops: Vec<NodeId> = (0..snapshot.layout.groups.len() as u32)
         .map(GroupId)
-        .filter(|&id| snapshot.group(id).0.parent.is_none() && !is_idle(snapshot, id))
+        .filter(|&id| snapshot.group(id).0.parent.is_none() && !tree.is_idle(id))
         .map(NodeId::Group)
         .collect();
-    let named = named(snapshot, &tops);
-    let level = header(snapshot, snapshot.overall, tops.iter().copied());
-    out.push_status(level as u8, &format!("/{root}"), level.word(snapshot.overall), "");
-    for &(node, ref part) in &named {
-        out.push_value(part, word(snapshot, node));
+    let named = tree.named(&tops);
+    let level = if tree.exact {
+        let configured = tops.iter().filter(|node| tree.is_configured(**node));
+        fold_levels(configured.map(|&node| tree.node_level(node)))
+    } else {
+        header(snapshot, snapshot.overall, tops.iter().copied())
+    };
+    if !root.is_empty() {
+        out.push_status(level as u8, &root, level.word(tree.known(snapshot.overall)), "");
+        for &(node, ref part) in &named {
+            out.push_value(part, tree.word(node));
+        }
     }
     for (node, part) in named {
-        status(snapshot, node, &format!("/{root}/{part}"), &mut out);
+        tree.status(node, &format!("{root}/{part}"), &mut out);
     }
     out
-}
-
-/// The empty group of statuses that no group takes.
-fn is_idle(snapshot: &Snapshot, id: GroupId) -> bool {
-    let (info, _) = snapshot.group(id);
-    !info.counted && info.groups.is_empty() && info.modules.is_empty()
 }
 
 /// The worst state of the whole, in one status.
@@ -61,29 +71,141 @@ pub fn top_level(snapshot: &Snapshot) -> Level {
     header(snapshot, snapshot.overall, modules.map(NodeId::Module))
 }
 
-fn status(snapshot: &Snapshot, node: NodeId, path: &str, out: &mut StatusArray) {
-    match node {
-        NodeId::Group(id) => group(snapshot, id, path, out),
-        NodeId::Module(id) => module(snapshot, id, path, out),
+/// The tree of one snapshot, in Telltale's own form or exactly as diagnostic_aggregator has it.
+#[derive(Clone, Copy)]
+struct Tree<'s> {
+    snapshot: &'s Snapshot,
+    exact: bool,
+}
+
+impl Tree<'_> {
+    /// The empty group of statuses that no group takes.
+    fn is_idle(self, id: GroupId) -> bool {
+        let (info, _) = self.snapshot.group(id);
+        let empty = info.groups.is_empty() && info.modules.is_empty();
+        empty && info.is_other && (self.exact || !info.counted)
+    }
+
+    /// Whether the aggregator counts a group for the level of the whole: one of the configuration.
+    fn is_configured(self, node: NodeId) -> bool {
+        let NodeId::Group(id) = node else { return true };
+        let (info, _) = self.snapshot.group(id);
+        !info.is_other && !info.is_system
+    }
+
+    fn status(self, node: NodeId, path: &str, out: &mut StatusArray) {
+        match node {
+            NodeId::Group(id) => self.group(id, path, out),
+            NodeId::Module(id) => module(self.snapshot, id, path, out),
+        }
+    }
+
+    fn group(self, id: GroupId, path: &str, out: &mut StatusArray) {
+        let (info, view) = self.snapshot.group(id);
+        let level = self.node_level(NodeId::Group(id));
+        let said = match view.reason {
+            None if self.known(view.state) != State::Ignore => level.word(view.state).to_owned(),
+            _ => message(self.snapshot, view.state, view.reason.as_ref(), ""),
+        };
+        out.push_status(level as u8, path, &said, "");
+        let members = self.named(&self.members(info));
+        for &(node, ref part) in &members {
+            out.push_value(part, self.word(node));
+        }
+        own_values(self.snapshot, view.state, view.own, out);
+        for (node, part) in members {
+            self.status(node, &format!("{path}/{part}"), out);
+        }
+    }
+
+    /// First groups inside, then modules.
+    fn members(self, info: &GroupInfo) -> Vec<NodeId> {
+        let groups = info.groups.iter().map(|&id| NodeId::Group(id));
+        let shown = |id: &ModuleId| !self.exact || self.snapshot.module(*id).0.kind != COUNT;
+        let modules = info.modules.iter().copied().filter(shown).map(NodeId::Module);
+        groups.chain(modules).collect()
+    }
+
+    /// Siblings, each with its part of the path. Programs know a status only by its path, so each is unique:
+    /// later ones are called `NAME (2)`.
+    fn named(self, nodes: &[NodeId]) -> Vec<(NodeId, String)> {
+        let name = |&node: &NodeId| match node {
+            NodeId::Group(id) => self.part(&self.snapshot.group(id).0.name.en, false),
+            NodeId::Module(id) => self.part(self.module_name(id), true),
+        };
+        let parts = unique(nodes.iter().map(name));
+        // A prefix may be the whole name.
+        let whole = |part: String| if self.exact && part == NO_NAME { String::new() } else { part };
+        nodes.iter().copied().zip(parts.into_iter().map(whole)).collect()
+    }
+
+    /// The name that people read: without its prefix, or the last part of the id, after the path of the group.
+    fn module_name(&self, id: ModuleId) -> &str {
+        let (info, _) = self.snapshot.module(id);
+        let group = self.snapshot.group(info.group).0.path.len();
+        let shown = info.shown.as_deref().filter(|name| self.exact || !name.is_empty());
+        shown.unwrap_or_else(|| info.id.get(group + 1..).unwrap_or(&info.id))
+    }
+
+    /// The aggregator keeps the spaces that slashes become, and the slashes in the names of its groups.
+    fn part(self, name: &str, is_status: bool) -> String {
+        match (self.exact, is_status) {
+            (false, _) => part(name),
+            (true, true) => name.replace('/', " "),
+            (true, false) => name.trim_matches('/').to_owned(),
+        }
+    }
+
+    fn word(self, node: NodeId) -> &'static str {
+        self.node_level(node).word(self.known(self.snapshot.shown(node).0))
+    }
+
+    /// A group of the aggregator is never ignored: without members it has a level like any other.
+    fn known(self, state: State) -> State {
+        if self.exact && state == State::Ignore { State::Ok } else { state }
+    }
+
+    fn node_level(self, node: NodeId) -> Level {
+        match node {
+            NodeId::Group(id) if self.exact => self.exact_level(id),
+            NodeId::Group(_) | NodeId::Module(_) => node_level(self.snapshot, node),
+        }
+    }
+
+    /// The level of a header by the rules of the aggregator.
+    fn exact_level(self, id: GroupId) -> Level {
+        let snapshot = self.snapshot;
+        let (info, view) = snapshot.group(id);
+        if info.is_any || view.reason.is_some() || snapshot.stage == Stage::Locked {
+            return group_level(snapshot, id);
+        }
+        let members = self.members(info);
+        let folded = fold_levels(members.iter().map(|&node| self.node_level(node)));
+        // Where statuses may come and go, their absence is no fault: neither is it if all say that they are stale.
+        let silent = |&id: &ModuleId| snapshot.module(id).1.silent;
+        let is_absent = members.is_empty() || info.groups.is_empty() && !info.modules.iter().any(silent);
+        let folded = match folded {
+            _ if members.is_empty() && !info.may_be_empty => Level::Stale,
+            Level::Stale if info.may_be_empty && is_absent => Level::Ok,
+            folded => folded,
+        };
+        let counts = info.modules.iter().filter(|id| snapshot.module(**id).0.kind == COUNT);
+        let is_wrong = counts.map(|&id| snapshot.module(id).1.state).any(|state| state == State::Error);
+        if is_wrong && folded != Level::Stale { Level::Error } else { folded }
     }
 }
 
-fn group(snapshot: &Snapshot, id: GroupId, path: &str, out: &mut StatusArray) {
-    let (info, view) = snapshot.group(id);
-    let level = group_level(snapshot, id);
-    let said = match view.reason {
-        None if view.state != State::Ignore => level.word(view.state).to_owned(),
-        _ => message(snapshot, view.state, view.reason.as_ref(), ""),
-    };
-    out.push_status(level as u8, path, &said, "");
-    let members = named(snapshot, &members(info));
-    for &(node, ref part) in &members {
-        out.push_value(part, word(snapshot, node));
+/// The kind of the module that counts those of its group.
+const COUNT: &str = "count";
+
+/// The worst level; STALE only if all are.
+fn fold_levels(levels: impl Iterator<Item = Level>) -> Level {
+    let (mut worst, mut all_stale) = (Level::Ok, true);
+    for level in levels {
+        all_stale &= level == Level::Stale;
+        worst = if level as u8 > worst as u8 { level } else { worst };
     }
-    own_values(snapshot, view.state, view.own, out);
-    for (node, part) in members {
-        status(snapshot, node, &format!("{path}/{part}"), out);
-    }
+    if worst == Level::Stale && !all_stale { Level::Error } else { worst }
 }
 
 fn module(snapshot: &Snapshot, id: ModuleId, path: &str, out: &mut StatusArray) {
@@ -99,22 +221,6 @@ fn module(snapshot: &Snapshot, id: ModuleId, path: &str, out: &mut StatusArray) 
     }
 }
 
-/// First groups inside, then modules.
-fn members(info: &GroupInfo) -> Vec<NodeId> {
-    let groups = info.groups.iter().map(|&id| NodeId::Group(id));
-    groups.chain(info.modules.iter().map(|&id| NodeId::Module(id))).collect()
-}
-
-/// Siblings, each with its part of the path. Programs know a status only by its path, so each is unique:
-/// later ones are called `NAME (2)`.
-fn named(snapshot: &Snapshot, nodes: &[NodeId]) -> Vec<(NodeId, String)> {
-    let name = |&node: &NodeId| match node {
-        NodeId::Group(id) => part(&snapshot.group(id).0.name.en),
-        NodeId::Module(id) => module_part(snapshot, id),
-    };
-    nodes.iter().copied().zip(unique(nodes.iter().map(name))).collect()
-}
-
 /// A header is STALE only if everything below it is; if some of it is, the header is an error, as in the
 /// aggregator of ROS 2.
 fn header(snapshot: &Snapshot, state: State, mut below: impl Iterator<Item = NodeId>) -> Level {
@@ -125,7 +231,8 @@ fn header(snapshot: &Snapshot, state: State, mut below: impl Iterator<Item = Nod
 
 fn group_level(snapshot: &Snapshot, id: GroupId) -> Level {
     let (info, view) = snapshot.group(id);
-    header(snapshot, view.state, members(info).into_iter())
+    let groups = info.groups.iter().map(|&id| NodeId::Group(id));
+    header(snapshot, view.state, groups.chain(info.modules.iter().map(|&id| NodeId::Module(id))))
 }
 
 fn node_level(snapshot: &Snapshot, node: NodeId) -> Level {
@@ -135,12 +242,8 @@ fn node_level(snapshot: &Snapshot, node: NodeId) -> Level {
     }
 }
 
-fn word(snapshot: &Snapshot, node: NodeId) -> &'static str {
-    node_level(snapshot, node).word(snapshot.shown(node).0)
-}
-
 /// The last message of a module; a silent module says first for how long.
-fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
+pub fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
     let is_new = view.received.is_none() && view.report.message.is_empty();
     match view.own {
         State::Unknown if is_new => "nothing is known yet".into(),
@@ -174,13 +277,6 @@ fn message(snapshot: &Snapshot, state: State, reason: Option<&Reason>, said: &st
         None => return said.to_owned(),
     };
     format!("Ignored: {why}")
-}
-
-/// The last part of a module's name, after the path of its group.
-fn module_part(snapshot: &Snapshot, id: ModuleId) -> String {
-    let (info, _) = snapshot.module(id);
-    let group = snapshot.group(info.group).0.path.len();
-    part(info.id.get(group + 1..).unwrap_or(&info.id))
 }
 
 /// The level in `diagnostic_msgs/DiagnosticStatus`.
@@ -240,7 +336,7 @@ mod tests {
         let told = |status: crate::engine::input::Status<'_>| {
             (status.name().to_owned(), status.level(), status.message().to_owned())
         };
-        let levels = tree(&snapshot).iter().map(told).collect();
+        let levels = tree(&snapshot, None).iter().map(told).collect();
         (levels, top(&snapshot).get(0).level())
     }
 
@@ -310,7 +406,7 @@ groups:
         let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
         let mut engine = Engine::new(model, Timestamp::ZERO);
         let others = |engine: &mut Engine| -> Vec<(String, String)> {
-            let tree = tree(&engine.snapshot());
+            let tree = tree(&engine.snapshot(), None);
             let others = tree.iter().filter(|status| status.name().contains("Other"));
             others.map(|status| (status.name().to_owned(), status.message().to_owned())).collect()
         };

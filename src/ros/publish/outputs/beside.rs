@@ -32,7 +32,10 @@ impl OtherAggregators {
         topics: &[OutputTopic],
         discovery: watch::Receiver<Arc<Discovery>>,
     ) -> OtherAggregators {
-        let aggregated = topics.iter().filter(|it| !matches!(it.publication, Publication::Vehicle(_)));
+        let is_aggregated = |it: &&OutputTopic| {
+            matches!(it.publication, Publication::DiagnosticsAgg | Publication::TopLevelState)
+        };
+        let aggregated = topics.iter().filter(is_aggregated);
         let topics = aggregated.map(|it| (it.topic.clone(), offer(it.publication).0, it.beside_others));
         OtherAggregators { topics: topics.collect(), own: publisher.participant(), discovery }
     }

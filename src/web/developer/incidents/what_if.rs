@@ -83,6 +83,9 @@ struct WhatIfHtml {
     has_differences: bool,
     rows: Vec<Row>,
     strips: Option<Strips>,
+    is_done: bool,
+    /// The first instant of difference in addresses of replays; empty if there is none.
+    moment: String,
 }
 
 /// `GET /incidents/{id}/what-if?from=recorded|running&of=ID`
@@ -204,6 +207,9 @@ fn what_if(
     let compared = state.map(|state| &state.compared[..]).unwrap_or_default();
     let of = page.query.number("of").unwrap_or(id);
     let chosen = compared.iter().find(|it| it.incident == of);
+    let rows_of_incidents: Vec<Row> = compared.iter().map(|it| Row::of(lang, it, of, id)).collect();
+    let first = rows_of_incidents.iter().find(|row| row.id == id).and_then(|row| row.first.as_ref());
+    let moment = first.and_then(|first| first.replay.split_once('?')).map(|(_, at)| format!("?{at}"));
     WhatIfHtml {
         frame: frame(&page.context),
         causes: incident.summary.causes().iter().take(3).map(|name| clean(name, 2 * NAME)).collect(),
@@ -214,7 +220,9 @@ fn what_if(
         differences: differences.iter().take(DIFFERENCES).map(|text| clean(text, 4 * MESSAGE)).collect(),
         more_differences: differences.len().saturating_sub(DIFFERENCES),
         has_differences: !compared.is_empty(),
-        rows: compared.iter().map(|it| Row::of(lang, it, of, id)).collect(),
+        is_done: matches!(phase, Phase::Done),
+        moment: moment.unwrap_or_default(),
+        rows: rows_of_incidents,
         strips: chosen.and_then(|it| Strips::of(lang, dev.words, it)),
         phase,
         id,

@@ -34,6 +34,9 @@ words! {
     report: "Report", "Bericht";
     replay: "Replay", "Wiedergabe";
     what_if: "What if\u{2026}", "Was wäre, wenn\u{2026}";
+    edited: "Edited configuration", "Bearbeitete Konfiguration";
+    as_recorded: "As recorded", "Wie aufgezeichnet";
+    as_edited: "By the edited configuration", "Mit der bearbeiteten Konfiguration";
     leave_replay: "Leave the replay", "Wiedergabe verlassen";
     last_minutes: "The last minutes", "Die letzten Minuten";
     back_to_now: "Back to now", "Zurück zu jetzt";

@@ -83,9 +83,9 @@ mod tests {
         let published = jump().published();
         let at_ns = unix_ms(published.at) as u64 * 1_000_000;
         for tick in (0..100).rev() {
-            flows.count(&Channel::cdr("/<b>", "t/msg/T", None), at_ns - tick * 100_000_000, 500);
+            flows.count(&Channel::cdr("/<b>", "t/msg/T", None), at_ns - tick * 100_000_000, 500, true);
         }
-        flows.count(&Channel::cdr("/later", "t/msg/T", None), at_ns + 5_000_000_000, 1);
+        flows.count(&Channel::cdr("/later", "t/msg/T", None), at_ns + 5_000_000_000, 1, true);
         let context = context(Lang::En, Palette::Night);
         let html = page(&published, &context, &PageQuery::default(), &flows);
         for part in ["/&#60;b&#62;", "10.0 Hz", "5.0 kB/s", "no message yet"] {

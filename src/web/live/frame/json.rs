@@ -1,22 +1,21 @@
 //! The parts of the JSON that programs read, as borrowed structs: a field of the wire stands here once.
 
 use std::borrow::Cow;
-use std::collections::HashSet;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::collections::BTreeMap;
+use std::time::SystemTime;
 
-use humantime::format_rfc3339_millis;
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Serialize;
-use serde::ser::{SerializeMap, Serializer};
 
+use super::wire::{Signals, Values, Wall};
 use crate::clock::wall_at;
 use crate::engine::input::TroubleKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{self, Reason, Snapshot};
 use crate::engine::time::Timestamp;
 use crate::record::reason::Why;
+use crate::web::api::words;
 
-/// More values than this in one status are searched for double keys by hash.
-const VALUES_SCANNED_MAX: usize = 16;
 /// What is left of a message where words are left out.
 const MESSAGE_BYTES: usize = 200;
 
@@ -37,7 +36,7 @@ impl LeftOut {
         [LeftOut::Nothing, LeftOut::Values, LeftOut::Words, LeftOut::Modules];
 
     /// The word on the wire.
-    const fn as_str(self) -> Option<&'static str> {
+    pub(super) const fn as_str(self) -> Option<&'static str> {
         match self {
             LeftOut::Nothing => None,
             LeftOut::Values => Some("values"),
@@ -57,22 +56,29 @@ pub(super) struct Context<'a> {
 }
 
 /// What stands before the groups.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 pub(super) struct Head<'a> {
+    /// The number of the state. Operators' actions name the one that they were shown.
     seq: u64,
     /// In a message that says only what changed: the `seq` of the state to which the changes apply.
     #[serde(skip_serializing_if = "Option::is_none")]
     base: Option<u64>,
+    #[schemars(schema_with = "words::time")]
     at: Wall,
+    #[schemars(schema_with = "words::stage")]
     stage: &'static str,
+    /// The operator in charge.
     operator: Option<&'a str>,
+    #[schemars(schema_with = "words::state")]
     overall: &'static str,
     motion: Motion<'a>,
+    /// An incident is being recorded.
     recording: bool,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Motion<'a> {
+    #[schemars(schema_with = "words::moving")]
     moving: &'static str,
     /// Of the whole km/h that the page shows, to the tenth.
     speed_mps: Option<f64>,
@@ -80,7 +86,7 @@ struct Motion<'a> {
 }
 
 /// What stands after the groups. In a message that says only what changed, a list that did not is not there.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 pub(super) struct Tail<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     roots: Option<Vec<Root<'a>>>,
@@ -88,8 +94,13 @@ pub(super) struct Tail<'a> {
     alarms: Option<Vec<Alarm<'a>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     countermeasures: Option<Vec<Countermeasure<'a>>>,
+    /// The signals of the configuration by their names; `null` is unknown.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<BTreeMap<String, Option<bool>>>")]
+    signals: Option<Signals<'a>>,
     counters: Counters,
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(schema_with = "left_out_words")]
     left_out: Option<&'static str>,
 }
 
@@ -99,84 +110,123 @@ pub(super) struct Lists<T> {
     pub roots: T,
     pub alarms: T,
     pub countermeasures: T,
+    pub signals: T,
 }
 
-/// A group; its modules and groups follow.
-#[derive(Serialize)]
+/// A group of modules; a tile of the operator's page.
+#[derive(Serialize, JsonSchema)]
 pub(super) struct Group<'a> {
     id: &'a str,
     name: &'a str,
+    /// What is shown: `ignore` where something else explains it, or where it does not matter now.
+    #[schemars(schema_with = "words::state")]
     state: &'static str,
+    /// What it would show by itself.
+    #[schemars(schema_with = "words::state")]
     own: &'static str,
+    #[schemars(schema_with = "words::time")]
     since: Wall,
+    /// Modules that are OK, of those that count.
     ok: u32,
     counted: u32,
     reason: Option<Why<'a>>,
+    /// From this group to the root causes that explain it.
     paths: Vec<Vec<&'a str>>,
 }
 
 /// A module up to its `age_ms`, which alone changes with time.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 pub(super) struct ModuleHead<'a> {
     id: &'a str,
+    /// What is shown: `ignore` where something else explains it, or where it does not matter now.
+    #[schemars(schema_with = "words::state")]
     state: &'static str,
+    /// What it would show by itself.
+    #[schemars(schema_with = "words::state")]
     own: &'static str,
+    #[schemars(schema_with = "words::time")]
     since: Wall,
     message: Cow<'a, str>,
 }
 
 /// A module after its `age_ms`.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 pub(super) struct ModuleTail<'a> {
     /// To the tenth: what is finer is in `age_ms`.
     #[serde(skip_serializing_if = "Option::is_none")]
     silent_s: Option<f64>,
     reason: Option<Why<'a>>,
     class: Class,
+    /// Of the device that the status names; empty if it names none.
+    hardware_id: Cow<'a, str>,
+    /// The KeyValues of the status.
+    #[schemars(with = "BTreeMap<String, String>")]
     values: Values<'a>,
+    /// Bytes of the report that had no room in the memory for reports.
     #[serde(skip_serializing_if = "Option::is_none")]
     cut: Option<usize>,
 }
 
-#[derive(Serialize)]
+/// A module.
+#[derive(Serialize, JsonSchema)]
+pub struct Module<'a> {
+    #[serde(flatten)]
+    head: ModuleHead<'a>,
+    /// Since its last status; `null` if there was none.
+    age_ms: Option<u64>,
+    #[serde(flatten)]
+    tail: ModuleTail<'a>,
+}
+
+/// What a monitor judges, by the paper's classification.
+#[derive(Serialize, JsonSchema)]
 struct Class {
+    #[schemars(schema_with = "words::location")]
     location: &'static str,
+    #[schemars(schema_with = "words::information")]
     information: &'static str,
+    #[schemars(schema_with = "words::flow")]
     flow: Option<&'static str>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Root<'a> {
     node: &'a str,
+    /// Nodes that it explains.
     masks: u32,
+    #[schemars(schema_with = "words::time")]
     since: Wall,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Alarm<'a> {
     id: u64,
     node: &'a str,
+    #[schemars(schema_with = "words::time")]
     raised: Wall,
     acknowledged: bool,
     active: bool,
     repeats: u32,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Countermeasure<'a> {
+    #[schemars(schema_with = "words::request")]
     request: &'static str,
     mps2: Option<f64>,
     /// The one that the page names; a stop may be the operator's alone.
     cause: &'a str,
+    #[schemars(schema_with = "words::countermeasure_state")]
     state: &'static str,
     by_operator: bool,
+    #[schemars(schema_with = "words::time")]
     since: Wall,
     causes: Vec<&'a str>,
     held: bool,
 }
 
 /// What was received since the start, and what of it was lost or could not be read.
-#[derive(Serialize)]
+#[derive(Serialize, JsonSchema)]
 struct Counters {
     arrays: u64,
     statuses: u64,
@@ -212,6 +262,7 @@ impl<'a> Context<'a> {
             roots: lists.roots.then(|| self.roots()),
             alarms: lists.alarms.then(|| self.alarms()),
             countermeasures: lists.countermeasures.then(|| self.countermeasures()),
+            signals: lists.signals.then(|| self.signals()),
             counters: self.counters(),
             left_out: self.left_out.as_str(),
         }
@@ -235,11 +286,7 @@ impl<'a> Context<'a> {
     pub(super) fn module(&self, id: ModuleId) -> (ModuleHead<'a>, ModuleTail<'a>) {
         let (info, view) = self.snapshot.module(id);
         let now = self.snapshot.now;
-        let mut message = view.says(now);
-        if self.lacks(LeftOut::Words) {
-            let end = message.floor_char_boundary(MESSAGE_BYTES);
-            message.to_mut().truncate(end);
-        }
+        let message = self.words(view.says(now));
         let head = ModuleHead {
             id: &info.id,
             state: view.state.as_str(),
@@ -255,10 +302,18 @@ impl<'a> Context<'a> {
                 information: info.class.information,
                 flow: info.class.flow,
             },
+            hardware_id: self.words(Cow::Borrowed(&view.report.hardware_id)),
             values: Values(if self.lacks(LeftOut::Values) { &[] } else { &view.report.values }),
             cut: (view.report.cut > 0).then_some(view.report.cut),
         };
         (head, tail)
+    }
+
+    /// The module in one piece.
+    pub(super) fn whole_module(&self, id: ModuleId) -> Module<'a> {
+        let (head, tail) = self.module(id);
+        let received = self.snapshot.module(id).1.received;
+        Module { head, age_ms: received.map(|it| self.snapshot.now.since(it).as_millis()), tail }
     }
 
     fn roots(&self) -> Vec<Root<'a>> {
@@ -312,6 +367,19 @@ impl<'a> Context<'a> {
         }
     }
 
+    fn signals(&self) -> Signals<'a> {
+        Signals(&self.snapshot.signals)
+    }
+
+    /// A text of a report, or the beginning of it.
+    fn words(&self, mut text: Cow<'a, str>) -> Cow<'a, str> {
+        if self.lacks(LeftOut::Words) && text.len() > MESSAGE_BYTES {
+            let end = text.floor_char_boundary(MESSAGE_BYTES);
+            text.to_mut().truncate(end);
+        }
+        text
+    }
+
     fn why(&self, reason: &Reason) -> Why<'a> {
         Why::of(reason, self.snapshot, if self.lacks(LeftOut::Words) { 1 } else { usize::MAX })
     }
@@ -338,45 +406,7 @@ impl<'a> Context<'a> {
     }
 }
 
-/// The KeyValues of a status as an object. A status may name a key twice, an object must not: the first counts.
-struct Values<'a>(&'a [(Box<str>, Box<str>)]);
-
-impl Serialize for Values<'_> {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let values = self.0;
-        let mut map = serializer.serialize_map(None)?;
-        let mut seen = HashSet::new();
-        for (index, (key, value)) in values.iter().enumerate() {
-            let is_double = if values.len() <= VALUES_SCANNED_MAX {
-                values[..index].iter().any(|(earlier, _)| earlier == key)
-            } else {
-                !seen.insert(&**key)
-            };
-            if !is_double {
-                map.serialize_entry(&**key, &**value)?;
-            }
-        }
-        map.end()
-    }
+/// What an answer may lack.
+fn left_out_words(_: &mut SchemaGenerator) -> Schema {
+    words::of(LeftOut::ALL.into_iter().filter_map(LeftOut::as_str))
 }
-
-/// Wall time on the wire: `2026-11-20T12:00:00.123Z`.
-struct Wall(SystemTime);
-
-impl Serialize for Wall {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(&format_rfc3339_millis(on_wire(self.0)))
-    }
-}
-
-/// Wall time on the wire, as text.
-pub(super) fn rfc3339(time: SystemTime) -> String {
-    format_rfc3339_millis(on_wire(time)).to_string()
-}
-
-/// A clock that is set out of the years 1970 to 9999 shows their first or last instant.
-fn on_wire(time: SystemTime) -> SystemTime {
-    UNIX_EPOCH + time.duration_since(UNIX_EPOCH).unwrap_or_default().min(YEAR_9999_END)
-}
-
-const YEAR_9999_END: Duration = Duration::from_millis(253_402_300_799_999);

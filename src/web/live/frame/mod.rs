@@ -6,8 +6,10 @@
 mod html;
 mod json;
 mod parts;
+mod schema;
 #[cfg(test)]
 mod tests;
+mod wire;
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
@@ -15,12 +17,16 @@ use std::time::SystemTime;
 use axum::body::to_bytes;
 use axum::extract::ws::Utf8Bytes;
 use axum::response::Response;
+use serde_json::Value;
 
 pub use html::Frame;
-pub use parts::{Form, Sent};
+pub use json::Module as ModuleSchema;
+pub use parts::{Form, Sent, modules};
+pub use schema::{Snapshot as SnapshotSchema, StreamMessage};
 
 use crate::engine::time::Timestamp;
 use crate::runtime::Published;
+use crate::web::api::schema_of;
 use crate::web::view;
 use crate::web::view::versions::{Seen, Versions};
 use crate::web::view::{Lang, RecorderState, Trends, permitted};
@@ -90,6 +96,16 @@ fn is_as_late(of: &Published, published: &Published) -> bool {
         && (of.epoch, of.snapshot.now) >= (published.epoch, published.snapshot.now)
 }
 
+/// The JSON Schema of [`Frames::json`].
+pub fn snapshot_schema() -> Value {
+    schema_of::<SnapshotSchema<'_>>()
+}
+
+/// The JSON Schema of the messages of [`Frames::stream`].
+pub fn stream_schema() -> Value {
+    schema_of::<StreamMessage<'_>>()
+}
+
 /// A sign of life for a page that shows everything up to `seq`; `number` grows by one each time.
 /// `now` on the monotonic clock is what the page finds delays by: the wall clock may be stepped.
 /// `recorder` is what the recorder does, if there is one.
@@ -100,7 +116,7 @@ pub fn beat(
     at: SystemTime,
     recorder: Option<RecorderState>,
 ) -> Utf8Bytes {
-    let (ms, at) = (now.as_nanos() / 1_000_000, json::rfc3339(at));
+    let (ms, at) = (now.as_nanos() / 1_000_000, wire::rfc3339(at));
     let recorder =
         recorder.map_or(String::new(), |recorder| format!(",\"recorder\":\"{}\"", recorder.as_str()));
     Utf8Bytes::from(format!("{{\"beat\":{number},\"seq\":{seq},\"ms\":{ms},\"at\":\"{at}\"{recorder}}}"))
@@ -131,7 +147,7 @@ pub fn pulse(number: u64, published: &Published, now: Timestamp, lang: Lang) -> 
     let (stage, overall) = (snapshot.stage, snapshot.overall);
     let pulse = serde_json::json!({
         "beat": number, "seq": snapshot.seq, "revision": snapshot.revision,
-        "ms": now.as_nanos() / 1_000_000, "at": json::rfc3339(at),
+        "ms": now.as_nanos() / 1_000_000, "at": wire::rfc3339(at),
         "stage": stage.as_str(), "overall": overall.as_str(), "word": lang.stage(stage, snapshot.clearance_refusals.is_empty()),
     });
     Utf8Bytes::from(pulse.to_string())

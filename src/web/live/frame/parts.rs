@@ -7,6 +7,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use axum::extract::ws::Utf8Bytes;
 use serde::Serialize;
+use serde_json::Value;
 
 use super::json::{Context, LeftOut, Lists};
 use crate::engine::model::{GroupId, ModuleId};
@@ -212,6 +213,9 @@ impl Parts {
         if !is_same(|a, b| a.countermeasures == b.countermeasures) {
             self.lists.countermeasures = number;
         }
+        if !is_same(|a, b| Arc::ptr_eq(&a.signals, &b.signals) || a.signals == b.signals) {
+            self.lists.signals = number;
+        }
         let beside_bytes = BESIDE_BYTES + (self.groups.len() + self.modules.len()) * BESIDE_PART_BYTES;
         let at_most = texts_bytes + beside_bytes + listed_bytes_max(snapshot);
         is_last || at_most <= bytes_max || self.whole(false).len() <= bytes_max
@@ -224,7 +228,7 @@ impl Parts {
         let mut text = String::with_capacity(if groups_alone { BESIDE_BYTES } else { BESIDE_BYTES + bytes });
         let _ = write!(text, "{{{},\"groups\":[", members(&context.head(None)));
         self.push_groups(&mut text, tops(snapshot), groups_alone);
-        let tail = context.tail(Lists { roots: true, alarms: true, countermeasures: true });
+        let tail = context.tail(Lists { roots: true, alarms: true, countermeasures: true, signals: true });
         let _ = write!(text, "],{}}}", members(&tail));
         text
     }
@@ -295,6 +299,7 @@ impl Parts {
             roots: self.lists.roots > sent.number,
             alarms: self.lists.alarms > sent.number,
             countermeasures: self.lists.countermeasures > sent.number,
+            signals: self.lists.signals > sent.number,
         });
         let _ = write!(text, ",{}}}", members(&tail));
         text
@@ -325,6 +330,29 @@ impl ModulePart {
     }
 }
 
+/// These modules, each as the objects of a snapshot are, and what they lack because there would be too much.
+pub fn modules(published: &Published, ids: &[ModuleId]) -> (Vec<Value>, Option<&'static str>) {
+    let snapshot = &published.snapshot;
+    let context = |left_out| Context { snapshot, at: published.at, recording: published.recording, left_out };
+    let levels = [LeftOut::Nothing, LeftOut::Values, LeftOut::Words];
+    for left_out in levels {
+        let (mut rows, mut bytes) = (Vec::with_capacity(ids.len()), 0);
+        for &id in ids {
+            let row = serde_json::to_value(context(left_out).whole_module(id));
+            let row = row.expect("structs of strings and numbers are JSON");
+            bytes += row.to_string().len();
+            rows.push(row);
+            if bytes > ANSWER_BYTES_MAX && left_out != LeftOut::Words {
+                break;
+            }
+        }
+        if rows.len() == ids.len() {
+            return (rows, left_out.as_str());
+        }
+    }
+    (Vec::new(), LeftOut::Modules.as_str())
+}
+
 /// Whether the parts of one snapshot can stand beside those of the other.
 fn is_comparable(before: &Published, now: &Published) -> bool {
     let offset = |it: &Published| WallMs::of(it).offset_ns;
@@ -351,7 +379,9 @@ fn listed_bytes_max(snapshot: &Snapshot) -> usize {
     let roots = snapshot.roots.iter().map(|it| it.node);
     let alarms = snapshot.alarms.iter().map(|it| it.node);
     let causes = snapshot.countermeasures.iter().flat_map(|it| it.causes.iter().map(|it| it.node));
-    roots.chain(alarms).chain(causes).map(|node| 2 * 6 * snapshot.node_name(node).len() + 256).sum()
+    let nodes = roots.chain(alarms).chain(causes).map(|node| 2 * 6 * snapshot.node_name(node).len() + 256);
+    let signals = snapshot.signals.iter().map(|(name, _)| 6 * name.len() + 16);
+    nodes.chain(signals).sum()
 }
 
 /// All that is told of a group, compared.

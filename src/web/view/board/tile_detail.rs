@@ -7,6 +7,7 @@ use crate::engine::snapshot::{ModuleView, Reason};
 use crate::engine::state::State;
 
 use super::Tile;
+use crate::record::story::Limit;
 use crate::web::view::node_names::{ModuleMessage, icon, own_matters, reason_word};
 use crate::web::view::text::{ID, VALUE, address, clean};
 use crate::web::view::trends::{POINTS_SMALL, Trend};
@@ -27,8 +28,6 @@ const VALUES_DRAWN: usize = 3;
 
 /// Values of a monitor in the unit of its input.
 const MEASURED: &[&str] = &["value", "difference", "earlier", "later", "a", "b"];
-/// Values of a monitor that never change.
-const LIMITS: &[&str] = &["warning_below", "error_below", "warning_above", "error_above"];
 
 struct ModuleRow {
     id: String,
@@ -216,7 +215,7 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
     past.truncate(VALUES_DRAWN);
     let measured = module.report.german.is_some();
     // A monitor's message names its limits already.
-    let values = module.report.values.iter().filter(|(key, _)| !measured || !LIMITS.contains(&&**key));
+    let values = module.report.values.iter().filter(|(key, _)| !measured || !Limit::is_name(key));
     let value = values.take(VALUES).map(|(key, value)| {
         let past = past.iter().find(|trend| *trend.key == **key);
         let (key, value) = (clean(key, VALUE), clean(value, VALUE));

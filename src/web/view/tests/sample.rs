@@ -252,6 +252,7 @@ pub fn group(path: &str, name: Text) -> GroupSpec {
         depends_on: Vec::new(),
         filters: vec![Filter::Namespace(format!("/{path}").into()).into()],
         tile: None,
+        may_be_empty: false,
     }
 }
 
@@ -266,6 +267,7 @@ pub fn module(group: &str, id: u32, name: &str) -> ModuleSpec {
         when: None,
         depends_on: Vec::new(),
         monitor: ModuleMonitor::SelfState(path.as_str().into()),
+        expected: None,
     }
 }
 
@@ -313,6 +315,7 @@ pub fn parts() -> Parts {
         },
         discovered: Policy::default(),
         other: Default::default(),
+        unclaimed: Default::default(),
         limits: Limits::default(),
         display_dpi: DISPLAY_DPI,
     }

@@ -37,6 +37,8 @@ words! {
     strips: "Nodes that differ", "Knoten mit Unterschied";
     strips_of: "of incident", "von Vorfall";
     show: "Show its strips", "Verlauf zeigen";
+    replay_edited: "Replay by the edited configuration", "Wiedergabe mit der bearbeiteten Konfiguration";
+    replay_recorded: "Replay as recorded", "Wiedergabe wie aufgezeichnet";
     replay: "Replay from there", "Wiedergabe ab dort";
     stage: "Stage", "Phase";
     nothing: "nothing", "nichts";

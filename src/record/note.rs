@@ -1,0 +1,78 @@
+//! The note about an incident in a file beside its recording, so that it outlives the database.
+
+use std::fs::{self, File};
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+/// A larger file is none of ours.
+const BYTES_MAX: u64 = 64 << 10;
+
+/// What somebody wrote about an incident.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    pub text: String,
+    /// The name of the user.
+    pub by: String,
+    /// Milliseconds since 1970.
+    pub at_ms: i64,
+}
+
+fn path(folder: &Path, id: u64) -> PathBuf {
+    folder.join(format!("incident-{id}.note.json"))
+}
+
+/// Puts a note beside the recording of an incident, in place of the last one; `None` removes it. Blocks.
+///
+/// # Errors
+/// Of the disk.
+pub fn write(folder: &Path, id: u64, note: Option<&Note>) -> io::Result<()> {
+    let path = path(folder, id);
+    let Some(note) = note else {
+        return match fs::remove_file(path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+            _ => Ok(()),
+        };
+    };
+    let new = path.with_extension("new");
+    let mut file = File::create(&new)?;
+    file.write_all(&serde_json::to_vec(note)?)?;
+    file.sync_all()?;
+    fs::rename(new, path)
+}
+
+/// The note beside the recording of an incident; `None` if there is none that can be read. Blocks.
+pub fn read(folder: &Path, id: u64) -> Option<Note> {
+    let path = path(folder, id);
+    if !fs::symlink_metadata(&path).ok()?.is_file() {
+        return None;
+    }
+    let mut text = Vec::new();
+    File::open(path).ok()?.take(BYTES_MAX).read_to_end(&mut text).ok()?;
+    serde_json::from_slice(&text).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::TestFolder;
+
+    #[test]
+    fn a_note_is_read_as_it_was_written_last_and_other_files_are_none() {
+        let folder = TestFolder::new("record-note");
+        fs::create_dir_all(&*folder).unwrap();
+        assert_eq!(read(&folder, 7), None);
+        for text in ["brake squeals", "it was the pad"] {
+            let note = Note { text: text.into(), by: "dora".into(), at_ms: 5 };
+            write(&folder, 7, Some(&note)).unwrap();
+            assert_eq!(read(&folder, 7), Some(note));
+        }
+        write(&folder, 7, None).unwrap();
+        write(&folder, 7, None).unwrap();
+        assert_eq!((read(&folder, 7), fs::read_dir(&*folder).unwrap().count()), (None, 0));
+        fs::write(path(&folder, 8), "{").unwrap();
+        fs::create_dir(path(&folder, 9)).unwrap();
+        assert_eq!((read(&folder, 8), read(&folder, 9)), (None, None));
+    }
+}

@@ -1,0 +1,102 @@
+//! What a route for programs takes and answers.
+
+use schemars::{Schema, SchemaGenerator};
+
+/// Makes the schema of a type.
+pub type SchemaOf = fn(&mut SchemaGenerator) -> Schema;
+
+/// A route as programs use it. Who may use it stands in the table of routes.
+#[derive(Debug)]
+pub struct Operation {
+    /// A name for generated code.
+    pub id: &'static str,
+    pub tag: Tag,
+    pub summary: &'static str,
+    /// Sentences.
+    pub about: &'static str,
+    /// The path, if the route's own takes the rest of an address.
+    pub path: Option<&'static str>,
+    /// The part of the path in braces: what it is, and one for the example.
+    pub id_in_path: Option<(&'static str, &'static str)>,
+    pub query: Option<SchemaOf>,
+    pub form: Option<SchemaOf>,
+    pub answer: Content,
+    /// Statuses of refusals beside those that every route has.
+    pub refusals: &'static [(u16, &'static str)],
+    /// The query of the example, or its form.
+    pub example: &'static str,
+    /// A token opens no session for it: it is about the session.
+    pub session_alone: bool,
+}
+
+/// What a route answers when it does what it is asked for.
+#[derive(Debug, Clone, Copy)]
+pub enum Content {
+    Json(SchemaOf),
+    /// JSON, or CSV.
+    Table(SchemaOf),
+    Text,
+    /// A recording.
+    Mcap,
+    /// Messages over a WebSocket.
+    Stream(SchemaOf),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tag {
+    State,
+    Tables,
+    Incidents,
+    Operator,
+    Session,
+    Description,
+}
+
+impl Tag {
+    pub const ALL: [Tag; 6] =
+        [Tag::State, Tag::Tables, Tag::Incidents, Tag::Operator, Tag::Session, Tag::Description];
+
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Tag::State => "state",
+            Tag::Tables => "tables",
+            Tag::Incidents => "incidents",
+            Tag::Operator => "operator",
+            Tag::Session => "session",
+            Tag::Description => "description",
+        }
+    }
+
+    pub const fn about(self) -> &'static str {
+        match self {
+            Tag::State => "The state of the vehicle, once and live.",
+            Tag::Tables => "Tables in pages, as JSON or CSV.",
+            Tag::Incidents => "Incidents, their recordings, and marks.",
+            Tag::Operator => "What the operator does with the vehicle.",
+            Tag::Session => "Logins, and whether the server runs.",
+            Tag::Description => "This description, and schemas.",
+        }
+    }
+}
+
+fn nothing(_: &mut SchemaGenerator) -> Schema {
+    Schema::default()
+}
+
+impl Operation {
+    /// For the fields that most operations do not have.
+    pub const PLAIN: Operation = Operation {
+        id: "",
+        tag: Tag::State,
+        summary: "",
+        about: "",
+        path: None,
+        id_in_path: None,
+        query: None,
+        form: None,
+        answer: Content::Json(nothing),
+        refusals: &[],
+        example: "",
+        session_alone: false,
+    };
+}

@@ -1,0 +1,28 @@
+//! The description of the interface itself: the OpenAPI document and the schemas.
+
+use axum::Extension;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
+use serde_json::Value;
+
+use crate::web::api::Description;
+use crate::web::live::frame;
+
+/// `GET /api/v1/openapi.json`
+pub async fn openapi(Extension(Description(document)): Extension<Description>) -> Response {
+    ([(CONTENT_TYPE, "application/vnd.oai.openapi+json;version=3.1")], document.to_string()).into_response()
+}
+
+/// `GET /api/v1/schema/snapshot.json`
+pub async fn snapshot_schema() -> Response {
+    schema(&frame::snapshot_schema())
+}
+
+/// `GET /api/v1/schema/stream.json`
+pub async fn stream_schema() -> Response {
+    schema(&frame::stream_schema())
+}
+
+fn schema(schema: &Value) -> Response {
+    ([(CONTENT_TYPE, "application/schema+json")], schema.to_string()).into_response()
+}

@@ -1,0 +1,97 @@
+"""The services of a running server, called by clients of Cyclone DDS and of Fast DDS, and its log on /rosout."""
+
+import json
+import subprocess
+import threading
+
+from vehicle import PYTHON, ROOT, Writer, serving, until
+
+CONFIG = """
+vehicle: { stages: none }
+services: { acknowledge: true, reset: true, reload: true, mark: true }
+groups: [{ id: base, modules: [{ id: motor, status: motor, latch: 100ms }] }]
+"""
+
+
+class Peer:
+    """A `peer.py` in a process of its own, and what it has said so far."""
+
+    def __init__(self, domain, vendor, *arguments):
+        command = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "--dds", vendor, *arguments]
+        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.lines = []
+        threading.Thread(target=self.read, daemon=True).start()
+
+    def read(self):
+        for line in self.process.stdout:
+            self.lines.append(json.loads(line))
+
+    def tell(self, **command):
+        self.process.stdin.write(json.dumps(command) + "\n")
+        self.process.stdin.flush()
+
+    def said(self, key):
+        return [line for line in self.lines if key in line]
+
+    def close(self):
+        self.process.kill()
+        self.process.wait()
+
+
+def call(server, vendor, name, **argument):
+    """One call by a client of its own: its answer."""
+    kind = "diagnostic_msgs::srv::dds_::AddDiagnostics" if argument else "std_srvs::srv::dds_::Trigger"
+    client = Peer(server.domain, vendor, "client", "--service", f"/telltale/{name}", "--type", kind)
+    try:
+        client.tell(wait_matched=1, timeout=30)
+        until(lambda: client.said("matched"), 35, f"the service {name}")
+        client.tell(**argument)
+        until(lambda: [it for it in client.said("reply") if it["mine"]], 20, f"an answer of {name}")
+        reply = next(it for it in client.said("reply") if it["mine"])["reply"]
+        return reply["success"], reply["message"]
+    finally:
+        client.close()
+
+
+def test_nodes_call_every_service_and_read_the_log(tmp_path):
+    config = tmp_path / "vehicle.yaml"
+    config.write_text(CONFIG)
+    with serving(tmp_path, config=config) as server:
+        log = Peer(server.domain, "cyclone", "--durability", "transient_local", "sub", "--topic", "rt/rosout=Log")
+        motor = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "motor.log")
+
+        def report(level):
+            motor.write(statuses=[{"name": "motor", "level": level, "message": "too hot"}])
+
+        def logged(words):
+            return [it["value"] for it in log.said("value") if words in it["value"]["msg"]]
+
+        def is_logged(words, level):
+            def again():
+                report(level)
+                return logged(words)
+
+            until(again, 30, f"{words!r} on /rosout")
+            return logged(words)[0]
+
+        try:
+            line = is_logged("base/motor is ERROR: too hot", 2)
+            assert (line["level"], line["name"]) == (40, "telltale.root_cause")
+            assert call(server, "cyclone", "acknowledge", text="base/motor")[0]
+            success, message = call(server, "fastdds", "reset", text="base/motor")
+            assert not success and "base/motor" in message, message
+            for _ in range(5):
+                report(0)
+            until(lambda: call(server, "fastdds", "reset", text="base/motor")[0], 30, "a reset")
+            is_logged("base/motor is no root cause any more", 0)
+            success, message = call(server, "fastdds", "mark")
+            assert success and message.startswith("incident "), message
+            assert call(server, "cyclone", "reload") == (True, "the file means the same as what runs")
+            config.write_text(CONFIG.replace("100ms", "perhaps"))
+            success, message = call(server, "fastdds", "reload")
+            assert not success and "perhaps" in message, message
+            refused = is_logged("was read again and refused", 0)
+            assert (refused["level"], refused["name"]) == (40, "telltale")
+        finally:
+            motor.close()
+            log.close()
