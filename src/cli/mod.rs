@@ -27,6 +27,7 @@ mod sim;
 mod tls;
 mod user;
 mod vehicle;
+mod watch;
 
 use std::process::ExitCode;
 
@@ -68,6 +69,7 @@ enum Command {
     Tls(tls::Args),
     Completions(completions::CompletionsArgs),
     Man(completions::ManArgs),
+    Watch(watch::Args),
     /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
     #[command(hide = true)]
     DdsProcess {
@@ -100,6 +102,7 @@ pub fn main() -> ExitCode {
         Command::Tls(args) => tls::run(&args),
         Command::Completions(args) => completions::print(&args, Cli::command()),
         Command::Man(args) => completions::write_pages(&args, Cli::command()),
+        Command::Watch(args) => watch::run(&args),
         Command::DdsProcess { parent, megabytes } => {
             log::start("warn");
             Ok(ros::dds_process(parent, megabytes))
