@@ -1,7 +1,7 @@
 //! The flags for the DDS network.
 
 use super::fields::DefinitionFlags;
-use super::log;
+use super::process::log;
 use crate::ros::{BridgeOptions, DdsProcess, Interface, OptionsError};
 
 #[derive(Debug, Clone, clap::Args)]

@@ -7,12 +7,13 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use tokio::sync::mpsc;
 
+use super::process::log;
+use super::process::shutdown_signal::ShutdownSignal;
 use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
-use super::shutdown_signal::ShutdownSignal;
 use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
-use super::{EXIT_USAGE, check, log};
+use super::{EXIT_USAGE, check};
 use crate::clock::Clock;
 use crate::config::patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};

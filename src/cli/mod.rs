@@ -8,7 +8,6 @@ mod audit;
 mod check;
 mod completions;
 mod data;
-mod data_folder;
 mod dds;
 mod demo;
 mod diff;
@@ -17,12 +16,11 @@ mod graph;
 mod history;
 mod import;
 mod incident;
-mod log;
+mod process;
 mod replay;
 mod scenario;
 mod serve;
 pub mod server;
-mod shutdown_signal;
 mod sim;
 mod tls;
 mod user;
@@ -45,7 +43,7 @@ pub const EXIT_USAGE: u8 = 2;
 struct Cli {
     /// The form of the log of programs that run on, on standard error
     #[arg(long, value_name = "FORM", value_enum, default_value_t, global = true)]
-    log: log::LogForm,
+    log: process::log::LogForm,
     #[command(subcommand)]
     command: Command,
 }
@@ -83,7 +81,7 @@ enum Command {
 pub fn main() -> ExitCode {
     let parsed = Cli::try_parse().map_err(|error| with_hint(error, std::env::args().nth(1).as_deref()));
     let Cli { log: form, command } = parsed.unwrap_or_else(|error| error.exit());
-    log::choose(form);
+    process::log::choose(form);
     let result = match command {
         Command::Demo(args) => demo::run(&args),
         Command::Serve(args) => serve::run(&args),
@@ -104,7 +102,7 @@ pub fn main() -> ExitCode {
         Command::Man(args) => completions::write_pages(&args, Cli::command()),
         Command::Watch(args) => watch::run(&args),
         Command::DdsProcess { parent, megabytes } => {
-            log::start("warn");
+            process::log::start("warn");
             Ok(ros::dds_process(parent, megabytes))
         }
     };

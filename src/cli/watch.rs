@@ -25,7 +25,7 @@ use self::lines::Lines;
 use self::screen::Colours;
 use self::server::{Credentials, Server, ServerUrl};
 use self::snapshot::Vehicle;
-use super::shutdown_signal::ShutdownSignal;
+use super::process::shutdown_signal::ShutdownSignal;
 use super::{EXIT_NO, EXIT_USAGE};
 use crate::clock::Clock;
 use crate::store::Role;

@@ -27,7 +27,7 @@ use self::recording::Recording;
 use self::services::Serving;
 use self::watchdog::Watchdog;
 use super::dds;
-use super::shutdown_signal::ShutdownSignal;
+use super::process::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::Input;
