@@ -84,7 +84,8 @@
 
   // --- the buttons
 
-  const sheets = () => [...document.querySelectorAll("#dev table")];
+  // The tables of a description hold no data.
+  const sheets = () => [...document.querySelectorAll("#dev table:not(.described)")];
 
   // The same table of the same page, with all rows.
   const whole = async (table) => {
@@ -95,7 +96,7 @@
     const template = document.createElement("template");
     template.innerHTML = await answer.text();
     const page = template.content.querySelector("#dev");
-    return { table: page.querySelectorAll("table")[sheets().indexOf(table)], at: page.dataset.at };
+    return { table: page.querySelectorAll("table:not(.described)")[sheets().indexOf(table)], at: page.dataset.at };
   };
 
   const say = (button, word) => {

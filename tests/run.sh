@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
-#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, curl, jq, prometheus, and Chromium
+#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, curl, jq,
+#                            prometheus, debootstrap and systemd-analyze (as root), and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
@@ -37,6 +38,9 @@ install_debian_packages() {
     has_venv || packages+=(python3 python3-venv)
     command -v sqlite3 >/dev/null || packages+=(sqlite3)
     command -v ip >/dev/null || packages+=(iproute2)
+    command -v debootstrap >/dev/null || packages+=(debootstrap)
+    command -v dpkg-deb >/dev/null || packages+=(dpkg)
+    command -v systemd-analyze >/dev/null || packages+=(systemd)
     command -v curl >/dev/null || packages+=(curl)
     command -v jq >/dev/null || packages+=(jq)
     command -v g++ >/dev/null || packages+=(g++)
@@ -86,6 +90,42 @@ prepare_fastdds() {
         g++ "${flags[@]}" "$source" -o "$fastdds.part" -lfastrtps -lfastcdr &&
             mv "$fastdds.part" "$fastdds" || die "$source does not build"
     fi
+}
+
+# `cargo deb`, and a small Debian to try the package in, of the release that this machine has: the program needs its
+# C library. Both are kept for the next run.
+CARGO_DEB=3.8.0
+prepare_packaging() {
+    local tool=$work/cargo-deb-$CARGO_DEB codename
+    if [ ! -x "$tool/bin/cargo-deb" ]; then
+        say "building cargo-deb $CARGO_DEB"
+        rm -rf "$work"/cargo-deb-*
+        CARGO_TARGET_DIR=$work/cargo-deb-build cargo install -q --locked --debug --no-default-features \
+            --version "$CARGO_DEB" --root "$tool" cargo-deb || die "cargo-deb does not build"
+        rm -rf "$work/cargo-deb-build"
+    fi
+    cargo_deb=$tool/bin/cargo-deb
+    codename=$(. /etc/os-release && echo "${VERSION_CODENAME:-bookworm}")
+    debian=$work/debian-$codename.tar
+    if [ ! -e "$debian" ]; then
+        say "preparing ${debian#"$root"/}"
+        [ "$(id -u)" = 0 ] || die "the package is tried in a Debian of its own, which needs root"
+        rm -rf "$work"/debian*
+        debootstrap --variant=minbase --include=systemd,init-system-helpers "$codename" "$work/debian" \
+            >"$work/debootstrap.log" 2>&1 && tar -C "$work/debian" -cf "$debian.part" --exclude=./proc/* \
+            --exclude=./dev/* --exclude=./var/cache/apt --exclude=./usr/share/locale . &&
+            mv "$debian.part" "$debian" || { tail -n 20 "$work/debootstrap.log" >&2; die "debootstrap failed"; }
+        rm -rf "$work/debian"
+    fi
+}
+
+# The package of the program that is tested. Its symbols are not needed, and would make it large.
+pack() {
+    local deb=$work/telltale.deb
+    say "packing ${deb#"$root"/}"
+    "$cargo_deb" --no-build --strip --fast --profile dev -q -o "$deb" >"$work/pack.log" 2>&1 ||
+        { cat "$work/pack.log" >&2; die "cargo deb failed"; }
+    export TELLTALE_TEST_DEB=$deb TELLTALE_TEST_DEBIAN=$debian
 }
 
 passed=0 failed=0
@@ -173,6 +213,7 @@ command -v cc >/dev/null || die "missing: a C compiler. Install with: sudo apt-g
 install_debian_packages
 prepare_python
 prepare_fastdds
+[ -n "${1:-}" ] || prepare_packaging
 
 export PYTHONDONTWRITEBYTECODE=1
 export TELLTALE_PEER_PYTHON=$venv/bin/python
@@ -189,6 +230,7 @@ fi
 # The program is built with the tests: by itself it would be compiled, with half of its packages, a second time,
 # because the tests ask for more features of some packages.
 cargo test --locked --no-run || die "the program or its tests do not build"
+pack
 rust_tests
 scenarios
 browser_tests

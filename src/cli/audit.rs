@@ -9,7 +9,7 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 
 use super::EXIT_NO;
-use super::data_folder::DataFolder;
+use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::store::audit::verify_audit_in;
 use crate::store::{Acknowledged, DemoSecrets, Head, Store};

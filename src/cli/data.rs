@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Subcommand;
 use serde_json::json;
 
-use super::data_folder::{self, DataFolder};
+use super::process::data_folder::{self, DataFolder};
 use super::{EXIT_NO, tls};
 use crate::clock::Clock;
 use crate::store::{DataState, Exposed, Repaired, check_data, exposed, repair, restore};

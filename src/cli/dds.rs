@@ -1,6 +1,7 @@
 //! The flags for the DDS network.
 
 use super::fields::DefinitionFlags;
+use super::process::log;
 use crate::ros::{BridgeOptions, DdsProcess, Interface, OptionsError};
 
 #[derive(Debug, Clone, clap::Args)]
@@ -37,11 +38,11 @@ impl DdsFlags {
         if options.interface != Interface::All {
             tracing::warn!(
                 "the sockets of DDS are bound to all addresses, though only {} is spoken to: every host that reaches this \
-                 machine can send to them. Restrict them with a firewall, or as docs/kiosk.md has it for a service",
+                 machine can send to them. Restrict them with a firewall, or as docs/install.md has it for a service",
                 describe(&options)
             );
         }
-        let dds_process = DdsProcess::Child { megabytes: self.dds_memory };
+        let dds_process = DdsProcess::Child { megabytes: self.dds_memory, log: log::form().word() };
         Ok(BridgeOptions { definitions: self.definitions.definitions(), dds_process, ..options })
     }
 }

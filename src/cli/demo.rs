@@ -7,12 +7,13 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use tokio::sync::mpsc;
 
+use super::process::log;
+use super::process::shutdown_signal::ShutdownSignal;
 use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
-use super::shutdown_signal::ShutdownSignal;
 use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
-use super::{EXIT_USAGE, check, log};
+use super::{EXIT_USAGE, check};
 use crate::clock::Clock;
 use crate::config::patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};
@@ -73,7 +74,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     server::check_plain(args.listen, false, args.insecure_http)?;
     let listener = server::bind(args.listen).await?;
     let metrics = args.metrics.bind().await?;
-    let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES };
+    let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES, log: log::form().word() };
     let options = BridgeOptions { dds_process, ..BridgeOptions::loopback(domain(args.domain)?) };
     let clock = Clock::start();
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;

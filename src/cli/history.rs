@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 use anyhow::Context as _;
 
 use super::EXIT_NO;
-use super::data_folder::DataFolder;
+use super::process::data_folder::DataFolder;
 use crate::picture::figure::{self, MovedAlarm, Panel};
 use crate::picture::strips::{Segment, Strip, merged, recorded, stamp};
 use crate::record::writer::unix_ms;

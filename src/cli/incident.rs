@@ -17,7 +17,7 @@ use sha2::{Digest as _, Sha256};
 use tokio::time::timeout;
 
 use super::EXIT_NO;
-use super::data_folder::DataFolder;
+use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::engine::time::Span;
 use crate::record::retention::{Policy, judged_ms, size, surplus};

@@ -14,8 +14,9 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow, bail};
 use tokio::sync::{mpsc, watch};
 
-use super::shutdown_signal::ShutdownSignal;
-use super::{EXIT_NO, check, dds, fields, log};
+use super::process::log;
+use super::process::shutdown_signal::ShutdownSignal;
+use super::{EXIT_NO, check, dds, fields};
 use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;

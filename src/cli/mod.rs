@@ -6,8 +6,8 @@
 mod api;
 mod audit;
 mod check;
+mod completions;
 mod data;
-mod data_folder;
 mod dds;
 mod demo;
 mod diff;
@@ -17,21 +17,21 @@ mod history;
 mod import;
 mod incident;
 mod init;
-mod log;
+mod process;
 mod replay;
 mod scenario;
 mod serve;
 pub mod server;
-mod shutdown_signal;
 mod sim;
 mod tls;
 mod unconfigured;
 mod user;
 mod vehicle;
+mod watch;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::ros;
 
@@ -41,8 +41,11 @@ pub const EXIT_NO: u8 = 1;
 pub const EXIT_USAGE: u8 = 2;
 
 #[derive(Debug, Parser)]
-#[command(name = "telltale", version, about, max_term_width = 100)]
+#[command(name = "telltale", version = env!("TELLTALE_VERSION"), about, max_term_width = 100)]
 struct Cli {
+    /// The form of the log of programs that run on, on standard error
+    #[arg(long, value_name = "FORM", value_enum, default_value_t, global = true)]
+    log: process::log::LogForm,
     #[command(subcommand)]
     command: Command,
 }
@@ -65,6 +68,9 @@ enum Command {
     Api(api::Args),
     Data(data::Args),
     Tls(tls::Args),
+    Completions(completions::CompletionsArgs),
+    Man(completions::ManArgs),
+    Watch(watch::Args),
     /// The part of `serve`, `demo` and `sim` that speaks DDS; they start it.
     #[command(hide = true)]
     DdsProcess {
@@ -77,7 +83,9 @@ enum Command {
 /// an answer is printed with its causes and counts as wrong usage or configuration.
 pub fn main() -> ExitCode {
     let parsed = Cli::try_parse().map_err(|error| with_hint(error, std::env::args().nth(1).as_deref()));
-    let result = match parsed.unwrap_or_else(|error| error.exit()).command {
+    let Cli { log: form, command } = parsed.unwrap_or_else(|error| error.exit());
+    process::log::choose(form);
+    let result = match command {
         Command::Demo(args) => demo::run(&args),
         Command::Serve(args) => serve::run(&args),
         Command::Sim(args) => sim::run(&args),
@@ -94,8 +102,11 @@ pub fn main() -> ExitCode {
         Command::Api(args) => api::run(&args),
         Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),
+        Command::Completions(args) => completions::print(&args, Cli::command()),
+        Command::Man(args) => completions::write_pages(&args, Cli::command()),
+        Command::Watch(args) => watch::run(&args),
         Command::DdsProcess { parent, megabytes } => {
-            log::start("warn");
+            process::log::start("warn");
             Ok(ros::dds_process(parent, megabytes))
         }
     };

@@ -6,11 +6,12 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 
-use super::data_folder::{self, DataFolder};
+use super::process::data_folder::{self, DataFolder};
+use super::process::log;
+use super::process::shutdown_signal::ShutdownSignal;
 use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
-use super::shutdown_signal::ShutdownSignal;
-use super::{EXIT_USAGE, check, dds, fields, log, unconfigured};
+use super::{EXIT_USAGE, check, dds, fields, unconfigured};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;

@@ -10,7 +10,7 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use rcgen::{CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, KeyPair};
 
-use super::data_folder::DataFolder;
+use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::store::make_folder;
 

@@ -11,7 +11,7 @@ use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
 use super::EXIT_NO;
-use super::data_folder::{self, DataFolder};
+use super::process::data_folder::{self, DataFolder};
 use crate::clock::Clock;
 use crate::store::{DemoSecrets, Role, Store, TOKEN_LIFE_DAYS, User};
 

@@ -36,7 +36,7 @@ pub enum Reach {
     /// Addresses and `localhost` alone: under a name of its own, a page from elsewhere in a browser on this
     /// machine would read the metrics (DNS rebinding).
     Loopback,
-    /// Any name: whoever reaches the address may read them anyway.
+    /// Any name: every program that reaches the address may read the metrics anyway.
     Everybody,
 }
 

@@ -81,7 +81,7 @@ fn recorder(families: &mut Families<'_>, app: &AppState, published: &Published) 
     )?;
     families.gauge(
         "telltale_recorder_topics_short",
-        "Topics of which less is kept than a recording needs, for want of memory.",
+        "Topics that keep less than a recording needs, for want of memory.",
         held(|meter| meter.short().count() as f64),
     )?;
     let waits = state.and_then(|state| state.recorder.waits_for_disk());

@@ -243,7 +243,7 @@ mod tests {
         assert_eq!((found.since_ms, found.until_ms), (START_MS + 40_000, Some(START_MS + 50_000)));
         assert_eq!((&*found.stage, found.roots), ("active", vec!["b/root".to_owned()]));
         assert_eq!((&*found.vehicle, &*found.configuration), ("shuttle-1", "abc"));
-        assert_eq!(found.version, env!("CARGO_PKG_VERSION"));
+        assert_eq!(found.version, env!("TELLTALE_VERSION"));
         let recording = found.recording;
         assert_eq!((&*recording.file, recording.pre_roll_s), ("incident-9.mcap", 30.0));
         assert_eq!((recording.messages, recording.missing, recording.interrupted), (1, 5, false));

@@ -172,7 +172,7 @@ impl Recorder {
         state.present().map(|job| job.number)
     }
 
-    /// Something happened of which the engine knows nothing: it stands in the recording among the changes.
+    /// Records an event that the engine does not know, among the changes.
     pub fn tell(&self, what: Told<'static>) {
         self.0.lock().tell(what);
     }

@@ -260,7 +260,7 @@ impl<'a> Heard<'a> {
         if self.changes.len() < CHANGES_MAX { self.changes.push(change) } else { self.more_changes += 1 }
     }
 
-    /// Of the journal only what the operator did and what is missing is told.
+    /// Takes from the journal the operator's actions and the losses, and nothing else.
     fn journal(&mut self, at_ms: i64, text: &[u8]) {
         let has = |word: &[u8]| text.windows(word.len()).any(|part| part == word);
         if !has(b"\"operator\"") && !has(b"\"lost\"") {

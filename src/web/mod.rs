@@ -16,6 +16,7 @@ mod operator;
 mod pages;
 mod replays;
 mod router;
+mod self_check;
 mod serve;
 pub mod services;
 mod source;
@@ -32,6 +33,7 @@ use tokio::sync::{Semaphore, mpsc, watch};
 use self::view::Trends;
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
+use crate::engine::time::Timestamp;
 use crate::latency::Latency;
 use crate::runtime::{Reread, Written};
 use crate::store::{History, Store};
@@ -61,6 +63,7 @@ use incidents::WhatIfs;
 pub use incidents::{Examiner, Marker, RecordingState};
 pub use live::frame::{snapshot_schema, stream_schema};
 pub use router::{BODY_BYTES_MAX, Route, openapi, router, routes};
+pub use self_check::{SelfCheck, Stuck};
 pub use serve::accept::serve;
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
 pub use source::{Live, Player, Replay, Source};
@@ -138,6 +141,8 @@ pub struct Shared {
     places: Arc<Semaphore>,
     /// Held while somebody has the configuration taken.
     reloading: tokio::sync::Mutex<()>,
+    /// When the listener last waited for a connection.
+    accepting: watch::Sender<Timestamp>,
     /// Turns true when the server ends.
     pub closing: watch::Sender<bool>,
 }
@@ -171,6 +176,7 @@ impl AppState {
             acting: tokio::sync::Mutex::default(),
             places: Arc::new(Semaphore::new(PLACES)),
             reloading: tokio::sync::Mutex::default(),
+            accepting: watch::channel(Timestamp::ZERO).0,
             closing: watch::channel(false).0,
         }))
     }

@@ -43,7 +43,7 @@ pub struct ServiceRequest {
 /// The answer in words: what was done, or why not.
 pub type Answer = Result<String, String>;
 
-/// Does what a node asks for, or refuses it. Whoever calls this awaits the end before the next request.
+/// Does what a node asks for, or refuses it. The caller awaits the end before the next request.
 pub async fn serve(app: &Live, request: &ServiceRequest) -> Answer {
     let until = app.clock.now() + WITHIN;
     match request.service {

@@ -1,4 +1,4 @@
-"""An engine that hangs inside a server that runs on: its next step is replaced by an endless loop."""
+"""A part that hangs inside a server that runs on, mostly the engine: its next step is replaced by an endless loop."""
 
 import contextlib
 import platform
@@ -10,22 +10,24 @@ from vehicle import TELLTALE
 # A jump to itself.
 ENDLESS = {"x86_64": b"\xeb\xfe", "aarch64": b"\x00\x00\x00\x14"}[platform.machine()]
 # Every input of the engine passes this function, and so does its clock.
-STEP = re.compile(r"^([0-9a-f]+) \w .*7runtime.*4Loop.*6handle", re.MULTILINE)
+STEP = r"7runtime.*4Loop.*6handle"
+# Every frame of the operator's page is made by this function.
+FRAMES = r"3web4view9fragments"
 
 
-def step_of(server):
+def place_of(function, server):
     """The place of the function in the memory of the server, which begins at the first page of its program."""
     symbols = subprocess.run(["nm", TELLTALE], text=True, capture_output=True, check=True).stdout
-    offsets = STEP.findall(symbols)
-    assert len(offsets) == 1, f"the engine's step in {TELLTALE}: {offsets}"
+    offsets = re.findall(rf"^([0-9a-f]+) \w .*{function}", symbols, re.MULTILINE)
+    assert len(offsets) == 1, f"{function} in {TELLTALE}: {offsets}"
     with open(f"/proc/{server.process.pid}/maps") as maps:
         return int(next(maps).split("-")[0], 16) + int(offsets[0], 16)
 
 
 @contextlib.contextmanager
-def hanging(server):
-    """The engine hangs from its next step on, and goes on at the end."""
-    at = step_of(server)
+def hanging(server, function=STEP):
+    """The engine, or another function, hangs from its next step on, and goes on at the end."""
+    at = place_of(function, server)
     # The server is a child of this process, which may write its memory.
     with open(f"/proc/{server.process.pid}/mem", "r+b", buffering=0) as memory:
         memory.seek(at)

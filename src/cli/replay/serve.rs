@@ -7,9 +7,9 @@ use std::sync::Arc;
 use anyhow::{Context as _, anyhow, bail};
 
 use super::Args;
-use crate::cli::log;
+use crate::cli::process::log;
+use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::server::{self, url};
-use crate::cli::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::replay::{Playback, ReplayError, Run};

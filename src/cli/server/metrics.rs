@@ -12,7 +12,7 @@ use crate::web::AppState;
 /// Where metrics are if no address is given: on this machine alone.
 const LISTEN: &str = "127.0.0.1:9808";
 
-/// Metrics say what is wrong with the vehicle to whoever reads them, so there are none unless they are asked for.
+/// Metrics show the vehicle's faults without a login, so there are none unless they are asked for.
 #[derive(Debug, Clone, clap::Args)]
 pub struct MetricsFlags {
     /// Serve metrics for Prometheus at /metrics of this address [without one: 127.0.0.1:9808]

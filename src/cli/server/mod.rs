@@ -7,6 +7,7 @@ mod recording;
 pub mod reload;
 mod services;
 mod timekeeping;
+mod watchdog;
 pub mod what_if;
 
 use std::io::ErrorKind;
@@ -24,8 +25,9 @@ use tokio::time::timeout;
 use self::metrics::MetricsListener;
 use self::recording::Recording;
 use self::services::Serving;
+use self::watchdog::Watchdog;
 use super::dds;
-use super::shutdown_signal::ShutdownSignal;
+use super::process::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
 use crate::config::Loaded;
 use crate::engine::input::Input;
@@ -160,7 +162,7 @@ impl Server {
             recording: recording.as_ref().map(Recording::state),
             replayed: None,
         };
-        let start = Record::of(Action::Start, TELLTALE).on(env!("CARGO_PKG_VERSION"));
+        let start = Record::of(Action::Start, TELLTALE).on(env!("TELLTALE_VERSION"));
         store.record(start, None).await;
         let storage = {
             let recording = recording.as_ref().map(|recording| recording.fault.clone());
@@ -170,11 +172,13 @@ impl Server {
         let watching =
             timekeeping::watch(tls.clone(), hosts, store.floor(), recorder, link.inputs.clone(), clock);
         let time = tokio::spawn(watching);
-        tracing::info!("the display is on {}; it listens to {listens_to}", url(address, secure));
+        let status = format!("the display is on {}; it listens to {listens_to}", url(address, secure));
+        tracing::info!("{status}");
         let end = store.clone();
         let engine = link.inputs.clone();
         let app = AppState::new(link, store, clock, settings);
         let metrics = metrics.map(|metrics| metrics.serve(app.clone()));
+        let watchdog = Watchdog::start(&status, app.clone());
         {
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running).or(followed);
@@ -195,6 +199,9 @@ impl Server {
             }
         }
         tracing::info!("ending");
+        if let Some(watchdog) = watchdog {
+            watchdog.end();
+        }
         storage.abort();
         time.abort();
         if let Some(metrics) = metrics {

@@ -290,7 +290,7 @@ async fn remove_surplus(store: &Store, folder: &Path, policy: &Policy, clock: Cl
     let held = store.incidents_held().await?;
     let wall_ms = unix_ms(clock.wall());
     let now_ms = judged_ms(wall_ms, unix_ms(store.floor()), clock.now().since(Timestamp::ZERO));
-    if now_ms < wall_ms {
+    if now_ms < wall_ms && !held.is_empty() {
         tracing::info!(
             "the clock is far ahead of the newest record: no recording is removed for its age by it"
         );

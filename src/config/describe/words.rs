@@ -151,7 +151,7 @@ pub fn prefixes(prefixes: &[Box<str>]) -> String {
     format!("{} at the beginning of the name", all.join(" and "))
 }
 
-/// Several filters, each of which takes its statuses.
+/// Several filters; each takes its own statuses.
 pub fn filters(all: &[Filter]) -> String {
     all.iter().map(filter).collect::<Vec<_>>().join(" and ")
 }

@@ -20,7 +20,7 @@ pub(super) fn fingerprint(model: &Model) -> String {
     format!("{:016x}", hash.0)
 }
 
-/// The hash function FNV-1a. It finds mistakes, not attacks: what is loaded is checked by itself.
+/// The hash function FNV-1a. It finds mistakes, not attacks: the loaded state is checked by itself.
 struct Fnv(u64);
 
 impl Fnv {

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-/// The part of a path for a name of which nothing is left.
+/// Stands in a path for a name that has no permitted character.
 pub const NO_NAME: &str = "(no name)";
 
 /// A name as a part of a path: a `/` in it would make another level of the tree.

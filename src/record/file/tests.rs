@@ -1,4 +1,4 @@
-//! Files of incidents: what is written is read byte for byte.
+//! Files of incidents are read byte for byte as they were written.
 
 mod damage;
 mod foreign;

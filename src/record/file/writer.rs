@@ -59,7 +59,7 @@ impl IncidentFile {
     /// # Errors
     /// It exists, or the disk refuses it.
     pub fn create(path: &Path, about: BTreeMap<String, String>) -> Result<IncidentFile, FileError> {
-        let output = Output::create(path, "ros2", concat!("telltale ", env!("CARGO_PKG_VERSION")))?;
+        let output = Output::create(path, "ros2", concat!("telltale ", env!("TELLTALE_VERSION")))?;
         let mut file = IncidentFile {
             output,
             topics: HashMap::new(),

@@ -86,7 +86,7 @@ impl OpenFile {
             storm: job.open.storm,
             vehicle: place.about.get(VEHICLE).cloned().unwrap_or_default(),
             configuration,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: env!("TELLTALE_VERSION").to_owned(),
             freeze: job.freeze.clone(),
             recording: Recording {
                 file: name,

@@ -87,13 +87,13 @@ pub fn start(how: DdsProcess, socket: UnixStream, shared: Arc<Shared>) -> io::Re
 }
 
 fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
-    let DdsProcess::Child { megabytes } = how else {
+    let DdsProcess::Child { megabytes, log } = how else {
         let thread = std::thread::Builder::new().name("dds".to_owned());
         return thread.spawn(move || child::serve(socket, false)).map(Runner::Thread);
     };
     // The program file that is running, even if another version lies at its path now.
     let mut command = Command::new("/proc/self/exe");
-    command.arg0("telltale").arg("dds-process");
+    command.arg0("telltale").args(["--log", log, "dds-process"]);
     command.arg(std::process::id().to_string()).arg(megabytes.to_string());
     command.stdin(Stdio::from(OwnedFd::from(socket))).stdout(Stdio::null());
     // Signals of a terminal to all processes are for the program only.
@@ -195,7 +195,7 @@ struct Health {
 impl Health {
     fn look(&mut self, told: ProcessFigures, how: DdsProcess, hears_itself: bool) -> Option<String> {
         let last = std::mem::replace(&mut self.last, told);
-        if let DdsProcess::Child { megabytes } = how
+        if let DdsProcess::Child { megabytes, .. } = how
             && told.megabytes > u64::from(megabytes)
         {
             return Some(format!("it takes {} MB of memory; its limit is {megabytes}", told.megabytes));
@@ -220,7 +220,7 @@ impl Health {
 mod tests {
     use super::*;
 
-    const HOW: DdsProcess = DdsProcess::Child { megabytes: 100 };
+    const HOW: DdsProcess = DdsProcess::Child { megabytes: 100, log: "text" };
 
     /// The look at which it is found ill, and why; `None` within 30 looks.
     fn found_ill(hears_itself: bool, told: impl Fn(u64) -> ProcessFigures) -> Option<(u64, String)> {

@@ -46,8 +46,8 @@ pub struct BridgeOptions {
 /// Where the DDS library runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DdsProcess {
-    /// In a child process of this program, with this limit on its memory.
-    Child { megabytes: u32 },
+    /// In a child process of this program, with this limit on its memory, and the form of its log (`--log`).
+    Child { megabytes: u32, log: &'static str },
     /// In this process: for tests and benchmarks of the library, which are another program.
     Thread,
 }
@@ -158,7 +158,7 @@ impl BridgeOptions {
         let namespace = namespace(&env)?;
         let mut unheeded = environment::unheeded(&env)?;
         let peers = peers_of(peers, interface, &env, &mut unheeded)?;
-        let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES };
+        let dds_process = DdsProcess::Child { megabytes: DdsProcess::MEGABYTES, log: "text" };
         Ok(BridgeOptions {
             domain,
             interface,

@@ -25,7 +25,7 @@ use crate::engine::model::service::Service;
 use crate::msg::services::Reply;
 use server::Server;
 
-/// Calls that wait for whoever does them. More are refused.
+/// Calls that wait to be carried out. More are refused.
 pub const CALLS_MAX: usize = 8;
 
 /// How often the addresses are compared.

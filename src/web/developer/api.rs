@@ -48,6 +48,13 @@ struct ApiHtml<'a> {
     groups: Vec<RouteGroup<'a>>,
 }
 
+impl ApiHtml<'_> {
+    /// The words of a text, and whether they stand between backquotes.
+    fn marked<'t>(&self, text: &'t str) -> Vec<(bool, &'t str)> {
+        text.split('`').enumerate().map(|(number, words)| (number % 2 == 1, words)).collect()
+    }
+}
+
 /// `GET /developer/api`
 pub async fn get(
     request: PageRequest,

@@ -33,7 +33,7 @@ const RENEW_MS: u32 = 0;
 const MODULES: usize = 60;
 const MODULES_MIN: usize = 1;
 const MODULES_IN_ALL: usize = 150;
-/// Boxes at the top; what is beyond is named below the picture.
+/// Boxes at the top; further ones are named below the picture.
 const BOXES: usize = 150;
 
 const STYLE: Style = Style {

@@ -76,6 +76,11 @@ impl Origins {
         self.hosts.iter().any(|known| known.eq_ignore_ascii_case(host))
     }
 
+    /// One name of this server.
+    pub fn own_host(&self) -> &str {
+        self.hosts.first().map_or("", String::as_str)
+    }
+
     fn add_ip(&mut self, ip: IpAddr, port: u16, secure: bool) {
         match ip {
             IpAddr::V4(ip) => self.add_host(&ip.to_string(), port, secure),

@@ -46,6 +46,8 @@ pub struct Displays(Arc<Mutex<Table>>);
 struct Table {
     next: u64,
     open: HashMap<u64, OpenDisplay>,
+    /// When it was last judged whether the displays are live.
+    watched: Timestamp,
     count: watch::Sender<usize>,
     latency: Latency,
 }
@@ -61,6 +63,7 @@ struct OpenDisplay {
     /// The last beat that was sent, and whether the page confirms beats by their numbers. While a `seq` stands
     /// still, an old confirmation of it looks like a new one.
     beat: u64,
+    beat_at: Option<Timestamp>,
     says_beats: bool,
     /// When the state was sent that the page shows now.
     shows_as_of: Option<Timestamp>,
@@ -72,6 +75,15 @@ struct Sent {
     /// The first beat that was sent after this state.
     beat: u64,
     at: Timestamp,
+}
+
+/// Whether the sockets and the watch over them move.
+#[derive(Debug, Clone, Copy)]
+pub struct Progress {
+    /// When the page that has waited longest was sent its last beat.
+    pub beat_oldest: Option<Timestamp>,
+    /// When it was last judged whether the displays are live.
+    pub watched: Timestamp,
 }
 
 /// The place of one socket in the table. Dropping it frees the place.
@@ -104,12 +116,27 @@ impl Displays {
             is_stream,
             sent: VecDeque::new(),
             beat: 0,
+            beat_at: None,
             says_beats: false,
             shows_as_of: None,
         };
         table.open.insert(number, display);
         table.count.send_replace(table.open.len());
         Some(Place { displays: self.clone(), number })
+    }
+
+    /// For the check that messages reach the pages.
+    pub fn progress(&self) -> Progress {
+        let table = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        Progress {
+            beat_oldest: table.open.values().filter_map(|display| display.beat_at).min(),
+            watched: table.watched,
+        }
+    }
+
+    /// Notes that it is judged whether the displays are live.
+    pub fn note_watched(&self, now: Timestamp) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).watched = now;
     }
 
     /// How many sockets are open.
@@ -212,6 +239,7 @@ pub async fn watch(app: Live) {
     loop {
         checks.tick().await;
         let now = app.clock.now();
+        app.displays.note_watched(now);
         let operator = app.published().snapshot.operator.clone();
         let late = operator.filter(|operator| app.displays.is_late(operator, now));
         if !lateness.judge(late.as_deref(), now) {
@@ -259,6 +287,7 @@ impl Place {
     pub fn beat(&self, beat: u64, seq: Version, now: Timestamp) {
         self.change(|display| {
             display.beat = beat;
+            display.beat_at = Some(now);
             display.note(seq, beat, now);
         });
     }
@@ -322,119 +351,4 @@ impl Drop for Place {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::clock::Clock;
-    use crate::store::{DemoSecrets, Store};
-
-    #[tokio::test]
-    async fn a_display_lives_by_what_it_confirms() {
-        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
-        store.add_demo_users().await.unwrap();
-        let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
-        let (_, session) = store.open_session(&user).await.unwrap();
-        let displays = Displays::default();
-        let (at, seq) = (Timestamp::from_millis, Version::from);
-        assert!(!displays.is_live_for(&session, at(0)) && !displays.is_late("operator", at(9_000)));
-        let place = displays.enter(&session).unwrap();
-        place.sent(seq(1), at(1_000));
-        assert!(!displays.is_live_for(&session, at(1_000)), "nothing is confirmed");
-        place.confirm(seq(1), Timestamp::ZERO);
-        assert!(displays.is_live_for(&session, at(2_999)) && !displays.is_live_for(&session, at(3_000)));
-        for ms in (2_000..9_000).step_by(100) {
-            place.sent(seq(ms), at(ms));
-        }
-        // It goes on to answer, but shows what is old.
-        place.confirm(seq(2_000), Timestamp::ZERO);
-        assert!(!displays.is_live_for(&session, at(4_000)) && displays.is_late("operator", at(4_100)));
-        place.confirm(seq(8_900), Timestamp::ZERO);
-        assert_eq!(displays.shows_as_of(&session).map(|shown| shown > at(5_000)), Some(true));
-        place.sent(seq(9_000), at(9_000));
-        place.confirm(seq(9_000), Timestamp::ZERO);
-        assert!(displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(10_900)));
-        // A step back in time: what was confirmed before it says nothing about what was sent after it.
-        place.sent(Version { epoch: 1, number: 5 }, at(11_000));
-        place.confirm(seq(9_000), Timestamp::ZERO);
-        assert!(!displays.is_live_for(&session, at(11_500)));
-        place.confirm(Version { epoch: 1, number: 5 }, Timestamp::ZERO);
-        assert!(displays.is_live_for(&session, at(11_500)));
-        drop(place);
-        assert!(!displays.is_live_for(&session, at(9_500)) && !displays.is_late("operator", at(20_000)));
-    }
-    #[tokio::test]
-    async fn a_constant_delay_is_late_for_as_long_as_it_lasts() {
-        const DELAY_MS: u64 = 3_300;
-        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
-        store.add_demo_users().await.unwrap();
-        let user = store.authenticate("operator", "246810").await.unwrap().unwrap();
-        let (_, session) = store.open_session(&user).await.unwrap();
-        for says_beats in [false, true] {
-            let displays = Displays::default();
-            let place = displays.enter(&session).unwrap();
-            let (mut lateness, mut told, mut late) = (Lateness::default(), Vec::new(), 0);
-            let (mut seq, mut on_the_way) = (Version::from(1), VecDeque::new());
-            for ms in (0..90_000_u64).step_by(50) {
-                let now = Timestamp::from_millis(10_000 + ms);
-                let delay_ms = if (10_000..60_000).contains(&ms) { DELAY_MS } else { 100 };
-                if ms % 250 == 0 {
-                    // The state stands still for seconds on end.
-                    seq.number += u64::from(ms % 4_000 == 0);
-                    place.beat(ms / 250, seq, now);
-                    on_the_way.push_back((ms + delay_ms, ms / 250, seq));
-                }
-                while let Some((_, beat, seq)) = on_the_way.pop_front_if(|(due_ms, ..)| *due_ms <= ms) {
-                    match says_beats {
-                        true => place.confirm_beat(beat, Some(seq), now),
-                        false => place.confirm(seq, now),
-                    }
-                }
-                let is_late = displays.is_late("operator", now);
-                late += u32::from(is_late && (15_000..60_000).contains(&ms));
-                if lateness.judge(is_late.then_some("operator"), now) {
-                    told.push((ms / 1000, lateness.of.is_some()));
-                }
-            }
-            let [(from_s, true), (till_s, false)] = told[..] else { panic!("{says_beats}: {told:?}") };
-            assert!((11..=16).contains(&from_s) && (60..=70).contains(&till_s), "{says_beats}: {told:?}");
-            // By its beats it is seen as late at every look.
-            assert!(!says_beats || late == 45_000 / 50, "{late}");
-        }
-    }
-
-    #[tokio::test]
-    async fn nobody_takes_the_places_of_others_and_two_hundred_browsers_have_one() {
-        let store = Store::in_memory(Clock::start(), DemoSecrets::Accepted).unwrap();
-        store.add_demo_users().await.unwrap();
-        let logins = async |name: &str, secret: &str| {
-            let mut sessions = Vec::new();
-            for _ in 0..5 {
-                let user = store.authenticate(name, secret).await.unwrap().unwrap();
-                sessions.push(store.open_session(&user).await.unwrap().1);
-            }
-            sessions
-        };
-        let displays = Displays::default();
-        let fill = |sessions: &[Session], is_stream: bool| -> Vec<Place> {
-            let tries = sessions.iter().cycle().take(500);
-            tries.filter_map(|session| displays.enter_as(session, is_stream)).collect()
-        };
-        let mut held = Vec::new();
-        for name in ["authority", "bert", "carl", "dora", "emil"] {
-            let secret = if name == "authority" { "demo-authority" } else { "a long password" };
-            if name != "authority" {
-                store.add_user(name, Role::Authority, secret).await.unwrap();
-            }
-            let sessions = logins(name, secret).await;
-            let (one, all) = (fill(&sessions[..1], false), fill(&sessions, false));
-            let streams = fill(&sessions, true);
-            held.push((one.len() + all.len(), streams.len()));
-            std::mem::forget((one, all, streams));
-        }
-        let expected = [(80, 32), (80, 32), (80, 32), (16, 0), (0, 0)];
-        assert_eq!(held, expected, "pages and streams of each, of five logins");
-        let operator = logins("operator", "246810").await;
-        let streams = fill(&operator, true);
-        assert_eq!((streams.len(), fill(&operator[..1], false).len()), (32, 16));
-        assert_eq!(fill(&operator, false).len(), 64, "the places of pages that went are free");
-    }
-}
+mod tests;

@@ -57,9 +57,9 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
     done
 }
 
-/// What is done is on the disk before, with the vehicle's state after it; what cannot be written is not
-/// done. If the program is killed in between, the action is done after the restart, and nobody was told that
-/// yet.
+/// Writes the action to the disk with the vehicle's state after it, then does it. An action that cannot be
+/// written is not done. If the program is killed in between, the action is done after the restart, though
+/// nobody was told yet.
 ///
 /// # Errors
 /// Why nothing has changed.

@@ -17,7 +17,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
-use tokio::time::{sleep, timeout};
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 use tower::ServiceExt as _;
 
 use super::parse_error::WithHeaders;
@@ -39,6 +39,8 @@ const SEND_BUFFER_BYTES: usize = 256 * 1024;
 const RECEIVE_BUFFER_BYTES: usize = 32 * 1024;
 /// The time for running requests when the server ends.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
+/// The listener notes this often that it still accepts.
+const NOTE_EVERY: Duration = Duration::from_millis(250);
 /// The wait after a failed `accept`, for example without free file descriptors.
 const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 
@@ -60,6 +62,7 @@ pub async fn serve(
     let router = router(app.clone());
     let places = app.connections.clone();
     let mut connections = JoinSet::new();
+    app.displays.note_watched(app.clock.now());
     // A replay has none of the tasks that command the engine or write to the store.
     let vehicle_memory_task = app.live().map(VehicleMemoryTask::start);
     let live_watches = app
@@ -67,6 +70,8 @@ pub async fn serve(
         .map(|live| [tokio::spawn(expiry::watch(live.clone())), tokio::spawn(displays::watch(live))]);
     let watches =
         [tokio::spawn(first_changes::watch(app.clone())), tokio::spawn(trend_sampling::watch(app.clone()))];
+    let mut notes = interval(NOTE_EVERY);
+    notes.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut shutdown = pin!(shutdown);
     loop {
         tokio::select! {
@@ -96,6 +101,7 @@ pub async fn serve(
                 }
             },
             Some(_) = connections.join_next(), if !connections.is_empty() => {}
+            _ = notes.tick() => drop(app.accepting.send_replace(app.clock.now())),
         }
     }
     drop(listener);

@@ -11,7 +11,7 @@ use tokio::io::AsyncWrite;
 
 use crate::web::http::headers;
 
-/// The writing half of a connection. Until a request comes to the router, what is written is hyper's own 400.
+/// The writing half of a connection. Until a request reaches the router, the only bytes written are hyper's own 400.
 #[derive(Debug)]
 pub struct WithHeaders<W> {
     stream: W,

@@ -152,7 +152,7 @@ pub(super) struct ModuleHead<'a> {
 /// A module after its `age_ms`.
 #[derive(Serialize, JsonSchema)]
 pub(super) struct ModuleTail<'a> {
-    /// To the tenth: what is finer is in `age_ms`.
+    /// To the tenth of a second; `age_ms` is finer.
     #[serde(skip_serializing_if = "Option::is_none")]
     silent_s: Option<f64>,
     reason: Option<Why<'a>>,

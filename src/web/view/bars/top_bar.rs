@@ -57,7 +57,7 @@ pub fn top(view: &View<'_>) -> Fragment {
 /// Changes with the tiles and with the program: a page with another value reloads itself.
 pub fn layout_mark(view: &View<'_>) -> String {
     let mut hasher = DefaultHasher::new();
-    (env!("CARGO_PKG_VERSION"), assets::url(""), &*view.snapshot.layout.vehicle_id).hash(&mut hasher);
+    (env!("TELLTALE_VERSION"), assets::url(""), &*view.snapshot.layout.vehicle_id).hash(&mut hasher);
     for (tile, place) in view.board.tiles.iter().zip(&view.board.places) {
         (view.snapshot.group(*tile).0.path.as_bytes(), place).hash(&mut hasher);
     }

@@ -40,7 +40,7 @@ impl ShutdownSignal {
                 if *sender.borrow() == 1 {
                     std::thread::spawn(|| {
                         std::thread::sleep(ENDS_WITHIN);
-                        // What is acknowledged is on the disk; nobody waits for the rest.
+                        // Acknowledged actions are on the disk; nobody waits for the rest.
                         std::process::exit(0);
                     });
                 }

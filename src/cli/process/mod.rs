@@ -1,0 +1,5 @@
+//! The process around a command: its log, the signals that end it, and the lock on its data folder.
+
+pub mod data_folder;
+pub mod log;
+pub mod shutdown_signal;
