@@ -20,8 +20,11 @@ SAID = """() => {
   return texts;
 }"""
 # Cells of the log in which one word takes more than one line.
-BROKEN = """() => [...document.querySelectorAll(".log td")].filter(it => !/[ /-]/.test(it.innerText.trim())
-  && it.getClientRects()[0].height > 2.2 * parseFloat(getComputedStyle(it).lineHeight)).map(it => it.innerText)"""
+BROKEN = """() => [...document.querySelectorAll(".log td")].filter(it => {
+  const range = document.createRange();
+  range.selectNodeContents(it);
+  return !/[ /-]/.test(it.innerText.trim()) && new Set([...range.getClientRects()].map(rect => Math.round(rect.top))).size > 1;
+}).map(it => it.innerText)"""
 
 
 # Forty groups, each resting on the one above it in its column and on the first one.
