@@ -36,6 +36,8 @@ pub struct Draft {
 #[derive(Debug, Default)]
 pub struct Group {
     pub id: String,
+    /// What people read.
+    pub title: String,
     /// What is in it, for a comment.
     pub about: String,
     /// Namespaces of statuses that join it.
@@ -111,7 +113,7 @@ pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
         notes: notes(seen),
         diagnostics: seen.more_diagnostics(),
         quiet: quiet.cloned().collect(),
-        observed_s: end.since(start).as_millis().div_ceil(1000),
+        observed_s: (end.since(start).as_millis() + 500) / 1000,
     }
 }
 
@@ -163,7 +165,9 @@ fn group(
     end: Timestamp,
     ids: &mut BTreeSet<String>,
 ) -> Group {
-    let mut group = Group { id: names::id(key, "group", ids), ..Group::default() };
+    let id = names::id(key, "group", ids);
+    let title = Some(names::title(key)).filter(|title| !title.is_empty()).unwrap_or_else(|| id.clone());
+    let mut group = Group { id, title, ..Group::default() };
     group.about = about(&parts.nodes);
     let mut taken = BTreeSet::new();
     for (name, status) in &parts.statuses {

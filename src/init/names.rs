@@ -34,6 +34,17 @@ pub fn id(name: &str, otherwise: &str, taken: &mut BTreeSet<String>) -> String {
     id
 }
 
+/// What people read: `Lidar front` of `lidar_front`, `IMU` of `imu`.
+pub fn title(key: &str) -> String {
+    let words = key.replace(['_', '-', '/'], " ");
+    let words: String = words.trim().chars().take(ID_BYTES_MAX).collect();
+    if words.len() <= 3 {
+        return words.to_uppercase();
+    }
+    let mut letters = words.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
 /// A text as a YAML scalar.
 pub fn scalar(text: &str) -> String {
     if !text.contains('\n') && !text.contains('\t') && escaped(text) == text {
@@ -91,4 +102,22 @@ pub fn prefix(status: &str) -> Option<&str> {
         None => status.rsplit_once('/')?.0,
     };
     Some(before.trim()).filter(|it| !it.trim_matches('/').is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn titles_are_words() {
+        for (key, expected) in [
+            ("lidar_front", "Lidar front"),
+            ("imu", "IMU"),
+            ("_", ""),
+            ("amcl", "Amcl"),
+            ("日本語版", "日本語版"),
+        ] {
+            assert_eq!(title(key), expected);
+        }
+    }
 }

@@ -51,7 +51,13 @@ pub fn heard_text(draft: &Draft) -> String {
     let heard = draft.groups.iter().filter(|group| !(group.namespaces.is_empty() && group.names.is_empty()));
     let mut any = false;
     for group in heard {
-        let _ = writeln!(out, "  - {{ id: {}, match: [{}] }}", group.id, filters(group, true));
+        let _ = writeln!(
+            out,
+            "  - {{ id: {}, name: {}, match: [{}] }}",
+            group.id,
+            scalar(&group.title),
+            filters(group, true)
+        );
         any = true;
     }
     if !any {
@@ -70,6 +76,7 @@ fn filters(group: &Group, all: bool) -> String {
 fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
     let _ = writeln!(out, "  # {}", group.about);
     let _ = writeln!(out, "  - id: {}", group.id);
+    let _ = writeln!(out, "    name: {}", scalar(&group.title));
     write_proposals(out, &group.proposals, accept_guesses);
     if !group.namespaces.is_empty() {
         let _ = writeln!(out, "    match: [{}]", filters(group, false));
