@@ -152,7 +152,7 @@ impl DevFrame {
             links: links.collect(),
             vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
             stage: snapshot.stage.as_str(),
-            stage_word: view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
+            stage_word: view.lang.stage_of(snapshot),
             overall: snapshot.overall.as_str(),
             user: clean(&context.user, NAME),
             locked: snapshot.stage == Stage::Locked && !context.replay,

@@ -148,7 +148,7 @@ pub fn pulse(number: u64, published: &Published, now: Timestamp, lang: Lang) -> 
     let pulse = serde_json::json!({
         "beat": number, "seq": snapshot.seq, "revision": snapshot.revision,
         "ms": now.as_nanos() / 1_000_000, "at": wire::rfc3339(at),
-        "stage": stage.as_str(), "overall": overall.as_str(), "word": lang.stage(stage, snapshot.clearance_refusals.is_empty()),
+        "stage": stage.as_str(), "overall": overall.as_str(), "word": lang.stage_of(&snapshot),
     });
     Utf8Bytes::from(pulse.to_string())
 }

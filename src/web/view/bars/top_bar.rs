@@ -22,6 +22,8 @@ struct TopHtml {
     layout: String,
     vehicle: String,
     word: &'static str,
+    /// A machine without stages says the word to screen readers alone: its motion above is what changes.
+    has_stages: bool,
     /// Who uses the page: the operator of a vehicle, or somebody who looks at a machine.
     user_is: &'static str,
     operator: Option<String>,
@@ -40,10 +42,8 @@ pub fn top(view: &View<'_>) -> Fragment {
         overall: if locked { "" } else { snapshot.overall.as_str() },
         layout: layout_mark(view),
         vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
-        word: match view.has_stages() {
-            true => view.lang.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
-            false => view.lang.steps().runs,
-        },
+        word: view.lang.stage_of(snapshot),
+        has_stages: view.has_stages(),
         user_is: if view.has_stages() { view.words.operator } else { view.words.logged_in },
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
         steps: view.lang.steps(),

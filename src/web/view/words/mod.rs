@@ -10,7 +10,7 @@ pub use lang::Lang;
 
 use crate::engine::model::quantity::number;
 use crate::engine::model::{ACTIVE_SIGNAL, POSED_SIGNAL, Stage};
-use crate::engine::snapshot::{Layout, NotRelevant};
+use crate::engine::snapshot::{Layout, NotRelevant, Snapshot};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::web::view::text::{NAME, clean, clean_configured};
@@ -164,6 +164,14 @@ impl Lang {
             Stage::Standby => words.not_ready,
             Stage::Cleared => words.cleared,
             Stage::Active => words.driving,
+        }
+    }
+
+    /// The stage of a snapshot. A machine without stages is running.
+    pub fn stage_of(self, snapshot: &Snapshot) -> &'static str {
+        match snapshot.has_stages() {
+            true => self.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
+            false => self.steps().runs,
         }
     }
 
