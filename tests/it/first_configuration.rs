@@ -120,7 +120,7 @@ fn what_was_heard_is_written_with_its_evidence() {
     has(
         &text,
         &[
-            "  # Of /lidar.\n  - id: lidar\n    match: [{ namespace: 'lidar' }]\n",
+            "  # Of /lidar.\n  - id: lidar\n    name: 'Lidar'\n    match: [{ namespace: 'lidar' }]\n",
             "# OK, 1.0 Hz, longest pause 1.0 s.\n      - { id: device, status: 'lidar: device', timeout: 3s }",
             "# 10.0 Hz, longest pause 0.10 s.\n      - { id: scan_rate, monitor: { frequency: { topic: /scan, \
              type: sensor_msgs/msg/LaserScan, window: 2s, warning_below: 7, error_below: 4 } } }",
@@ -176,9 +176,9 @@ fn a_writer_that_reports_for_others_does_not_own_their_statuses() {
     has(
         &text,
         &[
-            "- id: lidar\n    match",
-            "- id: battery\n    match",
-            "- id: arm\n    match",
+            "- id: lidar\n    name: 'Lidar'\n    match",
+            "- id: battery\n    name: 'Battery'\n    match",
+            "- id: arm\n    name: 'ARM'\n    match",
             "status: '/arm/joint_1'",
         ],
     );

@@ -331,7 +331,7 @@ fn faults_are_faults_of_the_data() {
         watched.shuttle.set_fault(fault, false);
         watched.pass(8_000);
         assert_eq!(watched.complaints(), [], "{fault:?} is over");
-        assert_eq!(watched.shuttle.nodes().len(), 10, "{fault:?}");
+        assert_eq!(watched.shuttle.nodes().len(), 11, "{fault:?}");
         assert!(watched.speed_mps() > 1.0 || watched.active() == Some(false), "{fault:?}");
     }
 }
