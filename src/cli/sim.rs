@@ -68,7 +68,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let switches = switches(&args.faults, &kind.faults())?;
     tokio::runtime::Runtime::new().context("the async runtime cannot be started")?.block_on(async {
         let mut signal = ShutdownSignal::listen()?;
-        let vehicle = Vehicle::open(&options, &loaded, kind, Clock::start()).await?;
+        let mut vehicle = Vehicle::open(&options, &loaded, kind, Clock::start()).await?;
+        vehicle.subscribe()?;
         let (switch, faults) = mpsc::channel(SWITCHES);
         tracing::info!("the simulation publishes: {}; end it with Ctrl-C", dds::describe(&options));
         let driving = tokio::spawn(vehicle.run(faults));

@@ -37,6 +37,8 @@ pub struct Vehicle {
     orders: Orders,
     /// Its nodes, as they were announced last.
     announced: Vec<&'static str>,
+    /// Its nodes are subscribed to topics.
+    subscribes: bool,
     opened: Timestamp,
     options: BridgeOptions,
     clock: Clock,
@@ -56,7 +58,17 @@ impl Vehicle {
         let publisher = publisher(options, &machine).await?;
         let orders = Orders::listen(options, &loaded.publishing, clock).await?;
         let (announced, options) = (Vec::new(), options.clone());
-        Ok(Vehicle { machine, publisher, orders, announced, opened, options, clock })
+        Ok(Vehicle { machine, publisher, orders, announced, subscribes: false, opened, options, clock })
+    }
+
+    /// Subscribes its nodes to topics, as the graph of a real machine has it. Each message is then received once
+    /// more, which a demo has no use for.
+    ///
+    /// # Errors
+    /// No type has such a name.
+    pub fn subscribe(&mut self) -> Result<(), BridgeError> {
+        self.subscribes = true;
+        subscribe(&mut self.publisher, &self.machine)
     }
 
     /// Drives, obeys and takes faults until their sender is gone, then leaves DDS.
@@ -112,7 +124,13 @@ impl Vehicle {
         if !self.publisher.has_stopped() {
             return;
         }
-        match publisher(&self.options, &self.machine).await {
+        let opened = publisher(&self.options, &self.machine).await.and_then(|mut publisher| {
+            if self.subscribes {
+                subscribe(&mut publisher, &self.machine)?;
+            }
+            Ok(publisher)
+        });
+        match opened {
             Ok(publisher) => {
                 self.announced.clear();
                 std::mem::replace(&mut self.publisher, publisher).shutdown().await;
@@ -127,6 +145,11 @@ async fn publisher(options: &BridgeOptions, machine: &Machine) -> Result<Publish
     for (topic, type_name, quality) in machine.offers() {
         publisher.offer(topic, type_name, quality)?;
     }
+    publisher.offer_announcements();
+    Ok(publisher)
+}
+
+fn subscribe(publisher: &mut Publisher, machine: &Machine) -> Result<(), BridgeError> {
     for node in machine.nodes() {
         for topic in machine.subscriptions_of(node) {
             let offer = machine.offers().into_iter().find(|(offered, ..)| *offered == topic);
@@ -135,8 +158,7 @@ async fn publisher(options: &BridgeOptions, machine: &Machine) -> Result<Publish
             }
         }
     }
-    publisher.offer_announcements();
-    Ok(publisher)
+    Ok(())
 }
 
 fn every(period: Duration) -> Interval {
