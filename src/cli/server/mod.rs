@@ -26,7 +26,7 @@ use self::metrics::MetricsListener;
 use self::recording::Recording;
 use self::services::Serving;
 use self::watchdog::Watchdog;
-use super::dds;
+use super::process::dds;
 use super::process::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
 use crate::config::Loaded;
