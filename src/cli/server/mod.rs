@@ -214,6 +214,8 @@ impl Server {
             () = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()); } => {}
             () = signal.requested() => {}
         }
+        // The engine ends with the last that could send to it, and the recorder with the engine.
+        drop((engine, app));
         if let Some(recording) = recording {
             recording.end().await;
         }
