@@ -6,7 +6,7 @@ use clap::{Parser, ValueEnum};
 
 use crate::web;
 
-/// Prints the description of the interface for programs
+/// Print the description of the interface for programs
 ///
 /// A running server answers the same at `/api/v1/openapi.json` and below `/api/v1/schema/`.
 #[derive(Debug, Parser)]

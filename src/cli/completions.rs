@@ -1,6 +1,5 @@
 //! `telltale completions` and `telltale man`: what a package installs for shells and for `man`.
 
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -37,7 +36,7 @@ pub fn print(args: &CompletionsArgs, mut command: clap::Command) -> anyhow::Resu
     };
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut command, "telltale", &mut script);
-    std::io::stdout().write_all(&script).context("the completions cannot be printed")?;
+    super::check::print(&String::from_utf8(script).context("the completions are no text")?);
     Ok(ExitCode::SUCCESS)
 }
 

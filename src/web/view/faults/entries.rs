@@ -141,13 +141,15 @@ fn waits(view: &View<'_>, root: &RootCause) -> String {
 }
 
 fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
-    let (_, module) = view.snapshot.module(id);
+    let (info, module) = view.snapshot.module(id);
     let component = view.tile_name(NodeId::Module(id));
     let (title, place) = titled(view, id, state, &component);
     let mut message = view.message_of(module);
-    // What a module reports and measures stands behind its component, if it has one; here only its silence counts.
+    // Of a fault with a name, what its module reports and measures stands behind its component, if it has one; here
+    // only its silence counts. Without a name the message is all that says what is wrong.
+    let is_named = view.name_of_fault(info, state).is_some();
     let is_behind_tile = view.board.tile_of(NodeId::Module(id)).is_some();
-    if state == State::Unknown || (module.received.is_some() && is_behind_tile) {
+    if state == State::Unknown || (module.received.is_some() && is_behind_tile && is_named) {
         message.text.clear();
     }
     let node = NodeId::Module(id);
