@@ -12,12 +12,42 @@ import shlex
 import socket
 import subprocess
 import urllib.request
+from pathlib import Path
 
 from vehicle import ROOT, STARTUP_S, free_port, own_domain, until
 
+PACKAGE = ROOT / os.environ.get("TELLTALE_TEST_DEB", "")
 UNIT = ROOT / "packaging/telltale.service"
+# Links of the documentation to files that the source has and the package not, or under another name.
+SOURCE_ONLY = ("CHANGELOG.md", "LICENSE", "Containerfile", "packaging/", "fuzz/")
 # A container of the test has no systemd that runs: maintainer scripts have to do without.
 ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"}
+
+
+def test_lintian_has_nothing_to_say():
+    # A warning about root, or about a tag that this lintian does not know, makes no failure.
+    words = ["lintian", "--no-cfg", "--allow-root", "--fail-on=error,warning", "--tag-display-limit=0", str(PACKAGE)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_changelog_of_the_package_has_its_version():
+    version = subprocess.run(["dpkg-deb", "--field", PACKAGE, "Version"], capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+    assert (ROOT / "packaging/changelog").read_text().startswith(f"telltale ({version}) ")
+
+
+def test_links_of_the_documentation_lead_to_files_of_the_package(tmp_path):
+    subprocess.run(["dpkg-deb", "--extract", PACKAGE, tmp_path], check=True, timeout=120)
+    top = tmp_path / "usr/share/doc/telltale"
+    pages = [top / "README.md", *top.glob("docs/**/*.md")]
+    assert len(pages) > 30
+    broken = []
+    for page in pages:
+        for link in re.findall(r"\]\(([^)\s#]+)", page.read_text()):
+            target = Path(os.path.normpath(page.parent / link))
+            if not re.match(r"[a-z]+:", link) and not target.exists() and not str(target.relative_to(top)).startswith(SOURCE_ONLY):
+                broken.append(f"{page.relative_to(top)}: {link}")
+    assert broken == []
 
 
 def test_the_unit_exposes_little():
@@ -99,11 +129,10 @@ def service(debian, notify):
 
 
 def test_the_package_is_installed_started_upgraded_removed_and_purged(tmp_path):
-    package = ROOT / os.environ["TELLTALE_TEST_DEB"]
     root = tmp_path / "debian"
     root.mkdir()
     debian = Debian(root)
-    said = debian.install(package)
+    said = debian.install(PACKAGE)
     assert "sudo -u telltale telltale user add" in said, said
     users = debian.path("/etc/passwd").read_text()
     assert "\ntelltale:" in users and "\ntelltale-display:" in users, users
@@ -124,7 +153,7 @@ def test_the_package_is_installed_started_upgraded_removed_and_purged(tmp_path):
     conffile = debian.path("/etc/telltale/telltale.env")
     conffile.write_text(own)
     starts_and_answers(debian, port)
-    said = debian.install(newer(package, tmp_path))
+    said = debian.install(newer(PACKAGE, tmp_path))
     assert "sudo" not in said, "an upgrade needs no advice"
     assert conffile.read_text() == own, "what was changed is kept"
     assert debian.dpkg("--verify", "telltale").split() in ([], ["??5??????", "c", "/etc/telltale/telltale.env"])
