@@ -22,6 +22,9 @@ const PROBE: &str =
     "load --statuses 1 --rate 20 --seconds 20 --name imu:~status --levels ok --flip --say --mark 7";
 const PROBED_S: u64 = 24;
 
+/// 100 arrays a second of 1,000 statuses, beside a probe.
+const LOAD: &str = "load --statuses 1000 --rate 100 --seconds 40 --levels ok";
+
 /// Requests to the vehicle that are timed.
 const COUNTERMEASURES: usize = 200;
 
@@ -152,14 +155,19 @@ fn main() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
     let domain = Domain::take();
     let unrecorded = Server::with(&domain, "recording: false\n");
-    runtime.block_on(probe(&unrecorded, &domain, "idle, nothing recorded"));
+    runtime.block_on(async {
+        probe(&unrecorded, &domain, "idle, nothing recorded").await;
+        let load = Peer::start(&domain, LOAD);
+        probe(&unrecorded, &domain, "loaded, nothing recorded").await;
+        drop(load);
+    });
     drop(unrecorded);
     // Here an incident is being written throughout: the probe keeps turning to WARNING.
     let server = Server::start(&domain);
     runtime.block_on(async {
         probe(&server, &domain, "idle").await;
         countermeasures(&server, &domain, "idle");
-        let load = Peer::start(&domain, "load --statuses 1000 --rate 100 --seconds 40 --levels ok");
+        let load = Peer::start(&domain, LOAD);
         probe(&server, &domain, "100 arrays/s of 1,000").await;
         drop(load);
         let load = Peer::start(&domain, "load --statuses 1000 --rate 100 --seconds 60 --levels ok");

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::SystemTime;
 
-use tokio::sync::{broadcast, mpsc, oneshot, watch};
+use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
 
 use crate::clock::{Clock, wall_at};
 use crate::engine::Engine;
@@ -181,6 +181,18 @@ pub struct Link {
     /// before a reader of `snapshots` saw it.
     pub turns: broadcast::Sender<Published>,
     pub latencies: Latencies,
+    pub ending: Ending,
+}
+
+/// Ends the engine's task, also while links to it are held. Clones end the same one.
+#[derive(Debug, Clone, Default)]
+pub struct Ending(Arc<Notify>);
+
+impl Ending {
+    /// The followers are still told of all that happened. An engine that has ended stays so.
+    pub fn end(&self) {
+        self.0.notify_one();
+    }
 }
 
 /// How long inputs take.
@@ -247,8 +259,17 @@ fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers)
     turn.end_turn();
     let queues =
         Queues { inputs: inputs_rx, commands: commands_rx, rehearsals: rehearsals_rx, reloads: reloads_rx };
-    tokio::spawn(async move { turn.run(queues).await });
-    Link { inputs, commands, rehearsals, reloads, snapshots, turns, latencies }
+    let ending = Ending::default();
+    let asked = ending.clone();
+    tokio::spawn(async move {
+        tokio::select! {
+            // Each turn ends at once, so none is cut off.
+            () = turn.run(queues) => {}
+            () = asked.0.notified() => {}
+        }
+        turn.recorder.hand_on_rest(turn.clock.now());
+    });
+    Link { inputs, commands, rehearsals, reloads, snapshots, turns, latencies, ending }
 }
 
 struct Queues {

@@ -41,12 +41,14 @@
   // Below this a text is hard to read, and wraps instead.
   const NARROW_MIN = 0.68;
 
-  // Many rows of tiles may have room for their names alone.
+  // An icon has an edge of so many pixels that shows nothing.
+  const OVERLAP = 3;
+
+  // Low tiles may have room for their names alone.
   const keepNames = () => {
     board.removeAttribute("data-names-only");
-    const isLow = board.matches(".rows-4, .rows-5, .rows-6, .rows-7");
-    const tiles = isLow ? [...board.querySelectorAll(".tile")] : [];
-    board.toggleAttribute("data-names-only", tiles.some((tile) => tile.scrollHeight > tile.clientHeight + 1));
+    const tiles = [...board.querySelectorAll(".tile")];
+    board.toggleAttribute("data-names-only", tiles.some((tile) => tile.scrollHeight > tile.clientHeight + GLYPHS));
   };
 
   // The motion and the texts of tiles stand in one line each. All are measured before any is changed: the browser lays out once.
@@ -54,11 +56,6 @@
     const motion = document.getElementById("motion");
     motion.style.removeProperty("--narrow");
     const texts = [...document.querySelectorAll(".tile > span")];
-    for (const text of texts) {
-      text.style.removeProperty("--narrow");
-      text.removeAttribute("data-wraps");
-      text.parentElement.removeAttribute("data-crowded");
-    }
     const padding = (element, side) => parseFloat(getComputedStyle(element)[`padding${side}`]);
     const measured = texts.map((text) => {
       const tile = text.parentElement;
@@ -72,13 +69,83 @@
       // A long word takes the place of the icon beside it.
       const isCrowded = beside > 0 && room / width < NARROW_MIN;
       if (isCrowded) text.parentElement.setAttribute("data-crowded", "");
-      const share = room / (isCrowded ? width - beside : width);
-      if (share < NARROW_MIN) text.setAttribute("data-wraps", "");
-      else if (share < 1) text.style.setProperty("--narrow", share.toFixed(3));
+      let share = room / (isCrowded ? width - beside : width);
+      if (share < NARROW_MIN) {
+        // No word breaks that could be narrower.
+        share = Math.max(room / longestWord(text), NARROW_MIN);
+        text.setAttribute("data-wraps", "");
+      }
+      if (share < 1) text.style.setProperty("--narrow", share.toFixed(3));
+    }
+    leaveRoom();
+    crowd();
+  };
+
+  const longestWord = (text) => {
+    const words = document.createRange();
+    const node = text.firstChild;
+    let longest = 0;
+    for (const { 0: word, index } of node.data.matchAll(/[^\s-]+-?/g)) {
+      words.setStart(node, index);
+      words.setEnd(node, index + word.length);
+      longest = Math.max(longest, words.getBoundingClientRect().width);
+    }
+    // Widths are rounded.
+    return longest + 1;
+  };
+
+  // The lines of a long name for which its tile has room.
+  const leaveRoom = () => {
+    const names = [...board.querySelectorAll(".name[data-wraps]")].map((name) => {
+      const tile = name.parentElement;
+      const style = getComputedStyle(tile);
+      const others = [...tile.children].filter((it) => it !== name && getComputedStyle(it).position !== "absolute");
+      const taken = others.reduce((sum, it) => sum + it.getBoundingClientRect().height, 0);
+      const room = tile.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom) - taken;
+      return { name, lines: Math.max(Math.floor(room / parseFloat(getComputedStyle(name).lineHeight)), 1) };
+    });
+    for (const { name, lines } of names) {
+      name.style.setProperty("--lines", lines);
+      if (lines === 1) name.style.setProperty("--narrow", NARROW_MIN);
+    }
+  };
+
+  // Where the icon would lie over a text, the text stands alone; but the count of an OK tile gives way to its icon.
+  const crowd = () => {
+    if (board.matches("[data-names-only]")) return;
+    const shared = (a, b, from, to) => Math.min(a[to], b[to]) - Math.max(a[from], b[from]);
+    const crowded = [...board.querySelectorAll(".tile")].map((tile) => {
+      const icon = tile.querySelector(".icon").getBoundingClientRect();
+      const covers = (line) =>
+        shared(icon, line, "left", "right") > OVERLAP && shared(icon, line, "top", "bottom") > OVERLAP;
+      const texts = [...tile.querySelectorAll(":scope > span")];
+      return { tile, covered: texts.filter((text) => shownLines(text).some(covers)) };
+    });
+    for (const { tile, covered } of crowded) {
+      if (covered.length === 0) continue;
+      const isCount = tile.dataset.state === "ok" && covered.every((text) => text.matches(".line"));
+      tile.setAttribute(isCount ? "data-brief" : "data-crowded", "");
+    }
+  };
+
+  const shownLines = (text) => {
+    const { bottom } = text.getBoundingClientRect();
+    const lines = document.createRange();
+    lines.selectNodeContents(text);
+    return [...lines.getClientRects()].filter((line) => line.top < bottom - OVERLAP);
+  };
+
+  const reset = () => {
+    for (const text of document.querySelectorAll(".tile > span")) {
+      text.style.removeProperty("--narrow");
+      text.removeAttribute("data-wraps");
+      text.parentElement.removeAttribute("data-crowded");
+      text.parentElement.removeAttribute("data-brief");
     }
   };
 
   const fitAll = () => {
+    reset();
     keepNames();
     narrow();
     document.querySelectorAll("[data-fit]").forEach(fit);

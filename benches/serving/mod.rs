@@ -212,14 +212,15 @@ async fn confirm_beats(address: &str, cookie: &str) {
     }
 }
 
-/// Seconds of processor time that a process used so far, and its resident MB.
+/// Seconds of processor time that a process used so far, and its share of the resident MB: the processes run the same
+/// file, whose pages count once.
 fn used_by(pid: u32) -> (f64, f64) {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).expect("it runs");
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
     let ticks = |at: usize| fields[at].parse::<f64>().expect("a number");
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("it runs");
-    let rss = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).expect("it has memory");
-    let kib: f64 = rss.trim().trim_end_matches(" kB").parse().expect("a number");
+    let sums = std::fs::read_to_string(format!("/proc/{pid}/smaps_rollup")).expect("it runs");
+    let share = sums.lines().find_map(|line| line.strip_prefix("Pss:")).expect("it has memory");
+    let kib: f64 = share.trim().trim_end_matches(" kB").parse().expect("a number");
     ((ticks(11) + ticks(12)) / 100.0, kib / 1024.0)
 }
 

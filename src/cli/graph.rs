@@ -9,7 +9,7 @@ use crate::engine::model::{
 };
 use crate::picture::graph::{self, Arrow, GroupBox, Label, Row, Style};
 
-const STYLESHEET: &str = include_str!("graph.css");
+const STYLESHEET: &str = include_str!("graph/graph.css");
 const STYLE: Style = Style {
     margin: 24.0,
     box_width: 206.0,

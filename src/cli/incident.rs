@@ -22,7 +22,7 @@ use crate::clock::Clock;
 use crate::engine::time::Span;
 use crate::record::retention::{Policy, judged_ms, size, surplus};
 use crate::record::writer::unix_ms;
-use crate::record::{folder, note};
+use crate::record::{beside, folder};
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::{DemoSecrets, Incidents, Store, StoreError};
 
@@ -114,6 +114,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Command::Keep { id, off } => with_store(&data, async |store| {
             let record = Record::of(Action::IncidentKept, COMMAND_LINE);
             store.keep_incident(*id, !off, record).await?;
+            if let Some(incident) = store.incident(*id).await?
+                && let Err(error) = beside::write(&folder::folder_in(&data), *id, &incident.beside())
+            {
+                eprintln!("telltale: it is in the database alone, which may be lost: {error}");
+            }
             match off {
                 true => println!("incident {id} is kept no longer"),
                 false => println!("incident {id} is kept"),
@@ -177,7 +182,7 @@ fn prune(data: &Path, policy: &Policy, trust_clock: bool) -> anyhow::Result<Exit
         let mut code = ExitCode::SUCCESS;
         for it in &forgotten {
             let removed = folder::path_of(&recordings, &it.file).map_or(Ok(()), fs::remove_file);
-            let noted = note::write(&recordings, it.id, None);
+            let beside = beside::remove(&recordings, it.id);
             match removed {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => {
                     eprintln!(
@@ -189,8 +194,8 @@ fn prune(data: &Path, policy: &Policy, trust_clock: bool) -> anyhow::Result<Exit
                 }
                 _ => println!("removed incident {}, {}", it.id, size(it.bytes)),
             }
-            if let Err(error) = noted {
-                eprintln!("telltale: the note about incident {} cannot be removed: {error}", it.id);
+            if let Err(error) = beside {
+                eprintln!("telltale: the file beside incident {} cannot be removed: {error}", it.id);
             }
         }
         tell_rest(forgotten.len(), held.len(), surplus.bytes, surplus.is_over());

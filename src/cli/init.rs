@@ -2,6 +2,7 @@
 
 #[cfg(test)]
 mod tests;
+pub mod unconfigured;
 
 use std::collections::BTreeSet;
 use std::fs::OpenOptions;
@@ -14,9 +15,9 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow, bail};
 use tokio::sync::{mpsc, watch};
 
-use super::process::log;
 use super::process::shutdown_signal::ShutdownSignal;
-use super::{EXIT_NO, check, dds, fields};
+use super::process::{dds, log};
+use super::{EXIT_NO, check, fields};
 use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;

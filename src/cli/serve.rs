@@ -6,12 +6,13 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 
+use super::init::unconfigured;
 use super::process::data_folder::{self, DataFolder};
-use super::process::log;
 use super::process::shutdown_signal::ShutdownSignal;
+use super::process::{dds, log};
 use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
-use super::{EXIT_USAGE, check, dds, fields, unconfigured};
+use super::{EXIT_USAGE, check, fields};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;

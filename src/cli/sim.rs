@@ -7,11 +7,11 @@ use std::time::Duration;
 use anyhow::{Context as _, bail};
 use tokio::sync::mpsc;
 
-use super::process::log;
 use super::process::shutdown_signal::ShutdownSignal;
+use super::process::{dds, log};
 use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
-use super::{EXIT_USAGE, check, dds};
+use super::{EXIT_USAGE, check};
 use crate::clock::Clock;
 use crate::config;
 use crate::sim::machine::FaultInfo;

@@ -1,5 +1,6 @@
 //! The black box: the last minutes of everything that the engine took, and incidents on the disk.
 
+pub mod beside;
 pub mod feed;
 pub mod file;
 pub mod folder;
@@ -7,7 +8,6 @@ pub mod found;
 pub mod incident;
 pub mod journal;
 mod latched;
-pub mod note;
 pub mod reason;
 pub mod recorder;
 pub mod retention;

@@ -108,8 +108,8 @@ pub(super) struct Job {
     pub end: Option<Position>,
     pub configuration: Arc<[ConfigurationText]>,
     pub roots: Vec<Arc<str>>,
-    /// The stage at the first trigger.
-    pub stage: Stage,
+    /// The stage at the first trigger; a machine may have none.
+    pub stage: Option<Stage>,
     pub freeze: Vec<FrozenNode>,
     /// What latched topics had said last before it begins.
     pub latched: Vec<Kept>,
@@ -373,7 +373,7 @@ impl State {
             end: None,
             configuration: self.configuration_at(begin),
             roots: Vec::new(),
-            stage: self.snapshot.stage,
+            stage: self.snapshot.stage_if_any(),
             freeze: freeze(&self.snapshot, &open),
             latched: self.ring.latched_before(begin),
             open,
@@ -397,7 +397,7 @@ impl State {
             end: Some(self.ring.next()),
             configuration: self.configuration_at(begin),
             roots: Vec::new(),
-            stage: self.snapshot.stage,
+            stage: self.snapshot.stage_if_any(),
             freeze: Vec::new(),
             latched: self.ring.latched_before(begin),
             open: Open { since, until, triggers: Vec::new(), more: 0, storm: false },

@@ -55,6 +55,13 @@ impl Recorder {
         }
     }
 
+    /// Sends what still waits: nothing follows.
+    pub fn hand_on_rest(&mut self, now: Timestamp) {
+        if !self.waiting.is_empty() {
+            self.hand_on(now);
+        }
+    }
+
     fn hand_on(&mut self, now: Timestamp) {
         let Some(queue) = &self.queue else { return self.waiting.clear() };
         let mut batch = std::mem::take(&mut self.waiting);

@@ -156,3 +156,24 @@ async fn a_recording_has_the_times_of_the_engine_in_order() {
     assert!(times.is_sorted(), "{times:?}");
     assert_eq!(taken[..6], [1_500, 1_500, 2_000, 2_000, 2_001, 2_001]);
 }
+
+#[tokio::test]
+async fn followers_are_told_of_the_last_moment_before_the_end() {
+    let parts = Parts::empty("v", StageModel::Shuttle);
+    let (clock, _hand) = Clock::standing();
+    let (records, told) = std::sync::mpsc::sync_channel(64);
+    let followers = Followers { records: Some(records), feed: None };
+    let link = start_followed(Arc::new(Model::new(parts).unwrap()), clock, followers);
+    let (reply, done) = oneshot::channel();
+    let action = OperatorAction::Login { name: "anna".into() };
+    link.commands.send(Command { action, reply }).await.unwrap();
+    done.await.unwrap();
+    link.ending.end();
+    link.commands.closed().await;
+    let told: Vec<Record> = std::iter::from_fn(|| told.recv().ok()).flatten().collect();
+    let stages = told.iter().filter_map(|record| match record.what {
+        Recorded::Stage(stage) => Some(stage),
+        _ => None,
+    });
+    assert_eq!(stages.collect::<Vec<_>>(), [Stage::Locked, Stage::Localizing]);
+}

@@ -16,6 +16,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use rusqlite::{Connection, OpenFlags};
+use tokio::sync::oneshot;
 
 pub use crate::engine::view::record::Stretch;
 pub use lines::{HistoryLine, LineKind, LineQuery};
@@ -65,6 +66,8 @@ const READ_WITHIN: Duration = Duration::from_secs(5);
 pub struct History {
     connection: Arc<Mutex<Connection>>,
     reader: Arc<Reader>,
+    /// Its other end goes with the thread that writes.
+    written: Arc<Mutex<Option<oneshot::Receiver<()>>>>,
     clock: Clock,
 }
 
@@ -121,7 +124,8 @@ impl History {
         prepare(&connection)?;
         write::Writer::new(&connection, ROWS_MAX)?.write(&mut connection, records, until)?;
         let connection = Arc::new(Mutex::new(connection));
-        Ok(History { reader: Arc::new(Reader::new(connection.clone())), connection, clock })
+        let reader = Arc::new(Reader::new(connection.clone()));
+        Ok(History { reader, connection, written: Arc::default(), clock })
     }
 
     /// `reading` opens the connection for readers, once the tables exist.
@@ -140,13 +144,15 @@ impl History {
         let writer = write::Writer::new(&connection, rows_max)?;
         let connection = Arc::new(Mutex::new(connection));
         let reader = Arc::new(Reader::new(reading(&connection)?));
-        let history = History { connection, reader, clock };
+        let (writing, written) = oneshot::channel::<()>();
+        let history = History { connection, reader, written: Arc::new(Mutex::new(Some(written))), clock };
         let (queue, records) = sync_channel(QUEUE);
         let shared = history.clone();
         // Without a thread the queue fills and records are counted as lost; the program goes on.
-        let spawned = std::thread::Builder::new()
-            .name("history".to_owned())
-            .spawn(move || shared.write(writer, &records));
+        let spawned = std::thread::Builder::new().name("history".to_owned()).spawn(move || {
+            shared.write(writer, &records);
+            drop(writing);
+        });
         if let Err(error) = spawned {
             tracing::error!(%error, "the history has no thread; nothing will be recorded");
         }
@@ -167,6 +173,15 @@ impl History {
     /// An error of the database, or that it took too long.
     pub async fn lines(&self, query: LineQuery) -> Result<Vec<HistoryLine>, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| lines::lines(connection, &query)).await
+    }
+
+    /// Waits until all is written that came through the queue, whose sender must be gone.
+    pub async fn written(&self) {
+        let written = self.written.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(written) = written {
+            // The thread sends nothing and drops its end.
+            let _ = written.await;
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Connection> {

@@ -54,7 +54,9 @@ class Live:
         began = time.monotonic()
         self.peer.write(self.writer, status("m000", level))
         while True:
-            snapshot = json.loads(self.stream.socket.recv(timeout=seconds))
+            # Snapshots go on coming, whether this one changes or not.
+            left = seconds - (time.monotonic() - began)
+            snapshot = json.loads(self.stream.socket.recv(timeout=max(left, 0)))
             if snapshot["groups"][0]["modules"][0]["state"] == word:
                 return time.monotonic() - began
 

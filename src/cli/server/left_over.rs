@@ -6,12 +6,14 @@ use std::path::Path;
 
 use tokio::task;
 
+use crate::record::beside::Beside;
 use crate::record::file::{FileError, repair};
 use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
-use crate::record::{folder, found, note};
+use crate::record::{beside, folder, found};
 use crate::store::Store;
+use crate::store::audit::{Action, Record, TELLTALE};
 
 /// In the audit log, in place of the hash of a recording that has none.
 const NO_HASH: &str = "unknown";
@@ -104,21 +106,32 @@ pub async fn take_in(store: &Store, folder: &Path, files: Vec<u64>) {
         match store.incident_found(&summary).await {
             Ok(()) => {
                 tracing::warn!("the recording of incident {id} was not in the database, and is again");
-                take_note(store, folder, id).await;
+                take_beside(store, folder, &summary).await;
             }
             Err(error) => return tracing::error!(%error, "recordings without an incident are not taken in"),
         }
     }
 }
 
-/// Takes over the note beside a recording.
-async fn take_note(store: &Store, folder: &Path, id: u64) {
-    let folder = folder.to_owned();
-    let note = task::spawn_blocking(move || note::read(&folder, id)).await;
-    if let Ok(Some(note)) = note
-        && let Err(error) = store.incident_note_found(id, note).await
-    {
-        tracing::error!(%error, "the note about incident {id} is not taken in");
+/// Takes over what people said of an incident, from the file beside its recording.
+async fn take_beside(store: &Store, folder: &Path, summary: &Summary) {
+    let (folder, id) = (folder.to_owned(), summary.id);
+    let said = task::spawn_blocking(move || beside::read(&folder, id)).await;
+    let Ok(Some(Beside { note, kept })) = said else { return };
+    let taken = async {
+        if let Some(note) = note {
+            store.incident_note_found(id, note).await?;
+        }
+        match kept {
+            // A mark keeps it already.
+            Some(kept) if kept != summary.is_marked() => {
+                store.keep_incident(id, kept, Record::of(Action::IncidentKept, TELLTALE)).await
+            }
+            _ => Ok(()),
+        }
+    };
+    if let Err(error) = taken.await {
+        tracing::error!(%error, "what people said of incident {id} is not taken in");
     }
 }
 
@@ -172,8 +185,7 @@ mod tests {
     use crate::record::folder::{file_name, folder_in};
     use crate::record::retention::{Policy, surplus};
     use crate::record::summary::Recording;
-    use crate::store::audit::{Action, Record, TELLTALE};
-    use crate::store::{DemoSecrets, IncidentFilter, TestFolder};
+    use crate::store::{DemoSecrets, Incident, IncidentFilter, Note, TestFolder};
 
     struct Place {
         data: TestFolder,
@@ -231,8 +243,9 @@ mod tests {
     async fn a_recording_that_the_store_lost_is_listed_counted_and_removed_again() {
         let place = Place::new("left-over-lost");
         place.record(3, true);
-        let note = note::Note { text: "brake squeals".into(), by: "dora".into(), at_ms: 5 };
-        note::write(&place.folder, 3, Some(&note)).unwrap();
+        let note = Note { text: "brake squeals".into(), by: "dora".into(), at_ms: 5 };
+        let said = Beside { note: Some(note.clone()), kept: Some(true) };
+        beside::write(&place.folder, 3, &said).unwrap();
         place.record(5, false);
         std::fs::write(place.path(6), "no recording").unwrap();
         std::fs::create_dir(place.path(7)).unwrap();
@@ -242,7 +255,8 @@ mod tests {
         let all = store.incidents(IncidentFilter::default()).await.unwrap();
         let ids: Vec<u64> = all.iter().map(|it| it.summary.id).collect();
         assert_eq!(ids, [5, 3]);
-        assert_eq!((&all[0].note, &all[1].note), (&None, &Some(note.clone())));
+        let said = |it: &Incident| (it.note.clone(), it.kept);
+        assert_eq!((said(&all[0]), said(&all[1])), ((None, false), (Some(note), true)));
         let Summary { since_ms, roots, vehicle, recording, .. } = &all[0].summary;
         assert_eq!((*since_ms, &**vehicle), (1_790_000_000_005, "shuttle-1"));
         assert_eq!(*roots, ["a/b"]);
@@ -251,14 +265,20 @@ mod tests {
         let hash = |id: u64| hash_file(&place.path(id)).unwrap();
         let found = |id: u64| ("incident found".to_owned(), format!("{id} sha256:{}", hash(id)));
         let noted = ("incident note".to_owned(), "3: brake squeals".to_owned());
-        assert_eq!(told(&store).await, [found(5), found(3), noted]);
+        let kept = ("incident kept".to_owned(), "3".to_owned());
+        assert_eq!(told(&store).await, [found(5), found(3), noted, kept]);
         place.start(&store).await;
-        assert_eq!(told(&store).await.len(), 3, "nothing is new");
+        assert_eq!(told(&store).await.len(), 4, "nothing is new");
         let held = store.incidents_held().await.unwrap();
         assert_eq!(held.iter().map(|it| it.bytes).sum::<u64>(), {
             [3, 5].map(|id| std::fs::metadata(place.path(id)).unwrap().len()).iter().sum::<u64>()
         });
-        assert_eq!(surplus(&held, &Policy { disk: 0, ..Policy::default() }, 0).remove, [3, 5]);
+        assert_eq!(
+            surplus(&held, &Policy { disk: 0, ..Policy::default() }, 0).remove,
+            [5],
+            "the other is kept"
+        );
+        store.keep_incident(3, false, Record::of(Action::IncidentKept, TELLTALE)).await.unwrap();
         // Forgotten, but its file was not removed before the crash.
         let record = Record::of(Action::IncidentRemoved, TELLTALE);
         store.forget_incidents(vec![3], record).await.unwrap();

@@ -26,7 +26,7 @@ use self::metrics::MetricsListener;
 use self::recording::Recording;
 use self::services::Serving;
 use self::watchdog::Watchdog;
-use super::dds;
+use super::process::dds;
 use super::process::shutdown_signal::ShutdownSignal;
 use crate::clock::Clock;
 use crate::config::Loaded;
@@ -115,6 +115,7 @@ impl Server {
         let address = listener.local_addr().context("the listener has no address")?;
         let listens_to = dds::describe(&options);
         let (history, records) = open_history(folder.as_deref(), clock).unzip();
+        let past = history.clone();
         let (feed, turns) = recording::queue(&loaded, clock);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
         let recordings = recording::Folder::of(folder.as_deref())?;
@@ -175,7 +176,7 @@ impl Server {
         let status = format!("the display is on {}; it listens to {listens_to}", url(address, secure));
         tracing::info!("{status}");
         let end = store.clone();
-        let engine = link.inputs.clone();
+        let (engine, ending) = (link.inputs.clone(), link.ending.clone());
         let app = AppState::new(link, store, clock, settings);
         let metrics = metrics.map(|metrics| metrics.serve(app.clone()));
         let watchdog = Watchdog::start(&status, app.clone());
@@ -214,10 +215,17 @@ impl Server {
             () = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()); } => {}
             () = signal.requested() => {}
         }
+        ending.end();
         if let Some(recording) = recording {
             recording.end().await;
         }
-        if timeout(LAST_WITHIN, end.close()).await.is_err() {
+        let last = async {
+            if let Some(history) = past {
+                history.written().await;
+            }
+            end.close().await;
+        };
+        if timeout(LAST_WITHIN, last).await.is_err() {
             tracing::error!("the disk does not answer: what it was given last may be lost");
         }
         Ok(())

@@ -21,7 +21,7 @@ use crate::record::incident::Margins;
 use crate::record::recorder::{Recorder, Settings};
 use crate::record::retention::{Policy, judged_ms, surplus};
 use crate::record::writer::{self, NEWS_MAX, News, Place, VEHICLE, unix_ms};
-use crate::record::{folder, note};
+use crate::record::{beside, folder};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
@@ -311,8 +311,8 @@ async fn remove_surplus(store: &Store, folder: &Path, policy: &Policy, clock: Cl
         {
             tracing::warn!(%error, "the recording {} is not removed", path.display());
         }
-        if let Err(error) = note::write(folder, gone.id, None) {
-            tracing::warn!(%error, "the note about incident {} is not removed", gone.id);
+        if let Err(error) = beside::remove(folder, gone.id) {
+            tracing::warn!(%error, "the file beside incident {} is not removed", gone.id);
         }
     }
     Ok(())

@@ -9,7 +9,8 @@ use sha2::{Digest as _, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
 
-use crate::cli::{fields, unconfigured};
+use crate::cli::fields;
+use crate::cli::init::unconfigured;
 use crate::config::{self, Difference, Loaded};
 use crate::engine::model::monitors::Watched;
 use crate::engine::model::{FieldSource, Model};

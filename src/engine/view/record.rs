@@ -132,7 +132,8 @@ impl Record {
     /// The present state as the first records of a history: the stage, the signals, and the state of every
     /// node.
     pub fn present(snapshot: &Snapshot, anew: bool) -> Vec<Record> {
-        let first = [Recorded::Started { anew }, Recorded::Stage(snapshot.stage)];
+        let stage = snapshot.stage_if_any().map(Recorded::Stage);
+        let first = [Recorded::Started { anew }].into_iter().chain(stage);
         let signal =
             |(name, value): &(Box<str>, Option<bool>)| Recorded::Signal { name: name.clone(), value: *value };
         let shown = |node: NodeId| {
@@ -151,7 +152,7 @@ impl Record {
         };
         let groups = (0..snapshot.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
         let modules = snapshot.module_ids().map(NodeId::Module);
-        let all = first.into_iter().chain(snapshot.signals.iter().map(signal));
+        let all = first.chain(snapshot.signals.iter().map(signal));
         let all = all.chain(groups.chain(modules).map(shown));
         all.map(|what| Record { at: snapshot.now, what }).collect()
     }

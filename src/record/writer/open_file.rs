@@ -12,6 +12,7 @@ use sha2::{Digest, Sha256};
 use super::{Place, VEHICLE};
 use crate::clock::Clock;
 use crate::engine::Engine;
+use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Record;
 use crate::msg::received::Message;
@@ -79,7 +80,7 @@ impl OpenFile {
             id: job.number,
             since_ms: unix_ms(since),
             until_ms: None,
-            stage: job.stage.as_str().to_owned(),
+            stage: job.stage.map_or("", Stage::as_str).to_owned(),
             triggers: Vec::new(),
             more_triggers: 0,
             roots: Vec::new(),

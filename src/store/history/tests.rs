@@ -305,3 +305,20 @@ async fn a_long_look_into_the_past_keeps_nothing_from_being_recorded() {
     end.send(()).unwrap();
     assert_eq!(long.await.unwrap().unwrap(), 0);
 }
+
+#[tokio::test]
+async fn all_that_came_through_the_queue_is_written_before_the_end() {
+    let folder = TestFolder::new("history-end");
+    std::fs::create_dir_all(&*folder).unwrap();
+    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+    let record = |ms| Record { at: Timestamp::from_millis(ms), what: Recorded::Stage(Stage::Standby) };
+    for ms in 1..=3 {
+        queue.send(vec![record(ms)]).unwrap();
+    }
+    drop(queue);
+    history.written().await;
+    history.written().await;
+    let connection = Connection::open(folder.join(HISTORY_FILE)).unwrap();
+    let rows: i64 = connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0)).unwrap();
+    assert_eq!(rows, 3);
+}

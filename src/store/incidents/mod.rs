@@ -7,7 +7,8 @@ mod bounds;
 mod read;
 mod write;
 
-pub use crate::record::note::Note;
+use crate::record::beside::Beside;
+pub use crate::record::beside::Note;
 use crate::record::summary::Summary;
 
 pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents, OnDisk};
@@ -20,6 +21,13 @@ pub struct Incident {
     /// It is never removed. A marked one is kept until somebody says otherwise.
     pub kept: bool,
     pub note: Option<Note>,
+}
+
+impl Incident {
+    /// What stands in the file beside its recording.
+    pub fn beside(&self) -> Beside {
+        Beside { note: self.note.clone(), kept: Some(self.kept) }
+    }
 }
 
 #[cfg(test)]

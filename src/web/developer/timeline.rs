@@ -228,7 +228,7 @@ pub fn page(
         zoom_in: window.zoomed(query, (window.span_s / 2).max(1)),
         zoom_out: window.zoomed(query, (window.span_s * 2).min(SPANS_S[SPANS_S.len() - 1])),
         unzoomed: query.without(&["span", "until", "at", "unrecorded"]),
-        strips: past.map(|past| timeline.strips(past)).unwrap_or_default(),
+        strips: past.map(|past| timeline.strips(past, published.snapshot.has_stages())).unwrap_or_default(),
         ticks: ticks(window.axis()),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,

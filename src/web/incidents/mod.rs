@@ -26,8 +26,8 @@ use super::http::guard::SignedIn;
 use super::http::respond::{Reader, Speaks, bad_field, bad_form, json_answer, refusal};
 use super::view::RecorderState;
 use super::{AppState, Live};
+use crate::record::beside;
 use crate::record::incident::NOTE_BYTES_MAX;
-use crate::record::note as note_file;
 use crate::record::recorder::Recorder;
 use crate::record::retention::Policy;
 use crate::record::writer::{Place, unix_ms};
@@ -264,22 +264,23 @@ pub async fn note(
     let record = Record::of_session(&session, Action::IncidentNote, source);
     let written = app.store.set_incident_note(number, &note, record).await;
     if written.is_ok() {
-        keep_beside(&app, number).await;
+        write_beside(&app, number).await;
     }
     changed(&app, &id, &reader, written).await
 }
 
-/// Puts the note of an incident beside its recording too. It counts without that: only a lost database needs it.
-async fn keep_beside(app: &AppState, number: u64) {
+/// Writes what people said of an incident beside its recording too. It counts without that: only a lost database
+/// needs it.
+async fn write_beside(app: &AppState, number: u64) {
     let (Some(folder), Ok(Some(incident))) =
         (app.settings.recordings.clone(), app.store.incident(number).await)
     else {
         return;
     };
-    let kept = move || note_file::write(&folder, number, incident.note.as_ref());
+    let write = move || beside::write(&folder, number, &incident.beside());
     // It is not known only at the end of the program.
-    if let Ok(Err(error)) = tokio::task::spawn_blocking(kept).await {
-        tracing::warn!(%error, "the note about incident {number} is in the database alone");
+    if let Ok(Err(error)) = tokio::task::spawn_blocking(write).await {
+        tracing::warn!(%error, "what people said of incident {number} is in the database alone");
     }
 }
 
@@ -306,6 +307,9 @@ pub async fn keep(
     let source = source_of(peer.map(|Extension(peer)| peer));
     let record = Record::of_session(&session, Action::IncidentKept, source);
     let written = app.store.keep_incident(number, kept, record).await;
+    if written.is_ok() {
+        write_beside(&app, number).await;
+    }
     changed(&app, &id, &reader, written).await
 }
 

@@ -54,7 +54,9 @@ struct ListHtml {
     it: &'static IncidentWords,
     cause: String,
     /// The name of a field, its word, and what can be chosen.
-    selects: [(&'static str, &'static str, Vec<Choice>); 4],
+    selects: Vec<(&'static str, &'static str, Vec<Choice>)>,
+    /// Without stages there is no column for them.
+    has_stages: bool,
     /// The reader may mark this moment.
     may_mark: bool,
     is_off: bool,
@@ -91,15 +93,18 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
     let rows: Vec<Row> = found.iter().take(count).map(|incident| row(it, lang, incident)).collect();
     let older = rows.last().filter(|_| is_full).map(|last| query.with("before", &last.id.to_string()));
     let words = dev.words;
+    let has_stages = view.snapshot.has_stages();
+    let mut selects = vec![("group", words.group, groups(view, query, it))];
+    if has_stages {
+        selects.push(("stage", words.stage, stages(lang, query, it)));
+    }
+    selects.push(("marked", it.marked, yes_or_no(query, "marked", it)));
+    selects.push(("kept", it.kept, yes_or_no(query, "kept", it)));
     let page = ListHtml {
         frame: frame(&request.context),
         cause: clean(query.get("cause"), MESSAGE),
-        selects: [
-            ("group", words.group, groups(view, query, it)),
-            ("stage", words.stage, stages(lang, query, it)),
-            ("marked", it.marked, yes_or_no(query, "marked", it)),
-            ("kept", it.kept, yes_or_no(query, "kept", it)),
-        ],
+        selects,
+        has_stages,
         may_mark: state.is_some() && request.context.role == Role::Developer,
         is_off: state.is_none(),
         fault,

@@ -52,9 +52,9 @@ pub struct TimelineStrips<'a> {
 }
 
 impl TimelineStrips<'_> {
-    /// The stage above the nodes, the signals below them.
-    pub fn strips(&self, past: &Past) -> Vec<StripHtml> {
-        let stage = (!past.stage.is_empty()).then(|| self.stage(&past.stage));
+    /// The stage above the nodes, if the machine has stages; the signals below them.
+    pub fn strips(&self, past: &Past, has_stages: bool) -> Vec<StripHtml> {
+        let stage = (has_stages && !past.stage.is_empty()).then(|| self.stage(&past.stage));
         let nodes = past.nodes.iter().map(|node| self.node(node));
         let signals = past.signals.iter().map(|(name, held)| self.signal(name, held));
         stage.into_iter().chain(nodes).chain(signals).collect()

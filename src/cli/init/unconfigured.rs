@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::sync::mpsc;
 
-use super::init::Lookout;
+use super::Lookout;
 use crate::config::{self, Examined};
 use crate::init::{Draft, heard_text};
 use crate::ros::BridgeOptions;

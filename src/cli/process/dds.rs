@@ -1,7 +1,7 @@
 //! The flags for the DDS network.
 
-use super::fields::DefinitionFlags;
-use super::process::log;
+use super::log;
+use crate::cli::fields::DefinitionFlags;
 use crate::ros::{BridgeOptions, DdsProcess, Interface, OptionsError};
 
 #[derive(Debug, Clone, clap::Args)]
