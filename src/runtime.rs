@@ -1,5 +1,6 @@
 //! The loop that owns the engine: inputs in, the latest snapshot out.
 
+mod ending;
 mod recorder;
 
 use std::collections::HashMap;
@@ -7,7 +8,7 @@ use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 use std::time::SystemTime;
 
-use tokio::sync::{Notify, broadcast, mpsc, oneshot, watch};
+use tokio::sync::{broadcast, mpsc, oneshot, watch};
 
 use crate::clock::{Clock, wall_at};
 use crate::engine::Engine;
@@ -22,6 +23,7 @@ use crate::latency::Latency;
 pub use crate::msg::received::Stamped;
 use crate::record::feed::Feed;
 pub use crate::record::ring::ConfigurationText;
+pub use ending::Ending;
 use recorder::Recorder;
 
 /// Inputs that may wait for the engine. A full queue holds its senders back: the bridge's
@@ -184,16 +186,6 @@ pub struct Link {
     pub ending: Ending,
 }
 
-/// Ends the engine's task, also while links to it are held. Clones end the same one.
-#[derive(Debug, Clone, Default)]
-pub struct Ending(Arc<Notify>);
-
-impl Ending {
-    /// The followers are still told of all that happened. An engine that has ended stays so.
-    pub fn end(&self) {
-        self.0.notify_one();
-    }
-}
 
 /// How long inputs take.
 #[derive(Debug, Clone, Default)]
@@ -265,7 +257,7 @@ fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers)
         tokio::select! {
             // Each turn ends at once, so none is cut off.
             () = turn.run(queues) => {}
-            () = asked.0.notified() => {}
+            () = asked.asked() => {}
         }
         turn.recorder.hand_on_rest(turn.clock.now());
     });

@@ -77,11 +77,6 @@ impl Snapshot {
         !self.clearance_refusals.contains(&Refusal::NoStages)
     }
 
-    /// The stage, of a vehicle that has stages.
-    pub fn stage_if_any(&self) -> Option<Stage> {
-        self.has_stages().then_some(self.stage)
-    }
-
     /// Whether it is a vehicle that drives. A machine without stages is always active and never drives.
     pub fn drives(&self) -> bool {
         self.stage == Stage::Active && self.has_stages()

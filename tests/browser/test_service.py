@@ -139,6 +139,7 @@ def test_the_log_is_for_people_for_the_journal_or_for_programs(tmp_path, monkeyp
     journal = log_of("journal")
     assert all(line[:3] in ("<3>", "<4>", "<6>") for line in journal), journal
     assert any(line.startswith("<6>the display is on") for line in journal), journal
+    assert not any(line.startswith("<3>") for line in journal), f"a start and an end have no errors: {journal}"
     objects = [json.loads(line) for line in log_of("programs", "--log", "json")]
     assert all(set(it) == {"time", "level", "target", "message", "fields"} for it in objects), objects
     assert any(it["level"] == "info" and "the display is on" in it["message"] for it in objects), objects

@@ -132,7 +132,7 @@ impl Record {
     /// The present state as the first records of a history: the stage, the signals, and the state of every
     /// node.
     pub fn present(snapshot: &Snapshot, anew: bool) -> Vec<Record> {
-        let stage = snapshot.stage_if_any().map(Recorded::Stage);
+        let stage = snapshot.has_stages().then_some(Recorded::Stage(snapshot.stage));
         let first = [Recorded::Started { anew }].into_iter().chain(stage);
         let signal =
             |(name, value): &(Box<str>, Option<bool>)| Recorded::Signal { name: name.clone(), value: *value };

@@ -149,9 +149,17 @@ fn taken(of: SchemaOf) -> (Value, bool) {
             object.get_mut("properties").and_then(Value::as_object_mut).into_iter().flat_map(Map::values_mut)
         {
             without_null(property);
+            bound(property);
         }
     }
     (schema, needed)
+}
+
+/// The largest number of a field that has 32 bits.
+fn bound(property: &mut Value) {
+    if property["format"] == "uint32" && property["maximum"].is_null() {
+        property["maximum"] = u32::MAX.into();
+    }
 }
 
 fn query(of: SchemaOf) -> Vec<Value> {
@@ -180,6 +188,7 @@ fn answers(route: &Described<'_>, schemas: &mut SchemaGenerator) -> Value {
     let mut answers = Map::new();
     let (status, about, content) = match it.answer {
         Content::Json(schema) => ("200", "Done.", json_of(schema(schemas).to_value())),
+        Content::Description(media) => ("200", "Done.", json!({ media: { "schema": { "type": "object" } } })),
         Content::Table(schema) => {
             let mut content = json_of(schema(schemas).to_value());
             content["text/csv"] = json!({ "schema": { "type": "string" } });

@@ -33,6 +33,8 @@ pub struct Operation {
 #[derive(Debug, Clone, Copy)]
 pub enum Content {
     Json(SchemaOf),
+    /// A description in JSON, of this media type.
+    Description(&'static str),
     /// JSON, or CSV.
     Table(SchemaOf),
     Text,

@@ -57,10 +57,10 @@ pub fn flow(_: &mut SchemaGenerator) -> Schema {
 
 /// Wall time in UTC.
 pub fn time(_: &mut SchemaGenerator) -> Schema {
-    json_schema!({ "type": "string", "format": "date-time", "examples": ["2026-11-20T12:00:00.123Z"] })
+    json_schema!({ "type": "string", "format": "date-time", "pattern": "Z$", "examples": ["2026-11-20T12:00:00.123Z"] })
 }
 
 /// Wall time in UTC, or nothing.
 pub fn some_time(_: &mut SchemaGenerator) -> Schema {
-    json_schema!({ "type": ["string", "null"], "format": "date-time" })
+    json_schema!({ "type": ["string", "null"], "format": "date-time", "pattern": "Z$" })
 }

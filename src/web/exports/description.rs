@@ -8,9 +8,14 @@ use serde_json::Value;
 use crate::web::api::Description;
 use crate::web::live::frame;
 
+/// The media type of the OpenAPI document.
+pub const OPENAPI: &str = "application/vnd.oai.openapi+json;version=3.1";
+/// The media type of a JSON Schema.
+pub const SCHEMA: &str = "application/schema+json";
+
 /// `GET /api/v1/openapi.json`
 pub async fn openapi(Extension(Description(document)): Extension<Description>) -> Response {
-    ([(CONTENT_TYPE, "application/vnd.oai.openapi+json;version=3.1")], document.to_string()).into_response()
+    ([(CONTENT_TYPE, OPENAPI)], document.to_string()).into_response()
 }
 
 /// `GET /api/v1/schema/snapshot.json`
@@ -24,5 +29,5 @@ pub async fn stream_schema() -> Response {
 }
 
 fn schema(schema: &Value) -> Response {
-    ([(CONTENT_TYPE, "application/schema+json")], schema.to_string()).into_response()
+    ([(CONTENT_TYPE, SCHEMA)], schema.to_string()).into_response()
 }

@@ -15,6 +15,7 @@ use serde_json::json;
 use super::api::of;
 use super::api::operation::{Content, Operation, Tag};
 use super::exports::audit::{AuditAnswer, AuditAsked};
+use super::exports::description;
 use super::exports::history::{HistoryAnswer, HistoryAsked};
 use super::exports::statuses::{StatusesAnswer, StatusesAsked};
 use super::exports::topics::{TopicsAnswer, TopicsAsked};
@@ -102,7 +103,7 @@ pub const OPENAPI: Operation = Operation {
     tag: Tag::Description,
     summary: "This document",
     about: "It says nothing about the vehicle. `telltale api` prints it without a server.",
-    answer: Content::Json(object),
+    answer: Content::Description(description::OPENAPI),
     ..Operation::PLAIN
 };
 
@@ -111,7 +112,7 @@ pub const SNAPSHOT_SCHEMA: Operation = Operation {
     tag: Tag::Description,
     summary: "The JSON Schema of a snapshot",
     about: "`telltale api snapshot` prints it without a server.",
-    answer: Content::Json(object),
+    answer: Content::Description(description::SCHEMA),
     ..Operation::PLAIN
 };
 
@@ -120,7 +121,7 @@ pub const STREAM_SCHEMA: Operation = Operation {
     tag: Tag::Description,
     summary: "The JSON Schema of the messages of the stream",
     about: "`telltale api stream` prints it without a server.",
-    answer: Content::Json(object),
+    answer: Content::Description(description::SCHEMA),
     ..Operation::PLAIN
 };
 
@@ -140,10 +141,6 @@ pub const READYZ: Operation = Operation {
     refusals: &[(503, "They do not.")],
     ..Operation::PLAIN
 };
-
-fn object(_: &mut SchemaGenerator) -> Schema {
-    schemars::json_schema!({ "type": "object" })
-}
 
 /// A list of these.
 fn list<T: JsonSchema>(schemas: &mut SchemaGenerator) -> Schema {

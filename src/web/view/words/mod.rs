@@ -58,7 +58,7 @@ words! {
 
     operator: "Operator", "Fahrbegleitung";
     logged_in: "Logged in", "Angemeldet";
-    nobody: "Nobody logged in", "Niemand angemeldet";
+    nobody: "No operator", "Keine Fahrbegleitung";
     to_day: "Switch to day colours", "Zu Tagfarben wechseln";
     to_night: "Switch to night colours", "Zu Nachtfarben wechseln";
     other_language: "Auf Deutsch umschalten", "Switch to English";
