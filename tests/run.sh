@@ -2,7 +2,7 @@
 # Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
 #   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, curl, jq,
-#                            prometheus, debootstrap and systemd-analyze (as root), and Chromium
+#                            prometheus, debootstrap, systemd-nspawn and systemd-analyze (as root), lintian, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
@@ -41,6 +41,8 @@ install_debian_packages() {
     command -v debootstrap >/dev/null || packages+=(debootstrap)
     command -v dpkg-deb >/dev/null || packages+=(dpkg)
     command -v systemd-analyze >/dev/null || packages+=(systemd)
+    command -v systemd-nspawn >/dev/null || packages+=(systemd-container)
+    command -v lintian >/dev/null || packages+=(lintian)
     command -v curl >/dev/null || packages+=(curl)
     command -v jq >/dev/null || packages+=(jq)
     command -v g++ >/dev/null || packages+=(g++)

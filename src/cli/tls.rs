@@ -12,7 +12,7 @@ use rcgen::{CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpos
 
 use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
-use crate::store::make_folder;
+use crate::store::{give_to_owner_of, make_folder};
 
 const CERTIFICATE: &str = "tls-cert.pem";
 /// The key that is made in the data folder.
@@ -119,6 +119,7 @@ fn write_private(path: &Path, text: &str) -> anyhow::Result<()> {
     // One that an earlier run left behind may be anybody's.
     let _ = std::fs::remove_file(&new);
     let mut file = options.open(&new).with_context(context)?;
+    give_to_owner_of(path.parent().unwrap_or(Path::new(".")), &file);
     file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).with_context(context)?;
     std::fs::rename(&new, path).with_context(context)
 }

@@ -42,7 +42,7 @@ pub use incidents::{
 };
 #[cfg(test)]
 pub use private_file::TestFolder;
-pub use private_file::make_folder;
+pub use private_file::{give_to_owner_of, make_folder};
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use users::role::Role;

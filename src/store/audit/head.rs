@@ -1,9 +1,10 @@
 //! The file `audit.head` beside the database, which holds the end of the audit log.
 
 use crate::store::database::files::HEAD_FILE_NAME;
-use std::fs::{self, File, OpenOptions};
+use crate::store::private_file::give_to_owner_of;
+use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Write as _};
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::Path;
 
 use crate::store::{FILE_NAME, Head, StoreError};
@@ -48,20 +49,7 @@ pub(in crate::store) fn write_head(file: &Path, head: Head) -> io::Result<()> {
     options.write(true).create(true).truncate(true).mode(0o600);
     let mut writer = options.open(&new)?;
     writer.write_all(format!("{head}\n").as_bytes())?;
-    give_to_owner(file, &writer);
+    give_to_owner_of(&file.with_file_name(FILE_NAME), &writer);
     writer.sync_data()?;
     fs::rename(&new, file)
-}
-
-/// If root writes the head on the command line, the file gets the owner of the database, who must be able
-/// to read it.
-pub(in crate::store) fn give_to_owner(file: &Path, new: &File) {
-    let database = file.with_file_name(FILE_NAME);
-    if let (Ok(theirs), Ok(ours)) = (database.metadata(), new.metadata())
-        && theirs.uid() != ours.uid()
-    {
-        // A process without root's rights cannot change the owner, and has written the database of somebody
-        // else as it is.
-        let _ = fchown(new, Some(theirs.uid()), Some(theirs.gid()));
-    }
 }

@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 use ring::hmac;
 use sha2::{Digest as _, Sha256};
 
-use super::head::{give_to_owner, whose};
-use crate::store::StoreError;
-use crate::store::private_file::make_private_file;
+use super::head::whose;
+use crate::store::private_file::{give_to_owner_of, make_private_file};
+use crate::store::{FILE_NAME, StoreError};
 
 /// The file of the key, in the data folder.
 pub const KEY_FILE_NAME: &str = "audit.key";
@@ -74,7 +74,7 @@ impl Key {
             }
             let mut writer = File::options().write(true).open(&new)?;
             writer.write_all(format!("{}\n", crate::store::Hash(self.bytes)).as_bytes())?;
-            give_to_owner(file, &writer);
+            give_to_owner_of(&file.with_file_name(FILE_NAME), &writer);
             writer.sync_all()
         };
         write().map_err(|reason| StoreError::Folder { path: new.clone(), reason })
