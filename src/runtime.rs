@@ -186,7 +186,6 @@ pub struct Link {
     pub ending: Ending,
 }
 
-
 /// How long inputs take.
 #[derive(Debug, Clone, Default)]
 pub struct Latencies {
