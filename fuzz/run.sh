@@ -25,6 +25,7 @@ mkdir -p "corpus/$target" "artifacts/$target"
 case $target in
     configuration) seeds="../config" ;;
     scenario) seeds="../config/scenarios" ;;
+    recording) seeds="seeds/recording" ;;
     *) seeds= ;;
 esac
 exec "target/$host/debug/$target" "corpus/$target" $seeds -artifact_prefix="artifacts/$target/" "$@"
