@@ -341,9 +341,9 @@ impl Net {
         group.dirty_leave = false;
         let spec = self.model.groups.get(id.0 as usize);
         let combine = spec.map_or(Combine::Worst, |group| group.combine);
-        // An empty `other` is OK: every status is configured.
-        let is_other = id.0 as usize == self.model.groups.len();
-        let may_be_empty = is_other || spec.is_some_and(|group| group.may_be_empty);
+        // If `other` is a tile, an empty `other` is OK: every status is configured.
+        let is_other_tile = id.0 as usize == self.model.groups.len() && !group.aside;
+        let may_be_empty = is_other_tile || spec.is_some_and(|group| group.may_be_empty);
         let alone = if may_be_empty { State::Ok } else { State::Unknown };
         let alone = group.members.is_empty().then_some(alone);
         let facts = group.node.facts;

@@ -6,6 +6,8 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{is_fault, is_module};
+use crate::engine::module::system::OTHER_GROUP;
+use crate::engine::state::State;
 use crate::record::summary::{Summary, kind};
 use crate::record::transition::{Change, Transition};
 
@@ -37,6 +39,11 @@ pub struct Period {
     pub message: String,
 }
 
+/// The group `other`, which is UNKNOWN while it has no members and is no tile, has nothing to tell.
+fn is_empty_other(node: &str, state: &str) -> bool {
+    node == OTHER_GROUP && state == State::Unknown.as_str()
+}
+
 /// The root causes, then other modules that failed, then the tiles that changed.
 /// Also the number of periods that are left out.
 pub fn strips(
@@ -52,7 +59,8 @@ pub fn strips(
         _ => None,
     };
     let failed = in_span().filter_map(|it| shown(it, |node, state| is_module(node) && is_fault(state)));
-    let tiles = in_span().filter_map(|it| shown(it, |node, _| !is_module(node)));
+    let tiles =
+        in_span().filter_map(|it| shown(it, |node, state| !is_module(node) && !is_empty_other(node, state)));
     let others: Vec<String> = failed.chain(tiles).collect();
     order.extend(others.iter().map(String::as_str));
     let mut seen = BTreeSet::new();
