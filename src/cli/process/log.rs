@@ -1,4 +1,6 @@
-//! The log, on standard error: text for people, priorities for the journal of systemd, or JSON for programs.
+//! The log: on standard error, text for people or JSON for programs; in the journal of systemd, entries with fields.
+
+mod journal;
 
 use std::fmt;
 use std::io::IsTerminal as _;
@@ -16,6 +18,7 @@ use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer as _};
 
+use self::journal::Socket;
 use crate::clock::Clock;
 use crate::ros;
 use crate::ros::publish::log_lines::LogLines;
@@ -23,7 +26,7 @@ use crate::ros::publish::log_lines::LogLines;
 /// How the log is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum LogForm {
-    /// Lines for people; for the journal, each with its priority
+    /// Lines for people; for the journal, entries with priority and fields
     #[default]
     Text,
     /// A JSON object on each line: time, level, target, message, fields
@@ -62,7 +65,10 @@ pub fn start(level: &str) {
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
     let lines = match form() {
         LogForm::Json => lines.event_format(Json(Clock::start())).boxed(),
-        LogForm::Text if is_journal() => lines.with_ansi(false).event_format(Journal).boxed(),
+        LogForm::Text if is_journal() => match Socket::open() {
+            Some(socket) => socket.boxed(),
+            None => lines.with_ansi(false).event_format(Journal).boxed(),
+        },
         LogForm::Text => {
             let colours = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
             lines.with_ansi(colours).with_target(false).boxed()
@@ -78,7 +84,8 @@ fn is_journal() -> bool {
     named.zip(stat.ok()).is_some_and(|(named, stat)| named == format!("{}:{}", stat.st_dev, stat.st_ino))
 }
 
-/// Lines with the priority that the journal takes from their beginning (sd-daemon(3)). It has the time itself.
+/// Lines with the priority that the journal takes from their beginning (sd-daemon(3)), where it has no socket, as in a
+/// container. It has the time itself.
 struct Journal;
 
 impl<S, N> FormatEvent<S, N> for Journal
@@ -100,13 +107,17 @@ where
 
 /// Each line is an entry of its own in the journal, so each has the priority.
 fn write_with_priority(out: &mut dyn fmt::Write, level: Level, text: &str) -> fmt::Result {
-    let priority = match level {
+    text.lines().try_for_each(|line| writeln!(out, "<{}>{line}", priority(level)))
+}
+
+/// The number of the level in the journal.
+fn priority(level: Level) -> u8 {
+    match level {
         Level::ERROR => 3,
         Level::WARN => 4,
         Level::INFO => 6,
         _ => 7,
-    };
-    text.lines().try_for_each(|line| writeln!(out, "<{priority}>{line}"))
+    }
 }
 
 /// `{"time":"...","level":"warn","target":"...","message":"...","fields":{...}}`
