@@ -76,7 +76,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let wrong = config::parse("the result", &imported.text).err();
     wrong.iter().for_each(report);
-    eprintln!("{}", summary(&imported));
+    if wrong.is_some() {
+        eprintln!("telltale: this is a fault of `telltale import`; please report it, with the file");
+    } else {
+        eprintln!("{}", summary(&imported));
+    }
     Ok(if imported.lost > 0 || wrong.is_some() { ExitCode::from(EXIT_NO) } else { ExitCode::SUCCESS })
 }
 

@@ -88,8 +88,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     })?;
     let text = init::text(&draft, args.accept_guesses);
+    let mut is_wrong = false;
     if let Err(problems) = fields::whole(config::examine_from("the draft", text.as_bytes()), |_| definitions)
     {
+        is_wrong = true;
         check::report(&problems);
         eprintln!(
             "telltale: this is a fault of `telltale init`; please report it. The draft is written all the same."
@@ -100,7 +102,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         None => check::print(&text),
     }
     tell(&draft, empty, &listens_to, args.output.as_deref());
-    Ok(ExitCode::from(if empty { EXIT_NO } else { 0 }))
+    Ok(ExitCode::from(if empty || is_wrong { EXIT_NO } else { 0 }))
 }
 
 /// Listens to a system for a while, and drafts. Returns too whether nothing was heard of anybody.

@@ -2,8 +2,6 @@
 
 use std::collections::HashSet;
 
-use crate::engine::time::Span;
-
 /// A group of the result.
 #[derive(Debug, Default)]
 pub(super) struct OutGroup {
@@ -132,9 +130,15 @@ pub(super) fn list(texts: &[String]) -> String {
     format!("[{}]", texts.iter().map(|text| quoted(text)).collect::<Vec<_>>().join(", "))
 }
 
-/// Seconds with their unit: `5s`, `500ms`.
+/// Seconds in one unit, as a configuration takes them: `5s`, `1500ms`.
 pub(super) fn duration(seconds: f64) -> String {
-    crate::config::describe::words::span(Span::from_nanos((seconds * 1e9).round() as u64))
+    let us = (seconds * 1e6).round() as u64;
+    match us {
+        _ if us > 0 && us.is_multiple_of(86_400_000_000) => format!("{}d", us / 86_400_000_000),
+        _ if us.is_multiple_of(1_000_000) => format!("{}s", us / 1_000_000),
+        _ if us.is_multiple_of(1_000) => format!("{}ms", us / 1_000),
+        _ => format!("{us}us"),
+    }
 }
 
 /// Ids of siblings: made of what people call them, each once.
@@ -176,7 +180,16 @@ mod tests {
         ] {
             assert_eq!(quoted(text), expected);
         }
-        assert_eq!((&*duration(5.0), &*duration(0.25)), ("5s", "250ms"));
+        for (seconds, expected) in [
+            (5.0, "5s"),
+            (0.25, "250ms"),
+            (1.5, "1500ms"),
+            (90.0, "90s"),
+            (3600.5, "3600500ms"),
+            (1e-5, "10us"),
+        ] {
+            assert_eq!(duration(seconds), expected);
+        }
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::dependencies::{self, Edges};
 use super::grouping::Grouping;
 use super::names::{self, comment, is_full_name, is_tool, prefix};
-use super::observations::{Messages, Observations, Status, is_of_components, measured_type};
+use super::observations::{Messages, Observations, STATUSES_MAX, Status, is_of_components, measured_type};
 use super::rhythm::{RateLimits, at_least_ms};
 use crate::engine::discovery::{Endpoint, TopicSeen};
 use crate::engine::time::Timestamp;
@@ -142,7 +142,7 @@ fn notes(seen: &Observations) -> Vec<String> {
     }
     if seen.refused > 0 {
         notes.push(format!(
-            "{} reports are left out: they have no name, one of more than 256 bytes, or there were too many names.",
+            "{} reports are left out: their names are empty or longer than 256 bytes, or there are more than {STATUSES_MAX} names.",
             seen.refused
         ));
     }

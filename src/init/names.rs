@@ -8,8 +8,8 @@ use crate::yaml::plain::escaped;
 const ID_BYTES_MAX: usize = 40;
 const COMMENT_CHARS_MAX: usize = 160;
 
-/// Ids of groups that the program itself makes.
-const RESERVED: [&str; 2] = ["other", "telltale"];
+/// Ids of groups that the program itself makes, and words that YAML takes for something else than text.
+const RESERVED: [&str; 5] = ["other", "telltale", "null", "true", "false"];
 
 /// An id that is like the name and not taken yet; it is taken then.
 pub fn id(name: &str, otherwise: &str, taken: &mut BTreeSet<String>) -> String {

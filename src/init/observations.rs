@@ -12,7 +12,7 @@ use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 
 /// Statuses that are told apart, as many as a configuration discovers without more ado.
-const STATUSES_MAX: usize = 4096;
+pub const STATUSES_MAX: usize = 4096;
 /// Topics that are measured at a time: each has a reader.
 pub const TOPICS_MAX: usize = 300;
 /// Nodes that are remembered.

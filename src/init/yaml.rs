@@ -42,7 +42,7 @@ pub fn text(draft: &Draft, accept_guesses: bool) -> String {
 pub fn heard_text(draft: &Draft) -> String {
     let mut out = String::from(
         "# No configuration: everything that is heard is shown, by node. `telltale init` writes a first one.\n\
-         vehicle: { id: robot, name: { en: Not configured, de: Nicht eingerichtet }, stages: none }\n",
+         vehicle: { id: robot, name: { en: Not configured (telltale init), de: Nicht eingerichtet (telltale init) }, stages: none }\n",
     );
     if !draft.diagnostics.is_empty() {
         let _ = writeln!(out, "diagnostics: {{ topics: [/diagnostics, {}] }}", draft.diagnostics.join(", "));

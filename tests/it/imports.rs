@@ -155,6 +155,31 @@ fn what_is_wrong_in_a_graph_is_said_and_the_rest_is_kept() {
 }
 
 #[test]
+fn a_value_of_the_wrong_kind_is_said_and_makes_nothing_ok() {
+    let wrong = "units: [{ path: /m, type: and, list: { type: link, link: /a } }]\n";
+    let mut sources = Sources::default();
+    let file = sources.add("g.yaml", wrong);
+    let imported = import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(imported.lost, 1);
+    assert!(said(&imported)[0].contains("`list` is a list of units, found"), "{:?}", said(&imported));
+    assert!(!imported.text.contains("empty: ok"), "{}", imported.text);
+}
+
+#[test]
+fn a_long_chain_of_units_ends_where_a_configuration_could_not_be_read() {
+    let unit = |at: u32| {
+        format!("  - {{ path: /u{at}, type: and, list: [{{ type: link, link: /u{} }}] }}\n", at + 1)
+    };
+    let units: String = (0..3000).map(unit).collect();
+    let mut sources = Sources::default();
+    let text = format!("units:\n{units}  - {{ path: /u3000, type: diag, node: n, name: d }}\n");
+    let file = sources.add("g.yaml", &text);
+    let imported = import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(imported.lost, 1);
+    config::parse("the result", &imported.text).unwrap_or_else(|problems| panic!("{problems}"));
+}
+
+#[test]
 fn the_command_says_with_its_exit_code_whether_all_was_carried_over() {
     let run = |arguments: &[&str]| {
         let output =

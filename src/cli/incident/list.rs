@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use crate::cli::check::print;
 use crate::record::retention::size;
 use crate::record::writer::unix_ms;
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents};
@@ -71,15 +72,13 @@ pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
     let found = Incidents::open(data)?.list(&filter)?;
     if args.json {
         let list: serde_json::Value = found.iter().map(listed).collect();
-        println!("{list}");
+        print(&format!("{list}\n"));
         return Ok(ExitCode::SUCCESS);
     }
     if found.is_empty() {
         eprintln!("there is no such incident");
     }
-    for incident in &found {
-        println!("{}", line(incident));
-    }
+    print(&found.iter().map(|incident| line(incident) + "\n").collect::<String>());
     if let Some(last) = found.last().filter(|_| found.len() == args.count as usize) {
         eprintln!("older ones: --before {}", last.summary.id);
     }

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed};
+use crate::cli::check::print;
 use crate::record::retention::size;
 use crate::record::{file, folder};
 use crate::store::audit::verify_audit_in;
@@ -46,10 +47,12 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
     let mut is_good = audit_is_whole(data)?;
     for (id, incident) in rows {
         match check(&recordings, id, incident.as_ref(), &records) {
-            Found::Whole(what) => println!("ok    incident {id}: {what}"),
-            Found::Unfinished => println!("      incident {id} is not finished: there is no hash yet"),
+            Found::Whole(what) => print(&format!("ok    incident {id}: {what}\n")),
+            Found::Unfinished => {
+                print(&format!("      incident {id} is not finished: there is no hash yet\n"))
+            }
             Found::Bad(what) => {
-                println!("BAD   incident {id}: {what}");
+                print(&format!("BAD   incident {id}: {what}\n"));
                 is_good = false;
             }
         }
@@ -61,11 +64,11 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
 fn audit_is_whole(data: &Path) -> anyhow::Result<bool> {
     let verdict = verify_audit_in(data, &[], None).context("the audit log cannot be verified")?;
     match &verdict.breach {
-        None => println!("ok    the audit log, {} records", verdict.records),
-        Some(breach) => println!(
-            "BAD   the audit log: record {} {}; `telltale audit verify` says more",
+        None => print(&format!("ok    the audit log, {} records\n", verdict.records)),
+        Some(breach) => print(&format!(
+            "BAD   the audit log: record {} {}; `telltale audit verify` says more\n",
             breach.number, breach.what
-        ),
+        )),
     }
     Ok(verdict.breach.is_none())
 }

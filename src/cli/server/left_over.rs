@@ -48,6 +48,12 @@ fn whole(mut summary: Summary, path: &Path) -> Option<Summary> {
         Ok((bytes, sha256)) => {
             (recording.finished, recording.gone) = (true, false);
             (recording.bytes, recording.sha256) = (bytes, Some(sha256));
+            // What the row lacks, the file tells: it ended where its last message is.
+            if let Ok(Some(found)) = found::summary(path, id) {
+                recording.messages = found.recording.messages;
+                recording.missing = recording.missing.max(found.recording.missing);
+                summary.until_ms = summary.until_ms.or(found.until_ms);
+            }
         }
         Err(error) if is_missing(&error) && recording.gone => return None,
         Err(error) if is_missing(&error) => {

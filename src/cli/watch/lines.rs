@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
+use std::time::Duration;
 
 use super::freshness::Freshness;
 use super::snapshot::Vehicle;
+use crate::engine::time::Span;
 
 /// The facts that were printed last, by their subjects.
 #[derive(Debug, Default)]
@@ -40,7 +42,14 @@ impl Lines {
             self.connection = connection;
             let is_live = self.connection == Connection::Live;
             let said = if is_live { "live again".to_owned() } else { freshness.words() };
-            lines.push(format!("{}  connection: {said}", self.at));
+            let at = match (freshness, vehicle) {
+                (Freshness::Stale(since) | Freshness::Lost { since: Some(since), .. }, _) => {
+                    later(&self.at, since)
+                }
+                (_, Some(vehicle)) => vehicle.head.at.to_string(),
+                _ => self.at.clone(),
+            };
+            lines.push(format!("{at}  connection: {said}"));
         }
         let Some(vehicle) = vehicle else { return lines };
         self.at = vehicle.head.at.to_string();
@@ -55,6 +64,16 @@ impl Lines {
         }
         self.facts = now;
         lines
+    }
+}
+
+/// The time so long after the server's last one. The clock of this computer may be another.
+fn later(at: &str, since: Span) -> String {
+    match humantime::parse_rfc3339(at) {
+        Ok(time) => {
+            humantime::format_rfc3339_millis(time + Duration::from_nanos(since.as_nanos())).to_string()
+        }
+        Err(_) => at.to_owned(),
     }
 }
 
@@ -120,7 +139,6 @@ fn escaped(text: &str) -> String {
 mod tests {
     use super::super::snapshot::tests::{changes, golden};
     use super::*;
-    use crate::engine::time::Span;
 
     #[test]
     fn each_change_is_a_line_and_silence_too() {
@@ -137,7 +155,7 @@ mod tests {
         let late = Freshness::Stale(Span::from_millis(1200));
         assert_eq!(
             lines.changes(None, late),
-            ["2026-11-20T12:00:39.000Z  connection: STALE, last data 1 s ago"]
+            ["2026-11-20T12:00:40.200Z  connection: STALE, last data 1 s ago"]
         );
         assert!(lines.changes(None, late).is_empty());
         let lost = |ms| Freshness::Lost { since: Some(Span::from_millis(ms)), connected: false };

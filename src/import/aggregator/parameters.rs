@@ -101,6 +101,12 @@ impl<'n> Parameters<'n> {
     }
 
     pub fn number(&self, key: &str, findings: &mut Findings) -> Option<(f64, Span)> {
+        if let Some(entry) = self.get(key)
+            && self.text(key).is_none()
+        {
+            let problem = Problem::at(entry.span, format!("`{key}` is no number"));
+            findings.lost(problem.help("write one, as in `5.0`"));
+        }
         let (text, span) = self.text(key)?;
         let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
         if number.is_none() {

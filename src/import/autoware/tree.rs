@@ -10,6 +10,9 @@ use crate::yaml::{Problem, Sources};
 /// The places of units in the tree. A small graph could have very many.
 const PLACES_MAX: usize = 20_000;
 
+/// Levels of groups: a deeper configuration could not be read.
+const DEPTH_MAX: usize = 24;
+
 /// Stands above what has a dependency.
 const DEPENDENT: &str = "`dependent`: it is ignored while that fails, instead of being marked.";
 
@@ -112,6 +115,11 @@ impl Builder<'_> {
         if self.places >= PLACES_MAX {
             return None;
         }
+        if path.matches('/').count() >= DEPTH_MAX {
+            let text = format!("this unit is more than {DEPTH_MAX} levels below the top of the graph");
+            self.findings.lost(Problem::at(unit.span, text).help("import parts of the graph"));
+            return None;
+        }
         self.names.entry(index).or_insert_with(|| path.to_owned());
         // Where nobody names the unit that maps levels, its item stands alone.
         if let (None, [item], Some(warning)) = (&unit.path, &unit.children[..], mapped(&unit.what)) {
@@ -144,7 +152,7 @@ impl Builder<'_> {
                     name,
                     any,
                     unit: Some(index),
-                    may_be_empty: unit.children.is_empty(),
+                    may_be_empty: unit.children.is_empty() && !unit.is_unread,
                     ..OutGroup::default()
                 };
                 Some(Place::Group(self.inside(index, Above { warning, ..above }, group, path)))

@@ -29,6 +29,8 @@ pub(super) struct Unit {
     pub path: Option<(String, Span)>,
     pub what: What,
     pub children: Vec<usize>,
+    /// What it should contain could not be read: it must not count as empty, which is OK.
+    pub is_unread: bool,
     pub dependent: Option<(String, Span)>,
     pub latch_s: Option<f64>,
     pub removed: bool,
@@ -66,6 +68,43 @@ const TYPES: [&str; 11] = [
     "stale",
 ];
 
+/// The kind of value that a key of a unit has.
+#[derive(Clone, Copy)]
+enum Wanted {
+    Text,
+    List,
+    Unit,
+}
+
+impl Wanted {
+    fn is(self, value: &Node) -> bool {
+        match self {
+            Wanted::Text => scalar(value).is_some(),
+            Wanted::List => matches!(value.kind, Kind::Sequence(_)),
+            Wanted::Unit => matches!(value.kind, Kind::Mapping(_)),
+        }
+    }
+
+    fn word(self) -> &'static str {
+        match self {
+            Wanted::Text => "one word or number",
+            Wanted::List => "a list of units",
+            Wanted::Unit => "a unit",
+        }
+    }
+}
+
+fn wanted(key: &str) -> Option<Wanted> {
+    Some(match key {
+        "type" | "path" | "node" | "name" | "timeout" | "hysteresis" | "latch" | "link" | "dependent" => {
+            Wanted::Text
+        }
+        "list" => Wanted::List,
+        "item" => Wanted::Unit,
+        _ => return None,
+    })
+}
+
 impl Graph {
     /// Adds a unit with all that is written inside of it. Returns its index.
     pub fn add(&mut self, node: &Node, findings: &mut Findings) -> Option<usize> {
@@ -80,6 +119,14 @@ impl Graph {
             return None;
         }
         let get = |key: &str| entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value);
+        for (key, value) in entries {
+            if let Some(wanted) = wanted(&key.text).filter(|wanted| !wanted.is(value)) {
+                let text = format!("`{}` is {}, found {}", key.text, wanted.word(), value.describe());
+                findings.lost(
+                    Problem::at(value.span, text).help("it is left out: write it as Autoware reads it"),
+                );
+            }
+        }
         let text = |key: &str| get(key).and_then(|node| Some((scalar(node)?.to_owned(), node.span)));
         let Some((kind, kind_span)) = text("type") else {
             let problem = Problem::at(node.span, "this unit has no `type`");
@@ -145,20 +192,7 @@ impl Graph {
             }
         };
         for (key, _) in entries {
-            let known = [
-                "type",
-                "path",
-                "list",
-                "item",
-                "node",
-                "name",
-                "timeout",
-                "hysteresis",
-                "latch",
-                "link",
-                "dependent",
-            ];
-            if !known.contains(&key.text.as_str()) {
+            if wanted(&key.text).is_none() {
                 let problem = Problem::at(key.span, format!("`{}` has no equal here", key.text));
                 findings.lost(problem.help(match key.text.as_str() {
                     "allow_override" => "Telltale has no overrides: a state is what was reported",
@@ -172,6 +206,9 @@ impl Graph {
             path: text("path").filter(|(path, _)| !path.is_empty()),
             what,
             children: Vec::new(),
+            is_unread: entries.iter().any(|(key, value)| {
+                matches!(wanted(&key.text), Some(it @ (Wanted::List | Wanted::Unit)) if !it.is(value))
+            }),
             dependent: text("dependent").filter(|(path, _)| !path.is_empty()),
             latch_s: latch.map(|(seconds, _)| seconds),
             removed: false,
