@@ -177,3 +177,16 @@ async fn followers_are_told_of_the_last_moment_before_the_end() {
     });
     assert_eq!(stages.collect::<Vec<_>>(), [Stage::Locked, Stage::Localizing]);
 }
+
+#[tokio::test]
+async fn a_machine_without_stages_has_none_in_its_history() {
+    let (records, told) = std::sync::mpsc::sync_channel(64);
+    let followers = Followers { records: Some(records), feed: None };
+    let model = Arc::new(Model::new(Parts::empty("v", StageModel::None)).unwrap());
+    let link = start_followed(model, Clock::start(), followers);
+    link.ending.end();
+    link.commands.closed().await;
+    let told: Vec<Record> = std::iter::from_fn(|| told.recv().ok()).flatten().collect();
+    assert!(told.iter().any(|record| matches!(record.what, Recorded::Shown { .. })));
+    assert!(!told.iter().any(|record| matches!(record.what, Recorded::Stage(_))), "{told:?}");
+}

@@ -212,6 +212,10 @@ fn hostile_names_make_a_valid_file_and_break_out_of_no_comment() {
         "//",
         "%%%: \"",
         "&a *b !c",
+        "null",
+        "true: x",
+        "false: null",
+        "12: 5",
     ];
     let nodes = ["/x\n  - id: evil", "/日本", "/ok", "/a b", "/{}: #", "/\u{1b}]0;x", "/null", "/false"];
     let topics = vec![

@@ -353,7 +353,9 @@ mod tests {
         place.start(&store).await;
         let recording = &known(&store).await[0].1;
         assert!(!recording.gone && recording.finished && recording.sha256.is_some());
-        assert_eq!(store.incident(4).await.unwrap().unwrap().summary.stage, "active");
+        let summary = store.incident(4).await.unwrap().unwrap().summary;
+        assert_eq!(summary.stage, "active");
+        assert!(summary.until_ms.is_some(), "it ended where its recording ends");
         assert_eq!(check(&place.path(4)).unwrap(), [""; 0]);
         let held = store.incidents_held().await.unwrap();
         assert!(held[0].bytes > 100 && held[0].finished);
