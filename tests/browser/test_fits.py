@@ -165,3 +165,42 @@ def test_forty_groups_have_room_in_every_window(chromium, trouble, tmp_path):
             found = [it for it in faults(page) if not it.startswith(("touch", "leaves its tile: state"))]
             assert not found, f"{width}x{height}: {found}"
         context.close()
+
+
+# Fourteen nodes of a robot, some with long names.
+NODES = [
+    "Base", "Battery driver", "Docking", "IMU", "Lidar front", "AMCL", "Lidar rear", "Lifecycle manager navigation",
+    "Lifecycle manager localization", "Planner server", "Base driver", "Controller server", "Docking server", "Other",
+]
+ROBOT = "vehicle: { stages: none }\ngroups:\n" + "".join(
+    f"  - {{ id: g{number}, name: {name}, modules: [{{ id: m, status: s{number} }}] }}\n" for number, name in enumerate(NODES)
+)
+# Tiles that are not on the board, whose state is cut, or whose icon lies over a text.
+CROWDED = """() => {
+  const board = document.querySelector(".board").getBoundingClientRect();
+  const shared = (a, b, from, to) => Math.min(a[to], b[to]) - Math.max(a[from], b[from]);
+  const lines = (it) => { const range = document.createRange(); range.selectNodeContents(it); return [...range.getClientRects()]; };
+  return [...document.querySelectorAll(".tile")].filter((tile) => {
+    const [box, word, icon] = [tile, tile.querySelector(".state"), tile.querySelector(".icon")].map((it) => it.getBoundingClientRect());
+    const over = [...tile.querySelectorAll(".state, .line")].some((it) => lines(it).some((line) =>
+      shared(line, icon, "left", "right") > 3 && shared(line, icon, "top", "bottom") > 3));
+    // In the lowest tiles the words are for screen readers.
+    const isNamesOnly = document.querySelector("[data-names-only]") !== null;
+    return box.bottom > board.bottom || (!isNamesOnly && (word.bottom > box.bottom || over));
+  }).map((tile) => tile.textContent.trim());
+}"""
+
+
+def test_long_names_leave_the_state_its_place(chromium, trouble, tmp_path):
+    config = tmp_path / "robot.yaml"
+    config.write_text(ROBOT)
+    with serving(tmp_path, config=config) as server:
+        context = touch_context(chromium)
+        page = context.new_page()
+        watch(page, trouble)
+        log_in(page, server)
+        expect(page.locator(".tile[data-state=unknown]")).to_have_count(len(NODES))
+        for width, height in [*SIZES, (800, 480)]:
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_function(f"() => ({CROWDED})().length === 0", timeout=5000)
+        context.close()
