@@ -51,7 +51,8 @@
     board.toggleAttribute("data-names-only", tiles.some((tile) => tile.scrollHeight > tile.clientHeight + GLYPHS));
   };
 
-  // The motion and the texts of tiles stand in one line each. All are measured before any is changed: the browser lays out once.
+  // The motion and the texts of tiles stand in one line each. All are measured before any is changed, so the browser lays out
+  // once; names that wrap, which are few, are measured again.
   const narrow = () => {
     const motion = document.getElementById("motion");
     motion.style.removeProperty("--narrow");
