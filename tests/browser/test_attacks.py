@@ -21,6 +21,7 @@ SCREENS = os.environ.get("TELLTALE_SCREENS")
 STOPS = 10
 STOP_EVERY_S = 0.5
 ANSWERED_WITHIN_S = 1.0
+BACK_S = 5
 
 
 class Attack:
@@ -78,7 +79,8 @@ def check_stops(client, attack, driving, stops=STOPS, replaced=False):
     finally:
         said = attack.close()
     assert max(took) < ANSWERED_WITHIN_S, took
-    expect(driving.locator("body")).to_have_attribute("data-live", "live", timeout=1000)
+    # Where DDS was replaced, the last messages of the flood are still being read.
+    expect(driving.locator("body")).to_have_attribute("data-live", "live", timeout=1000 * (BACK_S if replaced else 1))
     return said
 
 
@@ -184,7 +186,6 @@ RECORDER_MB = 256
 # The program without its DDS processes, and with two of them at their limit.
 PROGRAM_MB = 400 + RECORDER_MB
 SWOLLEN_MB = 2 * DDS_MEMORY_MB + PROGRAM_MB
-BACK_S = 5
 
 
 class Swell:
@@ -220,6 +221,8 @@ class Swell:
         return json.loads(said.splitlines()[-1])
 
 
+# Alone, since the publisher takes all of the machine that it gets.
+@pytest.mark.alone
 @pytest.mark.parametrize("server", [{"flags": ["--dds-memory", str(DDS_MEMORY_MB)]}], indirect=True, ids=["limited"])
 def test_stops_are_answered_beside_statuses_that_fill_the_memory(server, vehicle, driving, trouble):
     client = Client(server, *OPERATOR)

@@ -109,6 +109,9 @@ def test_the_watchdog_is_not_fed_while_messages_do_not_reach_the_pages(systemd, 
     with serving(tmp_path) as server:
         systemd.is_fed(times=2)
         with hanging(server, function):
+            # Frames are made where something has changed: here DDS no longer works.
+            for pid in server.children():
+                os.kill(pid, signal.SIGSTOP)
             until(lambda: systemd.has(f"STATUS={why}"), 20, lambda: f"the reason is said: {systemd.lines}")
             systemd.is_starved()
         systemd.is_fed(times=2)
