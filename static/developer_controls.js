@@ -19,7 +19,9 @@
   };
 
   document.addEventListener("input", ({ target: field }) => {
-    if (field.matches("[data-moment]")) fix({ at: field.value });
+    if (!field.matches("[data-moment]")) return;
+    const { from, to } = document.getElementById("timeline").dataset;
+    fix({ at: Math.round(Number(from) + (Number(to) - Number(from)) * (field.value / 1000)) });
   });
   document.addEventListener("change", ({ target: field }) => {
     if (!field.matches("[data-until]")) return;
@@ -46,7 +48,7 @@
     const moment = document.querySelector("[data-moment]");
     const until = document.querySelector("[data-until]");
     const asked = new URLSearchParams(location.search);
-    if (!asked.get("at") && document.activeElement !== moment) moment.value = 1000;
+    if (moment && !asked.get("at") && document.activeElement !== moment) moment.value = 1000;
     const to = Number(timeline.dataset.to);
     if (document.activeElement !== until) until.value = asked.get("until") ? local(to) : "";
   };
