@@ -137,7 +137,8 @@
     asked.delete("unrecorded");
     telltale.go(`?${asked}`, true);
   };
-  const chosen = () => document.querySelector("#timeline[data-chosen]")?.dataset.chosen;
+  // The address is ahead of the content.
+  const chosen = () => document.getElementById("timeline") && new URLSearchParams(location.search).get("at");
 
   // Before the page's own script brings the live page.
   document.addEventListener("click", (event) => {
@@ -181,11 +182,12 @@
     const to = middle + whole * (1 - at.share);
     if (!wanted) {
       setTimeout(() => {
-        telltale.go(address(at.lanes, ...wanted.span, wanted.share), true);
+        // A key or a link asked for another span meanwhile.
+        if (wanted.from === location.href) telltale.go(address(at.lanes, ...wanted.span, wanted.share), true);
         wanted = null;
       }, WHEEL_MS);
     }
-    wanted = { span: [to - whole, to], share: at.share };
+    wanted = { span: [to - whole, to], share: at.share, from: wanted?.from ?? location.href };
   }, { passive: false });
 
   document.addEventListener("keydown", (event) => {

@@ -83,6 +83,7 @@ def test_the_wheel_zooms_where_it_points_and_stays_live_at_the_right(timeline, t
     page.mouse.wheel(0, -100)
     page.wait_for_url(re.compile("span=2[45]"))
     assert "until" not in asked(page), page.url
+    expect(page.locator("[name=span] option:checked")).to_have_text(re.compile("2[45] s"))
     put(page, 0.3)
     page.mouse.wheel(0, 100)
     expect(page.locator("[name=span] option:checked")).to_have_text(re.compile("3[012] s"))
