@@ -215,6 +215,8 @@ fn notes(recorded: &Run, new: &Run) -> Vec<String> {
     }
     for run in [recorded, new] {
         let (omissions, more) = run.omissions();
+        let damages = run.gaps().list().iter().filter(|gap| gap.is_damage);
+        all.extend(damages.map(|gap| gap.sentence(run.facts())));
         all.extend(run.notes().said.iter().cloned().chain(omissions));
         all.extend((more > 0).then(|| format!("{more} more parts of the file cannot be used")));
     }
