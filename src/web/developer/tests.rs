@@ -389,10 +389,10 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
     );
     holds(&page, &["data-state=\"ignore\">Ignored</span> <small>a/root", "1970-01-01T00:15:50.000Z"]);
     assert!(!page.contains("silent"), "nothing was said");
-    let after = query(&[asks[0], asks[1], asks[2]]);
+    let after = query(&[asks[0], asks[1], asks[2], ("unrecorded", "1")]);
     let window = Window::of(&published, &after);
     let page = timeline::page(&published, &english(), &after, &window, Some(&past));
-    holds(&page, &["data-state=\"none\">no record<"]);
+    holds(&page, &["data-state=\"none\">no record<", "No recording has this moment. The history knows"]);
 }
 
 #[test]

@@ -86,8 +86,8 @@ struct TimelineHtml {
     line: Option<String>,
     moment: String,
     moment_ms: i64,
-    /// It was looked for in recordings, and none has it.
-    unrecorded: bool,
+    /// It was looked for in recordings, and none has it: what does. Empty if it was not.
+    unrecorded: &'static str,
     earlier: String,
     later: Option<String>,
     present: String,
@@ -206,6 +206,13 @@ pub fn page(
         Some(past) if past.cut => Some(words.cut),
         Some(_) => None,
     };
+    let strips = past.map(|past| timeline.strips(past, published.snapshot.has_stages())).unwrap_or_default();
+    let unrecorded = match query.number("unrecorded") {
+        Some(_) if window.live => "",
+        Some(_) if strips.iter().all(|strip| strip.state == "none") => words.nowhere,
+        Some(_) => words.unrecorded,
+        None => "",
+    };
     html(&TimelineHtml {
         frame: super::frame(context),
         live: window.live,
@@ -221,14 +228,14 @@ pub fn page(
         line: (window.at < AT_END).then(|| percent(window.at as f64 / 10.0)),
         moment: wall(window.moment_ms()),
         moment_ms: window.moment_ms(),
-        unrecorded: query.number("unrecorded").is_some() && !window.live,
+        unrecorded,
         earlier: shift((to_ms - half).max(0)),
         later: (!window.live).then(|| shift(to_ms + half)),
         present: query.without(&["until", "at", "unrecorded"]),
         zoom_in: window.zoomed(query, (window.span_s / 2).max(1)),
         zoom_out: window.zoomed(query, (window.span_s * 2).min(SPANS_S[SPANS_S.len() - 1])),
         unzoomed: query.without(&["span", "until", "at", "unrecorded"]),
-        strips: past.map(|past| timeline.strips(past, published.snapshot.has_stages())).unwrap_or_default(),
+        strips,
         ticks: ticks(window.axis()),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,
