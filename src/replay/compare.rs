@@ -223,6 +223,9 @@ fn notes(recorded: &Run, new: &Run) -> Vec<String> {
             "{lost} inputs are missing in the recording: what differs behind them may come from that"
         ));
     }
+    // The new side has no recorded state that would count behind a gap.
+    let damages = new.gaps().list().iter().filter(|gap| gap.is_damage);
+    all.extend(damages.map(|gap| gap.sentence(new.facts())));
     for run in [recorded, new] {
         let (omissions, more) = run.omissions();
         all.extend(run.notes().said.iter().cloned().chain(omissions));

@@ -4,9 +4,11 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::bridge::Bridge;
+use super::catch_up;
 use super::flows::Flows;
+use super::gaps::Gaps;
 use super::recording::{Facts, Recording, ReplayError};
-use super::steps::{self, Notes, Step, Steps};
+use super::steps::{self, Loss, Notes, Step, Steps};
 use crate::engine::Engine;
 use crate::engine::event::Event;
 use crate::engine::input::Input;
@@ -41,6 +43,8 @@ pub struct Run {
     recorded: Option<Arc<Model>>,
     /// The topics that one reads.
     reads: BTreeSet<String>,
+    /// What is missing so far.
+    gaps: Gaps,
     /// Something is missing since the last recorded state.
     lacks: bool,
 }
@@ -53,6 +57,7 @@ pub struct Mark {
     model: Arc<Model>,
     reload_at: Option<Timestamp>,
     engine: Option<Engine>,
+    gaps: Gaps,
     lacks: bool,
 }
 
@@ -126,6 +131,7 @@ impl Run {
             stage: None,
             recorded: None,
             reads: BTreeSet::new(),
+            gaps: Gaps::default(),
             lacks: false,
         }
     }
@@ -147,16 +153,17 @@ impl Run {
             model: self.model.clone(),
             reload_at: self.reload_at,
             engine: self.engine.clone(),
+            gaps: self.gaps.clone(),
             lacks: self.lacks,
         }
     }
 
     /// Goes back or forwards to a place.
     pub fn go_to(&mut self, mark: &Mark) {
-        let Mark { steps, next, model, reload_at, engine, lacks } = mark.clone();
+        let Mark { steps, next, model, reload_at, engine, gaps, lacks } = mark.clone();
         self.steps.go_to(&steps);
-        self.next = next;
-        (self.model, self.reload_at, self.engine, self.lacks) = (model, reload_at, engine, lacks);
+        (self.next, self.model, self.reload_at, self.engine) = (next, model, reload_at, engine);
+        (self.gaps, self.lacks) = (gaps, lacks);
     }
 
     pub fn facts(&self) -> &Facts {
@@ -166,6 +173,11 @@ impl Run {
     /// What could not be used so far.
     pub fn notes(&self) -> &Notes {
         &self.steps.notes
+    }
+
+    /// What is missing so far.
+    pub fn gaps(&self) -> &Gaps {
+        &self.gaps
     }
 
     /// What of the files could not be used so far, in sentences; and the number of further ones.
@@ -230,8 +242,20 @@ impl Run {
                     self.reload_at = Some(at);
                     return Ok(Some(before));
                 }
-                Step::State(state) => self.state(&state),
-                Step::Lost => self.lacks = true,
+                Step::State(state) if self.engine.is_some() && self.lacks && state.at() > until => {
+                    self.next = Some(Step::State(state));
+                    return Ok(None);
+                }
+                Step::State(state) => {
+                    if let Some(taken) = self.state(&state) {
+                        return Ok(Some(taken));
+                    }
+                }
+                Step::Lost(Loss { from, to, is_damage }) => {
+                    let last = self.engine.as_ref().map_or(Timestamp::ZERO, Engine::now);
+                    self.gaps.lose(from.unwrap_or(last), to, is_damage);
+                    self.lacks = true;
+                }
             }
         }
         Ok(None)
@@ -242,30 +266,36 @@ impl Run {
         self.engine.as_ref().is_some_and(|engine| at.since(engine.now()) > STEP_MAX)
     }
 
-    /// Takes a recorded state at the beginning, and where something is missing before it.
-    fn state(&mut self, state: &Keyframe) {
+    /// Takes a recorded state at the beginning, and where something is missing before it. Returns what it changed.
+    fn state(&mut self, state: &Keyframe) -> Option<Taken> {
         if self.engine.is_some() && !self.lacks {
-            return;
+            return None;
         }
         let by = self.recorded.as_ref().unwrap_or(&self.model);
-        match Engine::from_keyframe(by.clone(), state) {
-            Ok(mut engine) => {
-                if self.recorded.is_some() {
-                    engine.reload(self.model.clone(), state.at());
-                }
-                engine.keep_events();
-                // What happened before was told before.
-                engine.take_events();
-                // The states of what judges anew are its own.
-                if self.engine.is_none() || self.recorded.is_none() {
-                    self.engine = Some(engine);
-                }
-                self.lacks = false;
-            }
+        let mut engine = match Engine::from_keyframe(by.clone(), state) {
+            Ok(engine) => engine,
             Err(error) => {
-                self.steps.notes.say(format!("a recorded state of the engine is left out: {error}"))
+                self.steps.notes.say(format!("a recorded state of the engine is left out: {error}"));
+                return None;
             }
+        };
+        if self.recorded.is_some() {
+            engine.reload(self.model.clone(), state.at());
         }
+        engine.keep_events();
+        // What happened before was told before.
+        engine.take_events();
+        self.lacks = false;
+        // The states of what judges anew are its own.
+        if self.engine.is_some() && self.recorded.is_some() {
+            return None;
+        }
+        self.gaps.catch_up(state.at());
+        let after = engine.snapshot();
+        let before = self.engine.replace(engine)?.snapshot();
+        let events = catch_up::changes(&before, &after);
+        let snapshots = if events.is_empty() { Vec::new() } else { vec![after] };
+        Some(Taken { at: state.at(), events, snapshots })
     }
 
     fn begun(&mut self, at: Timestamp) -> &mut Engine {
@@ -281,6 +311,7 @@ impl Run {
     }
 
     fn take(&mut self, at: Timestamp, input: &Input) -> Taken {
+        self.gaps.go_on(at);
         let engine = self.begun(at);
         let (mut seq, mut snapshots) = (engine.seq(), Vec::new());
         let mut look = |engine: &mut Engine| {

@@ -103,7 +103,7 @@ impl Trace {
             }
             let is_reloaded = taken.events.iter().any(|event| event.what == EventKind::Reloaded);
             // Without a reload, the events tell everything; behind a gap, a recorded state takes over without any.
-            let lacks = run.notes().lost + run.notes().unreadable > 0;
+            let lacks = !run.gaps().is_empty();
             trace.take(&taken);
             if (!is_begun || is_reloaded || lacks)
                 && let Some(engine) = run.engine()

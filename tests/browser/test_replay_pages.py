@@ -239,10 +239,14 @@ def test_any_moment_is_shown_again_from_the_best_source(server, vehicle, page, i
     expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "error")
     vehicle.set(STATUS, 0)
 
-    # What nothing has recorded is told by the history.
+    # What nothing has recorded is told by the history, if it knows it.
     page.goto(f"{server.url}/developer/moment?at={fault_ms - 86_400_000}")
     page.wait_for_url("**/developer/timeline?*unrecorded*")
-    expect(page.locator(".past")).to_contain_text("No recording has this moment")
+    expect(page.locator(".past")).to_contain_text("Nothing holds this moment")
+    # Of what is still to come the end of what is recorded is shown, which is said.
+    page.goto(f"{server.url}/developer/moment?at={fault_ms + 86_400_000}")
+    page.wait_for_url("**/replay/recent?at=*")
+    expect(page.locator("#beyond")).to_contain_text("The recording ends here")
     page.goto(f"{server.url}/replay/recent")
     page.locator("#leave").click()
     page.wait_for_url("**/developer")

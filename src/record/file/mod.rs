@@ -18,7 +18,7 @@ pub use definitions::Channel;
 pub use doctor::{check, check_bytes};
 pub use error::FileError;
 pub use json::{JOURNAL, JsonChannel, KEYFRAMES, TRANSITIONS};
-pub use omission::{Omission, Omissions};
+pub use omission::{Missing, Omission, Omissions};
 pub use reader::{Entry, Place, Reader};
 pub use repair::{REPAIRED, Repair, repair};
 pub use source::{CHUNK_BYTES_MAX, raw_body};

@@ -25,6 +25,13 @@ impl fmt::Display for Omission {
     }
 }
 
+/// Entries are missing between the entries around this: that part of the file cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Missing {
+    /// Their first and their last time, as far as the file says it: nanoseconds since 1970.
+    pub span_ns: Option<(u64, u64)>,
+}
+
 /// The omissions of one file, each once.
 #[derive(Debug, Clone, Default)]
 pub struct Omissions {

@@ -93,7 +93,7 @@ fn copy(reader: &mut Reader<File>, part: &Path) -> Result<(u64, u64), FileError>
                     open = 0;
                 }
             }
-            Item::EndOfPart => output.end_chunk()?,
+            Item::EndOfPart | Item::Missing(_) => output.end_chunk()?,
             Item::Attachment { data_at, head } => {
                 if let Some(data) = reader.attachment_data(data_at, &head) {
                     let attachment = Attachment {

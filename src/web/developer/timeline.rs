@@ -90,8 +90,8 @@ struct TimelineHtml {
     chosen: bool,
     /// The address of a span around the chosen moment, if it lies outside of this one.
     around: Option<String>,
-    /// It was looked for in recordings, and none has it.
-    unrecorded: bool,
+    /// It was looked for in recordings, and none has it: what does. Empty if it was not.
+    unrecorded: &'static str,
     earlier: String,
     later: Option<String>,
     present: String,
@@ -221,6 +221,15 @@ pub fn page(
         Some(past) if past.cut => Some(words.cut),
         Some(_) => None,
     };
+    let strips = past.map(|past| timeline.strips(past, published.snapshot.has_stages())).unwrap_or_default();
+    let unrecorded = match query.number("unrecorded") {
+        Some(_) if window.live => "",
+        Some(_) if window.shows(window.moment_ms()) && strips.iter().all(|strip| strip.state == "none") => {
+            words.nowhere
+        }
+        Some(_) => words.unrecorded,
+        None => "",
+    };
     html(&TimelineHtml {
         frame: super::frame(context),
         live: window.live,
@@ -240,14 +249,14 @@ pub fn page(
         moment_ms: window.moment_ms(),
         chosen: window.chosen_ms.is_some(),
         around: (!window.shows(window.moment_ms())).then(|| shift(window.moment_ms() + half)),
-        unrecorded: query.number("unrecorded").is_some() && !window.live,
+        unrecorded,
         earlier: shift((to_ms - half).max(0)),
         later: (!window.live).then(|| shift(to_ms + half)),
         present: query.without(&["until", "at", "unrecorded"]),
         zoom_in: window.zoomed(query, (window.span_s / 2).max(1)),
         zoom_out: window.zoomed(query, (window.span_s * 2).min(SPANS_S[SPANS_S.len() - 1])),
         unzoomed: query.without(&["span", "until", "at", "unrecorded"]),
-        strips: past.map(|past| timeline.strips(past, published.snapshot.has_stages())).unwrap_or_default(),
+        strips,
         ticks: ticks(window.axis()),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,

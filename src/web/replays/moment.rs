@@ -5,7 +5,7 @@ use std::time::Duration;
 use axum::extract::{Query, State};
 use axum::response::{IntoResponse, Redirect, Response};
 
-use super::page::{MomentQuery, moment_ms};
+use super::page::{MomentQuery, asked_ms};
 use crate::record::recorder::Recorder;
 use crate::record::writer::unix_ms;
 use crate::store::IncidentFilter;
@@ -30,14 +30,17 @@ pub async fn moment(
     reader: Reader,
 ) -> Response {
     let now_ms = unix_ms(app.clock.wall());
-    let at_ms = match at.as_deref().map(moment_ms) {
-        Some(Some(at_ms)) => at_ms.clamp(0, now_ms),
-        Some(None) => return refusal(&reader, HttpError::BadRequest),
-        None => now_ms,
+    let at_ms = match asked_ms(at.as_deref()) {
+        Ok(at_ms) => at_ms.unwrap_or(now_ms).max(0),
+        Err(trouble) => return refusal(&reader, trouble),
     };
     let recorder = app.settings.recording.as_ref().map(|state| &state.recorder);
+    // Of a moment still to come, the replay says that it ends before.
     if recorder.and_then(|it| held_since_ms(&app, it)).is_some_and(|since_ms| since_ms <= at_ms) {
         return Redirect::to(&format!("/replay/recent{}", asks(at_ms, &screen))).into_response();
+    }
+    if at_ms > now_ms {
+        return refusal(&reader, HttpError::Future);
     }
     let filter = IncidentFilter {
         since_ms: Some(at_ms),
@@ -57,7 +60,7 @@ pub async fn moment(
     Redirect::to(&match covers {
         Some(incident) => format!("/replay/{}{}", incident.summary.id, asks(at_ms, &screen)),
         None => {
-            let until_ms = at_ms.saturating_add(SPAN_S * 500);
+            let until_ms = at_ms.saturating_add(SPAN_S * 500).min(now_ms);
             format!("/developer/timeline?span={SPAN_S}&until={until_ms}&at={at_ms}&unrecorded=1")
         }
     })

@@ -10,6 +10,7 @@ use axum::response::{Html, IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::json;
 
+use super::missing::MissingTold;
 use super::opening::of;
 use super::player::{Order, PlayState};
 use super::{OpenReplay, Subject};
@@ -19,8 +20,8 @@ use crate::web::developer::incidents::content::{Content, Medium};
 use crate::web::developer::incidents::words::IncidentWords;
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
-use crate::web::http::respond::{Reader, bad_form, json_answer, refusal};
-use crate::web::incidents::{Read, find};
+use crate::web::http::respond::{Reader, bad_field, bad_form, json_answer, refusal};
+use crate::web::incidents::{Read, find, wall_time};
 use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::{Lang, html};
@@ -38,6 +39,12 @@ struct ReplayHtml {
     state: PlayState,
     /// What says that this was never shown; empty where it was.
     edited: &'static str,
+    /// What the recording lacks.
+    missing: Option<MissingTold>,
+    /// Why another moment is shown than was asked for; empty if that one is.
+    beyond: &'static str,
+    /// The shown moment.
+    shown: String,
     /// The replay of the same incident by the other configuration, and its name.
     other: Option<(Subject, &'static str)>,
     /// The screens: the address behind the replay's, and its name.
@@ -122,7 +129,10 @@ pub async fn get(
         Ok(subject) => subject,
         Err(trouble) => return refusal(&reader, trouble),
     };
-    let at_ms = at.as_deref().and_then(moment_ms);
+    let at_ms = match asked_ms(at.as_deref()) {
+        Ok(at_ms) => at_ms,
+        Err(trouble) => return refusal(&reader, trouble),
+    };
     let (incident, replay) = match opened(&app, subject, &session, at_ms).await {
         Ok(opened) => opened,
         Err(HttpError::Opening) => {
@@ -140,8 +150,10 @@ pub async fn get(
     let incident =
         incident.unwrap_or_else(|| Incident { summary: (*replay.summary).clone(), kept: false, note: None });
     let read = Read::Told(Box::new((*replay.story).clone()));
-    let content = Content::of(lang, &incident, &read, Medium::Replay(&id));
+    let mut content = Content::of(lang, &incident, &read, Medium::Replay(&id));
     let words = content.words;
+    let it = content.it;
+    content.first_trigger.insert_str(0, &replay.missing.marks(content.from_ms, content.to_ms));
     let other = match subject {
         Subject::WhatIf(id) => Some((Subject::Incident(id), content.it.as_recorded)),
         Subject::Incident(id) => {
@@ -153,7 +165,10 @@ pub async fn get(
         frame: PageFrame::new(lang, reader.palette),
         about: about(&app, subject, content.it),
         subject,
-        edited: if subject.is_edited() { content.it.edited } else { "" },
+        edited: if subject.is_edited() { it.edited } else { "" },
+        missing: replay.missing.told(lang, it),
+        beyond: at_ms.map(|at_ms| beyond(it, &replay, at_ms)).unwrap_or_default(),
+        shown: wall_time(state.at_ms),
         other,
         screens: [
             ("/", operator_word(lang)),
@@ -184,9 +199,25 @@ const fn operator_word(lang: Lang) -> &'static str {
     }
 }
 
-pub(super) fn moment_ms(text: &str) -> Option<i64> {
+/// The moment that an address asks for, in milliseconds since 1970; `None` if it asks for none.
+pub(super) fn asked_ms(at: Option<&str>) -> Result<Option<i64>, HttpError> {
+    let Some(text) = at else { return Ok(None) };
     let utc = || humantime::parse_rfc3339_weak(text).ok().map(crate::record::writer::unix_ms);
-    text.parse().ok().or_else(utc)
+    text.parse().ok().or_else(utc).map(Some).ok_or(HttpError::BadMoment)
+}
+
+/// Why another moment is shown than was asked for; empty if that one is.
+pub(super) fn beyond(it: &'static IncidentWords, replay: &OpenReplay, asked_ms: i64) -> &'static str {
+    let PlayState { from_ms, to_ms, .. } = *replay.state.borrow();
+    // "Now" is a little later than the last step of the last minutes.
+    let grace_ms = if replay.subject == Subject::Recent { 1000 } else { 0 };
+    if asked_ms > to_ms.saturating_add(grace_ms) {
+        it.ends_at
+    } else if asked_ms < from_ms {
+        it.begins_at
+    } else {
+        ""
+    }
 }
 
 /// `GET /replay/{id}/state`
@@ -223,7 +254,9 @@ pub async fn control(
         ControlForm { step: Some(step), .. } if step == "previous" => Order::Step { forwards: false },
         ControlForm { play: Some(speed), .. } if (0.01..=1000.0).contains(&speed) => Order::Play(speed),
         ControlForm { play: Some(0.0), .. } => Order::Pause,
-        _ => return refusal(&reader, HttpError::BadForm),
+        ControlForm { step: Some(_), .. } => return bad_field(&reader, "step"),
+        ControlForm { play: Some(_), .. } => return bad_field(&reader, "play"),
+        _ => return bad_field(&reader, "at_ms, step, play"),
     };
     replay.controls.order(order);
     // Else the page would jump back to the place before.

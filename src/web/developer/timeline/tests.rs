@@ -58,10 +58,10 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
     );
     holds(&html, &["data-state=\"ignore\">Ignored</span> <small>a/root", "1970-01-01T00:15:50.000Z"]);
     assert!(!html.contains("silent"), "nothing was said");
-    let after = query(&[asks[0], asks[1], asks[2]]);
+    let after = query(&[asks[0], asks[1], asks[2], ("unrecorded", "1")]);
     let window = Window::of(&published, &after);
     let html = page(&published, &english(), &after, &window, Some(&past));
-    holds(&html, &["data-state=\"none\">no record<"]);
+    holds(&html, &["data-state=\"none\">no record<", "No recording has this moment. The history knows"]);
     // A chosen moment stays where it is, also outside of the span.
     let outside = query(&[asks[0], asks[1], asks[2], ("at", "800000")]);
     let window = Window::of(&published, &outside);
