@@ -66,6 +66,13 @@ pub struct Open {
     pub storm: bool,
 }
 
+impl Open {
+    /// All triggers.
+    pub fn count(&self) -> u64 {
+        self.triggers.len() as u64 + self.more
+    }
+}
+
 /// A change of the present incident.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Change {

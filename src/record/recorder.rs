@@ -115,6 +115,13 @@ pub(super) struct Job {
     pub latched: Vec<Kept>,
 }
 
+/// A mark: the incident that it is in, and how many triggers that has with it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    pub incident: u64,
+    pub triggers: u64,
+}
+
 /// A handle to a running recorder. Clones lead to the same one.
 #[derive(Debug, Clone)]
 pub struct Recorder(pub(super) Arc<Shared>);
@@ -162,14 +169,15 @@ impl Recorder {
         }
     }
 
-    /// Marks this moment: an incident begins or goes on. Returns its number.
-    pub fn mark(&self, by: &str, note: &str) -> Option<u64> {
+    /// Marks this moment: an incident begins or goes on. The writer tells when it is on the disk. `None`: nothing is
+    /// recorded now.
+    pub fn mark(&self, by: &str, note: &str) -> Option<Mark> {
         let mut state = self.0.lock();
         let now = self.0.clock.now();
         let changes = state.tracker.trigger(now, Trigger::Mark { by: by.into(), note: note.into() });
         state.apply(changes);
         self.0.news.notify_all();
-        state.present().map(|job| job.number)
+        state.present().map(|job| Mark { incident: job.number, triggers: job.open.count() })
     }
 
     /// Records an event that the engine does not know, among the changes.

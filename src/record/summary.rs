@@ -47,6 +47,11 @@ impl Summary {
         self.triggers.iter().any(|trigger| trigger.kind == kind::MARK)
     }
 
+    /// All triggers.
+    pub fn trigger_count(&self) -> u64 {
+        self.triggers.len() as u64 + self.more_triggers
+    }
+
     /// The nodes that it is about: the roots, and modules that showed a WARNING. The roots are known later than
     /// the alarms: until then the nodes with alarms take their place.
     pub fn causes(&self) -> Vec<&str> {

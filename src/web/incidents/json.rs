@@ -185,7 +185,7 @@ impl<'a> Told<'a> {
             until: summary.until_ms.map(time),
             roots: summary.causes(),
             kinds,
-            trigger_count: summary.triggers.len() as u64 + summary.more_triggers,
+            trigger_count: summary.trigger_count(),
             stage: Some(&*summary.stage).filter(|stage| !stage.is_empty()),
             marked: summary.is_marked(),
             kept: *kept,

@@ -15,7 +15,7 @@ use telltale::record::recorder::{Recorder, Settings as RecorderSettings};
 use telltale::record::retention::Policy;
 use telltale::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
 use telltale::record::writer::Place;
-use telltale::web::{AppState, Marker, Origins, RecordingState, Settings, router};
+use telltale::web::{AppState, Marker, Marking, NotMarked, Origins, RecordingState, Settings, router};
 use tokio::sync::watch;
 
 use super::fixture::{ADDRESS, Answer, Fixture, request, settings};
@@ -40,7 +40,12 @@ impl Recorded {
         let noted = marks.clone();
         let mark = move |by: &str, note: &str| {
             noted.lock().unwrap().push((by.to_owned(), note.to_owned()));
-            Some(7)
+            let came_to = match note {
+                "unsure" => Err(NotMarked::Unsure { incident: 7 }),
+                "off" => Err(NotMarked::Off),
+                _ => Ok(7_u64),
+            };
+            Box::pin(async move { came_to }) as Marking
         };
         let (fault, faults) = watch::channel(None);
         let (first, clock) = (fixture.link.snapshots.borrow().snapshot.clone(), fixture.clock);
@@ -276,6 +281,17 @@ async fn a_mark_has_a_name_a_note_and_a_record() {
     let answer = recorded.fixture.post("/incidents/mark", Some(&developer), "note=here").await;
     assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/incidents")));
     assert_eq!(recorded.marks.lock().unwrap().last().unwrap().1, "here");
+    // The disk does not take it, or does not say.
+    for (note, says, is_told) in
+        [("off", "this moment is not marked", false), ("unsure", "it is not sure", true)]
+    {
+        let answer = recorded.fixture.post("/api/v1/mark", Some(&operator), &format!("note={note}")).await;
+        assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{note}");
+        assert!(answer.body.contains(says) && answer.body.contains("Note the time"), "{}", answer.body);
+        let log = recorded.fixture.store.audit_entries(None, 1).await.unwrap();
+        let record = log.iter().find(|it| it.target == format!("7: {note}"));
+        assert_eq!(record.is_some_and(|it| it.outcome.starts_with("refused")), is_told, "{log:?}");
+    }
     // Without a recorder.
     let without = Fixture::new().await;
     let cookie = without.cookie_of("developer").await;
@@ -381,4 +397,20 @@ async fn pages_show_incidents_whose_recording_is_gone_or_no_recording() {
     assert!(one.body.contains("worn cable") && !one.body.contains("name=\"keep\""), "{}", one.body);
     let refused = recorded.fixture.post("/incidents/1/keep", Some(&authority), "kept=false").await;
     assert_eq!(refused.status, StatusCode::FORBIDDEN);
+}
+
+#[tokio::test]
+async fn without_a_recording_there_is_no_clearance_whatever_the_operator_accepts() {
+    let recorded = Recorded::new("clearance").await;
+    let operator = recorded.fixture.cookie_of("operator").await;
+    let refused = async || {
+        let form = format!("version={}", recorded.fixture.app.published().snapshot.seq);
+        let answer = recorded.fixture.post("/vehicle/clearance", Some(&operator), &form).await;
+        answer.body.contains("Nothing can be recorded")
+    };
+    assert!(!refused().await);
+    recorded.fault.send_replace(Some("the disk is full".into()));
+    assert!(refused().await);
+    recorded.fault.send_replace(None);
+    assert!(!refused().await);
 }
