@@ -8,6 +8,7 @@ pub mod found;
 pub mod incident;
 pub mod journal;
 mod latched;
+pub mod proof;
 pub mod reason;
 pub mod recorder;
 pub mod retention;

@@ -12,11 +12,8 @@ use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
 use crate::record::{beside, folder, found};
-use crate::store::Store;
 use crate::store::audit::{Action, Record, TELLTALE};
-
-/// In the audit log, in place of the hash of a recording that has none.
-const NO_HASH: &str = "unknown";
+use crate::store::{NO_HASH, Store};
 
 /// Completes the files of incidents that the end of an earlier run interrupted. One whose file is gone is marked so,
 /// and is looked at again only if its file is back.

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::record::proof::Proof;
 use crate::record::story::Story;
 use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine};
 use crate::store::Incident;
@@ -103,6 +104,10 @@ struct WholeRecording<'a> {
     messages: u64,
     /// Messages and inputs that are not in the file.
     missing: u64,
+    /// Whether the file has the hash that the list of incidents and the audit log have, where one incident is asked
+    /// for; `null` if it has none, cannot be read, or is too large to be compared at once.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    as_recorded: Option<Option<bool>>,
 }
 
 /// A reason of an incident.
@@ -153,7 +158,7 @@ impl<'a> Listed<'a> {
 }
 
 impl<'a> Whole<'a> {
-    pub fn of(incident: &'a Incident, story: Option<Option<&'a Story>>) -> Whole<'a> {
+    pub fn of(incident: &'a Incident, read: Option<(Option<&'a Story>, &Proof)>) -> Whole<'a> {
         let Summary { vehicle, triggers, freeze, configuration, version, recording, .. } = &incident.summary;
         Whole {
             told: Told::of(incident),
@@ -162,13 +167,14 @@ impl<'a> Whole<'a> {
                 sha256: recording.sha256.as_deref(),
                 messages: recording.messages,
                 missing: recording.missing,
+                as_recorded: read.map(|(_, proof)| proof.is_as_recorded()),
             },
             vehicle: Some(&**vehicle).filter(|vehicle| !vehicle.is_empty()),
             triggers: triggers.iter().map(trigger).collect(),
             freeze: freeze.iter().map(frozen).collect(),
             configuration,
             version,
-            story,
+            story: read.map(|(story, _)| story),
         }
     }
 }

@@ -38,7 +38,7 @@ pub use download::get as download;
 pub use json::{Listed, Marked, Whole, listed, time as wall_time, whole};
 pub(in crate::web) use mark::mark_moment;
 pub use mark::{MarkForm, Marker, Marking, NotMarked, mark};
-pub use reading::{Proof, Read, compare, read, story, story_with_proof};
+pub use reading::{Read, read, story};
 pub use what_if::{Compared, Examiner, Progress, Run as WhatIf, Trouble, WhatIfs};
 pub(in crate::web) use what_if::{start as start_what_if, texts as recorded_texts};
 
@@ -171,11 +171,12 @@ pub async fn one(State(app): State<AppState>, Path(id): Path<String>, reader: Re
         Ok(incident) => incident,
         Err(trouble) => return refusal(&reader, trouble),
     };
-    let story = match story(&app, &incident.summary).await {
+    let (read, proof) = story(&app, &incident.summary).await;
+    let story = match read {
         Read::Told(story) => Some(story),
         Read::Missing | Read::Bad(_) | Read::Busy => None,
     };
-    Json(Whole::of(&incident, Some(story.as_deref()))).into_response()
+    Json(Whole::of(&incident, Some((story.as_deref(), &proof)))).into_response()
 }
 
 /// The incident with the number in an address.

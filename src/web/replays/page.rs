@@ -133,7 +133,8 @@ pub async fn get(
     let incident =
         incident.unwrap_or_else(|| Incident { summary: (*replay.summary).clone(), kept: false, note: None });
     let read = Read::Told(Box::new((*replay.story).clone()));
-    let content = Content::of(lang, &incident, &read, Medium::Replay(&id));
+    let content =
+        Content::of(lang, &incident, (&read, &crate::record::proof::Proof::None), Medium::Replay(&id));
     let words = content.words;
     let other = match subject {
         Subject::WhatIf(id) => Some((Subject::Incident(id), content.it.as_recorded)),

@@ -21,18 +21,18 @@ use tokio::sync::watch;
 use super::fixture::{ADDRESS, Answer, Fixture, request, settings};
 use crate::folder::TestFolder;
 
-const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
+pub(super) const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
 
 /// A vehicle with a folder of recordings.
-struct Recorded {
-    fixture: Fixture,
-    data: TestFolder,
+pub(super) struct Recorded {
+    pub fixture: Fixture,
+    pub data: TestFolder,
     marks: Arc<Mutex<Vec<(String, String)>>>,
-    fault: watch::Sender<Option<Arc<str>>>,
+    pub fault: watch::Sender<Option<Arc<str>>>,
 }
 
 impl Recorded {
-    async fn new(name: &str) -> Recorded {
+    pub async fn new(name: &str) -> Recorded {
         let data = TestFolder::new(&format!("incidents-{name}"));
         std::fs::create_dir_all(folder_in(&data)).unwrap();
         let mut fixture = Fixture::new().await;
@@ -78,7 +78,7 @@ impl Recorded {
     }
 
     /// An incident of this node, finished or not, with its file.
-    async fn add(&self, id: u64, node: &str, finished: bool) {
+    pub async fn add(&self, id: u64, node: &str, finished: bool) {
         let sha256 = finished.then(|| format!("{id:064x}"));
         let recording = Recording {
             file: file_name(id),
@@ -397,20 +397,4 @@ async fn pages_show_incidents_whose_recording_is_gone_or_no_recording() {
     assert!(one.body.contains("worn cable") && !one.body.contains("name=\"keep\""), "{}", one.body);
     let refused = recorded.fixture.post("/incidents/1/keep", Some(&authority), "kept=false").await;
     assert_eq!(refused.status, StatusCode::FORBIDDEN);
-}
-
-#[tokio::test]
-async fn without_a_recording_there_is_no_clearance_whatever_the_operator_accepts() {
-    let recorded = Recorded::new("clearance").await;
-    let operator = recorded.fixture.cookie_of("operator").await;
-    let refused = async || {
-        let form = format!("version={}", recorded.fixture.app.published().snapshot.seq);
-        let answer = recorded.fixture.post("/vehicle/clearance", Some(&operator), &form).await;
-        answer.body.contains("Nothing can be recorded")
-    };
-    assert!(!refused().await);
-    recorded.fault.send_replace(Some("the disk is full".into()));
-    assert!(refused().await);
-    recorded.fault.send_replace(None);
-    assert!(!refused().await);
 }

@@ -11,6 +11,7 @@ use crate::engine::view::record::Stretch;
 use crate::picture::bars::patterns;
 use crate::picture::strips::{Axis, Look, class, recorded, stamp};
 use crate::picture::svg::escaped;
+use crate::record::proof::Proof;
 use crate::record::retention::size;
 use crate::record::story::{Happened, Moment, NodeStrip, Period, Story, ToldTopic, known};
 use crate::record::summary::{FrozenNode, Summary};
@@ -135,7 +136,12 @@ pub(in crate::web) struct Content {
 }
 
 impl Content {
-    pub fn of(lang: Lang, incident: &Incident, read: &Read, medium: Medium<'_>) -> Content {
+    pub fn of(
+        lang: Lang,
+        incident: &Incident,
+        (read, proof): (&Read, &Proof),
+        medium: Medium<'_>,
+    ) -> Content {
         let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
         let summary = &incident.summary;
         let recording = &summary.recording;
@@ -189,7 +195,7 @@ impl Content {
             flags: flags(it, incident),
             note: note.map(|note| clean_lines(&note.text)).unwrap_or_default(),
             note_by: note.map(|note| clean(&note.by, NAME)).unwrap_or_default(),
-            troubles: troubles(it, read, medium),
+            troubles: of_proof(it, proof).into_iter().chain(troubles(it, read, medium)).collect(),
             moments: story.moments.iter().map(|moment| row(lang, moment, summary.since_ms)).collect(),
             more_moments: story.more_moments,
             patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
@@ -234,6 +240,14 @@ fn kinds(it: &IncidentWords, summary: &Summary) -> String {
     kinds.sort_unstable();
     kinds.dedup();
     clean(&kinds.join(", "), MESSAGE)
+}
+
+fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
+    match proof {
+        Proof::Other(hash) => Some(format!("{} {}.", it.is_other, clean(hash, MESSAGE))),
+        Proof::TooLarge => Some(it.not_compared.to_owned()),
+        Proof::Same | Proof::None => None,
+    }
 }
 
 fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>) -> Vec<String> {
