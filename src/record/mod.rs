@@ -5,6 +5,7 @@ pub mod feed;
 pub mod file;
 pub mod folder;
 pub mod found;
+pub mod freeze;
 pub mod incident;
 pub mod journal;
 mod latched;

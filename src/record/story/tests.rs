@@ -158,6 +158,7 @@ fn without_its_file_an_incident_is_known_by_its_triggers() {
         state: "error".into(),
         message: "no packets".into(),
         values: Vec::new(),
+        at_ms: None,
     };
     let story = known(&Summary { freeze: vec![frozen], more_triggers: 7, ..summary() });
     assert_eq!((story.from_ms, story.to_ms, story.more_moments), (10_000, 50_000, 7));

@@ -24,7 +24,7 @@ use crate::record::incident::Trigger;
 use crate::record::journal::Line;
 use crate::record::recorder::Job;
 use crate::record::ring::{ConfigurationText, Entry, Position, Taken};
-use crate::record::summary::{Recording, Summary, TriggerLine, kind};
+use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
 use crate::record::transition::{Change, Transition};
 
 /// A chunk of the file ends at least this often, and is brought to the disk.
@@ -80,7 +80,7 @@ impl OpenFile {
             vehicle: place.about.get(VEHICLE).cloned().unwrap_or_default(),
             configuration,
             version: env!("TELLTALE_VERSION").to_owned(),
-            freeze: job.freeze.clone(),
+            freeze: Vec::new(),
             recording: Recording {
                 file: name,
                 bytes: file.len(),
@@ -140,6 +140,10 @@ impl OpenFile {
             let line = trigger_line(unix_ms(self.wall(*at)), trigger);
             self.untold.push_back((*at, line.clone()));
             self.summary.triggers.push(line);
+        }
+        for (at, frozen) in &job.freeze[self.summary.freeze.len()..] {
+            let at_ms = (*at > job.open.since).then(|| unix_ms(self.wall(*at)));
+            self.summary.freeze.push(FrozenNode { at_ms, ..frozen.clone() });
         }
         self.summary.more_triggers = job.open.more;
         self.summary.roots = job.roots.iter().map(ToString::to_string).collect();

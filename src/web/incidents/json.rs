@@ -40,7 +40,7 @@ pub struct Whole<'a> {
     vehicle: Option<&'a str>,
     /// Oldest first; at most 256.
     triggers: Vec<Trigger<'a>>,
-    /// The nodes of the roots and of the first trigger, as they were then.
+    /// What failed at the first trigger and what belongs to it, as it was then; then what failed later.
     freeze: Vec<Frozen<'a>>,
     /// SHA-256 of the configuration's files.
     configuration: &'a str,
@@ -122,13 +122,16 @@ struct Trigger<'a> {
     note: &'a str,
 }
 
-/// A node at the first trigger.
+/// A node at the first trigger, or at a later one.
 #[derive(Serialize, JsonSchema)]
 struct Frozen<'a> {
     node: &'a str,
     state: &'a str,
     message: &'a str,
     values: BTreeMap<&'a str, &'a str>,
+    /// The time of a later trigger; `null` at the first one.
+    #[schemars(schema_with = "words::some_time")]
+    at: Option<String>,
 }
 
 /// `{"incident": 12}`: the number of the incident that a mark is in.
@@ -219,9 +222,9 @@ fn trigger(trigger: &TriggerLine) -> Trigger<'_> {
 }
 
 fn frozen(frozen: &FrozenNode) -> Frozen<'_> {
-    let FrozenNode { node, state, message, values } = frozen;
+    let FrozenNode { node, state, message, values, at_ms } = frozen;
     let values = values.iter().map(|(key, value)| (&**key, &**value)).collect();
-    Frozen { node, state, message, values }
+    Frozen { node, state, message, values, at: at_ms.map(time) }
 }
 
 #[cfg(test)]

@@ -101,6 +101,7 @@ impl Recorded {
             state: "error".into(),
             message: "no packets".into(),
             values: vec![("rate".into(), "0".into())],
+            at_ms: None,
         };
         let summary = Summary {
             id,

@@ -65,6 +65,8 @@ pub(in crate::web) struct FrozenRow {
     pub word: &'static str,
     pub message: String,
     pub values: Vec<(String, String)>,
+    /// Seconds after the first trigger; empty at that.
+    pub after: String,
 }
 
 pub(in crate::web) struct TopicRow {
@@ -173,6 +175,7 @@ impl Content {
             why: why(&frozen.node),
             state: clean(&frozen.state, NAME),
             word: state_word(lang, &frozen.state),
+            after: frozen.at_ms.map(|at_ms| after(at_ms, summary.since_ms)).unwrap_or_default(),
             message: clean(&frozen.message, MESSAGE),
             values: frozen
                 .values
@@ -279,8 +282,6 @@ fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>) -> Vec<String> 
 }
 
 fn row(lang: Lang, moment: &Moment, since_ms: i64) -> MomentRow {
-    // Whole tenths, so that nothing is "-0.0".
-    let tenths = (moment.at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64;
     let state = match &moment.what {
         Happened::Fails { state, .. } => state.clone(),
         Happened::Masks { .. } => "ignore".to_owned(),
@@ -291,10 +292,17 @@ fn row(lang: Lang, moment: &Moment, since_ms: i64) -> MomentRow {
     MomentRow {
         clock: at[11..21].to_owned(),
         at,
-        after: format!("{:+.1} s", tenths as f64 / 10.0),
+        after: after(moment.at_ms, since_ms),
         state: clean(&state, NAME),
         text: sentence(lang, &moment.what),
     }
+}
+
+/// Seconds after the first trigger.
+fn after(at_ms: i64, since_ms: i64) -> String {
+    // Whole tenths, so that nothing is "-0.0".
+    let tenths = (at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64;
+    format!("{:+.1} s", tenths as f64 / 10.0)
 }
 
 fn stage_bar(painter: &Painter, period: &Period) -> Option<String> {

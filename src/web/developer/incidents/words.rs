@@ -29,7 +29,7 @@ words! {
     states: "States", "Zustände";
     numbers: "Numbers", "Zahlen";
     vehicle_speed: "Speed, km/h", "Geschwindigkeit, km/h";
-    freeze: "Values at the first instant", "Werte im ersten Augenblick";
+    freeze: "Values at that instant", "Werte in diesem Augenblick";
     recording: "Recording", "Aufzeichnung";
     report: "Report", "Bericht";
     replay: "Replay", "Wiedergabe";
