@@ -66,7 +66,7 @@ pub enum Input {
     Tick,
 }
 
-/// Problems of the wall clock, of the page's certificate and of the recorder's memory; `None`: there is none.
+/// Problems of the wall clock, of the page's certificate and of the recording; `None`: there is none.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Upkeep {
     pub clock: Option<Text>,

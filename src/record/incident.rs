@@ -1,12 +1,10 @@
 //! When an incident begins, how long it lasts, and why: decided from snapshots alone.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 
-use super::summary::FrozenNode;
 use crate::engine::event::{Event, EventKind};
 use crate::engine::model::countermeasure::RequestKind;
-use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
+use crate::engine::model::{NodeId, Stage};
 use crate::engine::snapshot::{Moving, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
@@ -17,11 +15,6 @@ pub const LENGTH_MAX: Span = Span::from_secs(60);
 
 /// Triggers of one incident that are kept; more are counted.
 pub(super) const TRIGGERS_MAX: usize = 256;
-
-/// Bounds on the values at the beginning of an incident.
-const FROZEN_MODULES_MAX: usize = 64;
-const FROZEN_VALUES_MAX: usize = 32;
-const FROZEN_TEXT_BYTES_MAX: usize = 256;
 
 /// Bytes of a note.
 pub const NOTE_BYTES_MAX: usize = 2000;
@@ -64,6 +57,13 @@ pub struct Open {
     pub more: u64,
     /// It follows an incident that reached its greatest length.
     pub storm: bool,
+}
+
+impl Open {
+    /// All triggers.
+    pub fn count(&self) -> u64 {
+        self.triggers.len() as u64 + self.more
+    }
 }
 
 /// A change of the present incident.
@@ -199,45 +199,6 @@ pub fn roots(snapshot: &Snapshot, since: Timestamp) -> Vec<Arc<str>> {
     nodes.into_iter().map(|node| snapshot.node_name(node).clone()).collect()
 }
 
-/// The values of a fault at its beginning: the modules of the root causes and of the first triggers, and the others
-/// of their groups. A WARNING is a trigger and no root cause.
-pub fn freeze(snapshot: &Snapshot, open: &Open) -> Vec<FrozenNode> {
-    let mut modules: Vec<ModuleId> = Vec::new();
-    let mut groups: Vec<GroupId> = Vec::new();
-    let named = open.triggers.iter().filter_map(|(_, trigger)| match trigger {
-        Trigger::Root { node, .. } => snapshot.node(node),
-        _ => None,
-    });
-    for node in snapshot.roots.iter().map(|root| root.node).chain(named) {
-        match node {
-            NodeId::Module(id) => {
-                modules.push(id);
-                groups.push(snapshot.module(id).0.group);
-            }
-            NodeId::Group(id) => groups.push(id),
-        }
-    }
-    let of_groups = groups.into_iter().flat_map(|id| snapshot.group(id).0.modules.iter().copied());
-    modules.extend(of_groups);
-    let mut seen = HashSet::new();
-    modules.retain(|id| seen.insert(*id));
-    let frozen = |id: ModuleId| {
-        let (info, view) = snapshot.module(id);
-        let values = view.report.values.iter().take(FROZEN_VALUES_MAX);
-        FrozenNode {
-            node: info.id.to_string(),
-            state: view.state.as_str().to_owned(),
-            message: cut(&view.report.message),
-            values: values.map(|(key, value)| (cut(key), cut(value))).collect(),
-        }
-    };
-    modules.into_iter().take(FROZEN_MODULES_MAX).map(frozen).collect()
-}
-
-fn cut(text: &str) -> String {
-    text[..text.floor_char_boundary(FROZEN_TEXT_BYTES_MAX)].to_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -290,18 +251,6 @@ mod tests {
         assert_eq!(tracker.due(s(12)), []);
         assert!(matches!(&tracker.due(s(13))[..], [Change::Closed(_)]));
         assert_eq!(roots(&engine.snapshot(), s(2)), ["other/a".into()]);
-    }
-
-    #[test]
-    fn the_values_of_a_module_with_a_warning_are_kept() {
-        let mut engine = engine();
-        engine.keep_events();
-        let mut tracker = Tracker::new(Margins::default(), &engine.snapshot());
-        say(&mut tracker, &mut engine, "b", 0, s(1));
-        let opened = say(&mut tracker, &mut engine, "b", 1, s(2));
-        let [Change::Opened(open)] = &*opened else { panic!("{opened:?}") };
-        let frozen = freeze(&engine.snapshot(), open);
-        assert!(frozen.iter().any(|it| it.node == "other/b" && it.state == "warning"), "{frozen:?}");
     }
 
     #[test]

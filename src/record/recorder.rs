@@ -8,7 +8,8 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use super::feed::{Turn, Turns};
-use super::incident::{Change, Margins, Open, Tracker, Trigger, freeze, roots};
+use super::freeze;
+use super::incident::{Change, Margins, Open, Tracker, Trigger, roots};
 use super::latched::Kept;
 use super::ring::{ConfigurationText, Entry, Held, Position, Ring, Taken};
 use super::summary::FrozenNode;
@@ -110,9 +111,31 @@ pub(super) struct Job {
     pub roots: Vec<Arc<str>>,
     /// The stage at the first trigger; a machine may have none.
     pub stage: Option<Stage>,
-    pub freeze: Vec<FrozenNode>,
+    /// With the times of the triggers to which they belong.
+    pub freeze: Vec<(Timestamp, FrozenNode)>,
     /// What latched topics had said last before it begins.
     pub latched: Vec<Kept>,
+}
+
+impl Job {
+    /// It lasts longer. What has failed since is kept with its values.
+    fn extend(&mut self, open: Open, snapshot: &Snapshot) {
+        for (at, trigger) in open.triggers.iter().skip(self.open.triggers.len()) {
+            if let Trigger::Root { node, .. } = trigger {
+                let known: Vec<FrozenNode> = self.freeze.iter().map(|(_, it)| it.clone()).collect();
+                let new = freeze::later(snapshot, node, &known);
+                self.freeze.extend(new.into_iter().map(|it| (*at, it)));
+            }
+        }
+        self.open = open;
+    }
+}
+
+/// A mark: the incident that it is in, and how many triggers that has with it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mark {
+    pub incident: u64,
+    pub triggers: u64,
 }
 
 /// A handle to a running recorder. Clones lead to the same one.
@@ -162,14 +185,15 @@ impl Recorder {
         }
     }
 
-    /// Marks this moment: an incident begins or goes on. Returns its number.
-    pub fn mark(&self, by: &str, note: &str) -> Option<u64> {
+    /// Marks this moment: an incident begins or goes on. The writer tells when it is on the disk. `None`: nothing is
+    /// recorded now.
+    pub fn mark(&self, by: &str, note: &str) -> Option<Mark> {
         let mut state = self.0.lock();
         let now = self.0.clock.now();
         let changes = state.tracker.trigger(now, Trigger::Mark { by: by.into(), note: note.into() });
         state.apply(changes);
         self.0.news.notify_all();
-        state.present().map(|job| job.number)
+        state.present().map(|job| Mark { incident: job.number, triggers: job.open.count() })
     }
 
     /// Records an event that the engine does not know, among the changes.
@@ -341,7 +365,7 @@ impl State {
                 Change::Opened(open) => self.open(open),
                 Change::Extended(open) => {
                     if let Some(job) = self.jobs.back_mut().filter(|job| job.end.is_none()) {
-                        job.open = open;
+                        job.extend(open, &self.snapshot);
                     }
                 }
                 Change::Closed(open) => self.end(open),
@@ -374,7 +398,7 @@ impl State {
             configuration: self.configuration_at(begin),
             roots: Vec::new(),
             stage: self.snapshot.has_stages().then_some(self.snapshot.stage),
-            freeze: freeze(&self.snapshot, &open),
+            freeze: freeze::first(&self.snapshot, &open).into_iter().map(|it| (open.since, it)).collect(),
             latched: self.ring.latched_before(begin),
             open,
         });

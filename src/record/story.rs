@@ -30,8 +30,6 @@ pub(super) const BYTES_MAX: u64 = 1 << 30;
 const CHANGES_MAX: usize = 50_000;
 const TOPICS_MAX: usize = 1024;
 const MOMENTS_MAX: usize = 400;
-/// An UNKNOWN that is over within this time is no event where a node begins to matter.
-const GIVEN_TIME_MS: i64 = 3000;
 /// Nodes that one moment names.
 const NAMED_MAX: usize = 12;
 
@@ -405,17 +403,20 @@ fn happened(changes: &[Transition<'_>], summary: &Summary, from_ms: i64) -> Vec<
     moments
 }
 
-/// The changes to UNKNOWN that are soon over: what matters from now on, as at a departure, is given time to report.
+/// The changes to UNKNOWN that raised no alarm as long as they lasted. Where a node begins to matter, as at a departure,
+/// it is given time to report, however long it measures. So it is where one ends to matter in the same instant.
 fn given_time(changes: &[Transition<'_>]) -> BTreeSet<usize> {
-    let mut next: BTreeMap<&str, (i64, &str)> = BTreeMap::new();
-    let mut found = BTreeSet::new();
-    for (index, Transition { at_ms, change }) in changes.iter().enumerate().rev() {
-        let Change::Shown { node, shown, .. } = change else { continue };
-        let after = next.insert(node, (*at_ms, shown));
-        let is_soon_over =
-            after.is_some_and(|(after_ms, shown)| !is_fault(shown) && after_ms - at_ms <= GIVEN_TIME_MS);
-        if shown == "unknown" && is_soon_over {
-            found.insert(index);
+    let (mut alarmed, mut found) = (BTreeSet::new(), BTreeSet::new());
+    for (index, Transition { change, .. }) in changes.iter().enumerate().rev() {
+        match change {
+            Change::AlarmRaised { node, .. } => drop(alarmed.insert(&**node)),
+            Change::Shown { node, shown, .. } => {
+                let is_alarmed = alarmed.remove(&**node);
+                if shown == "unknown" && !is_alarmed {
+                    found.insert(index);
+                }
+            }
+            _ => {}
         }
     }
     found

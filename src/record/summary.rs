@@ -28,7 +28,7 @@ pub struct Summary {
     pub configuration: String,
     /// The version of Telltale.
     pub version: String,
-    /// The nodes of the roots and of the first trigger, with their values at that time.
+    /// What failed at the first trigger and what belongs to it, with its values at that time; then what failed later.
     pub freeze: Vec<FrozenNode>,
     pub recording: Recording,
 }
@@ -45,6 +45,11 @@ impl Summary {
     /// Somebody marked it.
     pub fn is_marked(&self) -> bool {
         self.triggers.iter().any(|trigger| trigger.kind == kind::MARK)
+    }
+
+    /// All triggers.
+    pub fn trigger_count(&self) -> u64 {
+        self.triggers.len() as u64 + self.more_triggers
     }
 
     /// The nodes that it is about: the roots, and modules that showed a WARNING. The roots are known later than
@@ -79,7 +84,7 @@ pub struct TriggerLine {
     pub note: String,
 }
 
-/// A module as it was at the first trigger.
+/// A module as it was at the first trigger, or at a later one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrozenNode {
     pub node: String,
@@ -87,6 +92,9 @@ pub struct FrozenNode {
     pub state: String,
     pub message: String,
     pub values: Vec<(String, String)>,
+    /// The time of the later trigger.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_ms: Option<i64>,
 }
 
 /// The file of a recording.

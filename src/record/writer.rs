@@ -5,11 +5,11 @@ mod open_file;
 mod recent;
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 
 use super::file::{FileError, IncidentFile};
 use super::recorder::{Job, Recorder, Shared};
@@ -34,6 +34,9 @@ const TRY_EVERY: Span = Span::from_secs(5);
 /// Without a failure it is tried this often: nobody learns otherwise that it has become useless.
 const LOOK_AFTER_DISK_EVERY: Span = Span::from_secs(60);
 
+/// With less free room than this, no recording of some length fits.
+const ROOM_MIN: u64 = 4 << 20;
+
 /// News that may wait for their receiver.
 pub const NEWS_MAX: usize = 64;
 
@@ -43,15 +46,16 @@ pub const VEHICLE: &str = "vehicle";
 /// What the writer tells.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
-    /// A recording began.
+    /// A recording began: what is known of it is on the disk.
     Begun(Summary),
     /// It has another trigger.
     Extended(Summary),
     /// Its file is whole, or was given up.
     Ended(Summary),
-    /// Why nothing can be recorded; `None`: it can again.
-    Fault(Option<String>),
 }
+
+/// Why nothing can be recorded; `None`: it can. It is told apart from the news, which wait for the database.
+pub type Fault = Option<Arc<str>>;
 
 /// What the writer needs beside the recorder.
 #[derive(Debug, Clone)]
@@ -71,10 +75,11 @@ pub fn start(
     recorder: &Recorder,
     place: Place,
     news: mpsc::Sender<News>,
+    fault: watch::Sender<Fault>,
 ) -> std::io::Result<std::thread::JoinHandle<()>> {
     let shared = recorder.0.clone();
     let writer =
-        Writer { clock: shared.clock(), shared, place, news, untold: Vec::new(), fault: None, tried: None };
+        Writer { clock: shared.clock(), shared, place, news, untold: Vec::new(), fault, tried: None };
     std::thread::Builder::new().name("incidents".into()).spawn(move || writer.run())
 }
 
@@ -85,7 +90,7 @@ struct Writer {
     news: mpsc::Sender<News>,
     /// Ends of recordings that the receiver of news had no room for.
     untold: Vec<News>,
-    fault: Option<String>,
+    fault: watch::Sender<Fault>,
     /// When the disk was tried last, or failed.
     tried: Option<Timestamp>,
 }
@@ -163,7 +168,7 @@ impl Writer {
                 // That of a long recording takes its time, which is no fault of the disk.
                 let path = self.place.folder.join(&summary.recording.file);
                 summary.recording.sha256 = hash_file(&path).ok();
-                self.recover();
+                self.judge_room();
                 self.tell_surely(News::Ended(summary));
             }
             Err(error) => self.give_up(summary, &error),
@@ -179,25 +184,26 @@ impl Writer {
     fn fail(&mut self, error: &FileError) {
         tracing::error!(%error, "an incident cannot be recorded");
         self.tried = Some(self.clock.now());
-        let fault = error.to_string();
-        if self.fault.as_ref() != Some(&fault) {
-            self.fault = Some(fault.clone());
-            self.tell_surely(News::Fault(Some(fault)));
-        }
+        let fault: Fault = Some(error.to_string().into());
+        self.fault.send_if_modified(|said| {
+            let is_new = *said != fault;
+            *said = fault;
+            is_new
+        });
     }
 
     fn recover(&mut self) {
-        if self.fault.take().is_some() {
+        if self.fault.borrow().is_some() {
             tracing::info!("incidents can be recorded again");
             // First: once this is told, the end of the engine may come, and ends what is open.
             self.shared.lock().take_up();
-            self.tell_surely(News::Fault(None));
+            self.fault.send_replace(None);
         }
     }
 
     /// Without an incident, only a trial shows whether the disk takes recordings, still or again.
     fn try_the_disk_again(&mut self) {
-        let every = if self.fault.is_some() { TRY_EVERY } else { LOOK_AFTER_DISK_EVERY };
+        let every = if self.fault.borrow().is_some() { TRY_EVERY } else { LOOK_AFTER_DISK_EVERY };
         let waits = |tried| self.clock.now().since(tried) < every;
         if !self.tried.is_some_and(waits) {
             self.try_the_disk();
@@ -216,7 +222,15 @@ impl Writer {
             trial
         });
         match trial {
-            Ok(_) => self.recover(),
+            Ok(_) => self.judge_room(),
+            Err(error) => self.fail(&error),
+        }
+    }
+
+    /// The disk took a file. Whether it takes a recording is another question.
+    fn judge_room(&mut self) {
+        match self.shared.on_disk(|| check_room(&self.place.folder)) {
+            Ok(()) => self.recover(),
             Err(error) => self.fail(&error),
         }
     }
@@ -241,6 +255,18 @@ impl Writer {
         // Incidents open once a minute: this many only wait if the receiver is gone for an hour.
         self.untold.truncate(NEWS_MAX);
     }
+}
+
+/// # Errors
+/// There is hardly any, or the disk does not say.
+fn check_room(folder: &Path) -> Result<(), FileError> {
+    let system = rustix::fs::statvfs(folder);
+    let system = system.map_err(|error| FileError::io(folder, "examined", error.into()))?;
+    let free = system.f_bavail.saturating_mul(system.f_frsize);
+    if free >= ROOM_MIN {
+        return Ok(());
+    }
+    Err(FileError::format(folder, format!("the disk is full: {} KiB are free", free / 1024)))
 }
 
 #[cfg(test)]

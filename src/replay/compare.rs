@@ -112,10 +112,7 @@ impl Candidate {
     /// # Errors
     /// The recording has no configuration, or this version cannot read it.
     pub fn differences(&self, facts: &Facts) -> Result<Vec<String>, ReplayError> {
-        if facts.configuration.is_empty() {
-            return Err(ReplayError::NoConfiguration);
-        }
-        let recorded = facts.load(&facts.configuration)?;
+        let recorded = facts.recorded()?;
         let found = difference(&recorded, &facts.as_counted(self.loaded.clone()));
         Ok(found.iter().map(ToString::to_string).collect())
     }

@@ -13,6 +13,7 @@ use crate::engine::time::Timestamp;
 use crate::msg::fields::Definitions;
 use crate::record::file::{ABOUT, FileError, Reader};
 use crate::record::ring::ConfigurationText;
+use crate::record::writer::digest;
 use crate::yaml::Problems;
 
 /// The folder of the attachments with the files of the configuration.
@@ -25,6 +26,8 @@ pub enum ReplayError {
     File(#[from] FileError),
     #[error("the recording has no configuration of its own: name one with --config")]
     NoConfiguration,
+    #[error("the configuration in the recording is damaged: {0}; name the right one with --config")]
+    DamagedConfiguration(String),
     #[error("the recorded configuration cannot be read by this version; name one with --config\n{0}")]
     Configuration(Problems),
     #[error("the configuration needs what the recording does not define: {0}")]
@@ -59,8 +62,10 @@ pub struct Facts {
     pub vehicle: String,
     /// The demo's vehicle has more time than its configuration says.
     is_demo: bool,
-    /// The files of its configuration, the main one first.
+    /// The files of its configuration, the main one first. Of a damaged one there are none.
     pub configuration: Arc<[ConfigurationText]>,
+    /// Why it cannot be used.
+    pub configuration_damage: Option<String>,
 }
 
 impl Facts {
@@ -80,6 +85,20 @@ impl Facts {
     pub fn at(&self, unix_ns: u64) -> Timestamp {
         let zero = self.zero.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
         Timestamp::from_nanos(unix_ns.saturating_sub(u64::try_from(zero).unwrap_or(u64::MAX)))
+    }
+
+    /// The recorded configuration as it counted at the beginning.
+    ///
+    /// # Errors
+    /// There is none, it is damaged, or this version cannot read it.
+    pub fn recorded(&self) -> Result<Loaded, ReplayError> {
+        if let Some(why) = &self.configuration_damage {
+            return Err(ReplayError::DamagedConfiguration(why.clone()));
+        }
+        if self.configuration.is_empty() {
+            return Err(ReplayError::NoConfiguration);
+        }
+        self.load(&self.configuration)
     }
 
     /// Reads a recorded configuration as it counted when it was recorded.
@@ -104,13 +123,17 @@ impl Recording {
     pub fn open(path: &Path) -> Result<Recording, ReplayError> {
         let mut reader = Bag::open(path)?;
         let mut about = BTreeMap::new();
-        let (mut has_journal, mut configuration) = (false, Arc::from([]));
+        let (mut has_journal, mut attached_texts) = (false, Ok(Vec::new()));
         if let Some(file) = reader.single() {
             let found = file.metadata().find(|(name, _)| *name == ABOUT).map(|(_, about)| about.clone());
             has_journal = found.is_some();
             about = found.unwrap_or_default();
-            configuration = attached(file);
+            attached_texts = attached(file, about.get("configuration_sha256"));
         }
+        let (texts, configuration_damage) = match attached_texts {
+            Ok(texts) => (texts, None),
+            Err(why) => (Vec::new(), Some(why)),
+        };
         let number = |key: &str| about.get(key).and_then(|text| text.parse::<u64>().ok());
         let zero_ns = number("start_of_clock_ns").or(reader.first_ns()).ok_or(ReplayError::Empty)?;
         let mut facts = Facts {
@@ -121,7 +144,8 @@ impl Recording {
             incident: number("incident"),
             vehicle: about.get("vehicle").cloned().unwrap_or_default(),
             is_demo: about.get("demo").is_some_and(|demo| demo == "true"),
-            configuration,
+            configuration: texts.into(),
+            configuration_damage,
         };
         facts.to = reader.last_ns().map(|last| facts.at(last));
         Ok(Recording { reader, facts })
@@ -147,8 +171,11 @@ impl Recording {
     }
 }
 
-/// The attached files, in the order in which they were read.
-fn attached(reader: &mut Reader<File>) -> Arc<[ConfigurationText]> {
+/// The attached files, in the order in which they were read, which have this hash together.
+///
+/// # Errors
+/// What is damaged of them.
+fn attached(reader: &mut Reader<File>, hash: Option<&String>) -> Result<Vec<ConfigurationText>, String> {
     let names: Vec<String> = reader.attachments().map(|(name, _)| name.to_owned()).collect();
     let mut texts: Vec<ConfigurationText> = Vec::new();
     for name in names {
@@ -156,9 +183,15 @@ fn attached(reader: &mut Reader<File>) -> Arc<[ConfigurationText]> {
         if texts.iter().any(|known| known.name == file) {
             continue;
         }
-        if let Some(text) = reader.attachment(&name).and_then(|bytes| String::from_utf8(bytes).ok()) {
-            texts.push(ConfigurationText { name: file.to_owned(), text });
-        }
+        let bytes = reader.attachment(&name).ok_or_else(|| format!("{file:?} is not as it was written"))?;
+        let text = String::from_utf8(bytes).map_err(|_| format!("{file:?} is no text"))?;
+        texts.push(ConfigurationText { name: file.to_owned(), text });
     }
-    texts.into()
+    match hash {
+        // Files may be missing, or may have been replaced.
+        Some(hash) if digest(&texts) != *hash => {
+            Err("it has not the hash that the recording names".to_owned())
+        }
+        _ => Ok(texts),
+    }
 }

@@ -87,10 +87,10 @@ impl Run {
     /// The recording has no configuration, or this version cannot read it.
     pub fn recorded(recording: Recording) -> Result<Run, ReplayError> {
         let facts = recording.facts();
-        if !facts.has_journal || facts.configuration.is_empty() {
+        if !facts.has_journal {
             return Err(ReplayError::NoConfiguration);
         }
-        let model = facts.load(&facts.configuration)?.model;
+        let model = facts.recorded()?.model;
         let facts = facts.clone();
         let load = move |texts: &[ConfigurationText]| Ok(facts.load(texts)?.model);
         Ok(Run::recorded_by(recording, model, Box::new(load)))
@@ -113,7 +113,7 @@ impl Run {
     ) -> Result<Run, ReplayError> {
         let facts = recording.facts();
         let bridge = Bridge::new(&model, definitions, facts.has_journal)?;
-        let recorded = facts.load(&facts.configuration).ok().map(|loaded| loaded.model);
+        let recorded = facts.recorded().ok().map(|loaded| loaded.model);
         let reads = recorded.as_ref().and_then(|model| Bridge::new(model, definitions, true).ok());
         let reads = reads.map(|bridge| bridge.unheard().into_iter().collect()).unwrap_or_default();
         let steps = Steps::judged_anew(recording, bridge);

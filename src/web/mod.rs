@@ -60,7 +60,7 @@ pub use demo::{DemoFaults, FaultSwitch};
 pub use http::guard::{Access, cookie_name};
 pub use http::origins::{NoOrigin, Origins};
 use incidents::WhatIfs;
-pub use incidents::{Examiner, Marker, RecordingState};
+pub use incidents::{Examiner, Marker, Marking, NotMarked, RecordingState};
 pub use live::frame::{snapshot_schema, stream_schema};
 pub use router::{BODY_BYTES_MAX, Route, openapi, router, routes};
 pub use self_check::{SelfCheck, Stuck};

@@ -3,7 +3,7 @@
 
 use super::Live;
 use super::developer::reload::have_taken;
-use super::incidents::Marker;
+use super::incidents::mark_moment;
 use super::operator::act::{Deed, act_in_turn};
 use super::operator::not_done::{InvalidTap, NotDone};
 use super::view;
@@ -50,7 +50,7 @@ pub async fn serve(app: &Live, request: &ServiceRequest) -> Answer {
         Service::Acknowledge => request.acknowledge(app, until).await,
         Service::Reset => request.reset(app, until).await,
         Service::Reload => request.reload(app).await,
-        Service::Mark => request.mark(app),
+        Service::Mark => request.mark(app).await,
     }
 }
 
@@ -140,14 +140,10 @@ impl ServiceRequest {
         Ok(answer)
     }
 
-    fn mark(&self, app: &Live) -> Answer {
-        let marker = app.settings.marker.as_ref();
-        let Some(id) = marker.and_then(|Marker(mark)| mark(&self.caller, "")) else {
-            return Err(words(HttpError::NotRecording));
-        };
+    async fn mark(&self, app: &Live) -> Answer {
         // Marks are few, and none is left out.
         let record = Record { by_anybody: None, ..self.record(Action::Mark) };
-        app.store.note(record.on(format!("{id}: ")));
+        let id = mark_moment(app, &self.caller, "", record).await.map_err(words)?;
         Ok(format!("incident {id} is marked"))
     }
 

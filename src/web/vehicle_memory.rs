@@ -66,6 +66,12 @@ impl Live {
     pub fn is_storage_ok(&self) -> bool {
         self.store.fault().borrow().is_none()
     }
+
+    /// Whether a drive that begins now will be recorded.
+    pub fn is_recorded(&self) -> bool {
+        let recording = self.settings.recording.as_ref();
+        self.is_storage_ok() && recording.is_none_or(|recording| recording.fault.borrow().is_none())
+    }
 }
 
 async fn follow(app: Live, mut ends: oneshot::Receiver<()>) {

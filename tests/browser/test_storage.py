@@ -84,11 +84,11 @@ def mounted(tmp_path):
     assert server.stop() == 0
 
 
-def storage(client):
+def storage(client, node="telltale/storage"):
     """The message of the WARNING, if there is one."""
     snapshot = client.snapshot()
     groups = [group for group in snapshot["groups"] if group["id"] == "telltale"]
-    modules = [module for group in groups for module in group["modules"] if module["id"] == "telltale/storage"]
+    modules = [module for group in groups for module in group["modules"] if module["id"] == node]
     found = [module for module in modules if module["state"] == "warning"]
     assert all(module["state"] in ("ok", "warning") for module in modules), modules
     return found[0]["message"] if found else None
@@ -151,9 +151,9 @@ def refusals(moments):
 
 
 def recording_off(client):
-    """The message of the WARNING, by which a clearance is refused too."""
-    message = storage(client)
-    return message if message and "recording off: " in message else None
+    """The message of the WARNING, with which a clearance is refused too."""
+    message = storage(client, "telltale/recording")
+    return message if message and message.startswith("recording off: ") else None
 
 
 def test_recordings_on_a_read_only_disk_are_a_warning_until_they_are_taken_again(mounted):
@@ -166,9 +166,28 @@ def test_recordings_on_a_read_only_disk_are_a_warning_until_they_are_taken_again
     no_clearance(client)
     goes_on(client)
     mounted.inside(f"umount {folder}")
-    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    until(lambda: recording_off(client) is None, NOTICE_S, "the warning ends")
     told = refusals(recorded(client, mounted))
     assert len(told) == 1 and "Nothing can be recorded" in told[0], told
+
+
+def test_a_mark_that_a_full_disk_does_not_take_is_refused_and_leaves_nothing(mounted):
+    client = Client(mounted, *OPERATOR)
+    assert recording_off(client) is None
+    folder = mounted.data / "incidents"
+    mounted.inside(f"mount -t tmpfs -o size=8m,mode=0700 tmpfs {folder}; cd {folder}; {FILL}")
+    # Nothing was written since: the mark itself is the first that fails.
+    assert mark(client) is None
+    message = until(lambda: recording_off(client), 2, "a warning at once")
+    assert "No space left" in message, message
+    no_clearance(client)
+    goes_on(client)
+    assert mounted.inside("ls incidents").split() == ["fill", "rest"]
+    assert mounted.inside(f"{TELLTALE} incident verify --data .").startswith("ok")
+    mounted.inside("rm incidents/fill incidents/rest")
+    until(lambda: recording_off(client) is None, NOTICE_S, "the warning ends")
+    recorded(client, mounted)
+    mounted.inside(f"umount -l {folder}")
 
 
 @pytest.fixture
@@ -195,7 +214,7 @@ def test_recordings_on_a_disk_that_hangs_are_a_warning_until_it_answers(mounted,
     assert mark(client) is None
     no_clearance(client)
     freezing(False)
-    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    until(lambda: recording_off(client) is None, NOTICE_S, "the warning ends")
     recorded(client, mounted)
 
 

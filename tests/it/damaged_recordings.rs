@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::UNIX_EPOCH;
@@ -15,8 +16,10 @@ use telltale::msg::fields::Definitions;
 use telltale::msg::messages;
 use telltale::record::file::{IncidentFile, JOURNAL, KEYFRAMES, MessageStamps};
 use telltale::record::journal::{Line, MessageRef, Took};
+use telltale::record::ring::ConfigurationText;
+use telltale::record::writer::digest;
 use telltale::replay::line::lines;
-use telltale::replay::{Gap, Playback, Recording, Run};
+use telltale::replay::{Gap, Playback, Recording, ReplayError, Run};
 
 use crate::folder::TestFolder;
 
@@ -38,7 +41,14 @@ fn recording(folder: &TestFolder, inputs: &[(u64, Input)]) -> std::path::PathBuf
     }
     let loaded = config::load(&folder.join("main.yaml")).unwrap_or_else(|problems| panic!("{problems}"));
     let path = folder.join("incident-1.mcap");
-    let about = BTreeMap::from([("start_of_clock_ns".to_owned(), "1800000000000000000".to_owned())]);
+    let texts = loaded
+        .sources()
+        .texts()
+        .map(|(name, text)| ConfigurationText { name: name.into(), text: text.into() });
+    let about = BTreeMap::from([
+        ("start_of_clock_ns".to_owned(), "1800000000000000000".to_owned()),
+        ("configuration_sha256".to_owned(), digest(&texts.collect::<Vec<_>>())),
+    ]);
     let mut file = IncidentFile::create(&path, about).unwrap();
     for (name, text) in loaded.sources().texts() {
         file.attach(&format!("configuration/{name}"), "application/yaml", 1, text.as_bytes()).unwrap();
@@ -277,4 +287,41 @@ fn a_span_in_which_nothing_lies_is_refused() {
         assert!(said.contains(why) && refused.stdout.is_empty(), "{options:?} {said}");
     }
     assert!(replay(&path, &["--from", "14s", "--to", "16s"]).status.success());
+}
+
+#[test]
+fn a_damaged_configuration_is_told_as_that_and_another_one_takes_its_place() {
+    let folder = TestFolder::new("replayed-damaged");
+    let path = recording(&folder, &[(100, says(0)), (500, says(2)), (9000, Input::Tick)]);
+    let whole = std::fs::read(&path).unwrap();
+    let place = |text: &str| whole.windows(text.len()).position(|it| it == text.as_bytes()).unwrap();
+    // In the text of the second file, in the name of it, and in the record that has it.
+    for (at, byte) in
+        [(place("imu, timeout"), b'x'), (place("configuration/") + 3, b'x'), (place(MAIN), b'#')]
+    {
+        let mut bytes = whole.clone();
+        bytes[at] = byte;
+        std::fs::write(&path, bytes).unwrap();
+        let Err(error) = Run::recorded(Recording::open(&path).unwrap()) else { panic!("at byte {at}") };
+        assert!(matches!(error, ReplayError::DamagedConfiguration(_)), "at byte {at}: {error}");
+        let said = error.to_string();
+        assert!(said.contains("is damaged") && said.contains("name the right one with --config"), "{said}");
+        let replay = |words: &[&OsStr]| {
+            Command::new(env!("CARGO_BIN_EXE_telltale"))
+                .arg("replay")
+                .arg(&path)
+                .args(words)
+                .output()
+                .unwrap()
+        };
+        let run = replay(&[]);
+        let (err, code) = (String::from_utf8_lossy(&run.stderr), run.status.code());
+        assert!(
+            code == Some(2) && err.contains("the configuration in the recording is damaged"),
+            "{code:?} {err}"
+        );
+        let run = replay(&["--config".as_ref(), folder.join("main.yaml").as_ref()]);
+        let out = String::from_utf8_lossy(&run.stdout);
+        assert!(run.status.success() && out.contains("sensors/imu"), "{out}");
+    }
 }

@@ -247,6 +247,12 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
     assert_eq!(folder.run(&["verify", "3"]).2, Some(0));
     let (out, _, code) = folder.run(&["verify", "8"]);
     assert!(code == Some(1) && out.contains("there is no such incident"), "{out}");
+    std::fs::write(folder.file(18), []).unwrap();
+    let (out, _, code) = folder.run(&["verify", "18"]);
+    assert!(
+        code == Some(0) && out.contains("incident 18 never began: ") && out.contains("is empty"),
+        "{out}"
+    );
     folder.end_server().await;
     // Somebody changes the file and its hash in the store.
     let run = |sql: &str| {

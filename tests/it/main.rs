@@ -32,6 +32,7 @@ mod evaluation;
 mod fields;
 mod first_configuration;
 mod folder;
+mod freeze_frames;
 mod goals;
 mod graph;
 mod held_requests;

@@ -9,10 +9,11 @@ use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed, now_ms};
 use crate::record::folder;
+use crate::record::proof::{Expected, Proof, compare};
 use crate::record::retention::size;
 use crate::store::{Incident, Incidents, StoreError};
 use crate::web::developer::incidents::report::report;
-use crate::web::incidents::{Proof, Read, compare, read};
+use crate::web::incidents::{Read, read};
 use crate::web::view::Lang;
 
 #[derive(Debug, clap::Args)]
@@ -35,23 +36,32 @@ enum Kind {
 }
 
 pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
-    let incident = Incidents::open(data)?.one(args.id)?.ok_or(StoreError::NoSuchIncident(args.id))?;
+    let incidents = Incidents::open(data)?;
+    let incident = incidents.one(args.id)?.ok_or(StoreError::NoSuchIncident(args.id))?;
+    let expected =
+        Expected { stored: incident.summary.recording.sha256.clone(), logged: incidents.logged(args.id)? };
     let mut is_good = true;
     if let Some(output) = &args.report {
-        is_good &= write_report(data, &incident, output)?;
+        is_good &= write_report(data, &incident, &expected, output)?;
     }
     if args.report.is_none() || args.output.is_some() {
         let output = args.output.clone().unwrap_or_else(|| PathBuf::from(folder::file_name(args.id)));
-        is_good &= copy(data, &incident, &output)?;
+        is_good &= copy(data, &incident, &expected, &output)?;
     }
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
 }
 
 /// Writes the report. Returns whether all of it could be read, and was as it was recorded.
-fn write_report(data: &Path, incident: &Incident, output: &Path) -> anyhow::Result<bool> {
+fn write_report(
+    data: &Path,
+    incident: &Incident,
+    expected: &Expected,
+    output: &Path,
+) -> anyhow::Result<bool> {
     let recordings = folder::folder_in(data);
     let told = read(&recordings, &incident.summary);
-    let proof = compare(&recordings, &incident.summary);
+    let path = folder::path_of(&recordings, &incident.summary.recording.file);
+    let proof = path.map_or(Proof::None, |path| compare(&path, expected, u64::MAX));
     let document = report(Lang::En, incident, (&told, &proof), now_ms());
     let mut to = create(output, Kind::Report)?;
     to.write_all(document.as_bytes())
@@ -77,7 +87,7 @@ fn write_report(data: &Path, incident: &Incident, output: &Path) -> anyhow::Resu
 }
 
 /// Copies the recording. Returns whether it is as it was recorded.
-fn copy(data: &Path, incident: &Incident, output: &Path) -> anyhow::Result<bool> {
+fn copy(data: &Path, incident: &Incident, expected: &Expected, output: &Path) -> anyhow::Result<bool> {
     let Some((path, mut from)) = open_recording(data, incident) else { return Ok(false) };
     let mut to = create(output, Kind::Recording)?;
     let (bytes, hash) = hashed(&mut from, &mut to)
@@ -86,7 +96,8 @@ fn copy(data: &Path, incident: &Incident, output: &Path) -> anyhow::Result<bool>
     println!("{}, {}", output.display(), size(bytes));
     println!("sha256 {hash}");
     tell_open(incident);
-    if let Some(recorded) = incident.summary.recording.sha256.as_ref().filter(|it| **it != hash) {
+    let known = [&expected.stored, &expected.logged].into_iter().flatten();
+    if let Some(recorded) = known.into_iter().find(|it| **it != hash) {
         eprintln!("telltale: the file is not as it was recorded: its hash was {recorded}");
         return Ok(false);
     }

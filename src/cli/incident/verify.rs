@@ -24,6 +24,8 @@ const DAMAGES_MAX: usize = 3;
 enum Found {
     Whole(String),
     Unfinished,
+    /// A file without an incident: nobody was told of one.
+    Empty(String),
     Bad(String),
 }
 
@@ -51,6 +53,7 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
             Found::Unfinished => {
                 print(&format!("      incident {id} is not finished: there is no hash yet\n"))
             }
+            Found::Empty(what) => print(&format!("      incident {id} never began: {what}\n")),
             Found::Bad(what) => {
                 print(&format!("BAD   incident {id}: {what}\n"));
                 is_good = false;
@@ -94,6 +97,9 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
         None if is_missing => return Found::Bad("there is no such incident".to_owned()),
         None if was_removed => {
             return Found::Bad(format!("it was removed, and {path} is there still: remove it by hand"));
+        }
+        None if recorded.is_none() && full.metadata().is_ok_and(|it| it.is_file() && it.len() == 0) => {
+            return Found::Empty(format!("{path} is empty; the next start of the server removes it"));
         }
         Some(incident) if !incident.summary.recording.finished => return Found::Unfinished,
         _ => {}

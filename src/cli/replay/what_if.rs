@@ -216,9 +216,10 @@ fn one(args: &Args, named: &Named, new: &Path, covered: &mut Covered) -> Result<
         None => {
             let omissions = recording.omissions();
             Run::recorded(recording).map_err(|error| match (error, &omissions[..]) {
-                (ReplayError::NoConfiguration, [omission, ..]) => {
-                    Trouble::Recording(format!("{}; {omission}", ReplayError::NoConfiguration))
-                }
+                (
+                    error @ (ReplayError::NoConfiguration | ReplayError::DamagedConfiguration(_)),
+                    [omission, ..],
+                ) => Trouble::Recording(format!("{error}; {omission}")),
                 (error, _) => trouble(error),
             })?
         }

@@ -12,11 +12,8 @@ use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
 use crate::record::{beside, folder, found};
-use crate::store::Store;
 use crate::store::audit::{Action, Record, TELLTALE};
-
-/// In the audit log, in place of the hash of a recording that has none.
-const NO_HASH: &str = "unknown";
+use crate::store::{NO_HASH, Store};
 
 /// Completes the files of incidents that the end of an earlier run interrupted. One whose file is gone is marked so,
 /// and is looked at again only if its file is back.
@@ -90,7 +87,7 @@ fn complete(path: &Path) -> Result<(u64, String), FileError> {
 
 /// Takes in the recordings of these numbers that the store does not know: its database was lost, or is an older
 /// copy. From then on they are listed, counted and removed as all others. A file that contradicts the audit log, or
-/// is no recording, is left as it is.
+/// is no recording, is left as it is. An empty one that no record names is removed: its incident never began.
 pub async fn take_in(store: &Store, folder: &Path, files: Vec<u64>) {
     let unknown = match store.unknown_incidents(files).await {
         Ok(unknown) => unknown,
@@ -105,7 +102,7 @@ pub async fn take_in(store: &Store, folder: &Path, files: Vec<u64>) {
     };
     // The newest first: the oldest may be too many.
     for id in unknown.into_iter().rev().take(INCIDENTS_MAX) {
-        let recorded = records.hashes.get(&id).filter(|hash| *hash != NO_HASH).cloned();
+        let recorded = records.hashes.get(&id).cloned();
         let path = folder.join(folder::file_name(id));
         let summary = task::spawn_blocking(move || unknown_summary(id, &path, recorded)).await;
         let Ok(Some(summary)) = summary else { continue };
@@ -141,17 +138,27 @@ async fn take_beside(store: &Store, folder: &Path, summary: &Summary) {
     }
 }
 
-/// The summary of an incident that left only its file. `recorded`: the hash that the audit log has.
+/// The summary of an incident that left only its file. `recorded`: what the audit log has in place of its hash.
 fn unknown_summary(id: u64, path: &Path, recorded: Option<String>) -> Option<Summary> {
     let left = |why: &dyn std::fmt::Display| {
         tracing::warn!("{} belongs to no incident and is left as it is: {why}", path.display());
     };
-    if !std::fs::symlink_metadata(path).is_ok_and(|it| it.is_file()) {
+    let Some(meta) = std::fs::symlink_metadata(path).ok().filter(std::fs::Metadata::is_file) else {
         left(&"it is no file");
+        return None;
+    };
+    if meta.len() == 0 && recorded.is_none() {
+        match std::fs::remove_file(path) {
+            Ok(()) => tracing::warn!(
+                "{} was empty and is removed: the program ended before its recording began",
+                path.display()
+            ),
+            Err(error) => left(&format_args!("it is empty and cannot be removed: {error}")),
+        }
         return None;
     }
     // Evidence: what the log contradicts is not even completed.
-    if let Some(recorded) = recorded
+    if let Some(recorded) = recorded.filter(|hash| hash != NO_HASH)
         && hash_file(path).ok().as_ref() != Some(&recorded)
     {
         left(&"it is not as the audit log says");
@@ -268,6 +275,10 @@ mod tests {
         assert_eq!(*roots, ["a/b"]);
         assert!(recording.finished && recording.interrupted && !all[1].summary.recording.interrupted);
         assert_eq!(check(&place.path(5)).unwrap(), [""; 0]);
+        assert!(
+            place.path(6).exists() && !place.path(8).exists(),
+            "an empty one that nothing names never began"
+        );
         let hash = |id: u64| hash_file(&place.path(id)).unwrap();
         let found = |id: u64| ("incident found".to_owned(), format!("{id} sha256:{}", hash(id)));
         let noted = ("incident note".to_owned(), "3: brake squeals".to_owned());
@@ -317,6 +328,24 @@ mod tests {
         let ids: Vec<u64> = known(&store).await.into_iter().map(|(id, _)| id).collect();
         assert_eq!(ids, [1]);
         assert_eq!(std::fs::read(place.path(2)).unwrap(), before, "nor is it completed");
+    }
+
+    #[tokio::test]
+    async fn an_empty_file_that_a_record_names_stays() {
+        let place = Place::new("left-over-emptied");
+        let store = place.store();
+        let recording = Recording { file: file_name(1), finished: true, ..Recording::default() };
+        let summary = Summary { id: 1, recording, ..Summary::default() };
+        // Its hash is not known.
+        store.incident_finished(&summary).await.unwrap();
+        store.forget_incidents(vec![1], Record::of(Action::IncidentRemoved, TELLTALE)).await.unwrap();
+        let recording = Recording { file: file_name(2), ..Recording::default() };
+        store.incident_opened(&Summary { id: 2, recording, ..Summary::default() }).await.unwrap();
+        for id in [1, 2] {
+            std::fs::write(place.path(id), []).unwrap();
+        }
+        place.start(&store).await;
+        assert!(place.path(1).exists() && place.path(2).exists());
     }
 
     #[tokio::test]

@@ -165,13 +165,10 @@ impl Server {
         };
         let start = Record::of(Action::Start, TELLTALE).on(env!("TELLTALE_VERSION"));
         store.record(start, None).await;
-        let storage = {
-            let recording = recording.as_ref().map(|recording| recording.fault.clone());
-            tokio::spawn(tell_of_storage(store.clone(), recording, link.inputs.clone(), clock))
-        };
-        let recorder = recording.as_ref().map(|recording| recording.recorder.clone());
+        let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
+        let watched = recording.as_ref().map(Recording::watched);
         let watching =
-            timekeeping::watch(tls.clone(), hosts, store.floor(), recorder, link.inputs.clone(), clock);
+            timekeeping::watch(tls.clone(), hosts, store.floor(), watched, link.inputs.clone(), clock);
         let time = tokio::spawn(watching);
         let status = format!("the display is on {}; it listens to {listens_to}", url(address, secure));
         tracing::info!("{status}");
@@ -330,26 +327,14 @@ fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::
 }
 
 /// Reports the faults of the storage to the engine.
-async fn tell_of_storage(
-    store: Store,
-    recording: Option<watch::Receiver<Option<Arc<str>>>>,
-    inputs: mpsc::Sender<Stamped>,
-    clock: Clock,
-) {
+async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clock) {
     let mut faults = store.fault();
     drop(store);
-    let mut recording = recording.unwrap_or_else(|| watch::channel(None).1);
     loop {
-        let of_store = faults.borrow_and_update().as_deref().map(Box::from);
-        let of_recording = recording.borrow_and_update().clone();
-        let fault = of_store.or_else(|| of_recording.map(|why| format!("recording off: {why}").into()));
+        let fault = faults.borrow_and_update().as_deref().map(Box::from);
         let news = Stamped::new(Input::Storage { fault }, clock.now());
-        if inputs.send(news).await.is_err() {
+        if inputs.send(news).await.is_err() || faults.changed().await.is_err() {
             return;
-        }
-        tokio::select! {
-            changed = faults.changed() => if changed.is_err() { return },
-            Ok(()) = recording.changed() => {}
         }
     }
 }

@@ -11,6 +11,7 @@ use anyhow::Context as _;
 use tokio::sync::{mpsc, watch};
 use tokio::task;
 
+use super::timekeeping::Watched;
 use super::{left_over, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
@@ -18,14 +19,14 @@ use crate::engine::time::{Span, Timestamp};
 use crate::msg::fields::Definitions;
 use crate::record::feed::{Feed, Turns};
 use crate::record::incident::Margins;
-use crate::record::recorder::{Recorder, Settings};
+use crate::record::recorder::{Mark, Recorder, Settings};
 use crate::record::retention::{Policy, judged_ms, surplus};
-use crate::record::writer::{self, NEWS_MAX, News, Place, VEHICLE, unix_ms};
+use crate::record::writer::{self, Fault, NEWS_MAX, News, Place, VEHICLE, unix_ms};
 use crate::record::{beside, folder};
 use crate::runtime::Link;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
-use crate::web::{Marker, RecordingState};
+use crate::web::{Marker, NotMarked, RecordingState};
 
 /// A recording begins at most this much before its pre-roll.
 const MEMORY_MAX: Span = Span::from_secs(120);
@@ -39,19 +40,24 @@ const ANSWERS_WITHIN: Span = Span::from_secs(3);
 /// A disk that hangs is looked for this often.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
+/// Who marks a moment waits this long for the disk.
+const MARKED_WITHIN: Duration = Duration::from_secs(1);
+
 /// The end of the program waits this long for the last incident to be written.
 const LAST_WITHIN: Duration = Duration::from_secs(1);
 
 /// A running recording.
 #[derive(Debug)]
 pub struct Recording {
-    pub recorder: Recorder,
+    recorder: Recorder,
     place: Place,
     /// Why nothing can be recorded.
-    pub fault: watch::Receiver<Option<Arc<str>>>,
+    fault: watch::Receiver<Fault>,
+    entry: watch::Receiver<BookEntry>,
     policy: watch::Sender<Policy>,
     writer: JoinHandle<()>,
     books: task::JoinHandle<()>,
+    watching: task::JoinHandle<()>,
     tidying: task::JoinHandle<()>,
     _temporary: Option<Temporary>,
 }
@@ -148,18 +154,24 @@ pub async fn start(
         about.insert("demo".to_owned(), "true".to_owned());
     }
     let place = Place { folder: folder.clone(), definitions, about };
-    let writer = writer::start(&recorder, place.clone(), tell).context("no thread can be started")?;
+    let (of_writer, faults_of_writer) = watch::channel(None);
+    let writer =
+        writer::start(&recorder, place.clone(), tell, of_writer).context("no thread can be started")?;
     let (fault, faults) = watch::channel(None);
     let (policy, policies) = watch::channel(policy);
-    let books = tokio::spawn(keep_books(news, store.clone(), fault, recorder.clone(), folder.clone()));
+    let (write, entry) = watch::channel(BookEntry::default());
+    let books = tokio::spawn(keep_books(news, store.clone(), write));
+    let watching = tokio::spawn(watch_disk(faults_of_writer, fault, recorder.clone(), folder.clone()));
     let tidying = tokio::spawn(look_after(policies, store.clone(), folder, files, clock));
     Ok(Some(Recording {
         recorder,
         place,
         fault: faults,
+        entry,
         policy,
         writer,
         books,
+        watching,
         tidying,
         _temporary: temporary,
     }))
@@ -168,8 +180,16 @@ pub async fn start(
 impl Recording {
     /// Marks moments for the pages. A mark that the disk does not take is not promised.
     pub fn marker(&self) -> Marker {
-        let (recorder, fault) = (self.recorder.clone(), self.fault.clone());
-        Marker::new(move |by, note| recorder.mark(by, note).filter(|_| fault.borrow().is_none()))
+        let (recorder, fault, entry) = (self.recorder.clone(), self.fault.clone(), self.entry.clone());
+        Marker::new(move |by, note| {
+            // Also where the disk has a fault: a disk that recovers meanwhile still gets it.
+            let mark = recorder.mark(by, note);
+            Box::pin(confirmed(mark, entry.clone(), fault.clone()))
+        })
+    }
+
+    pub fn watched(&self) -> Watched {
+        Watched { recorder: self.recorder.clone(), fault: self.fault.clone() }
     }
 
     /// What pages say of the recording.
@@ -195,8 +215,9 @@ impl Recording {
 
     /// Waits until the last incident is written, but not for a disk that hangs. The engine must have ended.
     pub async fn end(self) {
-        let Recording { writer, books, tidying, _temporary, .. } = self;
+        let Recording { writer, books, watching, tidying, _temporary, .. } = self;
         tidying.abort();
+        watching.abort();
         let last = async {
             let written = task::spawn_blocking(move || writer.join().is_ok()).await;
             written.is_ok_and(|written| written) && books.await.is_ok()
@@ -221,15 +242,63 @@ fn policy(loaded: &Loaded) -> Option<Policy> {
     loaded.recording.as_ref().map(|recording| Policy { disk: recording.disk, keep: recording.keep })
 }
 
-/// Tells the store of every incident, and why nothing can be recorded.
-async fn keep_books(
-    mut news: mpsc::Receiver<News>,
-    store: Store,
-    fault: watch::Sender<Option<Arc<str>>>,
+/// What was given to the store last.
+#[derive(Debug, Clone, Copy, Default)]
+struct BookEntry {
+    incident: u64,
+    triggers: u64,
+    is_stored: bool,
+}
+
+/// Waits until a mark is in a file and in the database, and returns the number of its incident.
+///
+/// # Errors
+/// The disk refused it, or has not taken it yet.
+async fn confirmed(
+    mark: Option<Mark>,
+    mut entry: watch::Receiver<BookEntry>,
+    mut fault: watch::Receiver<Fault>,
+) -> Result<u64, NotMarked> {
+    let Some(Mark { incident, triggers }) = mark else { return Err(NotMarked::Off) };
+    let is_written = |entry: &BookEntry| entry.incident == incident && entry.triggers >= triggers;
+    tokio::select! {
+        // What is written stays, whatever follows.
+        biased;
+        Ok(entry) = entry.wait_for(is_written) => {
+            if entry.is_stored { Ok(incident) } else { Err(NotMarked::Unsure { incident }) }
+        }
+        Ok(_) = fault.wait_for(Option::is_some) => Err(NotMarked::Off),
+        () = tokio::time::sleep(MARKED_WITHIN) => Err(NotMarked::Unsure { incident }),
+    }
+}
+
+/// Tells the store of every incident.
+async fn keep_books(mut news: mpsc::Receiver<News>, store: Store, write: watch::Sender<BookEntry>) {
+    while let Some(news) = news.recv().await {
+        let stored = match &news {
+            News::Begun(summary) => store.incident_opened(summary).await,
+            News::Extended(summary) => store.incident_updated(summary).await,
+            News::Ended(summary) => store.incident_finished(summary).await,
+        };
+        if let Err(error) = &stored {
+            tracing::error!(%error, "an incident is not in the database; `telltale incident verify` names its file");
+        }
+        let (News::Begun(summary) | News::Extended(summary) | News::Ended(summary)) = &news;
+        write.send_replace(BookEntry {
+            incident: summary.id,
+            triggers: summary.trigger_count(),
+            is_stored: stored.is_ok(),
+        });
+    }
+}
+
+/// Tells why nothing can be recorded: what the writer met, or that the disk does not answer it.
+async fn watch_disk(
+    mut of_writer: watch::Receiver<Fault>,
+    tell: watch::Sender<Fault>,
     recorder: Recorder,
     folder: PathBuf,
 ) {
-    let mut of_writer: Option<Arc<str>> = None;
     let hangs: Arc<str> = format!(
         "the disk of {} has not answered for {} s",
         folder.display(),
@@ -238,28 +307,15 @@ async fn keep_books(
     .into();
     loop {
         let is_hanging = recorder.waits_for_disk().is_some_and(|waits| waits >= ANSWERS_WITHIN);
-        let found = if is_hanging { Some(hangs.clone()) } else { of_writer.clone() };
-        fault.send_if_modified(|said| {
+        let found = if is_hanging { Some(hangs.clone()) } else { of_writer.borrow_and_update().clone() };
+        tell.send_if_modified(|said| {
             let is_new = *said != found;
             said.clone_from(&found);
             is_new
         });
-        let news = match tokio::time::timeout(LOOK_EVERY, news.recv()).await {
-            Ok(Some(news)) => news,
-            Ok(None) => return,
-            Err(_) => continue,
-        };
-        let stored = match &news {
-            News::Begun(summary) => store.incident_opened(summary).await,
-            News::Extended(summary) => store.incident_updated(summary).await,
-            News::Ended(summary) => store.incident_finished(summary).await,
-            News::Fault(why) => {
-                of_writer = why.as_deref().map(Arc::from);
-                Ok(())
-            }
-        };
-        if let Err(error) = stored {
-            tracing::error!(%error, "an incident is not in the database; `telltale incident verify` names its file");
+        // A disk that hangs reports nothing.
+        if let Ok(Err(_)) = tokio::time::timeout(LOOK_EVERY, of_writer.changed()).await {
+            return;
         }
     }
 }
@@ -316,4 +372,40 @@ async fn remove_surplus(store: &Store, folder: &Path, policy: &Policy, clock: Cl
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_mark_is_confirmed_when_it_is_on_the_disk_and_answered_within_a_second() {
+        let (write, entry) = watch::channel(BookEntry::default());
+        let (tell, fault) = watch::channel(None);
+        let mark = Mark { incident: 7, triggers: 3 };
+        let confirmed = |mark| tokio::spawn(confirmed(mark, entry.clone(), fault.clone()));
+        let unsure = Err(NotMarked::Unsure { incident: 7 });
+        assert_eq!(confirmed(None).await.unwrap(), Err(NotMarked::Off));
+        assert_eq!(confirmed(Some(mark)).await.unwrap(), unsure, "the disk does not answer");
+        let waits = confirmed(Some(mark));
+        tokio::task::yield_now().await;
+        let written = |incident, triggers, is_stored| {
+            write.send_replace(BookEntry { incident, triggers, is_stored });
+        };
+        for (incident, triggers) in [(6, 9), (7, 2)] {
+            written(incident, triggers, true);
+            tokio::task::yield_now().await;
+            assert!(!waits.is_finished(), "that is without the mark");
+        }
+        written(7, 3, true);
+        assert_eq!(waits.await.unwrap(), Ok(7));
+        written(7, 4, false);
+        assert_eq!(confirmed(Some(mark)).await.unwrap(), unsure, "the database does not take it");
+        written(7, 2, true);
+        let waits = confirmed(Some(mark));
+        tell.send_replace(Some("the disk is full".into()));
+        assert_eq!(waits.await.unwrap(), Err(NotMarked::Off));
+        written(7, 3, true);
+        assert_eq!(confirmed(Some(mark)).await.unwrap(), Ok(7), "what is written stays");
+    }
 }

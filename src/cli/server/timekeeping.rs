@@ -1,16 +1,17 @@
-//! Watches the wall clock, the certificate and the recorder's memory. Their faults are reported and keep no display
-//! from starting; a renewed certificate is taken.
+//! Watches the wall clock, the certificate and the recording. Their faults are reported and keep no display from
+//! starting; a renewed certificate is taken.
 
 use std::fmt::Display;
 use std::time::{Duration, SystemTime};
 
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 
 use crate::clock::Clock;
 use crate::engine::input::{Input, Upkeep};
 use crate::engine::text::Text;
 use crate::record::recorder::{Meter, Recorder};
 use crate::record::retention::size;
+use crate::record::writer::Fault;
 use crate::runtime::Stamped;
 use crate::web::{CertificateValidity, Tls};
 
@@ -19,17 +20,36 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// A corrected clock may be behind earlier records by this much.
 const BEHIND: Duration = Duration::from_secs(24 * 3600);
 
-/// Reports faults of the clock, the certificate and the recorder's memory to the log and the engine whenever they
-/// change, and takes a renewed certificate for these hosts. Never ends.
+/// What is watched of the recording.
+#[derive(Debug, Clone)]
+pub struct Watched {
+    pub recorder: Recorder,
+    /// Why nothing can be recorded.
+    pub fault: watch::Receiver<Fault>,
+}
+
+/// Reports faults of the clock, the certificate and the recording to the log and the engine whenever they change, and
+/// takes a renewed certificate for these hosts. Never ends.
 pub async fn watch(
     tls: Option<Tls>,
     hosts: Vec<String>,
     floor: SystemTime,
-    recorder: Option<Recorder>,
+    recording: Option<Watched>,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
 ) {
-    let mut said = Upkeep::default();
+    let (found, of_time) = watch::channel(Upkeep::default());
+    tokio::join!(look(tls, hosts, floor, found, clock), tell(of_time, recording, inputs, clock));
+}
+
+/// Looks at the clock and the certificate.
+async fn look(
+    tls: Option<Tls>,
+    hosts: Vec<String>,
+    floor: SystemTime,
+    found: watch::Sender<Upkeep>,
+    clock: Clock,
+) {
     loop {
         let (tls, hosts_now) = (tls.clone(), hosts.clone());
         // A disk that hangs holds up nobody else.
@@ -39,20 +59,52 @@ pub async fn watch(
             }
             faults(tls.as_ref(), floor, clock.wall())
         });
-        let mut found = look.await.unwrap_or_else(|_| said.clone());
-        found.recording = recorder.as_ref().and_then(|recorder| shortage(&recorder.meter()));
+        if let Ok(now) = look.await {
+            found.send_replace(now);
+        }
+        tokio::time::sleep(LOOK_EVERY).await;
+    }
+}
+
+/// Tells what was found of them, and a fault of the recording at once.
+async fn tell(
+    mut of_time: watch::Receiver<Upkeep>,
+    recording: Option<Watched>,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+) {
+    let (recorder, fault) = recording.map(|it| (it.recorder, it.fault)).unzip();
+    // Without a recorder there is never a fault.
+    let (_never, none) = watch::channel(None);
+    let mut fault = fault.unwrap_or(none);
+    let mut said = Upkeep::default();
+    loop {
+        let mut found = of_time.borrow_and_update().clone();
+        let off = fault.borrow_and_update().as_deref().map(recording_off);
+        found.recording = off.or_else(|| recorder.as_ref().and_then(|recorder| shortage(&recorder.meter())));
         if found != said {
             for fault in [&found.clock, &found.certificate, &found.recording].into_iter().flatten() {
                 tracing::warn!("{}", fault.en);
             }
             if found == Upkeep::default() {
-                tracing::info!("the clock, the certificate and the recorder's memory are right again");
+                tracing::info!("the clock, the certificate and the recording are right again");
             }
             said = found.clone();
             // Where nobody takes it any more, the program ends.
             let _ = inputs.send(Stamped::new(Input::Upkeep(found), clock.now())).await;
         }
-        tokio::time::sleep(LOOK_EVERY).await;
+        tokio::select! {
+            Ok(()) = of_time.changed() => {}
+            Ok(()) = fault.changed() => {}
+            () = tokio::time::sleep(LOOK_EVERY) => {}
+        }
+    }
+}
+
+fn recording_off(why: &str) -> Text {
+    Text {
+        en: format!("recording off: {why}").into(),
+        de: format!("es wird nichts aufgezeichnet: {why}").into(),
     }
 }
 
@@ -149,9 +201,16 @@ fn clock_behind(wall: impl Display, floor: impl Display) -> Text {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::clock::earliest;
+    use crate::engine::Engine;
+    use crate::engine::model::{Model, Parts, StageModel};
     use crate::engine::time::Span;
+    use crate::record::feed::Feed;
+    use crate::record::incident::Margins;
+    use crate::record::recorder::Settings;
     use crate::record::ring::Held;
     use crate::store::TestFolder;
 
@@ -231,5 +290,37 @@ mod tests {
             found.clock.is_some_and(|said| said.en.contains("set it") && said.de.contains("Uhr stellen"))
         );
         watching.abort();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_recording_that_is_off_is_told_at_once() {
+        let (inputs, mut told) = mpsc::channel(4);
+        let (_found, of_time) = watch::channel(Upkeep::default());
+        let (fail, fault) = watch::channel(None);
+        let clock = Clock::start();
+        let model = Model::new(Parts::empty("v", StageModel::None)).unwrap();
+        let recorder = Recorder::start(
+            Feed::new(clock).1,
+            Engine::begin(Arc::new(model), clock.now()).snapshot(),
+            Settings {
+                margins: Margins::default(),
+                memory: 1 << 20,
+                longest_memory: Span::ZERO,
+                configuration: Arc::default(),
+            },
+            1,
+            clock,
+        );
+        let recording = Watched { recorder: recorder.unwrap(), fault };
+        let telling = tokio::spawn(tell(of_time, Some(recording), inputs, clock));
+        tokio::task::yield_now().await;
+        for fault in [Some("the disk is full"), None] {
+            fail.send_replace(fault.map(Into::into));
+            let soon = tokio::time::timeout(Duration::from_millis(1), told.recv()).await;
+            let Input::Upkeep(found) = soon.unwrap().unwrap().input else { panic!("of that alone") };
+            let said = found.recording.map(|said| said.en.to_string());
+            assert_eq!(said, fault.map(|fault| format!("recording off: {fault}")));
+        }
+        telling.abort();
     }
 }

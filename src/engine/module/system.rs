@@ -51,7 +51,7 @@ pub enum SystemCheck {
     Clock,
     /// Browsers accept the certificate, and will for some time.
     Certificate,
-    /// A recording has as much of the past as it needs.
+    /// Incidents can be recorded, with as much of the past as they need.
     Recording,
 }
 
@@ -111,7 +111,9 @@ impl SystemCheck {
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
             SystemCheck::Clock => ("Clock is wrong", "Uhr geht falsch"),
             SystemCheck::Certificate => ("Certificate has to be renewed", "Zertifikat muss erneuert werden"),
-            SystemCheck::Recording => ("Recordings begin too late", "Aufzeichnungen beginnen zu spät"),
+            SystemCheck::Recording => {
+                ("Recordings are missing or too short", "Aufzeichnungen fehlen oder sind zu kurz")
+            }
         };
         Text { en: en.into(), de: de.into() }
     }

@@ -10,6 +10,7 @@ use bytes::Bytes;
 use mcap::records::op;
 
 use super::definitions::{Channel, Definitions, Format};
+use super::entry::{Entry, Item, Raw};
 use super::error::FileError;
 use super::json::{self, JOURNAL, KEYFRAMES};
 use super::layout::{Layout, Part};
@@ -17,7 +18,6 @@ use super::omission::{Missing, Omissions};
 use super::records::{self, AttachmentHead, ChunkHead, Fields, HEAD_BYTES};
 use super::source::{CHUNK_BYTES_MAX, Source, crc, raw_body};
 use super::writer::MessageStamps;
-use crate::msg::sample_bytes::RawBody;
 
 /// A larger attachment is left out.
 const ATTACHMENT_BYTES_MAX: u64 = 64 << 20;
@@ -61,50 +61,6 @@ enum Open {
         at: u64,
         end: u64,
     },
-}
-
-/// An entry of a recording.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Entry {
-    Message {
-        channel: Arc<Channel>,
-        stamps: MessageStamps,
-        body: RawBody,
-    },
-    /// A document of a channel of JSON, as text.
-    Json {
-        channel: Arc<Channel>,
-        stamps: MessageStamps,
-        text: Bytes,
-    },
-    Missing(Missing),
-}
-
-impl Entry {
-    /// `None` where entries are missing.
-    pub fn stamps(&self) -> Option<MessageStamps> {
-        match self {
-            Entry::Message { stamps, .. } | Entry::Json { stamps, .. } => Some(*stamps),
-            Entry::Missing(_) => None,
-        }
-    }
-}
-
-/// A message as it stands in the file.
-pub(super) struct Raw {
-    pub at: u64,
-    pub channel: u16,
-    pub stamps: MessageStamps,
-    pub data: Bytes,
-}
-
-/// What follows in the file.
-pub(super) enum Item {
-    Message(Raw),
-    Missing(Missing),
-    EndOfPart,
-    Attachment { data_at: u64, head: AttachmentHead },
-    Metadata { name: String, metadata: BTreeMap<String, String> },
 }
 
 impl Reader<File> {

@@ -10,10 +10,11 @@ use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata};
 
 use super::definitions::RawChannel;
+use super::entry::{Item, Raw};
 use super::error::FileError;
 use super::omission::Omissions;
 use super::output::{Output, sync_folder_of};
-use super::reader::{Item, Raw, Reader};
+use super::reader::Reader;
 use super::writer::CHUNK_BYTES;
 
 /// The name of the metadata record in a repaired file.

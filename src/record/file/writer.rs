@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
+use std::fs;
 use std::path::Path;
 
 use mcap::Attachment;
@@ -57,7 +58,7 @@ impl IncidentFile {
     /// Creates the file with its header and a description of what it is.
     ///
     /// # Errors
-    /// It exists, or the disk refuses it.
+    /// It exists, or the disk refuses it: then none is left.
     pub fn create(path: &Path, about: BTreeMap<String, String>) -> Result<IncidentFile, FileError> {
         let output = Output::create(path, "ros2", concat!("telltale ", env!("TELLTALE_VERSION")))?;
         let mut file = IncidentFile {
@@ -68,8 +69,18 @@ impl IncidentFile {
             messages: 0,
             scratch: Vec::new(),
         };
-        file.metadata(ABOUT, about)?;
-        Ok(file)
+        match file.metadata(ABOUT, about) {
+            Ok(()) => Ok(file),
+            Err(error) => {
+                file.remove();
+                Err(error)
+            }
+        }
+    }
+
+    /// Gives the file up, and removes it. If the disk refuses that too, the next start removes an empty one.
+    pub fn remove(self) {
+        let _ = fs::remove_file(self.path());
     }
 
     pub fn path(&self) -> &Path {

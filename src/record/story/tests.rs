@@ -117,16 +117,29 @@ fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
 #[test]
 fn what_is_given_time_to_report_is_no_event() {
     let told = |states: &[(i64, &str)], node: &str| {
-        let change = |(at_ms, state): &(i64, &str)| shown(20_000 + at_ms, node, state, None);
+        let change = |(at_ms, state): &(i64, &str)| match *state {
+            "alarm" => Transition {
+                at_ms: 20_000 + at_ms,
+                change: Change::AlarmRaised { alarm: 1, node: node.to_owned().into() },
+            },
+            state => shown(20_000 + at_ms, node, state, None),
+        };
         let before = [shown(1_000, node, "ignore", None)];
         let changes: Vec<_> = before.into_iter().chain(states.iter().map(change)).collect();
         happened(&changes, &summary(), 10_000).len()
     };
     assert_eq!(told(&[(0, "unknown"), (2_000, "ok")], "can/bus"), 0);
-    assert_eq!(told(&[(0, "unknown"), (5_000, "ok")], "can/bus"), 2, "it took long");
-    assert_eq!(told(&[(0, "unknown"), (100, "error")], "can/bus"), 2, "it became worse");
-    assert_eq!(told(&[(0, "ok"), (100, "unknown"), (200, "ok")], "can/bus"), 2, "it had reported");
-    assert_eq!(told(&[(0, "unknown")], "can/bus"), 1, "it never reported");
+    assert_eq!(told(&[(0, "unknown"), (5_000, "ok")], "can/bus"), 0, "it measures for that long");
+    assert_eq!(told(&[(0, "unknown")], "can/bus"), 0, "it measures still");
+    assert_eq!(told(&[(0, "unknown"), (2_000, "ignore")], "can/bus"), 0, "it matters no longer");
+    assert_eq!(told(&[(0, "unknown"), (3_000, "alarm"), (5_000, "ok")], "can/bus"), 2, "it took too long");
+    assert_eq!(told(&[(0, "unknown"), (3_000, "alarm")], "can/bus"), 1, "it never reported");
+    assert_eq!(told(&[(0, "unknown"), (100, "error"), (100, "alarm")], "can/bus"), 1, "then it fails");
+    assert_eq!(
+        told(&[(0, "ok"), (100, "unknown"), (100, "alarm"), (200, "ok")], "can/bus"),
+        2,
+        "it had reported"
+    );
     assert_eq!(told(&[(0, "unknown"), (100, "ok")], "sensors/lidar"), 2, "it raised an alarm");
 }
 
@@ -159,6 +172,7 @@ fn without_its_file_an_incident_is_known_by_its_triggers() {
         state: "error".into(),
         message: "no packets".into(),
         values: Vec::new(),
+        at_ms: None,
     };
     let story = known(&Summary { freeze: vec![frozen], more_triggers: 7, ..summary() });
     assert_eq!((story.from_ms, story.to_ms, story.more_moments), (10_000, 50_000, 7));

@@ -24,7 +24,7 @@ use crate::record::incident::Trigger;
 use crate::record::journal::Line;
 use crate::record::recorder::Job;
 use crate::record::ring::{ConfigurationText, Entry, Position, Taken};
-use crate::record::summary::{Recording, Summary, TriggerLine, kind};
+use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
 use crate::record::transition::{Change, Transition};
 
 /// A chunk of the file ends at least this often, and is brought to the disk.
@@ -51,6 +51,7 @@ pub(super) struct OpenFile {
 }
 
 impl OpenFile {
+    /// Begins the file. What is known of the incident is on the disk then. If the disk refuses that, no file is left.
     pub(super) fn begin(place: &Place, job: &Job, clock: Clock) -> Result<OpenFile, FileError> {
         let now = clock.now();
         let zero = clock.wall() - Duration::from_nanos(now.as_nanos());
@@ -65,16 +66,7 @@ impl OpenFile {
             ("shown_from_ns", job.shown_from.as_nanos().to_string()),
         ];
         about.extend(facts.map(|(key, value)| (key.to_owned(), value)));
-        let mut file = IncidentFile::create(&place.folder.join(&name), about)?;
-        for text in job.configuration.iter() {
-            let at = unix_ns(since);
-            file.attach(
-                &format!("configuration/{}", text.name),
-                "application/yaml",
-                at,
-                text.text.as_bytes(),
-            )?;
-        }
+        let file = IncidentFile::create(&place.folder.join(&name), about)?;
         let pre_roll = job.open.since.since(job.shown_from);
         let summary = Summary {
             id: job.number,
@@ -88,7 +80,7 @@ impl OpenFile {
             vehicle: place.about.get(VEHICLE).cloned().unwrap_or_default(),
             configuration,
             version: env!("TELLTALE_VERSION").to_owned(),
-            freeze: job.freeze.clone(),
+            freeze: Vec::new(),
             recording: Recording {
                 file: name,
                 bytes: file.len(),
@@ -113,24 +105,45 @@ impl OpenFile {
             chunk_ended: None,
         };
         open.follow(job);
+        match open.introduce(place, job, unix_ns(since)) {
+            Ok(()) => Ok(open),
+            Err(error) => {
+                open.file.remove();
+                Err(error)
+            }
+        }
+    }
+
+    /// Writes what stands before the recording itself.
+    fn introduce(&mut self, place: &Place, job: &Job, since_ns: u64) -> Result<(), FileError> {
+        for ConfigurationText { name, text } in job.configuration.iter() {
+            let name = format!("configuration/{name}");
+            self.file.attach(&name, "application/yaml", since_ns, text.as_bytes())?;
+        }
         // For a store that loses it. A recording that was killed at once has its trigger too.
-        let known = serde_json::to_string(&open.summary)
-            .map_err(|error| FileError::format(open.file.path(), error.to_string()))?;
-        open.file.metadata(BEGUN, BTreeMap::from([("summary".to_owned(), known)]))?;
+        let known = serde_json::to_string(&self.summary)
+            .map_err(|error| FileError::format(self.file.path(), error.to_string()))?;
+        self.file.metadata(BEGUN, BTreeMap::from([("summary".to_owned(), known)]))?;
+        self.file.sync()?;
         // With their own times, which may be long ago: no line of the journal names them.
         for (at, message) in &job.latched {
-            open.take_message(message, unix_ns(open.wall(*at)), place)?;
+            self.take_message(message, unix_ns(self.wall(*at)), place)?;
         }
-        Ok(open)
+        self.summary.recording.bytes = self.file.len();
+        Ok(())
     }
 
     /// Takes over what is known of the incident. Returns whether that is more than before.
     pub(super) fn follow(&mut self, job: &Job) -> bool {
-        let known = self.summary.triggers.len() as u64 + self.summary.more_triggers;
+        let known = self.summary.trigger_count();
         for (at, trigger) in &job.open.triggers[self.summary.triggers.len()..] {
             let line = trigger_line(unix_ms(self.wall(*at)), trigger);
             self.untold.push_back((*at, line.clone()));
             self.summary.triggers.push(line);
+        }
+        for (at, frozen) in &job.freeze[self.summary.freeze.len()..] {
+            let at_ms = (*at > job.open.since).then(|| unix_ms(self.wall(*at)));
+            self.summary.freeze.push(FrozenNode { at_ms, ..frozen.clone() });
         }
         self.summary.more_triggers = job.open.more;
         self.summary.roots = job.roots.iter().map(ToString::to_string).collect();
@@ -138,7 +151,7 @@ impl OpenFile {
             self.summary.until_ms = Some(unix_ms(self.wall(job.open.until)));
         }
         self.summary.recording.bytes = self.file.len();
-        self.summary.triggers.len() as u64 + self.summary.more_triggers > known
+        self.summary.trigger_count() > known
     }
 
     pub(super) fn take(&mut self, entries: &[Entry], gone: u64, place: &Place) -> Result<(), FileError> {

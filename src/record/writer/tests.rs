@@ -18,7 +18,7 @@ use crate::record::feed::Feed;
 use crate::record::file::{ABOUT, Entry, JOURNAL, KEYFRAMES, Reader, TRANSITIONS};
 use crate::record::incident::Margins;
 use crate::record::journal::{Line, Took};
-use crate::record::recorder::Settings;
+use crate::record::recorder::{Mark, Settings};
 use crate::record::ring::{ConfigurationText, KEPT_FOR, Taken};
 use crate::record::story::Happened;
 use crate::record::summary::Recording;
@@ -33,6 +33,7 @@ struct Recorded {
     hand: crate::clock::ClockHand,
     recorder: Recorder,
     news: mpsc::Receiver<News>,
+    fault: watch::Receiver<Fault>,
     folder: TestFolder,
     sequence: i64,
     /// Everything that was shown.
@@ -62,8 +63,10 @@ impl Recorded {
             definitions: Definitions::new(Vec::new()),
             about: BTreeMap::from([(VEHICLE.to_owned(), "shuttle-1".to_owned())]),
         };
-        start(&recorder, place, tell).unwrap();
-        Recorded { model, engine, feed, clock, hand, recorder, news, folder, sequence: 0, shown: Vec::new() }
+        let (tell_fault, fault) = watch::channel(None);
+        start(&recorder, place, tell, tell_fault).unwrap();
+        let (sequence, shown) = (0, Vec::new());
+        Recorded { model, engine, feed, clock, hand, recorder, news, fault, folder, sequence, shown }
     }
 
     /// A publisher reports this, `seconds` after what was before.
@@ -100,9 +103,15 @@ impl Recorded {
         loop {
             match self.news.blocking_recv().expect("the writer lives") {
                 News::Ended(summary) => return summary,
-                News::Fault(why) => panic!("{why:?}"),
                 News::Begun(_) | News::Extended(_) => {}
             }
+        }
+    }
+
+    /// Waits for a fault, or its end.
+    fn fault(&mut self, is_it: impl Fn(&Fault) -> bool) {
+        while !is_it(&self.fault.borrow_and_update()) {
+            std::thread::park_timeout(LOOK_EVERY);
         }
     }
 
@@ -188,8 +197,15 @@ fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
     while recorded.recorder.meter().topics.is_empty() {
         std::thread::yield_now();
     }
-    assert_eq!(recorded.recorder.mark("anna", "a strange noise"), Some(7));
-    assert_eq!(recorded.recorder.mark("anna", "again"), Some(7));
+    let mark = |triggers| Some(Mark { incident: 7, triggers });
+    assert_eq!(recorded.recorder.mark("anna", "a strange noise"), mark(1));
+    let Some(News::Begun(begun)) = recorded.news.blocking_recv() else { panic!("it begins") };
+    assert_eq!(begun.trigger_count(), 1);
+    // As after a kill in that instant.
+    let path = recorded.folder.join(&begun.recording.file);
+    let found = crate::record::found::summary(&path, 7).unwrap().unwrap();
+    assert_eq!(found.triggers, begun.triggers);
+    assert_eq!(recorded.recorder.mark("anna", "again"), mark(2));
     assert_eq!(recorded.recorder.present(), Some(7));
     recorded.say("pump", 0, 1);
     let Recorded { feed, mut news, .. } = recorded;
@@ -300,10 +316,11 @@ fn a_file_alone_has_the_marks_the_requests_and_the_values() {
     let path = recorded.folder.join(&summary.recording.file);
     let found = crate::record::found::summary(&path, summary.id).unwrap().unwrap();
     assert_eq!(found.triggers, summary.triggers);
-    assert_eq!(
-        (&found.freeze, &found.roots, &found.stage),
-        (&summary.freeze, &summary.roots, &summary.stage)
-    );
+    assert_eq!((&found.roots, &found.stage), (&summary.roots, &summary.stage));
+    // It has the values of what failed before it began.
+    assert!(summary.freeze.starts_with(&found.freeze) && !found.freeze.is_empty());
+    let frozen: Vec<_> = summary.freeze.iter().map(|it| (&*it.node, it.at_ms)).collect();
+    assert_eq!(frozen, [("other/pump", None), ("other/valve", Some(summary.triggers[2].at_ms))]);
     assert!(found.is_marked() && found.since_ms == summary.since_ms && found.triggers.len() == 3);
     let story = crate::record::story::read(&path, &summary).unwrap();
     let refused = |it: &Happened| matches!(it, Happened::Refused { why, .. } if why == "No goal is set.");
@@ -374,15 +391,11 @@ fn a_disk_that_refuses_is_a_fault_until_it_takes_recordings_again() {
     recorded.say("pump", 0, 1);
     remove(&folder);
     recorded.say("pump", 2, 1);
-    let mut next = || match recorded.news.blocking_recv() {
-        Some(News::Fault(fault)) => fault,
-        other => panic!("{other:?}"),
-    };
     // The trial at the start may have been earlier.
-    while !next().is_some_and(|fault| fault.contains("incident-7.mcap")) {}
+    recorded.fault(|fault| fault.as_ref().is_some_and(|it| it.contains("incident-7.mcap")));
     std::fs::create_dir(&folder).unwrap();
     recorded.hand.advance(TRY_EVERY);
-    while next().is_some() {}
+    recorded.fault(Option::is_none);
     // The incident lasts, so it is recorded after all, from before its beginning.
     let Recorded { feed, mut news, .. } = recorded;
     drop(feed);
@@ -400,15 +413,11 @@ fn a_folder_that_becomes_useless_is_told_before_an_incident() {
     let mut recorded = Recorded::new("useless");
     remove(&recorded.folder);
     recorded.hand.advance(LOOK_AFTER_DISK_EVERY);
-    let mut next = || match recorded.news.blocking_recv() {
-        Some(News::Fault(fault)) => fault,
-        other => panic!("{other:?}"),
-    };
     // The trial at the start may have been interrupted by the removal.
-    while !next().is_some_and(|fault| fault.contains("trial.mcap cannot be created")) {}
+    recorded.fault(|fault| fault.as_ref().is_some_and(|it| it.contains("trial.mcap cannot be created")));
     std::fs::create_dir_all(&*recorded.folder).unwrap();
     recorded.hand.advance(TRY_EVERY);
-    assert_eq!(recorded.news.blocking_recv(), Some(News::Fault(None)));
+    recorded.fault(Option::is_none);
 }
 
 #[test]

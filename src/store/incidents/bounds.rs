@@ -67,7 +67,7 @@ pub(super) fn bounded(summary: &Summary) -> Summary {
         budget.cut(what, NAME_BYTES_MAX);
         budget.cut(note, NOTE_BYTES_MAX);
     }
-    for FrozenNode { node, state, message, values } in freeze.iter_mut() {
+    for FrozenNode { node, state, message, values, at_ms: _ } in freeze.iter_mut() {
         budget.cut(node, NAME_BYTES_MAX);
         budget.cut(state, NAME_BYTES_MAX);
         budget.cut(message, MESSAGE_BYTES_MAX);
@@ -101,7 +101,13 @@ mod tests {
             note: long.clone(),
         };
         let values = vec![(long.clone(), "value".to_owned()); 10];
-        let frozen = FrozenNode { node: long.clone(), state: "error".into(), message: long.clone(), values };
+        let frozen = FrozenNode {
+            node: long.clone(),
+            state: "error".into(),
+            message: long.clone(),
+            values,
+            at_ms: None,
+        };
         let summary = Summary {
             triggers: vec![trigger; 1000],
             more_triggers: 5,

@@ -136,6 +136,14 @@ impl Store {
         .await
     }
 
+    /// The hash with which a recording was recorded last, by the audit log.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn incident_logged(&self, id: u64) -> Result<Option<String>, StoreError> {
+        self.call(move |database| logged(&database.connection, id)).await
+    }
+
     /// What the audit log says of recordings.
     ///
     /// # Errors
@@ -148,6 +156,9 @@ impl Store {
 /// The incidents of a data folder, which are read without a lock: a server may run on it.
 #[derive(Debug)]
 pub struct Incidents(Connection);
+
+/// In the audit log, in place of the hash of a recording that has none.
+pub const NO_HASH: &str = "unknown";
 
 /// What the audit log says of recordings.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -210,6 +221,25 @@ impl Incidents {
     pub fn records(&self) -> Result<IncidentRecords, StoreError> {
         records(&self.0)
     }
+
+    /// The hash with which a recording was recorded last, by the audit log.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub fn logged(&self, id: u64) -> Result<Option<String>, StoreError> {
+        logged(&self.0, id)
+    }
+}
+
+fn logged(connection: &Connection, id: u64) -> Result<Option<String>, StoreError> {
+    let [recorded, found] = [Action::IncidentRecorded, Action::IncidentFound].map(Action::as_str);
+    let sql =
+        "SELECT target FROM audit WHERE action IN (?1, ?2) AND target LIKE ?3 ORDER BY number DESC LIMIT 1";
+    let mut query = connection.prepare_cached(sql)?;
+    let of_it = format!("{id} sha256:%");
+    let target = query.query_row((recorded, found, of_it), |row| row.get::<_, String>(0)).optional()?;
+    let hash = target.as_deref().and_then(id_and_hash).map(|(_, hash)| hash.to_owned());
+    Ok(hash.filter(|hash| hash != NO_HASH))
 }
 
 fn records(connection: &Connection) -> Result<IncidentRecords, StoreError> {

@@ -84,8 +84,13 @@ async fn incidents_are_listed_newest_first_in_pages_and_by_each_filter() {
     // It was another node, as became known later.
     two.roots = vec!["sensors/velodyne_packet_alive".into()];
     let message = "No packets for 2 s".to_owned();
-    two.freeze =
-        vec![FrozenNode { node: two.roots[0].clone(), state: "error".into(), message, values: Vec::new() }];
+    two.freeze = vec![FrozenNode {
+        node: two.roots[0].clone(),
+        state: "error".into(),
+        message,
+        values: Vec::new(),
+        at_ms: None,
+    }];
     let mut four = summary(4, vec![root("a/b/c", Some(9)), line(kind::LOST_ACTIVE, "standby", None)]);
     four.stage = "standby".into();
     for summary in [

@@ -4,7 +4,7 @@ use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 
 use super::Note;
 use super::bounds::{bounded, note};
-use super::read::{last_number, surely};
+use super::read::{NO_HASH, last_number, surely};
 use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::store::audit::{Action, Record, TELLTALE};
@@ -195,7 +195,7 @@ fn note_number(transaction: &Transaction<'_>, number: u64) -> Result<(), StoreEr
 
 /// What the audit log says of a recording.
 fn target(id: u64, sha256: Option<&str>) -> String {
-    format!("{id} sha256:{}", sha256.unwrap_or("unknown"))
+    format!("{id} sha256:{}", sha256.unwrap_or(NO_HASH))
 }
 
 fn put(transaction: &Transaction<'_>, summary: &Summary) -> Result<(), StoreError> {

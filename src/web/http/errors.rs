@@ -37,6 +37,8 @@ pub enum HttpError {
     Replay,
     /// There is no recorder, so nothing can be marked.
     NotRecording,
+    /// A mark is in memory, and the disk has not taken it yet.
+    MarkUnsure,
     /// The recording of an incident is still written.
     Unfinished,
     /// The file of a recording is gone.
@@ -85,6 +87,7 @@ impl HttpError {
             | HttpError::Busy
             | HttpError::Opening
             | HttpError::NotRecording
+            | HttpError::MarkUnsure
             | HttpError::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
         }
     }
@@ -219,6 +222,15 @@ impl HttpError {
             (HttpError::NotRecording, Lang::De) => (
                 "Nicht markiert",
                 "Gerade wird nichts aufgezeichnet, daher ist dieser Moment nicht markiert. Bitte die Uhrzeit notieren.",
+            ),
+            (HttpError::MarkUnsure, Lang::En) => (
+                "Not surely marked",
+                "The disk does not answer, so it is not sure that this moment is kept. Note the time.",
+            ),
+            (HttpError::MarkUnsure, Lang::De) => (
+                "Nicht sicher markiert",
+                "Der Speicher antwortet nicht, daher ist nicht sicher, ob dieser Moment erhalten bleibt. Bitte die \
+                 Uhrzeit notieren.",
             ),
             (HttpError::Unfinished, Lang::En) => {
                 ("Not finished", "This incident is still being recorded. Try again in a minute.")

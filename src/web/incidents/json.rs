@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::record::proof::Proof;
 use crate::record::story::Story;
 use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine};
 use crate::store::Incident;
@@ -39,7 +40,7 @@ pub struct Whole<'a> {
     vehicle: Option<&'a str>,
     /// Oldest first; at most 256.
     triggers: Vec<Trigger<'a>>,
-    /// The nodes of the roots and of the first trigger, as they were then.
+    /// What failed at the first trigger and what belongs to it, as it was then; then what failed later.
     freeze: Vec<Frozen<'a>>,
     /// SHA-256 of the configuration's files.
     configuration: &'a str,
@@ -103,6 +104,10 @@ struct WholeRecording<'a> {
     messages: u64,
     /// Messages and inputs that are not in the file.
     missing: u64,
+    /// Whether the file has the hash that the list of incidents and the audit log have, where one incident is asked
+    /// for; `null` if it has none, cannot be read, or is too large to be compared at once.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    as_recorded: Option<Option<bool>>,
 }
 
 /// A reason of an incident.
@@ -117,13 +122,16 @@ struct Trigger<'a> {
     note: &'a str,
 }
 
-/// A node at the first trigger.
+/// A node at the first trigger, or at a later one.
 #[derive(Serialize, JsonSchema)]
 struct Frozen<'a> {
     node: &'a str,
     state: &'a str,
     message: &'a str,
     values: BTreeMap<&'a str, &'a str>,
+    /// The time of a later trigger; `null` at the first one.
+    #[schemars(schema_with = "words::some_time")]
+    at: Option<String>,
 }
 
 /// `{"incident": 12}`: the number of the incident that a mark is in.
@@ -153,7 +161,7 @@ impl<'a> Listed<'a> {
 }
 
 impl<'a> Whole<'a> {
-    pub fn of(incident: &'a Incident, story: Option<Option<&'a Story>>) -> Whole<'a> {
+    pub fn of(incident: &'a Incident, read: Option<(Option<&'a Story>, &Proof)>) -> Whole<'a> {
         let Summary { vehicle, triggers, freeze, configuration, version, recording, .. } = &incident.summary;
         Whole {
             told: Told::of(incident),
@@ -162,13 +170,14 @@ impl<'a> Whole<'a> {
                 sha256: recording.sha256.as_deref(),
                 messages: recording.messages,
                 missing: recording.missing,
+                as_recorded: read.map(|(_, proof)| proof.is_as_recorded()),
             },
             vehicle: Some(&**vehicle).filter(|vehicle| !vehicle.is_empty()),
             triggers: triggers.iter().map(trigger).collect(),
             freeze: freeze.iter().map(frozen).collect(),
             configuration,
             version,
-            story,
+            story: read.map(|(story, _)| story),
         }
     }
 }
@@ -185,7 +194,7 @@ impl<'a> Told<'a> {
             until: summary.until_ms.map(time),
             roots: summary.causes(),
             kinds,
-            trigger_count: summary.triggers.len() as u64 + summary.more_triggers,
+            trigger_count: summary.trigger_count(),
             stage: Some(&*summary.stage).filter(|stage| !stage.is_empty()),
             marked: summary.is_marked(),
             kept: *kept,
@@ -213,9 +222,9 @@ fn trigger(trigger: &TriggerLine) -> Trigger<'_> {
 }
 
 fn frozen(frozen: &FrozenNode) -> Frozen<'_> {
-    let FrozenNode { node, state, message, values } = frozen;
+    let FrozenNode { node, state, message, values, at_ms } = frozen;
     let values = values.iter().map(|(key, value)| (&**key, &**value)).collect();
-    Frozen { node, state, message, values }
+    Frozen { node, state, message, values, at: at_ms.map(time) }
 }
 
 #[cfg(test)]

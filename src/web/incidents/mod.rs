@@ -2,10 +2,10 @@
 
 mod download;
 mod json;
+mod mark;
 mod reading;
 mod what_if;
 
-use std::fmt;
 use std::sync::Arc;
 use std::time::SystemTime;
 
@@ -36,30 +36,14 @@ use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 
 pub use download::get as download;
 pub use json::{Listed, Marked, Whole, listed, time as wall_time, whole};
-pub use reading::{Proof, Read, compare, read, story, story_with_proof};
+pub(in crate::web) use mark::mark_moment;
+pub use mark::{MarkForm, Marker, Marking, NotMarked, mark};
+pub use reading::{Read, read, story};
 pub use what_if::{Compared, Examiner, Progress, Run as WhatIf, Trouble, WhatIfs};
 pub(in crate::web) use what_if::{start as start_what_if, texts as recorded_texts};
 
 /// Incidents in one answer, unless `count` asks for another number.
 const COUNT: u32 = 50;
-
-/// Marks the present moment in the recording. It is given who marks and a note, and returns the number of the
-/// incident; `None` if nothing is recorded.
-pub struct Marker(pub(in crate::web) Box<Mark>);
-
-type Mark = dyn Fn(&str, &str) -> Option<u64> + Send + Sync;
-
-impl Marker {
-    pub fn new(mark: impl Fn(&str, &str) -> Option<u64> + Send + Sync + 'static) -> Marker {
-        Marker(Box::new(mark))
-    }
-}
-
-impl fmt::Debug for Marker {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Marker")
-    }
-}
 
 /// The recorder, whether its recordings can be written, and how many are kept.
 #[derive(Debug)]
@@ -187,11 +171,12 @@ pub async fn one(State(app): State<AppState>, Path(id): Path<String>, reader: Re
         Ok(incident) => incident,
         Err(trouble) => return refusal(&reader, trouble),
     };
-    let story = match story(&app, &incident.summary).await {
+    let (read, proof) = story(&app, &incident.summary).await;
+    let story = match read {
         Read::Told(story) => Some(story),
         Read::Missing | Read::Bad(_) | Read::Busy => None,
     };
-    Json(Whole::of(&incident, Some(story.as_deref()))).into_response()
+    Json(Whole::of(&incident, Some((story.as_deref(), &proof)))).into_response()
 }
 
 /// The incident with the number in an address.
@@ -202,41 +187,6 @@ pub(in crate::web) async fn find(app: &AppState, id: &str) -> Result<Incident, H
 
 fn number(id: &str) -> Result<u64, HttpError> {
     id.parse().map_err(|_| HttpError::NotFound)
-}
-
-#[derive(Debug, Default, Deserialize, JsonSchema)]
-pub struct MarkForm {
-    /// What happens; longer ones are cut at 2,000 bytes.
-    #[serde(default)]
-    note: String,
-}
-
-/// `POST /api/v1/mark`, and `/incidents/mark` of the page: marks the present moment in the recording. A browser is led
-/// back to the list of incidents.
-pub async fn mark(
-    app: Live,
-    peer: Option<Extension<Peer>>,
-    SignedIn(session): SignedIn,
-    reader: Reader,
-    form: Result<Form<MarkForm>, FormRejection>,
-) -> Response {
-    let MarkForm { note } = match form {
-        Ok(Form(form)) => form,
-        // A mark without a note needs no body.
-        Err(FormRejection::InvalidFormContentType(_)) => MarkForm::default(),
-        Err(rejection) => return bad_form(&reader, &rejection),
-    };
-    let note = &note[..note.floor_char_boundary(NOTE_BYTES_MAX)];
-    let marked = app.settings.marker.as_ref().and_then(|Marker(mark)| mark(&session.user, note));
-    let Some(id) = marked else { return refusal(&reader, HttpError::NotRecording) };
-    let source = source_of(peer.map(|Extension(peer)| peer));
-    // The mark is in the recording, whether the disk takes this record now or later.
-    app.store.note(Record::of_session(&session, Action::Mark, source).on(format!("{id}: {note}")));
-    match reader.speaks {
-        // Its own page is there once the disk has taken it.
-        Speaks::Html => Redirect::to("/incidents").into_response(),
-        Speaks::Json => Json(Marked { incident: id }).into_response(),
-    }
 }
 
 #[derive(Debug, Deserialize, JsonSchema)]

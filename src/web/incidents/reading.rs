@@ -10,9 +10,9 @@ use tokio::task;
 use tokio::time::timeout;
 
 use crate::record::folder;
+use crate::record::proof::{Expected, Proof, compare};
 use crate::record::story::{self, Series, Story};
 use crate::record::summary::Summary;
-use crate::record::writer::hash_file;
 use crate::replay::series::series;
 use crate::replay::{Playback, Recording, ReplayError, Run};
 use crate::web::AppState;
@@ -42,16 +42,6 @@ pub enum Read {
     Bad(String),
     /// Others are read.
     Busy,
-}
-
-/// Whether a recording is as it was recorded.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Proof {
-    Same,
-    /// Its SHA-256 is this one.
-    Other(String),
-    /// It was not compared, or has no hash.
-    None,
 }
 
 /// What the recording in this folder tells, with its numbers. Blocks.
@@ -144,30 +134,18 @@ async fn with_numbers(app: &AppState, summary: &Summary, mut read: Read) -> Read
     read
 }
 
-/// Compares the recording in this folder with the hash that it had. Blocks.
-pub fn compare(folder: &Path, summary: &Summary) -> Proof {
-    let path = folder::path_of(folder, &summary.recording.file);
-    let found = path.and_then(|path| hash_file(&path).ok());
-    match (found, &summary.recording.sha256) {
-        (Some(found), Some(recorded)) if found == *recorded => Proof::Same,
-        (Some(found), Some(_)) => Proof::Other(found),
-        _ => Proof::None,
-    }
-}
-
-/// What the recording of an incident tells.
-pub async fn story(app: &AppState, summary: &Summary) -> Read {
-    let read = in_turn(app, summary, read_story).await.unwrap_or_else(|without| without);
-    with_numbers(app, summary, read).await
-}
-
-/// The same, and whether it is as it was recorded.
-pub async fn story_with_proof(app: &AppState, summary: &Summary) -> (Read, Proof) {
-    let both = |folder: &Path, summary: &Summary| {
-        let proof = match summary.recording.bytes {
-            ..=COMPARED_BYTES_MAX => compare(folder, summary),
-            _ => Proof::None,
-        };
+/// What the recording of an incident tells, and whether it is as it was recorded.
+pub async fn story(app: &AppState, summary: &Summary) -> (Read, Proof) {
+    let stored = summary.recording.sha256.clone();
+    let logged = match stored {
+        // A log that cannot be read is a fault of the database, which is told elsewhere.
+        Some(_) => app.store.incident_logged(summary.id).await.ok().flatten(),
+        None => None,
+    };
+    let expected = Expected { stored, logged };
+    let both = move |folder: &Path, summary: &Summary| {
+        let path = folder::path_of(folder, &summary.recording.file);
+        let proof = path.map_or(Proof::None, |path| compare(&path, &expected, COMPARED_BYTES_MAX));
         (read_story(folder, summary), proof)
     };
     let (read, proof) = in_turn(app, summary, both).await.unwrap_or_else(|without| (without, Proof::None));

@@ -70,10 +70,17 @@ pub const MARK: Operation = Operation {
     id: "mark",
     tag: Tag::Incidents,
     summary: "Mark this moment in the recording",
-    about: "It begins an incident, or is noted in the one that is recorded.",
+    about: "It begins an incident, or is noted in the one that is recorded. The answer comes when both the recording and the \
+            list of incidents have it, or after a second.",
     form: Some(of::<MarkForm>),
     answer: Content::Json(of::<Marked>),
-    refusals: &[BAD_FORM, (503, "Nothing is recorded at present.")],
+    refusals: &[
+        BAD_FORM,
+        (
+            503,
+            "Nothing is recorded at present, or the disk has not taken the mark within a second: `error` says which.",
+        ),
+    ],
     example: "note=a bump",
     ..Operation::PLAIN
 };

@@ -148,7 +148,7 @@ impl Tap {
     /// storage works.
     pub fn conditions(&self) -> (bool, bool) {
         let display_live = self.app.displays.is_live_for(&self.session, self.app.clock.now());
-        (display_live, self.app.is_storage_ok())
+        (display_live, self.app.is_recorded())
     }
 
     /// The beginning of a record of what this tap asks for.

@@ -150,7 +150,8 @@ pub async fn get(
     let incident =
         incident.unwrap_or_else(|| Incident { summary: (*replay.summary).clone(), kept: false, note: None });
     let read = Read::Told(Box::new((*replay.story).clone()));
-    let mut content = Content::of(lang, &incident, &read, Medium::Replay(&id));
+    let mut content =
+        Content::of(lang, &incident, (&read, &crate::record::proof::Proof::None), Medium::Replay(&id));
     let words = content.words;
     let it = content.it;
     content.first_trigger.insert_str(0, &replay.missing.marks(content.from_ms, content.to_ms));

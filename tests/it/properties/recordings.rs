@@ -19,11 +19,11 @@ use telltale::msg::messages;
 use telltale::msg::received::{Message, Stamped};
 use telltale::record::feed::Feed;
 use telltale::record::incident::Margins;
-use telltale::record::recorder::{Recorder, Settings};
+use telltale::record::recorder::{Mark, Recorder, Settings};
 use telltale::record::ring::ConfigurationText;
 use telltale::record::writer::{self, NEWS_MAX, News, Place};
 use telltale::replay::{Playback, Recording, Run};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 
 use super::cases::Choices;
 use super::keyframes::{Step, model, start, story};
@@ -128,7 +128,8 @@ proptest! {
         let (tell, mut news) = mpsc::channel(NEWS_MAX);
         let place =
             Place { folder: folder.to_path_buf(), definitions: Definitions::default(), about: BTreeMap::new() };
-        writer::start(&recorder, place, tell).unwrap();
+        let (tell_fault, _fault) = watch::channel(None);
+        writer::start(&recorder, place, tell, tell_fault).unwrap();
 
         let mut models = vec![first];
         let mut recorded = Recorded { engine, feed, shown: Vec::new() };
@@ -137,7 +138,7 @@ proptest! {
         while recorder.meter().topics.is_empty() {
             std::thread::yield_now();
         }
-        prop_assert_eq!(recorder.mark("anna", ""), Some(1));
+        prop_assert_eq!(recorder.mark("anna", ""), Some(Mark { incident: 1, triggers: 1 }));
         for (index, (at, step)) in story.into_iter().enumerate() {
             match step {
                 Step::Take(input) => {
@@ -154,7 +155,7 @@ proptest! {
         drop((feed, recorder));
         let summary = std::iter::from_fn(|| news.blocking_recv()).find_map(|news| match news {
             News::Ended(summary) => Some(summary),
-            News::Begun(_) | News::Extended(_) | News::Fault(_) => None,
+            News::Begun(_) | News::Extended(_) => None,
         });
         let summary = summary.expect("it is written before the end");
 

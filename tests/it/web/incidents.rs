@@ -15,24 +15,24 @@ use telltale::record::recorder::{Recorder, Settings as RecorderSettings};
 use telltale::record::retention::Policy;
 use telltale::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
 use telltale::record::writer::Place;
-use telltale::web::{AppState, Marker, Origins, RecordingState, Settings, router};
+use telltale::web::{AppState, Marker, Marking, NotMarked, Origins, RecordingState, Settings, router};
 use tokio::sync::watch;
 
 use super::fixture::{ADDRESS, Answer, Fixture, request, settings};
 use crate::folder::TestFolder;
 
-const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
+pub(super) const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
 
 /// A vehicle with a folder of recordings.
-struct Recorded {
-    fixture: Fixture,
-    data: TestFolder,
+pub(super) struct Recorded {
+    pub fixture: Fixture,
+    pub data: TestFolder,
     marks: Arc<Mutex<Vec<(String, String)>>>,
-    fault: watch::Sender<Option<Arc<str>>>,
+    pub fault: watch::Sender<Option<Arc<str>>>,
 }
 
 impl Recorded {
-    async fn new(name: &str) -> Recorded {
+    pub async fn new(name: &str) -> Recorded {
         let data = TestFolder::new(&format!("incidents-{name}"));
         std::fs::create_dir_all(folder_in(&data)).unwrap();
         let mut fixture = Fixture::new().await;
@@ -40,7 +40,12 @@ impl Recorded {
         let noted = marks.clone();
         let mark = move |by: &str, note: &str| {
             noted.lock().unwrap().push((by.to_owned(), note.to_owned()));
-            Some(7)
+            let came_to = match note {
+                "unsure" => Err(NotMarked::Unsure { incident: 7 }),
+                "off" => Err(NotMarked::Off),
+                _ => Ok(7_u64),
+            };
+            Box::pin(async move { came_to }) as Marking
         };
         let (fault, faults) = watch::channel(None);
         let (first, clock) = (fixture.link.snapshots.borrow().snapshot.clone(), fixture.clock);
@@ -73,7 +78,7 @@ impl Recorded {
     }
 
     /// An incident of this node, finished or not, with its file.
-    async fn add(&self, id: u64, node: &str, finished: bool) {
+    pub async fn add(&self, id: u64, node: &str, finished: bool) {
         let sha256 = finished.then(|| format!("{id:064x}"));
         let recording = Recording {
             file: file_name(id),
@@ -96,6 +101,7 @@ impl Recorded {
             state: "error".into(),
             message: "no packets".into(),
             values: vec![("rate".into(), "0".into())],
+            at_ms: None,
         };
         let summary = Summary {
             id,
@@ -276,6 +282,17 @@ async fn a_mark_has_a_name_a_note_and_a_record() {
     let answer = recorded.fixture.post("/incidents/mark", Some(&developer), "note=here").await;
     assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/incidents")));
     assert_eq!(recorded.marks.lock().unwrap().last().unwrap().1, "here");
+    // The disk does not take it, or does not say.
+    for (note, says, is_told) in
+        [("off", "this moment is not marked", false), ("unsure", "it is not sure", true)]
+    {
+        let answer = recorded.fixture.post("/api/v1/mark", Some(&operator), &format!("note={note}")).await;
+        assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{note}");
+        assert!(answer.body.contains(says) && answer.body.contains("Note the time"), "{}", answer.body);
+        let log = recorded.fixture.store.audit_entries(None, 1).await.unwrap();
+        let record = log.iter().find(|it| it.target == format!("7: {note}"));
+        assert_eq!(record.is_some_and(|it| it.outcome.starts_with("refused")), is_told, "{log:?}");
+    }
     // Without a recorder.
     let without = Fixture::new().await;
     let cookie = without.cookie_of("developer").await;

@@ -20,5 +20,6 @@ mod snapshot_json;
 mod sockets;
 mod streams;
 mod tls;
+mod trusted_recordings;
 mod vehicle;
 mod what_if;

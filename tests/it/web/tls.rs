@@ -206,7 +206,7 @@ async fn what_is_wrong_with_the_clock_the_certificate_or_the_recorder_stands_on_
                 "the clock shows 1970",
                 "Certificate has to be renewed",
                 "it ends soon",
-                "Recordings begin too late",
+                "Recordings are missing or too short",
             ],
         ),
         (
@@ -216,7 +216,7 @@ async fn what_is_wrong_with_the_clock_the_certificate_or_the_recorder_stands_on_
                 "die Uhr zeigt 1970",
                 "Zertifikat muss erneuert werden",
                 "es endet bald",
-                "Aufzeichnungen beginnen zu spät",
+                "Aufzeichnungen fehlen oder sind zu kurz",
             ],
         ),
     ] {

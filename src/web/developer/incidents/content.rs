@@ -11,6 +11,7 @@ use crate::engine::view::record::Stretch;
 use crate::picture::bars::patterns;
 use crate::picture::strips::{Axis, Look, class, recorded, stamp};
 use crate::picture::svg::escaped;
+use crate::record::proof::Proof;
 use crate::record::retention::size;
 use crate::record::story::{Happened, Moment, NodeStrip, Period, Story, ToldTopic, known};
 use crate::record::summary::{FrozenNode, Summary};
@@ -64,6 +65,8 @@ pub(in crate::web) struct FrozenRow {
     pub word: &'static str,
     pub message: String,
     pub values: Vec<(String, String)>,
+    /// Seconds after the first trigger; empty at that.
+    pub after: String,
 }
 
 pub(in crate::web) struct TopicRow {
@@ -135,7 +138,12 @@ pub(in crate::web) struct Content {
 }
 
 impl Content {
-    pub fn of(lang: Lang, incident: &Incident, read: &Read, medium: Medium<'_>) -> Content {
+    pub fn of(
+        lang: Lang,
+        incident: &Incident,
+        (read, proof): (&Read, &Proof),
+        medium: Medium<'_>,
+    ) -> Content {
         let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
         let summary = &incident.summary;
         let recording = &summary.recording;
@@ -167,6 +175,7 @@ impl Content {
             why: why(&frozen.node),
             state: clean(&frozen.state, NAME),
             word: state_word(lang, &frozen.state),
+            after: frozen.at_ms.map(|at_ms| after(at_ms, summary.since_ms)).unwrap_or_default(),
             message: clean(&frozen.message, MESSAGE),
             values: frozen
                 .values
@@ -189,7 +198,7 @@ impl Content {
             flags: flags(it, incident),
             note: note.map(|note| clean_lines(&note.text)).unwrap_or_default(),
             note_by: note.map(|note| clean(&note.by, NAME)).unwrap_or_default(),
-            troubles: troubles(it, read, medium),
+            troubles: of_proof(it, proof).into_iter().chain(troubles(it, read, medium)).collect(),
             moments: story.moments.iter().map(|moment| row(lang, moment, summary.since_ms)).collect(),
             more_moments: story.more_moments,
             patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
@@ -236,6 +245,14 @@ fn kinds(it: &IncidentWords, summary: &Summary) -> String {
     clean(&kinds.join(", "), MESSAGE)
 }
 
+fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
+    match proof {
+        Proof::Other(hash) => Some(format!("{} {}.", it.is_other, clean(hash, MESSAGE))),
+        Proof::TooLarge => Some(it.not_compared.to_owned()),
+        Proof::Same | Proof::None => None,
+    }
+}
+
 fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>) -> Vec<String> {
     let story: &Story = match read {
         Read::Told(story) => story,
@@ -265,8 +282,6 @@ fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>) -> Vec<String> 
 }
 
 fn row(lang: Lang, moment: &Moment, since_ms: i64) -> MomentRow {
-    // Whole tenths, so that nothing is "-0.0".
-    let tenths = (moment.at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64;
     let state = match &moment.what {
         Happened::Fails { state, .. } => state.clone(),
         Happened::Masks { .. } => "ignore".to_owned(),
@@ -277,10 +292,17 @@ fn row(lang: Lang, moment: &Moment, since_ms: i64) -> MomentRow {
     MomentRow {
         clock: at[11..21].to_owned(),
         at,
-        after: format!("{:+.1} s", tenths as f64 / 10.0),
+        after: after(moment.at_ms, since_ms),
         state: clean(&state, NAME),
         text: sentence(lang, &moment.what),
     }
+}
+
+/// Seconds after the first trigger.
+fn after(at_ms: i64, since_ms: i64) -> String {
+    // Whole tenths, so that nothing is "-0.0".
+    let tenths = (at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64;
+    format!("{:+.1} s", tenths as f64 / 10.0)
 }
 
 fn stage_bar(painter: &Painter, period: &Period) -> Option<String> {

@@ -7,6 +7,7 @@ use axum::response::{Html, IntoResponse, Response};
 
 use super::content::{Content, Medium};
 use super::report;
+use crate::record::proof::Proof;
 use crate::store::{Incident, Role};
 use crate::web::AppState;
 use crate::web::developer::request::PageRequest;
@@ -50,16 +51,21 @@ pub async fn get(
         Ok(incident) => incident,
         Err(trouble) => return refusal(&page.reader, trouble),
     };
-    let read = story(&app, &incident.summary).await;
+    let (read, proof) = story(&app, &incident.summary).await;
     let has_what_if = app.settings.what_if.is_some();
-    Html(html(&one(&page, &incident, &read, has_what_if))).into_response()
+    Html(html(&one(&page, &incident, (&read, &proof), has_what_if))).into_response()
 }
 
-fn one(page: &PageRequest, incident: &Incident, read: &Read, has_what_if: bool) -> OneHtml {
+fn one(
+    page: &PageRequest,
+    incident: &Incident,
+    (read, proof): (&Read, &Proof),
+    has_what_if: bool,
+) -> OneHtml {
     let lang = page.context.lang;
     let view = &View::new(&page.published, lang, false);
     let summary = &incident.summary;
-    let content = Content::of(lang, incident, read, Medium::Page);
+    let content = Content::of(lang, incident, (read, proof), Medium::Page);
     let mut dev = DevFrame::new(view, &page.context, Page::Incidents, RENEW_MS);
     // It does not change any more; and it is shown while the vehicle is locked, as its recording can be downloaded.
     let is_complete = !matches!(read, Read::Told(story) if story.series_pending);

@@ -12,13 +12,13 @@ use sha2::{Digest as _, Sha256};
 
 use super::content::{Content, Medium};
 use crate::record::folder::file_name;
+use crate::record::proof::Proof;
 use crate::record::writer::unix_ms;
 use crate::store::Incident;
 use crate::web::AppState;
 use crate::web::http::errors::HttpError;
 use crate::web::http::respond::{Reader, refusal};
-use crate::web::incidents::{Proof, Read, find, story_with_proof, wall_time};
-use crate::web::view::text::{MESSAGE, clean};
+use crate::web::incidents::{Read, find, story, wall_time};
 use crate::web::view::{Lang, html};
 
 const STYLE: &str = include_str!("report.css");
@@ -44,10 +44,7 @@ struct ReportHtml {
 
 /// The report as one HTML file.
 pub fn report(lang: Lang, incident: &Incident, (read, proof): (&Read, &Proof), written_ms: i64) -> String {
-    let mut content = Content::of(lang, incident, read, Medium::Report);
-    if let Proof::Other(hash) = proof {
-        content.troubles.insert(0, format!("{} {}.", content.it.is_other, clean(hash, MESSAGE)));
-    }
+    let content = Content::of(lang, incident, (read, proof), Medium::Report);
     html(&ReportHtml {
         lang,
         style: STYLE,
@@ -74,7 +71,7 @@ pub async fn get(app: &AppState, id: &str, reader: &Reader) -> Response {
     if incident.summary.recording.is_open() {
         return refusal(reader, HttpError::Unfinished);
     }
-    let (read, proof) = story_with_proof(app, &incident.summary).await;
+    let (read, proof) = story(app, &incident.summary).await;
     if matches!(read, Read::Busy) {
         return refusal(reader, HttpError::Busy);
     }

@@ -29,7 +29,7 @@ words! {
     states: "States", "Zustände";
     numbers: "Numbers", "Zahlen";
     vehicle_speed: "Speed, km/h", "Geschwindigkeit, km/h";
-    freeze: "Values at the first instant", "Werte im ersten Augenblick";
+    freeze: "Values at that instant", "Werte in diesem Augenblick";
     recording: "Recording", "Aufzeichnung";
     report: "Report", "Bericht";
     replay: "Replay", "Wiedergabe";
@@ -115,7 +115,8 @@ words! {
     verify_vehicle: "On the vehicle's computer: compares the file with its hash in the database and in the audit log, and verifies the log. DIR is the data folder of Telltale.", "Auf dem Rechner des Fahrzeugs: vergleicht die Datei mit ihrem Hash in der Datenbank und im Protokoll und prüft das Protokoll. DIR ist der Datenordner von Telltale.";
     verify_chain: "Every record of the audit log carries a hash, made with the vehicle's key, of itself and of the record before it. A record that was changed, removed or inserted later breaks this chain, so the hash of this recording and the time of its record cannot be replaced unseen. Only somebody who can read and write the whole data folder with its key could forge all of it together; that shows against a head of the log that was noted elsewhere:", "Jeder Eintrag des Protokolls trägt einen Hash, gebildet mit dem Schlüssel des Fahrzeugs, über sich selbst und den Eintrag davor. Ein später geänderter, entfernter oder eingefügter Eintrag zerreißt diese Kette; so können der Hash dieser Aufzeichnung und die Zeit seines Eintrags nicht unbemerkt ersetzt werden. Nur wer den ganzen Datenordner mit seinem Schlüssel lesen und schreiben kann, könnte alles zusammen fälschen; das zeigt sich an einem Kopf des Protokolls, der anderswo notiert ist:";
     is_as_recorded: "The file on the vehicle still had it when this report was written.", "Die Datei auf dem Fahrzeug hatte ihn noch, als dieser Bericht geschrieben wurde.";
-    is_other: "The recording is not as it was recorded. What follows was read from the changed file. Its hash is", "Die Aufzeichnung ist nicht, wie sie aufgezeichnet wurde. Was folgt, ist aus der veränderten Datei gelesen. Ihr Hash ist";
+    is_other: "The recording is not as it was recorded: the file was changed, and what follows was read from it. Its hash is", "Die Aufzeichnung ist nicht, wie sie aufgezeichnet wurde: Die Datei wurde verändert, und was folgt, ist aus ihr gelesen. Ihr Hash ist";
+    not_compared: "The file is too large to be compared with its hash here. `telltale incident verify` compares it.", "Die Datei ist zu groß, um sie hier mit ihrem Hash zu vergleichen. `telltale incident verify` vergleicht sie.";
     no_hash: "The recording was not completed, so it has no hash, and nothing proves it.", "Die Aufzeichnung wurde nicht abgeschlossen. Sie hat keinen Hash, und nichts beweist sie.";
     reloaded: "The configuration was replaced", "Die Konfiguration wurde ersetzt";
 }

@@ -21,6 +21,7 @@ fn incident(name: &str) -> Incident {
         state: "error".into(),
         message: name.into(),
         values: vec![(name.into(), name.into())],
+        at_ms: None,
     };
     let recording = Recording {
         file: file_name(12),

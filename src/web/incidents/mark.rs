@@ -1,0 +1,114 @@
+//! The mark of a moment in the recording. It is confirmed once it is on the disk, or it is not.
+
+use std::fmt;
+use std::pin::Pin;
+
+use axum::Json;
+use axum::extract::rejection::FormRejection;
+use axum::extract::{Extension, Form};
+use axum::response::{IntoResponse, Redirect, Response};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use tokio::task;
+
+use super::Marked;
+use crate::record::incident::NOTE_BYTES_MAX;
+use crate::store::audit::{Action, Record};
+use crate::web::admission::peer::{Peer, source_of};
+use crate::web::http::errors::HttpError;
+use crate::web::http::guard::SignedIn;
+use crate::web::http::respond::{Reader, Speaks, bad_form, refusal};
+use crate::web::{AppState, Live};
+
+/// Why a mark is not confirmed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotMarked {
+    /// Nothing is recorded now.
+    Off,
+    /// It is in memory: the disk has not taken it yet.
+    Unsure { incident: u64 },
+}
+
+/// The number of the incident that has the mark on the disk, soon.
+pub type Marking = Pin<Box<dyn Future<Output = Result<u64, NotMarked>> + Send>>;
+
+/// Marks the present moment in the recording at once. It is given who marks, and a note.
+pub struct Marker(Box<Mark>);
+
+type Mark = dyn Fn(&str, &str) -> Marking + Send + Sync;
+
+impl Marker {
+    pub fn new(mark: impl Fn(&str, &str) -> Marking + Send + Sync + 'static) -> Marker {
+        Marker(Box::new(mark))
+    }
+}
+
+impl fmt::Debug for Marker {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Marker")
+    }
+}
+
+/// Marks the present moment, with this record of it, which follows also if the caller goes away. Returns the number of
+/// the incident.
+///
+/// # Errors
+/// The mark is not on the disk, or that is not sure.
+pub(in crate::web) async fn mark_moment(
+    app: &AppState,
+    by: &str,
+    note: &str,
+    record: Record,
+) -> Result<u64, HttpError> {
+    let Some(Marker(mark)) = &app.settings.marker else { return Err(HttpError::NotRecording) };
+    let (marking, store) = (mark(by, note), app.store.clone());
+    let target = move |incident: u64, note: &str| record.on(format!("{incident}: {note}"));
+    let note = note.to_owned();
+    let confirmed = task::spawn(async move {
+        match marking.await {
+            Ok(incident) => {
+                store.note(target(incident, &note));
+                Ok(incident)
+            }
+            Err(NotMarked::Off) => Err(HttpError::NotRecording),
+            Err(NotMarked::Unsure { incident }) => {
+                store.note(target(incident, &note).refused("the disk has not taken it yet"));
+                Err(HttpError::MarkUnsure)
+            }
+        }
+    });
+    // It is not known only at the end of the program.
+    confirmed.await.unwrap_or(Err(HttpError::MarkUnsure))
+}
+
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+pub struct MarkForm {
+    /// What happens; longer ones are cut at 2,000 bytes.
+    #[serde(default)]
+    note: String,
+}
+
+/// `POST /api/v1/mark`, and `/incidents/mark` of the page: marks the present moment in the recording. A browser is led
+/// back to the list of incidents.
+pub async fn mark(
+    app: Live,
+    peer: Option<Extension<Peer>>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+    form: Result<Form<MarkForm>, FormRejection>,
+) -> Response {
+    let MarkForm { note } = match form {
+        Ok(Form(form)) => form,
+        // A mark without a note needs no body.
+        Err(FormRejection::InvalidFormContentType(_)) => MarkForm::default(),
+        Err(rejection) => return bad_form(&reader, &rejection),
+    };
+    let note = &note[..note.floor_char_boundary(NOTE_BYTES_MAX)];
+    let source = source_of(peer.map(|Extension(peer)| peer));
+    let record = Record::of_session(&session, Action::Mark, source);
+    match (mark_moment(&app, &session.user, note, record).await, reader.speaks) {
+        (Ok(_), Speaks::Html) => Redirect::to("/incidents").into_response(),
+        (Ok(incident), Speaks::Json) => Json(Marked { incident }).into_response(),
+        (Err(error), _) => refusal(&reader, error),
+    }
+}
