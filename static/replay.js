@@ -191,6 +191,9 @@
     goTo(start + ((event.clientX - left) / width) * (end - start));
   });
 
+  // The timeline in the frame has a moment too.
+  addEventListener("telltale:moment", ({ detail }) => goTo(detail));
+
   show(Number(body.dataset.at));
   setInterval(() => ask(), ASK_MS);
 })();

@@ -26,6 +26,9 @@ use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::{Lang, html};
 
+/// No address of a screen is longer.
+const SCREEN_BYTES_MAX: usize = 2000;
+
 #[derive(Template)]
 #[template(path = "replay.html")]
 struct ReplayHtml {
@@ -47,12 +50,16 @@ struct ReplayHtml {
     /// The screens: the address behind the replay's, and its name.
     screens: [(&'static str, &'static str); 7],
     speeds: [&'static str; 6],
+    /// The address of the first screen behind the replay's.
+    screen: String,
 }
 
-/// A moment in the address: milliseconds since 1970, or UTC.
+/// A moment in the address: milliseconds since 1970, or UTC; and the page that shows it, instead of the operator's.
 #[derive(Debug, Deserialize)]
 pub struct MomentQuery {
     pub(super) at: Option<String>,
+    #[serde(default)]
+    pub(super) screen: String,
 }
 
 /// Orders of the page: one at a time.
@@ -114,7 +121,7 @@ async fn opened(
 pub async fn get(
     State(app): State<AppState>,
     Path(id): Path<String>,
-    Query(MomentQuery { at }): Query<MomentQuery>,
+    Query(MomentQuery { at, screen }): Query<MomentQuery>,
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Response {
@@ -173,10 +180,16 @@ pub async fn get(
             ("/developer/topics", words.topics),
         ],
         speeds: ["0.1", "0.5", "1", "2", "5", "20"],
+        screen: if is_screen(&screen) { screen } else { "/".to_owned() },
         content,
         state,
     }))
     .into_response()
+}
+
+/// Whether a screen of the replay has this address. Another one would leave it.
+fn is_screen(address: &str) -> bool {
+    address.starts_with("/developer") && address.len() <= SCREEN_BYTES_MAX && !address.contains("..")
 }
 
 const fn operator_word(lang: Lang) -> &'static str {
