@@ -155,6 +155,8 @@ pub fn compare(
     go_on: &dyn Fn() -> bool,
 ) -> Result<Comparison, ReplayError> {
     let facts = recorded.facts().clone();
+    // Only one side has recorded states: behind a gap they would look like differences of the configurations.
+    recorded.leave_recorded_states();
     let (left, right) = (Trace::of(recorded, go_on)?, Trace::of(new, go_on)?);
     let cut = [left.cut, right.cut].into_iter().flatten().min();
     let to = cut.unwrap_or(left.to.max(right.to));
@@ -220,7 +222,6 @@ fn notes(recorded: &Run, new: &Run) -> Vec<String> {
             "{lost} inputs are missing in the recording: what differs behind them may come from that"
         ));
     }
-    // The new side has no recorded state that would count behind a gap.
     let damages = new.gaps().list().iter().filter(|gap| gap.is_damage);
     all.extend(damages.map(|gap| gap.sentence(new.facts())));
     for run in [recorded, new] {

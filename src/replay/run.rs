@@ -47,6 +47,8 @@ pub struct Run {
     gaps: Gaps,
     /// Something is missing since the last recorded state.
     lacks: bool,
+    /// Recorded states count at the beginning alone.
+    has_own_states: bool,
 }
 
 /// A place in a run, to which one can go back.
@@ -117,7 +119,7 @@ impl Run {
         let reads = recorded.as_ref().and_then(|model| Bridge::new(model, definitions, true).ok());
         let reads = reads.map(|bridge| bridge.unheard().into_iter().collect()).unwrap_or_default();
         let steps = Steps::judged_anew(recording, bridge);
-        Ok(Run { recorded, reads, stage, ..Run::new(steps, model) })
+        Ok(Run { recorded, reads, stage, has_own_states: true, ..Run::new(steps, model) })
     }
 
     fn new(steps: Steps, model: Arc<Model>) -> Run {
@@ -133,7 +135,13 @@ impl Run {
             reads: BTreeSet::new(),
             gaps: Gaps::default(),
             lacks: false,
+            has_own_states: false,
         }
+    }
+
+    /// Behind a gap it goes on with what is left, as a run by another configuration does.
+    pub(super) fn leave_recorded_states(&mut self) {
+        self.has_own_states = true;
     }
 
     /// Counts the messages from here on, until the counts are taken.
@@ -286,8 +294,7 @@ impl Run {
         // What happened before was told before.
         engine.take_events();
         self.lacks = false;
-        // The states of what judges anew are its own.
-        if self.engine.is_some() && self.recorded.is_some() {
+        if self.engine.is_some() && self.has_own_states {
             return None;
         }
         self.gaps.catch_up(state.at());

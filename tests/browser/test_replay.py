@@ -394,13 +394,13 @@ def test_a_moment_that_is_not_in_the_recording_is_not_shown_as_if_it_were(plain,
         page.wait_for_url(f"{url}/replay/file")
         from_ms, to_ms = [int(page.locator("body").get_attribute(f"data-{end}")) for end in ("from", "to")]
         beyond = page.locator("#beyond")
-        for at, says, shown_ms in [(to_ms + 60_000, "The recording ends here", to_ms), (from_ms - 1, "The recording begins here", from_ms)]:
+        for at, says, shown_ms in [(to_ms + 60_000, "It ends here", to_ms), (from_ms - 1, "It begins here", from_ms)]:
             for address in (f"/replay/file?at={at}", f"/replay/file/screen/developer/moment?at={at}"):
                 page.goto(url + address)
                 expect(beyond).to_contain_text(says)
                 expect(beyond.locator("time")).to_have_attribute("datetime", utc(shown_ms * 10**6))
         page.goto(f"{url}/replay/file/differences?a={from_ms}&b={to_ms + 5000}")
-        expect(page.locator(".beyond")).to_contain_text("The recording ends here")
+        expect(page.locator(".beyond")).to_contain_text("It ends here")
         # It has the frame of every replay.
         frame = "() => { const { borderTopColor, borderTopWidth } = getComputedStyle(document.body, '::after'); return borderTopWidth + borderTopColor; }"
         assert page.evaluate(frame) == "6pxrgb(122, 47, 208)"

@@ -246,7 +246,7 @@ def test_any_moment_is_shown_again_from_the_best_source(server, vehicle, page, i
     # Of what is still to come the end of what is recorded is shown, which is said.
     page.goto(f"{server.url}/developer/moment?at={fault_ms + 86_400_000}")
     page.wait_for_url("**/replay/recent?at=*")
-    expect(page.locator("#beyond")).to_contain_text("The recording ends here")
+    expect(page.locator("#beyond")).to_contain_text("It ends here")
     page.goto(f"{server.url}/replay/recent")
     page.locator("#leave").click()
     page.wait_for_url("**/developer")

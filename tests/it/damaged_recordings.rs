@@ -270,6 +270,18 @@ fn people_and_programs_are_told_of_a_gap() {
 }
 
 #[test]
+fn a_gap_is_no_difference_between_two_configurations() {
+    let folder = TestFolder::new("replayed-gap-what-if");
+    let path = with_wrong_chunk(&folder, Some(1));
+    let same = folder.join("same.yaml");
+    std::fs::write(&same, ALONE).unwrap();
+    let what_if = replay(&path, &["--what-if", &same.to_string_lossy()]);
+    let told = String::from_utf8_lossy(&what_if.stdout).into_owned();
+    assert!(what_if.status.success(), "{what_if:?}");
+    assert_eq!(told.matches("note: missing 2027-01-15T08:00:10.000Z to ").count(), 1, "{told}");
+}
+
+#[test]
 fn a_span_in_which_nothing_lies_is_refused() {
     let folder = TestFolder::new("replayed-span");
     let path = with_wrong_chunk(&folder, None);

@@ -12,7 +12,7 @@ use mcap::records::op;
 use super::definitions::{Channel, Definitions, Format};
 use super::entry::{Entry, Item, Raw};
 use super::error::FileError;
-use super::json::{self, JOURNAL, KEYFRAMES};
+use super::json;
 use super::layout::{Layout, Part};
 use super::omission::{Missing, Omissions};
 use super::records::{self, AttachmentHead, ChunkHead, Fields, HEAD_BYTES};
@@ -251,7 +251,7 @@ impl<R: Read + Seek> Reader<R> {
                 }
                 None => {
                     self.omissions.add(at, 0, format!("a document of {} cannot be read", channel.topic));
-                    missing(&channel, stamps)
+                    Missing::of_document(&channel, stamps).map(Entry::Missing)
                 }
             },
             Format::Cdr => {
@@ -274,7 +274,7 @@ impl<R: Read + Seek> Reader<R> {
         if text.len() > json::bytes_max(&channel.topic) {
             let why = format!("a document of {} with {} bytes is too large", channel.topic, text.len());
             self.omissions.add(at, 0, why);
-            return missing(&channel, stamps);
+            return Missing::of_document(&channel, stamps).map(Entry::Missing);
         }
         Some(Entry::Json { channel, stamps, text })
     }
@@ -341,13 +341,6 @@ impl<R: Read + Seek> Reader<R> {
         }
         Ok(())
     }
-}
-
-/// What the engine took or was is missing where a document of ours cannot be read.
-fn missing(channel: &Channel, stamps: MessageStamps) -> Option<Entry> {
-    let is_needed = [&JOURNAL, &KEYFRAMES].iter().any(|it| *it.topic == *channel.topic);
-    let at = stamps.log_time_ns;
-    is_needed.then_some(Entry::Missing(Missing { span_ns: Some((at, at)) }))
 }
 
 impl Open {

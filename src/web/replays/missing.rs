@@ -36,13 +36,26 @@ pub(super) struct MissingTold {
     /// Further ones.
     pub more: Option<String>,
     /// Up to when it may differ, behind a single gap; `None` if that is the end, or there are several.
-    pub until: Option<String>,
+    pub until: Option<At>,
 }
 
-/// Times of UTC, which the page shows by its own clock.
+/// An instant in UTC. The page of a replay shows it by its own clock.
+pub(super) struct At(pub String);
+
+impl At {
+    fn of(ms: i64) -> At {
+        At(wall_time(ms))
+    }
+
+    /// The time of the day, with milliseconds.
+    pub fn clock(&self) -> &str {
+        &self.0[11..23]
+    }
+}
+
 pub(super) struct SpanTold {
-    pub from: String,
-    pub to: Option<String>,
+    pub from: At,
+    pub to: Option<At>,
     /// In seconds; empty if nothing follows.
     pub length: String,
 }
@@ -71,8 +84,8 @@ impl Missing {
     pub fn told(&self, lang: Lang, it: &'static IncidentWords) -> Option<MissingTold> {
         let more = self.gaps.len().saturating_sub(NAMED_MAX) + self.more as usize;
         let span = |gap: &GapThen| SpanTold {
-            from: wall_time(gap.from_ms),
-            to: gap.to_ms.map(wall_time),
+            from: At::of(gap.from_ms),
+            to: gap.to_ms.map(At::of),
             length: gap.to_ms.map(|to_ms| seconds(to_ms - gap.from_ms)).unwrap_or_default(),
         };
         (!self.gaps.is_empty()).then(|| MissingTold {
@@ -80,7 +93,7 @@ impl Missing {
             spans: self.gaps.iter().take(NAMED_MAX).map(span).collect(),
             more: (more > 0).then(|| lang.and_more(more)),
             until: match self.gaps[..] {
-                [GapThen { exact_ms: Some(exact_ms), .. }] => Some(wall_time(exact_ms)),
+                [GapThen { exact_ms: Some(exact_ms), .. }] => Some(At::of(exact_ms)),
                 _ => None,
             },
         })
@@ -89,14 +102,13 @@ impl Missing {
     /// The sign of each screen of the replay, which may be looked at by itself; empty if nothing is missing.
     pub fn sign(&self, lang: Lang, it: &'static IncidentWords) -> String {
         let Some(told) = self.told(lang, it) else { return String::new() };
-        let clock = |at: &str| at[11..23].to_owned();
         let span = |span: &SpanTold| match &span.to {
-            Some(to) => format!("{} \u{2013} {}", clock(&span.from), clock(to)),
-            None => format!("{} \u{2013} {}", clock(&span.from), it.to_the_end),
+            Some(to) => format!("{} \u{2013} {}", span.from.clock(), to.clock()),
+            None => format!("{} \u{2013} {}", span.from.clock(), it.to_the_end),
         };
         let mut spans: Vec<String> = told.spans.iter().map(span).collect();
         spans.extend(told.more);
-        let until = told.until.map(|until| format!(" {} {}", it.up_to, clock(&until))).unwrap_or_default();
+        let until = told.until.map(|until| format!(" {} {}", it.up_to, until.clock())).unwrap_or_default();
         format!("{}: {} {} UTC; {}{until}", told.title, it.missing_are, spans.join(", "), it.may_differ)
     }
 

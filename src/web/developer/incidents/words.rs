@@ -67,8 +67,8 @@ words! {
     may_differ: "may differ from what was shown", "kann von damals abweichen";
     may_differ_after: "What is shown from there on may differ from what was shown then", "Was ab dort zu sehen ist, kann von dem abweichen, was damals zu sehen war";
     up_to: "up to", "bis";
-    ends_at: "The recording ends here; nothing in it is as late as what was asked for:", "Die Aufzeichnung endet hier; so spät wie verlangt ist darin nichts:";
-    begins_at: "The recording begins here; nothing in it is as early as what was asked for:", "Die Aufzeichnung beginnt hier; so früh wie verlangt ist darin nichts:";
+    ends_at: "The recording does not hold the moment that was asked for. It ends here:", "Die Aufzeichnung hat den verlangten Augenblick nicht. Sie endet hier:";
+    begins_at: "The recording does not hold the moment that was asked for. It begins here:", "Die Aufzeichnung hat den verlangten Augenblick nicht. Sie beginnt hier:";
     no_answer: "The server does not answer. What is shown stands still.", "Der Server antwortet nicht. Die Anzeige steht still.";
     download: "Download the recording", "Aufzeichnung herunterladen";
     keep: "Keep it", "Aufbewahren";
