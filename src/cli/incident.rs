@@ -20,11 +20,12 @@ use super::EXIT_NO;
 use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::engine::time::Span;
-use crate::record::retention::{Policy, judged_ms, size, surplus};
+use crate::record::proof::is_changed;
+use crate::record::retention::{Held, Policy, Surplus, judged_ms, size, surplus_without_changed};
 use crate::record::writer::unix_ms;
 use crate::record::{beside, folder};
 use crate::store::audit::{Action, COMMAND_LINE, Record};
-use crate::store::{DemoSecrets, Incidents, Store, StoreError};
+use crate::store::{DemoSecrets, IncidentRecords, Incidents, Store, StoreError};
 
 /// The time for the disk to answer.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
@@ -84,6 +85,9 @@ enum Command {
         off: bool,
     },
     /// Remove the oldest recordings that are too old or too much; nothing that is kept
+    ///
+    /// A recording that is not as it was recorded is evidence of that and stays, unless --changed says otherwise;
+    /// exit code 1 if there is one.
     #[command(
         after_help = "Example:\n  telltale incident prune --dry-run --disk 5GB --keep 7d --data /var/lib/telltale"
     )]
@@ -102,6 +106,9 @@ enum Command {
         /// Otherwise a clock that was set years ahead removes nothing. Use it where the vehicle stood for long.
         #[arg(long)]
         trust_clock: bool,
+        /// Also remove recordings that are not as they were recorded
+        #[arg(long)]
+        changed: bool,
     },
 }
 
@@ -125,14 +132,15 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             }
             Ok(ExitCode::SUCCESS)
         }),
-        Command::Prune { dry_run, disk, keep, trust_clock } => {
+        Command::Prune { dry_run, disk, keep, trust_clock, changed } => {
             let keep = Span::from_nanos(u64::try_from(keep.as_nanos()).unwrap_or(u64::MAX));
-            let policy = Policy { disk: *disk, keep };
-            if *dry_run {
-                dry_run_of(&data, &policy, *trust_clock)
-            } else {
-                prune(&data, &policy, *trust_clock)
-            }
+            let pruning = Pruning {
+                data: &data,
+                policy: Policy { disk: *disk, keep },
+                trust_clock: *trust_clock,
+                changed: *changed,
+            };
+            if *dry_run { pruning.only_say() } else { pruning.run() }
         }
     }
 }
@@ -160,47 +168,76 @@ fn with_store(
     }
 }
 
-fn dry_run_of(data: &Path, policy: &Policy, trust_clock: bool) -> anyhow::Result<ExitCode> {
-    let incidents = Incidents::open(data)?;
-    let held = incidents.held()?;
-    let surplus =
-        surplus(&held, policy, judged_at_ms(Clock::start().wall(), incidents.floor()?, trust_clock));
-    for it in held.iter().filter(|it| surplus.remove.contains(&it.id)) {
-        println!("would remove incident {}, {}", it.id, size(it.bytes));
-    }
-    tell_rest(surplus.remove.len(), held.len(), surplus.bytes, surplus.is_over());
-    Ok(ExitCode::SUCCESS)
+/// What is to be removed.
+struct Pruning<'a> {
+    data: &'a Path,
+    policy: Policy,
+    trust_clock: bool,
+    /// Also what is not as it was recorded.
+    changed: bool,
 }
 
-fn prune(data: &Path, policy: &Policy, trust_clock: bool) -> anyhow::Result<ExitCode> {
-    let recordings = folder::folder_in(data);
-    with_store(data, async |store| {
-        let held = store.incidents_held().await?;
-        let surplus = surplus(&held, policy, judged_at_ms(Clock::start().wall(), store.floor(), trust_clock));
-        let record = Record::of(Action::IncidentRemoved, COMMAND_LINE);
-        let forgotten = store.forget_incidents(surplus.remove.clone(), record).await?;
-        let mut code = ExitCode::SUCCESS;
-        for it in &forgotten {
-            let removed = folder::path_of(&recordings, &it.file).map_or(Ok(()), fs::remove_file);
-            let beside = beside::remove(&recordings, it.id);
-            match removed {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                    eprintln!(
-                        "telltale: incident {} is forgotten, but its file {} cannot be removed: {error}. Remove it by hand",
-                        it.id,
-                        recordings.join(&it.file).display()
-                    );
-                    code = ExitCode::from(EXIT_NO);
-                }
-                _ => println!("removed incident {}, {}", it.id, size(it.bytes)),
-            }
-            if let Err(error) = beside {
-                eprintln!("telltale: the file beside incident {} cannot be removed: {error}", it.id);
-            }
+impl Pruning<'_> {
+    fn only_say(&self) -> anyhow::Result<ExitCode> {
+        let incidents = Incidents::open(self.data)?;
+        let held = incidents.held()?;
+        let (surplus, code) = self.surplus(&held, incidents.floor()?, &incidents.records()?);
+        for it in held.iter().filter(|it| surplus.remove.contains(&it.id)) {
+            println!("would remove incident {}, {}", it.id, size(it.bytes));
         }
-        tell_rest(forgotten.len(), held.len(), surplus.bytes, surplus.is_over());
+        tell_rest(surplus.remove.len(), held.len(), surplus.bytes, surplus.is_over());
         Ok(code)
-    })
+    }
+
+    fn run(&self) -> anyhow::Result<ExitCode> {
+        let recordings = folder::folder_in(self.data);
+        // Hashes of large files take their time, which is no fault of the disk.
+        let known = Incidents::open(self.data)?;
+        let (held, records) = (known.held()?, known.records()?);
+        let (surplus, mut code) = self.surplus(&held, known.floor()?, &records);
+        drop(known);
+        with_store(self.data, async |store| {
+            let record = Record::of(Action::IncidentRemoved, COMMAND_LINE);
+            let forgotten = store.forget_incidents(surplus.remove.clone(), record).await?;
+            for it in &forgotten {
+                let removed = folder::path_of(&recordings, &it.file).map_or(Ok(()), fs::remove_file);
+                let beside = beside::remove(&recordings, it.id);
+                match removed {
+                    Err(error) if error.kind() != io::ErrorKind::NotFound => {
+                        eprintln!(
+                            "telltale: incident {} is forgotten, but its file {} cannot be removed: {error}. Remove it by hand",
+                            it.id,
+                            recordings.join(&it.file).display()
+                        );
+                        code = ExitCode::from(EXIT_NO);
+                    }
+                    _ => println!("removed incident {}, {}", it.id, size(it.bytes)),
+                }
+                if let Err(error) = beside {
+                    eprintln!("telltale: the file beside incident {} cannot be removed: {error}", it.id);
+                }
+            }
+            tell_rest(forgotten.len(), held.len(), surplus.bytes, surplus.is_over());
+            Ok(code)
+        })
+    }
+
+    /// What has to go. What stays because it was changed is said.
+    fn surplus(&self, held: &[Held], floor: SystemTime, records: &IncidentRecords) -> (Surplus, ExitCode) {
+        let recordings = folder::folder_in(self.data);
+        let now_ms = judged_at_ms(Clock::start().wall(), floor, self.trust_clock);
+        let is_evidence = |it: &Held| !self.changed && is_changed(&recordings, it, &records.hashes);
+        let (surplus, changed) = surplus_without_changed(held, &self.policy, now_ms, is_evidence);
+        for id in &changed {
+            eprintln!(
+                "telltale: incident {id} stays: {} is not as it was recorded, which is evidence of that. Look at it with \
+                 `telltale incident verify {id}`, keep a copy of it, and add --changed to remove it",
+                recordings.join(folder::file_name(*id)).display()
+            );
+        }
+        let code = if changed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
+        (surplus, code)
+    }
 }
 
 fn tell_rest(removed: usize, all: usize, bytes: u64, is_over: bool) {
@@ -271,7 +308,7 @@ fn judged_at_ms(wall: SystemTime, floor: SystemTime, trust_clock: bool) -> i64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::retention::Held;
+    use crate::record::retention::surplus;
 
     #[test]
     fn sizes_are_read_and_written_with_their_units() {

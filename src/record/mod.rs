@@ -7,6 +7,7 @@ pub mod folder;
 pub mod found;
 pub mod freeze;
 pub mod incident;
+mod job;
 pub mod journal;
 mod latched;
 pub mod proof;

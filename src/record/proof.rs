@@ -1,13 +1,18 @@
 //! Whether the file of a recording is as it was recorded.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::Metadata;
 use std::io;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 use std::sync::{LazyLock, Mutex, PoisonError};
 
+use super::folder::file_name;
+use super::retention::Held;
 use super::writer::hash_file;
+
+/// In the audit log, in place of the hash of a recording that has none.
+pub const NO_HASH: &str = "unknown";
 
 /// Files whose hashes are remembered.
 const HASHES_MAX: usize = 64;
@@ -58,6 +63,13 @@ pub fn compare(path: &Path, expected: &Expected, bytes_max: u64) -> Proof {
         Ok(found) => Proof::Other(found),
         Err(_) => Proof::None,
     }
+}
+
+/// Whether a recording of a folder is not as it was recorded, by its row and these hashes in the audit log. Blocks.
+pub fn is_changed(folder: &Path, held: &Held, logged: &BTreeMap<u64, String>) -> bool {
+    let logged = logged.get(&held.id).filter(|hash| *hash != NO_HASH).cloned();
+    let expected = Expected { stored: held.sha256.clone(), logged };
+    matches!(compare(&folder.join(file_name(held.id)), &expected, u64::MAX), Proof::Other(_))
 }
 
 /// A file in one state: whoever changes it changes the last of these times.

@@ -10,12 +10,10 @@ use std::time::{Duration, SystemTime};
 use super::feed::{Turn, Turns};
 use super::freeze;
 use super::incident::{Change, Margins, Open, Tracker, Trigger, roots};
-use super::latched::Kept;
+use super::job::Job;
 use super::ring::{ConfigurationText, Entry, Held, Position, Ring, Taken};
-use super::summary::FrozenNode;
 use super::transition::Change as Told;
 use crate::clock::Clock;
-use crate::engine::model::Stage;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
 
@@ -94,41 +92,6 @@ pub(super) struct State {
     /// The incident that is open has no recording: it had to wait for others, or for the engine's first state.
     is_unrecorded: bool,
     pub ended: bool,
-}
-
-/// An incident to be written.
-#[derive(Debug, Clone)]
-pub(super) struct Job {
-    pub number: u64,
-    pub open: Open,
-    /// The engine's state with which the recording begins.
-    pub begin: Position,
-    /// The first instant that is shown.
-    pub shown_from: Timestamp,
-    /// The entry after the last one; `None` while the incident is open.
-    pub end: Option<Position>,
-    pub configuration: Arc<[ConfigurationText]>,
-    pub roots: Vec<Arc<str>>,
-    /// The stage at the first trigger; a machine may have none.
-    pub stage: Option<Stage>,
-    /// With the times of the triggers to which they belong.
-    pub freeze: Vec<(Timestamp, FrozenNode)>,
-    /// What latched topics had said last before it begins.
-    pub latched: Vec<Kept>,
-}
-
-impl Job {
-    /// It lasts longer. What has failed since is kept with its values.
-    fn extend(&mut self, open: Open, snapshot: &Snapshot) {
-        for (at, trigger) in open.triggers.iter().skip(self.open.triggers.len()) {
-            if let Trigger::Root { node, .. } = trigger {
-                let known: Vec<FrozenNode> = self.freeze.iter().map(|(_, it)| it.clone()).collect();
-                let new = freeze::later(snapshot, node, &known);
-                self.freeze.extend(new.into_iter().map(|it| (*at, it)));
-            }
-        }
-        self.open = open;
-    }
 }
 
 /// A mark: the incident that it is in, and how many triggers that has with it.

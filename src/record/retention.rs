@@ -1,6 +1,8 @@
 //! How long recordings are kept: within a size and an age, and those that somebody keeps for as long as they
 //! are kept.
 
+use std::collections::BTreeSet;
+
 use crate::engine::time::Span;
 
 /// Incidents that are listed. The oldest beyond it are removed, as for the size.
@@ -97,6 +99,37 @@ pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
     }
 }
 
+/// The same, but recordings that `is_changed` says are not as they were recorded stay: they are evidence. Those that would
+/// have had to go are named too.
+pub fn surplus_without_changed(
+    held: &[Held],
+    policy: &Policy,
+    now_ms: i64,
+    mut is_changed: impl FnMut(&Held) -> bool,
+) -> (Surplus, Vec<u64>) {
+    let mut held = held.to_vec();
+    let (mut unchanged, mut changed) = (BTreeSet::new(), Vec::new());
+    loop {
+        let found = surplus(&held, policy, now_ms);
+        let known = changed.len();
+        for it in held.iter_mut().filter(|it| found.remove.contains(&it.id)) {
+            if unchanged.contains(&it.id) {
+                continue;
+            }
+            if is_changed(it) {
+                it.kept = true;
+                changed.push(it.id);
+            } else {
+                unchanged.insert(it.id);
+            }
+        }
+        // What stays may make others go.
+        if changed.len() == known {
+            return (found, changed);
+        }
+    }
+}
+
 /// A number of bytes for people.
 pub fn size(bytes: u64) -> String {
     match bytes {
@@ -129,6 +162,20 @@ mod tests {
         let full = surplus(&all, &policy(35, 30), 6 * DAY_MS);
         assert_eq!(full, Surplus { remove: vec![1, 2], bytes: 30, ..Surplus::default() });
         assert_eq!(surplus(&[], &policy(0, 0), 0), Surplus::default());
+    }
+
+    #[test]
+    fn what_was_changed_stays_and_others_go_in_its_place() {
+        let all: Vec<Held> = (1..=5).map(|id| held(id, id as i64, 10)).collect();
+        let mut asked = Vec::new();
+        let (left, changed) = surplus_without_changed(&all, &policy(35, 30), 6 * DAY_MS, |it| {
+            asked.push(it.id);
+            [1, 3].contains(&it.id)
+        });
+        assert_eq!(left, Surplus { remove: vec![2, 4], bytes: 30, ..Surplus::default() });
+        assert_eq!((changed, asked), (vec![1, 3], vec![1, 2, 3, 4]), "each is looked at once");
+        let (left, changed) = surplus_without_changed(&all, &policy(15, 30), 6 * DAY_MS, |_| true);
+        assert!(left.remove.is_empty() && left.is_over() && changed == [1, 2, 3, 4, 5]);
     }
 
     #[test]

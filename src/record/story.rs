@@ -404,7 +404,7 @@ fn happened(changes: &[Transition<'_>], summary: &Summary, from_ms: i64) -> Vec<
 }
 
 /// The changes to UNKNOWN that raised no alarm as long as they lasted. Where a node begins to matter, as at a departure,
-/// it is given time to report, however long it measures. So it is where one ends to matter in the same instant.
+/// it is given time to report, however long it measures.
 fn given_time(changes: &[Transition<'_>]) -> BTreeSet<usize> {
     let (mut alarmed, mut found) = (BTreeSet::new(), BTreeSet::new());
     for (index, Transition { change, .. }) in changes.iter().enumerate().rev() {

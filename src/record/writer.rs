@@ -12,7 +12,8 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
 use super::file::{FileError, IncidentFile};
-use super::recorder::{Job, Recorder, Shared};
+use super::job::Job;
+use super::recorder::{Recorder, Shared};
 use super::ring::Entry;
 use super::summary::Summary;
 use crate::clock::Clock;

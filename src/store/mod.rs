@@ -38,8 +38,7 @@ pub use history::{
     Stretch, past_in,
 };
 pub use incidents::{
-    Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, NO_HASH, Note,
-    OnDisk,
+    Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Note, OnDisk,
 };
 #[cfg(test)]
 pub use private_file::TestFolder;

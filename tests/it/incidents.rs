@@ -348,6 +348,22 @@ async fn pruning_beside_a_server_removes_what_is_old_and_not_what_is_kept() {
     assert_eq!(removed, 3);
 }
 
+#[tokio::test]
+async fn pruning_keeps_what_was_changed_until_it_is_told_to_remove_it() {
+    let folder = Folder::new("prune-changed").await;
+    std::fs::write(folder.file(1), "another").unwrap();
+    for words in [&["prune", "--dry-run"][..], &["prune"]] {
+        let (out, err, code) = folder.run(words);
+        assert!(code == Some(1) && !out.contains("incident 1,") && folder.file(1).exists(), "{out}{err}");
+        for part in ["incident 1 stays", "incident-1.mcap is not as it was recorded", "add --changed"] {
+            assert!(err.contains(part), "{part}: {err}");
+        }
+    }
+    let (out, err, code) = folder.run(&["prune", "--changed"]);
+    assert!(code == Some(0) && out.contains("removed incident 1,"), "{out}{err}");
+    assert!(!folder.file(1).exists());
+}
+
 #[test]
 fn a_folder_without_a_database_is_told() {
     let data = TestFolder::new("incident-none");

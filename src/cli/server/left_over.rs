@@ -8,12 +8,13 @@ use tokio::task;
 
 use crate::record::beside::Beside;
 use crate::record::file::{FileError, repair};
+use crate::record::proof::NO_HASH;
 use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
 use crate::record::{beside, folder, found};
+use crate::store::Store;
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{NO_HASH, Store};
 
 /// Completes the files of incidents that the end of an earlier run interrupted. One whose file is gone is marked so,
 /// and is looked at again only if its file is back.

@@ -1,6 +1,9 @@
 //! Records incidents while the display runs: the recorder, the writer of files, the store's knowledge of them,
 //! and their removal when they are old.
 
+mod books;
+mod tidying;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -11,37 +14,32 @@ use anyhow::Context as _;
 use tokio::sync::{mpsc, watch};
 use tokio::task;
 
+use self::books::{BookEntry, confirmed, keep_books};
+use self::tidying::look_after;
 use super::timekeeping::Watched;
 use super::{left_over, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
-use crate::engine::time::{Span, Timestamp};
+use crate::engine::time::Span;
 use crate::msg::fields::Definitions;
 use crate::record::feed::{Feed, Turns};
+use crate::record::folder;
 use crate::record::incident::Margins;
-use crate::record::recorder::{Mark, Recorder, Settings};
-use crate::record::retention::{Policy, judged_ms, surplus};
-use crate::record::writer::{self, Fault, NEWS_MAX, News, Place, VEHICLE, unix_ms};
-use crate::record::{beside, folder};
+use crate::record::recorder::{Recorder, Settings};
+use crate::record::retention::Policy;
+use crate::record::writer::{self, Fault, NEWS_MAX, Place, VEHICLE};
 use crate::runtime::Link;
-use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{Store, make_folder};
-use crate::web::{Marker, NotMarked, RecordingState};
+use crate::web::{Marker, RecordingState};
 
 /// A recording begins at most this much before its pre-roll.
 const MEMORY_MAX: Span = Span::from_secs(120);
-
-/// Old recordings are looked for this often.
-const TIDY_EVERY: Duration = Duration::from_secs(600);
 
 /// A disk that takes no longer for a piece of a recording does not hang.
 const ANSWERS_WITHIN: Span = Span::from_secs(3);
 
 /// A disk that hangs is looked for this often.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
-
-/// Who marks a moment waits this long for the disk.
-const MARKED_WITHIN: Duration = Duration::from_secs(1);
 
 /// The end of the program waits this long for the last incident to be written.
 const LAST_WITHIN: Duration = Duration::from_secs(1);
@@ -242,56 +240,6 @@ fn policy(loaded: &Loaded) -> Option<Policy> {
     loaded.recording.as_ref().map(|recording| Policy { disk: recording.disk, keep: recording.keep })
 }
 
-/// What was given to the store last.
-#[derive(Debug, Clone, Copy, Default)]
-struct BookEntry {
-    incident: u64,
-    triggers: u64,
-    is_stored: bool,
-}
-
-/// Waits until a mark is in a file and in the database, and returns the number of its incident.
-///
-/// # Errors
-/// The disk refused it, or has not taken it yet.
-async fn confirmed(
-    mark: Option<Mark>,
-    mut entry: watch::Receiver<BookEntry>,
-    mut fault: watch::Receiver<Fault>,
-) -> Result<u64, NotMarked> {
-    let Some(Mark { incident, triggers }) = mark else { return Err(NotMarked::Off) };
-    let is_written = |entry: &BookEntry| entry.incident == incident && entry.triggers >= triggers;
-    tokio::select! {
-        // What is written stays, whatever follows.
-        biased;
-        Ok(entry) = entry.wait_for(is_written) => {
-            if entry.is_stored { Ok(incident) } else { Err(NotMarked::Unsure { incident }) }
-        }
-        Ok(_) = fault.wait_for(Option::is_some) => Err(NotMarked::Off),
-        () = tokio::time::sleep(MARKED_WITHIN) => Err(NotMarked::Unsure { incident }),
-    }
-}
-
-/// Tells the store of every incident.
-async fn keep_books(mut news: mpsc::Receiver<News>, store: Store, write: watch::Sender<BookEntry>) {
-    while let Some(news) = news.recv().await {
-        let stored = match &news {
-            News::Begun(summary) => store.incident_opened(summary).await,
-            News::Extended(summary) => store.incident_updated(summary).await,
-            News::Ended(summary) => store.incident_finished(summary).await,
-        };
-        if let Err(error) = &stored {
-            tracing::error!(%error, "an incident is not in the database; `telltale incident verify` names its file");
-        }
-        let (News::Begun(summary) | News::Extended(summary) | News::Ended(summary)) = &news;
-        write.send_replace(BookEntry {
-            incident: summary.id,
-            triggers: summary.trigger_count(),
-            is_stored: stored.is_ok(),
-        });
-    }
-}
-
 /// Tells why nothing can be recorded: what the writer met, or that the disk does not answer it.
 async fn watch_disk(
     mut of_writer: watch::Receiver<Fault>,
@@ -317,95 +265,5 @@ async fn watch_disk(
         if let Ok(Err(_)) = tokio::time::timeout(LOOK_EVERY, of_writer.changed()).await {
             return;
         }
-    }
-}
-
-/// Takes in the recordings of earlier runs that the store does not know, and removes those that are too old or
-/// too many.
-async fn look_after(
-    mut policies: watch::Receiver<Policy>,
-    store: Store,
-    folder: PathBuf,
-    files: Vec<u64>,
-    clock: Clock,
-) {
-    left_over::take_in(&store, &folder, files).await;
-    loop {
-        let policy = *policies.borrow_and_update();
-        if let Err(error) = remove_surplus(&store, &folder, &policy, clock).await {
-            tracing::error!(%error, "old recordings are not removed");
-        }
-        tokio::select! {
-            changed = policies.changed() => if changed.is_err() { return },
-            () = tokio::time::sleep(TIDY_EVERY) => {}
-        }
-    }
-}
-
-async fn remove_surplus(store: &Store, folder: &Path, policy: &Policy, clock: Clock) -> anyhow::Result<()> {
-    let held = store.incidents_held().await?;
-    let wall_ms = unix_ms(clock.wall());
-    let now_ms = judged_ms(wall_ms, unix_ms(store.floor()), clock.now().since(Timestamp::ZERO));
-    if now_ms < wall_ms && !held.is_empty() {
-        tracing::info!(
-            "the clock is far ahead of the newest record: no recording is removed for its age by it"
-        );
-    }
-    let surplus = surplus(&held, policy, now_ms);
-    if surplus.is_over() {
-        tracing::warn!(
-            "the kept recordings alone take more than `recording.disk`: remove some, or permit more"
-        );
-    }
-    if surplus.remove.is_empty() {
-        return Ok(());
-    }
-    let record = Record::of(Action::IncidentRemoved, TELLTALE);
-    for gone in store.forget_incidents(surplus.remove, record).await? {
-        if let Some(path) = folder::path_of(folder, &gone.file)
-            && let Err(error) = std::fs::remove_file(&path)
-        {
-            tracing::warn!(%error, "the recording {} is not removed", path.display());
-        }
-        if let Err(error) = beside::remove(folder, gone.id) {
-            tracing::warn!(%error, "the file beside incident {} is not removed", gone.id);
-        }
-    }
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[tokio::test(start_paused = true)]
-    async fn a_mark_is_confirmed_when_it_is_on_the_disk_and_answered_within_a_second() {
-        let (write, entry) = watch::channel(BookEntry::default());
-        let (tell, fault) = watch::channel(None);
-        let mark = Mark { incident: 7, triggers: 3 };
-        let confirmed = |mark| tokio::spawn(confirmed(mark, entry.clone(), fault.clone()));
-        let unsure = Err(NotMarked::Unsure { incident: 7 });
-        assert_eq!(confirmed(None).await.unwrap(), Err(NotMarked::Off));
-        assert_eq!(confirmed(Some(mark)).await.unwrap(), unsure, "the disk does not answer");
-        let waits = confirmed(Some(mark));
-        tokio::task::yield_now().await;
-        let written = |incident, triggers, is_stored| {
-            write.send_replace(BookEntry { incident, triggers, is_stored });
-        };
-        for (incident, triggers) in [(6, 9), (7, 2)] {
-            written(incident, triggers, true);
-            tokio::task::yield_now().await;
-            assert!(!waits.is_finished(), "that is without the mark");
-        }
-        written(7, 3, true);
-        assert_eq!(waits.await.unwrap(), Ok(7));
-        written(7, 4, false);
-        assert_eq!(confirmed(Some(mark)).await.unwrap(), unsure, "the database does not take it");
-        written(7, 2, true);
-        let waits = confirmed(Some(mark));
-        tell.send_replace(Some("the disk is full".into()));
-        assert_eq!(waits.await.unwrap(), Err(NotMarked::Off));
-        written(7, 3, true);
-        assert_eq!(confirmed(Some(mark)).await.unwrap(), Ok(7), "what is written stays");
     }
 }

@@ -21,8 +21,8 @@ use crate::record::file::{
 };
 use crate::record::folder::file_name;
 use crate::record::incident::Trigger;
+use crate::record::job::Job;
 use crate::record::journal::Line;
-use crate::record::recorder::Job;
 use crate::record::ring::{ConfigurationText, Entry, Position, Taken};
 use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
 use crate::record::transition::{Change, Transition};

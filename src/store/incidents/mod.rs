@@ -11,7 +11,7 @@ use crate::record::beside::Beside;
 pub use crate::record::beside::Note;
 use crate::record::summary::Summary;
 
-pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents, NO_HASH, OnDisk};
+pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents, OnDisk};
 pub use write::Forgotten;
 
 /// An incident in the store.

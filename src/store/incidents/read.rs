@@ -8,6 +8,7 @@ use rusqlite::{Connection, OptionalExtension as _, Row, params};
 
 use super::{Incident, Note};
 use crate::record::folder;
+use crate::record::proof::NO_HASH;
 use crate::record::retention::Held;
 use crate::record::summary::{Recording, Summary};
 use crate::store::audit::Action;
@@ -156,9 +157,6 @@ impl Store {
 /// The incidents of a data folder, which are read without a lock: a server may run on it.
 #[derive(Debug)]
 pub struct Incidents(Connection);
-
-/// In the audit log, in place of the hash of a recording that has none.
-pub const NO_HASH: &str = "unknown";
 
 /// What the audit log says of recordings.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

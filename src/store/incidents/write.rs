@@ -4,7 +4,8 @@ use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 
 use super::Note;
 use super::bounds::{bounded, note};
-use super::read::{NO_HASH, last_number, surely};
+use super::read::{last_number, surely};
+use crate::record::proof::NO_HASH;
 use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::store::audit::{Action, Record, TELLTALE};
