@@ -23,7 +23,7 @@ use telltale::record::feed::Feed;
 use telltale::record::incident::Margins;
 use telltale::record::recorder::{Recorder, Settings};
 use telltale::record::writer::{self, News, Place};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 
 const MESSAGES_PER_S: u32 = 100;
 const MESSAGE_BYTES: usize = 2_000_000;
@@ -92,7 +92,7 @@ fn recorded(clock: Clock, engine: &mut Engine, folder: Option<PathBuf>) -> (f64,
     let writes = folder.is_some();
     let writer = folder.map(|folder| {
         let place = Place { folder, definitions: Definitions::new(Vec::new()), about: BTreeMap::new() };
-        writer::start(&recorder, place, tell).expect("a thread starts")
+        writer::start(&recorder, place, tell, watch::channel(None).0).expect("a thread starts")
     });
     let mut published = 0;
     let share = run(clock, |stamped| {

@@ -19,7 +19,9 @@
   };
 
   document.addEventListener("input", ({ target: field }) => {
-    if (field.matches("[data-moment]")) fix({ at: field.value });
+    if (!field.matches("[data-moment]")) return;
+    const { from, to } = document.getElementById("timeline").dataset;
+    fix({ at: Math.round(Number(from) + (Number(to) - Number(from)) * (field.value / 1000)) });
   });
   document.addEventListener("change", ({ target: field }) => {
     if (!field.matches("[data-until]")) return;
@@ -46,8 +48,10 @@
     const moment = document.querySelector("[data-moment]");
     const until = document.querySelector("[data-until]");
     const asked = new URLSearchParams(location.search);
-    if (!asked.get("at") && document.activeElement !== moment) moment.value = 1000;
-    const to = Number(timeline.dataset.to);
+    const [from, to] = [Number(timeline.dataset.from), Number(timeline.dataset.to)];
+    // A moment outside of the span has no place on the slider.
+    const place = Math.round((1000 * ((timeline.dataset.chosen ?? to) - from)) / Math.max(1, to - from));
+    if (moment && document.activeElement !== moment) moment.value = place >= 0 && place <= 1000 ? place : 1000;
     if (document.activeElement !== until) until.value = asked.get("until") ? local(to) : "";
   };
 

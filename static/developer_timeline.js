@@ -98,10 +98,9 @@
   const address = (lanes, from, to, share) => {
     const asked = new URLSearchParams(location.search);
     asked.set("span", Math.max(1, Math.ceil((to - from) / 1000)));
-    // What ends in the present goes on with it.
-    if (lanes.dataset.present !== undefined && share > EDGE) asked.delete("until");
+    // What ends in the present goes on with it, unless a moment was chosen.
+    if (lanes.dataset.present !== undefined && share > EDGE && !asked.has("at")) asked.delete("until");
     else asked.set("until", Math.round(Math.min(to, Date.now())));
-    asked.delete("at");
     return `?${asked}`;
   };
 
@@ -124,13 +123,30 @@
     delete body.dataset.dragging;
   };
 
-  // A click chooses the moment.
-  const setMoment = (at, { dataset }) => {
+  // A click chooses the moment, for this page and for those to which it leads. In a replay it is the replay's.
+  const setMoment = (at) => {
+    const { from, to } = document.getElementById("timeline").dataset;
+    const moment = Math.round(Math.min(Number(to), Math.max(Number(from), at)));
+    if (body.dataset.replay !== undefined) {
+      if (parent !== window) parent.dispatchEvent(new CustomEvent("telltale:moment", { detail: moment }));
+      return;
+    }
     const asked = new URLSearchParams(location.search);
-    if (!asked.get("until")) asked.set("until", dataset.end);
-    asked.set("at", Math.min(1000, Math.max(0, Math.round(at))));
+    if (!asked.get("until")) asked.set("until", to);
+    asked.set("at", moment);
+    asked.delete("unrecorded");
     telltale.go(`?${asked}`, true);
   };
+  // The address is ahead of the content.
+  const chosen = () => document.getElementById("timeline") && new URLSearchParams(location.search).get("at");
+
+  // Before the page's own script brings the live page.
+  document.addEventListener("click", (event) => {
+    const link = event.target.closest?.("a[data-then]:not([aria-current])");
+    if (!link || !chosen() || event.ctrlKey || event.metaKey || event.shiftKey || event.button !== 0) return;
+    event.preventDefault();
+    location.assign(`/developer/moment?${new URLSearchParams({ at: chosen(), screen: link.getAttribute("href") })}`);
+  }, true);
 
   document.addEventListener("pointermove", (event) => {
     if (drag) {
@@ -151,7 +167,7 @@
     const { lanes, share, last, x } = drag;
     drop();
     if (Math.abs(event.clientX - x) > DRAG_PX) choose({ lanes, share }, last);
-    else if (lanes.closest("#timeline")) setMoment(share * 1000, lanes);
+    else if (lanes.closest("#timeline")) setMoment(timeAt(lanes, share));
   });
   document.addEventListener("pointercancel", drop);
   document.documentElement.addEventListener("pointerleave", leave);
@@ -166,11 +182,12 @@
     const to = middle + whole * (1 - at.share);
     if (!wanted) {
       setTimeout(() => {
-        telltale.go(address(at.lanes, ...wanted.span, wanted.share), true);
+        // A key or a link asked for another span meanwhile.
+        if (wanted.from === location.href) telltale.go(address(at.lanes, ...wanted.span, wanted.share), true);
         wanted = null;
       }, WHEEL_MS);
     }
-    wanted = { span: [to - whole, to], share: at.share };
+    wanted = { span: [to - whole, to], share: at.share, from: wanted?.from ?? location.href };
   }, { passive: false });
 
   document.addEventListener("keydown", (event) => {
@@ -179,8 +196,9 @@
     const lanes = document.querySelector("#timeline .lanes");
     if (!step || !lanes || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, dialog")) return;
     event.preventDefault();
-    const at = new URLSearchParams(location.search).get("at") ?? 1000;
-    setMoment(Number(at) + (event.shiftKey ? step / 10 : step), lanes);
+    const [start, end] = span(lanes);
+    const part = (event.shiftKey ? step / 10 : step) / 1000;
+    setMoment(Number(chosen() ?? end) + part * (end - start));
   });
 
   // The field of the span follows what links, the wheel and dragging have chosen.

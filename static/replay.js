@@ -4,6 +4,8 @@
   "use strict";
   const ASK_MS = 250;
   const ANSWER_MS = 3000;
+  // The reference display; the stylesheet has the same.
+  const WHOLE = { width: 1280, height: 800 };
 
   const { body } = document;
   const address = `/replay/${body.dataset.replay}/state`;
@@ -28,6 +30,10 @@
   for (const link of document.querySelectorAll(".lanes a")) link.target = "screen";
   for (const text of document.querySelectorAll("[data-clock]")) {
     text.textContent = new Date(text.dataset.clock).toTimeString().slice(0, 8);
+  }
+  for (const text of document.querySelectorAll("time[data-exact]")) {
+    const at = new Date(text.dateTime);
+    text.textContent = `${at.toTimeString().slice(0, 8)}.${String(at.getMilliseconds()).padStart(3, "0")}`;
   }
 
   // A line in each strip, at the instant that is shown.
@@ -64,6 +70,7 @@
 
   const take = (state) => {
     body.toggleAttribute("data-playing", state.playing);
+    body.toggleAttribute("data-differing", state.may_differ);
     if (isMoved) return;
     slider.value = state.at_ms;
     show(state.at_ms);
@@ -72,6 +79,8 @@
   // One request at a time; a newer order aborts the older one's answer.
   const ask = async (order) => {
     if (!order && pending) return;
+    // Another moment is shown now.
+    if (order) document.getElementById("beyond")?.remove();
     pending?.abort();
     const abort = new AbortController();
     pending = abort;
@@ -107,15 +116,64 @@
     goTo(Number(slider.value));
   });
 
-  document.querySelector("button[name=play]").addEventListener("click", () => {
-    ask({ play: "playing" in body.dataset ? 0 : speed.value });
-  });
-  speed.addEventListener("change", () => {
+  const play = () => ask({ play: "playing" in body.dataset ? 0 : speed.value });
+  const goAsFast = () => {
     if ("playing" in body.dataset) ask({ play: speed.value });
-  });
+  };
+  document.querySelector("button[name=play]").addEventListener("click", play);
+  speed.addEventListener("change", goAsFast);
   for (const name of ["previous", "next"]) {
     document.querySelector(`button[name=${name}]`).addEventListener("click", () => ask({ step: name }));
   }
+
+  const faster = (by) => {
+    speed.selectedIndex = Math.min(speed.options.length - 1, Math.max(0, speed.selectedIndex + by));
+    goAsFast();
+  };
+  const KEYS = {
+    " ": play,
+    ArrowLeft: () => ask({ step: "previous" }),
+    ArrowRight: () => ask({ step: "next" }),
+    Home: () => goTo(from),
+    End: () => goTo(to),
+    "+": () => faster(1),
+    "-": () => faster(-1),
+  };
+  const press = (event) => {
+    const does = KEYS[event.key];
+    const { target } = event;
+    // A focused part has keys of its own: a button is pressed, a slider moves.
+    const isTaken = target.closest?.("select, textarea, input:not([type=range])")
+      || (event.key === " " && target.closest?.("button, a, summary"))
+      || (/^(Arrow|Home|End)/.test(event.key) && target.closest?.("input"));
+    if (!does || isTaken || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    does();
+  };
+  document.addEventListener("keydown", press);
+
+  // The operator's screen keeps the size of its display, and is scaled as a whole into the room that is there.
+  const stage = document.querySelector(".stage");
+  const screen = stage.querySelector("iframe");
+  const fit = () => {
+    const { clientWidth, clientHeight } = stage;
+    stage.style.setProperty("--fit", Math.min(clientWidth / WHOLE.width, clientHeight / WHOLE.height));
+  };
+  const look = () => {
+    const shown = screen.contentWindow.location.pathname;
+    if (shown === "blank") return;
+    const isWhole = shown.endsWith("/screen/");
+    stage.toggleAttribute("data-whole", isWhole);
+    // Other pages have keys of their own.
+    if (isWhole) screen.contentDocument.addEventListener("keydown", press);
+    for (const link of document.querySelectorAll("nav a")) {
+      if (link.pathname === shown) link.setAttribute("aria-current", "page");
+      else link.removeAttribute("aria-current");
+    }
+  };
+  new ResizeObserver(fit).observe(stage);
+  screen.addEventListener("load", look);
+  stage.toggleAttribute("data-whole", true);
 
   document.querySelector("button[name=remember]").addEventListener("click", () => {
     remembered = Number(slider.value);
@@ -132,6 +190,9 @@
     const [start, end] = [Number(lanes.dataset.start), Number(lanes.dataset.end)];
     goTo(start + ((event.clientX - left) / width) * (end - start));
   });
+
+  // The timeline in the frame has a moment too.
+  addEventListener("telltale:moment", ({ detail }) => goTo(detail));
 
   show(Number(body.dataset.at));
   setInterval(() => ask(), ASK_MS);

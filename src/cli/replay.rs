@@ -11,6 +11,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use anyhow::{Context as _, bail};
+use humantime::format_rfc3339_millis;
 
 use super::fields::{self, DefinitionFlags};
 use super::{EXIT_NO, EXIT_USAGE, check, server};
@@ -19,8 +20,15 @@ use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
 use crate::replay::expect::{Difference, Expected};
-use crate::replay::line::{Line, lines, seconds};
+use crate::replay::line::{Line, lines, remark, seconds};
 use crate::replay::{Facts, Recording, ReplayError, Run};
+
+/// Stands in the text behind a gap of the recording, and where all is known again.
+const MAY_DIFFER: &str =
+    "--- something is missing before this: what follows may differ from what was shown ---";
+const AS_SHOWN: &str = "--- here the state was recorded: what follows is as it was shown ---";
+const AS_SHOWN_AT_ONCE: &str =
+    "--- something is missing before this; here the state was recorded: what follows is as it was shown ---";
 
 /// Differences that are printed.
 const DIFFERENCES_MAX: usize = 20;
@@ -43,7 +51,8 @@ const DIFFERENCES_MAX: usize = 20;
 /// differs: a configuration that is not to change what was shown is tested so.
 ///
 /// Exit codes: 0; 1 where the changes differ from the expected ones; 2 where the recording or the configuration
-/// cannot be used. What of a recording cannot be used is said on standard error.
+/// cannot be used. What of a recording cannot be used is said on standard error: for each part of the time that is
+/// missing, a line that begins with `telltale: missing`, with its first and its last instant in UTC.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale replay incident-12.mcap\n  \
     telltale replay incident-12.mcap --json > expected.jsonl\n  \
@@ -114,6 +123,13 @@ impl Moment {
                 let since = wall.duration_since(facts.zero).unwrap_or_default().as_nanos();
                 Timestamp::from_nanos(u64::try_from(since).unwrap_or(u64::MAX))
             }
+        }
+    }
+
+    fn wall(self, facts: &Facts) -> SystemTime {
+        match self {
+            Moment::After(_) => facts.wall(self.at(facts)),
+            Moment::Wall(wall) => wall,
         }
     }
 }
@@ -220,8 +236,16 @@ fn check_stage(args: &Args, facts: &Facts, loaded: &Loaded, path: &Path) -> anyh
 /// Takes all steps. Prints the lines, or returns their JSON.
 fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String>> {
     let facts = run.facts().clone();
-    let from = args.from.map_or(facts.from, |moment| moment.at(&facts));
+    let from = args.from.map_or(facts.from, |moment| moment.at(&facts).max(facts.from));
     let to = args.to.map(|moment| moment.at(&facts));
+    let end = facts.to.map(|end| end.max(facts.from));
+    // The clock of the engine does not go back behind its beginning.
+    if args.to.is_some_and(|to| to.wall(&facts) < facts.wall(facts.from)) {
+        let from = format_rfc3339_millis(facts.wall(facts.from));
+        bail!("--to is earlier than the beginning of the recording, {from}");
+    }
+    check_span(&facts, args.from.map(|_| from), to, end)?;
+    let (mut last, mut gaps, mut may_differ) = (Timestamp::ZERO, 0, false);
     let mut pace = Pace::new(args.speed, from);
     let mut progress = Progress::new(&facts, from, prints);
     let mut got = Vec::new();
@@ -229,8 +253,23 @@ fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String
         if to.is_some_and(|to| taken.at > to) {
             break;
         }
+        last = last.max(taken.at);
         pace.wait(taken.at);
         progress.show(taken.at);
+        let differed = std::mem::replace(&mut may_differ, run.gaps().may_differ(taken.at));
+        let is_new = gaps < run.gaps().list().len();
+        gaps = run.gaps().list().len();
+        let words = match (differed, may_differ, is_new) {
+            (false, true, _) => Some(MAY_DIFFER),
+            (true, false, _) => Some(AS_SHOWN),
+            (false, false, true) => Some(AS_SHOWN_AT_ONCE),
+            _ => None,
+        };
+        if let Some(words) = words.filter(|_| prints && !args.json && taken.at >= from)
+            && !print(&remark(taken.at, words, &facts))?
+        {
+            return Ok(got);
+        }
         for Line { at, json, text } in lines(&taken, &facts, args.all) {
             if at < from {
                 continue;
@@ -243,7 +282,30 @@ fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String
         }
     }
     progress.end();
+    // The file of an interrupted recording does not say where it ends.
+    if end.is_none() {
+        check_span(&facts, args.from.map(|_| from), None, Some(last))?;
+    }
     Ok(got)
+}
+
+/// Whether there is anything of the recording between these instants. `end` is its last one, if that is known.
+fn check_span(
+    facts: &Facts,
+    from: Option<Timestamp>,
+    to: Option<Timestamp>,
+    end: Option<Timestamp>,
+) -> anyhow::Result<()> {
+    let told = |at| format!("+{:.3} s ({})", seconds(facts.from, at), format_rfc3339_millis(facts.wall(at)));
+    match (from, to, end) {
+        (Some(from), Some(to), _) if from > to => {
+            bail!("--from {} is later than --to {}: nothing lies between them", told(from), told(to))
+        }
+        (Some(from), _, Some(end)) if from > end => {
+            bail!("--from {} is later than the end of the recording, {}", told(from), told(end))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Prints a line. Returns whether anybody reads further.
@@ -272,6 +334,7 @@ fn report(run: &Run) {
     for (count, what) in counted.iter().filter(|(count, _)| *count > 0) {
         eprintln!("telltale: {count} {what}");
     }
+    run.gaps().sentences(run.facts()).iter().for_each(|sentence| eprintln!("telltale: {sentence}"));
     let (omissions, more) = run.omissions();
     notes.said.iter().chain(&omissions).for_each(|sentence| eprintln!("telltale: {sentence}"));
     if more > 0 {

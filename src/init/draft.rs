@@ -18,6 +18,8 @@ const NODES_MAX: usize = 20;
 const LINES_MAX: usize = 10;
 /// Reasons that are given for one dependency.
 const EVIDENCE_MAX: usize = 3;
+/// How a remark on what is left out begins.
+const FURTHER: &str = "further ";
 /// Ages outside of these seconds come from another clock. A transform may be dated ahead.
 const AGES_S: (f64, f64) = (-5.0, 60.0);
 
@@ -47,6 +49,8 @@ pub struct Group {
     pub modules: Vec<Module>,
     /// What was seen and not made a module.
     pub remarks: Vec<String>,
+    /// Further ones, which are only counted.
+    pub more_remarks: usize,
     pub proposals: Vec<Proposal>,
 }
 
@@ -108,12 +112,25 @@ pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
     }
     let quiet =
         seen.discovery.nodes.iter().filter(|node| !is_tool(node) && !grouping.of_node.contains_key(*node));
+    let mut notes = notes(seen);
+    if groups.iter().any(Group::is_cut) {
+        notes.push(format!(
+            "It is a start, not all that was heard: a group has up to {MODULES_MAX} statuses with modules of their own and \
+             {NODES_MAX} nodes. \"Not judged\" says what each leaves out."
+        ));
+    }
     Draft {
         groups,
-        notes: notes(seen),
+        notes,
         diagnostics: seen.more_diagnostics(),
         quiet: quiet.cloned().collect(),
         observed_s: (end.since(start).as_millis() + 500) / 1000,
+    }
+}
+
+impl Group {
+    fn is_cut(&self) -> bool {
+        self.remarks.iter().any(|remark| remark.starts_with(FURTHER)) || self.more_remarks > 0
     }
 }
 
@@ -201,7 +218,23 @@ fn group(
         }
     }
     let announced: BTreeSet<&str> = seen.discovery.nodes.iter().map(|node| &**node).collect();
-    for node in parts.nodes.iter().filter(|node| announced.contains(*node)).take(NODES_MAX) {
+    let nodes: Vec<&str> = parts.nodes.iter().copied().filter(|node| announced.contains(node)).collect();
+    let left_out = [
+        (
+            nodes.len(),
+            NODES_MAX,
+            "nodes: whether they run is not watched; add `node: NAME` for those that matter.",
+        ),
+        (
+            parts.statuses.len(),
+            MODULES_MAX,
+            "statuses: they join the group by `match` or `other`; add a module for those that must be there.",
+        ),
+    ];
+    for (count, kept, what) in left_out.into_iter().filter(|(count, kept, _)| count > kept) {
+        group.remarks.insert(0, format!("{FURTHER}{} {what}", count - kept));
+    }
+    for node in nodes.iter().take(NODES_MAX) {
         let last = node.rsplit('/').next().unwrap_or(node);
         let id = names::id(&format!("{last}_runs"), "node_runs", &mut taken);
         let about = "It was announced.".to_owned();
@@ -251,9 +284,11 @@ fn status_module(name: &str, status: &Status, end: Timestamp, taken: &mut BTreeS
 }
 
 fn remark(group: &mut Group, topic: &TopicSeen, type_name: &str, why: &str) {
-    if group.remarks.len() < LINES_MAX {
-        group.remarks.push(format!("{} ({}): {why}.", comment(&topic.name), comment(type_name)));
+    if group.remarks.len() >= LINES_MAX {
+        group.more_remarks += 1;
+        return;
     }
+    group.remarks.push(format!("{} ({}): {why}.", comment(&topic.name), comment(type_name)));
 }
 
 /// The monitors that the messages of a topic permit.

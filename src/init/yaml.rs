@@ -93,6 +93,9 @@ fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
     for remark in &group.remarks {
         let _ = writeln!(out, "    #   {remark}");
     }
+    if group.more_remarks > 0 {
+        let _ = writeln!(out, "    #   and {} further topics.", group.more_remarks);
+    }
     out.push('\n');
 }
 

@@ -131,6 +131,7 @@ impl Heard {
                 }
                 text.len() as u64
             }
+            Entry::Missing(_) => 0,
         }
     }
 

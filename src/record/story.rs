@@ -251,6 +251,8 @@ impl<'a> Heard<'a> {
                 }
                 text.len() as u64
             }
+            // `left_out` says it.
+            Entry::Missing(_) => 0,
         }
     }
 

@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -33,6 +34,9 @@ pub struct Comparison {
     pub more_nodes: usize,
     pub recorded: Totals,
     pub new: Totals,
+    /// The same without what an earlier recording has too.
+    pub recorded_alone: Totals,
+    pub new_alone: Totals,
     /// The nodes of alarms that one of the two alone raises.
     pub alarms_gone: Vec<Arc<str>>,
     pub alarms_new: Vec<Arc<str>>,
@@ -120,7 +124,7 @@ impl Candidate {
     pub fn compare(&self, path: &Path, go_on: &dyn Fn() -> bool) -> Result<Comparison, ReplayError> {
         let mut recorded = Run::recorded(Recording::open(path)?)?;
         let mut new = judged(path, &self.loaded, &self.definitions, None)?;
-        compare(&mut recorded, &mut new, go_on)
+        compare(&mut recorded, &mut new, None, go_on)
     }
 }
 
@@ -140,17 +144,20 @@ pub fn judged(
     Run::judged_by(recording, loaded.model, &definitions, stage)
 }
 
-/// Compares two runs of one recording.
+/// Compares two runs of one recording. An earlier one has everything until `covered` too.
 ///
 /// # Errors
 /// One of them cannot be run, or it was stopped.
 pub fn compare(
     recorded: &mut Run,
     new: &mut Run,
+    covered: Option<SystemTime>,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Comparison, ReplayError> {
     let facts = recorded.facts().clone();
-    let (mut left, mut right) = (Trace::of(recorded, go_on)?, Trace::of(new, go_on)?);
+    // Only one side has recorded states: behind a gap they would look like differences of the configurations.
+    recorded.leave_recorded_states();
+    let (left, right) = (Trace::of(recorded, go_on)?, Trace::of(new, go_on)?);
     let cut = [left.cut, right.cut].into_iter().flatten().min();
     let to = cut.unwrap_or(left.to.max(right.to));
     let mut notes = notes(recorded, new);
@@ -161,13 +168,16 @@ pub fn compare(
         ));
     }
     let symptom = left.symptom.into_iter().chain(right.symptom).min().unwrap_or(facts.from);
-    for side in [&mut left, &mut right] {
-        side.totals.to_root_s = side.root.map(|root| seconds(symptom, root.max(symptom)));
-    }
+    let totals = |side: &Trace, since| Totals {
+        to_root_s: side.root.map(|root| seconds(symptom, root.max(symptom))),
+        ..side.totals(since)
+    };
+    let alone = covered.map_or(facts.from, |covered| facts.at_wall(covered).max(facts.from));
+    let [recorded, new] = [&left, &right].map(|side| totals(side, facts.from));
+    let [recorded_alone, new_alone] = [&left, &right].map(|side| totals(side, alone));
     let first_of_whole = whole_parting(&left, &right, to);
     let (only_recorded, only_new) = (only(&left, &right), only(&right, &left));
     let (alarms_gone, alarms_new) = (left.alarms_beyond(&right), right.alarms_beyond(&left));
-    let (recorded, new) = (left.totals, right.totals);
     let mut nodes = node_differences(left, right, to);
     // Of several at one instant, another state goes before another cause, the worst first, and modules before
     // their groups.
@@ -194,6 +204,8 @@ pub fn compare(
         more_nodes,
         recorded,
         new,
+        recorded_alone,
+        new_alone,
         alarms_gone,
         alarms_new,
         only_recorded,
@@ -210,6 +222,8 @@ fn notes(recorded: &Run, new: &Run) -> Vec<String> {
             "{lost} inputs are missing in the recording: what differs behind them may come from that"
         ));
     }
+    let damages = new.gaps().list().iter().filter(|gap| gap.is_damage);
+    all.extend(damages.map(|gap| gap.sentence(new.facts())));
     for run in [recorded, new] {
         let (omissions, more) = run.omissions();
         all.extend(run.notes().said.iter().cloned().chain(omissions));
@@ -335,6 +349,11 @@ impl Comparison {
             "alarms_gone": self.alarms_gone, "alarms_new": self.alarms_new,
             "only_recorded": self.only_recorded, "only_new": self.only_new, "notes": self.notes,
         })
+    }
+
+    /// From when to when it was recorded, in wall time.
+    pub fn period(&self) -> (SystemTime, SystemTime) {
+        (self.facts.wall(self.facts.from), self.facts.wall(self.to))
     }
 
     /// The wall time of an instant, in UTC.

@@ -67,6 +67,11 @@ pub fn lines(taken: &Taken, facts: &Facts, all: bool) -> Vec<Line> {
     taken.events.iter().filter_map(line).collect()
 }
 
+/// A line for people between those of changes.
+pub fn remark(at: Timestamp, words: &str, facts: &Facts) -> String {
+    text(seconds(facts.from, at), facts.wall(at), words)
+}
+
 /// Seconds between two instants, also if the second one is earlier.
 pub fn seconds(from: Timestamp, to: Timestamp) -> f64 {
     let ns = i128::from(to.as_nanos()) - i128::from(from.as_nanos());

@@ -2,10 +2,12 @@
 
 pub mod bag;
 mod bridge;
+mod catch_up;
 pub mod compare;
 pub mod difference;
 pub mod expect;
 mod flows;
+mod gaps;
 pub mod line;
 mod playback;
 mod recording;
@@ -16,6 +18,7 @@ mod times;
 mod trace;
 
 pub use flows::{FlowThen, Flows};
+pub use gaps::{Gap, Gaps};
 pub use playback::Playback;
 pub use recording::{Facts, Recording, ReplayError};
 pub use run::{Load, Run, Taken};

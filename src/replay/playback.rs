@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::run::{Mark, Run, Taken};
-use super::{Facts, Flows, ReplayError};
+use super::{Facts, Flows, Gaps, ReplayError};
 use crate::engine::input::Input;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
@@ -33,6 +33,7 @@ pub struct Playback {
     to: Timestamp,
     changes: Vec<Record>,
     flows: Arc<Flows>,
+    gaps: Gaps,
 }
 
 impl Playback {
@@ -67,7 +68,8 @@ impl Playback {
         let to = to.ok_or(ReplayError::Empty)?.max(facts.from);
         let at = facts.from;
         let flows = Arc::new(run.take_flows());
-        let mut playback = Playback { run, facts, marks, taken: to, at, to, changes, flows };
+        let gaps = run.gaps().clone();
+        let mut playback = Playback { run, facts, marks, taken: to, at, to, changes, flows, gaps };
         playback.go_to(at)?;
         Ok(playback)
     }
@@ -108,6 +110,11 @@ impl Playback {
     /// How many messages of each topic there are.
     pub fn flows(&self) -> &Arc<Flows> {
         &self.flows
+    }
+
+    /// What is missing of the recording.
+    pub fn gaps(&self) -> &Gaps {
+        &self.gaps
     }
 
     /// The time of the first change of a node, the stage or an alarm after the shown instant, or before it.

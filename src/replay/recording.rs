@@ -74,6 +74,13 @@ impl Facts {
         self.zero + Duration::from_nanos(at.as_nanos())
     }
 
+    /// The instant of the engine's clock at this wall time.
+    pub fn at_wall(&self, wall: SystemTime) -> Timestamp {
+        self.at(
+            u64::try_from(wall.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos()).unwrap_or(u64::MAX)
+        )
+    }
+
     /// The instant of the engine's clock at this wall time, in nanoseconds since 1970.
     pub fn at(&self, unix_ns: u64) -> Timestamp {
         let zero = self.zero.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();

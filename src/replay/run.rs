@@ -4,9 +4,11 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::bridge::Bridge;
+use super::catch_up;
 use super::flows::Flows;
+use super::gaps::Gaps;
 use super::recording::{Facts, Recording, ReplayError};
-use super::steps::{self, Notes, Step, Steps};
+use super::steps::{self, Loss, Notes, Step, Steps};
 use crate::engine::Engine;
 use crate::engine::event::Event;
 use crate::engine::input::Input;
@@ -41,8 +43,12 @@ pub struct Run {
     recorded: Option<Arc<Model>>,
     /// The topics that one reads.
     reads: BTreeSet<String>,
+    /// What is missing so far.
+    gaps: Gaps,
     /// Something is missing since the last recorded state.
     lacks: bool,
+    /// Recorded states count at the beginning alone.
+    has_own_states: bool,
 }
 
 /// A place in a run, to which one can go back.
@@ -53,6 +59,7 @@ pub struct Mark {
     model: Arc<Model>,
     reload_at: Option<Timestamp>,
     engine: Option<Engine>,
+    gaps: Gaps,
     lacks: bool,
 }
 
@@ -112,7 +119,7 @@ impl Run {
         let reads = recorded.as_ref().and_then(|model| Bridge::new(model, definitions, true).ok());
         let reads = reads.map(|bridge| bridge.unheard().into_iter().collect()).unwrap_or_default();
         let steps = Steps::judged_anew(recording, bridge);
-        Ok(Run { recorded, reads, stage, ..Run::new(steps, model) })
+        Ok(Run { recorded, reads, stage, has_own_states: true, ..Run::new(steps, model) })
     }
 
     fn new(steps: Steps, model: Arc<Model>) -> Run {
@@ -126,8 +133,15 @@ impl Run {
             stage: None,
             recorded: None,
             reads: BTreeSet::new(),
+            gaps: Gaps::default(),
             lacks: false,
+            has_own_states: false,
         }
+    }
+
+    /// Behind a gap it goes on with what is left, as a run by another configuration does.
+    pub(super) fn leave_recorded_states(&mut self) {
+        self.has_own_states = true;
     }
 
     /// Counts the messages from here on, until the counts are taken.
@@ -147,16 +161,17 @@ impl Run {
             model: self.model.clone(),
             reload_at: self.reload_at,
             engine: self.engine.clone(),
+            gaps: self.gaps.clone(),
             lacks: self.lacks,
         }
     }
 
     /// Goes back or forwards to a place.
     pub fn go_to(&mut self, mark: &Mark) {
-        let Mark { steps, next, model, reload_at, engine, lacks } = mark.clone();
+        let Mark { steps, next, model, reload_at, engine, gaps, lacks } = mark.clone();
         self.steps.go_to(&steps);
-        self.next = next;
-        (self.model, self.reload_at, self.engine, self.lacks) = (model, reload_at, engine, lacks);
+        (self.next, self.model, self.reload_at, self.engine) = (next, model, reload_at, engine);
+        (self.gaps, self.lacks) = (gaps, lacks);
     }
 
     pub fn facts(&self) -> &Facts {
@@ -166,6 +181,11 @@ impl Run {
     /// What could not be used so far.
     pub fn notes(&self) -> &Notes {
         &self.steps.notes
+    }
+
+    /// What is missing so far.
+    pub fn gaps(&self) -> &Gaps {
+        &self.gaps
     }
 
     /// What of the files could not be used so far, in sentences; and the number of further ones.
@@ -230,8 +250,20 @@ impl Run {
                     self.reload_at = Some(at);
                     return Ok(Some(before));
                 }
-                Step::State(state) => self.state(&state),
-                Step::Lost => self.lacks = true,
+                Step::State(state) if self.engine.is_some() && self.lacks && state.at() > until => {
+                    self.next = Some(Step::State(state));
+                    return Ok(None);
+                }
+                Step::State(state) => {
+                    if let Some(taken) = self.state(&state) {
+                        return Ok(Some(taken));
+                    }
+                }
+                Step::Lost(Loss { from, to, is_damage }) => {
+                    let last = self.engine.as_ref().map_or(Timestamp::ZERO, Engine::now);
+                    self.gaps.lose(from.unwrap_or(last), to, is_damage);
+                    self.lacks = true;
+                }
             }
         }
         Ok(None)
@@ -242,30 +274,35 @@ impl Run {
         self.engine.as_ref().is_some_and(|engine| at.since(engine.now()) > STEP_MAX)
     }
 
-    /// Takes a recorded state at the beginning, and where something is missing before it.
-    fn state(&mut self, state: &Keyframe) {
+    /// Takes a recorded state at the beginning, and where something is missing before it. Returns what it changed.
+    fn state(&mut self, state: &Keyframe) -> Option<Taken> {
         if self.engine.is_some() && !self.lacks {
-            return;
+            return None;
         }
         let by = self.recorded.as_ref().unwrap_or(&self.model);
-        match Engine::from_keyframe(by.clone(), state) {
-            Ok(mut engine) => {
-                if self.recorded.is_some() {
-                    engine.reload(self.model.clone(), state.at());
-                }
-                engine.keep_events();
-                // What happened before was told before.
-                engine.take_events();
-                // The states of what judges anew are its own.
-                if self.engine.is_none() || self.recorded.is_none() {
-                    self.engine = Some(engine);
-                }
-                self.lacks = false;
-            }
+        let mut engine = match Engine::from_keyframe(by.clone(), state) {
+            Ok(engine) => engine,
             Err(error) => {
-                self.steps.notes.say(format!("a recorded state of the engine is left out: {error}"))
+                self.steps.notes.say(format!("a recorded state of the engine is left out: {error}"));
+                return None;
             }
+        };
+        if self.recorded.is_some() {
+            engine.reload(self.model.clone(), state.at());
         }
+        engine.keep_events();
+        // What happened before was told before.
+        engine.take_events();
+        self.lacks = false;
+        if self.engine.is_some() && self.has_own_states {
+            return None;
+        }
+        self.gaps.catch_up(state.at());
+        let after = engine.snapshot();
+        let before = self.engine.replace(engine)?.snapshot();
+        let events = catch_up::changes(&before, &after);
+        let snapshots = if events.is_empty() { Vec::new() } else { vec![after] };
+        Some(Taken { at: state.at(), events, snapshots })
     }
 
     fn begun(&mut self, at: Timestamp) -> &mut Engine {
@@ -281,6 +318,7 @@ impl Run {
     }
 
     fn take(&mut self, at: Timestamp, input: &Input) -> Taken {
+        self.gaps.go_on(at);
         let engine = self.begun(at);
         let (mut seq, mut snapshots) = (engine.seq(), Vec::new());
         let mut look = |engine: &mut Engine| {

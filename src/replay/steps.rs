@@ -17,7 +17,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages::DIAGNOSTIC_ARRAY;
 use crate::msg::sample_bytes::RawBody;
 use crate::msg::subscription::{PublicationTime, Received, recorded_statuses};
-use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES};
+use crate::record::file::{Channel, Entry, JOURNAL, KEYFRAMES, Missing};
 use crate::record::journal::{Line, MessageRef, Took};
 use crate::record::ring::ConfigurationText;
 
@@ -42,7 +42,26 @@ pub(super) enum Step {
     /// The whole state, as it was here.
     State(Box<Keyframe>),
     /// Something is missing here.
-    Lost,
+    Lost(Loss),
+}
+
+/// What is missing between two steps.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Loss {
+    /// From the step before, if it is not known; up to the next one, if that is not known.
+    pub from: Option<Timestamp>,
+    pub to: Option<Timestamp>,
+    /// The file is damaged.
+    pub is_damage: bool,
+}
+
+impl Loss {
+    const UNKNOWN: Loss = Loss { from: None, to: None, is_damage: false };
+
+    /// Inputs that were taken up to this instant.
+    fn until(at: Timestamp) -> Loss {
+        Loss { to: Some(at), ..Loss::UNKNOWN }
+    }
 }
 
 /// What of a recording could not be used, beside damage of the file.
@@ -225,13 +244,18 @@ impl Steps {
                 Entry::Json { channel, text, .. } if *channel.topic == *JOURNAL.topic => {
                     let Ok(line) = serde_json::from_slice::<Line>(&text) else {
                         self.notes.unreadable += 1;
-                        return Some(Step::Lost);
+                        return Some(Step::Lost(Loss::UNKNOWN));
                     };
                     if let Some(step) = self.line(line, model) {
                         return Some(step);
                     }
                 }
                 Entry::Json { .. } => {}
+                Entry::Missing(Missing { span_ns }) => {
+                    let (from, to) = span_ns.unzip();
+                    let [from, to] = [from, to].map(|ns| ns.map(|ns| self.facts.at(ns)));
+                    return Some(Step::Lost(Loss { from, to, is_damage: true }));
+                }
             }
         }
     }
@@ -241,7 +265,7 @@ impl Steps {
         match took {
             Took::Lost(count) => {
                 self.notes.lost = self.notes.lost.saturating_add(count);
-                Some(Step::Lost)
+                Some(Step::Lost(Loss::until(at)))
             }
             // The other configuration stays.
             Took::Reload(_) if is_anew => {
@@ -266,7 +290,7 @@ impl Steps {
                 if found.is_none() {
                     self.notes.lost += 1;
                 }
-                Some(found.map_or(Step::Lost, |input| Step::Input { at, input }))
+                Some(found.map_or(Step::Lost(Loss::until(at)), |input| Step::Input { at, input }))
             }
         }
     }
@@ -278,7 +302,7 @@ impl Steps {
         let last = self.last.get_mut(&*named.topic).filter(|last| last.is(named));
         let Some(LastMessage { channel, body, is_taken, .. }) = last else {
             self.notes.lost += 1;
-            return Some(Step::Lost);
+            return Some(Step::Lost(Loss::until(at)));
         };
         let tick = Step::Input { at, input: Input::Tick };
         if std::mem::replace(is_taken, true) {

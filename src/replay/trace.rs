@@ -71,7 +71,6 @@ pub(super) struct Trace {
     /// By name; `None` while a node is not there.
     pub nodes: BTreeMap<Arc<str>, Changes<Option<Shown>>>,
     pub whole: Changes<Whole>,
-    pub totals: Totals,
     /// The first change of a module for the worse.
     pub symptom: Option<Timestamp>,
     /// When the first alarm belonged to its root cause.
@@ -83,6 +82,9 @@ pub(super) struct Trace {
     /// The alarms that were raised: their numbers and nodes.
     alarms: Vec<(u64, Arc<str>)>,
     requests: Vec<RequestKind>,
+    /// When alarms were raised and requests made.
+    alarms_at: Vec<Timestamp>,
+    requests_at: Vec<Timestamp>,
     kept: usize,
 }
 
@@ -101,7 +103,7 @@ impl Trace {
             }
             let is_reloaded = taken.events.iter().any(|event| event.what == EventKind::Reloaded);
             // Without a reload, the events tell everything; behind a gap, a recorded state takes over without any.
-            let lacks = run.notes().lost + run.notes().unreadable > 0;
+            let lacks = !run.gaps().is_empty();
             trace.take(&taken);
             if (!is_begun || is_reloaded || lacks)
                 && let Some(engine) = run.engine()
@@ -114,19 +116,30 @@ impl Trace {
             return Err(ReplayError::Empty);
         }
         trace.to = trace.to.max(from);
+        Ok(trace)
+    }
+
+    /// How much was shown from an instant on.
+    pub fn totals(&self, since: Timestamp) -> Totals {
+        let count = |all: &[Timestamp]| all.iter().filter(|at| **at >= since).count() as u64;
         let masked = |changes: &&Changes<Option<Shown>>| {
-            changes.iter().any(|(_, shown)| shown.as_ref().is_some_and(|shown| shown.cause.is_some()))
+            let is_masked = |shown: &Option<Shown>| shown.as_ref().is_some_and(|shown| shown.cause.is_some());
+            changes.iter().any(|(at, shown)| *at >= since && is_masked(shown))
         };
         // A reload tells every node anew, so its events are not counted.
         let state = |(_, shown): &(Timestamp, Option<Shown>)| shown.as_ref().map(|shown| shown.state);
         let other = |pair: &&[(Timestamp, Option<Shown>)]| match (state(&pair[0]), state(&pair[1])) {
-            (Some(before), Some(after)) => before != after,
+            (Some(before), Some(after)) => pair[1].0 >= since && before != after,
             _ => false,
         };
-        let changes = trace.nodes.values().map(|changes| changes.windows(2).filter(other).count());
-        trace.totals.transitions = changes.sum::<usize>() as u64;
-        trace.totals.masked = trace.nodes.values().filter(masked).count() as u64;
-        Ok(trace)
+        let changes = self.nodes.values().map(|changes| changes.windows(2).filter(other).count());
+        Totals {
+            alarms: count(&self.alarms_at),
+            masked: self.nodes.values().filter(masked).count() as u64,
+            countermeasures: count(&self.requests_at),
+            transitions: changes.sum::<usize>() as u64,
+            to_root_s: None,
+        }
     }
 
     /// The nodes of the alarms that were raised and that the other side lacks, each as often.
@@ -151,7 +164,7 @@ impl Trace {
         for event in &taken.events {
             let is_shown = event.at >= self.from;
             if is_shown && matches!(event.what, EventKind::AlarmRaised { .. }) {
-                self.totals.alarms += 1;
+                note(&mut self.alarms_at, event.at, 1);
             }
             let Some(snapshot) = taken.snapshot_of(event) else { continue };
             match Record::of(event.clone(), snapshot).map(|record| record.what) {
@@ -214,7 +227,7 @@ impl Trace {
         let kinds: Vec<RequestKind> = snapshot.countermeasures.iter().map(|it| it.request.kind()).collect();
         let new = kinds.iter().filter(|kind| !self.requests.contains(kind)).count();
         if snapshot.now >= self.from && !self.whole.is_empty() {
-            self.totals.countermeasures += new as u64;
+            note(&mut self.requests_at, snapshot.now, new);
         }
         self.requests = kinds;
         if self.cut.is_none() {
@@ -231,6 +244,12 @@ impl Trace {
             self.kept += usize::from(push(&mut self.whole, snapshot.now.max(self.from), whole));
         }
     }
+}
+
+/// Adds so many events of one instant.
+fn note(all: &mut Vec<Timestamp>, at: Timestamp, count: usize) {
+    let room = CHANGES_MAX.saturating_sub(all.len());
+    all.extend(std::iter::repeat_n(at, count.min(room)));
 }
 
 /// Adds a value that holds from this instant on. Of several at one instant the last one counts. Returns whether one

@@ -61,7 +61,7 @@ def pages(config):
     yield "/developer/graph?open=all", ".line[data-hot]"
     yield "/developer/graph?open=none", ".toggle"
     yield "/developer/timeline?span=30", ".bar-error"
-    yield f"/developer/timeline?span=600&until=9999999999999&at=400&node={CAUSE}", ".past"
+    yield f"/developer/timeline?span=600&until=9999999999999&at=1700000000000&node={CAUSE}", ".past"
     yield "/developer/topics", "#topics tbody tr"
     yield "/developer/masking", "#masked tbody tr"
     yield "/developer/coverage?cell=0%20sensors", "#listed"

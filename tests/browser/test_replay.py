@@ -1,5 +1,6 @@
 """What `telltale replay` prints of bags of a robot that never heard of Telltale, in every form in which rosbag2 stores them."""
 
+import datetime
 import json
 import os
 import re
@@ -7,6 +8,10 @@ import shutil
 import signal
 import sqlite3
 import subprocess
+import urllib.error
+import urllib.parse
+import urllib.request
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy
@@ -20,6 +25,7 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from operating import log_in
+from sizes import FAULTS, SIZES
 from test_replay_pages import actions, answer
 from vehicle import TELLTALE, Client, until
 
@@ -291,12 +297,21 @@ def test_a_vehicle_begins_in_the_stage_that_is_named(plain, folder):
     assert {state for _, state, _ in planner()} == {"ignore"}
 
 
-def test_a_bag_is_shown_in_the_display(plain, config, page):
-    words = [TELLTALE, "replay", plain, "--config", config, "--serve", "--listen", "127.0.0.1:0"]
+@contextmanager
+def shown(recording, config):
+    """The address of the display that shows it, and a user with a password."""
+    words = [TELLTALE, "replay", recording, "--config", config, "--serve", "--listen", "127.0.0.1:0"]
     serving = subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True)
     try:
         url = re.search(r"http://127\.0\.0\.1:\d+", serving.stdout.readline()).group()
-        name, password = re.findall("`(.*?)`", serving.stdout.readline())
+        yield (url, *re.findall("`(.*?)`", serving.stdout.readline()))
+    finally:
+        serving.send_signal(signal.SIGINT)
+        assert serving.wait(20) == 0
+
+
+def test_a_bag_is_shown_in_the_display(plain, config, page):
+    with shown(plain, config) as (url, name, password):
         log_in(page, SimpleNamespace(url=url), name, password)
         page.wait_for_url(f"{url}/replay/file")
         screen = page.frame_locator("iframe[name=screen]")
@@ -323,13 +338,168 @@ def test_a_bag_is_shown_in_the_display(plain, config, page):
             page.screenshot(path=f"{shots}/serve.png")
         # Its socket is closed before the server ends.
         page.goto("about:blank")
-    finally:
-        serving.send_signal(signal.SIGINT)
-        assert serving.wait(20) == 0
     _, said = replay(plain, "--serve", exits=2)
     assert "--config" in said, said
     _, said = replay(plain, "--config", config, "--serve", "--listen", "0.0.0.0:0", exits=2)
     assert "beyond this computer" in said, said
+
+
+def with_wrong_bit(folder, plain):
+    """The bag in chunks, with a wrong bit in the chunk that holds the message of five seconds; and the times of that chunk."""
+    path = of_lz4(folder / "damaged.mcap", file_of(plain))
+    with open(path, "rb") as read:
+        chunks = make_reader(read).get_summary().chunk_indexes
+    middle = BEGIN_NS + 5 * 10**9
+    chunk = next(it for it in chunks if it.message_start_time <= middle <= it.message_end_time)
+    content = bytearray(path.read_bytes())
+    content[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 1
+    path.write_bytes(content)
+    return path, chunk.message_start_time, chunk.message_end_time
+
+
+def utc(ns):
+    at = datetime.datetime.fromtimestamp(ns // 10**6 / 1000, datetime.timezone.utc)
+    return at.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def test_a_damaged_recording_says_on_every_screen_what_is_missing(tmp_path, plain, config, page):
+    damaged, from_ns, to_ns = with_wrong_bit(tmp_path, plain)
+    _, said = replay(damaged, "--config", config, "--json")
+    assert f"telltale: missing {utc(from_ns)} to {utc(to_ns)} (" in said and "may differ from" in said, said
+    with shown(damaged, config) as (url, name, password):
+        log_in(page, SimpleNamespace(url=url), name, password)
+        page.wait_for_url(f"{url}/replay/file")
+        notice, body = page.locator("#missing"), page.locator("body")
+        expect(notice).to_contain_text("Damaged recording")
+        assert [it.get_attribute("datetime") for it in notice.locator("time").all()] == [utc(from_ns), utc(to_ns)]
+        expect(body).not_to_have_attribute("data-differing", "")
+        assert page.locator(".lane .gap").count() == page.locator(".lane:not(.axis)").count() > 0
+        # From there on it may differ, and each screen says so by itself.
+        page.goto(f"{url}/replay/file?at={to_ns // 10**6 + 100}")
+        expect(body).to_have_attribute("data-differing", "")
+        screen = page.frame_locator("iframe[name=screen]").locator("body")
+        for number in range(page.locator("nav a").count()):
+            page.locator("nav a").nth(number).click()
+            expect(page.locator("nav a").nth(number)).to_have_attribute("aria-current", "page")
+            expect(screen).to_have_attribute("data-missing", re.compile("Damaged recording: missing .* may differ from what was shown"))
+            assert "Damaged recording" in screen.evaluate("it => getComputedStyle(it, '::before').content")
+        page.locator("input[name=at]").fill(str(BEGIN_NS // 10**6 + 1000))
+        expect(body).not_to_have_attribute("data-differing", "")
+        page.goto("about:blank")
+
+
+def test_a_moment_that_is_not_in_the_recording_is_not_shown_as_if_it_were(plain, config, page):
+    with shown(plain, config) as (url, name, password):
+        log_in(page, SimpleNamespace(url=url), name, password)
+        page.wait_for_url(f"{url}/replay/file")
+        from_ms, to_ms = [int(page.locator("body").get_attribute(f"data-{end}")) for end in ("from", "to")]
+        beyond = page.locator("#beyond")
+        for at, says, shown_ms in [(to_ms + 60_000, "It ends here", to_ms), (from_ms - 1, "It begins here", from_ms)]:
+            for address in (f"/replay/file?at={at}", f"/replay/file/screen/developer/moment?at={at}"):
+                page.goto(url + address)
+                expect(beyond).to_contain_text(says)
+                expect(beyond.locator("time")).to_have_attribute("datetime", utc(shown_ms * 10**6))
+        page.goto(f"{url}/replay/file/differences?a={from_ms}&b={to_ms + 5000}")
+        expect(page.locator(".beyond")).to_contain_text("It ends here")
+        # It has the frame of every replay.
+        frame = "() => { const { borderTopColor, borderTopWidth } = getComputedStyle(document.body, '::after'); return borderTopWidth + borderTopColor; }"
+        assert page.evaluate(frame) == "6pxrgb(122, 47, 208)"
+        page.goto(f"{url}/replay/file?at={to_ms}")
+        expect(page.locator("output#replay-after")).to_contain_text("+")
+        expect(beyond).to_have_count(0)
+        page.goto("about:blank")
+
+        client = Client(SimpleNamespace(url=url), name, password)
+        until(lambda: answer(client.opener, client.server, "GET", "/replay/file") == 200, 60, "the replay is open")
+
+        def ask(path, accept="text/html", **form):
+            headers = {"Origin": url, "Accept": accept}
+            request = urllib.request.Request(url + path, data=urllib.parse.urlencode(form).encode() or None, headers=headers)
+            try:
+                with client.opener.open(request, timeout=20) as answered:
+                    return answered.status, answered.headers["Content-Type"], answered.read().decode()
+            except urllib.error.HTTPError as error:
+                return error.code, error.headers["Content-Type"], error.read().decode()
+
+        for path in ("/replay/file?at=abc", "/replay/file?at=", "/replay/file/screen/developer/moment?at=soon", "/replay/file/differences?a=1", "/replay/file/differences?a=x&b=1"):
+            status, kind, text = ask(path)
+            assert status == 400 and kind.startswith("text/html") and "at=2026-11-25T15:44:04.5Z" in text, (path, status, text)
+        # A script gets JSON, whatever it accepts.
+        for form, field in [({"play": "fast"}, "play"), ({"play": "-1"}, "play"), ({"step": "far"}, "step"), ({"at_ms": "x"}, "at_ms"), ({"other": 1}, "step")]:
+            status, kind, text = ask("/replay/file/state", **form)
+            assert status == 422 and kind == "application/json" and field in json.loads(text)["error"], (form, status, kind, text)
+        assert ask("/replay/1/state", step="next")[:2] == (404, "application/json")
+        status, _, text = ask("/replay/file/state", at_ms=to_ms + 60_000)
+        assert status == 200 and json.loads(text)["at_ms"] == to_ms
+
+
+# What leaves the window, or is cut in its own box.
+CUT = """() => [...document.querySelectorAll(".dev-bar, .dev-bar *, .replay-notes, .replay-notes *, #states, .player, .player *, .stage, iframe")].filter(it => {
+  const { left, top, right, bottom, width } = it.getBoundingClientRect();
+  if (!width || it.closest(".hush, .dev-bar p, svg *")) return false;
+  return left < 0 || top < 0 || right > innerWidth || bottom > innerHeight || (it.matches("button, a, p, nav") && it.scrollWidth > it.clientWidth + 1 && getComputedStyle(it).display !== "inline");
+}).map(it => it.outerHTML.slice(0, 80))"""
+
+
+@pytest.mark.parametrize("lang", ["en", "de"])
+def test_everything_of_a_replay_is_in_sight_at_all_sizes(tmp_path, plain, config, page, lang):
+    damaged, _, to_ns = with_wrong_bit(tmp_path, plain)
+    with shown(damaged, config) as (url, name, password):
+        page.context.add_cookies([{"name": "lang", "value": lang, "url": url}])
+        log_in(page, SimpleNamespace(url=url), name, password)
+        page.wait_for_url(f"{url}/replay/file")
+        page.goto(f"{url}/replay/file?at={to_ns // 10**6 + 100}")
+        expect(page.locator("body")).to_have_attribute("data-differing", "")
+        expect(page.frame_locator("iframe[name=screen]").locator("#tile-base")).to_be_visible()
+        box = lambda selector: page.locator(selector).first.bounding_box()
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            page.wait_for_function("() => { const it = document.querySelector('iframe').getBoundingClientRect(); return Math.abs(it.width / it.height - 1.6) < 0.01 }")
+            size = f"{width}x{height}"
+            assert page.evaluate(CUT) == [], size
+            assert page.evaluate("() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]") == [width, height]
+            strips, slider, screen = box("#states"), box("input[name=at]"), box("iframe")
+            assert strips["y"] + strips["height"] <= slider["y"] and slider["y"] + slider["height"] <= screen["y"], size
+            # The strips show the stage or a node and the times at least; the screen is large enough to be read.
+            assert strips["height"] >= 80 and screen["width"] >= 0.45 * width, (size, strips, screen)
+            # The slider has the axis of the strips.
+            lane = box("#states .lane svg")
+            assert abs(slider["x"] + 8 - lane["x"]) < 2 and abs(slider["width"] - 16 - lane["width"]) < 2, (size, slider, lane)
+            # The operator's screen is that of its own display, whole.
+            frame = page.frame(name="screen")
+            assert frame.evaluate("() => [innerWidth, innerHeight]") == [1280, 800]
+            assert frame.evaluate(FAULTS) == [], size
+        page.goto("about:blank")
+
+
+def test_a_replay_is_moved_by_keys(plain, config, page):
+    with shown(plain, config) as (url, name, password):
+        log_in(page, SimpleNamespace(url=url), name, password)
+        page.wait_for_url(f"{url}/replay/file")
+        body, slider, speed = page.locator("body"), page.locator("input[name=at]"), page.locator("select[name=speed]")
+        second = lambda: (int(slider.input_value()) - BEGIN_NS // 10**6) / 1000
+        reaches = lambda wanted: until(lambda: abs(second() - wanted) < 0.01, 20, lambda: f"{wanted}, it is {second()}")
+        page.keyboard.press("End")
+        until(lambda: second() > 13, 20, second)
+        page.keyboard.press("ArrowLeft")
+        reaches(11.9)
+        page.keyboard.press("ArrowLeft")
+        page.keyboard.press("ArrowRight")
+        reaches(11.9)
+        page.keyboard.press("Home")
+        reaches(0)
+        for key in "---++++":
+            page.keyboard.press(key)
+        assert speed.input_value() == "5"
+        # Also while the operator's screen has the focus.
+        page.frame_locator("iframe[name=screen]").locator("#tile-base").focus()
+        page.frame(name="screen").evaluate("() => document.dispatchEvent(new KeyboardEvent('keydown', { key: ' ' }))")
+        expect(body).to_have_attribute("data-playing", "")
+        until(lambda: second() > 3, 20, second)
+        page.locator("h2").first.focus()
+        page.keyboard.press("Space")
+        expect(body).not_to_have_attribute("data-playing", "")
+        page.goto("about:blank")
 
 
 def test_what_cannot_be_used_is_said(tmp_path, plain, config):

@@ -239,10 +239,14 @@ def test_any_moment_is_shown_again_from_the_best_source(server, vehicle, page, i
     expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "error")
     vehicle.set(STATUS, 0)
 
-    # What nothing has recorded is told by the history.
+    # What nothing has recorded is told by the history, if it knows it.
     page.goto(f"{server.url}/developer/moment?at={fault_ms - 86_400_000}")
     page.wait_for_url("**/developer/timeline?*unrecorded*")
-    expect(page.locator(".past")).to_contain_text("No recording has this moment")
+    expect(page.locator(".past")).to_contain_text("Nothing holds this moment")
+    # Of what is still to come the end of what is recorded is shown, which is said.
+    page.goto(f"{server.url}/developer/moment?at={fault_ms + 86_400_000}")
+    page.wait_for_url("**/replay/recent?at=*")
+    expect(page.locator("#beyond")).to_contain_text("It ends here")
     page.goto(f"{server.url}/replay/recent")
     page.locator("#leave").click()
     page.wait_for_url("**/developer")
@@ -264,10 +268,11 @@ def test_timeline_topics_and_nodes_are_those_of_the_shown_instant(server, vehicl
     end_ms = int(screen.locator("#timeline").get_attribute("data-to"))
     assert abs(end_ms - (fault_ms + 1000)) < 100, "nothing of what came later is shown"
     expect(screen.locator("#timeline [data-zoom=whole]")).to_have_text("30 s")
-    # A moment in it is one of the replay.
-    screen.locator("#show-moment").click()
-    page.wait_for_url(f"**/replay/{number}?at={end_ms}")
-    expect(screen.locator("#tile-sensors")).to_have_attribute("data-state", "error")
+    # A click in it moves the replay.
+    well = lane.locator(".bar-ok").last.bounding_box()
+    page.mouse.click(well["x"] + well["width"] / 2, well["y"] + 8)
+    expect(lane.locator(".then .chip")).to_have_attribute("data-state", "ok")
+    assert int(screen.locator("#timeline").get_attribute("data-to")) < end_ms
 
     # The messages that were received until then, and no more is claimed.
     page.locator("nav a[href$='/developer/topics']").click()

@@ -62,6 +62,10 @@ def test_messages_topics_nodes_pages_and_incidents_are_found(server, vehicle, de
     incident = page.locator("#found-incidents [data-open]").first.get_attribute("href")
     field.fill(incident.rsplit("/", 1)[1])
     expect(page.locator(f"#found-incidents [href='{incident}']")).to_be_visible()
+    # And by what is said of it: with its number, as its fault is called, with its message.
+    for words in [f"incident {incident.rsplit('/', 1)[1]}", "no packets</b>"]:
+        field.fill(words)
+        expect(page.locator(f"#found-incidents [href='{incident}']")).to_be_visible()
     page.locator(f"#found-incidents [href='{incident}']").click()
     page.wait_for_url(f"**{incident}")
     visit(page, server, "/developer/search?q=nothing-has-this-name")

@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 use std::time::UNIX_EPOCH;
 
 use telltale::config;
@@ -18,7 +19,7 @@ use telltale::record::journal::{Line, MessageRef, Took};
 use telltale::record::ring::ConfigurationText;
 use telltale::record::writer::digest;
 use telltale::replay::line::lines;
-use telltale::replay::{Playback, Recording, ReplayError, Run};
+use telltale::replay::{Gap, Playback, Recording, ReplayError, Run};
 
 use crate::folder::TestFolder;
 
@@ -95,7 +96,6 @@ fn a_time_far_ahead_is_left_out_and_the_configuration_is_that_of_the_recording()
 
 #[test]
 fn a_message_that_means_nothing_lets_the_same_time_pass_by_any_configuration() {
-    const ALONE: &str = "vehicle: { id: v, stages: none }\ngroups: [{ id: sensors, modules: [{ id: imu, status: imu, timeout: 1s, stale: error }] }]\n";
     let folder = TestFolder::new("replayed-ticks");
     std::fs::create_dir(&*folder).unwrap();
     let path = folder.join("incident-1.mcap");
@@ -146,6 +146,159 @@ fn a_message_that_means_nothing_lets_the_same_time_pass_by_any_configuration() {
     let anew = shown(Run::judged_by(recording, model, &Definitions::default(), None).unwrap());
     assert_eq!(recorded, anew);
     assert!(recorded.last().is_some_and(|line| line.contains("\"t_s\":1.1,")), "{recorded:?}");
+}
+
+const ALONE: &str = "vehicle: { id: v, stages: none }\ngroups: [{ id: sensors, modules: [{ id: imu, status: imu, timeout: 1s, stale: error }] }]\n";
+const ZERO_NS: u64 = 1_800_000_000_000_000_000;
+
+/// A recording of 40 s with a chunk every 10 s and a state of the engine every 20 s; a bit of the chunk with this number is wrong.
+/// The module reports OK every half second, and an ERROR from 15 s on.
+fn with_wrong_chunk(folder: &TestFolder, wrong: Option<usize>) -> PathBuf {
+    std::fs::create_dir_all(&**folder).unwrap();
+    let path = folder.join(format!("incident-{}.mcap", wrong.unwrap_or(9)));
+    let about = BTreeMap::from([("start_of_clock_ns".to_owned(), ZERO_NS.to_string())]);
+    let mut file = IncidentFile::create(&path, about).unwrap();
+    file.attach("configuration/v.yaml", "application/yaml", 1, ALONE.as_bytes()).unwrap();
+    let model = config::parse("v.yaml", ALONE).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut engine = Engine::begin(model, Timestamp::ZERO);
+    engine.keep_events();
+    let mut chunks = Vec::new();
+    for number in 0..80_u64 {
+        let (at, ns) = (Timestamp::from_millis(500 * number), ZERO_NS + 500_000_000 * number);
+        if number % 40 == 0 {
+            file.json(&KEYFRAMES, ns, &engine.keyframe()).unwrap();
+        }
+        let input = says(if number < 30 { 0 } else { 2 });
+        engine.handle(&input, at);
+        let line = Line { at_ns: at, took: Took::Input(Cow::Owned(input)), message: None };
+        file.json(&JOURNAL, ns, &line).unwrap();
+        if number % 20 == 19 {
+            let begin = file.len();
+            file.end_chunk().unwrap();
+            chunks.push(begin);
+        }
+    }
+    file.finish().unwrap();
+    if let Some(wrong) = wrong {
+        let mut bytes = std::fs::read(&path).unwrap();
+        bytes[chunks[wrong] as usize + 100] ^= 1;
+        std::fs::write(&path, bytes).unwrap();
+    }
+    path
+}
+
+fn replay(path: &Path, options: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
+    command.arg("replay").arg(path).args(options).output().unwrap()
+}
+
+fn lines_of(text: &[u8]) -> Vec<String> {
+    String::from_utf8_lossy(text).lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn what_a_wrong_bit_takes_away_is_said_with_its_seconds_and_the_next_recorded_state_counts() {
+    let s = |seconds: f64| Timestamp::from_millis((1000.0 * seconds) as u64);
+    let folder = TestFolder::new("replayed-gap");
+    for (wrong, from, to, exact_from) in
+        [(0, 0.0, 9.5, Some(19.5)), (1, 10.0, 19.5, Some(19.5)), (2, 20.0, 29.5, None), (3, 30.0, 39.5, None)]
+    {
+        let path = with_wrong_chunk(&folder, Some(wrong));
+        let run = Run::recorded(Recording::open(&path).unwrap()).unwrap();
+        let mut playback = Playback::open(run).unwrap();
+        let gap = Gap { from: s(from), to: Some(s(to)), exact_from: exact_from.map(s), is_damage: true };
+        assert_eq!(playback.gaps().list(), [gap], "{wrong}");
+        // Behind the next recorded state it is as it was, also where one goes back and forth.
+        for at in [25.0, 5.0, 35.0, 25.0] {
+            if playback.gaps().may_differ(s(at)) || at > 29.0 && wrong >= 2 {
+                continue;
+            }
+            playback.go_to(s(at)).unwrap();
+            let snapshot = playback.snapshot().unwrap();
+            let imu = snapshot.node("sensors/imu").unwrap();
+            assert_eq!(
+                snapshot.shown(imu).0.as_str(),
+                if at < 15.0 { "ok" } else { "error" },
+                "{wrong} {at}"
+            );
+        }
+        if wrong == 1 {
+            // The change that nobody saw is told where the state is known again.
+            let changes: Vec<_> = playback.changes().iter().map(|it| it.at).collect();
+            assert!(changes.contains(&s(19.5)), "{changes:?}");
+        }
+    }
+}
+
+#[test]
+fn people_and_programs_are_told_of_a_gap() {
+    let folder = TestFolder::new("replayed-gap-told");
+    let whole = with_wrong_chunk(&folder, None);
+    let said = replay(&whole, &["--json"]);
+    assert!(said.status.success() && said.stderr.is_empty(), "{said:?}");
+    let path = with_wrong_chunk(&folder, Some(1));
+    let told = replay(&path, &[]);
+    assert!(told.status.success(), "{told:?}");
+    let missing: Vec<String> =
+        lines_of(&told.stderr).into_iter().filter(|line| line.starts_with("telltale: missing")).collect();
+    assert_eq!(
+        missing,
+        [
+            "telltale: missing 2027-01-15T08:00:10.000Z to 2027-01-15T08:00:19.500Z (9.500 s): the file is damaged there; \
+          states from there on up to 2027-01-15T08:00:19.500Z may differ from what was shown then"
+        ]
+    );
+    let text = lines_of(&told.stdout);
+    let place = |words: &str| text.iter().position(|line| line.contains(words));
+    let (gap, known) = (
+        place("something is missing before this"),
+        place("sensors/imu                           ok -> error"),
+    );
+    assert!(gap.is_some() && gap < known, "{text:#?}");
+    let json = replay(&path, &["--json"]);
+    let path = with_wrong_chunk(&folder, Some(0));
+    let text = lines_of(&replay(&path, &[]).stdout);
+    let place = |words: &str| text.iter().position(|line| line.contains(words));
+    let (differs, as_shown) = (place("may differ from what was shown"), place("as it was shown"));
+    assert!(differs.is_some() && differs < as_shown, "{text:#?}");
+    let path = with_wrong_chunk(&folder, Some(3));
+    let text = lines_of(&replay(&path, &[]).stdout);
+    assert!(!text.iter().any(|line| line.contains("---")), "nothing follows: {text:#?}");
+    let objects = lines_of(&json.stdout);
+    assert!(objects.len() >= 2 && objects.iter().all(|line| line.starts_with('{')), "{objects:#?}");
+    assert_eq!(lines_of(&json.stderr).iter().filter(|line| line.starts_with("telltale: missing")).count(), 1);
+}
+
+#[test]
+fn a_gap_is_no_difference_between_two_configurations() {
+    let folder = TestFolder::new("replayed-gap-what-if");
+    let path = with_wrong_chunk(&folder, Some(1));
+    let same = folder.join("same.yaml");
+    std::fs::write(&same, ALONE).unwrap();
+    let what_if = replay(&path, &["--what-if", &same.to_string_lossy()]);
+    let told = String::from_utf8_lossy(&what_if.stdout).into_owned();
+    assert!(what_if.status.success(), "{what_if:?}");
+    assert_eq!(told.matches("note: missing 2027-01-15T08:00:10.000Z to ").count(), 1, "{told}");
+}
+
+#[test]
+fn a_span_in_which_nothing_lies_is_refused() {
+    let folder = TestFolder::new("replayed-span");
+    let path = with_wrong_chunk(&folder, None);
+    for (options, why) in [
+        (
+            &["--from", "12s", "--to", "5s"][..],
+            "--from +12.000 s (2027-01-15T08:00:12.000Z) is later than --to +5.000 s",
+        ),
+        (&["--from", "100s"], "is later than the end of the recording, +39.500 s"),
+        (&["--to", "2026-01-01T00:00:00Z"], "--to is earlier than the beginning of the recording"),
+    ] {
+        let refused = replay(&path, options);
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(2), "{options:?} {said}");
+        assert!(said.contains(why) && refused.stdout.is_empty(), "{options:?} {said}");
+    }
+    assert!(replay(&path, &["--from", "14s", "--to", "16s"]).status.success());
 }
 
 #[test]

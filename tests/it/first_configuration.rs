@@ -254,6 +254,7 @@ fn ten_thousand_nodes_are_few_groups() {
     let groups = text.lines().filter(|line| line.starts_with("  - id: ")).count();
     assert!((1..=64).contains(&groups), "{groups}");
     assert!(text.len() < 1 << 20, "{}", text.len());
+    has(&text, &["It is a start, not all that was heard", "nodes: whether they run is not watched"]);
 }
 
 /// Runs the program against a domain.

@@ -155,6 +155,27 @@ fn what_is_wrong_in_a_graph_is_said_and_the_rest_is_kept() {
 }
 
 #[test]
+fn a_file_under_two_names_is_read_once_and_a_pipe_is_not_waited_for() {
+    let folder = TestFolder::new("imported-files");
+    std::fs::create_dir_all(&*folder).unwrap();
+    let path = |name: &str| folder.join(name);
+    std::fs::write(path("part.yaml"), "units: [{ path: /d, type: diag, node: n, name: d }]\n").unwrap();
+    std::os::unix::fs::symlink(path("part.yaml"), path("alias.yaml")).unwrap();
+    let made = std::process::Command::new("mkfifo").arg(path("pipe.yaml")).status().unwrap();
+    assert!(made.success());
+    let names = ["part", "alias", "pipe"].map(|name| format!("{{ path: $(dirname)/{name}.yaml }}"));
+    std::fs::write(path("main.yaml"), format!("files: [{}]\nunits: []\n", names.join(", "))).unwrap();
+    let mut sources = Sources::default();
+    let file = sources.read(&path("main.yaml")).unwrap();
+    let imported = import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+    let found = said(&imported).join("\n");
+    for part in ["alias.yaml` is in the graph already", "pipe.yaml` is no file"] {
+        assert!(found.contains(part), "{found}");
+    }
+    assert_eq!((imported.text.matches("status:").count(), imported.lost), (1, 2), "{}", imported.text);
+}
+
+#[test]
 fn a_value_of_the_wrong_kind_is_said_and_makes_nothing_ok() {
     let wrong = "units: [{ path: /m, type: and, list: { type: link, link: /a } }]\n";
     let mut sources = Sources::default();

@@ -333,6 +333,11 @@ async fn with_a_data_folder_incidents_have_numbers_and_those_that_are_kept_are_t
     assert_eq!(code, Some(1));
     assert_eq!(names(&found), [json!("incident 1"), json!("incident 3"), Value::Null]);
     assert_eq!((&found[2]["total"], &found[2]["differ"]), (&json!(2), &json!(2)));
+    // Both recorded the same seconds, and an alarm is one in the sums.
+    assert_eq!(found[0]["new"]["alarms"], found[1]["new"]["alarms"]);
+    for side in ["recorded", "new"] {
+        assert_eq!(found[2][side], found[0][side]);
+    }
     let (found, _) = objects(&[&new, "2", "--data", &folder]);
     assert_eq!(names(&found), [json!("incident 2"), Value::Null]);
     let (_, err, code) = what_if(&[&new, "9", "--data", &folder]);

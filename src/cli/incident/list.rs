@@ -59,7 +59,6 @@ fn time(text: &str) -> Result<SystemTime, String> {
 pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
     let filter = IncidentFilter {
         cause: args.cause.clone(),
-        text: String::new(),
         group: args.group.clone(),
         stage: args.stage.clone(),
         marked: args.marked.then_some(true),
@@ -68,6 +67,7 @@ pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
         until_ms: args.until.map(unix_ms),
         before: args.before,
         count: args.count,
+        ..IncidentFilter::default()
     };
     let found = Incidents::open(data)?.list(&filter)?;
     if args.json {

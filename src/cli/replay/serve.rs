@@ -33,6 +33,8 @@ pub fn run(args: &Args, name: String, open: Arc<Open>) -> anyhow::Result<ExitCod
     if playback.snapshot().is_none() {
         bail!("{name} has no state of the engine to begin with");
     }
+    let missing = playback.gaps().sentences(playback.facts());
+    missing.iter().for_each(|sentence| eprintln!("telltale: {sentence}"));
     drop(playback);
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?

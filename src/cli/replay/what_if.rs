@@ -1,10 +1,12 @@
 //! `telltale replay --what-if`: what another configuration would have shown of recordings.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::SystemTime;
 
 use anyhow::{Context as _, anyhow, bail};
 use serde_json::{Value, json};
@@ -15,7 +17,7 @@ use crate::config::{self, Loaded};
 use crate::record::folder;
 use crate::replay::compare::{Comparison, Parting, PartingOf, compare, judged};
 use crate::replay::line::seconds;
-use crate::replay::{Recording, ReplayError, Run, Shown, Totals};
+use crate::replay::{Facts, Recording, ReplayError, Run, Shown, Totals};
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, StoreError};
 use crate::yaml::Problems;
 use crate::yaml::plain::escaped;
@@ -39,13 +41,14 @@ enum Trouble {
 pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
     let recordings = recordings(args)?;
     let (mut compared, mut failed) = (Vec::new(), 0);
+    let mut covered = Covered::default();
     for named in &recordings {
-        match one(args, named, new) {
+        match one(args, named, new, &mut covered) {
             Ok(comparison) => {
                 if compared.is_empty() && !args.json {
                     print(&heading())?;
                 }
-                compared.push((comparison.differs(), comparison.recorded, comparison.new));
+                compared.push((comparison.differs(), comparison.recorded_alone, comparison.new_alone));
                 let is_read = match args.json {
                     true => print(&with_name(comparison.json(), &named.name).to_string())?,
                     false => print_lines(&text(&named.name, &comparison))?,
@@ -175,7 +178,27 @@ fn of_path(path: &Path) -> anyhow::Result<Vec<Named>> {
     Ok(found.into_iter().map(named).collect())
 }
 
-fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
+/// What the recordings of each vehicle cover so far: incidents that follow each other closely share some seconds, and
+/// what happened in them counts once in the sums.
+#[derive(Default)]
+struct Covered(BTreeMap<String, (SystemTime, SystemTime)>);
+
+impl Covered {
+    /// Until when the recordings before have everything that this one has.
+    fn until(&self, facts: &Facts) -> Option<SystemTime> {
+        let from = facts.wall(facts.from);
+        let (begin, end) = self.0.get(&facts.vehicle).filter(|_| facts.has_journal)?;
+        (*begin <= from && from < *end).then_some(*end)
+    }
+
+    fn add(&mut self, comparison: &Comparison) {
+        let (from, to) = comparison.period();
+        let (begin, end) = self.0.entry(comparison.facts.vehicle.clone()).or_insert((from, to));
+        if *begin <= from && from < *end { *end = to.max(*end) } else { (*begin, *end) = (from, to) }
+    }
+}
+
+fn one(args: &Args, named: &Named, new: &Path, covered: &mut Covered) -> Result<Comparison, Trouble> {
     let trouble = |error: ReplayError| {
         let said = error.to_string();
         // It names the file, as its line does.
@@ -183,7 +206,7 @@ fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
         Trouble::Recording(said)
     };
     let recording = Recording::open(&named.path).map_err(trouble)?;
-    let loaded = load(args, new, &recording)?;
+    let (loaded, already) = (load(args, new, &recording)?, covered.until(recording.facts()));
     let definitions = args.definitions.definitions();
     let mut recorded = match &args.config {
         Some(old) => {
@@ -203,7 +226,9 @@ fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
     };
     let definitions = definitions.with(&loaded.message_folders);
     let mut new = judged(&named.path, &loaded, &definitions, args.stage).map_err(trouble)?;
-    compare(&mut recorded, &mut new, &|| true).map_err(trouble)
+    let comparison = compare(&mut recorded, &mut new, already, &|| true).map_err(trouble)?;
+    covered.add(&comparison);
+    Ok(comparison)
 }
 
 /// A configuration whose fields the messages of a recording have.

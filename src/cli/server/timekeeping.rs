@@ -316,8 +316,8 @@ mod tests {
         tokio::task::yield_now().await;
         for fault in [Some("the disk is full"), None] {
             fail.send_replace(fault.map(Into::into));
-            let news = tokio::time::timeout(Duration::from_millis(1), told.recv()).await.expect("at once");
-            let Input::Upkeep(found) = news.unwrap().input else { panic!("of that alone") };
+            let soon = tokio::time::timeout(Duration::from_millis(1), told.recv()).await;
+            let Input::Upkeep(found) = soon.unwrap().unwrap().input else { panic!("of that alone") };
             let said = found.recording.map(|said| said.en.to_string());
             assert_eq!(said, fault.map(|fault| format!("recording off: {fault}")));
         }

@@ -95,6 +95,16 @@ impl<T: PartialEq> Wording<T> {
 }
 
 impl<T> ByStage<T> {
+    /// The words of every stage.
+    pub fn all(&self) -> impl Iterator<Item = &T> {
+        let (always, in_stages): (Option<&T>, &[(Stage, T)]) = match self {
+            ByStage::None => (None, &[]),
+            ByStage::Always(text) => (Some(text), &[]),
+            ByStage::In(texts) => (None, texts),
+        };
+        always.into_iter().chain(in_stages.iter().map(|(_, text)| text))
+    }
+
     fn of(&self, stage: Stage) -> Option<&T> {
         let texts = match self {
             ByStage::None => return None,

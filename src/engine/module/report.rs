@@ -93,7 +93,7 @@ impl ModuleView {
     }
 
     /// The same, for events.
-    pub(in crate::engine) fn said(&self, now: Timestamp) -> Option<Said> {
+    pub fn said(&self, now: Timestamp) -> Option<Said> {
         Said::of(self.report.last_words(self.silent), self.silent_for(now))
     }
 }

@@ -21,7 +21,7 @@ pub(super) fn read(
     graph: &mut Graph,
     findings: &mut Findings,
 ) {
-    let mut seen: HashSet<PathBuf> = HashSet::from([tidy(Path::new(sources.name(file)))]);
+    let mut seen: HashSet<PathBuf> = HashSet::from([identity(Path::new(sources.name(file)))]);
     let mut waiting = vec![(file, root)];
     while let Some((file, root)) = waiting.pop() {
         let folder = Path::new(sources.name(file)).parent().unwrap_or(Path::new("")).to_owned();
@@ -107,14 +107,20 @@ fn open(
     };
     let mut refused = None;
     for path in candidates {
-        if seen.contains(&tidy(&path)) {
+        let identity = identity(&path);
+        if seen.contains(&identity) {
             let problem = Problem::at(span, format!("`{}` is in the graph already", path.display()));
             findings.lost(problem.help("it is read once: files must not name one another in a circle"));
             return None;
         }
+        if path.exists() && !path.is_file() {
+            // To read a pipe or a device may last for ever.
+            refused = Some(Problem::of_file(&path.display().to_string(), "is no file", "name a file"));
+            continue;
+        }
         match sources.read(&path) {
             Ok(file) => {
-                seen.insert(tidy(&path));
+                seen.insert(identity);
                 let mut log = Log::default();
                 let root = tree::parse(sources, file, &mut log);
                 log.into_problems().into_iter().for_each(|problem| findings.lost(problem));
@@ -183,6 +189,11 @@ fn substitution(inside: &str, folder: &Path, lookup: &Lookup) -> Result<Vec<Stri
             "known: `$(dirname)`, `$(find-pkg-share PACKAGE)`, `$(var NAME)`".into(),
         )),
     }
+}
+
+/// The same for all names of one file.
+fn identity(path: &Path) -> PathBuf {
+    path.canonicalize().unwrap_or_else(|_| tidy(path))
 }
 
 /// The path without `.` and `..`, as far as its text shows.

@@ -46,13 +46,15 @@ pub enum Part {
         name: String,
         metadata: BTreeMap<String, String>,
     },
+    /// Bytes that are no records: what stood there is not known.
+    Damage,
 }
 
 impl Part {
     fn chunk_at(&self) -> Option<u64> {
         match self {
             Part::Chunk { at, .. } => Some(*at),
-            Part::Loose { .. } | Part::Attachment { .. } | Part::Metadata { .. } => None,
+            Part::Loose { .. } | Part::Attachment { .. } | Part::Metadata { .. } | Part::Damage => None,
         }
     }
 }
@@ -103,6 +105,7 @@ impl Layout {
                 (wrong, _) => {
                     let end = next.unwrap_or(source.length);
                     omissions.add(at, end - at, wrong.unwrap_or_default());
+                    layout.parts.push(Part::Damage);
                     at = end;
                 }
             }

@@ -3,6 +3,7 @@
 
 mod definitions;
 mod doctor;
+mod entry;
 mod error;
 mod json;
 mod layout;
@@ -16,10 +17,11 @@ mod writer;
 
 pub use definitions::Channel;
 pub use doctor::{check, check_bytes};
+pub use entry::Entry;
 pub use error::FileError;
 pub use json::{JOURNAL, JsonChannel, KEYFRAMES, TRANSITIONS};
-pub use omission::{Omission, Omissions};
-pub use reader::{Entry, Place, Reader};
+pub use omission::{Missing, Omission, Omissions};
+pub use reader::{Place, Reader};
 pub use repair::{REPAIRED, Repair, repair};
 pub use source::{CHUNK_BYTES_MAX, raw_body};
 pub use writer::{IncidentFile, MessageStamps, Topic, Written};

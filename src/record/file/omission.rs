@@ -2,6 +2,10 @@
 
 use std::fmt;
 
+use super::definitions::Channel;
+use super::json::{JOURNAL, KEYFRAMES};
+use super::writer::MessageStamps;
+
 /// More are counted only.
 const LIST_MAX: usize = 100;
 
@@ -22,6 +26,22 @@ impl fmt::Display for Omission {
             0 => write!(f, "at byte {}: {}", self.at, self.why),
             bytes => write!(f, "{bytes} bytes at byte {}: {}", self.at, self.why),
         }
+    }
+}
+
+/// Entries are missing between the entries around this: that part of the file cannot be used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Missing {
+    /// Their first and their last time, as far as the file says it: nanoseconds since 1970.
+    pub span_ns: Option<(u64, u64)>,
+}
+
+impl Missing {
+    /// What is missing where a document of this channel cannot be read: what the engine took, or was.
+    pub(super) fn of_document(channel: &Channel, stamps: MessageStamps) -> Option<Missing> {
+        let is_needed = [&JOURNAL, &KEYFRAMES].iter().any(|it| *it.topic == *channel.topic);
+        let at_ns = stamps.log_time_ns;
+        is_needed.then_some(Missing { span_ns: Some((at_ns, at_ns)) })
     }
 }
 

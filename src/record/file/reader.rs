@@ -10,14 +10,14 @@ use bytes::Bytes;
 use mcap::records::op;
 
 use super::definitions::{Channel, Definitions, Format};
+use super::entry::{Entry, Item, Raw};
 use super::error::FileError;
 use super::json;
 use super::layout::{Layout, Part};
-use super::omission::Omissions;
+use super::omission::{Missing, Omissions};
 use super::records::{self, AttachmentHead, ChunkHead, Fields, HEAD_BYTES};
 use super::source::{CHUNK_BYTES_MAX, Source, crc, raw_body};
 use super::writer::MessageStamps;
-use crate::msg::sample_bytes::RawBody;
 
 /// A larger attachment is left out.
 const ATTACHMENT_BYTES_MAX: u64 = 64 << 20;
@@ -50,48 +50,17 @@ pub struct Place {
 
 /// What of a part is not read yet.
 enum Open {
-    Chunk { at: u64, bytes: Bytes, done: usize },
-    Loose { at: u64, end: u64 },
-}
-
-/// An entry of a recording.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Entry {
-    Message {
-        channel: Arc<Channel>,
-        stamps: MessageStamps,
-        body: RawBody,
+    /// `missing`: what it lacks if it cannot be read to its end.
+    Chunk {
+        at: u64,
+        bytes: Bytes,
+        done: usize,
+        missing: Missing,
     },
-    /// A document of a channel of JSON, as text.
-    Json {
-        channel: Arc<Channel>,
-        stamps: MessageStamps,
-        text: Bytes,
+    Loose {
+        at: u64,
+        end: u64,
     },
-}
-
-impl Entry {
-    pub fn stamps(&self) -> MessageStamps {
-        match self {
-            Entry::Message { stamps, .. } | Entry::Json { stamps, .. } => *stamps,
-        }
-    }
-}
-
-/// A message as it stands in the file.
-pub(super) struct Raw {
-    pub at: u64,
-    pub channel: u16,
-    pub stamps: MessageStamps,
-    pub data: Bytes,
-}
-
-/// What follows in the file.
-pub(super) enum Item {
-    Message(Raw),
-    EndOfPart,
-    Attachment { data_at: u64, head: AttachmentHead },
-    Metadata { name: String, metadata: BTreeMap<String, String> },
 }
 
 impl Reader<File> {
@@ -231,9 +200,12 @@ impl<R: Read + Seek> Reader<R> {
             return;
         };
         match part {
-            Part::Chunk { at, data_at, head } => self.open_chunk(at, data_at, &head),
+            Part::Chunk { at, data_at, head } => {
+                // It was said when it was read.
+                let _ = self.open_chunk(at, data_at, &head);
+            }
             Part::Loose { at, end } => self.open = Some(Open::Loose { at, end }),
-            Part::Attachment { .. } | Part::Metadata { .. } => {}
+            Part::Attachment { .. } | Part::Metadata { .. } | Part::Damage => {}
         }
         match &mut self.open {
             Some(Open::Chunk { bytes, done, .. }) => {
@@ -247,10 +219,14 @@ impl<R: Read + Seek> Reader<R> {
     /// The next entry, in the order of the file. What cannot be used is in `omissions`.
     pub fn next_entry(&mut self) -> Option<Entry> {
         loop {
-            if let Item::Message(raw) = self.next_item()?
-                && let Some(entry) = self.entry(raw)
-            {
-                return Some(entry);
+            match self.next_item()? {
+                Item::Message(raw) => {
+                    if let Some(entry) = self.entry(raw) {
+                        return Some(entry);
+                    }
+                }
+                Item::Missing(missing) => return Some(Entry::Missing(missing)),
+                Item::EndOfPart | Item::Attachment { .. } | Item::Metadata { .. } => {}
             }
         }
     }
@@ -275,7 +251,7 @@ impl<R: Read + Seek> Reader<R> {
                 }
                 None => {
                     self.omissions.add(at, 0, format!("a document of {} cannot be read", channel.topic));
-                    None
+                    Missing::of_document(&channel, stamps).map(Entry::Missing)
                 }
             },
             Format::Cdr => {
@@ -298,7 +274,7 @@ impl<R: Read + Seek> Reader<R> {
         if text.len() > json::bytes_max(&channel.topic) {
             let why = format!("a document of {} with {} bytes is too large", channel.topic, text.len());
             self.omissions.add(at, 0, why);
-            return None;
+            return Missing::of_document(&channel, stamps).map(Entry::Missing);
         }
         Some(Entry::Json { channel, stamps, text })
     }
@@ -321,10 +297,10 @@ impl<R: Read + Seek> Reader<R> {
         loop {
             if let Some(open) = &mut self.open {
                 let next = open.next(&mut self.source, &mut self.definitions, &mut self.omissions);
-                if next.is_none() {
+                if !matches!(next, Item::Message(_)) {
                     self.open = None;
                 }
-                return Some(next.map_or(Item::EndOfPart, Item::Message));
+                return Some(next);
             }
             let part = self.layout.parts.get(self.next)?.clone();
             self.next += 1;
@@ -332,52 +308,66 @@ impl<R: Read + Seek> Reader<R> {
                 Part::Attachment { data_at, head } => return Some(Item::Attachment { data_at, head }),
                 Part::Metadata { name, metadata } => return Some(Item::Metadata { name, metadata }),
                 Part::Loose { at, end } => self.open = Some(Open::Loose { at, end }),
-                Part::Chunk { at, data_at, head } => self.open_chunk(at, data_at, &head),
+                Part::Damage => return Some(Item::Missing(Missing { span_ns: None })),
+                Part::Chunk { at, data_at, head } => {
+                    if let Err(missing) = self.open_chunk(at, data_at, &head) {
+                        return Some(Item::Missing(missing));
+                    }
+                }
             }
         }
     }
 
-    fn open_chunk(&mut self, at: u64, data_at: u64, head: &ChunkHead) {
+    fn open_chunk(&mut self, at: u64, data_at: u64, head: &ChunkHead) -> Result<(), Missing> {
         let skipped = head.end_time < self.from_ns;
         if skipped && self.layout.indexed {
-            return;
+            return Ok(());
         }
+        let is_span = head.start_time <= head.end_time && head.end_time > 0;
+        let missing = Missing { span_ns: is_span.then_some((head.start_time, head.end_time)) };
         let mut open = match self.source.unpack(head, data_at) {
-            Ok(bytes) => Open::Chunk { at, bytes, done: 0 },
-            Err(why) => return self.omissions.add(at, data_at - at + head.compressed, why),
+            Ok(bytes) => Open::Chunk { at, bytes, done: 0, missing },
+            Err(why) => {
+                self.omissions.add(at, data_at - at + head.compressed, why);
+                return Err(missing);
+            }
         };
         if skipped {
-            while open.next(&mut self.source, &mut self.definitions, &mut self.omissions).is_some() {}
+            while let Item::Message(_) =
+                open.next(&mut self.source, &mut self.definitions, &mut self.omissions)
+            {}
         } else {
             self.open = Some(open);
         }
+        Ok(())
     }
 }
 
 impl Open {
-    /// The next message; schemas and channels before it are taken.
+    /// The next message, or how the part ends; schemas and channels before it are taken.
     fn next<R: Read + Seek>(
         &mut self,
         source: &mut Source<R>,
         definitions: &mut Definitions,
         omissions: &mut Omissions,
-    ) -> Option<Raw> {
+    ) -> Item {
         loop {
             let (place, op, record) = match self {
-                Open::Chunk { at, bytes, done } => {
+                Open::Chunk { at, bytes, done, missing } => {
                     let mut fields = Fields::new(&bytes[*done..]);
                     if fields.rest().is_empty() {
-                        return None;
+                        return Item::EndOfPart;
                     }
                     let Some((op, record)) = records::next_record(&mut fields) else {
                         omissions.add(*at, 0, "a chunk ends in the middle of a record");
-                        return None;
+                        return Item::Missing(*missing);
                     };
                     *done = bytes.len() - fields.rest().len();
                     (*at, op, bytes.slice_ref(record))
                 }
                 Open::Loose { at, end } => {
-                    let head = source.head(*at).ok().flatten().filter(|head| head.end() <= *end)?;
+                    let head = source.head(*at).ok().flatten().filter(|head| head.end() <= *end);
+                    let Some(head) = head else { return Item::EndOfPart };
                     *at = head.end();
                     if head.length > CHUNK_BYTES_MAX {
                         omissions.add(head.at, head.length, "a message is too large");
@@ -402,7 +392,7 @@ impl Open {
                             sequence: message.sequence,
                         };
                         let data = record.slice_ref(message.data);
-                        return Some(Raw { at: place, channel: message.channel_id, stamps, data });
+                        return Item::Message(Raw { at: place, channel: message.channel_id, stamps, data });
                     }
                     None => omissions.add(place, 0, "a message is shorter than its head"),
                 },

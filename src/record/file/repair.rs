@@ -10,10 +10,11 @@ use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata};
 
 use super::definitions::RawChannel;
+use super::entry::{Item, Raw};
 use super::error::FileError;
 use super::omission::Omissions;
 use super::output::{Output, sync_folder_of};
-use super::reader::{Item, Raw, Reader};
+use super::reader::Reader;
 use super::writer::CHUNK_BYTES;
 
 /// The name of the metadata record in a repaired file.
@@ -93,7 +94,7 @@ fn copy(reader: &mut Reader<File>, part: &Path) -> Result<(u64, u64), FileError>
                     open = 0;
                 }
             }
-            Item::EndOfPart => output.end_chunk()?,
+            Item::EndOfPart | Item::Missing(_) => output.end_chunk()?,
             Item::Attachment { data_at, head } => {
                 if let Some(data) = reader.attachment_data(data_at, &head) {
                     let attachment = Attachment {

@@ -96,6 +96,7 @@ fn entries<R: std::io::Read + std::io::Seek>(reader: &mut Reader<R>) -> Vec<Stri
             Entry::Json { channel, stamps, text } => {
                 format!("{} {} {stamps:?}", channel.topic, String::from_utf8(text.to_vec()).unwrap())
             }
+            Entry::Missing(_) => continue,
         });
     }
     told

@@ -39,9 +39,9 @@ pub struct Period {
     pub message: String,
 }
 
-/// The group `other`, which is UNKNOWN while it has no members and is no tile, has nothing to tell.
+/// The group `other`, which is UNKNOWN or IGNORE while it has no members and is no tile, has nothing to tell.
 fn is_empty_other(node: &str, state: &str) -> bool {
-    node == OTHER_GROUP && state == State::Unknown.as_str()
+    node == OTHER_GROUP && [State::Unknown, State::Ignore].iter().any(|it| it.as_str() == state)
 }
 
 /// The root causes, then other modules that failed, then the tiles that changed.

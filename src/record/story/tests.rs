@@ -60,6 +60,7 @@ fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
         shown(40_000, "sensors/lidar", "error", None),
         // Empty, and no tile.
         shown(40_000, "other", "unknown", None),
+        shown(39_000, "other", "ignore", None),
         shown(40_000, "sensors", "error", None),
         shown(40_000, "perception", "ignore", Some("sensors/lidar")),
         shown(40_000, "perception/costmap", "ignore", Some("sensors/lidar")),

@@ -145,6 +145,7 @@ impl Recorded {
                     compared += usize::from(line.at_ns.as_nanos() >= shown_from);
                 }
                 Entry::Json { .. } => {}
+                Entry::Missing(missing) => panic!("{missing:?}"),
             }
         }
         assert!(reader.omissions().is_empty() && reader.is_complete());
@@ -233,6 +234,7 @@ fn changes(path: &Path) -> (Vec<Transition<'static>>, Vec<u64>) {
                     changes.push(serde_json::from_slice(&text).unwrap());
                 }
             }
+            Entry::Missing(missing) => panic!("{missing:?}"),
         }
     }
     (changes, times)

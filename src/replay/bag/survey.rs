@@ -60,6 +60,6 @@ impl Survey {
 
 /// When a message was received, or else published.
 fn time(entry: &Entry) -> Option<u64> {
-    let stamps = entry.stamps();
+    let stamps = entry.stamps()?;
     [stamps.log_time_ns, stamps.publish_time_ns].into_iter().find(|time| *time > 0)
 }

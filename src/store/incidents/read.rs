@@ -19,6 +19,9 @@ use crate::store::{Store, StoreError};
 /// Incidents that are read at once.
 pub const INCIDENTS_PAGE_MAX: u32 = 200;
 
+/// So many of the newest numbers are searched as a whole: to read a summary takes longer than a column.
+const SEARCHED: u32 = 2000;
+
 const COLUMNS: &str =
     "id, since_ms, until_ms, kept, bytes, finished, sha256, stage, causes, summary, note, note_by, note_ms";
 
@@ -27,8 +30,11 @@ const COLUMNS: &str =
 pub struct IncidentFilter {
     /// A part of the name of a root cause, in any case; empty for all.
     pub cause: String,
-    /// A part of the name of a root cause or of the note, in any case; empty for all.
+    /// A part, in any case, of the name of a root cause, of the note, or of what the newest incidents say of their
+    /// triggers and frozen nodes; empty for all.
     pub text: String,
+    /// With `text`: those with one of these root causes too.
+    pub or_causes: Vec<String>,
     /// The group of a root cause, or a group around it; empty for all.
     pub group: String,
     /// The stage at the first trigger; empty for all.
@@ -293,13 +299,21 @@ fn list(connection: &Connection, filter: &IncidentFilter) -> Result<Vec<Incident
              AND (?3 = '' OR instr(causes, char(10) || ?3 || char(10)) OR instr(causes, char(10) || ?3 || '/'))
              AND (?4 = '' OR stage = ?4) AND (?5 IS NULL OR marked = ?5) AND (?6 IS NULL OR kept = ?6)
              AND (?7 IS NULL OR ifnull(until_ms, ?7) >= ?7) AND (?8 IS NULL OR since_ms <= ?8)
-             AND (?10 = '' OR instr(lower(causes), lower(?10)) OR instr(lower(ifnull(note, '')), lower(?10)))
+             AND (?10 = '' OR instr(lower(causes), lower(?10)) OR instr(lower(ifnull(note, '')), lower(?10))
+                 OR EXISTS (SELECT 1 FROM json_each(?11) AS cause
+                     WHERE instr(causes, char(10) || cause.value || char(10)))
+                 OR (id > (SELECT max(id) FROM incidents) - {SEARCHED} AND EXISTS (
+                     SELECT 1 FROM json_tree(CASE WHEN json_valid(summary) THEN summary ELSE '{{}}' END) AS said
+                     WHERE said.key IN ('kind', 'what', 'note', 'node', 'message') AND said.type = 'text'
+                         AND instr(lower(said.value), lower(?10)))))
          ORDER BY id DESC LIMIT ?9"
     );
     let before = filter.before.map_or(i64::MAX, surely);
     let count = if filter.count == 0 { INCIDENTS_PAGE_MAX } else { filter.count.min(INCIDENTS_PAGE_MAX) };
+    let or_causes = serde_json::Value::from(filter.or_causes.clone()).to_string();
     let IncidentFilter { cause, text, group, stage, marked, kept, since_ms, until_ms, .. } = filter;
-    let parameters = params![before, cause, group, stage, marked, kept, since_ms, until_ms, count, text];
+    let parameters =
+        params![before, cause, group, stage, marked, kept, since_ms, until_ms, count, text, or_causes];
     let mut query = connection.prepare_cached(&sql)?;
     let found = query.query_map(parameters, incident)?;
     Ok(found.collect::<Result<_, _>>()?)

@@ -7,7 +7,7 @@ use rusqlite::Connection;
 use super::*;
 use crate::clock::Clock;
 use crate::record::folder::file_name;
-use crate::record::summary::{Recording, TriggerLine, kind};
+use crate::record::summary::{FrozenNode, Recording, TriggerLine, kind};
 use crate::store::audit::{Action, COMMAND_LINE, Record, verify_audit_in};
 use crate::store::{
     DemoSecrets, FILE_NAME, Role, Store, StoreError, TestFolder, check_data, repair, restore,
@@ -83,6 +83,14 @@ async fn incidents_are_listed_newest_first_in_pages_and_by_each_filter() {
     let mut two = finished(summary(2, vec![root("localization/tf_map", Some(4))]));
     // It was another node, as became known later.
     two.roots = vec!["sensors/velodyne_packet_alive".into()];
+    let message = "No packets for 2 s".to_owned();
+    two.freeze = vec![FrozenNode {
+        node: two.roots[0].clone(),
+        state: "error".into(),
+        message,
+        values: Vec::new(),
+        at_ms: None,
+    }];
     let mut four = summary(4, vec![root("a/b/c", Some(9)), line(kind::LOST_ACTIVE, "standby", None)]);
     four.stage = "standby".into();
     for summary in [
@@ -104,6 +112,13 @@ async fn incidents_are_listed_newest_first_in_pages_and_by_each_filter() {
         (IncidentFilter { cause: "%".into(), ..all() }, vec![]),
         (IncidentFilter { text: "VELODYNE".into(), ..all() }, vec![2]),
         (IncidentFilter { text: "%".into(), ..all() }, vec![]),
+        (IncidentFilter { text: "Mark".into(), ..all() }, vec![1]),
+        (IncidentFilter { text: "since_ms".into(), ..all() }, vec![]),
+        (IncidentFilter { text: "no PACKETS".into(), ..all() }, vec![2]),
+        (
+            IncidentFilter { text: "nothing".into(), or_causes: vec!["a/b/c".into(), "b".into()], ..all() },
+            vec![4],
+        ),
         (IncidentFilter { group: "sensors".into(), ..all() }, vec![2]),
         (IncidentFilter { group: "a".into(), ..all() }, vec![4]),
         (IncidentFilter { group: "a/b".into(), ..all() }, vec![4]),

@@ -26,7 +26,7 @@ use crate::engine::snapshot::ModuleView;
 use crate::record::story::Limit;
 
 pub use audit::AuditPage;
-pub use page_query::PageQuery;
+pub use page_query::{PageQuery, address};
 pub use timeline::Window;
 
 use super::view::page::frame::PageFrame;
@@ -79,6 +79,15 @@ impl Page {
         }
     }
 
+    /// Whether a replay has it, as it was.
+    const fn is_of_a_moment(self) -> bool {
+        match self {
+            Page::Statuses | Page::Graph | Page::Timeline => true,
+            Page::Masking | Page::Coverage | Page::Topics => true,
+            Page::Incidents | Page::Configuration | Page::Audit | Page::Api => false,
+        }
+    }
+
     const fn word(self, words: &'static DevWords) -> &'static str {
         match self {
             Page::Statuses => words.statuses,
@@ -102,6 +111,8 @@ struct NavLink {
     /// The key that leads there.
     key: usize,
     here: bool,
+    /// A moment of the past has this page too.
+    then: bool,
 }
 
 /// The frame of every developer page.
@@ -133,10 +144,8 @@ impl DevFrame {
         let snapshot = view.snapshot;
         let words = DevWords::of(context.lang);
         let has = |page: Page| match page {
-            Page::Statuses | Page::Graph | Page::Timeline => true,
-            Page::Masking | Page::Coverage | Page::Topics => true,
             Page::Configuration => context.configuration && !context.replay,
-            Page::Incidents | Page::Audit | Page::Api => !context.replay,
+            other => !context.replay || other.is_of_a_moment(),
         };
         let known = Page::ALL.into_iter().filter(|&it| has(it));
         let links = known.enumerate().map(|(index, it)| NavLink {
@@ -144,6 +153,7 @@ impl DevFrame {
             word: it.word(words),
             key: index + 1,
             here: it == page,
+            then: it.is_of_a_moment(),
         });
         DevFrame {
             words,

@@ -14,17 +14,21 @@ use super::words::DevWords;
 use super::{DevFrame, Page, PageQuery, why_address};
 use crate::engine::discovery::Discovery;
 use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
+use crate::engine::snapshot::ModuleInfo;
 use crate::engine::state::State;
 use crate::runtime::Published;
 use crate::store::{Incident, IncidentFilter};
 use crate::web::AppState;
+use crate::web::developer::incidents::words::IncidentWords;
 use crate::web::incidents::wall_time;
 use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{MESSAGE, NAME, clean};
-use crate::web::view::{PageContext, View, html};
+use crate::web::view::{Lang, PageContext, View, html};
 
 /// Results of one kind.
 const EACH: usize = 10;
+/// Modules whose incidents are looked for.
+const CAUSES: usize = 100;
 /// Words of a query; further ones are ignored.
 const TERMS: usize = 8;
 
@@ -68,27 +72,46 @@ pub async fn get(extract::State(app): extract::State<AppState>, request: PageReq
     let is_asked = !text.is_empty() && !context.replay && published.snapshot.stage != Stage::Locked;
     let incidents = match is_asked {
         true => {
-            let before = text.parse().ok().and_then(|id: u64| id.checked_add(1));
-            let count = EACH as u32 + 1;
-            let found = app.store.incidents(IncidentFilter {
-                text: text.clone(),
-                count,
-                ..IncidentFilter::default()
-            });
-            let by_text = found.await.unwrap_or_default();
-            let by_id = match before {
-                Some(_) => {
-                    let one = IncidentFilter { before, count: 1, ..IncidentFilter::default() };
-                    app.store.incidents(one).await.unwrap_or_default()
-                }
-                None => Vec::new(),
-            };
-            let is_it = |it: &Incident| Some(it.summary.id) == before.map(|id| id - 1);
-            by_id.into_iter().filter(is_it).chain(by_text).collect()
+            let or_causes = causes(&View::new(&published, context.lang, false), &terms(&text.to_lowercase()));
+            incidents(&app, text, or_causes).await
         }
         false => Vec::new(),
     };
     Html(page(&published, &context, &query, &seen, &incidents))
+}
+
+/// The incident with this number, and those that have the text, or one of these causes.
+async fn incidents(app: &AppState, text: String, or_causes: Vec<String>) -> Vec<Incident> {
+    let id = number(&text);
+    let by_id = match id {
+        Some(id) => app.store.incident(id).await.unwrap_or_default(),
+        None => None,
+    };
+    let filter = IncidentFilter { text, or_causes, count: EACH as u32 + 1, ..IncidentFilter::default() };
+    let by_text = app.store.incidents(filter).await.unwrap_or_default();
+    let others = by_text.into_iter().filter(|it| Some(it.summary.id) != id);
+    by_id.into_iter().chain(others).collect()
+}
+
+/// `12`, `#12`, `Incident 12`: the number of an incident.
+fn number(text: &str) -> Option<u64> {
+    let words = Lang::ALL.map(|lang| IncidentWords::of(lang).incident.to_lowercase());
+    let text = text.to_lowercase();
+    let is_said = words.iter().find_map(|word| text.strip_prefix(&**word));
+    is_said.unwrap_or(&text).trim_start().trim_start_matches('#').parse().ok()
+}
+
+/// The modules whose names, or the names of whose faults, have all terms.
+fn causes(view: &View<'_>, terms: &[&str]) -> Vec<String> {
+    let is_meant = |info: &ModuleInfo| {
+        rank(terms, &[&info.id, &view.label(info), &view.names_of_faults(info)]).is_some()
+    };
+    let modules = view.snapshot.module_ids().map(|id| view.snapshot.module(id).0);
+    modules.filter(|info| is_meant(info)).take(CAUSES).map(|info| info.id.to_string()).collect()
+}
+
+fn terms(text: &str) -> Vec<&str> {
+    text.split_whitespace().take(TERMS).collect()
 }
 
 pub fn page(
@@ -105,7 +128,7 @@ pub fn page(
     // What was found stays until something else is asked for.
     dev.fixed = true;
     let text = query.get("q").to_lowercase();
-    let terms: Vec<&str> = text.split_whitespace().take(TERMS).collect();
+    let terms = terms(&text);
     let mut kinds = Vec::new();
     if !terms.is_empty() {
         let pages = dev.links.iter().map(|link| (link.word, link.path)).collect::<Vec<_>>();
@@ -152,7 +175,8 @@ fn nodes(view: &View<'_>, words: &DevWords, query: &PageQuery, terms: &[&str]) -
         let title = view.label(info);
         let status = info.status.as_deref().unwrap_or_default();
         let said = view.message_text(module);
-        let rank = rank(terms, &[&info.id, &title, status, &said, &module.report.hardware_id])?;
+        let faults = view.names_of_faults(info);
+        let rank = rank(terms, &[&info.id, &title, &faults, status, &said, &module.report.hardware_id])?;
         Some((rank, NodeId::Module(id), said))
     });
     let mut found: Vec<(usize, NodeId, String)> = groups.chain(modules).collect();
@@ -252,6 +276,16 @@ fn found_incidents(words: &DevWords, query: &PageQuery, incidents: &[Incident]) 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_number_of_an_incident_is_found_as_people_write_it() {
+        for text in ["12", "#12", "incident 12", "Incident #12", "Vorfall 12"] {
+            assert_eq!(number(text), Some(12), "{text}");
+        }
+        for text in ["", "incident", "incidents 12", "12 V", "-12"] {
+            assert_eq!(number(text), None, "{text}");
+        }
+    }
 
     #[test]
     fn what_begins_with_the_words_is_found_first() {

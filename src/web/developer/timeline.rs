@@ -43,7 +43,7 @@ const RENEW_MS: u32 = 1000;
 /// Names in the list to choose from.
 const OFFERED: usize = 300;
 /// The right end of the slider, in thousandths of the span.
-const AT_END: u64 = 1000;
+const SLIDER_END: i64 = 1000;
 
 struct Event {
     at: String,
@@ -81,13 +81,17 @@ struct TimelineHtml {
     offered: Vec<String>,
     from_ms: i64,
     to_ms: i64,
-    slider: u64,
-    /// The position of the selected moment, unless it is the end.
+    slider: i64,
+    /// The position of the chosen moment, if it is in the span.
     line: Option<String>,
     moment: String,
     moment_ms: i64,
-    /// It was looked for in recordings, and none has it.
-    unrecorded: bool,
+    /// A moment was chosen; without one it is the end.
+    chosen: bool,
+    /// The address of a span around the chosen moment, if it lies outside of this one.
+    around: Option<String>,
+    /// It was looked for in recordings, and none has it: what does. Empty if it was not.
+    unrecorded: &'static str,
     earlier: String,
     later: Option<String>,
     present: String,
@@ -105,7 +109,7 @@ pub struct Window {
     pub query: HistoryQuery,
     span_s: u64,
     pub(super) live: bool,
-    at: u64,
+    chosen_ms: Option<i64>,
 }
 
 impl Window {
@@ -139,21 +143,32 @@ impl Window {
         }
         let signals = published.snapshot.signals.iter().map(|(name, _)| name.to_string()).take(SIGNALS);
         let signals = signals.collect();
-        let at = query.number("at").unwrap_or(AT_END).min(AT_END);
-        Window { query: HistoryQuery { nodes, signals, from_ms, to_ms }, span_s, live: until.is_none(), at }
+        let chosen_ms = query.number("at").and_then(|at| i64::try_from(at).ok()).map(|at| at.min(now_ms));
+        let query = HistoryQuery { nodes, signals, from_ms, to_ms };
+        Window { query, span_s, live: until.is_none(), chosen_ms }
     }
 
+    /// The chosen moment, or the end.
     fn moment_ms(&self) -> i64 {
-        let HistoryQuery { from_ms, to_ms, .. } = self.query;
-        from_ms + (to_ms - from_ms) * self.at as i64 / AT_END as i64
+        self.chosen_ms.unwrap_or(self.query.to_ms)
+    }
+
+    fn shows(&self, at_ms: i64) -> bool {
+        (self.query.from_ms..=self.query.to_ms).contains(&at_ms)
+    }
+
+    /// The chosen moment, unless it lies outside of the span.
+    fn line_ms(&self) -> Option<i64> {
+        self.chosen_ms.filter(|&at_ms| self.shows(at_ms))
     }
 
     /// The address of another span, in which the moment keeps its place; the present goes on if it is shown.
     fn zoomed(&self, query: &PageQuery, span_s: u64) -> String {
-        let after = (self.query.to_ms - self.moment_ms()) * span_s as i64 / self.span_s as i64;
-        let until = match self.live && self.at == AT_END {
+        let place_ms = self.line_ms().unwrap_or(self.query.to_ms);
+        let after = (self.query.to_ms - place_ms) * span_s as i64 / self.span_s as i64;
+        let until = match self.live && self.chosen_ms.is_none() {
             true => String::new(),
-            false => (self.moment_ms() + after).to_string(),
+            false => (place_ms + after).to_string(),
         };
         query.with_all(&[("span", &span_s.to_string()), ("until", &until)])
     }
@@ -170,7 +185,7 @@ fn unasked_s(published: &Published) -> u64 {
     if published.replay { SPAN_THEN_S } else { SPAN_S }
 }
 
-/// `GET /developer/timeline?node=NODE&span=SECONDS&until=MS&at=THOUSANDTHS`
+/// `GET /developer/timeline?node=NODE&span=SECONDS&until=MS&at=MS`, times in milliseconds since 1970.
 pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Html<String> {
     let PageRequest { published, context, query, .. } = request;
     let window = Window::of(&published, &query);
@@ -206,6 +221,15 @@ pub fn page(
         Some(past) if past.cut => Some(words.cut),
         Some(_) => None,
     };
+    let strips = past.map(|past| timeline.strips(past, published.snapshot.has_stages())).unwrap_or_default();
+    let unrecorded = match query.number("unrecorded") {
+        Some(_) if window.live => "",
+        Some(_) if window.shows(window.moment_ms()) && strips.iter().all(|strip| strip.state == "none") => {
+            words.nowhere
+        }
+        Some(_) => words.unrecorded,
+        None => "",
+    };
     html(&TimelineHtml {
         frame: super::frame(context),
         live: window.live,
@@ -217,18 +241,22 @@ pub fn page(
         offered: offered(view, nodes),
         from_ms,
         to_ms,
-        slider: window.at,
-        line: (window.at < AT_END).then(|| percent(window.at as f64 / 10.0)),
+        slider: window
+            .line_ms()
+            .map_or(SLIDER_END, |at_ms| SLIDER_END * (at_ms - from_ms) / (to_ms - from_ms).max(1)),
+        line: window.line_ms().map(|at_ms| percent(window.axis().x(stamp(at_ms)))),
         moment: wall(window.moment_ms()),
         moment_ms: window.moment_ms(),
-        unrecorded: query.number("unrecorded").is_some() && !window.live,
+        chosen: window.chosen_ms.is_some(),
+        around: (!window.shows(window.moment_ms())).then(|| shift(window.moment_ms() + half)),
+        unrecorded,
         earlier: shift((to_ms - half).max(0)),
         later: (!window.live).then(|| shift(to_ms + half)),
         present: query.without(&["until", "at", "unrecorded"]),
         zoom_in: window.zoomed(query, (window.span_s / 2).max(1)),
         zoom_out: window.zoomed(query, (window.span_s * 2).min(SPANS_S[SPANS_S.len() - 1])),
         unzoomed: query.without(&["span", "until", "at", "unrecorded"]),
-        strips: past.map(|past| timeline.strips(past, published.snapshot.has_stages())).unwrap_or_default(),
+        strips,
         ticks: ticks(window.axis()),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,
@@ -321,3 +349,6 @@ fn clock(at: Timestamp) -> String {
     let text = wall((at.as_nanos() / 1_000_000) as i64);
     text.get(11..21).unwrap_or_default().trim_end_matches(".0").to_owned()
 }
+
+#[cfg(test)]
+mod tests;

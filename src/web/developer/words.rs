@@ -153,6 +153,10 @@ words! {
     from_recording: "Before the instant that is shown.", "Vor dem gezeigten Augenblick.";
     shown_instant: "Up to the shown instant", "Bis zum gezeigten Augenblick";
     from_history: "From history: this is not the present.", "Aus dem Verlauf: Das ist nicht die Gegenwart.";
+    outside: "not shown", "nicht im Bild";
+    to_moment: "Show the moment", "Zum Zeitpunkt";
+    pages_then: "The other pages show this moment.", "Die anderen Seiten zeigen diesen Moment.";
+    nowhere: "Nothing holds this moment: no recording has it, and neither has the history.", "Nichts kennt diesen Moment: keine Aufzeichnung, und auch der Verlauf nicht.";
     unrecorded: "No recording has this moment. The history knows states and alarms, no values or messages.", "Keine Aufzeichnung hat diesen Moment. Der Verlauf kennt Zustände und Alarme, keine Werte oder Nachrichten.";
     show_moment: "Every page at this moment", "Alle Seiten in diesem Moment";
     no_history: "The history cannot be read now; the log says why. States and alarms work without it.", "Der Verlauf ist zurzeit nicht lesbar; das Protokoll sagt warum. Zustände und Alarme kommen ohne ihn aus.";

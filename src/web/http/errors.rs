@@ -45,6 +45,10 @@ pub enum HttpError {
     NoRecording,
     /// A recording cannot be replayed.
     NoReplay,
+    /// No moment that can be read stands in an address.
+    BadMoment,
+    /// A moment that is still to come, and no recording to say so.
+    Future,
     /// A long recording is being read for its replay.
     Opening,
 }
@@ -62,7 +66,7 @@ impl From<StoreError> for HttpError {
 impl HttpError {
     pub const fn status(self) -> StatusCode {
         match self {
-            HttpError::NotFound | HttpError::NoRecording => StatusCode::NOT_FOUND,
+            HttpError::NotFound | HttpError::NoRecording | HttpError::Future => StatusCode::NOT_FOUND,
             HttpError::WrongMethod => StatusCode::METHOD_NOT_ALLOWED,
             HttpError::NoSession => StatusCode::UNAUTHORIZED,
             HttpError::Forbidden | HttpError::ForeignOrigin => StatusCode::FORBIDDEN,
@@ -71,7 +75,7 @@ impl HttpError {
                 StatusCode::CONFLICT
             }
             HttpError::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
-            HttpError::BadRequest => StatusCode::BAD_REQUEST,
+            HttpError::BadRequest | HttpError::BadMoment => StatusCode::BAD_REQUEST,
             HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
             HttpError::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
             HttpError::TooMany => StatusCode::TOO_MANY_REQUESTS,
@@ -128,6 +132,21 @@ impl HttpError {
                 "Nicht verstanden",
                 "Die Adresse oder die Anfrage ist nicht, wie sie sein soll. Zurück zur Seite und noch einmal versuchen.",
             ),
+            (HttpError::BadMoment, Lang::En) => (
+                "Not a moment",
+                "Write a moment in the address as milliseconds since 1970, at=1795621444500, or in UTC, at=2026-11-25T15:44:04.5Z.",
+            ),
+            (HttpError::BadMoment, Lang::De) => (
+                "Kein Zeitpunkt",
+                "Ein Zeitpunkt steht in der Adresse in Millisekunden seit 1970, at=1795621444500, oder in UTC, \
+                 at=2026-11-25T15:44:04.5Z.",
+            ),
+            (HttpError::Future, Lang::En) => {
+                ("Still to come", "This moment is later than now, so nothing can show it.")
+            }
+            (HttpError::Future, Lang::De) => {
+                ("Noch nicht", "Dieser Zeitpunkt liegt in der Zukunft: Nichts kann ihn zeigen.")
+            }
             (HttpError::TooSlow, Lang::En) => (
                 "Took too long",
                 "The answer did not come in time. Look at the display before you try again.",

@@ -42,8 +42,7 @@ impl Reader {
     pub fn of(uri: &Uri, headers: &HeaderMap) -> Reader {
         let accepts_json = header(headers, ACCEPT.as_str())
             .is_some_and(|accept| accept.contains("application/json") && !accept.contains("text/html"));
-        let speaks =
-            if accepts_json || uri.path().starts_with("/api/") { Speaks::Json } else { Speaks::Html };
+        let speaks = if accepts_json || is_for_programs(uri.path()) { Speaks::Json } else { Speaks::Html };
         let lang = cookie(headers, "lang").and_then(Lang::from_word).or_else(|| preferred(headers));
         let palette = cookie(headers, "palette").and_then(Palette::from_word);
         Reader {
@@ -53,6 +52,11 @@ impl Reader {
             part: header(headers, PART).and_then(PagePart::from_word).unwrap_or_default(),
         }
     }
+}
+
+/// Addresses at which nobody reads a page: of the API, and of the script of a replay.
+fn is_for_programs(path: &str) -> bool {
+    path.starts_with("/api/") || path.starts_with("/replay/") && path.ends_with("/state")
 }
 
 impl<S: Sync> FromRequestParts<S> for Reader {

@@ -120,7 +120,6 @@ impl ListQuery {
         }
         Ok(IncidentFilter {
             cause: self.cause,
-            text: String::new(),
             group: self.group,
             stage: self.stage,
             marked: self.marked,
@@ -129,6 +128,7 @@ impl ListQuery {
             until_ms: time(self.until.as_deref()).ok_or("until")?,
             before: self.before,
             count,
+            ..IncidentFilter::default()
         })
     }
 }

@@ -7,7 +7,9 @@ use axum::response::{Html, IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::json;
 
-use super::page::{about_name, moment_ms};
+use super::Subject;
+use super::missing::MissingTold;
+use super::page::{about_name, asked_ms, beyond};
 use crate::replay::difference::{Differences, Fact, NodeChange, NodeThen, VehicleChange};
 use crate::web::AppState;
 use crate::web::developer::incidents::content::broken;
@@ -25,14 +27,16 @@ use crate::web::view::{Lang, html};
 /// Two moments: milliseconds since 1970, or UTC.
 #[derive(Debug, Deserialize)]
 pub struct TwoMoments {
-    a: String,
-    b: String,
+    a: Option<String>,
+    b: Option<String>,
 }
 
 struct Moment {
     address: String,
     at: String,
     clock: String,
+    /// Why it is another one than was asked for; empty if it is that one.
+    beyond: &'static str,
 }
 
 struct Then {
@@ -58,6 +62,10 @@ struct DifferencesHtml {
     frame: PageFrame,
     it: &'static IncidentWords,
     name: String,
+    subject: Subject,
+    /// What says that this was never shown; empty where it was.
+    edited: &'static str,
+    missing: Option<MissingTold>,
     moments: [Moment; 2],
     back: String,
     is_same: bool,
@@ -78,8 +86,8 @@ pub async fn differences(
     let Some(replay) = app.replays.of_address(&id, &session, app.clock.now()) else {
         return refusal(&reader, HttpError::NotFound);
     };
-    let (Some(a), Some(b)) = (moment_ms(&a), moment_ms(&b)) else {
-        return refusal(&reader, HttpError::BadRequest);
+    let (Ok(Some(a)), Ok(Some(b))) = (asked_ms(a.as_deref()), asked_ms(b.as_deref())) else {
+        return refusal(&reader, HttpError::BadMoment);
     };
     let (Some(first), Some(second)) = (replay.controls.look(a).await, replay.controls.look(b).await) else {
         return refusal(&reader, HttpError::Unavailable);
@@ -91,15 +99,20 @@ pub async fn differences(
     }
     let lang = reader.lang;
     let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
-    let moment = |at_ms: i64| {
+    let moment = |at_ms: i64, asked_ms: i64| {
         let at = wall_time(at_ms);
-        Moment { address: format!("/replay/{id}?at={at_ms}"), clock: at[11..23].to_owned(), at }
+        let beyond = beyond(it, &replay, asked_ms);
+        Moment { address: format!("/replay/{id}?at={at_ms}"), clock: at[11..23].to_owned(), at, beyond }
     };
+    let moments = [moment(first.at_ms, a), moment(second.at_ms, b)];
     Html(html(&DifferencesHtml {
         frame: PageFrame::new(lang, reader.palette),
         name: about_name(&app, replay.subject, it),
-        moments: [moment(first.at_ms), moment(second.at_ms)],
-        back: moment(second.at_ms).address,
+        subject: replay.subject,
+        edited: if replay.subject.is_edited() { it.edited } else { "" },
+        missing: replay.missing.told(lang, it),
+        back: moments[1].address.clone(),
+        moments,
         is_same: found.vehicle.is_empty() && found.nodes.is_empty(),
         vehicle: found.vehicle.iter().map(|change| fact(lang, it, words, change)).collect(),
         rows: found.nodes.iter().map(|node| row(lang, node)).collect(),

@@ -4,6 +4,7 @@
 //! whose source is that engine. It can act on nothing (see `source`).
 
 mod differences;
+mod missing;
 mod moment;
 mod opening;
 mod page;
@@ -28,6 +29,7 @@ use crate::record::writer::unix_ms;
 use crate::replay::Playback;
 use crate::store::{History, Session};
 pub use differences::differences;
+use missing::Missing;
 pub use moment::moment;
 use opening::Opening;
 pub use page::{control, get, state};
@@ -62,6 +64,7 @@ struct OpenReplay {
     /// What the recording tells, and its first lines; of an incident the store knows better ones.
     story: Arc<Story>,
     summary: Arc<Summary>,
+    missing: Arc<Missing>,
     /// The what-if whose configuration it shows.
     edited: Option<Arc<WhatIf>>,
 }
@@ -106,6 +109,7 @@ fn start(
     let (show, mut source) = Player::start(player::published(&mut playback)?);
     source.flows = playback.flows().clone();
     let history = history_of(&mut playback, app.clock);
+    let missing = Arc::new(Missing::of(&playback));
     let (controls, state) = player::start(playback, show, app.clock, folder).ok()?;
     let settings = Settings {
         origins: app.settings.origins.clone(),
@@ -128,7 +132,7 @@ fn start(
     tokio::spawn(trend_sampling::watch(inner.clone()));
     let (used, screen) = (app.clock.now(), router(inner));
     let session = session.clone();
-    Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, edited })
+    Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, missing, edited })
 }
 
 /// What the recording tells of the past. Without it, pages say that there is none.

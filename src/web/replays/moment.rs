@@ -5,11 +5,12 @@ use std::time::Duration;
 use axum::extract::{Query, State};
 use axum::response::{IntoResponse, Redirect, Response};
 
-use super::page::{MomentQuery, moment_ms};
+use super::page::{MomentQuery, asked_ms};
 use crate::record::recorder::Recorder;
 use crate::record::writer::unix_ms;
 use crate::store::IncidentFilter;
 use crate::web::AppState;
+use crate::web::developer::address;
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
 use crate::web::http::respond::{Reader, refusal};
@@ -20,22 +21,26 @@ const PRE_ROLL_MAX_MS: i64 = 3_600_000;
 const SPAN_S: i64 = 120;
 
 /// `GET /developer/moment?at=TIME`, TIME in milliseconds since 1970 or UTC, without one now. Leads to the replay of
-/// the last minutes, else to that of an incident, else to the timeline, which has states and alarms alone.
+/// the last minutes, else to that of an incident, else to the timeline, which has states and alarms alone. With
+/// `&screen=ADDRESS` a replay shows that page first.
 pub async fn moment(
     State(app): State<AppState>,
-    Query(MomentQuery { at }): Query<MomentQuery>,
+    Query(MomentQuery { at, screen }): Query<MomentQuery>,
     _: SignedIn,
     reader: Reader,
 ) -> Response {
     let now_ms = unix_ms(app.clock.wall());
-    let at_ms = match at.as_deref().map(moment_ms) {
-        Some(Some(at_ms)) => at_ms.clamp(0, now_ms),
-        Some(None) => return refusal(&reader, HttpError::BadRequest),
-        None => now_ms,
+    let at_ms = match asked_ms(at.as_deref()) {
+        Ok(at_ms) => at_ms.unwrap_or(now_ms).max(0),
+        Err(trouble) => return refusal(&reader, trouble),
     };
     let recorder = app.settings.recording.as_ref().map(|state| &state.recorder);
+    // Of a moment still to come, the replay says that it ends before.
     if recorder.and_then(|it| held_since_ms(&app, it)).is_some_and(|since_ms| since_ms <= at_ms) {
-        return Redirect::to(&format!("/replay/recent?at={at_ms}")).into_response();
+        return Redirect::to(&format!("/replay/recent{}", asks(at_ms, &screen))).into_response();
+    }
+    if at_ms > now_ms {
+        return refusal(&reader, HttpError::Future);
     }
     let filter = IncidentFilter {
         since_ms: Some(at_ms),
@@ -53,13 +58,17 @@ pub async fn moment(
         recording.finished && !recording.gone && from_ms <= at_ms
     });
     Redirect::to(&match covers {
-        Some(incident) => format!("/replay/{}?at={at_ms}", incident.summary.id),
+        Some(incident) => format!("/replay/{}{}", incident.summary.id, asks(at_ms, &screen)),
         None => {
-            let until_ms = at_ms.saturating_add(SPAN_S * 500);
-            format!("/developer/timeline?span={SPAN_S}&until={until_ms}&at=500&unrecorded=1")
+            let until_ms = at_ms.saturating_add(SPAN_S * 500).min(now_ms);
+            format!("/developer/timeline?span={SPAN_S}&until={until_ms}&at={at_ms}&unrecorded=1")
         }
     })
     .into_response()
+}
+
+fn asks(at_ms: i64, screen: &str) -> String {
+    address([("at", &*at_ms.to_string()), ("screen", screen)].into_iter())
 }
 
 /// Since when the recorder holds everything.

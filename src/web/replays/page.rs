@@ -10,6 +10,7 @@ use axum::response::{Html, IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::json;
 
+use super::missing::MissingTold;
 use super::opening::of;
 use super::player::{Order, PlayState};
 use super::{OpenReplay, Subject};
@@ -19,11 +20,14 @@ use crate::web::developer::incidents::content::{Content, Medium};
 use crate::web::developer::incidents::words::IncidentWords;
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
-use crate::web::http::respond::{Reader, bad_form, json_answer, refusal};
-use crate::web::incidents::{Read, find};
+use crate::web::http::respond::{Reader, bad_field, bad_form, json_answer, refusal};
+use crate::web::incidents::{Read, find, wall_time};
 use crate::web::view::page::frame::PageFrame;
 use crate::web::view::text::{NAME, clean};
 use crate::web::view::{Lang, html};
+
+/// No address of a screen is longer.
+const SCREEN_BYTES_MAX: usize = 2000;
 
 #[derive(Template)]
 #[template(path = "replay.html")]
@@ -35,17 +39,27 @@ struct ReplayHtml {
     state: PlayState,
     /// What says that this was never shown; empty where it was.
     edited: &'static str,
+    /// What the recording lacks.
+    missing: Option<MissingTold>,
+    /// Why another moment is shown than was asked for; empty if that one is.
+    beyond: &'static str,
+    /// The shown moment.
+    shown: String,
     /// The replay of the same incident by the other configuration, and its name.
     other: Option<(Subject, &'static str)>,
     /// The screens: the address behind the replay's, and its name.
     screens: [(&'static str, &'static str); 7],
     speeds: [&'static str; 6],
+    /// The address of the first screen behind the replay's.
+    screen: String,
 }
 
-/// A moment in the address: milliseconds since 1970, or UTC.
+/// A moment in the address: milliseconds since 1970, or UTC; and the page that shows it, instead of the operator's.
 #[derive(Debug, Deserialize)]
 pub struct MomentQuery {
     pub(super) at: Option<String>,
+    #[serde(default)]
+    pub(super) screen: String,
 }
 
 /// Orders of the page: one at a time.
@@ -107,7 +121,7 @@ async fn opened(
 pub async fn get(
     State(app): State<AppState>,
     Path(id): Path<String>,
-    Query(MomentQuery { at }): Query<MomentQuery>,
+    Query(MomentQuery { at, screen }): Query<MomentQuery>,
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Response {
@@ -115,7 +129,10 @@ pub async fn get(
         Ok(subject) => subject,
         Err(trouble) => return refusal(&reader, trouble),
     };
-    let at_ms = at.as_deref().and_then(moment_ms);
+    let at_ms = match asked_ms(at.as_deref()) {
+        Ok(at_ms) => at_ms,
+        Err(trouble) => return refusal(&reader, trouble),
+    };
     let (incident, replay) = match opened(&app, subject, &session, at_ms).await {
         Ok(opened) => opened,
         Err(HttpError::Opening) => {
@@ -133,9 +150,11 @@ pub async fn get(
     let incident =
         incident.unwrap_or_else(|| Incident { summary: (*replay.summary).clone(), kept: false, note: None });
     let read = Read::Told(Box::new((*replay.story).clone()));
-    let content =
+    let mut content =
         Content::of(lang, &incident, (&read, &crate::record::proof::Proof::None), Medium::Replay(&id));
     let words = content.words;
+    let it = content.it;
+    content.first_trigger.insert_str(0, &replay.missing.marks(content.from_ms, content.to_ms));
     let other = match subject {
         Subject::WhatIf(id) => Some((Subject::Incident(id), content.it.as_recorded)),
         Subject::Incident(id) => {
@@ -147,7 +166,10 @@ pub async fn get(
         frame: PageFrame::new(lang, reader.palette),
         about: about(&app, subject, content.it),
         subject,
-        edited: if subject.is_edited() { content.it.edited } else { "" },
+        edited: if subject.is_edited() { it.edited } else { "" },
+        missing: replay.missing.told(lang, it),
+        beyond: at_ms.map(|at_ms| beyond(it, &replay, at_ms)).unwrap_or_default(),
+        shown: wall_time(state.at_ms),
         other,
         screens: [
             ("/", operator_word(lang)),
@@ -159,10 +181,16 @@ pub async fn get(
             ("/developer/topics", words.topics),
         ],
         speeds: ["0.1", "0.5", "1", "2", "5", "20"],
+        screen: if is_screen(&screen) { screen } else { "/".to_owned() },
         content,
         state,
     }))
     .into_response()
+}
+
+/// Whether a screen of the replay has this address. Another one would leave it.
+fn is_screen(address: &str) -> bool {
+    address.starts_with("/developer") && address.len() <= SCREEN_BYTES_MAX && !address.contains("..")
 }
 
 const fn operator_word(lang: Lang) -> &'static str {
@@ -172,9 +200,25 @@ const fn operator_word(lang: Lang) -> &'static str {
     }
 }
 
-pub(super) fn moment_ms(text: &str) -> Option<i64> {
+/// The moment that an address asks for, in milliseconds since 1970; `None` if it asks for none.
+pub(super) fn asked_ms(at: Option<&str>) -> Result<Option<i64>, HttpError> {
+    let Some(text) = at else { return Ok(None) };
     let utc = || humantime::parse_rfc3339_weak(text).ok().map(crate::record::writer::unix_ms);
-    text.parse().ok().or_else(utc)
+    text.parse().ok().or_else(utc).map(Some).ok_or(HttpError::BadMoment)
+}
+
+/// Why another moment is shown than was asked for; empty if that one is.
+pub(super) fn beyond(it: &'static IncidentWords, replay: &OpenReplay, asked_ms: i64) -> &'static str {
+    let PlayState { from_ms, to_ms, .. } = *replay.state.borrow();
+    // "Now" is a little later than the last step of the last minutes.
+    let grace_ms = if replay.subject == Subject::Recent { 1000 } else { 0 };
+    if asked_ms > to_ms.saturating_add(grace_ms) {
+        it.ends_at
+    } else if asked_ms < from_ms {
+        it.begins_at
+    } else {
+        ""
+    }
 }
 
 /// `GET /replay/{id}/state`
@@ -211,7 +255,9 @@ pub async fn control(
         ControlForm { step: Some(step), .. } if step == "previous" => Order::Step { forwards: false },
         ControlForm { play: Some(speed), .. } if (0.01..=1000.0).contains(&speed) => Order::Play(speed),
         ControlForm { play: Some(0.0), .. } => Order::Pause,
-        _ => return refusal(&reader, HttpError::BadForm),
+        ControlForm { step: Some(_), .. } => return bad_field(&reader, "step"),
+        ControlForm { play: Some(_), .. } => return bad_field(&reader, "play"),
+        _ => return bad_field(&reader, "at_ms, step, play"),
     };
     replay.controls.order(order);
     // Else the page would jump back to the place before.

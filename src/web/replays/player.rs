@@ -83,6 +83,8 @@ pub struct PlayState {
     pub to_ms: i64,
     pub playing: bool,
     pub speed: f64,
+    /// Something is missing before, so what is shown may differ from what was shown then.
+    pub may_differ: bool,
 }
 
 /// Starts the thread. A folder in which the recording lies is removed with it.
@@ -217,6 +219,7 @@ impl Thread {
             to_ms: ms(self.playback.to()),
             playing: self.playing.is_some(),
             speed: self.speed,
+            may_differ: self.playback.gaps().may_differ(self.playback.at()),
         }
     }
 }

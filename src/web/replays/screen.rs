@@ -65,9 +65,10 @@ pub async fn get(
         Ok(answer) => answer,
         Err(never) => match never {},
     };
-    let is_edited = open.subject.is_edited();
-    let edited = if is_edited { IncidentWords::of(reader.lang).edited } else { "" };
-    based(answer.into_response(), &format!("/replay/{id}/screen"), edited).await
+    let it = IncidentWords::of(reader.lang);
+    let edited = if open.subject.is_edited() { it.edited } else { "" };
+    let signs = [("edited", edited), ("missing", &*open.missing.sign(reader.lang, it))];
+    based(answer.into_response(), &format!("/replay/{id}/screen"), &signs).await
 }
 
 /// Gives a request what the connection says of itself.
@@ -77,9 +78,9 @@ fn carry<T: Clone + Send + Sync + 'static>(from: &mut Extensions, to: &mut Reque
     }
 }
 
-/// A page with links that stay in the replay. The replay's own page may frame it. `edited` is a sign on every page that
-/// shows what was never shown.
-async fn based(mut answer: Response, base: &str, edited: &'static str) -> Response {
+/// A page with links that stay in the replay. The replay's own page may frame it. `signs` stand on every page, each with
+/// the name of its attribute: that it shows what was never shown, or what may differ from it.
+async fn based(mut answer: Response, base: &str, signs: &[(&str, &str)]) -> Response {
     answer.headers_mut().insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(FRAMED));
     let is_page = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/html");
     if !answer.headers().get(CONTENT_TYPE).is_some_and(is_page) {
@@ -95,8 +96,8 @@ async fn based(mut answer: Response, base: &str, edited: &'static str) -> Respon
         page = page.replace(&format!("=\"{address}"), &format!("=\"{base}{address}"));
     }
     page = page.replace("href=\"/\"", &format!("href=\"{base}/\""));
-    if !edited.is_empty() {
-        page = page.replacen("<body ", &format!("<body data-edited=\"{edited}\" "), 1);
+    for (name, sign) in signs.iter().filter(|(_, sign)| !sign.is_empty()) {
+        page = page.replacen("<body ", &format!("<body data-{name}=\"{sign}\" "), 1);
     }
     parts.headers.remove(CONTENT_LENGTH);
     Response::from_parts(parts, Body::from(page))

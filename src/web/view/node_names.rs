@@ -117,6 +117,13 @@ impl View<'_> {
         Some(self.lang.pick(name, NAME))
     }
 
+    /// All names that the configuration gives the faults of a module, for a search.
+    pub fn names_of_faults(&self, info: &ModuleInfo) -> String {
+        let levels = info.name.iter().flat_map(|name| name.levels());
+        let names = levels.flat_map(|(_, words)| words.all()).map(|text| self.lang.pick(text, NAME));
+        names.collect::<Vec<_>>().join("\n")
+    }
+
     /// The message of a report. A publisher has one language; the engine's own messages have both.
     pub(super) fn report_text(&self, report: &Report) -> String {
         let german = report.german.as_ref().filter(|_| self.lang == Lang::De);

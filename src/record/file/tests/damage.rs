@@ -9,6 +9,7 @@ use mcap::records::op;
 use serde_json::json;
 
 use super::*;
+use crate::record::file::Missing;
 
 /// A file with a few chunks, and after each its length and the entries so far.
 fn sample(folder: &Path, finished: bool) -> (PathBuf, Vec<(u64, usize)>) {
@@ -36,6 +37,39 @@ fn sample(folder: &Path, finished: bool) -> (PathBuf, Vec<(u64, usize)>) {
 
 fn of(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>, FileError> {
     Reader::new(Path::new("x"), Cursor::new(bytes))
+}
+
+#[test]
+fn where_a_chunk_is_damaged_its_times_are_told() {
+    let folder = TestFolder::new("record-gap");
+    let (path, ended) = sample(&folder, true);
+    let whole = fs::read(&path).unwrap();
+    let places = |bytes: &[u8]| {
+        let mut reader = of(bytes).unwrap();
+        let mut told: Vec<(u64, Option<(u64, u64)>)> = Vec::new();
+        while let Some(entry) = reader.next_entry() {
+            let at = entry.stamps().map_or(0, |stamps| stamps.log_time_ns);
+            let Entry::Missing(Missing { span_ns }) = entry else {
+                told.push((at, None));
+                continue;
+            };
+            told.push((at, Some(span_ns.unwrap_or_default())));
+        }
+        told
+    };
+    let undamaged = places(&whole);
+    assert!(undamaged.iter().all(|(_, missing)| missing.is_none()));
+    // A bit of the second chunk, behind its head.
+    let mut flipped = whole.clone();
+    flipped[ended[1].0 as usize + 80] ^= 1;
+    let mut expected = undamaged.clone();
+    expected.splice(3..6, [(0, Some((3, 4)))]);
+    assert_eq!(places(&flipped), expected);
+    // Its length: only that something stood there is known.
+    let mut broken = whole;
+    broken[ended[1].0 as usize + 3] ^= 0x40;
+    expected[3] = (0, Some((0, 0)));
+    assert_eq!(places(&broken), expected);
 }
 
 #[test]
@@ -195,10 +229,14 @@ fn a_document_that_is_too_large_is_left_out() {
     assert_eq!(check(&path).unwrap(), [""; 0]);
     let mut reader = Reader::open(&path).unwrap();
     let mut times = Vec::new();
-    while let Some(Entry::Json { stamps, .. }) = reader.next_entry() {
-        times.push(stamps.log_time_ns);
+    while let Some(entry) = reader.next_entry() {
+        times.push(match entry {
+            Entry::Missing(Missing { span_ns }) => span_ns,
+            entry => entry.stamps().map(|stamps| (stamps.log_time_ns, 0)),
+        });
     }
-    assert_eq!(times, [1, 4]);
+    // That something of the journal is missing is said where it is.
+    assert_eq!(times, [Some((1, 0)), Some((2, 2)), Some((4, 0))]);
     let told = left_out(&reader).join("\n");
     assert!(told.contains("a document of /telltale/journal with 16777217 bytes is too large"), "{told}");
 }

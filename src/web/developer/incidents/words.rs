@@ -58,7 +58,17 @@ words! {
     previous: "Previous change", "Vorige Änderung";
     next: "Next change", "Nächste Änderung";
     speed: "Speed", "Tempo";
+    space_key: "Space", "Leertaste";
     link: "Link to this moment", "Link zu diesem Augenblick";
+    damaged: "Damaged recording", "Beschädigte Aufzeichnung";
+    has_gaps: "Recording with gaps", "Lückenhafte Aufzeichnung";
+    missing_are: "missing", "es fehlt";
+    to_the_end: "the end", "Ende";
+    may_differ: "may differ from what was shown", "kann von damals abweichen";
+    may_differ_after: "What is shown from there on may differ from what was shown then", "Was ab dort zu sehen ist, kann von dem abweichen, was damals zu sehen war";
+    up_to: "up to", "bis";
+    ends_at: "The recording does not hold the moment that was asked for. It ends here:", "Die Aufzeichnung hat den verlangten Augenblick nicht. Sie endet hier:";
+    begins_at: "The recording does not hold the moment that was asked for. It begins here:", "Die Aufzeichnung hat den verlangten Augenblick nicht. Sie beginnt hier:";
     no_answer: "The server does not answer. What is shown stands still.", "Der Server antwortet nicht. Die Anzeige steht still.";
     download: "Download the recording", "Aufzeichnung herunterladen";
     keep: "Keep it", "Aufbewahren";

@@ -71,7 +71,7 @@ impl TimelineStrips<'_> {
                 };
                 (state_of(segment.look), look_word(self.lang, segment.look), because)
             }
-            None => ("none", self.words.no_record, String::new()),
+            None => ("none", self.nothing(), String::new()),
         };
         let others = self.window.query.nodes.iter().filter(|name| **name != past.name);
         let other_fields = ["span", "until", "at"].into_iter().map(|name| (name, self.query.get(name)));
@@ -118,7 +118,7 @@ impl TimelineStrips<'_> {
             kind,
             bars: held.iter().map(bar).collect(),
             state: if there.is_some() { "level" } else { "none" },
-            word: there.map_or(self.words.no_record, |it| look(it.value).2),
+            word: there.map_or(self.nothing(), |it| look(it.value).2),
             because: String::new(),
         }
     }
@@ -130,6 +130,14 @@ impl TimelineStrips<'_> {
             let (from, to) = span(it);
             from <= moment && moment <= to
         })
+    }
+
+    /// Why a strip has no state at the moment.
+    fn nothing(&self) -> &'static str {
+        match self.window.shows(self.window.moment_ms()) {
+            true => self.words.no_record,
+            false => self.words.outside,
+        }
     }
 
     fn painter(&self) -> Painter {
