@@ -272,6 +272,25 @@ mod tests {
     }
 
     #[test]
+    fn the_end_of_autonomous_driving_is_an_incident_unless_the_vehicle_stands() {
+        let snapshot = |stage, moving| {
+            let mut snapshot = Snapshot::clone(&engine().snapshot());
+            (snapshot.stage, snapshot.motion.moving) = (stage, moving);
+            snapshot
+        };
+        for moving in Moving::ALL {
+            let mut tracker = Tracker::new(Margins::default(), &snapshot(Stage::Active, moving));
+            assert_eq!(tracker.follow(&snapshot(Stage::Active, moving), &[]), []);
+            let changes = tracker.follow(&snapshot(Stage::Standby, moving), &[]);
+            let opened = changes.iter().any(|change| {
+                let Change::Opened(open) = change else { return false };
+                matches!(open.triggers[..], [(_, Trigger::LostActive { stage: Stage::Standby })])
+            });
+            assert_eq!(opened, moving != Moving::No, "{moving:?}: {changes:?}");
+        }
+    }
+
+    #[test]
     fn triggers_are_bounded_and_counted() {
         let mut tracker = Tracker::new(Margins::default(), &engine().snapshot());
         for _ in 0..1000 {
