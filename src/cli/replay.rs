@@ -236,7 +236,7 @@ fn check_stage(args: &Args, facts: &Facts, loaded: &Loaded, path: &Path) -> anyh
 /// Takes all steps. Prints the lines, or returns their JSON.
 fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String>> {
     let facts = run.facts().clone();
-    let from = args.from.map_or(facts.from, |moment| moment.at(&facts).max(facts.from));
+    let from = args.from.map_or(facts.from, |moment| moment.at(&facts));
     let to = args.to.map(|moment| moment.at(&facts));
     let end = facts.to.map(|end| end.max(facts.from));
     // The clock of the engine does not go back behind its beginning.

@@ -165,6 +165,26 @@ fn without_a_dependency_the_false_alarms_come_back() {
 }
 
 #[test]
+fn what_led_to_the_first_instant_is_printed_on_demand() {
+    let files = Files::new("replay-before");
+    let recording = files.recording("a.mcap");
+    let lines = |words: &[&str]| -> Vec<Value> {
+        let run = Command::new(env!("CARGO_BIN_EXE_telltale"))
+            .args(["replay", &recording, "--json"])
+            .args(words)
+            .output();
+        let run = run.unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        let lines = String::from_utf8(run.stdout).unwrap();
+        lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    };
+    let (shown, all) = (lines(&[]), lines(&["--from", "1970-01-01T00:00:00Z"]));
+    let before: Vec<&Value> = all.iter().take_while(|line| line["t_s"].as_f64().unwrap() < 0.0).collect();
+    assert!(!before.is_empty() && !shown.is_empty());
+    assert!(all.ends_with(&shown[1..]), "{} {}", all.len(), shown.len());
+}
+
+#[test]
 fn the_same_configuration_changes_nothing_and_a_folder_has_many_recordings() {
     let files = Files::new("what-if-same");
     let same = files.write("same.yaml", format!("# The same.\n{SHUTTLE}"));

@@ -210,9 +210,11 @@ fn a_recording_that_cannot_be_read_leaves_what_the_database_knows() {
     }
     let hash = "ef".repeat(32);
     let document = document(Lang::En, &incident, &told("a/b", 1), &Proof::Other(hash.clone()));
-    assert!(document.contains(&format!(
-        "not as it was recorded. What follows was read from the changed file. Its hash is {hash}"
-    )));
+    assert!(
+        document.contains(&format!(
+            "the file was changed, and what follows was read from it. Its hash is {hash}"
+        ))
+    );
     let mut open = incident;
     (open.summary.recording.finished, open.summary.recording.sha256) = (false, None);
     let document = self::document(Lang::En, &open, &told("a/b", 1), &Proof::None);
