@@ -43,7 +43,13 @@
 
   const isOn = () => wanted && context?.state === "running";
 
+  // The button changes its width, and must not move what a finger is on.
+  let isPressed = false;
+  addEventListener("pointerdown", () => (isPressed = true), true);
+  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => (isPressed = false), true);
+
   const mark = () => {
+    if (isPressed) return;
     tool.dataset.sound = isOn() ? "on" : "off";
   };
 

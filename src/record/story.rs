@@ -1,6 +1,7 @@
 //! What the file of a recording tells of an incident, without a replay: what happened when, the states of the nodes
 //! concerned, and how much of each topic is there.
 
+mod moment;
 mod operator;
 mod series;
 mod strips;
@@ -16,6 +17,7 @@ use super::journal::{Line, Took};
 use super::summary::{Summary, TriggerLine, kind};
 use super::transition::{Change, Transition};
 use crate::engine::input::Input;
+pub use moment::{Happened, Moment};
 use operator::done;
 pub use operator::word as operator_word;
 pub use series::{Limit, Series};
@@ -62,82 +64,6 @@ pub struct Story {
     /// Parts of the file that cannot be used, and why.
     pub left_out: Vec<String>,
     pub more_left_out: u64,
-}
-
-/// One thing that happened.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
-pub struct Moment {
-    pub at_ms: i64,
-    #[serde(flatten)]
-    pub what: Happened,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
-#[serde(rename_all = "snake_case", tag = "kind")]
-pub enum Happened {
-    /// A module shows a fault that nothing explains, or no longer explains.
-    Fails {
-        node: String,
-        state: String,
-        message: String,
-    },
-    /// The nodes are explained by a root cause and hidden behind it.
-    Masks {
-        by: String,
-        nodes: Vec<String>,
-        more: usize,
-    },
-    /// Modules that had failed are OK.
-    Recovers {
-        nodes: Vec<String>,
-        more: usize,
-    },
-    /// The alarm of a symptom now belongs to its cause.
-    AlarmMoves {
-        symptom: String,
-        node: String,
-    },
-    Stage {
-        stage: String,
-    },
-    /// A signal has another value; `None`: it is not known.
-    Signal {
-        signal: String,
-        value: Option<bool>,
-    },
-    /// Autonomous driving ended although the vehicle was not known to stand.
-    LostActive {
-        stage: String,
-    },
-    /// A request to the vehicle became stronger.
-    Request {
-        request: String,
-    },
-    Mark {
-        by: String,
-        note: String,
-    },
-    /// What the operator did, by the word of the action, and on what.
-    Operator {
-        action: &'static str,
-        on: String,
-    },
-    /// What the operator wanted and was refused, by the word of the action, and why, in English and German.
-    Refused {
-        action: String,
-        on: String,
-        by: String,
-        why: String,
-        why_de: String,
-    },
-    /// The wall clock was set by so much.
-    ClockSet {
-        by_ms: i64,
-    },
-    Reload,
-    Lost {
-        count: u64,
-    },
 }
 
 /// The messages of one topic in the file.
@@ -284,11 +210,17 @@ impl<'a> Heard<'a> {
         let from_ms = from_ms(summary);
         let last = self.topics.values().map(|topic| topic.last_ms).max();
         let last = last.max(self.changes.iter().map(|change| change.at_ms).max());
-        let to_ms = summary.until_ms.or(last).unwrap_or(summary.since_ms).max(from_ms + 1);
+        let until_ms = summary.until_ms.or(last).unwrap_or(summary.since_ms);
+        // Of an interrupted recording, nothing is known behind its last entry.
+        let end_ms = last.filter(|_| summary.recording.interrupted).map(|last| last.min(until_ms));
+        let to_ms = end_ms.unwrap_or(until_ms).max(from_ms + 1);
         let mut moments = self.operator;
         moments.extend(happened(&self.changes, summary, from_ms));
         moments.extend(triggers(summary));
-        moments.retain(|moment| (from_ms..=to_ms).contains(&moment.at_ms));
+        moments.retain(|moment| {
+            (from_ms..=to_ms).contains(&moment.at_ms) || end_ms.is_some_and(|end| moment.at_ms > end)
+        });
+        moments.extend(end_ms.map(|at_ms| Moment { at_ms, what: Happened::Interrupted }));
         // Of one instant first what the operator did, last what followed from the changes.
         moments.sort_by_key(|moment| moment.at_ms);
         let more = moments.len().saturating_sub(MOMENTS_MAX) as u64;

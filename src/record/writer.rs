@@ -49,7 +49,7 @@ pub const VEHICLE: &str = "vehicle";
 pub enum News {
     /// A recording began: what is known of it is on the disk.
     Begun(Summary),
-    /// It has another trigger.
+    /// It has another trigger, which is on the disk.
     Extended(Summary),
     /// Its file is whole, or was given up.
     Ended(Summary),
@@ -129,8 +129,9 @@ impl Writer {
             Err(error) => return self.fail(&error),
         };
         self.tell(News::Begun(file.summary.clone()));
+        let mut is_extended = false;
         loop {
-            let (job, entries, gone) = {
+            let (job, entries, gone, is_up_to_date) = {
                 let state = self.shared.lock();
                 let Some(job) = state.jobs.iter().find(|it| it.number == job.number).cloned() else { return };
                 let (entries, gone) = state.ring.read(file.next, BATCH_BYTES);
@@ -138,17 +139,23 @@ impl Writer {
                 let most = job.end.map(|end| end.saturating_sub(file.next + gone));
                 let most = most.and_then(|most| usize::try_from(most).ok()).unwrap_or(usize::MAX);
                 let entries: Vec<Entry> = entries.into_iter().take(most).collect();
-                (job, entries, gone)
+                let is_up_to_date = file.next + gone + entries.len() as u64 == state.ring.next();
+                (job, entries, gone, is_up_to_date)
             };
-            if file.follow(&job) {
-                self.tell(News::Extended(file.summary.clone()));
-            }
+            is_extended |= file.follow(&job);
+            // A trigger is told once it is on the disk, after everything that came before it.
+            let is_told = is_extended && is_up_to_date;
             let is_all = entries.is_empty();
             let written = self.shared.on_disk(|| {
-                file.take(&entries, gone, &self.place).and_then(|()| file.end_chunk_if_due(self.clock))
+                file.take(&entries, gone, &self.place)?;
+                if is_told { file.save_triggers(self.clock) } else { file.end_chunk_if_due(self.clock) }
             });
             if let Err(error) = written {
                 return self.give_up(file.abandon(self.clock), &error);
+            }
+            if is_told {
+                is_extended = false;
+                self.tell(News::Extended(file.summary.clone()));
             }
             match job.end {
                 Some(_) if is_all => break,

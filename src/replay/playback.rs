@@ -124,6 +124,14 @@ impl Playback {
         if forwards { times.find(|at| *at > self.at) } else { times.rfind(|at| *at < self.at) }
     }
 
+    /// The instant of a millisecond, in nanoseconds since 1970: that of its last change, if it has one. Addresses and
+    /// pages know no finer times, and lead to what is shown from this change on.
+    pub fn instant_of(&self, unix_ns: u64) -> Timestamp {
+        let (from, to) = (self.facts.at(unix_ns), self.facts.at(unix_ns.saturating_add(1_000_000)));
+        let last = self.changes.iter().rfind(|record| (from..to).contains(&record.at));
+        last.map_or(from, |record| record.at)
+    }
+
     /// Shows this instant, or the nearest one that is recorded.
     ///
     /// # Errors

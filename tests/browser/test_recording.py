@@ -12,6 +12,7 @@ import time
 
 import pytest
 from mcap.exceptions import McapError
+from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
@@ -167,6 +168,14 @@ ROUNDS = int(os.environ.get("TELLTALE_CRASH_ROUNDS", "20")) // 3
 READABLE_NS = int(2e9)
 
 
+def transitions(path):
+    with open(path, "rb") as file:
+        return [
+            json.loads(message.data[8 : 7 + int.from_bytes(message.data[4:8], "little")])
+            for _, _, message in make_reader(file).iter_messages(topics=["/telltale/transitions"], log_time_order=False)
+        ]
+
+
 def test_a_recording_is_readable_up_to_the_last_second_before_a_kill(recorded, tmp_path):
     server, rounds = recorded, ROUNDS
     talking = Talking(Publisher(server, tmp_path, "/foreign/cyclone", "String", "cyclone"))
@@ -184,6 +193,8 @@ def test_a_recording_is_readable_up_to_the_last_second_before_a_kill(recorded, t
             moment = time.monotonic() + chance.uniform(0, 2)
             until(lambda: time.monotonic() > moment, 5, "its moment has come")
             at_ns = time.time_ns()
+            # What was confirmed is there after all.
+            assert json.loads(client.post("/api/v1/mark", note=f"killed {number}"))["incident"] == number
             server.kill()
             age_ns = at_ns - last_message_ns(file) - int((MACHINE.total_s - stalled_s) * 1e9)
             assert age_ns < READABLE_NS, f"{file}: its last message came {age_ns / 1e9:.2f} s before the kill"
@@ -198,6 +209,10 @@ def test_a_recording_is_readable_up_to_the_last_second_before_a_kill(recorded, t
             whole.write_bytes(client.opener.open(f"{server.url}/incidents/{number}.mcap", timeout=10).read())
             read = subprocess.run([sys.executable, ROOT / "tests/record/readers.py", whole], capture_output=True, text=True, timeout=120)
             assert read.returncode == 0, read.stderr
+            marks = [it["note"] for it in transitions(whole) if it["kind"] == "trigger" and it["of"] == "mark"]
+            assert marks == ["before a kill", f"killed {number}"], number
+            story = ask(f"/api/v1/incidents/{number}")["story"]
+            assert story["moments"][-1]["kind"] == "interrupted" and story["to_ms"] == story["moments"][-1]["at_ms"], story["moments"]
     finally:
         talking.end()
         talking.publisher.close()

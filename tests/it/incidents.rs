@@ -269,6 +269,12 @@ async fn recordings_are_proven_by_the_store_and_by_the_audit_log() {
     run(&format!("UPDATE incidents SET summary = replace(summary, '{old}', '{hash}'), sha256 = '{hash}'"));
     let (out, _, code) = folder.run(&["verify", "3"]);
     assert!(code == Some(1) && out.contains("the audit log has sha256"), "{out}");
+    // A recording that is gone with its row is named, too; and a pipe is not waited for.
+    run("DELETE FROM incidents WHERE id = 2");
+    assert!(Command::new("mkfifo").arg(folder.file(19)).status().unwrap().success());
+    let (out, _, code) = folder.run(&["verify"]);
+    assert!(code == Some(1) && out.contains("incident 2: neither the store knows it"), "{out}");
+    assert!(out.contains("BAD   incident 19: ") && out.contains("is no file"), "{out}");
     // In the audit log too, but not its chain.
     run(&format!("UPDATE audit SET target = replace(target, '{old}', '{hash}')"));
     let (out, _, code) = folder.run(&["verify", "3"]);

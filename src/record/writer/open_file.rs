@@ -268,6 +268,14 @@ impl OpenFile {
         self.file.message(topic, stamps, (body, *endian))
     }
 
+    /// Writes the triggers that are known, and all before them.
+    pub(super) fn save_triggers(&mut self, clock: Clock) -> Result<(), FileError> {
+        self.tell_triggers(Timestamp::MAX)?;
+        self.chunk_ended = Some(clock.now());
+        self.file.end_chunk()?;
+        self.file.sync()
+    }
+
     pub(super) fn end_chunk_if_due(&mut self, clock: Clock) -> Result<(), FileError> {
         let now = clock.now();
         if self.chunk_ended.is_some_and(|ended| now.since(ended) < CHUNK_EVERY) {

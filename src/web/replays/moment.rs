@@ -34,9 +34,8 @@ pub async fn moment(
         Ok(at_ms) => at_ms.unwrap_or(now_ms).max(0),
         Err(trouble) => return refusal(&reader, trouble),
     };
-    let recorder = app.settings.recording.as_ref().map(|state| &state.recorder);
     // Of a moment still to come, the replay says that it ends before.
-    if recorder.and_then(|it| held_since_ms(&app, it)).is_some_and(|since_ms| since_ms <= at_ms) {
+    if recorder_holds(&app, at_ms) {
         return Redirect::to(&format!("/replay/recent{}", asks(at_ms, &screen))).into_response();
     }
     if at_ms > now_ms {
@@ -67,7 +66,13 @@ pub async fn moment(
     .into_response()
 }
 
-fn asks(at_ms: i64, screen: &str) -> String {
+/// Whether the recorder's last minutes begin before.
+pub(super) fn recorder_holds(app: &AppState, at_ms: i64) -> bool {
+    let recorder = app.settings.recording.as_ref().map(|state| &state.recorder);
+    recorder.and_then(|it| held_since_ms(app, it)).is_some_and(|since_ms| since_ms <= at_ms)
+}
+
+pub(super) fn asks(at_ms: i64, screen: &str) -> String {
     address([("at", &*at_ms.to_string()), ("screen", screen)].into_iter())
 }
 

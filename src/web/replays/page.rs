@@ -6,11 +6,12 @@ use axum::extract::rejection::FormRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use axum::http::header::REFRESH;
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::json;
 
 use super::missing::MissingTold;
+use super::moment::{asks, recorder_holds};
 use super::opening::of;
 use super::player::{Order, PlayState};
 use super::{OpenReplay, Subject};
@@ -133,6 +134,14 @@ pub async fn get(
         Ok(at_ms) => at_ms,
         Err(trouble) => return refusal(&reader, trouble),
     };
+    // The recorder goes on: an older link to the last minutes leads to what holds its moment now.
+    let holds = |at_ms| {
+        let open = app.replays.of_address(&id, &session, app.clock.now());
+        open.is_some_and(|open| open.state.borrow().from_ms <= at_ms) || recorder_holds(&app, at_ms)
+    };
+    if let (Subject::Recent, Some(at_ms)) = (subject, at_ms.filter(|&at_ms| !holds(at_ms))) {
+        return Redirect::to(&format!("/developer/moment{}", asks(at_ms, &screen))).into_response();
+    }
     let (incident, replay) = match opened(&app, subject, &session, at_ms).await {
         Ok(opened) => opened,
         Err(HttpError::Opening) => {
@@ -144,7 +153,7 @@ pub async fn get(
     let mut state = *replay.state.borrow();
     if let Some(at_ms) = at_ms {
         replay.controls.order(Order::GoTo(at_ms));
-        state.at_ms = at_ms.clamp(state.from_ms, state.to_ms);
+        state = replay.controls.place().await.unwrap_or(state);
     }
     let lang = reader.lang;
     let incident =

@@ -98,7 +98,8 @@ pub(super) fn start(
     folder: Option<Temporary>,
 ) -> std::io::Result<(Controls, watch::Receiver<PlayState>)> {
     let (orders, taken) = sync_channel(ORDERS_MAX);
-    let mut thread = Thread { playback, show, clock, shown: None, playing: None, speed: 1.0 };
+    let mut thread =
+        Thread { playback, show, clock, shown: None, playing: None, speed: 1.0, asked: Vec::new() };
     let (state, states) = watch::channel(thread.state());
     std::thread::Builder::new().name("replay".into()).spawn(move || {
         // On Linux this sets the priority of the calling thread only: the vehicle goes first.
@@ -125,6 +126,8 @@ struct Thread {
     /// When it began to play, and where.
     playing: Option<(Timestamp, Timestamp)>,
     speed: f64,
+    /// Who is told where it is, once it is shown.
+    asked: Vec<oneshot::Sender<PlayState>>,
 }
 
 impl Thread {
@@ -150,7 +153,11 @@ impl Thread {
             if let Some((_, published)) = &self.shown {
                 self.show.show(published.clone());
             }
-            state.send_replace(self.state());
+            let shown = self.state();
+            state.send_replace(shown);
+            for answer in self.asked.drain(..) {
+                let _ = answer.send(shown);
+            }
         }
     }
 
@@ -176,9 +183,7 @@ impl Thread {
                 self.playing = Some((now, self.playback.at()));
             }
             Order::Pause => self.playing = None,
-            Order::Tell(answer) => {
-                let _ = answer.send(self.state());
-            }
+            Order::Tell(answer) => self.asked.push(answer),
             Order::Look { at_ms, answer } => {
                 let place = self.playback.at();
                 self.go_to_ms(at_ms);
@@ -201,7 +206,7 @@ impl Thread {
 
     fn go_to_ms(&mut self, at_ms: i64) {
         let at_ns = u64::try_from(at_ms).unwrap_or(0).saturating_mul(1_000_000);
-        self.go_to(self.playback.facts().at(at_ns));
+        self.go_to(self.playback.instant_of(at_ns));
     }
 
     fn go_to(&mut self, at: Timestamp) {

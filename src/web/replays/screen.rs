@@ -19,6 +19,15 @@ use crate::web::http::headers::FRAMED;
 use crate::web::http::respond::{Reader, refusal};
 use crate::web::live::byte_budget::Meter;
 
+/// Pages that read the present of the vehicle's store or of its files.
+const LIVE_ONLY: [&str; 6] = [
+    "incidents",
+    "api/v1/incidents",
+    "developer/audit",
+    "developer/configuration",
+    "developer/api",
+    "developer/search",
+];
 /// No page is larger.
 const PAGE_BYTES_MAX: usize = 64 << 20;
 
@@ -43,6 +52,12 @@ pub async fn get(
     let Some(open) = app.replays.of_address(&id, &session, app.clock.now()) else {
         return refusal(&reader, HttpError::NotFound);
     };
+    if LIVE_ONLY
+        .iter()
+        .any(|part| path.strip_prefix(part).is_some_and(|rest| !rest.starts_with(char::is_alphanumeric)))
+    {
+        return refusal(&reader, HttpError::NotFound);
+    }
     if path == "developer/moment" {
         // The replay's own page goes there.
         let at = request.uri().query().unwrap_or_default();

@@ -61,7 +61,8 @@ pub(super) async fn keep_books(
         write.send_replace(BookEntry {
             incident: summary.id,
             triggers: summary.trigger_count(),
-            is_stored: stored.is_ok(),
+            // Whether the file of an interrupted one has its last triggers is not known.
+            is_stored: stored.is_ok() && !summary.recording.interrupted,
         });
     }
 }

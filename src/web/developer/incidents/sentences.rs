@@ -108,6 +108,7 @@ pub(super) fn sentence(lang: Lang, what: &Happened) -> String {
             format!("{count} changes before this are missing"),
             format!("{count} Änderungen davor fehlen"),
         ),
+        Happened::Interrupted => IncidentWords::of(lang).interrupted_here.to_owned(),
     }
 }
 

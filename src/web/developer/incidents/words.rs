@@ -118,6 +118,7 @@ words! {
     is_other: "The recording is not as it was recorded: the file was changed, and what follows was read from it. Its hash is", "Die Aufzeichnung ist nicht, wie sie aufgezeichnet wurde: Die Datei wurde verändert, und was folgt, ist aus ihr gelesen. Ihr Hash ist";
     not_compared: "The file is too large to be compared with its hash here. `telltale incident verify` compares it.", "Die Datei ist zu groß, um sie hier mit ihrem Hash zu vergleichen. `telltale incident verify` vergleicht sie.";
     no_hash: "The recording was not completed, so it has no hash, and nothing proves it.", "Die Aufzeichnung wurde nicht abgeschlossen. Sie hat keinen Hash, und nichts beweist sie.";
+    interrupted_here: "The recording ends here, because Telltale ended. What came later is not in it", "Hier endet die Aufzeichnung, weil Telltale endete. Was danach kam, steht nicht darin";
     reloaded: "The configuration was replaced", "Die Konfiguration wurde ersetzt";
 }
 

@@ -1,0 +1,82 @@
+//! The things that happen in an incident, as its page tells them one after the other.
+
+use schemars::JsonSchema;
+use serde::Serialize;
+
+/// One thing that happened.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+pub struct Moment {
+    pub at_ms: i64,
+    #[serde(flatten)]
+    pub what: Happened,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum Happened {
+    /// A module shows a fault that nothing explains, or no longer explains.
+    Fails {
+        node: String,
+        state: String,
+        message: String,
+    },
+    /// The nodes are explained by a root cause and hidden behind it.
+    Masks {
+        by: String,
+        nodes: Vec<String>,
+        more: usize,
+    },
+    /// Modules that had failed are OK.
+    Recovers {
+        nodes: Vec<String>,
+        more: usize,
+    },
+    /// The alarm of a symptom now belongs to its cause.
+    AlarmMoves {
+        symptom: String,
+        node: String,
+    },
+    Stage {
+        stage: String,
+    },
+    /// A signal has another value; `None`: it is not known.
+    Signal {
+        signal: String,
+        value: Option<bool>,
+    },
+    /// Autonomous driving ended although the vehicle was not known to stand.
+    LostActive {
+        stage: String,
+    },
+    /// A request to the vehicle became stronger.
+    Request {
+        request: String,
+    },
+    Mark {
+        by: String,
+        note: String,
+    },
+    /// What the operator did, by the word of the action, and on what.
+    Operator {
+        action: &'static str,
+        on: String,
+    },
+    /// What the operator wanted and was refused, by the word of the action, and why, in English and German.
+    Refused {
+        action: String,
+        on: String,
+        by: String,
+        why: String,
+        why_de: String,
+    },
+    /// The wall clock was set by so much.
+    ClockSet {
+        by_ms: i64,
+    },
+    Reload,
+    Lost {
+        count: u64,
+    },
+    /// The program ended: what came later is not in the recording.
+    Interrupted,
+}
