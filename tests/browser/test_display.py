@@ -198,7 +198,7 @@ def test_the_login_says_why_a_session_is_over(others, chromium, trouble, lang, e
     second.close()
 
 
-def test_after_an_update_of_the_server_the_page_loads_itself_anew(demo, display):
+def test_after_an_update_of_the_server_the_page_loads_itself_anew(demo, display, trouble):
     page, client, held = display, Client(demo, *DEMO_OPERATOR), []
     stage(page, "localizing")
     # A tap that was sent is answered first, however long that takes here.
@@ -210,8 +210,14 @@ def test_after_an_update_of_the_server_the_page_loads_itself_anew(demo, display)
     client.post("/demo/fault", name="low_battery", active="true")
     expect(page.locator("#tile-can")).to_have_attribute("data-state", "warning")
     assert page.evaluate("() => window.isOld")
-    held.pop().continue_()
+    with page.expect_response("**/vehicle/localize") as answer:
+        held.pop().continue_()
     page.wait_for_function("() => !window.isOld")
+    page.unroute("**/vehicle/localize")
+    if answer.value.status == 409:
+        # On a busy machine a silence may forbid it in this moment: it was answered, and is asked for again.
+        trouble.expect("409")
+        localize(page)
     stage(page, "standby", 20)
     expect(page.locator("body")).to_have_attribute("data-live", "live")
 

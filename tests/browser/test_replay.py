@@ -11,7 +11,7 @@ import subprocess
 import urllib.error
 import urllib.parse
 import urllib.request
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import SimpleNamespace
 
 import numpy
@@ -19,7 +19,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-from playwright.sync_api import expect
+from playwright.sync_api import TimeoutError, expect
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -456,6 +456,9 @@ def test_everything_of_a_replay_is_in_sight_at_all_sizes(tmp_path, plain, config
             page.set_viewport_size({"width": width, "height": height})
             page.wait_for_function("() => { const it = document.querySelector('iframe').getBoundingClientRect(); return Math.abs(it.width / it.height - 1.6) < 0.01 }")
             size = f"{width}x{height}"
+            # The screen is fitted once the window has its size.
+            with suppress(TimeoutError):
+                page.wait_for_function(f"() => ({CUT})().length === 0")
             assert page.evaluate(CUT) == [], size
             assert page.evaluate("() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]") == [width, height]
             strips, slider, screen = box("#states"), box("input[name=at]"), box("iframe")
