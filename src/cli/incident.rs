@@ -65,8 +65,9 @@ enum Command {
     Export(export::Args),
     /// Say whether recordings are whole and as they were recorded; exit code 1 if one is not
     ///
-    /// Each file is compared with its hash in the store and in the audit log, whose chain is verified as
-    /// `telltale audit verify` does it, and read through for damage.
+    /// Each file is compared with its hash in the database and in the audit log, whose chain is verified as
+    /// `telltale audit verify` does it, and read through for damage. What the database says of the incident, its note
+    /// and whether it is kept are compared with the log as well.
     #[command(after_help = "Example:\n  telltale incident verify 12 13 --data /var/lib/telltale")]
     Verify {
         /// The incidents [default: all]
@@ -246,7 +247,8 @@ fn tell_rest(removed: usize, all: usize, bytes: u64, is_over: bool) {
     println!("{incidents} left, {}", size(bytes));
     if is_over {
         println!(
-            "that is too much, but the rest is kept or still recorded: `telltale incident keep ID --off` releases one"
+            "that is too much, but the rest is kept, still recorded or not as it was recorded: \
+             `telltale incident keep ID --off` releases one"
         );
     }
 }

@@ -23,6 +23,8 @@ pub enum Proof {
     Same,
     /// Its SHA-256 is this one.
     Other(String),
+    /// The row of the incident is not as the audit log says.
+    OtherRow,
     /// It was not compared because of its size.
     TooLarge,
     /// It has no hash, or cannot be read.
@@ -34,7 +36,7 @@ impl Proof {
     pub fn is_as_recorded(&self) -> Option<bool> {
         match self {
             Proof::Same => Some(true),
-            Proof::Other(_) => Some(false),
+            Proof::Other(_) | Proof::OtherRow => Some(false),
             Proof::TooLarge | Proof::None => None,
         }
     }
@@ -45,11 +47,21 @@ impl Proof {
 pub struct Expected {
     pub stored: Option<String>,
     pub logged: Option<String>,
+    /// The rest of the row is not as the audit log says.
+    pub is_row_changed: bool,
 }
 
 /// Compares a file, of at most so many bytes, with its hashes. One that did not change since it was compared last is
 /// not read again. Blocks.
 pub fn compare(path: &Path, expected: &Expected, bytes_max: u64) -> Proof {
+    match compare_file(path, expected, bytes_max) {
+        Proof::Other(hash) => Proof::Other(hash),
+        _ if expected.is_row_changed => Proof::OtherRow,
+        proof => proof,
+    }
+}
+
+fn compare_file(path: &Path, expected: &Expected, bytes_max: u64) -> Proof {
     let expected: Vec<&String> = [&expected.stored, &expected.logged].into_iter().flatten().collect();
     let Ok(meta) = std::fs::symlink_metadata(path) else { return Proof::None };
     if expected.is_empty() || !meta.is_file() {
@@ -68,7 +80,7 @@ pub fn compare(path: &Path, expected: &Expected, bytes_max: u64) -> Proof {
 /// Whether a recording of a folder is not as it was recorded, by its row and these hashes in the audit log. Blocks.
 pub fn is_changed(folder: &Path, held: &Held, logged: &BTreeMap<u64, String>) -> bool {
     let logged = logged.get(&held.id).filter(|hash| *hash != NO_HASH).cloned();
-    let expected = Expected { stored: held.sha256.clone(), logged };
+    let expected = Expected { stored: held.sha256.clone(), logged, is_row_changed: false };
     matches!(compare(&folder.join(file_name(held.id)), &expected, u64::MAX), Proof::Other(_))
 }
 
@@ -127,17 +139,23 @@ mod tests {
         let path = folder.join("a.mcap");
         let none = Expected::default();
         let stored = Some("00".repeat(32));
-        assert_eq!(compare(&path, &Expected { stored: stored.clone(), logged: None }, 100), Proof::None);
+        assert_eq!(
+            compare(&path, &Expected { stored: stored.clone(), ..Expected::default() }, 100),
+            Proof::None
+        );
         std::fs::write(&path, "recorded").unwrap();
         assert_eq!(compare(&path, &none, 100), Proof::None);
         let right = hash_file(&path).unwrap();
-        let expected = Expected { stored: Some(right.clone()), logged: Some(right.clone()) };
+        let expected =
+            Expected { stored: Some(right.clone()), logged: Some(right.clone()), is_row_changed: false };
         assert_eq!(compare(&path, &expected, 7), Proof::TooLarge);
         for _ in 0..2 {
             assert_eq!(compare(&path, &expected, 100), Proof::Same);
         }
         // Who changes the row does not change the audit log.
         assert_eq!(compare(&path, &Expected { stored, ..expected.clone() }, 100), Proof::Other(right));
+        let other_row = Expected { is_row_changed: true, ..expected.clone() };
+        assert_eq!(compare(&path, &other_row, 100), Proof::OtherRow);
         let before = std::fs::metadata(&path).unwrap().modified().unwrap();
         // The clock of a file system has steps.
         while compare(&path, &expected, 100) == Proof::Same {

@@ -38,7 +38,8 @@ pub use history::{
     Stretch, past_in,
 };
 pub use incidents::{
-    Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Note, OnDisk,
+    Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,
+    OnDisk, StoredIncident, clean_note,
 };
 #[cfg(test)]
 pub use private_file::TestFolder;

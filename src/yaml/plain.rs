@@ -28,7 +28,7 @@ pub fn masked(text: &str) -> String {
 }
 
 /// Control characters, and those of the bidirectional algorithm.
-fn acts(letter: char) -> bool {
+pub fn acts(letter: char) -> bool {
     let control = letter.is_control() && !matches!(letter, '\n' | '\t');
     control
         || matches!(letter,

@@ -20,7 +20,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("msg", &["engine"]),
     ("replay", &["engine", "yaml", "config", "msg", "record"]),
     ("ros", &["engine", "clock", "msg"]),
-    ("store", &["engine", "clock", "latency", "record"]),
+    ("store", &["engine", "clock", "latency", "record", "yaml"]),
     ("picture", &["engine", "yaml"]),
     ("sim", &["engine", "clock", "yaml", "picture"]),
     ("web", &["engine", "clock", "latency", "runtime", "store", "picture", "record", "replay"]),

@@ -11,7 +11,7 @@ use super::{EXIT_NO, hashed, now_ms};
 use crate::record::folder;
 use crate::record::proof::{Expected, Proof, compare};
 use crate::record::retention::size;
-use crate::store::{Incident, Incidents, StoreError};
+use crate::store::{Incident, Incidents, Logged, StoreError};
 use crate::web::developer::incidents::report::report;
 use crate::web::incidents::{Read, read};
 use crate::web::view::Lang;
@@ -38,8 +38,7 @@ enum Kind {
 pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
     let incidents = Incidents::open(data)?;
     let incident = incidents.one(args.id)?.ok_or(StoreError::NoSuchIncident(args.id))?;
-    let expected =
-        Expected { stored: incident.summary.recording.sha256.clone(), logged: incidents.logged(args.id)? };
+    let expected = Logged::expected(incidents.logged(args.id)?, &incident.summary);
     let mut is_good = true;
     if let Some(output) = &args.report {
         is_good &= write_report(data, &incident, &expected, output)?;
@@ -82,8 +81,13 @@ fn write_report(
             "telltale: the recording is not as it was recorded, which the report says: its hash is {hash}"
         );
     }
+    if proof == Proof::OtherRow {
+        eprintln!(
+            "telltale: what the database says of incident {id} is not as it was recorded, which the report says"
+        );
+    }
     tell_open(incident);
-    Ok(lacks.is_none() && !matches!(proof, Proof::Other(_)))
+    Ok(lacks.is_none() && proof.is_as_recorded() != Some(false))
 }
 
 /// Copies the recording. Returns whether it is as it was recorded.

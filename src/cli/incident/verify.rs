@@ -1,5 +1,5 @@
-//! `telltale incident verify`: compares recordings with their hashes in the store and in the audit log, and says
-//! what is damaged in them.
+//! `telltale incident verify`: compares recordings with their hashes in the store and in the audit log, says what is
+//! damaged in them, and compares what the store says of incidents with the log.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -11,6 +11,7 @@ use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed};
 use crate::cli::check::print;
+use crate::record::proof::NO_HASH;
 use crate::record::retention::size;
 use crate::record::{file, folder};
 use crate::store::audit::verify_audit_in;
@@ -44,7 +45,7 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
     };
     let mut rows = Vec::new();
     for id in ids {
-        rows.push((id, incidents.one(id)?));
+        rows.push((id, incidents.stored(id)?));
     }
     let records = incidents.records()?;
     // What was removed without a record of that has neither a row nor a file.
@@ -52,11 +53,19 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
     let unknown =
         records.hashes.keys().filter(|id| is_all && !known.contains(id) && !records.removed.contains(id));
     for &id in unknown {
-        rows.push((id, incidents.one(id)?));
+        rows.push((id, incidents.stored(id)?));
     }
     let mut is_good = audit_is_whole(data)?;
-    for (id, incident) in rows {
-        match check(&recordings, id, incident.as_ref(), &records) {
+    for (id, row) in rows {
+        let mut found = check(&recordings, id, row.as_ref().map(|it| &it.incident), &records);
+        if let (Found::Whole(_), Some(row)) = (&found, &row)
+            && let Some(what) = records.contradiction(row)
+        {
+            found = Found::Bad(format!(
+                "its recording is as it was recorded, but in the database {what} is not as the audit log says"
+            ));
+        }
+        match found {
             Found::Whole(what) => print(&format!("ok    incident {id}: {what}\n")),
             Found::Unfinished => {
                 print(&format!("      incident {id} is not finished: there is no hash yet\n"))
@@ -113,7 +122,14 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
         None if recorded.is_none() && full.metadata().is_ok_and(|it| it.is_file() && it.len() == 0) => {
             return Found::Empty(format!("{path} is empty; the next start of the server removes it"));
         }
-        Some(incident) if !incident.summary.recording.finished => return Found::Unfinished,
+        Some(incident) if !incident.summary.recording.finished => {
+            return match recorded {
+                Some(hash) if hash != NO_HASH => Found::Bad(format!(
+                    "the database says that it is not finished, the audit log that it was, with sha256 {hash}"
+                )),
+                _ => Found::Unfinished,
+            };
+        }
         _ => {}
     }
     let hash = opened.and_then(|mut file| hashed(&mut file, &mut io::sink()));

@@ -282,9 +282,13 @@ mod tests {
         );
         let hash = |id: u64| hash_file(&place.path(id)).unwrap();
         let found = |id: u64| ("incident found".to_owned(), format!("{id} sha256:{}", hash(id)));
+        let without_summary = |(action, target): (String, String)| {
+            (action, target.split(" summary:").next().unwrap_or_default().to_owned())
+        };
         let noted = ("incident note".to_owned(), "3: brake squeals".to_owned());
         let kept = ("incident kept".to_owned(), "3".to_owned());
-        assert_eq!(told(&store).await, [found(5), found(3), noted, kept]);
+        let said: Vec<_> = told(&store).await.into_iter().map(without_summary).collect();
+        assert_eq!(said, [found(5), found(3), noted, kept]);
         place.start(&store).await;
         assert_eq!(told(&store).await.len(), 4, "nothing is new");
         let held = store.incidents_held().await.unwrap();

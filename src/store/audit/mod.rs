@@ -158,7 +158,7 @@ impl Entry {
     }
 }
 
-const DONE: &str = "done";
+pub(super) const DONE: &str = "done";
 
 impl Store {
     /// At most `count` records before number `before`, the newest first.
@@ -302,7 +302,7 @@ fn append(connection: &Connection, key: &Key, record: &Record, wall: SystemTime)
     let at_ms = to_unix_ms(wall);
     let outcome = record.refusal.as_ref().map_or(DONE.to_owned(), |why| format!("refused: {why}"));
     let [who, source, target, outcome] =
-        [&record.who, &record.source, &record.target, &outcome].map(|it| cut(it));
+        [&record.who, &record.source, &record.target, &outcome].map(|it| in_field(it));
     let role = record.role.map_or("", Role::as_str);
     let action = record.action.as_str();
     let fields = [who, role, source, action, target, outcome];
@@ -340,7 +340,13 @@ fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreEr
     Ok(connection.query_row(sql, [number as i64], |row| Ok(Hash(row.get(0)?))).optional()?)
 }
 
-fn cut(text: &str) -> &str {
+/// Whether a record has room for this text as a whole.
+pub(super) fn fits(text: &str) -> bool {
+    in_field(text).len() == text.len()
+}
+
+/// As much of a text as a field of a record has room for.
+pub(super) fn in_field(text: &str) -> &str {
     cut_to(text, FIELD_CHARS_MAX)
 }
 

@@ -2,6 +2,7 @@
 
 use crate::record::incident::NOTE_BYTES_MAX;
 use crate::record::summary::{FrozenNode, Summary, TriggerLine};
+use crate::yaml::plain;
 
 /// All texts of a summary together.
 const SUMMARY_BYTES_MAX: usize = 64 * 1024;
@@ -27,9 +28,10 @@ fn cut(text: &mut String, bytes_max: usize) {
     text.truncate(text.floor_char_boundary(bytes_max));
 }
 
-/// A note within its bound, without letters that only control a terminal.
-pub(super) fn note(text: &str) -> String {
-    let mut note: String = text.trim().chars().filter(|it| !it.is_control() || *it == '\n').collect();
+/// A note within its bound, without characters that move a cursor or turn the reading direction.
+pub fn note(text: &str) -> String {
+    let seen = |&letter: &char| letter == '\n' || letter != '\t' && !plain::acts(letter);
+    let mut note: String = text.trim().chars().filter(seen).collect();
     cut(&mut note, NOTE_BYTES_MAX);
     note
 }
@@ -123,6 +125,7 @@ mod tests {
         assert!(json.len() < 8 * SUMMARY_BYTES_MAX, "{}", json.len());
         assert_eq!(bounded(&kept), kept);
         assert_eq!(note(&long).len(), NOTE_BYTES_MAX);
-        assert_eq!(note(" a\u{1b}[2J\nb "), "a[2J\nb");
+        assert_eq!(note(" a\u{1b}[2J\0\u{202e}\nb\t "), "a[2J\nb");
+        assert_eq!(note("Grüße 日本 🚌"), "Grüße 日本 🚌");
     }
 }

@@ -1,9 +1,10 @@
 //! Incidents: what is known of each beside its recording, its note, and whether it is kept.
 //!
-//! The hash of a finished recording is written with its row in one transaction, into the audit log, so that the
-//! chain proves the file.
+//! The hashes of a finished recording and of its summary are written with its row in one transaction, into the audit
+//! log, so that the chain proves both.
 
 mod bounds;
+mod logged;
 mod read;
 mod write;
 
@@ -11,7 +12,9 @@ use crate::record::beside::Beside;
 pub use crate::record::beside::Note;
 use crate::record::summary::Summary;
 
-pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, IncidentRecords, Incidents, OnDisk};
+pub use bounds::note as clean_note;
+pub use logged::{IncidentRecords, Logged, StoredIncident};
+pub use read::{INCIDENTS_PAGE_MAX, IncidentFilter, Incidents, OnDisk};
 pub use write::Forgotten;
 
 /// An incident in the store.

@@ -1,6 +1,6 @@
 //! Reads incidents, also from a database that a server has open.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -8,10 +8,8 @@ use rusqlite::{Connection, OptionalExtension as _, Row, params};
 
 use super::{Incident, Note};
 use crate::record::folder;
-use crate::record::proof::NO_HASH;
 use crate::record::retention::Held;
 use crate::record::summary::{Recording, Summary};
-use crate::store::audit::Action;
 use crate::store::database::schema;
 use crate::store::disk::clock_floor;
 use crate::store::{Store, StoreError};
@@ -22,7 +20,7 @@ pub const INCIDENTS_PAGE_MAX: u32 = 200;
 /// So many of the newest numbers are searched as a whole: to read a summary takes longer than a column.
 const SEARCHED: u32 = 2000;
 
-const COLUMNS: &str =
+pub(super) const COLUMNS: &str =
     "id, since_ms, until_ms, kept, bytes, finished, sha256, stage, causes, summary, note, note_by, note_ms";
 
 /// Which incidents are listed; the default is the newest page of all.
@@ -136,38 +134,11 @@ impl Store {
         })
         .await
     }
-
-    /// The hash with which a recording was recorded last, by the audit log.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn incident_logged(&self, id: u64) -> Result<Option<String>, StoreError> {
-        self.call(move |database| logged(&database.connection, id)).await
-    }
-
-    /// What the audit log says of recordings.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub async fn incident_records(&self) -> Result<IncidentRecords, StoreError> {
-        self.call(|database| records(&database.connection)).await
-    }
 }
 
 /// The incidents of a data folder, which are read without a lock: a server may run on it.
 #[derive(Debug)]
-pub struct Incidents(Connection);
-
-/// What the audit log says of recordings.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct IncidentRecords {
-    /// The hash with which each recording was recorded last.
-    pub hashes: BTreeMap<u64, String>,
-    /// Those that were removed since.
-    pub removed: Vec<u64>,
-    /// Those whose recordings were taken in without an incident, so that their hashes prove nothing before.
-    pub found: BTreeSet<u64>,
-}
+pub struct Incidents(pub(super) Connection);
 
 impl Incidents {
     /// Opens the database of a data folder for reading.
@@ -210,63 +181,6 @@ impl Incidents {
     pub fn held(&self) -> Result<Vec<Held>, StoreError> {
         held(&self.0)
     }
-
-    /// What the audit log says of recordings. Whether it is as it was written tells
-    /// [`verify_audit_in`](crate::store::audit::verify_audit_in).
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub fn records(&self) -> Result<IncidentRecords, StoreError> {
-        records(&self.0)
-    }
-
-    /// The hash with which a recording was recorded last, by the audit log.
-    ///
-    /// # Errors
-    /// If the database fails.
-    pub fn logged(&self, id: u64) -> Result<Option<String>, StoreError> {
-        logged(&self.0, id)
-    }
-}
-
-fn logged(connection: &Connection, id: u64) -> Result<Option<String>, StoreError> {
-    let [recorded, found] = [Action::IncidentRecorded, Action::IncidentFound].map(Action::as_str);
-    let sql =
-        "SELECT target FROM audit WHERE action IN (?1, ?2) AND target LIKE ?3 ORDER BY number DESC LIMIT 1";
-    let mut query = connection.prepare_cached(sql)?;
-    let of_it = format!("{id} sha256:%");
-    let target = query.query_row((recorded, found, of_it), |row| row.get::<_, String>(0)).optional()?;
-    let hash = target.as_deref().and_then(id_and_hash).map(|(_, hash)| hash.to_owned());
-    Ok(hash.filter(|hash| hash != NO_HASH))
-}
-
-fn records(connection: &Connection) -> Result<IncidentRecords, StoreError> {
-    let mut records = IncidentRecords::default();
-    let actions = [Action::IncidentRecorded, Action::IncidentFound, Action::IncidentRemoved];
-    let [recorded, found, removed] = actions.map(Action::as_str);
-    let sql = "SELECT action, target FROM audit WHERE action IN (?1, ?2, ?3) ORDER BY number";
-    let mut query = connection.prepare(sql)?;
-    let mut rows = query.query((recorded, found, removed))?;
-    while let Some(row) = rows.next()? {
-        let (action, target): (String, String) = (row.get(0)?, row.get(1)?);
-        let Some((id, hash)) = id_and_hash(&target) else { continue };
-        records.removed.retain(|it| *it != id);
-        if action == removed {
-            records.removed.push(id);
-        } else {
-            records.hashes.insert(id, hash.to_owned());
-        }
-        if action == found {
-            records.found.insert(id);
-        }
-    }
-    Ok(records)
-}
-
-/// Reads `12 sha256:...`.
-fn id_and_hash(target: &str) -> Option<(u64, &str)> {
-    let (id, hash) = target.split_once(" sha256:")?;
-    Some((id.parse().ok()?, hash))
 }
 
 /// A number as SQLite keeps it. No number of ours is too large.
@@ -275,7 +189,7 @@ pub(super) fn surely(number: u64) -> i64 {
 }
 
 /// A database of an earlier version, which is only read, has no incidents.
-fn is_known(connection: &Connection) -> Result<bool, StoreError> {
+pub(super) fn is_known(connection: &Connection) -> Result<bool, StoreError> {
     let sql = "SELECT 1 FROM sqlite_schema WHERE type = 'table' AND name = 'incidents'";
     Ok(connection.query_row(sql, [], |_| Ok(())).optional()?.is_some())
 }
@@ -348,7 +262,7 @@ fn held(connection: &Connection) -> Result<Vec<Held>, StoreError> {
     Ok(found.collect::<Result<_, _>>()?)
 }
 
-fn incident(row: &Row<'_>) -> rusqlite::Result<Incident> {
+pub(super) fn incident(row: &Row<'_>) -> rusqlite::Result<Incident> {
     let json: String = row.get(9)?;
     // Of a row that is damaged, or of another version, the columns remain.
     let summary = match serde_json::from_str(&json) {

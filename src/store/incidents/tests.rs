@@ -177,13 +177,14 @@ async fn notes_and_what_is_kept_outlive_updates_and_stand_in_the_audit_log() {
     assert!(matches!(missing, Err(StoreError::NoSuchIncident(7))));
     let log = store.audit_entries(None, 10).await.unwrap();
     let said: Vec<(&str, &str)> = log.iter().rev().map(|it| (&*it.action, &*it.target)).collect();
-    let hash = format!("1 sha256:{:064x}", 1);
+    let (recorded, _) = said[2].1.split_once(" summary:").unwrap();
+    assert_eq!(recorded, format!("1 sha256:{:064x}", 1));
     assert_eq!(
         said,
         [
             ("incident note", "1: brake squeals"),
             ("incident kept", "1: no longer"),
-            ("incident recorded", &*hash),
+            ("incident recorded", said[2].1),
             ("incident note", "1: "),
         ]
     );
@@ -256,6 +257,46 @@ async fn a_data_folder_is_read_beside_a_server_and_the_audit_log_proves_each_has
     let store = open(&folder);
     store.incident_opened(&summary(3, Vec::new())).await.unwrap();
     assert_eq!(ids(&store, IncidentFilter::default()).await, [3], "it is migrated");
+}
+
+/// A change in the database alone, and what the audit log does not prove after it.
+type Forgery = (&'static str, Option<&'static str>);
+
+#[tokio::test]
+async fn the_audit_log_proves_what_the_database_says_of_an_incident() {
+    let folder = TestFolder::new("incident-forged");
+    let store = open(&folder);
+    let marked =
+        || finished(summary(1, vec![line(kind::ROOT, "a/b", Some(4)), line(kind::MARK, "anna", None)]));
+    store.incident_finished(&marked()).await.unwrap();
+    let long = "brake squeals ".repeat(100);
+    store.set_incident_note(1, &long, by_hand(Action::IncidentNote)).await.unwrap();
+    store.close().await;
+    let incidents = Incidents(Connection::open(folder.join(FILE_NAME)).unwrap());
+    let records = incidents.records().unwrap();
+    let said = "what it says of the incident";
+    let forgeries: [Forgery; 11] = [
+        ("id = id", None),
+        ("summary = replace(summary, 'a/b', 'a/c')", Some(said)),
+        ("since_ms = since_ms + 1", Some(said)),
+        ("stage = 'ready'", Some(said)),
+        ("causes = char(10) || 'x' || char(10)", Some(said)),
+        ("marked = 0", Some(said)),
+        ("summary = 'damaged'", Some(said)),
+        ("note = substr(note, 1, 1000) || 'hums'", Some("its note")),
+        ("note_by = 'anna'", Some("its note")),
+        ("note = ''", Some("its note")),
+        ("kept = 0", Some("whether it is kept")),
+    ];
+    for (change, expected) in forgeries {
+        let execute = |sql: &str| incidents.0.execute_batch(sql).unwrap();
+        execute(&format!("BEGIN; UPDATE incidents SET {change}"));
+        let row = incidents.stored(1).unwrap().unwrap();
+        assert_eq!(records.contradiction(&row), expected, "{change}");
+        let logged = incidents.logged(1).unwrap().unwrap();
+        assert_eq!(logged.row_agrees, expected != Some(said), "{change}");
+        execute("ROLLBACK");
+    }
 }
 
 #[tokio::test]

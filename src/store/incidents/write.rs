@@ -4,8 +4,8 @@ use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 
 use super::Note;
 use super::bounds::{bounded, note};
+use super::logged::{columns, kept_target, note_target, recorded_target};
 use super::read::{last_number, surely};
-use crate::record::proof::NO_HASH;
 use crate::record::retention::INCIDENTS_MAX;
 use crate::record::summary::Summary;
 use crate::store::audit::{Action, Record, TELLTALE};
@@ -52,9 +52,9 @@ impl Store {
     /// # Errors
     /// If there are too many, or the database fails.
     pub async fn incident_updated(&self, summary: &Summary) -> Result<(), StoreError> {
-        let summary = bounded(summary);
+        let row = Row::of(summary)?;
         // A copy of a damaged database in memory takes it too: it is listed until the next start.
-        self.call_surely(move |database| database.write(&[], |transaction| put(transaction, &summary))).await
+        self.call_surely(move |database| database.write(&[], |transaction| put(transaction, &row))).await
     }
 
     /// Stores an incident whose recording is finished, with the hash in the audit log, in one transaction. It
@@ -75,10 +75,11 @@ impl Store {
     }
 
     async fn finish_incident(&self, summary: &Summary, action: Action) -> Result<(), StoreError> {
-        let summary = bounded(summary);
-        let hash = summary.recording.sha256.as_deref();
-        let record = Record::of(action, TELLTALE).on(target(summary.id, hash));
-        self.call_surely(move |database| database.write(&[record], |transaction| put(transaction, &summary)))
+        let row = Row::of(summary)?;
+        let hash = row.summary.recording.sha256.as_deref();
+        let target = recorded_target(row.summary.id, hash, Some(&row.json));
+        let record = Record::of(action, TELLTALE).on(target);
+        self.call_surely(move |database| database.write(&[record], |transaction| put(transaction, &row)))
             .await
     }
 
@@ -89,7 +90,7 @@ impl Store {
     /// If there is no such incident, or the database fails.
     pub async fn set_incident_note(&self, id: u64, text: &str, record: Record) -> Result<(), StoreError> {
         let text = note(text);
-        let record = Record { action: Action::IncidentNote, ..record }.on(format!("{id}: {text}"));
+        let record = Record { action: Action::IncidentNote, ..record }.on(note_target(id, &text));
         self.call(move |database| {
             let at_ms = to_unix_ms(database.clock.wall());
             let by = record.who.clone();
@@ -108,7 +109,7 @@ impl Store {
     pub async fn incident_note_found(&self, id: u64, found_note: Note) -> Result<(), StoreError> {
         let Note { text, by, at_ms } = found_note;
         let (text, by) = (note(&text), note(&by));
-        let record = Record::of(Action::IncidentNote, TELLTALE).on(format!("{id}: {text}"));
+        let record = Record::of(Action::IncidentNote, TELLTALE).on(note_target(id, &text));
         self.call(move |database| {
             database.change(&[record], |transaction| {
                 let sql = "UPDATE incidents SET note = ?2, note_by = ?3, note_ms = ?4 WHERE id = ?1";
@@ -123,8 +124,7 @@ impl Store {
     /// # Errors
     /// If there is no such incident, or the database fails.
     pub async fn keep_incident(&self, id: u64, kept: bool, record: Record) -> Result<(), StoreError> {
-        let target = if kept { id.to_string() } else { format!("{id}: no longer") };
-        let record = Record { action: Action::IncidentKept, ..record }.on(target);
+        let record = Record { action: Action::IncidentKept, ..record }.on(kept_target(id, kept));
         self.call(move |database| {
             database.change(&[record], |transaction| {
                 let sql = "UPDATE incidents SET kept = ?2 WHERE id = ?1";
@@ -155,7 +155,7 @@ impl Store {
             }
             let record_of = |it: &Forgotten| {
                 let record = Record { action: Action::IncidentRemoved, ..record.clone() };
-                record.on(target(it.id, it.sha256.as_deref()))
+                record.on(recorded_target(it.id, it.sha256.as_deref(), None))
             };
             let records: Vec<Record> = going.iter().map(record_of).collect();
             database.change(&records, |transaction| {
@@ -194,12 +194,21 @@ fn note_number(transaction: &Transaction<'_>, number: u64) -> Result<(), StoreEr
     Ok(())
 }
 
-/// What the audit log says of a recording.
-fn target(id: u64, sha256: Option<&str>) -> String {
-    format!("{id} sha256:{}", sha256.unwrap_or(NO_HASH))
+/// A summary within its bounds, and as it is stored.
+struct Row {
+    summary: Summary,
+    json: String,
 }
 
-fn put(transaction: &Transaction<'_>, summary: &Summary) -> Result<(), StoreError> {
+impl Row {
+    fn of(summary: &Summary) -> Result<Row, StoreError> {
+        let summary = bounded(summary);
+        let json = serde_json::to_string(&summary).map_err(|error| StoreError::Files(error.to_string()))?;
+        Ok(Row { summary, json })
+    }
+}
+
+fn put(transaction: &Transaction<'_>, Row { summary, json }: &Row) -> Result<(), StoreError> {
     let id = surely(summary.id);
     note_number(transaction, summary.id)?;
     let is_known = transaction.query_row("SELECT 1 FROM incidents WHERE id = ?1", [id], |_| Ok(()));
@@ -209,8 +218,7 @@ fn put(transaction: &Transaction<'_>, summary: &Summary) -> Result<(), StoreErro
             return Err(StoreError::ManyIncidents);
         }
     }
-    let json = serde_json::to_string(summary).map_err(|error| StoreError::Files(error.to_string()))?;
-    let causes = format!("\n{}\n", summary.causes().join("\n"));
+    let (since_ms, until_ms, marked, bytes, finished, sha256, stage, causes) = columns(summary);
     transaction
         .prepare_cached(
             "INSERT INTO incidents (id, since_ms, until_ms, marked, kept, bytes, finished, sha256, stage, causes, summary)
@@ -219,18 +227,7 @@ fn put(transaction: &Transaction<'_>, summary: &Summary) -> Result<(), StoreErro
                  kept = kept OR (?4 AND NOT marked), bytes = ?5, finished = ?6, sha256 = ?7, stage = ?8,
                  causes = ?9, summary = ?10",
         )?
-        .execute(params![
-            id,
-            summary.since_ms,
-            summary.until_ms,
-            summary.is_marked(),
-            surely(summary.recording.bytes),
-            summary.recording.finished,
-            summary.recording.sha256,
-            summary.stage,
-            causes,
-            json,
-        ])?;
+        .execute(params![id, since_ms, until_ms, marked, bytes, finished, sha256, stage, causes, json])?;
     Ok(())
 }
 

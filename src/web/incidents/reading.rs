@@ -10,11 +10,12 @@ use tokio::task;
 use tokio::time::timeout;
 
 use crate::record::folder;
-use crate::record::proof::{Expected, Proof, compare};
+use crate::record::proof::{Proof, compare};
 use crate::record::story::{self, Series, Story};
 use crate::record::summary::Summary;
 use crate::replay::series::series;
 use crate::replay::{Playback, Recording, ReplayError, Run};
+use crate::store::Logged;
 use crate::web::AppState;
 
 /// Files that are read at once. More readers wait.
@@ -136,13 +137,9 @@ async fn with_numbers(app: &AppState, summary: &Summary, mut read: Read) -> Read
 
 /// What the recording of an incident tells, and whether it is as it was recorded.
 pub async fn story(app: &AppState, summary: &Summary) -> (Read, Proof) {
-    let stored = summary.recording.sha256.clone();
-    let logged = match stored {
-        // A log that cannot be read is a fault of the database, which is told elsewhere.
-        Some(_) => app.store.incident_logged(summary.id).await.ok().flatten(),
-        None => None,
-    };
-    let expected = Expected { stored, logged };
+    // A log that cannot be read is a fault of the database, which is told elsewhere.
+    let logged = app.store.incident_logged(summary.id).await.ok().flatten();
+    let expected = Logged::expected(logged, summary);
     let both = move |folder: &Path, summary: &Summary| {
         let path = folder::path_of(folder, &summary.recording.file);
         let proof = path.map_or(Proof::None, |path| compare(&path, &expected, COMPARED_BYTES_MAX));

@@ -42,6 +42,10 @@ async fn a_recording_that_was_changed_is_told_on_its_page_in_its_report_and_to_p
     let summary = Summary { id: 2, until_ms: Some(1), recording, ..Summary::default() };
     recorded.fixture.store.incident_finished(&summary).await.unwrap();
     recorded.add(3, "a/b", false).await;
+    std::fs::write(folder_in(&recorded.data).join(file_name(4)), BYTES).unwrap();
+    let recording = Recording { file: file_name(4), ..summary.recording.clone() };
+    let four = Summary { id: 4, recording, ..summary.clone() };
+    recorded.fixture.store.incident_finished(&four).await.unwrap();
     let told = async |id: u64| {
         let one = recorded.fixture.get_json(&format!("/api/v1/incidents/{id}"), &developer).await;
         let mut told = Vec::new();
@@ -56,6 +60,12 @@ async fn a_recording_that_was_changed_is_told_on_its_page_in_its_report_and_to_p
     assert_eq!(told(1).await, (json!(false), vec![true, true]));
     assert_eq!(told(2).await, (json!(true), vec![false, false]));
     assert_eq!(told(3).await, (json!(null), vec![false, false]), "it is still written");
+    // Somebody changes what the row says, and leaves the file as it is.
+    recorded.fixture.store.incident_updated(&Summary { stage: "active".into(), ..four }).await.unwrap();
+    let one = recorded.fixture.get_json("/api/v1/incidents/4", &developer).await;
+    assert_eq!(one["recording"]["as_recorded"], json!(false));
+    let page = recorded.fixture.get("/incidents/4", Some(&developer)).await.body;
+    assert!(page.contains("is not what the audit log proves"), "{page}");
     // Somebody changes the file, and its hash in the row.
     std::fs::write(&path, b"another").unwrap();
     let recording = Recording { sha256: Some(hash_file(&path).unwrap()), ..summary.recording.clone() };

@@ -248,6 +248,7 @@ fn kinds(it: &IncidentWords, summary: &Summary) -> String {
 fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
     match proof {
         Proof::Other(hash) => Some(format!("{} {}.", it.is_other, clean(hash, MESSAGE))),
+        Proof::OtherRow => Some(it.is_other_row.to_owned()),
         Proof::TooLarge => Some(it.not_compared.to_owned()),
         Proof::Same | Proof::None => None,
     }

@@ -195,8 +195,16 @@ fn row(it: &'static IncidentWords, lang: Lang, incident: &Incident) -> Row {
         stage: Stage::from_word(&summary.stage).map_or("", |stage| lang.stage(stage, true)),
         flags: flags(it, incident),
         size: size(summary.recording.bytes),
-        note: incident.note.as_ref().map(|note| clean(&note.text, MESSAGE)).unwrap_or_default(),
+        note: said(incident),
     }
+}
+
+/// Its note, and the notes of its marks.
+fn said(incident: &Incident) -> String {
+    let note = incident.note.iter().map(|note| &*note.text);
+    let all = note.chain(incident.summary.marks().map(|mark| &*mark.note));
+    let all: Vec<&str> = all.filter(|text| !text.is_empty()).collect();
+    clean(&all.join("; "), MESSAGE)
 }
 
 /// How long it lasted; empty while it does.
