@@ -2,6 +2,7 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -39,7 +40,11 @@ fn path(folder: &Path, id: u64) -> PathBuf {
 pub fn write(folder: &Path, id: u64, said: &Beside) -> io::Result<()> {
     let path = path(folder, id);
     let new = path.with_extension("new");
-    let mut file = File::create(&new)?;
+    let mut options = File::options();
+    let mut file = options.write(true).create(true).truncate(true).mode(0o600).open(&new)?;
+    // What root writes is for the server, which may not be root. Others cannot give it, and need not.
+    let owner = fs::metadata(folder)?;
+    let _ = fchown(&file, Some(owner.uid()), Some(owner.gid()));
     file.write_all(&serde_json::to_vec(said)?)?;
     file.sync_all()?;
     fs::rename(new, path)
@@ -83,6 +88,9 @@ mod tests {
             write(&folder, 7, &said).unwrap();
             assert_eq!(read(&folder, 7), Some(said));
         }
+        let mode =
+            std::os::unix::fs::PermissionsExt::mode(&fs::metadata(path(&folder, 7)).unwrap().permissions());
+        assert_eq!(mode & 0o777, 0o600);
         remove(&folder, 7).unwrap();
         remove(&folder, 7).unwrap();
         assert_eq!((read(&folder, 7), fs::read_dir(&*folder).unwrap().count()), (None, 0));

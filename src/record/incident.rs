@@ -13,8 +13,15 @@ use crate::engine::time::{Span, Timestamp};
 /// only then.
 pub const LENGTH_MAX: Span = Span::from_secs(60);
 
+/// An arrival: the end of autonomous driving at walking pace, if the vehicle is known to stand so soon. That is known
+/// only after it has been slow for a moment.
+const ARRIVES_WITHIN: Span = Span::from_millis(700);
+
 /// Triggers of one incident that are kept; more are counted.
 pub(super) const TRIGGERS_MAX: usize = 256;
+
+/// Marks of one incident. More are refused, so that they take no place of what failed, and their notes are kept whole.
+pub const MARKS_MAX: usize = 16;
 
 /// Bytes of a note.
 pub const NOTE_BYTES_MAX: usize = 2000;
@@ -64,6 +71,10 @@ impl Open {
     pub fn count(&self) -> u64 {
         self.triggers.len() as u64 + self.more
     }
+
+    fn marks(&self) -> usize {
+        self.triggers.iter().filter(|(_, trigger)| matches!(trigger, Trigger::Mark { .. })).count()
+    }
 }
 
 /// A change of the present incident.
@@ -82,6 +93,8 @@ pub struct Tracker {
     last_alarm: u64,
     stage: Stage,
     requests: Vec<RequestKind>,
+    /// When autonomous driving ended at walking pace, while it may still be an arrival.
+    slow_end: Option<(Timestamp, Stage)>,
     open: Option<Open>,
     /// The last incident reached its greatest length at this time.
     cut_at: Option<Timestamp>,
@@ -95,6 +108,7 @@ impl Tracker {
             last_alarm: first.last_alarm,
             stage: first.stage,
             requests: requests(first),
+            slow_end: None,
             open: None,
             cut_at: None,
         }
@@ -114,9 +128,12 @@ impl Tracker {
         }));
         triggers.extend(warnings.iter().map(|node| Trigger::Root { alarm: None, node: node.clone() }));
         self.last_alarm = self.last_alarm.max(snapshot.last_alarm);
-        let stands = snapshot.motion.moving == Moving::No;
-        if self.stage == Stage::Active && snapshot.stage != Stage::Active && !stands {
-            triggers.push(Trigger::LostActive { stage: snapshot.stage });
+        let has_ended = self.stage == Stage::Active && snapshot.stage != Stage::Active;
+        match (snapshot.motion.moving, snapshot.motion.speed_kmh) {
+            (Moving::No, _) => self.slow_end = None,
+            (Moving::Yes, Some(..=1)) if has_ended => self.slow_end = Some((snapshot.now, snapshot.stage)),
+            _ if has_ended => triggers.push(Trigger::LostActive { stage: snapshot.stage }),
+            _ => {}
         }
         self.stage = snapshot.stage;
         let requests = requests(snapshot);
@@ -132,12 +149,15 @@ impl Tracker {
 
     /// Begins an incident, or makes the present one last longer.
     pub fn trigger(&mut self, now: Timestamp, trigger: Trigger) -> Vec<Change> {
-        let mut changes = self.due(now);
+        let mut changes = self.close(now);
         let until = now + self.margins.after;
         match &mut self.open {
             Some(open) => {
                 open.until = open.until.max(until).min(open.since + LENGTH_MAX.max(self.margins.after));
-                if open.triggers.len() < TRIGGERS_MAX {
+                let is_mark = matches!(trigger, Trigger::Mark { .. });
+                // Marks keep their places.
+                let places = TRIGGERS_MAX - if is_mark { 0 } else { MARKS_MAX - open.marks() };
+                if open.triggers.len() < places {
                     open.triggers.push((now, trigger));
                 } else {
                     open.more += 1;
@@ -154,8 +174,26 @@ impl Tracker {
         changes
     }
 
-    /// Closes the present incident when its time is over.
+    /// Marks this moment. `None`: the present incident has [so many](MARKS_MAX) marks already.
+    pub fn mark(&mut self, now: Timestamp, by: &str, note: &str) -> Option<Vec<Change>> {
+        let due = self.due(now);
+        if self.open.as_ref().is_some_and(|open| open.marks() >= MARKS_MAX) {
+            return None;
+        }
+        let marked = self.trigger(now, Trigger::Mark { by: by.into(), note: note.into() });
+        Some([due, marked].concat())
+    }
+
+    /// What time alone changes.
     pub fn due(&mut self, now: Timestamp) -> Vec<Change> {
+        match self.slow_end.take_if(|(at, _)| now >= *at + ARRIVES_WITHIN) {
+            Some((_, stage)) => self.trigger(now, Trigger::LostActive { stage }),
+            None => self.close(now),
+        }
+    }
+
+    /// Closes the present incident when its time is over.
+    fn close(&mut self, now: Timestamp) -> Vec<Change> {
         let Some(open) = self.open.take_if(|open| now >= open.until) else { return Vec::new() };
         let was_cut = open.until.since(open.since) >= LENGTH_MAX;
         self.cut_at = was_cut.then_some(open.until);
@@ -291,12 +329,47 @@ mod tests {
     }
 
     #[test]
-    fn triggers_are_bounded_and_counted() {
+    fn an_arrival_that_is_known_a_moment_later_is_no_incident() {
+        let snapshot = |ms, stage, moving, speed_kmh| {
+            let mut snapshot = Snapshot::clone(&engine().snapshot());
+            (snapshot.now, snapshot.stage) = (Timestamp::from_millis(ms), stage);
+            (snapshot.motion.moving, snapshot.motion.speed_kmh) = (moving, speed_kmh);
+            snapshot
+        };
+        let drives = snapshot(0, Stage::Active, Moving::Yes, Some(1));
+        let ends = |speed| snapshot(100, Stage::Standby, Moving::Yes, Some(speed));
+        let tracker = || Tracker::new(Margins::default(), &drives);
+        let mut arrives = tracker();
+        assert_eq!(arrives.follow(&ends(1), &[]), []);
+        assert_eq!(arrives.follow(&snapshot(600, Stage::Standby, Moving::No, Some(0)), &[]), []);
+        assert_eq!(arrives.due(s(5)), []);
+        let mut creeps = tracker();
+        assert_eq!(creeps.follow(&ends(1), &[]), []);
+        assert_eq!(creeps.due(Timestamp::from_millis(799)), []);
+        assert!(matches!(creeps.due(Timestamp::from_millis(800))[..], [Change::Opened(_)]));
+        assert_eq!(creeps.due(Timestamp::from_millis(900)), [], "once");
+        assert!(matches!(tracker().follow(&ends(2), &[])[..], [Change::Opened(_)]), "at once");
+    }
+
+    #[test]
+    fn triggers_are_bounded_and_counted_and_marks_take_no_place_of_them() {
         let mut tracker = Tracker::new(Margins::default(), &engine().snapshot());
+        let root = || Trigger::Root { alarm: None, node: "a/b".into() };
+        let marked = |tracker: &mut Tracker| {
+            (0..100).filter(|_| tracker.mark(s(1), "anna", "a strange noise").is_some()).count()
+        };
+        assert_eq!(marked(&mut tracker), MARKS_MAX);
         for _ in 0..1000 {
-            tracker.trigger(s(1), mark());
+            tracker.trigger(s(1), root());
         }
         let open = tracker.end().unwrap();
-        assert_eq!((open.triggers.len(), open.more), (TRIGGERS_MAX, 1000 - TRIGGERS_MAX as u64));
+        let others = TRIGGERS_MAX - MARKS_MAX;
+        assert_eq!((open.triggers.len(), open.more), (TRIGGERS_MAX, 1000 - others as u64));
+        // The other way round there is room for marks too.
+        for _ in 0..1000 {
+            tracker.trigger(s(2), root());
+        }
+        assert_eq!((tracker.open().unwrap().triggers.len(), marked(&mut tracker)), (others, MARKS_MAX));
+        assert!(tracker.mark(s(100), "anna", "").is_some(), "the next incident has its own");
     }
 }

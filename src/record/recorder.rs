@@ -9,7 +9,7 @@ use std::time::{Duration, SystemTime};
 
 use super::feed::{Turn, Turns};
 use super::freeze;
-use super::incident::{Change, Margins, Open, Tracker, Trigger, roots};
+use super::incident::{Change, Margins, Open, Tracker, roots};
 use super::job::Job;
 use super::ring::{ConfigurationText, Entry, Held, Position, Ring, Taken};
 use super::transition::Change as Told;
@@ -101,6 +101,15 @@ pub struct Mark {
     pub triggers: u64,
 }
 
+/// Why a moment is not marked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unmarked {
+    /// Nothing is recorded now.
+    Off,
+    /// The present incident has as many marks as it may.
+    Full,
+}
+
 /// A handle to a running recorder. Clones lead to the same one.
 #[derive(Debug, Clone)]
 pub struct Recorder(pub(super) Arc<Shared>);
@@ -148,15 +157,18 @@ impl Recorder {
         }
     }
 
-    /// Marks this moment: an incident begins or goes on. The writer tells when it is on the disk. `None`: nothing is
-    /// recorded now.
-    pub fn mark(&self, by: &str, note: &str) -> Option<Mark> {
+    /// Marks this moment: an incident begins or goes on. The writer tells when it is on the disk.
+    ///
+    /// # Errors
+    /// Nothing is recorded now, or there are too many marks.
+    pub fn mark(&self, by: &str, note: &str) -> Result<Mark, Unmarked> {
         let mut state = self.0.lock();
         let now = self.0.clock.now();
-        let changes = state.tracker.trigger(now, Trigger::Mark { by: by.into(), note: note.into() });
+        let changes = state.tracker.mark(now, by, note).ok_or(Unmarked::Full)?;
         state.apply(changes);
         self.0.news.notify_all();
-        state.present().map(|job| Mark { incident: job.number, triggers: job.open.count() })
+        let job = state.present().ok_or(Unmarked::Off)?;
+        Ok(Mark { incident: job.number, triggers: job.open.count() })
     }
 
     /// Records an event that the engine does not know, among the changes.

@@ -44,7 +44,12 @@ pub mod kind {
 impl Summary {
     /// Somebody marked it.
     pub fn is_marked(&self) -> bool {
-        self.triggers.iter().any(|trigger| trigger.kind == kind::MARK)
+        self.marks().next().is_some()
+    }
+
+    /// The marks, oldest first.
+    pub fn marks(&self) -> impl Iterator<Item = &TriggerLine> {
+        self.triggers.iter().filter(|trigger| trigger.kind == kind::MARK)
     }
 
     /// All triggers.

@@ -29,7 +29,7 @@ use crate::record::recorder::{Recorder, Settings};
 use crate::record::retention::Policy;
 use crate::record::writer::{self, Fault, NEWS_MAX, Place, VEHICLE};
 use crate::runtime::Link;
-use crate::store::{Store, make_folder};
+use crate::store::{Store, clean_note, make_folder};
 use crate::web::{Marker, RecordingState};
 
 /// A recording begins at most this much before its pre-roll.
@@ -181,7 +181,7 @@ impl Recording {
         let (recorder, fault, entry) = (self.recorder.clone(), self.fault.clone(), self.entry.clone());
         Marker::new(move |by, note| {
             // Also where the disk has a fault: a disk that recovers meanwhile still gets it.
-            let mark = recorder.mark(by, note);
+            let mark = recorder.mark(by, &clean_note(note));
             Box::pin(confirmed(mark, entry.clone(), fault.clone()))
         })
     }

@@ -197,7 +197,7 @@ fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
     while recorded.recorder.meter().topics.is_empty() {
         std::thread::yield_now();
     }
-    let mark = |triggers| Some(Mark { incident: 7, triggers });
+    let mark = |triggers| Ok(Mark { incident: 7, triggers });
     assert_eq!(recorded.recorder.mark("anna", "a strange noise"), mark(1));
     let Some(News::Begun(begun)) = recorded.news.blocking_recv() else { panic!("it begins") };
     assert_eq!(begun.trigger_count(), 1);
@@ -302,7 +302,7 @@ fn a_file_alone_has_the_marks_the_requests_and_the_values() {
     while recorded.recorder.present().is_none() {
         std::thread::yield_now();
     }
-    recorded.recorder.mark("anna", "a strange noise");
+    recorded.recorder.mark("anna", "a strange noise").unwrap();
     recorded.recorder.tell(Change::Refused {
         action: "clearance".into(),
         on: "".into(),
@@ -331,7 +331,11 @@ fn a_file_alone_has_the_marks_the_requests_and_the_values() {
 #[test]
 fn a_mark_before_the_first_state_of_the_engine_is_recorded_as_soon_as_there_is_one() {
     let mut recorded = Recorded::new("early");
-    assert_eq!(recorded.recorder.mark("anna", "early"), None, "it is not promised");
+    assert_eq!(
+        recorded.recorder.mark("anna", "early"),
+        Err(crate::record::recorder::Unmarked::Off),
+        "it is not promised"
+    );
     recorded.say("pump", 0, 1);
     recorded.say("pump", 0, 60);
     let summary = recorded.ended();

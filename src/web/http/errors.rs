@@ -39,6 +39,12 @@ pub enum HttpError {
     NotRecording,
     /// A mark is in memory, and the disk has not taken it yet.
     MarkUnsure,
+    /// An incident has as many marks as it may.
+    ManyMarks,
+    /// A note is longer than it may be.
+    LongNote,
+    /// A body is no form.
+    NoForm,
     /// The recording of an incident is still written.
     Unfinished,
     /// The file of a recording is gone.
@@ -74,11 +80,12 @@ impl HttpError {
             HttpError::Locked | HttpError::Replay | HttpError::Unfinished | HttpError::NoReplay => {
                 StatusCode::CONFLICT
             }
-            HttpError::BadForm => StatusCode::UNPROCESSABLE_ENTITY,
+            HttpError::BadForm | HttpError::LongNote => StatusCode::UNPROCESSABLE_ENTITY,
+            HttpError::NoForm => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             HttpError::BadRequest | HttpError::BadMoment => StatusCode::BAD_REQUEST,
             HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
             HttpError::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
-            HttpError::TooMany => StatusCode::TOO_MANY_REQUESTS,
+            HttpError::TooMany | HttpError::ManyMarks => StatusCode::TOO_MANY_REQUESTS,
             HttpError::LongHeader => StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
             HttpError::TooManySockets
             | HttpError::Storage
@@ -231,6 +238,28 @@ impl HttpError {
                 "Nicht sicher markiert",
                 "Der Speicher antwortet nicht, daher ist nicht sicher, ob dieser Moment erhalten bleibt. Bitte die \
                  Uhrzeit notieren.",
+            ),
+            (HttpError::ManyMarks, Lang::En) => (
+                "Not marked",
+                "This incident has many marks already, so this moment has none of its own. It is recorded with it.",
+            ),
+            (HttpError::ManyMarks, Lang::De) => (
+                "Nicht markiert",
+                "Dieser Vorfall ist schon oft markiert, daher hat dieser Moment keine eigene Marke. Aufgezeichnet wird er.",
+            ),
+            (HttpError::LongNote, Lang::En) => {
+                ("Not done", "A note has at most 2,000 bytes. Nothing was changed. Shorten it.")
+            }
+            (HttpError::LongNote, Lang::De) => (
+                "Nicht ausgeführt",
+                "Eine Notiz hat höchstens 2.000 Byte. Es wurde nichts geändert. Bitte kürzen.",
+            ),
+            (HttpError::NoForm, Lang::En) => {
+                ("Not a form", "Nothing was done. Send it as a form: application/x-www-form-urlencoded.")
+            }
+            (HttpError::NoForm, Lang::De) => (
+                "Kein Formular",
+                "Es wurde nichts getan. Bitte als Formular senden: application/x-www-form-urlencoded.",
             ),
             (HttpError::Unfinished, Lang::En) => {
                 ("Not finished", "This incident is still being recorded. Try again in a minute.")

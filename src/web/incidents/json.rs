@@ -67,6 +67,8 @@ struct Told<'a> {
     /// At the first trigger.
     stage: Option<&'a str>,
     marked: bool,
+    /// Oldest first.
+    marks: Vec<Mark<'a>>,
     /// It stays whatever its age and size.
     kept: bool,
     /// It followed at once on an incident that reached its greatest length.
@@ -119,6 +121,13 @@ struct Trigger<'a> {
     what: &'a str,
     /// The number of the alarm of a root.
     alarm: Option<u64>,
+    note: &'a str,
+}
+
+/// Who marked a moment of an incident, and the note of it.
+#[derive(Serialize, JsonSchema)]
+struct Mark<'a> {
+    by: &'a str,
     note: &'a str,
 }
 
@@ -197,6 +206,7 @@ impl<'a> Told<'a> {
             trigger_count: summary.trigger_count(),
             stage: Some(&*summary.stage).filter(|stage| !stage.is_empty()),
             marked: summary.is_marked(),
+            marks: summary.marks().map(|mark| Mark { by: &mark.what, note: &mark.note }).collect(),
             kept: *kept,
             storm: summary.storm,
             note: note.as_ref().map(|it| Note { text: &it.text, by: &it.by, at: time(it.at_ms) }),

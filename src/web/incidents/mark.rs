@@ -6,6 +6,8 @@ use std::pin::Pin;
 use axum::Json;
 use axum::extract::rejection::FormRejection;
 use axum::extract::{Extension, Form};
+use axum::http::HeaderMap;
+use axum::http::header::{CONTENT_LENGTH, TRANSFER_ENCODING};
 use axum::response::{IntoResponse, Redirect, Response};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -25,6 +27,8 @@ use crate::web::{AppState, Live};
 pub enum NotMarked {
     /// Nothing is recorded now.
     Off,
+    /// The present incident has as many marks as it may: this moment is in its recording anyway.
+    Full,
     /// It is in memory: the disk has not taken it yet.
     Unsure { incident: u64 },
 }
@@ -71,6 +75,8 @@ pub(in crate::web) async fn mark_moment(
                 Ok(incident)
             }
             Err(NotMarked::Off) => Err(HttpError::NotRecording),
+            // A record of each would fill the log.
+            Err(NotMarked::Full) => Err(HttpError::ManyMarks),
             Err(NotMarked::Unsure { incident }) => {
                 store.note(target(incident, &note).refused("the disk has not taken it yet"));
                 Err(HttpError::MarkUnsure)
@@ -83,7 +89,7 @@ pub(in crate::web) async fn mark_moment(
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 pub struct MarkForm {
-    /// What happens; longer ones are cut at 2,000 bytes.
+    /// What happens, in at most 2,000 bytes.
     #[serde(default)]
     note: String,
 }
@@ -95,20 +101,28 @@ pub async fn mark(
     peer: Option<Extension<Peer>>,
     SignedIn(session): SignedIn,
     reader: Reader,
+    headers: HeaderMap,
     form: Result<Form<MarkForm>, FormRejection>,
 ) -> Response {
     let MarkForm { note } = match form {
-        Ok(Form(form)) => form,
+        Ok(Form(form)) if form.note.trim().len() <= NOTE_BYTES_MAX => form,
+        Ok(_) => return refusal(&reader, HttpError::LongNote),
         // A mark without a note needs no body.
-        Err(FormRejection::InvalidFormContentType(_)) => MarkForm::default(),
+        Err(FormRejection::InvalidFormContentType(_)) if is_empty(&headers) => MarkForm::default(),
+        Err(FormRejection::InvalidFormContentType(_)) => return refusal(&reader, HttpError::NoForm),
         Err(rejection) => return bad_form(&reader, &rejection),
     };
-    let note = &note[..note.floor_char_boundary(NOTE_BYTES_MAX)];
     let source = source_of(peer.map(|Extension(peer)| peer));
     let record = Record::of_session(&session, Action::Mark, source);
-    match (mark_moment(&app, &session.user, note, record).await, reader.speaks) {
+    match (mark_moment(&app, &session.user, &note, record).await, reader.speaks) {
         (Ok(_), Speaks::Html) => Redirect::to("/incidents").into_response(),
         (Ok(incident), Speaks::Json) => Json(Marked { incident }).into_response(),
         (Err(error), _) => refusal(&reader, error),
     }
+}
+
+/// A request without a body.
+fn is_empty(headers: &HeaderMap) -> bool {
+    let length = headers.get(CONTENT_LENGTH);
+    length.is_none_or(|length| length == "0") && !headers.contains_key(TRANSFER_ENCODING)
 }

@@ -7,11 +7,10 @@ mod reading;
 mod what_if;
 
 use std::sync::Arc;
-use std::time::SystemTime;
 
 use axum::Json;
-use axum::extract::rejection::{FormRejection, QueryRejection};
-use axum::extract::{Extension, Form, Path, Query, State};
+use axum::extract::rejection::FormRejection;
+use axum::extract::{Extension, Form, Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Redirect, Response};
 use schemars::JsonSchema;
@@ -19,18 +18,18 @@ use serde::Deserialize;
 use tokio::sync::watch;
 
 use super::admission::peer::{Peer, source_of};
+use super::api::query::{Asked, Count, Moment};
 use super::api::table::{Format, Table};
-use super::api::words;
 use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
-use super::http::respond::{Reader, Speaks, bad_field, bad_form, json_answer, refusal};
+use super::http::respond::{Reader, Speaks, bad_form, json_answer, refusal};
 use super::view::RecorderState;
 use super::{AppState, Live};
 use crate::record::beside;
 use crate::record::incident::NOTE_BYTES_MAX;
 use crate::record::recorder::Recorder;
 use crate::record::retention::Policy;
-use crate::record::writer::{Place, unix_ms};
+use crate::record::writer::Place;
 use crate::store::audit::{Action, Record};
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 
@@ -82,16 +81,14 @@ pub struct ListQuery {
     marked: Option<bool>,
     kept: Option<bool>,
     /// Only those that began at this time or later.
-    #[schemars(schema_with = "words::time")]
-    since: Option<String>,
+    since: Option<Moment>,
     /// Only those that began at this time or earlier.
-    #[schemars(schema_with = "words::time")]
-    until: Option<String>,
+    until: Option<Moment>,
     /// Only those with a smaller number.
     before: Option<u64>,
-    /// At most so many; 50 unless it is given.
-    #[schemars(range(min = 1, max = INCIDENTS_PAGE_MAX))]
-    count: Option<u32>,
+    /// At most so many.
+    #[serde(default)]
+    count: Count<COUNT, INCIDENTS_PAGE_MAX>,
     format: Option<Format>,
 }
 
@@ -112,31 +109,20 @@ const COLUMNS: [&str; 12] = [
 ];
 
 impl ListQuery {
-    /// The filter, or the name of the field that cannot be read.
-    fn filter(self) -> Result<IncidentFilter, &'static str> {
-        let count = self.count.unwrap_or(COUNT);
-        if !(1..=INCIDENTS_PAGE_MAX).contains(&count) {
-            return Err("count");
-        }
-        Ok(IncidentFilter {
+    fn filter(self) -> IncidentFilter {
+        IncidentFilter {
             cause: self.cause,
             group: self.group,
             stage: self.stage,
             marked: self.marked,
             kept: self.kept,
-            since_ms: time(self.since.as_deref()).ok_or("since")?,
-            until_ms: time(self.until.as_deref()).ok_or("until")?,
+            since_ms: self.since.map(|Moment(ms)| ms),
+            until_ms: self.until.map(|Moment(ms)| ms),
             before: self.before,
-            count,
+            count: self.count.0,
             ..IncidentFilter::default()
-        })
+        }
     }
-}
-
-/// A time that may be missing; `None` if it cannot be read.
-fn time(text: Option<&str>) -> Option<Option<i64>> {
-    let read = |text: &str| humantime::parse_rfc3339_weak(text).ok().map(|at: SystemTime| unix_ms(at));
-    text.map_or(Some(None), |text| read(text).map(Some))
 }
 
 /// `GET /api/v1/incidents`: the newest first, filtered, in pages.
@@ -144,16 +130,10 @@ pub async fn list(
     State(app): State<AppState>,
     reader: Reader,
     headers: HeaderMap,
-    query: Result<Query<ListQuery>, QueryRejection>,
+    Asked(query): Asked<ListQuery>,
 ) -> Response {
-    let Ok(Query(query)) = query else {
-        return bad_field(&reader, "marked, kept, before, count or format");
-    };
     let format = Format::of(query.format, &headers);
-    let filter = match query.filter() {
-        Ok(filter) => filter,
-        Err(field) => return bad_field(&reader, field),
-    };
+    let filter = query.filter();
     let count = filter.count as usize;
     match app.store.incidents(filter).await {
         Ok(found) => {
@@ -206,7 +186,7 @@ pub async fn note(
 ) -> Response {
     let Form(NoteForm { note }) = match form {
         Ok(form) if form.note.trim().len() <= NOTE_BYTES_MAX => form,
-        Ok(_) => return bad_field(&reader, "note"),
+        Ok(_) => return refusal(&reader, HttpError::LongNote),
         Err(rejection) => return bad_form(&reader, &rejection),
     };
     let Ok(number) = number(&id) else { return refusal(&reader, HttpError::NotFound) };

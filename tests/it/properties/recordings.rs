@@ -138,7 +138,7 @@ proptest! {
         while recorder.meter().topics.is_empty() {
             std::thread::yield_now();
         }
-        prop_assert_eq!(recorder.mark("anna", ""), Some(Mark { incident: 1, triggers: 1 }));
+        prop_assert_eq!(recorder.mark("anna", ""), Ok(Mark { incident: 1, triggers: 1 }));
         for (index, (at, step)) in story.into_iter().enumerate() {
             match step {
                 Step::Take(input) => {

@@ -18,7 +18,7 @@ use telltale::record::writer::Place;
 use telltale::web::{AppState, Marker, Marking, NotMarked, Origins, RecordingState, Settings, router};
 use tokio::sync::watch;
 
-use super::fixture::{ADDRESS, Answer, Fixture, request, settings};
+use super::fixture::{ADDRESS, Answer, Fixture, form_request, request, settings};
 use crate::folder::TestFolder;
 
 pub(super) const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
@@ -43,6 +43,7 @@ impl Recorded {
             let came_to = match note {
                 "unsure" => Err(NotMarked::Unsure { incident: 7 }),
                 "off" => Err(NotMarked::Off),
+                "full" => Err(NotMarked::Full),
                 _ => Ok(7_u64),
             };
             Box::pin(async move { came_to }) as Marking
@@ -156,9 +157,11 @@ async fn programs_list_incidents_and_read_all_of_one() {
     ] {
         assert_eq!(recorded.ids(query, &cookie).await, expected, "{query}");
     }
-    for wrong in ["?count=0", "?count=1000", "?count=x", "?since=yesterday", "?until=1", "?marked=maybe"] {
+    for wrong in ["?count=0", "?count=-1", "?count=x", "?since=yesterday", "?until=1", "?marked=maybe"] {
         let answer = recorded.fixture.get(&format!("/api/v1/incidents{wrong}"), Some(&cookie)).await;
-        assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY, "{wrong}");
+        assert_eq!(answer.status, StatusCode::BAD_REQUEST, "{wrong}");
+        let field = wrong[1..].split('=').next().unwrap();
+        assert!(answer.body.contains(field), "{wrong}: {}", answer.body);
     }
     let list = recorded.fixture.get_json("/api/v1/incidents", &cookie).await;
     let (lasts, over) = (&list[0], &list[1]);
@@ -265,11 +268,22 @@ async fn a_mark_has_a_name_a_note_and_a_record() {
     let operator = recorded.fixture.cookie_of("operator").await;
     let answer = recorded.fixture.post("/api/v1/mark", Some(&operator), "note=it+braked+hard").await;
     assert_eq!((answer.status, &*answer.body), (StatusCode::OK, r#"{"incident":7}"#));
-    let long = format!("note={}", "%C3%A4".repeat(1500));
-    assert_eq!(recorded.fixture.post("/api/v1/mark", Some(&operator), &long).await.status, StatusCode::OK);
+    // Nothing of a note is lost unsaid.
+    let long = format!("note={}", "%C3%A4".repeat(1001));
+    let answer = recorded.fixture.post("/api/v1/mark", Some(&operator), &long).await;
+    assert_eq!(answer.status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert!(answer.body.contains("at most 2,000 bytes"), "{}", answer.body);
+    let mut json = form_request("/api/v1/mark", Some(&operator), r#"{"note":"it braked hard"}"#);
+    json.headers_mut().insert("content-type", "application/json".parse().unwrap());
+    json.headers_mut().insert("content-length", "25".parse().unwrap());
+    let answer = recorded.fixture.send(json).await;
+    assert_eq!(answer.status, StatusCode::UNSUPPORTED_MEDIA_TYPE);
+    assert!(answer.body.contains("application/x-www-form-urlencoded"), "{}", answer.body);
     let marks = recorded.marks.lock().unwrap().clone();
-    assert_eq!(marks[0], ("operator".to_owned(), "it braked hard".to_owned()));
-    assert_eq!(marks[1].1.len(), 2000);
+    assert_eq!(marks, [("operator".to_owned(), "it braked hard".to_owned())]);
+    let full = recorded.fixture.post("/api/v1/mark", Some(&operator), "note=full").await;
+    assert_eq!(full.status, StatusCode::TOO_MANY_REQUESTS);
+    assert!(full.body.contains("It is recorded with it"), "{}", full.body);
     let log = recorded.fixture.store.audit_entries(None, 5).await.unwrap();
     let mark = log.iter().find(|it| it.target == "7: it braked hard").unwrap();
     assert_eq!((&*mark.action, &*mark.who), ("mark", "operator"));

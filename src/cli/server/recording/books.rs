@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
-use crate::record::recorder::Mark;
+use crate::record::recorder::{Mark, Unmarked};
 use crate::record::writer::{Fault, News};
 use crate::store::Store;
 use crate::web::NotMarked;
@@ -25,11 +25,15 @@ pub(super) struct BookEntry {
 /// # Errors
 /// The disk refused it, or has not taken it yet.
 pub(super) async fn confirmed(
-    mark: Option<Mark>,
+    mark: Result<Mark, Unmarked>,
     mut entry: watch::Receiver<BookEntry>,
     mut fault: watch::Receiver<Fault>,
 ) -> Result<u64, NotMarked> {
-    let Some(Mark { incident, triggers }) = mark else { return Err(NotMarked::Off) };
+    let Mark { incident, triggers } = match mark {
+        Ok(mark) => mark,
+        Err(Unmarked::Off) => return Err(NotMarked::Off),
+        Err(Unmarked::Full) => return Err(NotMarked::Full),
+    };
     let is_written = |entry: &BookEntry| entry.incident == incident && entry.triggers >= triggers;
     tokio::select! {
         // What is written stays, whatever follows.
@@ -75,12 +79,13 @@ mod tests {
     async fn a_mark_is_confirmed_when_it_is_on_the_disk_and_answered_within_a_second() {
         let (write, entry) = watch::channel(BookEntry::default());
         let (tell, fault) = watch::channel(None);
-        let mark = Mark { incident: 7, triggers: 3 };
+        let mark = Ok(Mark { incident: 7, triggers: 3 });
         let confirmed = |mark| tokio::spawn(confirmed(mark, entry.clone(), fault.clone()));
         let unsure = Err(NotMarked::Unsure { incident: 7 });
-        assert_eq!(confirmed(None).await.unwrap(), Err(NotMarked::Off));
-        assert_eq!(confirmed(Some(mark)).await.unwrap(), unsure, "the disk does not answer");
-        let waits = confirmed(Some(mark));
+        assert_eq!(confirmed(Err(Unmarked::Off)).await.unwrap(), Err(NotMarked::Off));
+        assert_eq!(confirmed(Err(Unmarked::Full)).await.unwrap(), Err(NotMarked::Full));
+        assert_eq!(confirmed(mark).await.unwrap(), unsure, "the disk does not answer");
+        let waits = confirmed(mark);
         tokio::task::yield_now().await;
         let written = |incident, triggers, is_stored| {
             write.send_replace(BookEntry { incident, triggers, is_stored });
@@ -93,12 +98,12 @@ mod tests {
         written(7, 3, true);
         assert_eq!(waits.await.unwrap(), Ok(7));
         written(7, 4, false);
-        assert_eq!(confirmed(Some(mark)).await.unwrap(), unsure, "the database does not take it");
+        assert_eq!(confirmed(mark).await.unwrap(), unsure, "the database does not take it");
         written(7, 2, true);
-        let waits = confirmed(Some(mark));
+        let waits = confirmed(mark);
         tell.send_replace(Some("the disk is full".into()));
         assert_eq!(waits.await.unwrap(), Err(NotMarked::Off));
         written(7, 3, true);
-        assert_eq!(confirmed(Some(mark)).await.unwrap(), Ok(7), "what is written stays");
+        assert_eq!(confirmed(mark).await.unwrap(), Ok(7), "what is written stays");
     }
 }
