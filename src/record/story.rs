@@ -59,6 +59,9 @@ pub struct Story {
     pub lost: u64,
     /// The file was completed.
     pub complete: bool,
+    /// Where an interrupted recording ends; before the first trigger if it was interrupted at once.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interrupted_ms: Option<i64>,
     /// The file is longer than what is read for a page.
     pub cut: bool,
     /// Parts of the file that cannot be used, and why.
@@ -212,7 +215,7 @@ impl<'a> Heard<'a> {
         let last = last.max(self.changes.iter().map(|change| change.at_ms).max());
         let until_ms = summary.until_ms.or(last).unwrap_or(summary.since_ms);
         // Of an interrupted recording, nothing is known behind its last entry.
-        let end_ms = last.filter(|_| summary.recording.interrupted).map(|last| last.min(until_ms));
+        let end_ms = summary.recording.interrupted.then(|| last.map_or(from_ms, |last| last.min(until_ms)));
         let to_ms = end_ms.unwrap_or(until_ms).max(from_ms + 1);
         let mut moments = self.operator;
         moments.extend(happened(&self.changes, summary, from_ms));
@@ -237,6 +240,7 @@ impl<'a> Heard<'a> {
             signals: signals(&self.changes, (from_ms, to_ms)),
             topics: self.topics.into_values().collect(),
             lost: self.lost,
+            interrupted_ms: end_ms,
             ..Story::default()
         }
     }

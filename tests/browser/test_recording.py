@@ -212,6 +212,7 @@ def test_a_recording_is_readable_up_to_the_last_second_before_a_kill(recorded, t
             marks = [it["note"] for it in transitions(whole) if it["kind"] == "trigger" and it["of"] == "mark"]
             assert marks == ["before a kill", f"killed {number}"], number
             story = ask(f"/api/v1/incidents/{number}")["story"]
+            assert story["interrupted_ms"] == story["to_ms"], story
             assert story["moments"][-1]["kind"] == "interrupted" and story["to_ms"] == story["moments"][-1]["at_ms"], story["moments"]
     finally:
         talking.end()

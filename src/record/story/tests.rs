@@ -45,6 +45,22 @@ fn summary() -> Summary {
 }
 
 #[test]
+fn an_interrupted_recording_ends_at_its_last_entry_and_before_the_trigger_if_it_has_none() {
+    let mut summary = summary();
+    (summary.recording.interrupted, summary.until_ms) = (true, None);
+    let told = |changes| Heard { changes, ..Heard::default() }.tell(&summary);
+    let ends = |changes| {
+        let story = told(changes);
+        let is_said = story.moments.iter().any(|it| it.what == Happened::Interrupted);
+        (story.interrupted_ms, story.to_ms, is_said)
+    };
+    let ok = |at_ms| shown(at_ms, "sensors/lidar", "ok", None);
+    assert_eq!(ends(vec![ok(9_000), ok(43_000)]), (Some(43_000), 43_000, true));
+    assert_eq!(ends(vec![ok(9_000), ok(20_000)]), (Some(20_000), 20_000, true));
+    assert_eq!(ends(vec![]), (Some(10_000), 10_001, true));
+}
+
+#[test]
 fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
     let changes = vec![
         stage(1_000, "active"),

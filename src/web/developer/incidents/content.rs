@@ -198,7 +198,10 @@ impl Content {
             flags: flags(it, incident),
             note: note.map(|note| clean_lines(&note.text)).unwrap_or_default(),
             note_by: note.map(|note| clean(&note.by, NAME)).unwrap_or_default(),
-            troubles: of_proof(it, proof).into_iter().chain(troubles(it, read, medium)).collect(),
+            troubles: of_proof(it, proof)
+                .into_iter()
+                .chain(troubles(it, read, medium, summary.since_ms))
+                .collect(),
             moments: story.moments.iter().map(|moment| row(lang, moment, summary.since_ms)).collect(),
             more_moments: story.more_moments,
             patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
@@ -254,7 +257,7 @@ fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
     }
 }
 
-fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>) -> Vec<String> {
+fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>, since_ms: i64) -> Vec<String> {
     let story: &Story = match read {
         Read::Told(story) => story,
         Read::Missing => return vec![it.no_file.to_owned()],
@@ -264,6 +267,10 @@ fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>) -> Vec<String> 
         }
     };
     let mut troubles = Vec::new();
+    if let Some(end_ms) = story.interrupted_ms {
+        let lacks = if end_ms < since_ms { it.ends_before } else { it.ends_after };
+        troubles.push(format!("{}: {}. {lacks}", it.interrupted_at, after(end_ms, since_ms)));
+    }
     if !story.complete {
         troubles.push(it.incomplete.to_owned());
     }

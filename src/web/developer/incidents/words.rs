@@ -118,6 +118,9 @@ words! {
     is_other: "The recording is not as it was recorded: the file was changed, and what follows was read from it. Its hash is", "Die Aufzeichnung ist nicht, wie sie aufgezeichnet wurde: Die Datei wurde verändert, und was folgt, ist aus ihr gelesen. Ihr Hash ist";
     is_other_row: "What the database says of this incident was changed later: it is not what the audit log proves. The story is read from the recording; the other lines are from the database.", "Was die Datenbank über diesen Vorfall sagt, wurde später geändert: Das Protokoll belegt etwas anderes. Der Ablauf ist aus der Aufzeichnung gelesen, die übrigen Zeilen sind aus der Datenbank.";
     not_compared: "The file is too large to be compared with its hash here. `telltale incident verify` compares it.", "Die Datei ist zu groß, um sie hier mit ihrem Hash zu vergleichen. `telltale incident verify` vergleicht sie.";
+    interrupted_at: "Telltale ended in the middle of this recording. From the first trigger it ends at", "Telltale endete mitten in dieser Aufzeichnung. Gerechnet vom ersten Auslöser endet sie bei";
+    ends_before: "What was to be recorded from then on, the first trigger among it, is missing.", "Alles danach, auch der erste Auslöser, fehlt.";
+    ends_after: "What came later is missing.", "Was danach kam, fehlt.";
     no_hash: "The recording was not completed, so it has no hash, and nothing proves it.", "Die Aufzeichnung wurde nicht abgeschlossen. Sie hat keinen Hash, und nichts beweist sie.";
     interrupted_here: "The recording ends here, because Telltale ended. What came later is not in it", "Hier endet die Aufzeichnung, weil Telltale endete. Was danach kam, steht nicht darin";
     reloaded: "The configuration was replaced", "Die Konfiguration wurde ersetzt";
