@@ -55,11 +55,43 @@
     if (document.activeElement !== until) until.value = asked.get("until") ? local(to) : "";
   };
 
-  // --- the what-if: a mistake leads to its line in the text
+  // --- the what-if: a mistake is marked beside its line, and leads to it
+
+  const fields = () => [...document.querySelectorAll(".what-if textarea")];
+  const number = (field, index) => {
+    const wrong = new Map();
+    for (const { dataset, parentElement } of document.querySelectorAll(`#problems button[data-file="${index}"]`)) {
+      const said = parentElement.textContent.trim();
+      wrong.set(Number(dataset.line), [wrong.get(Number(dataset.line)), said].filter(Boolean).join("\n"));
+    }
+    const count = field.value.split("\n").length;
+    const numbers = field.previousElementSibling;
+    const shown = `${count} ${JSON.stringify([...wrong])}`;
+    if (numbers.dataset.shown !== shown) {
+      const line = (_, at) => {
+        const text = document.createElement("span");
+        text.textContent = `${at + 1}\n`;
+        if (wrong.has(at + 1)) Object.assign(text, { className: "wrong", title: wrong.get(at + 1) });
+        return text;
+      };
+      numbers.replaceChildren(...Array.from({ length: count }, line));
+      numbers.dataset.shown = shown;
+    }
+    numbers.scrollTop = field.scrollTop;
+  };
+  const numberAll = () => fields().forEach(number);
+  for (const event of ["input", "scroll"]) {
+    document.addEventListener(event, ({ target }) => {
+      if (fields().includes(target)) number(target, fields().indexOf(target));
+    }, true);
+  }
+  for (const event of ["telltale:page", "telltale:shown"]) addEventListener(event, numberAll);
+  numberAll();
+
 
   document.addEventListener("click", ({ target }) => {
     const button = target.closest?.("#problems button");
-    const field = button && document.querySelectorAll(".what-if textarea")[button.dataset.file];
+    const field = button && fields()[button.dataset.file];
     if (!field) return;
     const lines = field.value.split("\n");
     const line = Math.min(button.dataset.line, lines.length) - 1;

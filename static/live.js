@@ -98,6 +98,8 @@
     #page;
     #mark = document.querySelector("#live .pulse");
     #clock = document.getElementById("clock");
+    // Of a replay.
+    #date = document.getElementById("date");
     #lag = new Lag();
     #listeners = [];
     #triedAt = performance.now();
@@ -187,7 +189,9 @@
       this.beatAt = message.at;
       delete document.body.dataset.waiting;
       this.#mark.dataset.phase = message.beat % 8;
-      setText(this.#clock, new Date(message.at).toTimeString().slice(0, 8));
+      const at = new Date(message.at);
+      setText(this.#clock, at.toTimeString().slice(0, 8));
+      if (this.#date) setText(this.#date, at.toLocaleDateString(document.documentElement.lang, { dateStyle: "medium" }));
       this.#page.beat(message);
       this.judge();
     }

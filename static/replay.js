@@ -4,6 +4,9 @@
   "use strict";
   const ASK_MS = 250;
   const ANSWER_MS = 3000;
+  // Between two changes of the address, of which browsers allow only some.
+  const KEEP_MS = 100;
+  const KEEP_PLAYING_MS = 1000;
   // The reference display; the stylesheet has the same.
   const WHOLE = { width: 1280, height: 800 };
 
@@ -13,6 +16,7 @@
   const slider = document.querySelector("input[name=at]");
   const speed = document.querySelector("select[name=speed]");
   const clock = document.getElementById("replay-clock");
+  const date = document.getElementById("replay-date");
   const after = document.getElementById("replay-after");
   const moment = document.getElementById("moment");
   const differs = document.getElementById("differs");
@@ -28,13 +32,6 @@
   let pending = null;
 
   for (const link of document.querySelectorAll(".lanes a")) link.target = "screen";
-  for (const text of document.querySelectorAll("[data-clock]")) {
-    text.textContent = new Date(text.dataset.clock).toTimeString().slice(0, 8);
-  }
-  for (const text of document.querySelectorAll("time[data-exact]")) {
-    const at = new Date(text.dateTime);
-    text.textContent = `${at.toTimeString().slice(0, 8)}.${String(at.getMilliseconds()).padStart(3, "0")}`;
-  }
 
   // A line in each strip, at the instant that is shown.
   const cursors = [...document.querySelectorAll(".lane svg")].map((strip) => {
@@ -45,17 +42,44 @@
     return strip.appendChild(line);
   });
 
-  const timeOf = (ms) => {
-    const at = new Date(ms);
-    return `${at.toTimeString().slice(0, 8)}.${Math.floor(at.getMilliseconds() / 100)}`;
+  const timeOf = (ms) => `${LocalTimes.clock(ms)}.${Math.floor(new Date(ms).getMilliseconds() / 100)}`;
+
+  // The screen in the frame, behind the address of the replay; `/` is the operator's.
+  const stage = document.querySelector(".stage");
+  const screen = stage.querySelector("iframe");
+  const screenShown = () => {
+    const { pathname, search } = screen.contentWindow.location;
+    const [, behind] = pathname.split("/screen");
+    return behind === undefined ? null : behind + search;
+  };
+
+  // The address of what is shown: a reload, a link and a copy lead to this moment and this screen.
+  let shownAt = Number(body.dataset.at);
+  let screenAt = new URL(screen.src).pathname.split("/screen")[1] + new URL(screen.src).search;
+  const addressOf = (at, shown) => {
+    const asked = new URLSearchParams({ at: Math.round(at), ...(shown !== "/" && { screen: shown }) });
+    return `/replay/${body.dataset.replay}?${asked}`;
+  };
+  let keptAt = 0;
+  let kept = addressOf(shownAt, screenAt);
+  const keep = () => {
+    screenAt = screenShown() ?? screenAt;
+    const address = addressOf(shownAt, screenAt);
+    moment.href = address;
+    const apart = "playing" in body.dataset ? KEEP_PLAYING_MS : KEEP_MS;
+    if (address === kept || performance.now() - keptAt < apart) return;
+    history.replaceState(null, "", address);
+    [kept, keptAt] = [address, performance.now()];
   };
 
   const show = (at) => {
+    shownAt = at;
     clock.textContent = timeOf(at);
     clock.dateTime = new Date(at).toISOString();
+    date.textContent = LocalTimes.date(at);
     const s = (at - from) / 1000;
     after.textContent = `+${two(Math.floor(s / 60))}:${two(Math.floor(s % 60))}.${Math.floor((s * 10) % 10)}`;
-    moment.href = `/replay/${body.dataset.replay}?at=${Math.round(at)}`;
+    moment.href = addressOf(at, screenAt);
     if (other) other.href = `/replay/${other.dataset.replay}?at=${Math.round(at)}`;
     slider.setAttribute("aria-valuetext", clock.textContent);
     if (remembered !== null) differs.href = `/replay/${body.dataset.replay}/differences?a=${remembered}&b=${Math.round(at)}`;
@@ -74,6 +98,7 @@
     if (isMoved) return;
     slider.value = state.at_ms;
     show(state.at_ms);
+    keep();
   };
 
   // One request at a time; a newer order aborts the older one's answer.
@@ -138,8 +163,14 @@
     End: () => goTo(to),
     "+": () => faster(1),
     "-": () => faster(-1),
+    "/": () => search(),
   };
   const press = (event) => {
+    const isSearch = event.key.toLowerCase() === "k" && (event.ctrlKey || event.metaKey) && !event.altKey && !event.shiftKey;
+    if (isSearch) {
+      event.preventDefault();
+      return void search();
+    }
     const does = KEYS[event.key];
     const { target } = event;
     // A focused part has keys of its own: a button is pressed, a slider moves.
@@ -153,8 +184,6 @@
   document.addEventListener("keydown", press);
 
   // The operator's screen keeps the size of its display, and is scaled as a whole into the room that is there.
-  const stage = document.querySelector(".stage");
-  const screen = stage.querySelector("iframe");
   const fit = () => {
     const { clientWidth, clientHeight } = stage;
     stage.style.setProperty("--fit", Math.min(clientWidth / WHOLE.width, clientHeight / WHOLE.height));
@@ -162,14 +191,26 @@
   const look = () => {
     const shown = screen.contentWindow.location.pathname;
     if (shown === "blank") return;
+    keep();
     const isWhole = shown.endsWith("/screen/");
     stage.toggleAttribute("data-whole", isWhole);
+    if (isSearching) screen.contentDocument.getElementById("filter")?.focus();
+    isSearching = false;
     // Other pages have keys of their own.
     if (isWhole) screen.contentDocument.addEventListener("keydown", press);
     for (const link of document.querySelectorAll("nav a")) {
       if (link.pathname === shown) link.setAttribute("aria-current", "page");
       else link.removeAttribute("aria-current");
     }
+  };
+  // The search of the screen that is shown; the operator's has none.
+  let isSearching = false;
+  const search = () => {
+    screen.contentWindow.focus();
+    const opens = screen.contentDocument.querySelector("[data-search]");
+    if (opens) return opens.click();
+    isSearching = true;
+    return screen.contentWindow.location.assign(`/replay/${body.dataset.replay}/screen/developer/search`);
   };
   new ResizeObserver(fit).observe(stage);
   screen.addEventListener("load", look);

@@ -11,6 +11,8 @@
   // Without a look for this long the scripts hang, and the display is dead. It is put off more often than that.
   const HANGS_S = 2.5;
   const PUT_OFF_MS = 500;
+  // A click comes so long after the finger is lifted, at the latest.
+  const TAPPED_MS = 400;
 
   // The tones of each pattern: when they begin in seconds, their pitch in Hz, and how long they last.
   const PATTERNS = {
@@ -45,13 +47,18 @@
 
   // The button changes its width, and must not move what a finger is on.
   let isPressed = false;
-  addEventListener("pointerdown", () => (isPressed = true), true);
-  for (const end of ["pointerup", "pointercancel"]) addEventListener(end, () => (isPressed = false), true);
-
   const mark = () => {
     if (isPressed) return;
     tool.dataset.sound = isOn() ? "on" : "off";
   };
+  addEventListener("pointerdown", () => (isPressed = true), true);
+  for (const end of ["pointerup", "pointercancel"]) {
+    addEventListener(end, () => {
+      isPressed = false;
+      // What is tapped hears of it first.
+      setTimeout(mark, TAPPED_MS);
+    }, true);
+  }
 
   const count = (what) => {
     body.dataset[what] = Number(body.dataset[what] ?? 0) + 1;

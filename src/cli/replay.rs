@@ -48,10 +48,11 @@ const DIFFERENCES_MAX: usize = 20;
 /// alarms, the nodes that were ignored because of a root cause, the requests to the vehicle, the changes of what a
 /// node shows, and the time from the first symptom to the root cause of the first alarm; below it the first instant
 /// at which both differ. With `--json`, an object for each recording and one in total. Exit code 1 where anything
-/// differs: a configuration that is not to change what was shown is tested so.
+/// differs or a recording cannot be used, which does not stop the others: a configuration that is not to change what
+/// was shown is tested so.
 ///
-/// Exit codes: 0; 1 where the changes differ from the expected ones; 2 where the recording or the configuration
-/// cannot be used. What of a recording cannot be used is said on standard error: for each part of the time that is
+/// Exit codes: 0; 1 where the changes differ from the expected ones; 2 where no recording, or the configuration,
+/// can be used. What of a recording cannot be used is said on standard error: for each part of the time that is
 /// missing, a line that begins with `telltale: missing`, with its first and its last instant in UTC.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale replay incident-12.mcap\n  \
@@ -80,7 +81,8 @@ pub struct Args {
     /// Print the changes of stages, signals and alarms too
     #[arg(long)]
     all: bool,
-    /// Compare the changes with these lines, as `--json` prints them; a line may have fewer keys
+    /// Compare the changes with these lines, as `--json` prints them; a line may have fewer keys. With `--from` and
+    /// `--to`, the lines in between
     #[arg(long, value_name = "FILE")]
     expect: Option<PathBuf>,
     /// Print from here on: a time as `12s` after the first instant that is shown, or `2026-11-20T12:00:00Z`
@@ -177,7 +179,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let got = replay(args, &mut run, expected.is_none())?;
     report(&run);
     let Some(expected) = expected else { return Ok(ExitCode::SUCCESS) };
-    let differences = expected.compare(&got);
+    let facts = run.facts();
+    let [from, to] = [args.from, args.to].map(|moment| moment.map(|moment| moment.at(facts)));
+    let differences = expected.within(facts, from, to).compare(&got);
     told(&differences);
     Ok(if differences.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
 }

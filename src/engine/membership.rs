@@ -16,6 +16,7 @@ use super::mask::node::{GroupNode, ModuleKind, ModuleNode, UNSEEN, new_node};
 use super::model::{Dependency, GroupId, Match, ModuleId, NodeId, Policy};
 use super::module::OwnState;
 use super::module::overflow;
+use super::module::system::SystemCheck;
 use super::state::{State, Tally};
 use super::time::Timestamp;
 use super::view::views::Views;
@@ -171,6 +172,34 @@ impl Engine {
         self.views.leave(id);
         self.departed.named.insert(name, id);
     }
+
+    /// Leaves out all modules of the group `telltale`, until the engine itself finds a fault of one: of a vehicle without Telltale
+    /// nobody knows that its checks were OK.
+    pub fn leave_self_out(&mut self) {
+        for check in SystemCheck::ALL {
+            let id = self.net.system_module(check);
+            self.net.remove(id);
+            self.views.leave(id);
+        }
+        // Their indices stay theirs.
+        self.net.left.clear();
+        self.settle();
+    }
+
+    pub(super) fn is_left_out(&self, id: ModuleId) -> bool {
+        self.net.modules[id.0 as usize].kind == ModuleKind::Gone
+    }
+
+    /// Takes a module back that was left out, if this is a fault. Returns whether it is there now.
+    pub(super) fn take_back(&mut self, id: ModuleId, state: State) -> bool {
+        if state == State::Ok {
+            return false;
+        }
+        let group = self.net.system_group();
+        self.net.discover(&NewModule::of(group), ModuleKind::BuiltIn, Some(id), self.now);
+        self.views.come_back(id, self.now);
+        true
+    }
 }
 
 impl Net {
@@ -311,5 +340,56 @@ impl Net {
         }
         group.into_iter().for_each(|group| self.mark_leave(group));
         self.left.push(id);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use crate::engine::Engine;
+    use crate::engine::input::{Input, ReceptionTrouble, StatusArray, TroubleKind};
+    use crate::engine::model::{Model, NodeId, Other, Parts, StageModel};
+    use crate::engine::snapshot::Snapshot;
+    use crate::engine::state::State;
+    use crate::engine::time::Timestamp;
+
+    fn own(snapshot: &Snapshot) -> Vec<(&str, State)> {
+        let modules =
+            snapshot.module_ids().map(|id| (&*snapshot.module(id).0.id, snapshot.module(id).1.state));
+        modules.filter(|(name, _)| name.starts_with("telltale/")).collect()
+    }
+
+    #[test]
+    fn what_was_left_out_is_there_from_its_first_fault_on() {
+        let parts = Parts { other: Other::Counted, ..Parts::empty("v", StageModel::None) };
+        let mut engine = Engine::begin(Arc::new(Model::new(parts).unwrap()), Timestamp::ZERO);
+        assert_eq!(own(&engine.snapshot()).len(), 14);
+        engine.keep_events();
+        engine.leave_self_out();
+        let group = |snapshot: &Snapshot| snapshot.shown(snapshot.node("telltale").unwrap()).0;
+        let first = engine.snapshot();
+        assert_eq!((own(&first), group(&first)), (Vec::new(), State::Ignore));
+
+        // Names that come take no place of theirs.
+        let mut array = StatusArray::default();
+        array.push_status(0, "gps", "fine", "");
+        engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(1000));
+        assert_eq!(own(&engine.snapshot()), []);
+        let trouble = ReceptionTrouble {
+            topic: "/diagnostics".into(),
+            kind: TroubleKind::Malformed,
+            count: 1,
+            text: "it is too short".into(),
+        };
+        engine.handle(&Input::Reception(trouble), Timestamp::from_millis(2000));
+        let faulty = engine.snapshot();
+        assert_eq!(own(&faulty), [("telltale/reception", State::Warning)]);
+        assert_eq!(group(&faulty), State::Warning);
+        assert!(matches!(faulty.node("telltale/reception"), Some(NodeId::Module(_))));
+        // Now it is known to be over.
+        engine.handle(&Input::Tick, Timestamp::from_millis(30_000));
+        let over = engine.snapshot();
+        assert_eq!((own(&over), group(&over)), (vec![("telltale/reception", State::Ok)], State::Ok));
     }
 }

@@ -329,9 +329,12 @@ impl Engine {
         self.report_on_self(SystemCheck::Reception, state, self.reception.message.clone());
     }
 
-    /// Reports the state of one of Telltale's own modules.
+    /// Reports the state of one of Telltale's own modules. One that was left out comes back with its first fault.
     fn report_on_self(&mut self, check: SystemCheck, state: State, message: impl Into<Text>) {
         let id = self.net.system_module(check);
+        if self.is_left_out(id) && !self.take_back(id, state) {
+            return;
+        }
         if self.net.report(id, state, self.now) {
             self.net.mark_module(id);
         }

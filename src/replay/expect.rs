@@ -2,6 +2,10 @@
 
 use serde_json::Value;
 
+use super::Facts;
+use super::line::seconds;
+use crate::engine::time::Timestamp;
+
 /// A difference is looked for among this number of lines behind it.
 const AHEAD_MAX: usize = 200;
 
@@ -29,6 +33,22 @@ impl Expected {
             Ok((index + 1, line.to_owned(), object))
         });
         parsed.collect::<Result<Vec<_>, String>>().map(Expected)
+    }
+
+    /// Without the lines that lie outside of this part of the time, by their `t_s` or else their `at`. Lines without
+    /// either stay.
+    pub fn within(mut self, facts: &Facts, from: Option<Timestamp>, to: Option<Timestamp>) -> Expected {
+        let [from, to] = [from, to].map(|at| at.map(|at| seconds(facts.from, at)));
+        self.0.retain(|(_, _, line)| {
+            let at = || humantime::parse_rfc3339_weak(line.get("at")?.as_str()?).ok();
+            let t_s = line.get("t_s").and_then(Value::as_f64);
+            let t_s = t_s.or_else(|| Some(seconds(facts.from, facts.at_wall(at()?))));
+            // Both are as exact as they are printed.
+            t_s.is_none_or(|t_s| {
+                from.is_none_or(|from| t_s > from - 0.000_5) && to.is_none_or(|to| t_s < to + 0.000_5)
+            })
+        });
+        self
     }
 
     /// Every difference of these lines of a replay, in order.
@@ -95,5 +115,25 @@ mod tests {
         assert_eq!(compare(&format!("{A}\n{B}"), &[B]), [missing(1, A)]);
         assert_eq!(compare(r#"{"t_s":2.001}"#, &[B]).len(), 2, "a millisecond is a difference");
         assert!(Expected::parse("[1]\n").unwrap_err().starts_with("line 1 is no JSON object"));
+    }
+
+    #[test]
+    fn lines_outside_of_a_part_of_the_time_do_not_count() {
+        let facts = Facts::at_zero(std::time::UNIX_EPOCH + std::time::Duration::from_secs(1_800_000_000));
+        let lines = [
+            r#"{"t_s":1.0}"#,
+            r#"{"at":"2027-01-15T08:00:02Z"}"#,
+            r#"{"t_s":3.0,"at":"2027-01-15T08:00:03Z"}"#,
+            r#"{"node":"a"}"#,
+        ];
+        let within = |from_s: Option<u64>, to_s: Option<u64>| {
+            let [from, to] = [from_s, to_s].map(|s| s.map(|s| Timestamp::from_millis(1000 * s)));
+            let expected = Expected::parse(&lines.join("\n")).unwrap().within(&facts, from, to);
+            expected.0.iter().map(|(number, ..)| *number).collect::<Vec<_>>()
+        };
+        assert_eq!(within(None, None), [1, 2, 3, 4]);
+        assert_eq!(within(Some(2), None), [2, 3, 4]);
+        assert_eq!(within(None, Some(2)), [1, 2, 4]);
+        assert_eq!(within(Some(3), Some(3)), [3, 4]);
     }
 }

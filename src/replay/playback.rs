@@ -177,3 +177,65 @@ impl Playback {
 fn records(taken: &Taken) -> impl Iterator<Item = Record> {
     taken.events.iter().filter_map(|event| Record::of(event.clone(), taken.snapshot_of(event)?))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::borrow::Cow;
+    use std::collections::BTreeMap;
+
+    use super::*;
+    use crate::engine::Engine;
+    use crate::engine::input::StatusArray;
+    use crate::engine::model::NodeId;
+    use crate::record::file::{IncidentFile, JOURNAL, KEYFRAMES};
+    use crate::record::journal::{Line, Took};
+    use crate::replay::Recording;
+    use crate::store::TestFolder;
+
+    const ZERO_NS: u64 = 1_800_000_000_000_000_000;
+    const CONFIGURATION: &str =
+        "vehicle: { id: v, stages: none }\ngroups: [{ id: a, modules: [{ id: m, status: m }] }]\n";
+
+    /// A recording in which the module says these levels at these microseconds.
+    fn playback(name: &str, said: &[(u64, u8)]) -> Playback {
+        let folder = TestFolder::new(name);
+        let path = folder.join("incident-1.mcap");
+        let about = BTreeMap::from([("start_of_clock_ns".to_owned(), ZERO_NS.to_string())]);
+        let mut file = IncidentFile::create(&path, about).unwrap();
+        file.attach("configuration/v.yaml", "application/yaml", 1, CONFIGURATION.as_bytes()).unwrap();
+        let loaded = crate::config::parse("v.yaml", CONFIGURATION).unwrap_or_else(|it| panic!("{it}"));
+        file.json(&KEYFRAMES, ZERO_NS, &Engine::begin(loaded.model, Timestamp::ZERO).keyframe()).unwrap();
+        for &(us, level) in said {
+            let mut array = StatusArray::default();
+            array.push_status(level, "m", "as it is", "");
+            let took = Took::Input(Cow::Owned(Input::Diagnostics(array)));
+            let line = Line { at_ns: Timestamp::from_nanos(1000 * us), took, message: None };
+            file.json(&JOURNAL, ZERO_NS + 1000 * us, &line).unwrap();
+        }
+        file.finish().unwrap();
+        Playback::open(Run::recorded(Recording::open(&path).unwrap()).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_millisecond_is_that_of_its_last_change() {
+        let mut playback =
+            playback("replay-millisecond", &[(1_000_100, 0), (1_000_400, 2), (1_000_900, 0), (1_002_300, 2)]);
+        let ms = |ms: u64| ZERO_NS + 1_000_000 * ms;
+        let us = |us: u64| Timestamp::from_nanos(1000 * us);
+        for (asked, found) in [
+            (ms(1000), us(1_000_900)),
+            (ms(1002), us(1_002_300)),
+            // Nothing changes in it.
+            (ms(1001), us(1_001_000)),
+            (ms(2000), us(2_000_000)),
+        ] {
+            assert_eq!(playback.instant_of(asked), found, "{asked}");
+        }
+        for (asked, state) in [(999, "unknown"), (1000, "ok"), (1001, "ok"), (1002, "error")] {
+            playback.go_to(playback.instant_of(ms(asked))).unwrap();
+            let snapshot = playback.snapshot().unwrap();
+            let Some(NodeId::Module(module)) = snapshot.node("a/m") else { panic!("it is a module") };
+            assert_eq!(snapshot.module(module).1.state.as_str(), state, "{asked}");
+        }
+    }
+}

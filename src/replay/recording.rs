@@ -69,6 +69,22 @@ pub struct Facts {
 }
 
 impl Facts {
+    /// Of a recording that says nothing but when it begins.
+    #[cfg(test)]
+    pub(super) fn at_zero(zero: SystemTime) -> Facts {
+        Facts {
+            has_journal: false,
+            zero,
+            from: Timestamp::ZERO,
+            to: None,
+            incident: None,
+            vehicle: String::new(),
+            is_demo: false,
+            configuration: Arc::default(),
+            configuration_damage: None,
+        }
+    }
+
     /// The wall time at an instant of the engine's clock.
     pub fn wall(&self, at: Timestamp) -> SystemTime {
         self.zero + Duration::from_nanos(at.as_nanos())

@@ -306,9 +306,12 @@ impl Run {
     }
 
     fn begun(&mut self, at: Timestamp) -> &mut Engine {
-        let (model, stage) = (&self.model, self.stage);
+        let (model, stage, has_journal) = (&self.model, self.stage, self.steps.facts.has_journal);
         self.engine.get_or_insert_with(|| {
             let mut engine = Engine::begin(model.clone(), at);
+            if !has_journal {
+                engine.leave_self_out();
+            }
             if let Some(stage) = stage {
                 engine.start_in(stage);
             }

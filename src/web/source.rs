@@ -1,5 +1,6 @@
 //! The source of the snapshots that pages and programs are shown: the running engine, or a recording.
 
+use std::fmt::Write as _;
 use std::net::IpAddr;
 use std::ops::Deref;
 use std::sync::Arc;
@@ -39,6 +40,41 @@ pub struct Replay {
     snapshots: watch::Receiver<Published>,
     /// The messages of the recording.
     pub flows: Arc<Flows>,
+    /// What it lacks.
+    pub gaps: Arc<[GapThen]>,
+}
+
+/// A gap of a recording. Times are milliseconds since 1970.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GapThen {
+    pub from_ms: i64,
+    /// `None`: nothing follows.
+    pub to_ms: Option<i64>,
+    /// From here on all is as it was shown.
+    pub exact_ms: Option<i64>,
+}
+
+/// Marks over a strip with these ends: what is missing, and as long as it may differ.
+pub fn gap_marks(gaps: &[GapThen], from_ms: i64, to_ms: i64) -> String {
+    let whole = (to_ms - from_ms).max(1) as f64;
+    let x = |ms: i64| ((ms - from_ms) as f64 / whole * 100.0).clamp(0.0, 100.0);
+    let mut marks = String::new();
+    for gap in gaps {
+        let (exact, to) = (gap.exact_ms.unwrap_or(to_ms), gap.to_ms.unwrap_or(to_ms));
+        for (class, end, y, height) in [("differing", exact.max(to), 20, 4), ("gap", to, 0, 24)] {
+            if gap.from_ms > to_ms || end < from_ms {
+                continue;
+            }
+            // Writing to a string cannot fail. A short one is seen, too.
+            let _ = write!(
+                marks,
+                "<rect class=\"{class}\" x=\"{:.2}%\" width=\"{:.2}%\" y=\"{y}\" height=\"{height}\"/>",
+                x(gap.from_ms),
+                (x(end) - x(gap.from_ms)).max(0.3)
+            );
+        }
+    }
+    marks
 }
 
 /// Moves through a recording, forwards and back.
@@ -57,7 +93,7 @@ impl Replay {
 impl Player {
     pub fn start(first: Published) -> (Player, Replay) {
         let (snapshots, shown) = watch::channel(Published { replay: true, ..first });
-        (Player { snapshots }, Replay { snapshots: shown, flows: Arc::default() })
+        (Player { snapshots }, Replay { snapshots: shown, flows: Arc::default(), gaps: Arc::default() })
     }
 
     /// Shows this snapshot. An earlier one than before begins a new epoch.

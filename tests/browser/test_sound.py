@@ -234,3 +234,31 @@ def test_without_dependencies_each_component_calls_for_itself(page, trouble, tmp
         # Another call would come within this time.
         page.wait_for_timeout(1_500)
         assert count(page, "sounded") == len(components)
+
+
+# The page's audio, for the test.
+AUDIO = """() => {
+  const Real = AudioContext;
+  window.AudioContext = class extends Real { constructor() { super(); window.audio = this; } };
+}"""
+
+
+def test_the_button_of_the_sound_does_not_move_what_a_finger_is_on(server, vehicle, page, trouble):
+    log_in(page, server)
+    expect_standing(page)
+    page.context.add_init_script(f"({AUDIO})()")
+    # A page on which nothing was touched may not sound yet.
+    page.reload()
+    expect_standing(page)
+    sound, mark = page.locator("[data-tool=sound]"), page.locator("button[name=mark]")
+    expect(sound).to_have_attribute("data-sound", "off")
+    box = mark.bounding_box()
+    page.mouse.move(box["x"] + 5, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.wait_for_function("() => window.audio?.state === 'running'")
+    expect(sound).to_have_attribute("data-sound", "off")
+    assert mark.bounding_box() == box
+    page.mouse.up()
+    expect(page.locator(".mark .if-marked").first).to_be_visible()
+    expect(sound).to_have_attribute("data-sound", "on")
+    assert mark.bounding_box()["x"] != box["x"]

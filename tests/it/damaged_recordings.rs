@@ -14,7 +14,7 @@ use telltale::engine::time::Timestamp;
 use telltale::msg::cdr::Endian;
 use telltale::msg::fields::Definitions;
 use telltale::msg::messages;
-use telltale::record::file::{IncidentFile, JOURNAL, KEYFRAMES, MessageStamps};
+use telltale::record::file::{IncidentFile, JOURNAL, KEYFRAMES, MessageStamps, check, repair};
 use telltale::record::journal::{Line, MessageRef, Took};
 use telltale::record::ring::ConfigurationText;
 use telltale::record::writer::digest;
@@ -227,6 +227,29 @@ fn what_a_wrong_bit_takes_away_is_said_with_its_seconds_and_the_next_recorded_st
             let changes: Vec<_> = playback.changes().iter().map(|it| it.at).collect();
             assert!(changes.contains(&s(19.5)), "{changes:?}");
         }
+    }
+}
+
+#[test]
+fn a_repair_keeps_where_a_gap_was_and_makes_none_of_the_end() {
+    let folder = TestFolder::new("replayed-gap-repaired");
+    for wrong in [None, Some(1), Some(3)] {
+        let path = with_wrong_chunk(&folder, wrong);
+        let gaps = |path: &Path| {
+            let playback = Playback::open(Run::recorded(Recording::open(path).unwrap()).unwrap()).unwrap();
+            playback.gaps().list().to_vec()
+        };
+        let before = gaps(&path);
+        // Interrupted in the middle of what it writes at its end.
+        let whole = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &whole[..whole.len() - 100]).unwrap();
+        assert!(repair(&path).unwrap().is_some(), "{wrong:?}");
+        let followed: Vec<Gap> =
+            before.into_iter().filter(|gap| gap.to != Some(Timestamp::from_millis(39_500))).collect();
+        assert_eq!(gaps(&path), followed, "{wrong:?}");
+        // It is a complete file, and a second repair finds nothing to do.
+        assert_eq!(check(&path).unwrap(), Vec::<String>::new());
+        assert!(repair(&path).unwrap().is_none());
     }
 }
 

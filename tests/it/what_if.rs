@@ -215,9 +215,12 @@ fn what_cannot_be_used_is_said_and_the_rest_is_compared() {
     let bytes = std::fs::read(&recording).unwrap();
     let damaged = files.write("damaged.mcap", &bytes[..2000]);
     let (out, err, code) = what_if(&[&same, &damaged, &recording]);
-    assert_eq!(code, Some(2), "{out}{err}");
+    assert_eq!(code, Some(1), "{out}{err}");
     assert!(err.contains("damaged.mcap: ") && err.contains("the file ends in the middle"), "{err}");
     assert!(out.contains("nothing differs") && out.ends_with("0 of 1 differ; 1 cannot be used\n"), "{out}");
+    let (out, err, code) = what_if(&[&same, "/nowhere.mcap", &recording]);
+    assert_eq!((code, err.as_str()), (Some(1), "telltale: /nowhere.mcap: there is no such file\n"), "{out}");
+    assert!(out.ends_with("0 of 1 differ; 1 cannot be used\n"), "{out}");
     // A bag of others has no configuration of its own.
     let bag = files.write("bag.mcap", foreign_bag());
     let (found, code) = objects(&[&same, &bag]);
@@ -235,7 +238,7 @@ fn what_cannot_be_used_is_said_and_the_rest_is_compared() {
     let (_, err, code) = what_if(&[&new, "--config", &old, &bag, "--stage", "active"]);
     assert!(code == Some(2) && err.contains("--stage needs a configuration with `stages: shuttle`"), "{err}");
     let (_, err, code) = what_if(&[&same, "/nowhere.mcap"]);
-    assert!(code == Some(2) && err.contains("there is no file"), "{err}");
+    assert!(code == Some(2) && err.contains("there is no such file"), "{err}");
     let wrong = files.write("wrong.yaml", SHUTTLE.replace("timeout: 1s", "timeout: soon"));
     let (out, err, code) = what_if(&[&wrong, &recording]);
     assert_eq!((out.as_str(), code), ("", Some(2)));

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::SystemTime;
 
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::bail;
 use serde_json::{Value, json};
 
 use super::{Args, check_stage, print};
@@ -28,7 +28,14 @@ const NAMED_MAX: usize = 5;
 /// One recording, under the name that is printed.
 struct Named {
     name: String,
-    path: PathBuf,
+    /// Or why there is none.
+    path: Result<PathBuf, String>,
+}
+
+impl Named {
+    fn without(name: String, why: impl ToString) -> Named {
+        Named { name, path: Err(why.to_string()) }
+    }
 }
 
 /// Why a recording is not compared.
@@ -43,7 +50,11 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
     let (mut compared, mut failed) = (Vec::new(), 0);
     let mut covered = Covered::default();
     for named in &recordings {
-        match one(args, named, new, &mut covered) {
+        let result = match &named.path {
+            Ok(path) => one(args, path, new, &mut covered),
+            Err(why) => Err(Trouble::Recording(why.clone())),
+        };
+        match result {
             Ok(comparison) => {
                 if compared.is_empty() && !args.json {
                     print(&heading())?;
@@ -86,8 +97,8 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
     }
     Ok(match (failed, differ) {
         (0, 0) => ExitCode::SUCCESS,
-        (0, _) => ExitCode::from(EXIT_NO),
-        _ => ExitCode::from(EXIT_USAGE),
+        (_, _) if compared.is_empty() => ExitCode::from(EXIT_USAGE),
+        _ => ExitCode::from(EXIT_NO),
     })
 }
 
@@ -108,20 +119,23 @@ fn recordings(args: &Args) -> anyhow::Result<Vec<Named>> {
                 data.display()
             );
         }
-        return kept.iter().map(|incident| of_incident(data, incident)).collect();
+        return Ok(kept.iter().map(|incident| of_incident(data, incident)).collect());
     }
     let mut found = Vec::new();
     for path in &args.files {
         let number = path.to_str().and_then(|text| text.parse::<u64>().ok());
         match (number, &incidents, data) {
-            (Some(id), Some(incidents), Some(data)) => {
-                let incident = incidents.one(id)?.ok_or(StoreError::NoSuchIncident(id))?;
-                found.push(of_incident(data, &incident)?);
-            }
+            (Some(id), Some(incidents), Some(data)) => found.push(match incidents.one(id)? {
+                Some(incident) => of_incident(data, &incident),
+                None => Named::without(format!("incident {id}"), StoreError::NoSuchIncident(id)),
+            }),
             (Some(id), ..) if !path.exists() => {
                 bail!("{id} is no file: to mean an incident, name the data folder with --data")
             }
-            _ => found.extend(of_path(path)?),
+            _ => match of_path(path) {
+                Ok(named) => found.extend(named),
+                Err(why) => found.push(Named::without(path.display().to_string(), why)),
+            },
         }
     }
     Ok(found)
@@ -143,35 +157,34 @@ fn kept(incidents: &Incidents) -> Result<Vec<Incident>, StoreError> {
     }
 }
 
-fn of_incident(data: &Path, incident: &Incident) -> anyhow::Result<Named> {
+fn of_incident(data: &Path, incident: &Incident) -> Named {
     let (id, file) = (incident.summary.id, &incident.summary.recording.file);
     let path = folder::path_of(&folder::folder_in(data), file);
-    let path = path.ok_or_else(|| anyhow!("incident {id} has no recording"))?;
-    Ok(Named { name: format!("incident {id}"), path })
+    Named { name: format!("incident {id}"), path: path.ok_or_else(|| "it has no recording".to_owned()) }
 }
 
 /// A file, a bag, or each recording in a folder.
-fn of_path(path: &Path) -> anyhow::Result<Vec<Named>> {
-    let named = |path: PathBuf| Named { name: path.display().to_string(), path };
+fn of_path(path: &Path) -> Result<Vec<Named>, String> {
+    let named = |path: PathBuf| Named { name: path.display().to_string(), path: Ok(path) };
     let is_folder = match fs::metadata(path) {
         Ok(about) => about.is_dir() && !path.join("metadata.yaml").exists(),
-        Err(error) if error.kind() == ErrorKind::NotFound => bail!("there is no file {}", path.display()),
-        Err(error) => return Err(anyhow!(error).context(path.display().to_string())),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Err("there is no such file".to_owned()),
+        Err(error) => return Err(error.to_string()),
     };
     if !is_folder {
         return Ok(vec![named(path.to_owned())]);
     }
-    let entries = fs::read_dir(path).with_context(|| path.display().to_string())?;
+    let entries = fs::read_dir(path).map_err(|error| error.to_string())?;
     let mut found = Vec::new();
     for entry in entries {
-        let path = entry.with_context(|| path.display().to_string())?.path();
+        let path = entry.map_err(|error| error.to_string())?.path();
         let is_bag = path.join("metadata.yaml").exists();
         if is_bag || path.extension().is_some_and(|it| it == "mcap" || it == "db3") {
             found.push(path);
         }
     }
     if found.is_empty() {
-        bail!("there are no recordings in {}", path.display());
+        return Err("there are no recordings in it".to_owned());
     }
     // 2 before 10.
     found.sort_by_key(|path| (path.as_os_str().len(), path.clone()));
@@ -198,20 +211,20 @@ impl Covered {
     }
 }
 
-fn one(args: &Args, named: &Named, new: &Path, covered: &mut Covered) -> Result<Comparison, Trouble> {
+fn one(args: &Args, file: &Path, new: &Path, covered: &mut Covered) -> Result<Comparison, Trouble> {
     let trouble = |error: ReplayError| {
         let said = error.to_string();
         // It names the file, as its line does.
-        let said = said.strip_prefix(&format!("{}: ", named.path.display())).unwrap_or(&said).to_owned();
+        let said = said.strip_prefix(&format!("{}: ", file.display())).unwrap_or(&said).to_owned();
         Trouble::Recording(said)
     };
-    let recording = Recording::open(&named.path).map_err(trouble)?;
+    let recording = Recording::open(file).map_err(trouble)?;
     let (loaded, already) = (load(args, new, &recording)?, covered.until(recording.facts()));
     let definitions = args.definitions.definitions();
     let mut recorded = match &args.config {
         Some(old) => {
             let old = load(args, old, &recording)?;
-            judged(&named.path, &old, &definitions.with(&old.message_folders), args.stage).map_err(trouble)?
+            judged(file, &old, &definitions.with(&old.message_folders), args.stage).map_err(trouble)?
         }
         None => {
             let omissions = recording.omissions();
@@ -225,7 +238,7 @@ fn one(args: &Args, named: &Named, new: &Path, covered: &mut Covered) -> Result<
         }
     };
     let definitions = definitions.with(&loaded.message_folders);
-    let mut new = judged(&named.path, &loaded, &definitions, args.stage).map_err(trouble)?;
+    let mut new = judged(file, &loaded, &definitions, args.stage).map_err(trouble)?;
     let comparison = compare(&mut recorded, &mut new, already, &|| true).map_err(trouble)?;
     covered.add(&comparison);
     Ok(comparison)

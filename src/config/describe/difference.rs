@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::fmt;
 
+use super::brief::brief;
 use super::words;
 use crate::config::Loaded;
 use crate::engine::model::monitors::StampClock;
@@ -266,8 +267,11 @@ fn compare<M, T>(
 
 fn changed(subject: &str, was: DescribedParts, is: DescribedParts, found: &mut Vec<Difference>) {
     let different = was.into_iter().zip(is).filter(|(was, is)| was != is);
-    let details: Vec<String> =
-        different.map(|((what, was), (_, is))| format!("{what} from {was} to {is}")).collect();
+    let detail = |((what, was), (_, is)): ((&str, String), (&str, String))| {
+        let (was, is) = brief(&was, &is);
+        format!("{what} from {was} to {is}")
+    };
+    let details: Vec<String> = different.map(detail).collect();
     if !details.is_empty() {
         let detail = details.join("; ");
         found.push(Difference { change: Change::Changed, subject: subject.to_owned(), detail });

@@ -345,7 +345,9 @@ impl Net {
         let is_other_tile = id.0 as usize == self.model.groups.len() && !group.aside;
         let may_be_empty = is_other_tile || spec.is_some_and(|group| group.may_be_empty);
         let alone = if may_be_empty { State::Ok } else { State::Unknown };
-        let alone = group.members.is_empty().then_some(alone);
+        // Of Telltale's own group nothing is known then.
+        let is_known = id.0 as usize <= self.model.groups.len();
+        let alone = (group.members.is_empty() && is_known).then_some(alone);
         let facts = group.node.facts;
         // Dropped names raise OK to WARNING, in a relevant group only: an ignored group with WARNING would be
         // better than an ERROR beside it in a redundant group.

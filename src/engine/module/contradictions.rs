@@ -207,6 +207,9 @@ impl Engine {
         (self.disputes.changed, self.disputes.written) = (false, Some(self.now));
         let state = if self.disputes.listed.is_empty() { State::Ok } else { State::Warning };
         let id = self.net.system_module(SystemCheck::Writers);
+        if self.is_left_out(id) && !self.take_back(id, state) {
+            return;
+        }
         if self.net.report(id, state, self.now) {
             self.net.mark_module(id);
         }

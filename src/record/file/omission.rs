@@ -1,10 +1,14 @@
 //! What of a file could not be used, and why.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use super::definitions::Channel;
 use super::json::{JOURNAL, KEYFRAMES};
 use super::writer::MessageStamps;
+
+/// The name of the metadata record that stands where entries are missing in a repaired file.
+pub(super) const MISSING: &str = "telltale/missing";
 
 /// More are counted only.
 const LIST_MAX: usize = 100;
@@ -37,6 +41,17 @@ pub struct Missing {
 }
 
 impl Missing {
+    /// The sign that a repaired file has in place of what is missing.
+    pub(super) fn to_metadata(self) -> BTreeMap<String, String> {
+        let ends = self.span_ns.map(|(from, to)| [("from_ns", from), ("to_ns", to)]);
+        ends.into_iter().flatten().map(|(end, ns)| (end.to_owned(), ns.to_string())).collect()
+    }
+
+    pub(super) fn of_metadata(metadata: &BTreeMap<String, String>) -> Missing {
+        let ns = |end: &str| metadata.get(end)?.parse().ok();
+        Missing { span_ns: ns("from_ns").zip(ns("to_ns")).filter(|(from, to)| from <= to) }
+    }
+
     /// What is missing where a document of this channel cannot be read: what the engine took, or was.
     pub(super) fn of_document(channel: &Channel, stamps: MessageStamps) -> Option<Missing> {
         let is_needed = [&JOURNAL, &KEYFRAMES].iter().any(|it| *it.topic == *channel.topic);

@@ -14,7 +14,7 @@ use super::entry::{Entry, Item, Raw};
 use super::error::FileError;
 use super::json;
 use super::layout::{Layout, Part};
-use super::omission::{Missing, Omissions};
+use super::omission::{MISSING, Missing, Omissions};
 use super::records::{self, AttachmentHead, ChunkHead, Fields, HEAD_BYTES};
 use super::source::{CHUNK_BYTES_MAX, Source, crc, raw_body};
 use super::writer::MessageStamps;
@@ -226,6 +226,9 @@ impl<R: Read + Seek> Reader<R> {
                     }
                 }
                 Item::Missing(missing) => return Some(Entry::Missing(missing)),
+                Item::Metadata { name, metadata } if name == MISSING => {
+                    return Some(Entry::Missing(Missing::of_metadata(&metadata)));
+                }
                 Item::EndOfPart | Item::Attachment { .. } | Item::Metadata { .. } => {}
             }
         }

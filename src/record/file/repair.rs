@@ -12,7 +12,7 @@ use mcap::records::{MessageHeader, Metadata};
 use super::definitions::RawChannel;
 use super::entry::{Item, Raw};
 use super::error::FileError;
-use super::omission::Omissions;
+use super::omission::{MISSING, Missing, Omissions};
 use super::output::{Output, sync_folder_of};
 use super::reader::Reader;
 use super::writer::CHUNK_BYTES;
@@ -68,9 +68,15 @@ fn part_of(path: &Path) -> PathBuf {
 fn copy(reader: &mut Reader<File>, part: &Path) -> Result<(u64, u64), FileError> {
     let mut output = Output::create(part, reader.profile(), reader.library())?;
     let (mut known, mut messages, mut open) = (HashSet::new(), 0, 0);
+    let mut missing = Vec::new();
     while let Some(item) = reader.next_item() {
         match item {
             Item::Message(raw) => {
+                // What is missing at the end makes no gap: the recording was interrupted there.
+                for sign in missing.drain(..).map(Missing::to_metadata) {
+                    let metadata = Metadata { name: MISSING.to_owned(), metadata: sign };
+                    output.put(|writer| writer.write_metadata(&metadata))?;
+                }
                 if !known.contains(&raw.channel) {
                     if !define(&mut output, reader, raw.channel)? {
                         let why = format!("messages of a channel that is not defined: {}", raw.channel);
@@ -94,7 +100,13 @@ fn copy(reader: &mut Reader<File>, part: &Path) -> Result<(u64, u64), FileError>
                     open = 0;
                 }
             }
-            Item::EndOfPart | Item::Missing(_) => output.end_chunk()?,
+            Item::EndOfPart => output.end_chunk()?,
+            Item::Missing(found) => {
+                output.end_chunk()?;
+                if missing.last() != Some(&found) {
+                    missing.push(found);
+                }
+            }
             Item::Attachment { data_at, head } => {
                 if let Some(data) = reader.attachment_data(data_at, &head) {
                     let attachment = Attachment {

@@ -81,8 +81,8 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
     let mut pages = vec![
         ("statuses", statuses::page(published, context, &query, &trends)),
         ("graph", graph::page(published, context, &query)),
-        ("timeline", timeline::page(published, context, &query, &window, Some(&past))),
-        ("timeline-none", timeline::page(published, context, &query, &window, None)),
+        ("timeline", timeline::page(published, context, &query, (&window, String::new()), Some(&past))),
+        ("timeline-none", timeline::page(published, context, &query, (&window, String::new()), None)),
         ("masking", masking::page(published, context, &query)),
         ("coverage", coverage::page(published, context, &query)),
         ("topics", topics::page(published, context, &query, &discovery(text), None)),

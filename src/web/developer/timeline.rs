@@ -13,6 +13,7 @@ use axum::response::Html;
 use crate::engine::model::Stage;
 use crate::web::AppState;
 use crate::web::incidents::wall_time as wall;
+use crate::web::source::{Source, gap_marks};
 
 use super::request::PageRequest;
 use crate::engine::time::Timestamp;
@@ -99,6 +100,8 @@ struct TimelineHtml {
     zoom_out: String,
     unzoomed: String,
     strips: Vec<StripHtml>,
+    /// Marks over each strip.
+    gaps: String,
     ticks: Vec<Tick>,
     events: Vec<Event>,
     trouble: Option<&'static str>,
@@ -197,15 +200,19 @@ pub async fn get(extract::State(app): extract::State<AppState>, request: PageReq
         }
         _ => None,
     };
-    Html(page(&published, &context, &query, &window, past.as_ref()))
+    let gaps = match &app.source {
+        Source::Live(_) => String::new(),
+        Source::Replay(replay) => gap_marks(&replay.gaps, window.query.from_ms, window.query.to_ms),
+    };
+    Html(page(&published, &context, &query, (&window, gaps), past.as_ref()))
 }
 
-/// `past` is `None` if it cannot be read.
+/// `past` is `None` if it cannot be read. `gaps` marks what is missing of a recording.
 pub fn page(
     published: &Published,
     context: &PageContext,
     query: &PageQuery,
-    window: &Window,
+    (window, gaps): (&Window, String),
     past: Option<&Past>,
 ) -> String {
     let view = &View::new(published, context.lang, false);
@@ -257,6 +264,7 @@ pub fn page(
         zoom_out: window.zoomed(query, (window.span_s * 2).min(SPANS_S[SPANS_S.len() - 1])),
         unzoomed: query.without(&["span", "until", "at", "unrecorded"]),
         strips,
+        gaps,
         ticks: ticks(window.axis()),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,

@@ -19,6 +19,8 @@ pub enum HttpError {
     BadRequest,
     TooSlow,
     TooLarge,
+    /// A configuration that was edited is larger than what is run here.
+    LargeConfiguration,
     TooMany,
     LongHeader,
     TooManySockets,
@@ -84,7 +86,7 @@ impl HttpError {
             HttpError::NoForm => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             HttpError::BadRequest | HttpError::BadMoment => StatusCode::BAD_REQUEST,
             HttpError::TooSlow => StatusCode::REQUEST_TIMEOUT,
-            HttpError::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+            HttpError::TooLarge | HttpError::LargeConfiguration => StatusCode::PAYLOAD_TOO_LARGE,
             HttpError::TooMany | HttpError::ManyMarks => StatusCode::TOO_MANY_REQUESTS,
             HttpError::LongHeader => StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE,
             HttpError::TooManySockets
@@ -161,6 +163,14 @@ impl HttpError {
             (HttpError::TooSlow, Lang::De) => (
                 "Zu langsam",
                 "Die Antwort kam nicht rechtzeitig. Vor einem neuen Versuch auf die Anzeige sehen.",
+            ),
+            (HttpError::LargeConfiguration, Lang::En) => (
+                "Too large",
+                "The configuration is larger than 256 KiB. Run it with `telltale replay --what-if`.",
+            ),
+            (HttpError::LargeConfiguration, Lang::De) => (
+                "Zu groß",
+                "Die Konfiguration ist größer als 256 KiB. Spielen Sie sie mit `telltale replay --what-if` durch.",
             ),
             (HttpError::TooLarge, Lang::En) => {
                 ("Too large", "Nothing was changed. Send at most 16 KiB; shorten what was typed.")

@@ -12,11 +12,13 @@ use super::respond::{Reader, refusal};
 /// Replaces refusals in plain text. Pages and JSON pass.
 pub async fn in_words(request: Request, next: Next) -> Response {
     let reader = Reader::of(request.uri(), request.headers());
+    let is_configuration = request.uri().path().ends_with("/what-if");
     let plain = next.run(request).await;
     let kind = plain.headers().get(CONTENT_TYPE).map(|kind| kind.as_bytes().starts_with(b"text/plain"));
     let trouble = match plain.status() {
         StatusCode::BAD_REQUEST => HttpError::BadRequest,
         StatusCode::REQUEST_TIMEOUT => HttpError::TooSlow,
+        StatusCode::PAYLOAD_TOO_LARGE if is_configuration => HttpError::LargeConfiguration,
         StatusCode::PAYLOAD_TOO_LARGE => HttpError::TooLarge,
         StatusCode::TOO_MANY_REQUESTS => HttpError::TooMany,
         StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE => HttpError::LongHeader,

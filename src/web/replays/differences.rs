@@ -34,7 +34,6 @@ pub struct TwoMoments {
 struct Moment {
     address: String,
     at: String,
-    clock: String,
     /// Why it is another one than was asked for; empty if it is that one.
     beyond: &'static str,
 }
@@ -66,6 +65,8 @@ struct DifferencesHtml {
     /// What says that this was never shown; empty where it was.
     edited: &'static str,
     missing: Option<MissingTold>,
+    /// When the earlier one of them was, in milliseconds since 1970.
+    from_ms: i64,
     moments: [Moment; 2],
     back: String,
     is_same: bool,
@@ -100,9 +101,8 @@ pub async fn differences(
     let lang = reader.lang;
     let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
     let moment = |at_ms: i64, asked_ms: i64| {
-        let at = wall_time(at_ms);
         let beyond = beyond(it, &replay, asked_ms);
-        Moment { address: format!("/replay/{id}?at={at_ms}"), clock: at[11..23].to_owned(), at, beyond }
+        Moment { address: format!("/replay/{id}?at={at_ms}"), at: wall_time(at_ms), beyond }
     };
     let moments = [moment(first.at_ms, a), moment(second.at_ms, b)];
     Html(html(&DifferencesHtml {
@@ -112,6 +112,7 @@ pub async fn differences(
         edited: if replay.subject.is_edited() { it.edited } else { "" },
         missing: replay.missing.told(lang, it),
         back: moments[1].address.clone(),
+        from_ms: first.at_ms.min(second.at_ms),
         moments,
         is_same: found.vehicle.is_empty() && found.nodes.is_empty(),
         vehicle: found.vehicle.iter().map(|change| fact(lang, it, words, change)).collect(),

@@ -1,12 +1,13 @@
 //! What the recording of a replay lacks: as a notice on its pages, and as marks over its strips.
 
-use std::fmt::Write as _;
+use std::sync::Arc;
 
 use crate::engine::time::Timestamp;
 use crate::record::writer::unix_ms;
 use crate::replay::Playback;
 use crate::web::developer::incidents::words::IncidentWords;
 use crate::web::incidents::wall_time;
+use crate::web::source::{GapThen, gap_marks};
 use crate::web::view::Lang;
 
 /// Gaps that a notice names.
@@ -15,18 +16,9 @@ const NAMED_MAX: usize = 3;
 /// The gaps of a recording. Times are milliseconds since 1970.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Missing {
-    gaps: Vec<GapThen>,
+    pub gaps: Arc<[GapThen]>,
     more: u64,
     is_damage: bool,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct GapThen {
-    from_ms: i64,
-    /// `None`: nothing follows.
-    to_ms: Option<i64>,
-    /// From here on all is as it was shown.
-    exact_ms: Option<i64>,
 }
 
 /// The same in words, for a page.
@@ -112,24 +104,9 @@ impl Missing {
         format!("{}: {} {} UTC; {}{until}", told.title, it.missing_are, spans.join(", "), it.may_differ)
     }
 
-    /// Marks over a strip with these ends: what is missing, and as long as it may differ.
+    /// Marks over a strip with these ends.
     pub fn marks(&self, from_ms: i64, to_ms: i64) -> String {
-        let whole = (to_ms - from_ms).max(1) as f64;
-        let x = |ms: i64| ((ms - from_ms) as f64 / whole * 100.0).clamp(0.0, 100.0);
-        let mut marks = String::new();
-        for gap in &self.gaps {
-            let exact = x(gap.exact_ms.unwrap_or(to_ms));
-            let (from, to) = (x(gap.from_ms), x(gap.to_ms.unwrap_or(to_ms)));
-            for (class, to, y, height) in [("differing", exact.max(to), 20, 4), ("gap", to, 0, 24)] {
-                // Writing to a string cannot fail. A short one is seen, too.
-                let _ = write!(
-                    marks,
-                    "<rect class=\"{class}\" x=\"{from:.2}%\" width=\"{:.2}%\" y=\"{y}\" height=\"{height}\"/>",
-                    (to - from).max(0.3)
-                );
-            }
-        }
-        marks
+        gap_marks(&self.gaps, from_ms, to_ms)
     }
 }
 

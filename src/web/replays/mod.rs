@@ -110,6 +110,7 @@ fn start(
     source.flows = playback.flows().clone();
     let history = history_of(&mut playback, app.clock);
     let missing = Arc::new(Missing::of(&playback));
+    source.gaps = missing.gaps.clone();
     let (controls, state) = player::start(playback, show, app.clock, folder).ok()?;
     let settings = Settings {
         origins: app.settings.origins.clone(),

@@ -20,14 +20,8 @@ use crate::web::http::respond::{Reader, refusal};
 use crate::web::live::byte_budget::Meter;
 
 /// Pages that read the present of the vehicle's store or of its files.
-const LIVE_ONLY: [&str; 6] = [
-    "incidents",
-    "api/v1/incidents",
-    "developer/audit",
-    "developer/configuration",
-    "developer/api",
-    "developer/search",
-];
+const LIVE_ONLY: [&str; 5] =
+    ["incidents", "api/v1/incidents", "developer/audit", "developer/configuration", "developer/api"];
 /// No page is larger.
 const PAGE_BYTES_MAX: usize = 64 << 20;
 

@@ -77,6 +77,8 @@ pub(super) struct View<'a> {
     pub(super) board: Board,
     /// The elements carry the mark by which htmx swaps them in.
     pub(super) swap: bool,
+    /// It was then: there is nothing to act on.
+    pub(super) replay: bool,
     /// The versions by which the buttons are shown.
     pub(super) seen: Seen,
     /// The recent past of the values, where it is shown.
@@ -88,7 +90,13 @@ impl<'a> View<'a> {
         let snapshot = &*published.snapshot;
         let board = Board::of(&snapshot.layout);
         let (words, seen) = (lang.words(), Seen::default());
-        View { snapshot, at: published.at, lang, words, board, swap, seen, trends: None }
+        let (at, replay) = (published.at, published.replay);
+        View { snapshot, at, lang, words, board, swap, replay, seen, trends: None }
+    }
+
+    /// Somebody is logged in at the vehicle, who may act here.
+    pub(super) fn may_act(&self) -> bool {
+        self.snapshot.operator.is_some() && !self.replay
     }
 
     /// Whether the machine has stages (`vehicle.stages` is not `none`).

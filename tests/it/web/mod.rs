@@ -14,6 +14,7 @@ mod incidents;
 mod late_actions;
 mod login;
 mod login_policy;
+mod open_replays;
 mod replay;
 mod services;
 mod snapshot_json;

@@ -40,7 +40,7 @@ fn recording() -> Vec<Published> {
         }
         engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(second * 1000));
         let at = UNIX_EPOCH + Duration::from_secs(1_795_176_000 + second);
-        Published::recorded(engine.snapshot(), at)
+        Published { replay: true, ..Published::recorded(engine.snapshot(), at) }
     };
     RECORDED.iter().map(take).collect()
 }

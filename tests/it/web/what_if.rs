@@ -14,14 +14,14 @@ use crate::folder::TestFolder;
 use crate::what_if::{SHUTTLE, record_outage, without_sensors};
 
 /// A vehicle with recordings of scenario 1.
-struct Vehicle {
-    fixture: Fixture,
+pub struct Vehicle {
+    pub fixture: Fixture,
     data: TestFolder,
-    cookie: String,
+    pub cookie: String,
 }
 
 impl Vehicle {
-    async fn new(name: &str, incidents: u64) -> Vehicle {
+    pub async fn new(name: &str, incidents: u64) -> Vehicle {
         let data = TestFolder::new(&format!("what-if-{name}"));
         std::fs::create_dir_all(folder_in(&data)).unwrap();
         let mut fixture = Fixture::new().await;
@@ -216,7 +216,9 @@ async fn only_developers_run_one_and_a_form_has_bounds() {
     };
     assert_eq!(post("over=this").await, StatusCode::UNPROCESSABLE_ENTITY);
     let long = |bytes: usize| format!("name=a&text={}", "x".repeat(bytes));
-    assert_eq!(post(&long(256 * 1024)).await, StatusCode::UNPROCESSABLE_ENTITY);
+    let large = vehicle.fixture.post("/incidents/1/what-if", Some(&vehicle.cookie), &long(256 * 1024)).await;
+    assert_eq!(large.status, StatusCode::PAYLOAD_TOO_LARGE);
+    assert!(large.body.contains("larger than 256 KiB"), "{}", large.body);
     assert_eq!(post(&long(1024 * 1024)).await, StatusCode::PAYLOAD_TOO_LARGE);
     assert_eq!(post(&"name=a&text=b&".repeat(65)).await, StatusCode::UNPROCESSABLE_ENTITY);
     assert_eq!(post("name=a&text=b").await, StatusCode::SEE_OTHER);

@@ -65,6 +65,17 @@ impl Views {
         name
     }
 
+    /// A module that left is there again, under its name.
+    pub(in crate::engine) fn come_back(&mut self, id: ModuleId, now: Timestamp) {
+        let layout = Arc::make_mut(&mut self.layout);
+        let info = Arc::make_mut(&mut layout.modules[id.0 as usize]);
+        info.gone = false;
+        Arc::make_mut(&mut self.names).insert(info.id.clone());
+        layout.groups[info.group.0 as usize].modules.push(id);
+        self.clear(id, now);
+        self.seq_changed = true;
+    }
+
     /// Nothing refers to a module that left any more.
     pub(in crate::engine) fn clear_name(&mut self, id: ModuleId) {
         let layout = Arc::make_mut(&mut self.layout);

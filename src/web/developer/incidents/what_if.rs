@@ -122,6 +122,10 @@ pub async fn post(
         Err(rejection) => return bad_form(reader, &rejection),
     };
     let Some(texts) = sent(&fields) else { return bad_field(reader, "name, text") };
+    let bytes: usize = texts.iter().map(|it| it.name.len() + it.text.len()).sum();
+    if bytes > TEXT_BYTES_MAX {
+        return refusal(reader, HttpError::LargeConfiguration);
+    }
     let is_all = fields.iter().any(|(name, value)| name == "over" && value == "all");
     let started = async {
         let incident = available(&app, &id).await?;
@@ -149,7 +153,7 @@ async fn running(app: &AppState) -> Vec<ConfigurationText> {
     reread(app, false, None).await.map(|read| read.running.to_vec()).unwrap_or_default()
 }
 
-/// The files of a form; `None` if there are none, or too much.
+/// The files of a form; `None` if there are none, or too many.
 fn sent(fields: &[(String, String)]) -> Option<Vec<ConfigurationText>> {
     let of = |key: &'static str| fields.iter().filter(move |(name, _)| name == key).map(|(_, value)| value);
     // Browsers send line ends of two characters.
@@ -157,8 +161,7 @@ fn sent(fields: &[(String, String)]) -> Option<Vec<ConfigurationText>> {
         .zip(of("text"))
         .map(|(name, text)| ConfigurationText { name: name.clone(), text: text.replace("\r\n", "\n") })
         .collect();
-    let bytes: usize = texts.iter().map(|it| it.name.len() + it.text.len()).sum();
-    ((1..=FILES_MAX).contains(&texts.len()) && bytes <= TEXT_BYTES_MAX).then_some(texts)
+    (1..=FILES_MAX).contains(&texts.len()).then_some(texts)
 }
 
 fn what_if(

@@ -40,7 +40,7 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
         signals: vec![("active".to_owned(), active)],
         ..Past::default()
     };
-    let html = page(&published, &english(), &query(&asks), &window, Some(&past));
+    let html = page(&published, &english(), &query(&asks), (&window, String::new()), Some(&past));
     // The ERROR before the cause showed itself is owed to it; the moment in the middle is masked.
     holds(
         &html,
@@ -60,12 +60,12 @@ fn the_timeline_draws_what_was_recorded_and_says_what_was_not() {
     assert!(!html.contains("silent"), "nothing was said");
     let after = query(&[asks[0], asks[1], asks[2], ("unrecorded", "1")]);
     let window = Window::of(&published, &after);
-    let html = page(&published, &english(), &after, &window, Some(&past));
+    let html = page(&published, &english(), &after, (&window, String::new()), Some(&past));
     holds(&html, &["data-state=\"none\">no record<", "No recording has this moment. The history knows"]);
     // A chosen moment stays where it is, also outside of the span.
     let outside = query(&[asks[0], asks[1], asks[2], ("at", "800000")]);
     let window = Window::of(&published, &outside);
-    let html = page(&published, &english(), &outside, &window, Some(&past));
+    let html = page(&published, &english(), &outside, (&window, String::new()), Some(&past));
     holds(&html, &["data-state=\"none\">not shown<", "data-chosen=\"800000\"", "1970-01-01T00:13:20.000Z"]);
     holds(&html, &["id=\"to-moment\" href=\"?node=a%2Fb&#38;span=100&#38;at=800000&#38;until=850000\""]);
     assert!(!html.contains("class=\"moment\""));
@@ -88,7 +88,7 @@ fn the_timeline_tells_a_silence_from_an_error_that_was_reported() {
     let shown = |lang, at| {
         let query = query(&[asks[0], asks[1], asks[2], ("at", at)]);
         let window = Window::of(&published, &query);
-        page(&published, &context(lang, Palette::Day), &query, &window, Some(&past))
+        page(&published, &context(lang, Palette::Day), &query, (&window, String::new()), Some(&past))
     };
     let english = shown(Lang::En, "930000");
     holds(&english, &[", \u{201c}silent for 2 s; last: Images &lt;arrive&gt;\u{201d}</title>"]);

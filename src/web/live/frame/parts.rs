@@ -369,7 +369,7 @@ fn is_comparable(before: &Published, now: &Published) -> bool {
 fn tops(snapshot: &Snapshot) -> impl Iterator<Item = GroupId> {
     let others = (0..snapshot.layout.groups.len() as u32).map(GroupId).filter(|&id| {
         let (info, view) = snapshot.group(id);
-        !info.counted && !info.modules.is_empty() || info.is_system && view.state != State::Ok
+        !info.modules.is_empty() && (!info.counted || info.is_system && view.state != State::Ok)
     });
     snapshot.tiles().chain(others)
 }

@@ -31,7 +31,8 @@ struct StepHtml {
     version: u64,
     clearance_version: u64,
     release_version: u64,
-    step: NextStep,
+    /// `None` in a replay.
+    step: Option<NextStep>,
     /// Logging out works in every stage but one.
     logout: bool,
 }
@@ -69,8 +70,8 @@ pub fn step(view: &View<'_>) -> Fragment {
         version: view.seen.of(Aspect::Stage),
         clearance_version: view.seen.of(Aspect::Clearance),
         release_version: view.seen.of(Aspect::Release),
-        step: of_stage(view),
-        logout: snapshot.operator.is_some() && (snapshot.stage != Stage::Active || !view.has_stages()),
+        step: (!view.replay).then(|| of_stage(view)),
+        logout: view.may_act() && (snapshot.stage != Stage::Active || !view.has_stages()),
     });
     Fragment { id: "step".to_owned(), html }
 }
@@ -202,6 +203,7 @@ fn stops(view: &View<'_>) -> Vec<StopHtml> {
 struct StopsHtml {
     steps: &'static StepWords,
     swap: bool,
+    replay: bool,
     version: u64,
     stops: Vec<StopHtml>,
 }
@@ -210,7 +212,8 @@ struct StopsHtml {
 pub fn all_stops(view: &View<'_>) -> Fragment {
     let steps = view.lang.steps();
     let version = view.seen.of(Aspect::Stage);
-    let html = html(&StopsHtml { steps, swap: view.swap, version, stops: stops(view) });
+    let (swap, replay) = (view.swap, view.replay);
+    let html = html(&StopsHtml { steps, swap, replay, version, stops: stops(view) });
     Fragment { id: "all-stops".to_owned(), html }
 }
 

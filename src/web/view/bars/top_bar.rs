@@ -47,7 +47,7 @@ pub fn top(view: &View<'_>) -> Fragment {
         user_is: if view.has_stages() { view.words.operator } else { view.words.logged_in },
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
         steps: view.lang.steps(),
-        shutdown: snapshot.operator.is_some()
+        shutdown: view.may_act()
             && view.has_stages()
             && !matches!(snapshot.stage, Stage::Locked | Stage::Active),
     });

@@ -233,9 +233,8 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
 }
 
 fn reset(view: &View<'_>, tile: Tile, id: ModuleId) -> Option<ResetHtml> {
-    view.snapshot.operator.as_ref()?;
     let (info, module) = view.snapshot.module(id);
-    module.steps.latched.then(|| ResetHtml {
+    (module.steps.latched && view.may_act()).then(|| ResetHtml {
         address: address(&info.id),
         version: view.seen.of(Aspect::Component(view.board.tiles[tile])),
         ready: !module.steps.in_error,

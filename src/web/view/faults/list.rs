@@ -99,7 +99,9 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
 
 /// The alarms that one tap acknowledges: those that are over.
 fn over(view: &View<'_>) -> Option<(usize, u64)> {
-    view.snapshot.operator.as_ref()?;
+    if !view.may_act() {
+        return None;
+    }
     let over = view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged);
     let last = over.clone().map(|alarm| alarm.id).max()?;
     let count = over.count();
@@ -138,7 +140,7 @@ fn is_overruled(view: &View<'_>, entry: &FaultEntry) -> bool {
 
 fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
     let tile = view.board.tile_of(entry.node).map(|tile| view.board.tiles[tile]);
-    let target = entry.acknowledge.as_ref().filter(|_| view.snapshot.operator.is_some());
+    let target = entry.acknowledge.as_ref().filter(|_| view.may_act());
     EntryHtml {
         node: clean(view.snapshot.node_name(entry.node), ID),
         panel: tile.map(|id| view.snapshot.group(id).0.path.to_string()).unwrap_or_default(),
