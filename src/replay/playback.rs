@@ -5,7 +5,9 @@ use std::sync::Arc;
 use super::run::{Mark, Run, Taken};
 use super::{Facts, Flows, Gaps, ReplayError};
 use crate::engine::input::Input;
+use crate::engine::module::system::SYSTEM_GROUP;
 use crate::engine::snapshot::Snapshot;
+use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::{Record, Recorded};
 use crate::record::story::{Story, of_changes};
@@ -102,8 +104,16 @@ impl Playback {
         self.go_to(from)?;
         let present = self.snapshot().map(|first| Record::present(&first, false)).unwrap_or_default();
         self.go_to(at)?;
+        // The group of what a recording of others leaves out has nothing to tell.
+        let is_left_out = |record: &Record| match &record.what {
+            Recorded::Shown { node, state: State::Ignore, .. } => {
+                !self.facts.has_journal && **node == *SYSTEM_GROUP
+            }
+            _ => false,
+        };
         // The first one says that the program started, which it did not then.
-        let present = present.into_iter().skip(1).map(|record| Record { at: record.at.max(from), ..record });
+        let present = present.into_iter().skip(1).filter(|record| !is_left_out(record));
+        let present = present.map(|record| Record { at: record.at.max(from), ..record });
         Ok(present.chain(self.changes.iter().cloned()).collect())
     }
 

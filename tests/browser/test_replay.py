@@ -383,7 +383,13 @@ def test_a_damaged_recording_says_on_every_screen_what_is_missing(tmp_path, plai
             expect(page.locator("nav a").nth(number)).to_have_attribute("aria-current", "page")
             expect(screen).to_have_attribute("data-missing", re.compile("Damaged recording: missing .* may differ from what was shown"))
             assert "Damaged recording" in screen.evaluate("it => getComputedStyle(it, '::before').content")
+        # Its timeline marks them, as far as it is shown.
+        page.locator("nav a[href$='/developer/timeline']").click()
+        lanes = page.frame_locator("iframe[name=screen]").locator("#timeline .lane[data-node]")
+        expect(lanes.locator(".gap").first).to_be_attached()
+        assert lanes.locator(".gap").count() == lanes.locator(".differing").count() == lanes.count() > 1
         page.locator("input[name=at]").fill(str(BEGIN_NS // 10**6 + 1000))
+        expect(lanes.locator(".gap")).to_have_count(0)
         expect(body).not_to_have_attribute("data-differing", "")
         page.goto("about:blank")
 

@@ -140,6 +140,6 @@ def test_of_telltale_nothing_is_known_where_it_was_not(replay, page):
         with client.opener.open(f"{replay.url}/replay/file{path}", timeout=30) as answer:
             return answer.read().decode()
 
-    body("")
+    assert 'data-node="base"' in (whole := body("")) and 'data-node="telltale"' not in whole
     for path in ("", "developer", "developer/graph", "developer/coverage", "api/v1/snapshot"):
         assert "telltale/" not in body(f"/screen/{path}").replace("telltale/static", ""), path

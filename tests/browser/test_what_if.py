@@ -96,7 +96,14 @@ def test_a_dependency_that_is_removed_shows_the_alarms_that_it_hid(server, vehic
     assert page.context.request.get(f"{server.url}/replay/{number}-what-if").status == 404
     if SHOTS:
         shoot(page, server, "wrong")
+    # It stands above the text, and its line is marked.
+    wrong = 1 + next(at for at, line in enumerate(text.input_value().split("\n")) if "timeout: soon" in line)
+    expect(page.locator(".numbers .wrong")).to_have_text(str(wrong))
+    expect(page.locator(".numbers")).to_contain_text(str(len(text.input_value().split("\n"))))
+    assert page.locator("#problems").bounding_box()["y"] < text.bounding_box()["y"]
     page.locator("#problems button").first.click()
+    number, field = page.locator(".numbers .wrong").bounding_box(), text.bounding_box()
+    assert field["y"] < number["y"] < field["y"] + field["height"], "the numbers are where the lines are"
     chosen = page.evaluate("() => { const it = document.activeElement; return it.value.slice(it.selectionStart, it.selectionEnd) }")
     assert "timeout: soon" in chosen
     assert violations(page) == ""
