@@ -93,7 +93,7 @@ pub struct ListQuery {
 }
 
 /// The columns of the list as CSV.
-const COLUMNS: [&str; 12] = [
+const COLUMNS: [&str; 13] = [
     "id",
     "since",
     "until",
@@ -102,6 +102,7 @@ const COLUMNS: [&str; 12] = [
     "trigger_count",
     "stage",
     "marked",
+    "marks",
     "kept",
     "storm",
     "note",
