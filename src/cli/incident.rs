@@ -25,7 +25,7 @@ use crate::record::retention::{Held, Policy, Surplus, judged_ms, size, surplus_w
 use crate::record::writer::unix_ms;
 use crate::record::{beside, folder};
 use crate::store::audit::{Action, COMMAND_LINE, Record};
-use crate::store::{DemoSecrets, IncidentRecords, Incidents, Store, StoreError};
+use crate::store::{DemoSecrets, Incidents, Store, StoreError};
 
 /// The time for the disk to answer.
 const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
@@ -137,7 +137,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             let keep = Span::from_nanos(u64::try_from(keep.as_nanos()).unwrap_or(u64::MAX));
             let pruning = Pruning {
                 data: &data,
-                policy: Policy { disk: *disk, keep },
+                policy: Policy { disk: *disk, keep, reserved: 0 },
                 trust_clock: *trust_clock,
                 changed: *changed,
             };
@@ -182,7 +182,7 @@ impl Pruning<'_> {
     fn only_say(&self) -> anyhow::Result<ExitCode> {
         let incidents = Incidents::open(self.data)?;
         let held = incidents.held()?;
-        let (surplus, code) = self.surplus(&held, incidents.floor()?, &incidents.records()?);
+        let (surplus, code) = self.surplus(&held, &incidents)?;
         for it in held.iter().filter(|it| surplus.remove.contains(&it.id)) {
             println!("would remove incident {}, {}", it.id, size(it.bytes));
         }
@@ -194,21 +194,22 @@ impl Pruning<'_> {
         let recordings = folder::folder_in(self.data);
         // Hashes of large files take their time, which is no fault of the disk.
         let known = Incidents::open(self.data)?;
-        let (held, records) = (known.held()?, known.records()?);
-        let (surplus, mut code) = self.surplus(&held, known.floor()?, &records);
+        let held = known.held()?;
+        let (surplus, mut code) = self.surplus(&held, &known)?;
         drop(known);
         with_store(self.data, async |store| {
             let record = Record::of(Action::IncidentRemoved, COMMAND_LINE);
             let forgotten = store.forget_incidents(surplus.remove.clone(), record).await?;
             for it in &forgotten {
-                let removed = folder::path_of(&recordings, &it.file).map_or(Ok(()), fs::remove_file);
+                let path = recordings.join(folder::file_name(it.id));
+                let removed = fs::remove_file(&path);
                 let beside = beside::remove(&recordings, it.id);
                 match removed {
                     Err(error) if error.kind() != io::ErrorKind::NotFound => {
                         eprintln!(
                             "telltale: incident {} is forgotten, but its file {} cannot be removed: {error}. Remove it by hand",
                             it.id,
-                            recordings.join(&it.file).display()
+                            path.display()
                         );
                         code = ExitCode::from(EXIT_NO);
                     }
@@ -224,20 +225,27 @@ impl Pruning<'_> {
     }
 
     /// What has to go. What stays because it was changed is said.
-    fn surplus(&self, held: &[Held], floor: SystemTime, records: &IncidentRecords) -> (Surplus, ExitCode) {
+    fn surplus(&self, held: &[Held], incidents: &Incidents) -> Result<(Surplus, ExitCode), StoreError> {
+        let (records, floor) = (incidents.records()?, incidents.floor()?);
         let recordings = folder::folder_in(self.data);
         let now_ms = judged_at_ms(Clock::start().wall(), floor, self.trust_clock);
-        let is_evidence = |it: &Held| !self.changed && is_changed(&recordings, it, &records.hashes);
+        let is_forged = |it: &Held| {
+            let row = incidents.stored(it.id).ok().flatten();
+            row.is_none_or(|row| records.contradiction(&row).is_some())
+        };
+        let is_evidence =
+            |it: &Held| !self.changed && (is_changed(&recordings, it, &records.hashes) || is_forged(it));
         let (surplus, changed) = surplus_without_changed(held, &self.policy, now_ms, is_evidence);
         for id in &changed {
             eprintln!(
-                "telltale: incident {id} stays: {} is not as it was recorded, which is evidence of that. Look at it with \
-                 `telltale incident verify {id}`, keep a copy of it, and add --changed to remove it",
+                "telltale: incident {id} stays: {} is not as it was recorded, or what the database says of it, which is \
+                 evidence of that. Look at it with `telltale incident verify {id}`, keep a copy of it, and add --changed \
+                 to remove it",
                 recordings.join(folder::file_name(*id)).display()
             );
         }
         let code = if changed.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
-        (surplus, code)
+        Ok((surplus, code))
     }
 }
 

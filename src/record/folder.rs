@@ -30,6 +30,11 @@ pub fn path_of(folder: &Path, file: &str) -> Option<PathBuf> {
     is_plain.then(|| folder.join(file))
 }
 
+/// The path of a recording that is a file: a link leads elsewhere, and a pipe may never end.
+pub fn file_in(folder: &Path, file: &str) -> Option<PathBuf> {
+    path_of(folder, file).filter(|path| path.symlink_metadata().is_ok_and(|it| it.is_file()))
+}
+
 /// The numbers of all recordings in their folder, the smallest first. Without a folder there are none.
 ///
 /// # Errors

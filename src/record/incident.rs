@@ -20,8 +20,10 @@ const ARRIVES_WITHIN: Span = Span::from_millis(700);
 /// Triggers of one incident that are kept; more are counted.
 pub(super) const TRIGGERS_MAX: usize = 256;
 
-/// Marks of one incident. More are refused, so that they take no place of what failed, and their notes are kept whole.
-pub const MARKS_MAX: usize = 16;
+/// Marks of one incident, and those of one user among them: a program leaves room for the operator. More only make it
+/// last longer, so that they take no place of what failed, and the notes are kept whole.
+pub const MARKS_MAX: usize = 24;
+pub const MARKS_OF_ONE_MAX: usize = 8;
 
 /// Bytes of a note.
 pub const NOTE_BYTES_MAX: usize = 2000;
@@ -73,7 +75,18 @@ impl Open {
     }
 
     fn marks(&self) -> usize {
-        self.triggers.iter().filter(|(_, trigger)| matches!(trigger, Trigger::Mark { .. })).count()
+        self.markers().count()
+    }
+
+    fn marks_of(&self, user: &str) -> usize {
+        self.markers().filter(|by| *by == user).count()
+    }
+
+    fn markers(&self) -> impl Iterator<Item = &str> {
+        self.triggers.iter().filter_map(|(_, trigger)| match trigger {
+            Trigger::Mark { by, .. } => Some(&**by),
+            _ => None,
+        })
     }
 }
 
@@ -96,6 +109,8 @@ pub struct Tracker {
     /// When autonomous driving ended at walking pace, while it may still be an arrival.
     slow_end: Option<(Timestamp, Stage)>,
     open: Option<Open>,
+    /// The present incident was to last longer than it may.
+    is_cut: bool,
     /// The last incident reached its greatest length at this time.
     cut_at: Option<Timestamp>,
 }
@@ -110,6 +125,7 @@ impl Tracker {
             requests: requests(first),
             slow_end: None,
             open: None,
+            is_cut: false,
             cut_at: None,
         }
     }
@@ -153,7 +169,7 @@ impl Tracker {
         let until = now + self.margins.after;
         match &mut self.open {
             Some(open) => {
-                open.until = open.until.max(until).min(open.since + LENGTH_MAX.max(self.margins.after));
+                self.is_cut |= extend(open, until, self.margins);
                 let is_mark = matches!(trigger, Trigger::Mark { .. });
                 // Marks keep their places.
                 let places = TRIGGERS_MAX - if is_mark { 0 } else { MARKS_MAX - open.marks() };
@@ -168,20 +184,27 @@ impl Tracker {
                 let storm = self.cut_at.is_some_and(|cut| now.since(cut) <= LENGTH_MAX);
                 let open = Open { since: now, until, triggers: vec![(now, trigger)], more: 0, storm };
                 self.open = Some(open.clone());
+                self.is_cut = false;
                 changes.push(Change::Opened(open));
             }
         }
         changes
     }
 
-    /// Marks this moment. `None`: the present incident has [so many](MARKS_MAX) marks already.
-    pub fn mark(&mut self, now: Timestamp, by: &str, note: &str) -> Option<Vec<Change>> {
-        let due = self.due(now);
-        if self.open.as_ref().is_some_and(|open| open.marks() >= MARKS_MAX) {
-            return None;
+    /// Marks this moment. Returns whether the mark has a place among those of the present incident, which lasts longer in
+    /// any case.
+    pub fn mark(&mut self, now: Timestamp, by: &str, note: &str) -> (Vec<Change>, bool) {
+        let mut changes = self.due(now);
+        let until = now + self.margins.after;
+        if let Some(open) = &mut self.open
+            && (open.marks() >= MARKS_MAX || open.marks_of(by) >= MARKS_OF_ONE_MAX)
+        {
+            self.is_cut |= extend(open, until, self.margins);
+            changes.push(Change::Extended(open.clone()));
+            return (changes, false);
         }
-        let marked = self.trigger(now, Trigger::Mark { by: by.into(), note: note.into() });
-        Some([due, marked].concat())
+        changes.extend(self.trigger(now, Trigger::Mark { by: by.into(), note: note.into() }));
+        (changes, true)
     }
 
     /// What time alone changes.
@@ -195,8 +218,7 @@ impl Tracker {
     /// Closes the present incident when its time is over.
     fn close(&mut self, now: Timestamp) -> Vec<Change> {
         let Some(open) = self.open.take_if(|open| now >= open.until) else { return Vec::new() };
-        let was_cut = open.until.since(open.since) >= LENGTH_MAX;
-        self.cut_at = was_cut.then_some(open.until);
+        self.cut_at = self.is_cut.then_some(open.until);
         vec![Change::Closed(open)]
     }
 
@@ -209,6 +231,13 @@ impl Tracker {
     pub fn end(&mut self) -> Option<Open> {
         self.open.take()
     }
+}
+
+/// An incident lasts until then, but no longer than it may. Returns whether that cut it.
+fn extend(open: &mut Open, until: Timestamp, margins: Margins) -> bool {
+    let last = open.since + LENGTH_MAX.max(margins.after);
+    open.until = open.until.max(until).min(last);
+    until > last
 }
 
 /// The module that comes to show a WARNING with this event, if it counts for the vehicle. A module that was in
@@ -356,7 +385,12 @@ mod tests {
         let mut tracker = Tracker::new(Margins::default(), &engine().snapshot());
         let root = || Trigger::Root { alarm: None, node: "a/b".into() };
         let marked = |tracker: &mut Tracker| {
-            (0..100).filter(|_| tracker.mark(s(1), "anna", "a strange noise").is_some()).count()
+            let by = |user: &str, tracker: &mut Tracker| {
+                (0..100).filter(|_| tracker.mark(s(1), user, "a strange noise").1).count()
+            };
+            let of_one = by("a program", tracker);
+            assert_eq!(of_one, MARKS_OF_ONE_MAX, "the operator has room yet");
+            of_one + by("anna", tracker) + by("dora", tracker) + by("otto", tracker)
         };
         assert_eq!(marked(&mut tracker), MARKS_MAX);
         for _ in 0..1000 {
@@ -370,6 +404,19 @@ mod tests {
             tracker.trigger(s(2), root());
         }
         assert_eq!((tracker.open().unwrap().triggers.len(), marked(&mut tracker)), (others, MARKS_MAX));
-        assert!(tracker.mark(s(100), "anna", "").is_some(), "the next incident has its own");
+        // It lasts longer with a mark that has no place.
+        assert!(tracker.mark(s(8), "anna", "").0.iter().any(|it| matches!(it, Change::Extended(_))));
+        assert_eq!(tracker.open().unwrap().until, s(18));
+        assert!(tracker.mark(s(100), "anna", "").1, "the next incident has its own");
+    }
+
+    #[test]
+    fn incidents_with_a_long_end_are_no_storm() {
+        let margins = Margins { after: LENGTH_MAX, ..Margins::default() };
+        let mut tracker = Tracker::new(margins, &engine().snapshot());
+        for at in [0, 62, 200] {
+            let changes = tracker.trigger(s(at), mark());
+            assert!(matches!(&changes[..], [.., Change::Opened(open)] if !open.storm), "{changes:?}");
+        }
     }
 }

@@ -104,9 +104,9 @@ pub struct Mark {
 /// Why a moment is not marked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Unmarked {
-    /// Nothing is recorded now.
+    /// No incident can be recorded yet; one that is open then has the mark.
     Off,
-    /// The present incident has as many marks as it may.
+    /// The present incident has as many marks as it may: it lasts longer with this one.
     Full,
 }
 
@@ -160,13 +160,16 @@ impl Recorder {
     /// Marks this moment: an incident begins or goes on. The writer tells when it is on the disk.
     ///
     /// # Errors
-    /// Nothing is recorded now, or there are too many marks.
+    /// No incident can be recorded yet, or there are too many marks.
     pub fn mark(&self, by: &str, note: &str) -> Result<Mark, Unmarked> {
         let mut state = self.0.lock();
         let now = self.0.clock.now();
-        let changes = state.tracker.mark(now, by, note).ok_or(Unmarked::Full)?;
+        let (changes, has_place) = state.tracker.mark(now, by, note);
         state.apply(changes);
         self.0.news.notify_all();
+        if !has_place {
+            return Err(Unmarked::Full);
+        }
         let job = state.present().ok_or(Unmarked::Off)?;
         Ok(Mark { incident: job.number, triggers: job.open.count() })
     }
@@ -197,6 +200,11 @@ impl Recorder {
     /// Since when it holds everything; `None` before the first state of the engine.
     pub fn holds_since(&self) -> Option<Timestamp> {
         self.0.lock().ring.keyframe_before(Timestamp::ZERO).map(|(_, at)| at)
+    }
+
+    /// The recording of this incident waits to be written, or for its end.
+    pub fn writes(&self, id: u64) -> bool {
+        self.0.lock().jobs.iter().any(|job| job.number == id)
     }
 
     /// The number of the incident that is being recorded.

@@ -15,11 +15,21 @@ pub struct Policy {
     pub disk: u64,
     /// The age of the oldest one.
     pub keep: Span,
+    /// Bytes of `disk` that kept recordings do not take from the others: without them, nothing new would stay. The newest
+    /// of the others stays whatever its size.
+    pub reserved: u64,
+}
+
+impl Policy {
+    /// Of a vehicle: a tenth is for what nobody keeps.
+    pub fn new(disk: u64, keep: Span) -> Policy {
+        Policy { disk, keep, reserved: disk / 10 }
+    }
 }
 
 impl Default for Policy {
     fn default() -> Policy {
-        Policy { disk: 10_000_000_000, keep: Span::from_secs(30 * 24 * 3600) }
+        Policy::new(10_000_000_000, Span::from_secs(30 * 24 * 3600))
     }
 }
 
@@ -74,6 +84,9 @@ pub fn judged_ms(wall_ms: i64, floor_ms: i64, passed: Span) -> i64 {
 pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
     let mut order: Vec<&Held> = held.iter().collect();
     order.sort_unstable_by_key(|it| it.id);
+    let unkept = order.iter().filter(|it| !it.kept);
+    let newest = unkept.clone().last().map_or(0, |it| it.id);
+    let mut unkept_bytes = unkept.fold(0u64, |sum, it| sum.saturating_add(it.bytes));
     let mut bytes = order.iter().fold(0u64, |sum, it| sum.saturating_add(it.bytes));
     let mut count = order.len();
     let keep_ms = i64::try_from(policy.keep.as_millis()).unwrap_or(i64::MAX);
@@ -84,11 +97,14 @@ pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
             since_ms = since_ms.max(Some(it.since_ms));
         }
         let is_old = since_ms.is_some_and(|since_ms| now_ms.saturating_sub(since_ms) > keep_ms);
-        if it.kept || !it.finished || !(is_old || bytes > policy.disk || count > INCIDENTS_MAX) {
+        let is_reserved = policy.reserved > 0 && (unkept_bytes <= policy.reserved || it.id == newest);
+        let is_too_much = (bytes > policy.disk && !is_reserved) || count > INCIDENTS_MAX;
+        if it.kept || !it.finished || !(is_old || is_too_much) {
             continue;
         }
         remove.push(it.id);
         bytes -= it.bytes.min(bytes);
+        unkept_bytes -= it.bytes.min(unkept_bytes);
         count -= 1;
     }
     Surplus {
@@ -144,6 +160,21 @@ pub fn size(bytes: u64) -> String {
 mod tests {
     use super::*;
 
+    #[test]
+    fn kept_recordings_do_not_take_all_room_from_the_others() {
+        let held = |id, bytes, kept| Held { id, bytes, kept, finished: true, ..Held::default() };
+        let all = [held(1, 150, true), held(2, 6, false), held(3, 6, false), held(4, 4, false)];
+        let policy = Policy::new(100, Span::from_secs(3600));
+        let found = surplus(&all, &policy, 0);
+        assert_eq!((&found.remove[..], found.is_over()), (&[2][..], true));
+        // The newest one stays whatever its size.
+        let found = surplus(&[held(1, 150, true), held(2, 5, false), held(3, 60, false)], &policy, 0);
+        assert_eq!(found.remove, [2]);
+        // Without kept ones `disk` is the bound.
+        let found = surplus(&[held(1, 60, false), held(2, 30, false), held(3, 30, false)], &policy, 0);
+        assert_eq!((&found.remove[..], found.is_over()), (&[1][..], false));
+    }
+
     const DAY_MS: i64 = 24 * 3600 * 1000;
 
     fn held(id: u64, day: i64, bytes: u64) -> Held {
@@ -151,7 +182,7 @@ mod tests {
     }
 
     fn policy(disk: u64, days: u64) -> Policy {
-        Policy { disk, keep: Span::from_secs(days * 24 * 3600) }
+        Policy { disk, keep: Span::from_secs(days * 24 * 3600), reserved: 0 }
     }
 
     #[test]

@@ -139,6 +139,10 @@ fn open_recording(data: &Path, incident: &Incident) -> Option<(PathBuf, File)> {
         eprintln!("telltale: incident {id} has no recording");
         return None;
     };
+    if path.symlink_metadata().is_ok_and(|it| !it.is_file()) {
+        eprintln!("telltale: the recording {} of incident {id} is no file", path.display());
+        return None;
+    }
     match File::open(&path) {
         Ok(open) => Some((path, open)),
         Err(error) => {

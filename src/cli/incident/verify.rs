@@ -11,7 +11,6 @@ use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed};
 use crate::cli::check::print;
-use crate::record::proof::NO_HASH;
 use crate::record::retention::size;
 use crate::record::{file, folder};
 use crate::store::audit::verify_audit_in;
@@ -58,12 +57,10 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
     let mut is_good = audit_is_whole(data)?;
     for (id, row) in rows {
         let mut found = check(&recordings, id, row.as_ref().map(|it| &it.incident), &records);
-        if let (Found::Whole(_), Some(row)) = (&found, &row)
+        if let (Found::Whole(_) | Found::Unfinished, Some(row)) = (&found, &row)
             && let Some(what) = records.contradiction(row)
         {
-            found = Found::Bad(format!(
-                "its recording is as it was recorded, but in the database {what} is not as the audit log says"
-            ));
+            found = Found::Bad(format!("in the database, {what} is not as the audit log says"));
         }
         match found {
             Found::Whole(what) => print(&format!("ok    incident {id}: {what}\n")),
@@ -123,8 +120,8 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
             return Found::Empty(format!("{path} is empty; the next start of the server removes it"));
         }
         Some(incident) if !incident.summary.recording.finished => {
-            return match recorded {
-                Some(hash) if hash != NO_HASH => Found::Bad(format!(
+            return match records.hash(id) {
+                Some(hash) => Found::Bad(format!(
                     "the database says that it is not finished, the audit log that it was, with sha256 {hash}"
                 )),
                 _ => Found::Unfinished,

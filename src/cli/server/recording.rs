@@ -51,6 +51,8 @@ pub struct Recording {
     place: Place,
     /// Why nothing can be recorded.
     fault: watch::Receiver<Fault>,
+    /// Kept recordings take more than they may.
+    kept_too_much: watch::Receiver<bool>,
     entry: watch::Receiver<BookEntry>,
     policy: watch::Sender<Policy>,
     writer: JoinHandle<()>,
@@ -135,7 +137,7 @@ pub async fn start(
     if let Err(error) = make_folder(&folder) {
         tracing::error!(%error, "the folder {} cannot be made", folder.display());
     }
-    left_over::make_whole(store, &folder).await;
+    left_over::make_whole(store, &folder, |_| false).await;
     let files = folder::numbers(&folder).unwrap_or_default();
     let largest = files.last().copied().unwrap_or(0);
     let number = store.next_incident_number(largest).await.unwrap_or_else(|error| {
@@ -160,11 +162,14 @@ pub async fn start(
     let (write, entry) = watch::channel(BookEntry::default());
     let books = tokio::spawn(keep_books(news, store.clone(), write));
     let watching = tokio::spawn(watch_disk(faults_of_writer, fault, recorder.clone(), folder.clone()));
-    let tidying = tokio::spawn(look_after(policies, store.clone(), folder, files, clock));
+    let (tell_kept, kept_too_much) = watch::channel(false);
+    let tidying =
+        tokio::spawn(look_after(policies, store.clone(), folder, files, recorder.clone(), tell_kept, clock));
     Ok(Some(Recording {
         recorder,
         place,
         fault: faults,
+        kept_too_much,
         entry,
         policy,
         writer,
@@ -187,7 +192,11 @@ impl Recording {
     }
 
     pub fn watched(&self) -> Watched {
-        Watched { recorder: self.recorder.clone(), fault: self.fault.clone() }
+        Watched {
+            recorder: self.recorder.clone(),
+            fault: self.fault.clone(),
+            kept_too_much: self.kept_too_much.clone(),
+        }
     }
 
     /// What pages say of the recording.
@@ -237,7 +246,7 @@ fn settings(loaded: &Loaded) -> Option<Settings> {
 }
 
 fn policy(loaded: &Loaded) -> Option<Policy> {
-    loaded.recording.as_ref().map(|recording| Policy { disk: recording.disk, keep: recording.keep })
+    loaded.recording.as_ref().map(|recording| Policy::new(recording.disk, recording.keep))
 }
 
 /// Tells why nothing can be recorded: what the writer met, or that the disk does not answer it.

@@ -26,6 +26,8 @@ pub struct Watched {
     pub recorder: Recorder,
     /// Why nothing can be recorded.
     pub fault: watch::Receiver<Fault>,
+    /// Kept recordings take more than they may.
+    pub kept_too_much: watch::Receiver<bool>,
 }
 
 /// Reports faults of the clock, the certificate and the recording to the log and the engine whenever they change, and
@@ -73,15 +75,18 @@ async fn tell(
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
 ) {
-    let (recorder, fault) = recording.map(|it| (it.recorder, it.fault)).unzip();
     // Without a recorder there is never a fault.
     let (_never, none) = watch::channel(None);
-    let mut fault = fault.unwrap_or(none);
+    let mut fault = recording.as_ref().map_or(none, |it| it.fault.clone());
+    let lasting = || {
+        let Watched { recorder, kept_too_much, .. } = recording.as_ref()?;
+        shortage(&recorder.meter()).or_else(|| kept_too_much.borrow().then(too_many_kept))
+    };
     let mut said = Upkeep::default();
     loop {
         let mut found = of_time.borrow_and_update().clone();
         let off = fault.borrow_and_update().as_deref().map(recording_off);
-        found.recording = off.or_else(|| recorder.as_ref().and_then(|recorder| shortage(&recorder.meter())));
+        found.recording = off.or_else(lasting);
         if found != said {
             for fault in [&found.clock, &found.certificate, &found.recording].into_iter().flatten() {
                 tracing::warn!("{}", fault.en);
@@ -182,6 +187,17 @@ fn shortage(meter: &Meter) -> Option<Text> {
         )
         .into(),
     })
+}
+
+fn too_many_kept() -> Text {
+    Text {
+        en: "kept recordings fill `recording.disk`, so others are soon removed: release some with `telltale incident keep \
+             ID --off`, or permit more"
+            .into(),
+        de: "behaltene Aufzeichnungen füllen `recording.disk`, darum werden andere bald gelöscht: welche freigeben mit \
+             `telltale incident keep ID --off`, oder mehr erlauben"
+            .into(),
+    }
 }
 
 fn clock_behind(wall: impl Display, floor: impl Display) -> Text {
@@ -311,7 +327,8 @@ mod tests {
             1,
             clock,
         );
-        let recording = Watched { recorder: recorder.unwrap(), fault };
+        let (_kept, kept_too_much) = watch::channel(false);
+        let recording = Watched { recorder: recorder.unwrap(), fault, kept_too_much };
         let telling = tokio::spawn(tell(of_time, Some(recording), inputs, clock));
         tokio::task::yield_now().await;
         for fault in [Some("the disk is full"), None] {

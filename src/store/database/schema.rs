@@ -137,6 +137,8 @@ const MIGRATIONS: &[&str] = &[
     ) STRICT;
     CREATE TABLE incident_number (one INTEGER PRIMARY KEY CHECK (one = 1), last INTEGER NOT NULL) STRICT;
 ",
+    // The records of incidents among a million others.
+    "CREATE INDEX IF NOT EXISTS audit_by_action ON audit(action);",
 ];
 
 /// Schemas from this one on have everything that a server without write access needs.

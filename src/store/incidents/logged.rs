@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use rusqlite::{Connection, OptionalExtension as _, Row, params};
 use sha2::{Digest as _, Sha256};
 
-use super::Incident;
 use super::read::{COLUMNS, Incidents, incident, is_known, surely};
+use super::{Incident, Note};
 use crate::record::proof::{Expected, NO_HASH};
 use crate::record::summary::Summary;
 use crate::store::audit::{Action, DONE, fits, in_field};
@@ -15,14 +15,15 @@ use crate::store::{Store, StoreError};
 /// A longer note stands in the audit log with this beginning and its hash.
 const NOTE_CHARS_MAX: usize = 200;
 
-/// What the audit log says of incidents.
+/// What the audit log says of incidents. Of two hashes of one recording the first counts: a recording that is
+/// finished does not change.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct IncidentRecords {
-    /// The hash with which each recording was recorded last.
+    /// The hash with which each recording was recorded.
     pub hashes: BTreeMap<u64, String>,
     /// Those that were removed since.
     pub removed: Vec<u64>,
-    /// Those whose recordings were taken in without an incident, so that their hashes prove nothing before.
+    /// Those whose recordings were taken in without an incident, and whose hashes prove nothing before.
     pub found: BTreeSet<u64>,
     /// The hashes of summaries; earlier versions wrote none.
     summaries: BTreeMap<u64, String>,
@@ -35,48 +36,43 @@ pub struct IncidentRecords {
 /// What the audit log says of one recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Logged {
-    /// The hash with which it was recorded last.
+    /// The hash with which it was recorded.
     pub hash: Option<String>,
-    /// Its row is as it was then.
-    pub row_agrees: bool,
-}
-
-impl Logged {
-    /// What must be true of a recording, by its row and by this.
-    pub fn expected(logged: Option<Logged>, row: &Summary) -> Expected {
-        let is_row_changed = logged.as_ref().is_some_and(|logged| !logged.row_agrees);
-        let stored = row.recording.sha256.clone();
-        Expected { stored, logged: logged.and_then(|logged| logged.hash), is_row_changed }
-    }
+    /// What of its row is not as the log says.
+    pub contradiction: Option<&'static str>,
 }
 
 /// An incident as it lies in the database.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredIncident {
     pub incident: Incident,
+    id: u64,
     summary: String,
     /// The columns by which incidents are listed and removed say what the summary says.
     columns_agree: bool,
 }
 
+impl Logged {
+    /// What must be true of a recording, by its row and by this.
+    pub fn expected(logged: Option<Logged>, row: &Summary) -> Expected {
+        let is_row_changed = logged.as_ref().is_some_and(|logged| logged.contradiction.is_some());
+        let stored = row.recording.sha256.clone();
+        Expected { stored, logged: logged.and_then(|logged| logged.hash), is_row_changed }
+    }
+}
+
 impl IncidentRecords {
     /// What of a row is not as the audit log says.
     pub fn contradiction(&self, row: &StoredIncident) -> Option<&'static str> {
-        let id = row.incident.summary.id;
+        let id = row.id;
         if self.summaries.get(&id).is_some_and(|logged| !row.is_recorded_as(logged)) {
             return Some("what it says of the incident");
         }
-        let note = row.incident.note.as_ref();
-        let is_note_logged = match (note, self.notes.get(&id)) {
+        let is_note_logged = match (&row.incident.note, self.notes.get(&id)) {
             (None, None) => true,
             (None, Some((logged, _))) => *logged == note_target(id, ""),
             (Some(_), None) => false,
-            (Some(note), Some((logged, by))) => {
-                let is_text = *logged == note_target(id, &note.text)
-                    // As earlier versions wrote it.
-                    || *logged == in_field(&format!("{id}: {}", note.text));
-                is_text && (by.is_empty() || *by == note.by)
-            }
+            (Some(note), Some(_)) => self.has_note(id, note),
         };
         if !is_note_logged {
             return Some("its note");
@@ -89,6 +85,63 @@ impl IncidentRecords {
             None => row.incident.kept == is_marked,
         };
         (!is_kept_logged).then_some("whether it is kept")
+    }
+
+    /// Whether a note is the last one, or nothing is known of the incident.
+    pub fn may_be_note(&self, id: u64, note: &Note) -> bool {
+        !self.hashes.contains_key(&id) || self.has_note(id, note)
+    }
+
+    fn has_note(&self, id: u64, note: &Note) -> bool {
+        self.notes.get(&id).is_some_and(|(logged, by)| {
+            let is_text = *logged == note_target(id, &note.text)
+                // As earlier versions wrote it.
+                || *logged == in_field(&format!("{id}: {}", note.text));
+            is_text && (by.is_empty() || *by == note.by)
+        })
+    }
+
+    /// Whether it was kept last: by the log if that knows the incident, else as `said`. `None`: nobody said so.
+    pub fn kept(&self, id: u64, said: Option<bool>) -> Option<bool> {
+        if self.hashes.contains_key(&id) { self.kept.get(&id).copied() } else { said }
+    }
+
+    /// The hash of the finished recording.
+    pub fn hash(&self, id: u64) -> Option<&String> {
+        self.hashes.get(&id).filter(|hash| *hash != NO_HASH)
+    }
+
+    /// Takes the next record.
+    fn take(&mut self, action: &str, target: String, who: String) {
+        if action == Action::IncidentNote.as_str() {
+            if let Some(id) = target.split_once(": ").and_then(|(id, _)| id.parse().ok()) {
+                self.notes.insert(id, (target, who));
+            }
+        } else if action == Action::IncidentKept.as_str() {
+            let id = target.strip_suffix(NO_LONGER);
+            if let Ok(number) = id.unwrap_or(&target).parse() {
+                self.kept.insert(number, id.is_none());
+            }
+        } else if let Some((id, hash, summary)) = read_recorded(&target) {
+            self.removed.retain(|it| *it != id);
+            if action == Action::IncidentRemoved.as_str() {
+                self.removed.push(id);
+                self.notes.remove(&id);
+                self.kept.remove(&id);
+                return;
+            }
+            match self.hash(id) {
+                Some(first) if first != hash => return,
+                Some(_) => {}
+                None if action == Action::IncidentFound.as_str() => drop(self.found.insert(id)),
+                None => {}
+            }
+            self.hashes.insert(id, hash.to_owned());
+            match summary {
+                Some(summary) => self.summaries.insert(id, summary.to_owned()),
+                None => self.summaries.remove(&id),
+            };
+        }
     }
 }
 
@@ -112,7 +165,15 @@ impl Store {
     /// # Errors
     /// If the database fails.
     pub async fn incident_records(&self) -> Result<IncidentRecords, StoreError> {
-        self.call(|database| records(&database.connection)).await
+        self.call(|database| records(&database.connection, None)).await
+    }
+
+    /// An incident as it lies in the database; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn stored_incident(&self, id: u64) -> Result<Option<StoredIncident>, StoreError> {
+        self.call(move |database| stored(&database.connection, id)).await
     }
 }
 
@@ -131,7 +192,7 @@ impl Incidents {
     /// # Errors
     /// If the database fails.
     pub fn records(&self) -> Result<IncidentRecords, StoreError> {
-        records(&self.0)
+        records(&self.0, None)
     }
 
     /// As [`Store::incident_logged`].
@@ -211,29 +272,21 @@ fn stored(connection: &Connection, id: u64) -> Result<Option<StoredIncident>, St
             && row.get::<_, String>("stage")? == stage
             && row.get::<_, String>("causes")? == causes
             && incident.summary.id == id;
-        Ok(StoredIncident { summary: row.get("summary")?, columns_agree, incident })
+        Ok(StoredIncident { id, summary: row.get("summary")?, columns_agree, incident })
     };
     Ok(query.query_row([surely(id)], read).optional()?)
 }
 
 fn logged(connection: &Connection, id: u64) -> Result<Option<Logged>, StoreError> {
-    let [recorded, found] = [Action::IncidentRecorded, Action::IncidentFound].map(Action::as_str);
-    let sql =
-        "SELECT target FROM audit WHERE action IN (?1, ?2) AND target LIKE ?3 ORDER BY number DESC LIMIT 1";
-    let mut query = connection.prepare_cached(sql)?;
-    let of_it = format!("{id} sha256:%");
-    let target = query.query_row((recorded, found, of_it), |row| row.get::<_, String>(0)).optional()?;
-    let Some((_, hash, summary)) = target.as_deref().and_then(read_recorded) else { return Ok(None) };
-    let hash = (hash != NO_HASH).then(|| hash.to_owned());
-    let row_agrees = match (summary, stored(connection, id)?) {
-        (Some(summary), Some(row)) => row.is_recorded_as(summary),
-        _ => true,
-    };
-    Ok(Some(Logged { hash, row_agrees }))
+    let records = records(connection, Some(id))?;
+    let row = stored(connection, id)?;
+    let contradiction = row.and_then(|row| records.contradiction(&row));
+    let is_known = records.hashes.contains_key(&id) || contradiction.is_some();
+    Ok(is_known.then(|| Logged { hash: records.hash(id).cloned(), contradiction }))
 }
 
-fn records(connection: &Connection) -> Result<IncidentRecords, StoreError> {
-    let mut records = IncidentRecords::default();
+/// The records of all incidents, or of this one.
+fn records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, StoreError> {
     let actions = [
         Action::IncidentRecorded,
         Action::IncidentFound,
@@ -242,39 +295,17 @@ fn records(connection: &Connection) -> Result<IncidentRecords, StoreError> {
         Action::IncidentKept,
     ];
     let [recorded, found, removed, note, kept] = actions.map(Action::as_str);
-    let sql = "SELECT action, target, who FROM audit WHERE action IN (?1, ?2, ?3, ?4, ?5) AND outcome = ?6
+    let sql = "SELECT action, target, who FROM audit
+               WHERE action IN (?1, ?2, ?3, ?4, ?5) AND outcome = ?6
+                   AND (?7 IS NULL OR target = ?7 OR target LIKE ?7 || ' %' OR target LIKE ?7 || ': %')
                ORDER BY number";
-    let mut query = connection.prepare(sql)?;
-    let mut rows = query.query(params![recorded, found, removed, note, kept, DONE])?;
+    let mut query = connection.prepare_cached(sql)?;
+    let id = id.map(|id| id.to_string());
+    let mut rows = query.query(params![recorded, found, removed, note, kept, DONE, id])?;
+    let mut records = IncidentRecords::default();
     while let Some(row) = rows.next()? {
-        let (action, target): (String, String) = (row.get(0)?, row.get(1)?);
-        if action == note {
-            let id = target.split_once(": ").and_then(|(id, _)| id.parse().ok());
-            if let Some(id) = id {
-                records.notes.insert(id, (target, row.get(2)?));
-            }
-        } else if action == kept {
-            let id = target.strip_suffix(NO_LONGER);
-            if let Ok(number) = id.unwrap_or(&target).parse() {
-                records.kept.insert(number, id.is_none());
-            }
-        } else if let Some((id, hash, summary)) = read_recorded(&target) {
-            records.removed.retain(|it| *it != id);
-            if action == removed {
-                records.removed.push(id);
-                records.notes.remove(&id);
-                records.kept.remove(&id);
-                continue;
-            }
-            records.hashes.insert(id, hash.to_owned());
-            match summary {
-                Some(summary) => records.summaries.insert(id, summary.to_owned()),
-                None => records.summaries.remove(&id),
-            };
-            if action == found {
-                records.found.insert(id);
-            }
-        }
+        let action: String = row.get(0)?;
+        records.take(&action, row.get(1)?, row.get(2)?);
     }
     Ok(records)
 }

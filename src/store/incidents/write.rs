@@ -22,7 +22,6 @@ const NUMBER_MAX: u64 = (1 << 53) - 1;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Forgotten {
     pub id: u64,
-    pub file: String,
     pub bytes: u64,
     pub sha256: Option<String>,
 }
@@ -232,14 +231,12 @@ fn put(transaction: &Transaction<'_>, Row { summary, json }: &Row) -> Result<(),
 }
 
 fn removable(connection: &Connection, id: u64) -> Result<Option<Forgotten>, StoreError> {
-    let sql = "SELECT summary, bytes, sha256 FROM incidents WHERE id = ?1 AND finished AND NOT kept";
+    let sql = "SELECT bytes, sha256 FROM incidents WHERE id = ?1 AND finished AND NOT kept";
     let mut query = connection.prepare_cached(sql)?;
     let row = query.query_row([surely(id)], |row| {
-        Ok((row.get::<_, String>(0)?, row.get::<_, i64>(1)?.unsigned_abs(), row.get(2)?))
+        Ok(Forgotten { id, bytes: row.get::<_, i64>(0)?.unsigned_abs(), sha256: row.get(1)? })
     });
-    let Some((json, bytes, sha256)) = row.optional()? else { return Ok(None) };
-    let file = serde_json::from_str::<Summary>(&json).map(|it| it.recording.file).unwrap_or_default();
-    Ok(Some(Forgotten { id, file, bytes, sha256 }))
+    Ok(row.optional()?)
 }
 
 fn found(id: u64, rows: usize) -> Result<(), StoreError> {

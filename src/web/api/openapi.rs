@@ -42,7 +42,8 @@ pub fn document<'a>(routes: impl Iterator<Item = Described<'a>>, secure: bool) -
         "openapi": "3.1.0",
         "info": {
             "title": "Telltale",
-            "version": format!("{VERSION}.{}", env!("CARGO_PKG_VERSION")),
+            "version": VERSION,
+            "x-telltale-version": env!("CARGO_PKG_VERSION"),
             "description": ABOUT,
             "license": { "name": "Apache-2.0", "identifier": "Apache-2.0" },
         },

@@ -242,16 +242,16 @@ impl HttpError {
             ),
             (HttpError::MarkUnsure, Lang::En) => (
                 "Not surely marked",
-                "The disk does not answer, so it is not sure that this moment is kept. Note the time.",
+                "The disk does not take it at present, so it is not sure that this moment is kept. Note the time.",
             ),
             (HttpError::MarkUnsure, Lang::De) => (
                 "Nicht sicher markiert",
-                "Der Speicher antwortet nicht, daher ist nicht sicher, ob dieser Moment erhalten bleibt. Bitte die \
+                "Der Speicher nimmt ihn gerade nicht auf, daher ist nicht sicher, ob dieser Moment erhalten bleibt. Bitte die \
                  Uhrzeit notieren.",
             ),
             (HttpError::ManyMarks, Lang::En) => (
                 "Not marked",
-                "This incident has many marks already, so this moment has none of its own. It is recorded with it.",
+                "This incident has many marks already, so this moment has none of its own. It is recorded all the same.",
             ),
             (HttpError::ManyMarks, Lang::De) => (
                 "Nicht markiert",

@@ -21,11 +21,11 @@ pub async fn get(app: &AppState, id: &str, reader: Reader, request: Request) -> 
         Err(trouble) => return refusal(&reader, trouble),
     };
     let recording = &incident.summary.recording;
-    if !recording.finished {
+    if recording.is_open() {
         return refusal(&reader, HttpError::Unfinished);
     }
-    let path = app.settings.recordings.as_deref().and_then(|it| folder::path_of(it, &recording.file));
-    let Some(path) = path.filter(|path| path.is_file()) else {
+    let path = app.settings.recordings.as_deref().and_then(|it| folder::file_in(it, &recording.file));
+    let Some(path) = path else {
         return refusal(&reader, HttpError::NoRecording);
     };
     // `ServeFile` reads nothing of a request but its headers and method.

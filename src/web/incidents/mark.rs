@@ -15,6 +15,7 @@ use tokio::task;
 
 use super::Marked;
 use crate::record::incident::NOTE_BYTES_MAX;
+use crate::store::Caller;
 use crate::store::audit::{Action, Record};
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::http::errors::HttpError;
@@ -25,12 +26,10 @@ use crate::web::{AppState, Live};
 /// Why a mark is not confirmed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NotMarked {
-    /// Nothing is recorded now.
-    Off,
     /// The present incident has as many marks as it may: this moment is in its recording anyway.
     Full,
     /// It is in memory: the disk has not taken it yet.
-    Unsure { incident: u64 },
+    Unsure { incident: Option<u64> },
 }
 
 /// The number of the incident that has the mark on the disk, soon.
@@ -66,17 +65,23 @@ pub(in crate::web) async fn mark_moment(
 ) -> Result<u64, HttpError> {
     let Some(Marker(mark)) = &app.settings.marker else { return Err(HttpError::NotRecording) };
     let (marking, store) = (mark(by, note), app.store.clone());
-    let target = move |incident: u64, note: &str| record.on(format!("{incident}: {note}"));
+    let target = move |incident: Option<u64>, note: &str| match incident {
+        Some(incident) => record.on(format!("{incident}: {note}")),
+        None => record.on(note),
+    };
     let note = note.to_owned();
     let confirmed = task::spawn(async move {
         match marking.await {
             Ok(incident) => {
-                store.note(target(incident, &note));
+                store.note(target(Some(incident), &note));
                 Ok(incident)
             }
-            Err(NotMarked::Off) => Err(HttpError::NotRecording),
-            // A record of each would fill the log.
-            Err(NotMarked::Full) => Err(HttpError::ManyMarks),
+            Err(NotMarked::Full) => {
+                // A record of each would fill the log.
+                let record = target(None, &note).refused("this incident has as many marks as it may");
+                store.note(record.by_anybody(Caller::Vehicle));
+                Err(HttpError::ManyMarks)
+            }
             Err(NotMarked::Unsure { incident }) => {
                 store.note(target(incident, &note).refused("the disk has not taken it yet"));
                 Err(HttpError::MarkUnsure)

@@ -188,6 +188,7 @@ pub async fn note(
     let Form(NoteForm { note }) = match form {
         Ok(form) if form.note.trim().len() <= NOTE_BYTES_MAX => form,
         Ok(_) => return refusal(&reader, HttpError::LongNote),
+        Err(FormRejection::InvalidFormContentType(_)) => return refusal(&reader, HttpError::NoForm),
         Err(rejection) => return bad_form(&reader, &rejection),
     };
     let Ok(number) = number(&id) else { return refusal(&reader, HttpError::NotFound) };

@@ -58,8 +58,7 @@ pub fn read(folder: &Path, summary: &Summary) -> Read {
 
 /// What the recording in this folder tells without a replay. Blocks.
 fn read_story(folder: &Path, summary: &Summary) -> Read {
-    let path = folder::path_of(folder, &summary.recording.file);
-    let Some(path) = path.filter(|path| path.is_file()) else { return Read::Missing };
+    let Some(path) = folder::file_in(folder, &summary.recording.file) else { return Read::Missing };
     match story::read(&path, summary) {
         Ok(story) => Read::Told(Box::new(story)),
         Err(error) => Read::Bad(error.to_string()),
@@ -70,7 +69,7 @@ fn read_story(folder: &Path, summary: &Summary) -> Read {
 fn replayable(folder: &Path, summary: &Summary) -> Option<PathBuf> {
     let recording = &summary.recording;
     let is_replayed = recording.finished && recording.bytes <= REPLAYED_BYTES_MAX;
-    folder::path_of(folder, &recording.file).filter(|_| is_replayed)
+    folder::file_in(folder, &recording.file).filter(|_| is_replayed)
 }
 
 fn take_numbers(story: &mut Story, numbers: Result<Vec<Series>, String>) {

@@ -41,8 +41,8 @@ impl Recorded {
         let mark = move |by: &str, note: &str| {
             noted.lock().unwrap().push((by.to_owned(), note.to_owned()));
             let came_to = match note {
-                "unsure" => Err(NotMarked::Unsure { incident: 7 }),
-                "off" => Err(NotMarked::Off),
+                "unsure" => Err(NotMarked::Unsure { incident: Some(7) }),
+                "early" => Err(NotMarked::Unsure { incident: None }),
                 "full" => Err(NotMarked::Full),
                 _ => Ok(7_u64),
             };
@@ -283,7 +283,7 @@ async fn a_mark_has_a_name_a_note_and_a_record() {
     assert_eq!(marks, [("operator".to_owned(), "it braked hard".to_owned())]);
     let full = recorded.fixture.post("/api/v1/mark", Some(&operator), "note=full").await;
     assert_eq!(full.status, StatusCode::TOO_MANY_REQUESTS);
-    assert!(full.body.contains("It is recorded with it"), "{}", full.body);
+    assert!(full.body.contains("It is recorded all the same"), "{}", full.body);
     let log = recorded.fixture.store.audit_entries(None, 5).await.unwrap();
     let mark = log.iter().find(|it| it.target == "7: it braked hard").unwrap();
     assert_eq!((&*mark.action, &*mark.who), ("mark", "operator"));
@@ -297,15 +297,16 @@ async fn a_mark_has_a_name_a_note_and_a_record() {
     assert_eq!((answer.status, answer.leads_to()), (StatusCode::SEE_OTHER, Some("/incidents")));
     assert_eq!(recorded.marks.lock().unwrap().last().unwrap().1, "here");
     // The disk does not take it, or does not say.
-    for (note, says, is_told) in
-        [("off", "this moment is not marked", false), ("unsure", "it is not sure", true)]
-    {
+    for (note, record) in [("early", "early"), ("unsure", "7: unsure")] {
         let answer = recorded.fixture.post("/api/v1/mark", Some(&operator), &format!("note={note}")).await;
         assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{note}");
-        assert!(answer.body.contains(says) && answer.body.contains("Note the time"), "{}", answer.body);
+        assert!(
+            answer.body.contains("it is not sure") && answer.body.contains("Note the time"),
+            "{}",
+            answer.body
+        );
         let log = recorded.fixture.store.audit_entries(None, 1).await.unwrap();
-        let record = log.iter().find(|it| it.target == format!("7: {note}"));
-        assert_eq!(record.is_some_and(|it| it.outcome.starts_with("refused")), is_told, "{log:?}");
+        assert!(log[0].target == record && log[0].was_refused(), "{log:?}");
     }
     // Without a recorder.
     let without = Fixture::new().await;

@@ -31,18 +31,20 @@ pub(super) async fn confirmed(
 ) -> Result<u64, NotMarked> {
     let Mark { incident, triggers } = match mark {
         Ok(mark) => mark,
-        Err(Unmarked::Off) => return Err(NotMarked::Off),
+        Err(Unmarked::Off) => return Err(NotMarked::Unsure { incident: None }),
         Err(Unmarked::Full) => return Err(NotMarked::Full),
     };
+    let unsure = NotMarked::Unsure { incident: Some(incident) };
     let is_written = |entry: &BookEntry| entry.incident == incident && entry.triggers >= triggers;
     tokio::select! {
         // What is written stays, whatever follows.
         biased;
         Ok(entry) = entry.wait_for(is_written) => {
-            if entry.is_stored { Ok(incident) } else { Err(NotMarked::Unsure { incident }) }
+            if entry.is_stored { Ok(incident) } else { Err(unsure) }
         }
-        Ok(_) = fault.wait_for(Option::is_some) => Err(NotMarked::Off),
-        () = tokio::time::sleep(MARKED_WITHIN) => Err(NotMarked::Unsure { incident }),
+        // A disk that recovers while the incident lasts still gets it.
+        Ok(_) = fault.wait_for(Option::is_some) => Err(unsure),
+        () = tokio::time::sleep(MARKED_WITHIN) => Err(unsure),
     }
 }
 
@@ -81,8 +83,8 @@ mod tests {
         let (tell, fault) = watch::channel(None);
         let mark = Ok(Mark { incident: 7, triggers: 3 });
         let confirmed = |mark| tokio::spawn(confirmed(mark, entry.clone(), fault.clone()));
-        let unsure = Err(NotMarked::Unsure { incident: 7 });
-        assert_eq!(confirmed(Err(Unmarked::Off)).await.unwrap(), Err(NotMarked::Off));
+        let unsure = Err(NotMarked::Unsure { incident: Some(7) });
+        assert_eq!(confirmed(Err(Unmarked::Off)).await.unwrap(), Err(NotMarked::Unsure { incident: None }));
         assert_eq!(confirmed(Err(Unmarked::Full)).await.unwrap(), Err(NotMarked::Full));
         assert_eq!(confirmed(mark).await.unwrap(), unsure, "the disk does not answer");
         let waits = confirmed(mark);
@@ -102,7 +104,7 @@ mod tests {
         written(7, 2, true);
         let waits = confirmed(mark);
         tell.send_replace(Some("the disk is full".into()));
-        assert_eq!(waits.await.unwrap(), Err(NotMarked::Off));
+        assert_eq!(waits.await.unwrap(), unsure);
         written(7, 3, true);
         assert_eq!(confirmed(mark).await.unwrap(), Ok(7), "what is written stays");
     }

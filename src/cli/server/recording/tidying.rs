@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use tokio::runtime::Handle;
 use tokio::sync::watch;
 use tokio::task;
 
@@ -11,6 +12,7 @@ use crate::cli::server::left_over;
 use crate::clock::Clock;
 use crate::engine::time::Timestamp;
 use crate::record::proof::is_changed;
+use crate::record::recorder::Recorder;
 use crate::record::retention::{Policy, judged_ms, surplus_without_changed};
 use crate::record::writer::unix_ms;
 use crate::record::{beside, folder};
@@ -27,14 +29,19 @@ pub(super) async fn look_after(
     store: Store,
     folder: PathBuf,
     files: Vec<u64>,
+    recorder: Recorder,
+    kept_too_much: watch::Sender<bool>,
     clock: Clock,
 ) {
     left_over::take_in(&store, &folder, files).await;
     let mut told = BTreeSet::new();
     loop {
         let policy = *policies.borrow_and_update();
-        if let Err(error) = remove_surplus(&store, &folder, &policy, clock, &mut told).await {
-            tracing::error!(%error, "old recordings are not removed");
+        // After a fault of the disk.
+        left_over::make_whole(&store, &folder, |id| recorder.writes(id)).await;
+        match remove_surplus(&store, &folder, &policy, clock, &mut told).await {
+            Ok(is_over) => drop(kept_too_much.send_replace(is_over)),
+            Err(error) => tracing::error!(%error, "old recordings are not removed"),
         }
         tokio::select! {
             changed = policies.changed() => if changed.is_err() { return },
@@ -43,14 +50,15 @@ pub(super) async fn look_after(
     }
 }
 
-/// `told`: the changed recordings that the log has named.
+/// `told`: the changed recordings that the log has named. Returns whether kept recordings are more than the policy
+/// permits.
 async fn remove_surplus(
     store: &Store,
     folder: &Path,
     policy: &Policy,
     clock: Clock,
     told: &mut BTreeSet<u64>,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<bool> {
     let held = store.incidents_held().await?;
     let wall_ms = unix_ms(clock.wall());
     let now_ms = judged_ms(wall_ms, unix_ms(store.floor()), clock.now().since(Timestamp::ZERO));
@@ -59,40 +67,42 @@ async fn remove_surplus(
             "the clock is far ahead of the newest record: no recording is removed for its age by it"
         );
     }
-    let logged = store.incident_records().await?.hashes;
+    let records = store.incident_records().await?;
     let (recordings, policy) = (folder.to_owned(), *policy);
+    let (rows, runtime) = (store.clone(), Handle::current());
     // Only what would go is read.
     let (surplus, changed) = task::spawn_blocking(move || {
-        surplus_without_changed(&held, &policy, now_ms, |it| is_changed(&recordings, it, &logged))
+        let is_forged = |id| {
+            let row = runtime.block_on(rows.stored_incident(id)).ok().flatten();
+            row.is_none_or(|row| records.contradiction(&row).is_some())
+        };
+        surplus_without_changed(&held, &policy, now_ms, |it| {
+            is_changed(&recordings, it, &records.hashes) || is_forged(it.id)
+        })
     })
     .await?;
     for id in changed.into_iter().filter(|id| told.insert(*id)) {
         tracing::warn!(
-            "the recording of incident {id} is not as it was recorded. It is evidence and stays, though it is too old \
+            "the recording of incident {id}, or what the database says of it, is not as it was recorded. It is evidence and stays, though it is too old \
              or too much: look at it with `telltale incident verify {id}`; `telltale incident prune --changed` \
              removes it"
         );
     }
-    if surplus.is_over() {
-        tracing::warn!(
-            "the kept recordings alone take more than `recording.disk`: remove some, or permit more"
-        );
-    }
+    let is_over = surplus.is_over();
     if surplus.remove.is_empty() {
-        return Ok(());
+        return Ok(is_over);
     }
     let record = Record::of(Action::IncidentRemoved, TELLTALE);
     for gone in store.forget_incidents(surplus.remove, record).await? {
-        if let Some(path) = folder::path_of(folder, &gone.file)
-            && let Err(error) = std::fs::remove_file(&path)
-        {
+        let path = folder.join(folder::file_name(gone.id));
+        if let Err(error) = std::fs::remove_file(&path) {
             tracing::warn!(%error, "the recording {} is not removed", path.display());
         }
         if let Err(error) = beside::remove(folder, gone.id) {
             tracing::warn!(%error, "the file beside incident {} is not removed", gone.id);
         }
     }
-    Ok(())
+    Ok(is_over)
 }
 
 #[cfg(test)]
@@ -124,12 +134,19 @@ mod tests {
             store.incident_finished(&summary).await.unwrap();
         }
         std::fs::write(folder.join(folder::file_name(1)), "forged!!").unwrap();
-        let policy = Policy { disk: 16, ..Policy::default() };
+        let policy = Policy { disk: 16, reserved: 0, ..Policy::default() };
         let mut told = BTreeSet::new();
         for _ in 0..2 {
             remove_surplus(&store, &folder, &policy, clock, &mut told).await.unwrap();
             assert_eq!(folder::numbers(&folder).unwrap(), [1, 3]);
         }
         assert_eq!(told, BTreeSet::from([1]));
+        // Nor is one whose row was changed, and no row names another file.
+        let policy = Policy { disk: 0, reserved: 0, ..Policy::default() };
+        let mut forged = store.incident(3).await.unwrap().unwrap().summary;
+        forged.recording.file = folder::file_name(1);
+        store.incident_updated(&forged).await.unwrap();
+        remove_surplus(&store, &folder, &policy, clock, &mut told).await.unwrap();
+        assert_eq!((folder::numbers(&folder).unwrap(), told), (vec![1, 3], BTreeSet::from([1, 3])));
     }
 }

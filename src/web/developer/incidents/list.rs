@@ -271,11 +271,10 @@ fn on_disk_words(lang: Lang, on_disk: OnDisk, policy: Option<Policy>) -> String 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::time::Span;
 
     #[test]
     fn the_disk_lasts_as_long_as_the_day_says() {
-        let policy = Some(Policy { disk: 10_000_000_000, keep: Span::from_secs(30 * 24 * 3600) });
+        let policy = Some(Policy::default());
         let says =
             |bytes, bytes_since| on_disk_words(Lang::En, OnDisk { count: 2, bytes, bytes_since }, policy);
         for (bytes, since, end) in [
