@@ -85,7 +85,7 @@ pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
     let mut order: Vec<&Held> = held.iter().collect();
     order.sort_unstable_by_key(|it| it.id);
     let unkept = order.iter().filter(|it| !it.kept);
-    let newest = unkept.clone().last().map_or(0, |it| it.id);
+    let newest = unkept.clone().next_back().map_or(0, |it| it.id);
     let mut unkept_bytes = unkept.fold(0u64, |sum, it| sum.saturating_add(it.bytes));
     let mut bytes = order.iter().fold(0u64, |sum, it| sum.saturating_add(it.bytes));
     let mut count = order.len();
