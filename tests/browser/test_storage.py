@@ -117,9 +117,12 @@ def test_a_full_disk_is_a_warning_and_the_display_goes_on(mounted):
     assert "full" in message, message
     goes_on(client)
     # A mark that the disk does not take is not promised.
-    until(lambda: mark(client) is None, NOTICE_S, "no incident can be recorded")
+    recording = lambda: storage(client, "telltale/recording")
+    until(recording, 60, "no incident can be recorded")
+    assert mark(client) is None
     mounted.inside("rm fill rest")
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    until(lambda: recording() is None, 60, "the warning ends")
     assert until(lambda: mark(client), NOTICE_S, "incidents are recorded again")
     Client(mounted, *OPERATOR)
     assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
