@@ -96,7 +96,7 @@ pub async fn get(
 }
 
 /// Whether this is the address of a developer's page behind that of a replay, maybe with a query.
-pub(super) fn is_page(address: &str) -> bool {
+pub fn is_page(address: &str) -> bool {
     let path = address.split(['?', '#']).next().and_then(|path| path.strip_prefix('/'));
     path.is_some_and(|path| PAGES.contains(&path))
 }
