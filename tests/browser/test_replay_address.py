@@ -170,4 +170,6 @@ def test_of_telltale_nothing_is_known_where_it_was_not(replay, page):
 
     assert 'data-node="base"' in (whole := body("")) and 'data-node="telltale"' not in whole
     for path in ("", "developer", "developer/graph", "developer/coverage", "api/v1/snapshot"):
-        assert "telltale/" not in body(f"/screen/{path}").replace("telltale/static", ""), path
+        assert "telltale/" not in (screen := body(f"/screen/{path}")).replace("telltale/static", ""), path
+        if path.endswith(("graph", "coverage")):
+            assert "base" in screen and not re.search(r'node=telltale\b|"telltale"|>\s*telltale\s*<', screen), path
