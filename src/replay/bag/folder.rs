@@ -39,10 +39,9 @@ pub(super) fn files(folder: &Path) -> Result<Files, FileError> {
     let metadata = folder.join(METADATA);
     let listed = metadata.exists().then(|| listed(&metadata));
     let mut parts: Vec<Part> = match listed {
-        Some(Some(named)) => named
-            .into_iter()
-            .map(|(name, span_ns)| Part { path: unpacked(folder.join(name)), span_ns })
-            .collect(),
+        Some(Some(named)) => {
+            named.into_iter().map(|part| Part { path: unpacked(folder.join(&part.path)), ..part }).collect()
+        }
         listed => {
             if listed.is_some() {
                 said.push(format!(
@@ -64,7 +63,7 @@ pub(super) fn files(folder: &Path) -> Result<Files, FileError> {
 }
 
 /// The names of files that `metadata.yaml` lists, with the first and the last time of each.
-fn listed(metadata: &Path) -> Option<Vec<(String, Option<(u64, u64)>)>> {
+fn listed(metadata: &Path) -> Option<Vec<Part>> {
     let (mut sources, mut log) = (Sources::default(), Log::default());
     let file = sources.read(metadata).ok()?;
     let tree = tree::parse(&sources, file, &mut log)?;
@@ -78,11 +77,8 @@ fn listed(metadata: &Path) -> Option<Vec<(String, Option<(u64, u64)>)>> {
         _ => HashMap::new(),
     };
     let names = paths.iter().filter_map(name);
-    let with_span = |name: String| {
-        let span_ns = spans.get(&name).copied();
-        (name, span_ns)
-    };
-    let named: Vec<_> = names.map(with_span).collect();
+    let part = |name: String| Part { span_ns: spans.get(&name).copied(), path: name.into() };
+    let named: Vec<Part> = names.map(part).collect();
     (!named.is_empty()).then_some(named)
 }
 
