@@ -223,11 +223,6 @@ impl GroupInfo {
     pub fn is_tile(&self) -> bool {
         self.parent.is_none() && self.counted && !self.is_system
     }
-
-    /// A group that is built in and has nothing: as Telltale's own in a replay of what it did not record.
-    pub fn is_void(&self) -> bool {
-        (self.is_other || self.is_system) && self.modules.is_empty()
-    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
