@@ -100,7 +100,8 @@
     const title = fresh.querySelector("h2");
     document.title = `${title.textContent} - Telltale`;
     for (const link of document.querySelectorAll("nav a")) {
-      if (link.pathname === fresh.dataset.page) link.setAttribute("aria-current", "page");
+      // While a moment is chosen, a link leads there.
+      if ((link.dataset.now ?? link.pathname) === fresh.dataset.page) link.setAttribute("aria-current", "page");
       else link.removeAttribute("aria-current");
     }
     prepareForms();

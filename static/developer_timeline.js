@@ -140,13 +140,23 @@
   // The address is ahead of the content.
   const chosen = () => document.getElementById("timeline") && new URLSearchParams(location.search).get("at");
 
-  // Before the page's own script brings the live page.
-  document.addEventListener("click", (event) => {
-    const link = event.target.closest?.("a[data-then]:not([aria-current])");
-    if (!link || !chosen() || event.ctrlKey || event.metaKey || event.shiftKey || event.button !== 0) return;
-    event.preventDefault();
-    location.assign(`/developer/moment?${new URLSearchParams({ at: chosen(), screen: link.getAttribute("href") })}`);
-  }, true);
+  // Until it is given up, links lead to the other pages as they were then, however they are opened. `data-now` keeps
+  // where they lead without it.
+  const lead = () => {
+    if (body.dataset.replay !== undefined) return;
+    const at = chosen();
+    for (const link of document.querySelectorAll("a[data-then]")) {
+      const shown = link.getAttribute("href");
+      if (!shown.startsWith("/developer/moment?")) link.dataset.now = shown;
+      const { now } = link.dataset;
+      const leads = at && !link.hasAttribute("aria-current") ? `/developer/moment?${new URLSearchParams({ at, screen: now })}` : now;
+      if (shown !== leads) link.setAttribute("href", leads);
+    }
+  };
+  addEventListener("telltale:shown", lead);
+  // The address may have changed since, and the search has found others.
+  for (const type of ["pointerdown", "keydown", "click"]) document.addEventListener(type, lead, true);
+  lead();
 
   document.addEventListener("pointermove", (event) => {
     if (drag) {

@@ -47,10 +47,19 @@
   // The screen in the frame, behind the address of the replay; `/` is the operator's.
   const stage = document.querySelector(".stage");
   const screen = stage.querySelector("iframe");
+  // `null` for what the browser shows instead, as where no page came.
+  const placeShown = () => {
+    try {
+      const { pathname, search } = screen.contentWindow.location;
+      return { pathname, search };
+    } catch {
+      return null;
+    }
+  };
   const screenShown = () => {
-    const { pathname, search } = screen.contentWindow.location;
-    const [, behind] = pathname.split("/screen");
-    return behind === undefined ? null : behind + search;
+    const place = placeShown();
+    const behind = place?.pathname.split("/screen")[1];
+    return behind === undefined ? null : behind + place.search;
   };
 
   // The address of what is shown: a reload, a link and a copy lead to this moment and this screen.
@@ -189,8 +198,8 @@
     stage.style.setProperty("--fit", Math.min(clientWidth / WHOLE.width, clientHeight / WHOLE.height));
   };
   const look = () => {
-    const shown = screen.contentWindow.location.pathname;
-    if (shown === "blank") return;
+    const shown = placeShown()?.pathname;
+    if (!shown || shown === "blank") return;
     keep();
     const isWhole = shown.endsWith("/screen/");
     stage.toggleAttribute("data-whole", isWhole);
@@ -207,20 +216,21 @@
   let isSearching = false;
   const search = () => {
     screen.contentWindow.focus();
-    const opens = screen.contentDocument.querySelector("[data-search]");
-    if (opens) return opens.click();
+    const opens = screen.contentDocument?.querySelector("[data-search]");
+    if (opens) return void opens.click();
     isSearching = true;
-    return screen.contentWindow.location.assign(`/replay/${body.dataset.replay}/screen/developer/search`);
+    screen.contentWindow.location = `/replay/${body.dataset.replay}/screen/developer/search`;
   };
   new ResizeObserver(fit).observe(stage);
   screen.addEventListener("load", look);
   stage.toggleAttribute("data-whole", true);
 
   document.querySelector("button[name=remember]").addEventListener("click", () => {
-    remembered = Number(slider.value);
+    // Not the slider's, which has steps.
+    remembered = Math.round(shownAt);
     differs.querySelector("time").textContent = timeOf(remembered);
     differs.hidden = false;
-    show(remembered);
+    show(shownAt);
   });
 
   // A click in a strip goes to its instant.

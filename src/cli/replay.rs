@@ -1,6 +1,7 @@
 //! `telltale replay`: runs a recording through the engine and prints what changed.
 
 mod serve;
+mod text;
 mod what_if;
 
 use std::io::{self, IsTerminal as _, Write as _};
@@ -13,6 +14,7 @@ use std::time::{Duration, SystemTime};
 use anyhow::{Context as _, bail};
 use humantime::format_rfc3339_millis;
 
+use self::text::Text;
 use super::fields::{self, DefinitionFlags};
 use super::{EXIT_NO, EXIT_USAGE, check, server};
 use crate::clock::Clock;
@@ -20,15 +22,8 @@ use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
 use crate::replay::expect::{Difference, Expected};
-use crate::replay::line::{Line, lines, remark, seconds};
+use crate::replay::line::{Line, lines, seconds};
 use crate::replay::{Facts, Recording, ReplayError, Run};
-
-/// Stands in the text behind a gap of the recording, and where all is known again.
-const MAY_DIFFER: &str =
-    "--- something is missing before this: what follows may differ from what was shown ---";
-const AS_SHOWN: &str = "--- here the state was recorded: what follows is as it was shown ---";
-const AS_SHOWN_AT_ONCE: &str =
-    "--- something is missing before this; here the state was recorded: what follows is as it was shown ---";
 
 /// Differences that are printed.
 const DIFFERENCES_MAX: usize = 20;
@@ -249,9 +244,10 @@ fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String
         bail!("--to is earlier than the beginning of the recording, {from}");
     }
     check_span(&facts, args.from.map(|_| from), to, end)?;
-    let (mut last, mut gaps, mut may_differ) = (Timestamp::ZERO, 0, false);
+    let mut last = Timestamp::ZERO;
     let mut pace = Pace::new(args.speed, from);
     let mut progress = Progress::new(&facts, from, prints);
+    let mut text = Text::new(&facts, from);
     let mut got = Vec::new();
     while let Some(taken) = run.step()? {
         if to.is_some_and(|to| taken.at > to) {
@@ -260,27 +256,18 @@ fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String
         last = last.max(taken.at);
         pace.wait(taken.at);
         progress.show(taken.at);
-        let differed = std::mem::replace(&mut may_differ, run.gaps().may_differ(taken.at));
-        let is_new = gaps < run.gaps().list().len();
-        gaps = run.gaps().list().len();
-        let words = match (differed, may_differ, is_new) {
-            (false, true, _) => Some(MAY_DIFFER),
-            (true, false, _) => Some(AS_SHOWN),
-            (false, false, true) => Some(AS_SHOWN_AT_ONCE),
-            _ => None,
-        };
-        if let Some(words) = words.filter(|_| prints && !args.json && taken.at >= from)
-            && !print(&remark(taken.at, words, &facts))?
-        {
-            return Ok(got);
-        }
-        for Line { at, json, text } in lines(&taken, &facts, args.all) {
-            if at < from {
-                continue;
+        let lines: Vec<Line> =
+            lines(&taken, &facts, args.all).into_iter().filter(|line| line.at >= from).collect();
+        if prints && !args.json {
+            if !text.print(taken.at, run.gaps(), &lines)? {
+                return Ok(got);
             }
+            continue;
+        }
+        for Line { json, .. } in lines {
             if !prints {
                 got.push(json);
-            } else if !print(if args.json { &json } else { &text })? {
+            } else if !print(&json)? {
                 return Ok(got);
             }
         }

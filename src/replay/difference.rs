@@ -11,6 +11,8 @@ use crate::record::reason::Why;
 
 /// Nodes that are listed, the worst first. Further ones are counted.
 const NODES_MAX: usize = 500;
+/// Nodes that are listed of those of which only values differ.
+const VALUED_MAX: usize = 100;
 /// Values of one node that are listed.
 const VALUES_MAX: usize = 24;
 /// Root causes that are named.
@@ -26,6 +28,8 @@ pub struct Differences {
     pub more_nodes: usize,
     /// Nodes that are the same but for their values.
     pub only_values: usize,
+    /// The first of them, by name.
+    pub valued: Vec<NodeChange>,
 }
 
 /// A fact of the vehicle in both moments.
@@ -94,14 +98,20 @@ impl Differences {
         let mut names: Vec<&str> = before.keys().chain(after.keys()).copied().collect();
         names.sort_unstable();
         names.dedup();
-        let mut only_values = 0;
+        let (mut only_values, mut valued) = (0, Vec::new());
         let mut changed: Vec<((u8, &str), NodeChange)> = Vec::new();
         for name in names {
             let (old, new) = (before.get(name).copied(), after.get(name).copied());
             let (then, now) = (old.map(|node| at(first, node)), new.map(|node| at(second, node)));
             let (values, more_values) = changed_values(old.map(|it| (first, it)), new.map(|it| (second, it)));
             if then == now {
-                only_values += usize::from(!values.is_empty());
+                if !values.is_empty() {
+                    only_values += 1;
+                    if valued.len() < VALUED_MAX {
+                        let node = name.to_owned();
+                        valued.push(NodeChange { node, first: then, second: now, values, more_values });
+                    }
+                }
                 continue;
             }
             let urgency = |node: Option<NodeId>, of: &Snapshot| node.map_or(0, |node| rank(of.shown(node).0));
@@ -119,6 +129,7 @@ impl Differences {
             nodes: changed.into_iter().take(NODES_MAX).map(|(_, node)| node).collect(),
             more_nodes,
             only_values,
+            valued,
         }
     }
 }
@@ -243,6 +254,7 @@ mod tests {
         let names: Vec<&str> = found.nodes.iter().map(|it| &*it.node).collect();
         assert_eq!(names, ["other", "other/pump", "other/late"]);
         assert_eq!((found.only_values, found.more_nodes), (1, 0));
+        assert_eq!((&*found.valued[0].node, &*found.valued[0].values[0].name), ("other/calm", "hz"));
         let pump = &found.nodes[1];
         let (before, after) = (Some("10".to_owned()), Some("0".to_owned()));
         assert_eq!(pump.values, [ValueChange { name: "hz".to_owned(), first: before, second: after }]);

@@ -217,6 +217,17 @@ def test_all_forms_of_a_bag_give_the_same_lines(form, tmp_path, plain, config, e
     assert (printed, said) == (expected, "")
 
 
+def test_a_file_of_a_split_bag_that_is_gone_is_a_gap(tmp_path, config):
+    path = halves(tmp_path)
+    listed = (path / "metadata.yaml").read_text()
+    begin_ns, length_ns = BEGIN_NS + 4 * 10**9, 2 * 10**9
+    spans = f"  files:\n    - {{ path: split_1.mcap, starting_time: {{ nanoseconds_since_epoch: {begin_ns} }}, duration: {{ nanoseconds: {length_ns} }} }}\n"
+    (path / "metadata.yaml").write_text(re.sub(r"(?m)^  files:\n(    .*\n|  - .*\n)*", "", listed).rstrip("\n") + "\n" + spans)
+    (path / "split_1.mcap").unlink()
+    _, said = replay(path, "--config", config)
+    assert f"telltale: missing {utc(begin_ns)} to {utc(begin_ns + length_ns)} (2.000 s): " in said, said
+
+
 def test_a_bag_that_is_compressed_as_a_whole_says_what_to_do(tmp_path, config, expected):
     path = bag(tmp_path / "whole", compression=CompressionMode.FILE)
     packed = next(path.glob("*.zstd"))

@@ -86,6 +86,34 @@ def test_a_reload_stays_at_the_moment_and_the_screen(replay, page):
     assert abs(slider(page) - at) <= 10 and asked(page) == {"at": str(at)}
 
 
+def test_the_remembered_moment_is_the_shown_one(replay, page):
+    page.goto(f"{replay.url}/replay/file?at={BEGIN_MS + 2347}")
+    clock = page.locator("#replay-clock")
+    cursor = page.locator(".lane .cursor").first
+    before = clock.get_attribute("datetime"), cursor.get_attribute("x1")
+    page.locator("button[name=remember]").click()
+    assert page.locator("#differs").get_attribute("href").endswith(f"?a={BEGIN_MS + 2347}&b={BEGIN_MS + 2347}")
+    assert (clock.get_attribute("datetime"), cursor.get_attribute("x1")) == before
+
+
+def test_a_frame_that_shows_no_screen_stops_nothing(replay, page, trouble):
+    page.goto(f"{replay.url}/replay/file?at={BEGIN_MS + 2000}&screen=/developer/audit")
+    screen = page.frame_locator("iframe")
+    # A replay has no such screen.
+    expect(screen.locator("#tile-base")).to_be_visible()
+    # The browser refuses to frame this one.
+    page.locator("iframe").evaluate("it => { it.src = '/healthz' }")
+    page.wait_for_function("() => document.querySelector('iframe').contentDocument === null")
+    refused = trouble.pop()
+    assert "frame-ancestors" in refused, refused
+    page.locator("button[name=next]").click()
+    page.wait_for_url(f"**/replay/file?at={BEGIN_MS + 3000}")
+    expect(page.locator("#lost")).to_be_hidden()
+    page.locator("select[name=speed]").focus()
+    page.keyboard.press("Control+k")
+    expect(screen.locator("#filter")).to_be_focused()
+
+
 def test_a_replay_says_its_day_and_all_its_times_are_those_of_the_browser(replay, page):
     page.goto(f"{replay.url}/replay/file?at={BEGIN_MS + 3000}")
     # In Auckland it is the next morning.
@@ -142,4 +170,6 @@ def test_of_telltale_nothing_is_known_where_it_was_not(replay, page):
 
     assert 'data-node="base"' in (whole := body("")) and 'data-node="telltale"' not in whole
     for path in ("", "developer", "developer/graph", "developer/coverage", "api/v1/snapshot"):
-        assert "telltale/" not in body(f"/screen/{path}").replace("telltale/static", ""), path
+        assert "telltale/" not in (screen := body(f"/screen/{path}")).replace("telltale/static", ""), path
+        if path.endswith(("graph", "coverage")):
+            assert "base" in screen and not re.search(r'node=telltale\b|"telltale"|>\s*telltale\s*<', screen), path

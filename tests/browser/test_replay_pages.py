@@ -191,6 +191,13 @@ def test_two_moments_stand_side_by_side_with_what_differs(server, page, incident
     masked = page.locator("#differences tr[data-node='localization'] td").nth(1)
     expect(masked.locator(".chip")).to_have_attribute("data-state", "ignore")
     expect(masked).to_contain_text(CAUSE)
+    # It can be saved, as every table.
+    buttons = page.locator(".export:has(+ #differences) button")
+    expect(buttons).to_have_count(3)
+    with page.expect_download() as saved:
+        buttons.filter(has_text="JSON").click()
+    with open(saved.value.path(), encoding="utf-8") as file:
+        assert CAUSE in [next(iter(row.values())) for row in json.load(file)["rows"]]
     assert violations(page) == ""
     if folder := os.environ.get("REPLAY_SHOTS"):
         page.screenshot(path=f"{folder}/differences.png")

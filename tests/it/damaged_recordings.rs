@@ -279,6 +279,15 @@ fn people_and_programs_are_told_of_a_gap() {
     );
     assert!(gap.is_some() && gap < known, "{text:#?}");
     let json = replay(&path, &["--json"]);
+    // Deadlines act within the gap; its line stands at its beginning, and all stand in the order of their times.
+    let same = folder.join("same.yaml");
+    std::fs::write(&same, ALONE).unwrap();
+    let text = lines_of(&replay(&path, &["--config", same.to_str().unwrap()]).stdout);
+    assert_eq!(text[0], "2027-01-15 UTC");
+    let begins = text.iter().position(|line| line.contains("from here on something is missing")).unwrap();
+    assert!(text[begins].starts_with("08:00:10.000    +10.000 s"), "{text:#?}");
+    assert!(text[begins + 1].starts_with("08:00:10.5"), "{text:#?}");
+    assert!(text[1..].is_sorted_by_key(|line| &line[..12]), "{text:#?}");
     let path = with_wrong_chunk(&folder, Some(0));
     let text = lines_of(&replay(&path, &[]).stdout);
     let place = |words: &str| text.iter().position(|line| line.contains(words));

@@ -1,6 +1,6 @@
 //! The files of a rosbag2 in a folder, in their order.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use crate::record::file::FileError;
@@ -14,8 +14,20 @@ pub(super) const FILES_MAX: usize = 10_000;
 
 /// The files, and what is to be said of them.
 pub(super) struct Files {
-    pub paths: Vec<PathBuf>,
+    pub parts: Vec<Part>,
     pub said: Vec<String>,
+}
+
+/// A file, and the first and the last time in it, where `metadata.yaml` says them: nanoseconds since 1970.
+pub(super) struct Part {
+    pub path: PathBuf,
+    pub span_ns: Option<(u64, u64)>,
+}
+
+impl Part {
+    pub fn alone(path: PathBuf) -> Part {
+        Part { path, span_ns: None }
+    }
 }
 
 /// By `metadata.yaml`; without one by their names.
@@ -26,45 +38,66 @@ pub(super) fn files(folder: &Path) -> Result<Files, FileError> {
     let mut said = Vec::new();
     let metadata = folder.join(METADATA);
     let listed = metadata.exists().then(|| listed(&metadata));
-    let mut paths = match listed {
-        Some(Some(names)) => names.iter().map(|name| unpacked(folder.join(name))).collect(),
+    let mut parts: Vec<Part> = match listed {
+        Some(Some(named)) => {
+            named.into_iter().map(|part| Part { path: unpacked(folder.join(&part.path)), ..part }).collect()
+        }
         listed => {
             if listed.is_some() {
                 said.push(format!(
                     "{METADATA} cannot be used: the files are read in the order of their names"
                 ));
             }
-            by_names(folder)?
+            by_names(folder)?.into_iter().map(Part::alone).collect()
         }
     };
-    if paths.is_empty() {
+    if parts.is_empty() {
         let why = "it has no recording: no .mcap or .db3 file, and no metadata.yaml that lists one";
         return Err(FileError::format(folder, why));
     }
-    if paths.len() > FILES_MAX {
-        said.push(format!("{} files are left out: {FILES_MAX} are read", paths.len() - FILES_MAX));
-        paths.truncate(FILES_MAX);
+    if parts.len() > FILES_MAX {
+        said.push(format!("{} files are left out: {FILES_MAX} are read", parts.len() - FILES_MAX));
+        parts.truncate(FILES_MAX);
     }
-    Ok(Files { paths, said })
+    Ok(Files { parts, said })
 }
 
-/// The names of files that `metadata.yaml` lists.
-fn listed(metadata: &Path) -> Option<Vec<String>> {
+/// The names of files that `metadata.yaml` lists, with the first and the last time of each.
+fn listed(metadata: &Path) -> Option<Vec<Part>> {
     let (mut sources, mut log) = (Sources::default(), Log::default());
     let file = sources.read(metadata).ok()?;
     let tree = tree::parse(&sources, file, &mut log)?;
-    let Kind::Sequence(paths) =
-        &value(value(&tree, "rosbag2_bagfile_information")?, "relative_file_paths")?.kind
-    else {
-        return None;
+    let about = value(&tree, "rosbag2_bagfile_information")?;
+    let Kind::Sequence(paths) = &value(about, "relative_file_paths")?.kind else { return None };
+    // Older versions do not have it.
+    let spans: HashMap<String, (u64, u64)> = match value(about, "files").map(|files| &files.kind) {
+        Some(Kind::Sequence(files)) => {
+            files.iter().filter_map(|it| Some((name(value(it, "path")?)?, span_ns(it)?))).collect()
+        }
+        _ => HashMap::new(),
     };
-    // Old versions wrote the folder's own name before it.
-    let name = |node: &Node| match &node.kind {
-        Kind::Scalar { text, .. } => Some(Path::new(text).file_name()?.to_str()?.to_owned()),
+    let names = paths.iter().filter_map(name);
+    let part = |name: String| Part { span_ns: spans.get(&name).copied(), path: name.into() };
+    let named: Vec<Part> = names.map(part).collect();
+    (!named.is_empty()).then_some(named)
+}
+
+/// The name of a file. Old versions wrote the folder's own name before it.
+fn name(node: &Node) -> Option<String> {
+    Some(Path::new(text(node)?).file_name()?.to_str()?.to_owned())
+}
+
+fn span_ns(file: &Node) -> Option<(u64, u64)> {
+    let ns = |key, unit| text(value(value(file, key)?, unit)?)?.parse::<u64>().ok();
+    let from_ns = ns("starting_time", "nanoseconds_since_epoch").filter(|&ns| ns > 0)?;
+    Some((from_ns, from_ns.saturating_add(ns("duration", "nanoseconds")?)))
+}
+
+fn text(node: &Node) -> Option<&str> {
+    match &node.kind {
+        Kind::Scalar { text, .. } => Some(text),
         _ => None,
-    };
-    let names: Vec<String> = paths.iter().filter_map(name).collect();
-    (!names.is_empty()).then_some(names)
+    }
 }
 
 fn value<'n>(node: &'n Node, key: &str) -> Option<&'n Node> {
@@ -121,8 +154,8 @@ mod tests {
     use crate::store::TestFolder;
 
     fn names(folder: &TestFolder) -> Vec<String> {
-        let paths = files(folder).unwrap().paths;
-        paths.iter().map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect()
+        let parts = files(folder).unwrap().parts;
+        parts.iter().map(|part| part.path.file_name().unwrap().to_string_lossy().into_owned()).collect()
     }
 
     #[test]
@@ -142,6 +175,17 @@ mod tests {
             "rosbag2_bagfile_information:\n  version: 3\n  relative_file_paths: [b/b_1.mcap, ../../b_0.mcap, b_11.mcap.zstd]\n",
         );
         assert_eq!(names(&folder), ["b_1.mcap", "b_0.mcap", "b_11.mcap"]);
+        let old = files(&folder).unwrap().parts;
+        assert!(old.iter().all(|part| part.span_ns.is_none()));
+        let file = "{ path: b/b_1.mcap, starting_time: { nanoseconds_since_epoch: 1000 }, duration: { nanoseconds: 500 } }";
+        write(
+            METADATA,
+            &format!(
+                "rosbag2_bagfile_information:\n  relative_file_paths: [b_0.mcap, b_1.mcap]\n  files: [{file}]\n"
+            ),
+        );
+        let spans: Vec<_> = files(&folder).unwrap().parts.iter().map(|part| part.span_ns).collect();
+        assert_eq!(spans, [None, Some((1000, 1500))]);
         write(METADATA, "rosbag2_bagfile_information: [");
         assert_eq!(names(&folder), ["b_9.mcap", "b_10.mcap", "b_11.mcap"]);
         assert_eq!(files(&folder).unwrap().said.len(), 1);

@@ -4,15 +4,19 @@ mod database;
 mod folder;
 mod survey;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, UNIX_EPOCH};
 
 use database::Database;
+use folder::Part;
+use humantime::format_rfc3339_millis;
 use survey::Survey;
 
-use crate::record::file::{self, Channel, Entry, FileError, Omissions, Reader};
+use crate::record::file::{self, Channel, Entry, FileError, Missing, Omissions, Reader};
 
 /// More sentences are counted only.
 const SAID_MAX: usize = 100;
@@ -21,6 +25,10 @@ const SAID_MAX: usize = 100;
 pub struct Bag {
     /// Those that can be read, in their order.
     files: Vec<PathBuf>,
+    /// Files that cannot be read are missing before the file with this number; behind the last one, by their count.
+    lacks: BTreeMap<usize, Missing>,
+    /// What is missing behind the last file was told.
+    is_over: bool,
     /// The number of the open one.
     at: usize,
     open: Storage,
@@ -111,22 +119,36 @@ impl Bag {
     /// No file can be read as a recording, or several are of Telltale, which do not follow one another.
     pub fn open(path: &Path) -> Result<Bag, FileError> {
         let mut said = Said::default();
-        let paths = if path.is_dir() {
+        let parts = if path.is_dir() {
             let found = folder::files(path)?;
             found.said.into_iter().for_each(|sentence| said.say(sentence));
-            found.paths
+            found.parts
         } else {
-            vec![path.to_owned()]
+            vec![Part::alone(path.to_owned())]
         };
         let (mut files, mut survey, mut first_error) = (Vec::new(), Survey::default(), None);
-        for file in paths {
-            match survey.take(&file) {
-                Ok(()) => files.push(file),
+        let mut lacks = BTreeMap::new();
+        for Part { path, span_ns } in parts {
+            match survey.take(&path) {
+                Ok(()) => files.push(path),
                 Err(error) => {
                     said.say(error.to_string());
                     first_error.get_or_insert(error);
+                    let missing = Missing { span_ns };
+                    let all = |before: &mut Missing| *before = together(*before, missing);
+                    lacks.entry(files.len()).and_modify(all).or_insert(missing);
                 }
             }
+        }
+        // A replay begins with the first message that there is.
+        if let Some(Missing { span_ns: Some((from, to)) }) = lacks.remove(&0).filter(|_| !files.is_empty()) {
+            let wall = |ns| format_rfc3339_millis(UNIX_EPOCH + Duration::from_nanos(ns));
+            let s = (to - from) as f64 / 1e9;
+            said.say(format!(
+                "missing {} to {} ({s:.3} s): no file has it, and the replay begins later",
+                wall(from),
+                wall(to)
+            ));
         }
         if survey.is_ours && files.len() > 1 {
             let why = "it has recordings of Telltale, which do not follow one another: name one of them";
@@ -135,7 +157,7 @@ impl Bag {
         match (files.first(), first_error) {
             (Some(first), _) => {
                 let open = Storage::open(first)?;
-                Ok(Bag { open, files, at: 0, survey, said })
+                Ok(Bag { open, files, lacks, is_over: false, at: 0, survey, said })
             }
             (None, Some(error)) => Err(error),
             (None, None) => Err(FileError::format(path, "it has no recording")),
@@ -171,12 +193,18 @@ impl Bag {
             if let Some(entry) = self.open.next_entry() {
                 return Some(entry);
             }
-            let path = self.files.get(self.at + 1)?.clone();
+            let missing = self.lacks.get(&(self.at + 1)).copied().map(Entry::Missing);
+            let Some(path) = self.files.get(self.at + 1).cloned() else {
+                return missing.filter(|_| !std::mem::replace(&mut self.is_over, true));
+            };
             self.close();
             self.at += 1;
             match Storage::open(&path) {
                 Ok(storage) => self.open = storage,
                 Err(error) => self.said.say(error.to_string()),
+            }
+            if missing.is_some() {
+                return missing;
             }
         }
     }
@@ -209,6 +237,7 @@ impl Bag {
 
     /// Goes back or forwards to a place, whose entry is the next one.
     pub fn go_to(&mut self, place: Place) {
+        self.is_over = false;
         if place.file != self.at {
             match Storage::open(&self.files[place.file]) {
                 Ok(storage) => {
@@ -234,6 +263,12 @@ impl Bag {
         more += more_of_open;
         (sentences, more)
     }
+}
+
+/// What is missing where neither of two is there.
+fn together(first: Missing, second: Missing) -> Missing {
+    let span_ns = first.span_ns.zip(second.span_ns);
+    Missing { span_ns: span_ns.map(|(first, second)| (first.0.min(second.0), first.1.max(second.1))) }
 }
 
 #[cfg(test)]

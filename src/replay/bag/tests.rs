@@ -194,6 +194,43 @@ fn the_files_of_a_folder_follow_one_another_and_bad_ones_are_said() {
 }
 
 #[test]
+fn files_that_are_gone_are_missing_where_they_were() {
+    let folder = TestFolder::new("bag-gone");
+    for (name, times) in [("b_1.mcap", 10..12), ("b_4.mcap", 40..42)] {
+        mcap_file(&folder.join(name), None, times);
+    }
+    let file = |number: u64| {
+        let at = format!("nanoseconds_since_epoch: {}", 10 * number);
+        format!("{{ path: b_{number}.mcap, starting_time: {{ {at} }}, duration: {{ nanoseconds: 1 }} }}")
+    };
+    let metadata = format!(
+        "rosbag2_bagfile_information:\n  relative_file_paths: [b_0.mcap, b_1.mcap, b_2.mcap, b_3.mcap, b_4.mcap, b_5.mcap]\n  files: [{}]\n",
+        [0, 1, 2, 3, 4].map(file).join(", ")
+    );
+    fs::write(folder.join("metadata.yaml"), metadata.replace("epoch: 0", "epoch: 1")).unwrap();
+    let mut bag = Bag::open(&folder).unwrap();
+    let all = |bag: &mut Bag| {
+        let mut all = Vec::new();
+        while let Some(entry) = bag.next_entry() {
+            all.push(match entry {
+                Entry::Missing(Missing { span_ns }) => Err(span_ns),
+                other => Ok(other.stamps().unwrap().log_time_ns),
+            });
+        }
+        all
+    };
+    let begin = bag.place();
+    let expected = [Ok(10), Ok(11), Err(Some((20, 31))), Ok(40), Ok(41), Err(None)];
+    assert_eq!(all(&mut bag), expected);
+    bag.go_to(begin);
+    assert_eq!(all(&mut bag), expected);
+    let (said, _) = bag.omissions();
+    let begins = "missing 1970-01-01T00:00:00.000Z to 1970-01-01T00:00:00.000Z";
+    assert!(said.iter().any(|sentence| sentence.starts_with(begins)), "{said:?}");
+    assert!(said.iter().any(|sentence| sentence.contains("b_2.mcap cannot be opened")), "{said:?}");
+}
+
+#[test]
 fn a_message_that_rosbag2_compressed_by_itself_is_read() {
     let folder = TestFolder::new("bag-packed");
     let path = folder.join("a.db3");

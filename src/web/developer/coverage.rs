@@ -131,7 +131,7 @@ fn ordered(view: &View<'_>) -> Vec<GroupId> {
     let groups = &view.snapshot.layout.groups;
     let is_there = |id: &GroupId| {
         let group = &groups[id.0 as usize];
-        !(group.is_other && group.modules.is_empty())
+        !((group.is_other || group.is_system) && group.modules.is_empty())
     };
     let tops = (0..groups.len() as u32).map(GroupId).filter(|id| groups[id.0 as usize].parent.is_none());
     let mut waiting: Vec<GroupId> = tops.filter(is_there).collect();

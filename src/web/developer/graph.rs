@@ -103,7 +103,7 @@ impl<'a> Graph<'a> {
         let layout = &view.snapshot.layout;
         let is_there = |id: &GroupId| {
             let group = &layout.groups[id.0 as usize];
-            group.parent.is_none() && !(group.is_other && group.modules.is_empty())
+            group.parent.is_none() && !((group.is_other || group.is_system) && group.modules.is_empty())
         };
         let open = OpenGroups::of(view, query);
         let opened = layout.groups.iter().filter(|group| open.is(&group.path)).count().max(1);

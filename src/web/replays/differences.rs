@@ -74,6 +74,10 @@ struct DifferencesHtml {
     rows: Vec<Row>,
     more: Option<String>,
     only_values: usize,
+    valued: Vec<Row>,
+    valued_more: Option<String>,
+    /// For the buttons of the tables.
+    export: &'static DevWords,
 }
 
 /// `GET /replay/{id}/differences?a=TIME&b=TIME`
@@ -119,6 +123,10 @@ pub async fn differences(
         rows: found.nodes.iter().map(|node| row(lang, node)).collect(),
         more: (found.more_nodes > 0).then(|| lang.and_more(found.more_nodes)),
         only_values: found.only_values,
+        valued: found.valued.iter().map(|node| row(lang, node)).collect(),
+        valued_more: (found.only_values > found.valued.len())
+            .then(|| lang.and_more(found.only_values - found.valued.len())),
+        export: words,
         it,
     }))
     .into_response()

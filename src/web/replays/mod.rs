@@ -34,7 +34,7 @@ pub use moment::moment;
 use opening::Opening;
 pub use page::{control, get, state};
 use player::{Controls, PlayState};
-pub use screen::{first as first_screen, get as screen};
+pub use screen::{first as first_screen, get as screen, is_page};
 use subject::Temporary;
 pub use subject::{ServedFile, Subject};
 

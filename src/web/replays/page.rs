@@ -14,6 +14,7 @@ use super::missing::MissingTold;
 use super::moment::{asks, recorder_holds};
 use super::opening::of;
 use super::player::{Order, PlayState};
+use super::screen::is_page;
 use super::{OpenReplay, Subject};
 use crate::store::{Incident, Session};
 use crate::web::AppState;
@@ -199,7 +200,7 @@ pub async fn get(
 
 /// Whether a screen of the replay has this address. Another one would leave it.
 fn is_screen(address: &str) -> bool {
-    address.starts_with("/developer") && address.len() <= SCREEN_BYTES_MAX && !address.contains("..")
+    address.len() <= SCREEN_BYTES_MAX && is_page(address)
 }
 
 const fn operator_word(lang: Lang) -> &'static str {

@@ -19,9 +19,28 @@ use crate::web::http::headers::FRAMED;
 use crate::web::http::respond::{Reader, refusal};
 use crate::web::live::byte_budget::Meter;
 
-/// Pages that read the present of the vehicle's store or of its files.
-const LIVE_ONLY: [&str; 5] =
-    ["incidents", "api/v1/incidents", "developer/audit", "developer/configuration", "developer/api"];
+/// The developer's pages of a replay. All others read the present of the vehicle, of its store or of its files.
+const PAGES: [&str; 8] = [
+    "developer",
+    "developer/why",
+    "developer/search",
+    "developer/graph",
+    "developer/timeline",
+    "developer/masking",
+    "developer/coverage",
+    "developer/topics",
+];
+/// What the operator's page and programs read of a replay.
+const OTHERS: [&str; 8] = [
+    "",
+    "ws",
+    "developer/live",
+    "api/v1/snapshot",
+    "api/v1/stream",
+    "api/v1/statuses",
+    "api/v1/history",
+    "api/v1/topics",
+];
 /// No page is larger.
 const PAGE_BYTES_MAX: usize = 64 << 20;
 
@@ -43,23 +62,19 @@ pub async fn get(
     mut request: Request,
 ) -> Response {
     let reader = Reader::of(request.uri(), request.headers());
+    let base = format!("/replay/{id}/screen");
     let Some(open) = app.replays.of_address(&id, &session, app.clock.now()) else {
-        return refusal(&reader, HttpError::NotFound);
+        return based(refusal(&reader, HttpError::NotFound), &base, &[]).await;
     };
-    if LIVE_ONLY
-        .iter()
-        .any(|part| path.strip_prefix(part).is_some_and(|rest| !rest.starts_with(char::is_alphanumeric)))
-    {
-        return refusal(&reader, HttpError::NotFound);
-    }
     if path == "developer/moment" {
         // The replay's own page goes there.
         let at = request.uri().query().unwrap_or_default();
         return Redirect::to(&format!("/replay/{id}?{at}")).into_response();
     }
     let query = request.uri().query().map(|query| format!("?{query}")).unwrap_or_default();
-    let Ok(uri) = Uri::try_from(format!("/{}{query}", path.trim_start_matches('/'))) else {
-        return refusal(&reader, HttpError::NotFound);
+    let known = PAGES.iter().chain(&OTHERS).find(|known| **known == path);
+    let Some(uri) = known.and_then(|known| Uri::try_from(format!("/{known}{query}")).ok()) else {
+        return based(refusal(&reader, HttpError::NotFound), &base, &[]).await;
     };
     *request.uri_mut() = uri;
     // The parameters of this address would be taken for those of the one behind it.
@@ -77,7 +92,13 @@ pub async fn get(
     let it = IncidentWords::of(reader.lang);
     let edited = if open.subject.is_edited() { it.edited } else { "" };
     let signs = [("edited", edited), ("missing", &*open.missing.sign(reader.lang, it))];
-    based(answer.into_response(), &format!("/replay/{id}/screen"), &signs).await
+    based(answer.into_response(), &base, &signs).await
+}
+
+/// Whether this is the address of a developer's page behind that of a replay, maybe with a query.
+pub fn is_page(address: &str) -> bool {
+    let path = address.split(['?', '#']).next().and_then(|path| path.strip_prefix('/'));
+    path.is_some_and(|path| PAGES.contains(&path))
 }
 
 /// Gives a request what the connection says of itself.

@@ -29,14 +29,49 @@ async fn what_reads_the_present_is_not_below_a_replay() {
         "developer/audit",
         "developer/configuration",
         "developer/api",
+        "api/v1/audit",
+        "/developer/audit",
+        "//incidents",
+        "%2Fdeveloper/api",
+        "developer/%2e%2e/incidents",
+        "developer/..%5C..%5Cincidents",
+        "developer%2Faudit/",
     ] {
         let answer = vehicle.get(&format!("/replay/1/screen/{page}")).await;
         assert_eq!(answer.status, StatusCode::NOT_FOUND, "{page}: {}", answer.body);
+        // The page of the replay may frame what it says, which leads back to the replay.
+        let policy = answer.header("content-security-policy").unwrap();
+        assert!(policy.contains("frame-ancestors 'self'"), "{page}: {policy}");
+        assert!(answer.body.contains("href=\"/replay/1/screen/\""), "{page}: {}", answer.body);
     }
     // The search is that of the shown instant, and knows no incident of the store.
     let found = vehicle.get("/replay/1/screen/developer/search?q=velodyne").await.body;
     assert!(found.contains("=\"/replay/1/screen/developer/why?node=sensors"), "{found}");
     assert!(!found.contains("href=\"/incidents/"), "{found}");
+}
+
+#[tokio::test]
+async fn the_address_of_a_replay_frames_its_own_screens_only() {
+    let vehicle = replayed("replay-framed").await;
+    let framed = async |screen: &str| {
+        let page = vehicle.get(&format!("/replay/1?screen={screen}")).await.body;
+        let (_, frame) = page.split_once("<iframe").unwrap();
+        let (_, address) = frame.split_once("src=\"").unwrap();
+        address.split_once('"').unwrap().0.to_owned()
+    };
+    assert_eq!(framed("/developer/graph").await, "/replay/1/screen/developer/graph");
+    assert_eq!(framed("/developer/why?node=sensors").await, "/replay/1/screen/developer/why?node=sensors");
+    for other in [
+        "/developer/audit",
+        "/developer/moment",
+        "/developer/%252e%252e/%252e%252e/%252e%252e/2/screen/",
+        "/developer/..%5C..%5C..%5C2/screen/",
+        "/developers",
+        "developer",
+        "//other.example/developer",
+    ] {
+        assert_eq!(framed(other).await, "/replay/1/screen/", "{other}");
+    }
 }
 
 #[tokio::test]
