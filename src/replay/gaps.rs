@@ -18,7 +18,7 @@ pub struct Gap {
     pub to: Option<Timestamp>,
     /// From here on all is again as it was shown: the state of the engine was recorded. `None`: up to the end it may differ.
     pub exact_from: Option<Timestamp>,
-    /// The file is damaged there. Else the recorder did not keep them, or this version cannot read them.
+    /// The file is damaged or gone there. Else the recorder did not keep them, or this version cannot read them.
     pub is_damage: bool,
 }
 
@@ -40,7 +40,11 @@ impl Gap {
             ),
             None => format!("missing {} to the end", clock(self.from)),
         };
-        let why = if self.is_damage { "the file is damaged there" } else { "these inputs are not recorded" };
+        let why = if self.is_damage {
+            "the file is damaged or gone there"
+        } else {
+            "these inputs are not recorded"
+        };
         let of =
             if facts.has_journal { "what was shown then" } else { "what the whole recording would show" };
         let until = match self.exact_from {

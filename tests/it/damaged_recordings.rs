@@ -267,7 +267,7 @@ fn people_and_programs_are_told_of_a_gap() {
     assert_eq!(
         missing,
         [
-            "telltale: missing 2027-01-15T08:00:10.000Z to 2027-01-15T08:00:19.500Z (9.500 s): the file is damaged there; \
+            "telltale: missing 2027-01-15T08:00:10.000Z to 2027-01-15T08:00:19.500Z (9.500 s): the file is damaged or gone there; \
           states from there on up to 2027-01-15T08:00:19.500Z may differ from what was shown then"
         ]
     );

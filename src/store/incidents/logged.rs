@@ -82,7 +82,8 @@ impl IncidentRecords {
             Some(true) => row.incident.kept,
             // A mark may have come after it.
             Some(false) => is_marked || !row.incident.kept,
-            None => row.incident.kept == is_marked,
+            // Its marks may be among the triggers that are only counted.
+            None => row.incident.kept || !is_marked,
         };
         (!is_kept_logged).then_some("whether it is kept")
     }
