@@ -182,10 +182,18 @@ def test_the_situations_of_the_paper_call_once_for_each_fault(server, vehicle, p
         page.wait_for_timeout(1_500)
         assert count(page, "sounded") == expected
 
+    def planner_says(state):
+        groups = page.request.get(f"{server.url}/api/v1/snapshot").json()["groups"]
+        modules = [module for group in groups for module in group["modules"]]
+        return any(it["id"] == "planning/planner_submitted" and it["own"] == state for it in modules)
+
     # 4: the planner fails while it does not matter.
     vehicle.set("planner_submitted", 2, "no plan was submitted")
+    until(lambda: planner_says("error"), 20, "the failure is heard")
     injected(0)
+    # It would matter once the vehicle drives, which is another topic.
     vehicle.set("planner_submitted", 0)
+    until(lambda: planner_says("ok"), 20, "it works again")
     # 5: the vehicle becomes active.
     vehicle.drive(True)
     stage("active")
