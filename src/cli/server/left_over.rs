@@ -19,7 +19,7 @@ use crate::store::{IncidentRecords, Store};
 /// Completes the files of incidents that the end of an earlier run, or a fault of the disk, interrupted. One whose file
 /// is gone is marked so, and is looked at again only if its file is back. `is_left`: those that are still written. What
 /// the audit log contradicts is evidence, and is left as it is.
-pub async fn make_whole(store: &Store, folder: &Path, is_left: impl Fn(u64) -> bool) {
+pub async fn make_whole(store: &Store, folder: &Path, is_left: impl Fn(&Summary) -> bool) {
     // Without the folder, nothing tells whether a file is gone.
     if let Err(error) = std::fs::read_dir(folder) {
         return tracing::error!(%error, "interrupted incidents are not looked for");
@@ -37,7 +37,7 @@ pub async fn make_whole(store: &Store, folder: &Path, is_left: impl Fn(u64) -> b
     };
     for summary in unfinished {
         let id = summary.id;
-        if is_left(id) {
+        if is_left(&summary) {
             continue;
         }
         let Ok(Some(row)) = store.stored_incident(id).await else { continue };

@@ -14,6 +14,7 @@ use crate::engine::time::Timestamp;
 use crate::record::proof::is_changed;
 use crate::record::recorder::Recorder;
 use crate::record::retention::{Policy, judged_ms, surplus_without_changed};
+use crate::record::summary::Summary;
 use crate::record::writer::unix_ms;
 use crate::record::{beside, folder};
 use crate::store::Store;
@@ -37,8 +38,9 @@ pub(super) async fn look_after(
     let mut told = BTreeSet::new();
     loop {
         let policy = *policies.borrow_and_update();
-        // After a fault of the disk.
-        left_over::make_whole(&store, &folder, |id| recorder.writes(id)).await;
+        // After a fault of the disk. What is not interrupted is being written, or its row soon is.
+        let is_left = |it: &Summary| !it.recording.interrupted || recorder.writes(it.id);
+        left_over::make_whole(&store, &folder, is_left).await;
         match remove_surplus(&store, &folder, &policy, clock, &mut told).await {
             Ok(is_over) => drop(kept_too_much.send_replace(is_over)),
             Err(error) => tracing::error!(%error, "old recordings are not removed"),
@@ -108,7 +110,7 @@ async fn remove_surplus(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::summary::{self, Summary};
+    use crate::record::summary;
     use crate::record::writer::hash_file;
     use crate::store::{DemoSecrets, TestFolder};
 
