@@ -8,7 +8,7 @@ use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleMonitor,
-    ModuleSpec, NodeId, Parts, Policy, StageModel,
+    ModuleSpec, NodeId, Parts, Policy, StageModel, Within,
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
@@ -32,7 +32,7 @@ pub fn model(modules: usize) -> Arc<Model> {
             Vec::new()
         } else {
             let on = DependsOn::Node(NodeId::Group(GroupId(index as u32 - 1)));
-            vec![Dependency { on, masks_unknown: false }]
+            vec![Dependency { on, masks_unknown: false, within: Within::default() }]
         },
         filters: Vec::new(),
         tile: None,

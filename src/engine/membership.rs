@@ -213,8 +213,10 @@ impl Net {
             own: Tally::default(),
             masked: BTreeSet::new(),
             failing: BTreeSet::new(),
+            second: 0,
             dirty_leave: false,
             relevant_since: None,
+            well_until: None,
             aside,
             overflow: None,
         });
@@ -246,10 +248,10 @@ impl Net {
         group.own.add(UNSEEN.standing().own_share());
     }
 
-    pub(super) fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32) {
+    pub(super) fn add_module(&mut self, group: GroupId, needs: &[Dependency], rank: u32, now: Timestamp) {
         let id = ModuleId(self.modules.len() as u32);
         let (kind, node) = (ModuleKind::Declared, new_node(Some(group), needs));
-        let own = OwnState::new(None);
+        let own = OwnState::new(false, now);
         self.modules.push(ModuleNode { kind, node, own, rank, arrival: 0, made_by: None });
         self.add_member(group, NodeId::Module(id));
         self.mark_module(id);
@@ -266,11 +268,10 @@ impl Net {
     ) -> ModuleId {
         let &NewModule { group, filter } = place;
         self.arrivals += 1;
-        let made = (kind == ModuleKind::Discovered).then_some(now);
         let module = ModuleNode {
             kind,
             node: new_node(Some(group), &[]),
-            own: OwnState::new(made),
+            own: OwnState::new(kind == ModuleKind::Discovered, now),
             rank: self.leave_rank(group) - 1,
             arrival: self.arrivals,
             made_by: filter,
@@ -328,8 +329,10 @@ impl Net {
         let module = &mut self.modules[id.0 as usize];
         let before = std::mem::replace(&mut module.node.facts, UNSEEN);
         module.kind = ModuleKind::Gone;
-        module.own = OwnState::new(None);
+        module.own = OwnState::new(false, Timestamp::ZERO);
         module.node.not_relevant = None;
+        self.blocked_errors.remove(&id);
+        let module = &self.modules[id.0 as usize];
         let group = module.node.parent;
         self.tell(NodeId::Module(id), before);
         if let Some(group) = group {

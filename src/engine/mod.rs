@@ -125,7 +125,7 @@ impl Engine {
             goal_signal: signals.index(GOAL_SIGNAL),
             localization_group: localization_group(&model),
             names: Names::new(&model),
-            net: Net::new(model.clone()),
+            net: Net::new(model.clone(), now),
             causes: Causes::default(),
             alarms: Alarms::default(),
             warnings: Warnings::default(),

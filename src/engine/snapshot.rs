@@ -324,6 +324,8 @@ pub struct RootCause {
     /// The number of modules and groups that it masks.
     pub masks: u32,
     pub since: Timestamp,
+    /// It waits for a failing dependency too, which does not explain it: it is a fault of its own.
+    pub second: bool,
     /// It is UNKNOWN only because it still has time to report, and hides no ERROR: it raises no alarm.
     pub grace: bool,
 }

@@ -15,7 +15,7 @@ use crate::engine::model::motion::SpeedSource;
 use crate::engine::model::service::Service;
 use crate::engine::model::{
     CountsAs, Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource,
-    SignalSpec, When,
+    SignalSpec, When, Within,
 };
 use crate::engine::state::State;
 use crate::engine::time::Span;
@@ -114,7 +114,13 @@ pub fn dependency(model: &Model, dependency: &Dependency) -> String {
             format!("any of ({})", names.join(", "))
         }
     };
-    if dependency.masks_unknown { format!("{on} (also when unknown)") } else { on }
+    let unknown = if dependency.masks_unknown { " (also when unknown)" } else { "" };
+    let within = match dependency.within {
+        within if within == Within::default() => String::new(),
+        Within::Always => " (explains everything)".to_owned(),
+        Within::Limit(limit) => format!(" (explains within {})", span(limit)),
+    };
+    format!("{on}{unknown}{within}")
 }
 
 /// `the stage is standby or active and doors is true`

@@ -24,7 +24,7 @@ pub(super) mod wording;
 use std::ops::RangeInclusive;
 
 use crate::engine::model::monitors::StampClock;
-use crate::engine::model::{DISPLAY_DPI, Driving, Limits as Bounds, Other, StageModel};
+use crate::engine::model::{DISPLAY_DPI, Driving, Limits as Bounds, Other, StageModel, Within};
 use crate::engine::text::Text;
 use crate::engine::time;
 use crate::yaml::decode::{Entries, scalar, word};
@@ -192,14 +192,25 @@ impl FromNode for Stop {
 }
 
 #[derive(Debug, Default)]
-pub(super) struct Defaults(pub Policy);
+pub(super) struct Defaults {
+    pub policy: Policy,
+    pub explains_within: Option<Within>,
+}
 
 impl FromNode for Defaults {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let about = "Holds for every module that has no value of its own.";
         let mut fields = Fields::of(node, map("defaults", "the defaults").about(about), log)?;
         let forget_after = fields.optional(key("forget_after").about("Modules that statuses make, also those in `other`, leave after this long without a report. It does not hold for modules under `modules`."));
-        let defaults = Defaults(Policy { forget_after, ..Policy::of(&mut fields) });
+        let within = key("explains_within")
+            .about("How far apart the beginnings of a cause and of an ERROR that it explains may be, for dependencies without `within`; `always`: any time.")
+            .rules(|| match Within::default() {
+                Within::Limit(limit) => vec![default_span(limit)],
+                Within::Always => vec![default("always")],
+            });
+        let explains_within = fields.optional(within);
+        let policy = Policy { forget_after, ..Policy::of(&mut fields) };
+        let defaults = Defaults { policy, explains_within };
         fields.finish();
         Some(defaults)
     }

@@ -7,7 +7,7 @@ use super::monitors::Monitor;
 use super::policy::Policy;
 use super::wording::RawWording;
 use crate::engine::model::wording::Advice;
-use crate::engine::model::{Combine, Stage};
+use crate::engine::model::{Combine, Stage, Within};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::yaml::decode::{All, Entries, word};
@@ -112,6 +112,7 @@ pub(in crate::config) struct Dependency {
     pub span: Span,
     pub on: DependsOn,
     pub masks_unknown: bool,
+    pub within: Option<Within>,
 }
 
 #[derive(Debug)]
@@ -125,7 +126,7 @@ impl FromNode for Dependency {
         let span = node.span;
         if let Kind::Scalar { .. } = node.kind {
             let name = FromNode::from_node(node, log)?;
-            return Some(Dependency { span, on: DependsOn::Node(name), masks_unknown: false });
+            return Some(Dependency { span, on: DependsOn::Node(name), masks_unknown: false, within: None });
         }
         let doc = map("long_dependency", "a dependency").rules(|| vec![needs_one(&[&["on"], &["any_of"]])]);
         let mut fields = Fields::of(node, doc, log)?;
@@ -140,6 +141,9 @@ impl FromNode for Dependency {
                 let error = ("contains", Json::Object(vec![("const", "error".into())]));
                 vec![("type", "array".into()), error, default(vec!["error"])]
             }));
+        let within = fields.optional(key("within").about(
+            "How far apart the beginnings of a cause and of an ERROR that it explains may be; `always`: any time. Otherwise the ERROR is a second fault and is shown. The default is `explains_within` of `defaults`.",
+        ));
         if let Some(states) = masks_when.as_ref().filter(|states| !masks(states, State::Error)) {
             let problem = Problem::at(states.span, "`masks_when` lacks `error`");
             fields.log.push(problem.help("write `[error]` or `[error, unknown]`"));
@@ -153,7 +157,7 @@ impl FromNode for Dependency {
         fields.finish();
         let masks_unknown = masks_when.is_some_and(|states| masks(&states, State::Unknown));
         let on = on.map(DependsOn::Node).or(any_of.map(|All(names)| DependsOn::AnyOf(names)))?;
-        Some(Dependency { span, on, masks_unknown })
+        Some(Dependency { span, on, masks_unknown, within })
     }
 
     fn form(schema: &mut Schema) -> Members {

@@ -1,7 +1,9 @@
 //! Durations as they are written: a number with its unit.
 
+use crate::engine::model::Within;
 use crate::engine::time::Span;
 use crate::yaml::decode::{scalar, scaled};
+use crate::yaml::schema::one_of;
 use crate::yaml::{FromNode, Log, Members, Node, Problem, Schema};
 
 /// A unit that ends with another one comes before it.
@@ -30,6 +32,24 @@ impl FromNode for Span {
 
     fn form(schema: &mut Schema) -> Members {
         super::forms::duration(schema)
+    }
+}
+
+impl FromNode for Within {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        if scalar(node) == Some("always") {
+            return Some(Within::Always);
+        }
+        let span = scalar(node).and_then(parse);
+        if span.is_none() {
+            let text = format!("expected a duration or `always`, found {}", node.describe());
+            log.push(Problem::at(node.span, text).help("write for example `5s`"));
+        }
+        span.map(Within::Limit)
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        one_of([super::forms::duration(schema), vec![("const", "always".into())]])
     }
 }
 

@@ -27,7 +27,7 @@ use super::file::publishing::RawPublishing;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
     Combine, CountsAs, DISPLAY_DPI, Driving, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec, NodeId,
-    NodeNames, Parts, Policy, StageModel, Stop, Unclaimed,
+    NodeNames, Parts, Policy, StageModel, Stop, Unclaimed, Within,
 };
 use crate::engine::state::State;
 use crate::engine::text::Text;
@@ -43,7 +43,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let id = vehicle.and_then(|vehicle| vehicle.id.as_ref());
     let id: Arc<str> = id.filter(|id| check_id(id, "vehicle", log)).map_or("vehicle", |id| &id.value).into();
     let name = vehicle.and_then(|vehicle| vehicle.name.clone()).unwrap_or_else(|| Text::plain(&id));
-    let defaults = file.defaults.as_ref().map(|defaults| defaults.0).unwrap_or_default();
+    let explains = file.defaults.as_ref().and_then(|defaults| defaults.explains_within).unwrap_or_default();
+    let defaults = file.defaults.as_ref().map(|defaults| defaults.policy).unwrap_or_default();
     let discovered = policy(&defaults, &Policy::default(), log);
     // Declared modules are expected: only their own `forget_after` ends their silence.
     let declared = Policy { forget_after: None, ..discovered.clone() };
@@ -57,8 +58,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let (stops, unpublished) = (stops(file, log), Vec::new());
     let speed = motion::speed(file.motion.as_ref(), &mut topics, log);
     let mut driving = Driving { stops, localized_after, countermeasures, unpublished, speed, goal: None };
-    let groups = groups(&names, &index, &discovered, log);
-    let mut modules = modules(&names, &index, &declared, &mut topics, log);
+    let groups = groups(&names, &index, (&discovered, explains), log);
+    let mut modules = modules(&names, &index, (&declared, explains), &mut topics, log);
     let implied = implied::modules(&names, &declared, log);
     let implied_places: Vec<Span> = implied.iter().map(|(_, span)| *span).collect();
     modules.extend(implied.into_iter().map(|(module, _)| module));
@@ -251,7 +252,12 @@ fn within(value: Option<Spanned<u64>>, otherwise: usize, range: RangeInclusive<u
     value.value as usize
 }
 
-fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) -> Vec<GroupSpec> {
+fn groups(
+    names: &Names,
+    signals: &Signals,
+    (defaults, explains): (&Policy, Within),
+    log: &mut Log,
+) -> Vec<GroupSpec> {
     let mut tiles: HashMap<(u8, u8), Span> = HashMap::new();
     let mut specs = Vec::new();
     for (id, group) in names.groups() {
@@ -264,7 +270,7 @@ fn groups(names: &Names, signals: &Signals, defaults: &Policy, log: &mut Log) ->
             parent: group.parent,
             combine: raw.combine.unwrap_or(Combine::Worst),
             when: raw.when.as_ref().and_then(|when| relations::when(when, signals, log)),
-            depends_on: relations::depends_on(names, NodeId::Group(id), &raw.depends_on, log),
+            depends_on: relations::depends_on(names, NodeId::Group(id), (&raw.depends_on, explains), log),
             filters: filters::filters(&raw.filters, names, defaults, log),
             may_be_empty: raw.empty == Some(State::Ok),
             tile,
@@ -301,7 +307,7 @@ fn check_tile(
 fn modules(
     names: &Names,
     signals: &Signals,
-    defaults: &Policy,
+    (defaults, explains): (&Policy, Within),
     topics: &mut Topics,
     log: &mut Log,
 ) -> Vec<ModuleSpec> {
@@ -311,7 +317,7 @@ fn modules(
         let policy = policy(&raw.policy, defaults, log);
         let writers = writers(raw.writers.as_ref(), log);
         let when = raw.when.as_ref().and_then(|when| relations::when(when, signals, log));
-        let depends_on = relations::depends_on(names, NodeId::Module(id), &raw.depends_on, log);
+        let depends_on = relations::depends_on(names, NodeId::Module(id), (&raw.depends_on, explains), log);
         // Without a monitor the model is discarded; the module keeps its index so that cycles are found.
         let monitor = raw.monitor.as_ref().and_then(|monitor| monitors::resolve(monitor, topics, log));
         let by_the_clock = monitor.as_ref().is_some_and(ModuleMonitor::by_the_clock);

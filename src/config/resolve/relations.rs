@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use super::names::Names;
 use crate::config::file;
 use crate::engine::model::order::{Cycle, CycleEdge, CycleStep};
-use crate::engine::model::{Dependency, DependsOn, NodeId, POSED_SIGNAL, When};
+use crate::engine::model::{Dependency, DependsOn, NodeId, POSED_SIGNAL, When, Within};
 use crate::yaml::{Log, Problem, Span, Spanned, suggest};
 
 /// Indices of the signals by name.
@@ -35,7 +35,7 @@ pub(in crate::config) fn when(raw: &file::When, signals: &Signals, log: &mut Log
 pub(in crate::config) fn depends_on(
     names: &Names,
     node: NodeId,
-    raw: &[file::Dependency],
+    (raw, within): (&[file::Dependency], Within),
     log: &mut Log,
 ) -> Vec<Dependency> {
     let mut seen: HashMap<NodeId, Span> = HashMap::new();
@@ -45,7 +45,8 @@ pub(in crate::config) fn depends_on(
             file::DependsOn::Node(name) => find(names, node, name, &mut seen, log).map(DependsOn::Node),
             file::DependsOn::AnyOf(members) => any_of(names, node, dependency.span, members, log),
         };
-        resolved.extend(on.map(|on| Dependency { on, masks_unknown: dependency.masks_unknown }));
+        let within = dependency.within.unwrap_or(within);
+        resolved.extend(on.map(|on| Dependency { on, masks_unknown: dependency.masks_unknown, within }));
     }
     resolved
 }

@@ -203,9 +203,8 @@ impl<'m> Judge<'m> {
             Combine::Any if !self.pessimistic => Combine::Any,
             Combine::Any | Combine::Worst => Combine::Worst,
         };
-        let folded = rules::fold(combine, &shown, alone);
+        let shown = rules::shown_group(facts.standing(), combine, &shown, alone);
         let own = rules::fold(combine, &own, alone);
-        let shown = rules::shown(facts.relevant, facts.blocked, folded);
         let group = JudgedNode { shown, own, ..facts };
         let to_blame = |&member: &NodeId| {
             let member = picture.of(member);

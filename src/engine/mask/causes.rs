@@ -9,7 +9,6 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 use super::net::{Change, Net};
-use super::node::NodeFacts;
 use super::paths::Ways;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{Path, RootCause};
@@ -28,6 +27,8 @@ pub(in crate::engine) enum Vertex {
     Module(ModuleId),
     /// The members that make a group fail.
     Failing(GroupId),
+    /// The causes behind second faults: they are no causes of the second fault, but of all that waits for it.
+    Beyond(NodeId),
     /// The causes of a group that only shows IGNORE.
     Hidden(GroupId),
 }
@@ -117,7 +118,7 @@ impl Causes {
     /// Notes a change of the graph. Cheap unless a node began or ceased to fail or to be blocked.
     pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) {
         let Change { node, before, after } = *change;
-        if matters(&before, net.threshold) == matters(&after, net.threshold) {
+        if before.for_causes(net.threshold) == after.for_causes(net.threshold) {
             return;
         }
         self.dirty = true;
@@ -126,9 +127,9 @@ impl Causes {
                 if net.groups[id.0 as usize].aside {
                     return;
                 }
-                let failing = after.relevant && !after.blocked && after.worst() >= net.threshold;
                 self.toggle(net.enter_rank(id), Vertex::Blocked(id), after.blocked);
-                self.toggle(net.leave_rank(id), Vertex::Failing(id), failing);
+                self.toggle(net.leave_rank(id), Vertex::Failing(id), after.failing(net.threshold));
+                self.toggle(net.leave_rank(id), Vertex::Beyond(node), after.second);
                 self.toggle(net.leave_rank(id), Vertex::Hidden(id), after.masked);
             }
             NodeId::Module(id) => {
@@ -136,8 +137,9 @@ impl Causes {
                 if module.node.parent.is_some_and(|group| net.groups[group.0 as usize].aside) {
                     return;
                 }
-                let failing = after.relevant && after.worst() >= net.threshold;
-                self.toggle(module.rank, Vertex::Module(id), after.blocked || failing);
+                let matters = after.blocked || after.failing(net.threshold);
+                self.toggle(module.rank, Vertex::Module(id), matters);
+                self.toggle(module.rank, Vertex::Beyond(node), after.second);
             }
         }
     }
@@ -179,6 +181,7 @@ impl Causes {
             node: found.roots[root as usize],
             masks: masks[root as usize],
             since: self.since[&found.roots[root as usize]],
+            second: net.node(found.roots[root as usize]).facts.second,
             grace: !hides_error[root as usize] && in_grace(net, found.roots[root as usize]),
         };
         Some(Explained { masked: found.masked(net, &rank), paths, roots: roots.iter().map(cause).collect() })
@@ -214,19 +217,6 @@ impl Causes {
         paths.extend(listed.map(|((id, _), list)| (id, list.into())));
         paths
     }
-}
-
-/// The facts of a node that root causes depend on.
-fn matters(facts: &NodeFacts, threshold: State) -> (bool, bool, bool, bool, Option<State>, Option<State>) {
-    let above = |state: State| Some(state).filter(|&state| facts.relevant && state >= threshold);
-    (
-        facts.relevant && facts.worst() >= threshold,
-        facts.blocked,
-        facts.masked,
-        facts.relevant && facts.grace && facts.own >= threshold,
-        above(facts.shown),
-        above(facts.own),
-    )
 }
 
 fn shows_error(net: &Net, node: NodeId) -> bool {
@@ -285,37 +275,75 @@ pub(in crate::engine) fn end(net: &Net, vertex: Vertex) -> Option<NodeId> {
     match vertex {
         Vertex::Module(id) => {
             let facts = net.modules[id.0 as usize].node.facts;
-            (!facts.blocked).then_some(NodeId::Module(id))
+            (!facts.blocked || facts.second).then_some(NodeId::Module(id))
         }
-        Vertex::Failing(id) => net.groups[id.0 as usize].members.is_empty().then_some(NodeId::Group(id)),
-        Vertex::Blocked(_) | Vertex::Hidden(_) => None,
+        Vertex::Failing(id) => {
+            let group = &net.groups[id.0 as usize];
+            (group.members.is_empty() && !group.node.facts.blocked).then_some(NodeId::Group(id))
+        }
+        Vertex::Blocked(_) | Vertex::Beyond(_) | Vertex::Hidden(_) => None,
     }
 }
 
-fn cause_of(net: &Net, node: NodeId) -> Vertex {
+/// The ways upstream from a dependency to the causes of all that waits for it: the dependencies that block its node,
+/// and the members for which the node fails.
+pub(in crate::engine) fn for_each_way(
+    net: &Net,
+    node: NodeId,
+    masks_unknown: bool,
+    mut hop: impl FnMut(Vertex),
+) {
+    let facts = net.node(node).facts;
     match node {
-        NodeId::Module(id) => Vertex::Module(id),
-        NodeId::Group(id) if net.groups[id.0 as usize].node.facts.blocked => Vertex::Blocked(id),
-        NodeId::Group(id) => Vertex::Failing(id),
+        NodeId::Module(id) => hop(Vertex::Module(id)),
+        NodeId::Group(id) => {
+            if facts.blocked {
+                hop(Vertex::Blocked(id));
+            }
+            if facts.standing().fails(masks_unknown) {
+                hop(Vertex::Failing(id));
+            }
+        }
+    }
+    if facts.second {
+        hop(Vertex::Beyond(node));
     }
 }
 
-/// One step upstream from a vertex, in configuration order.
-pub(in crate::engine) fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl FnMut(Vertex)) {
+/// One step upstream from a vertex, in configuration order. A step through a dependency says whether UNKNOWN masks
+/// there.
+pub(in crate::engine) fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl FnMut(Vertex, Option<bool>)) {
     match vertex {
         Vertex::Blocked(id) => blocked_hops(net, NodeId::Group(id), &mut hop),
+        Vertex::Beyond(NodeId::Module(id)) => blocked_hops(net, NodeId::Module(id), &mut hop),
         Vertex::Module(id) => {
             if net.modules[id.0 as usize].node.facts.blocked {
                 blocked_hops(net, NodeId::Module(id), &mut hop);
             }
         }
         Vertex::Failing(id) => {
-            let group = &net.groups[id.0 as usize];
-            let standing = group.node.facts.standing();
-            for &member in &group.failing {
-                if net.node(member).facts.standing().is_responsible_for(standing) {
-                    hop(cause_of(net, member));
+            for member in responsible(net, id) {
+                match member {
+                    NodeId::Module(id) => hop(Vertex::Module(id), None),
+                    NodeId::Group(id) => {
+                        let facts = net.groups[id.0 as usize].node.facts;
+                        if facts.blocked && facts.masked {
+                            hop(Vertex::Blocked(id), None);
+                        }
+                        hop(Vertex::Failing(id), None);
+                    }
                 }
+            }
+        }
+        Vertex::Beyond(NodeId::Group(id)) => {
+            for member in responsible(net, id).filter(|&member| net.node(member).facts.second) {
+                match member {
+                    NodeId::Group(id) if net.groups[id.0 as usize].node.facts.blocked => {
+                        hop(Vertex::Blocked(id), None);
+                    }
+                    _ => {}
+                }
+                hop(Vertex::Beyond(member), None);
             }
         }
         Vertex::Hidden(id) => {
@@ -324,22 +352,32 @@ pub(in crate::engine) fn for_each_hop(net: &Net, vertex: Vertex, mut hop: impl F
                 blocked_hops(net, NodeId::Group(id), &mut hop);
             }
             for &member in &group.masked {
-                hop(match member {
+                let member = match member {
                     NodeId::Module(id) => Vertex::Module(id),
                     NodeId::Group(id) => Vertex::Hidden(id),
-                });
+                };
+                hop(member, None);
             }
         }
     }
 }
 
+/// The members for which a group fails, in configuration order.
+fn responsible(net: &Net, id: GroupId) -> impl Iterator<Item = NodeId> {
+    let group = &net.groups[id.0 as usize];
+    let standing = group.node.facts.standing();
+    let is_responsible =
+        move |&member: &NodeId| net.node(member).facts.standing().is_responsible_for(standing);
+    group.failing.iter().copied().filter(is_responsible)
+}
+
 /// The dependencies that block a node: its own, then those of the enclosing groups.
-fn blocked_hops(net: &Net, node: NodeId, hop: &mut impl FnMut(Vertex)) {
+fn blocked_hops(net: &Net, node: NodeId, hop: &mut impl FnMut(Vertex, Option<bool>)) {
     let mut at = Some(node);
     while let Some(node) = at.map(|id| net.node(id)).filter(|node| node.facts.blocked) {
         for need in node.needs.iter().filter(|need| need.blocks()) {
             for &member in &need.members {
-                hop(cause_of(net, member));
+                for_each_way(net, member, need.masks_unknown, |vertex| hop(vertex, Some(need.masks_unknown)));
             }
         }
         at = node.parent.map(NodeId::Group);
@@ -362,7 +400,7 @@ impl SearchResult {
             }
         }
         let mut parts: Vec<&RootSet> = Vec::new();
-        for_each_hop(net, vertex, |hop| {
+        for_each_hop(net, vertex, |hop, _| {
             if let Some(set) = self.set(hop)
                 && !parts.iter().rev().take(4).any(|part| Arc::ptr_eq(part, set))
             {
@@ -384,7 +422,7 @@ impl SearchResult {
         match vertex {
             Vertex::Module(id) if net.modules[id.0 as usize].node.facts.masked => Some(NodeId::Module(id)),
             Vertex::Hidden(id) => Some(NodeId::Group(id)),
-            Vertex::Module(_) | Vertex::Blocked(_) | Vertex::Failing(_) => None,
+            Vertex::Module(_) | Vertex::Blocked(_) | Vertex::Failing(_) | Vertex::Beyond(_) => None,
         }
     }
 

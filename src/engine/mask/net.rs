@@ -3,11 +3,14 @@
 //! Nothing is computed twice: groups fold tallies, dependencies count their blocking members, and a change
 //! walks upward in the order of [`Order`](crate::engine::model::order), each node at most once.
 
+pub(in crate::engine) mod explained;
 pub(in crate::engine) mod kept;
 
 use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
+
+use explained::Beginnings;
 
 use super::node::{GroupNode, ModuleKind, ModuleNode, Node, NodeFacts, Policies};
 use super::relevance::unmet;
@@ -16,6 +19,7 @@ use crate::engine::model::{
     Combine, Dependency, GroupId, Match, Model, ModuleId, NodeId, Other, Policy, Stage, When,
 };
 use crate::engine::module::names::NewModule;
+use crate::engine::module::onset::is_well;
 use crate::engine::module::system;
 use crate::engine::module::system::SystemCheck;
 use crate::engine::signals::Signals;
@@ -68,10 +72,14 @@ pub(in crate::engine) struct Net {
     pub(in crate::engine) graces: Vec<(GroupId, Timestamp)>,
     /// Modules whose deadlines may have moved.
     pub(in crate::engine) rearm: Vec<ModuleId>,
+    /// Blocked modules in ERROR: each is masked only while a cause explains it.
+    pub(in crate::engine) blocked_errors: BTreeSet<ModuleId>,
+    /// Beginnings of causes that are known in this evaluation.
+    beginnings: Beginnings,
 }
 
 impl Net {
-    pub(in crate::engine) fn new(model: Arc<Model>) -> Net {
+    pub(in crate::engine) fn new(model: Arc<Model>, now: Timestamp) -> Net {
         let masks_unknown = |needs: &[Dependency]| needs.iter().any(|need| need.masks_unknown);
         let any_unknown = model.groups.iter().any(|group| masks_unknown(&group.depends_on))
             || model.modules.iter().any(|module| masks_unknown(&module.depends_on));
@@ -92,6 +100,8 @@ impl Net {
             changes: Vec::new(),
             graces: Vec::new(),
             rearm: Vec::new(),
+            blocked_errors: BTreeSet::new(),
+            beginnings: Beginnings::default(),
             model: model.clone(),
         };
         for group in &model.groups {
@@ -101,10 +111,10 @@ impl Net {
         net.add_group(None, &[], false);
         for (index, module) in model.modules.iter().enumerate() {
             let rank = model.order.module[index];
-            net.add_module(module.group, &module.depends_on, rank);
+            net.add_module(module.group, &module.depends_on, rank, now);
         }
         for _ in SystemCheck::ALL {
-            net.discover(&NewModule::of(net.system_group()), ModuleKind::BuiltIn, None, Timestamp::ZERO);
+            net.discover(&NewModule::of(net.system_group()), ModuleKind::BuiltIn, None, now);
         }
         net.link();
         net
@@ -240,6 +250,7 @@ impl Net {
                 Visit::Leave(id) => self.leave(GroupId(id), now),
             }
         }
+        self.beginnings.forget();
     }
 
     pub(in crate::engine) fn is_settled(&self) -> bool {
@@ -312,17 +323,27 @@ impl Net {
         module.own.advance(policy, now);
         module.own.set_relevant(relevant, policy, now);
         let own = module.own.state(policy);
+        module.own.onset.follow(own, now);
         let grace = module.own.in_grace();
+        let known = module.own.known();
         let blocked = module.node.blocking > 0 || around_blocked;
-        let masked = relevant && blocked;
-        let shown = rules::shown(relevant, blocked, own);
+        if relevant && blocked && own == State::Error {
+            self.blocked_errors.insert(id);
+        } else {
+            self.blocked_errors.remove(&id);
+        }
+        let masked = rules::is_masked(relevant, blocked, own, || self.is_explained(id, now));
+        let shown = rules::shown(relevant, masked, own);
+        let second = relevant && blocked && !masked;
+        let module = &mut self.modules[index];
+        module.own.onset.note_shown(own, shown, known, now);
         let other_reason = not_relevant.is_some()
             && module.node.not_relevant.is_some()
             && module.node.not_relevant != not_relevant;
         module.node.not_relevant = not_relevant;
         let before = std::mem::replace(
             &mut module.node.facts,
-            NodeFacts { relevant, blocked, masked, shown, own, grace },
+            NodeFacts { relevant, blocked, masked, shown, own, grace, second },
         );
         if heard && module.own.received().is_none() {
             self.forgotten.push(id);
@@ -355,12 +376,14 @@ impl Net {
             State::Ok if group.overflow.is_some() && facts.relevant => State::Warning,
             state => state,
         };
-        let folded = floor(rules::fold(combine, &group.shown, alone));
-        let shown = rules::shown(facts.relevant, facts.blocked, folded);
+        let shown = floor(rules::shown_group(facts.standing(), combine, &group.shown, alone));
         let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
         let own = floor(rules::fold(combine, &group.own, alone));
         let grace = grace_until.is_some();
-        group.node.facts = NodeFacts { masked, shown, own, grace, ..facts };
+        if is_well(facts.own) && !is_well(own) {
+            group.well_until = Some(now);
+        }
+        group.node.facts = NodeFacts { masked, shown, own, grace, second: group.second > 0, ..facts };
         let before = std::mem::replace(&mut group.told, group.node.facts);
         self.tell(NodeId::Group(id), before);
     }
@@ -381,6 +404,7 @@ impl Net {
         if before == after {
             return;
         }
+        self.note_beginning(&before, &after);
         match self.node(id).parent {
             Some(parent) => self.tell_group(parent, id, before, after),
             None => {
@@ -416,11 +440,13 @@ impl Net {
         } else {
             group.masked.remove(&id);
         }
-        if after.relevant && after.worst() >= threshold {
+        if after.failing(threshold) {
             group.failing.insert(id);
         } else {
             group.failing.remove(&id);
         }
+        group.second += u32::from(after.second);
+        group.second -= u32::from(before.second);
         self.mark_leave(parent);
     }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashMap};
 
 use super::rules::Standing;
-use crate::engine::model::{Dependency, GroupId, ModuleId, NodeId};
+use crate::engine::model::{Dependency, GroupId, ModuleId, NodeId, Within};
 use crate::engine::module::OwnState;
 use crate::engine::snapshot::NotRelevant;
 use crate::engine::state::{State, Tally};
@@ -23,6 +23,8 @@ pub(in crate::engine) struct NodeFacts {
     pub(in crate::engine) own: State,
     /// It has no report, or is silent, and still has time to report.
     pub(in crate::engine) grace: bool,
+    /// A blocked module that shows ERROR because no cause explains it; a group that contains one.
+    pub(in crate::engine) second: bool,
 }
 
 impl NodeFacts {
@@ -34,6 +36,23 @@ impl NodeFacts {
     pub(in crate::engine) fn worst(&self) -> State {
         self.standing().worst()
     }
+
+    /// Whether the node fails: it is at least as bad as the least state that masks.
+    pub(in crate::engine) fn failing(&self, threshold: State) -> bool {
+        self.relevant && self.worst() >= threshold
+    }
+
+    /// The facts that root causes, and the beginnings of faults, depend on.
+    pub(in crate::engine) fn for_causes(&self, threshold: State) -> impl PartialEq + use<> {
+        let above = |state: State| Some(state).filter(|&state| self.relevant && state >= threshold);
+        (
+            self.failing(threshold),
+            (self.blocked, self.masked, self.second),
+            self.relevant && self.grace && self.own >= threshold,
+            above(self.shown),
+            above(self.own),
+        )
+    }
 }
 
 /// One dependency of a node, with the number of its members that block now.
@@ -42,6 +61,7 @@ pub(in crate::engine) struct Need {
     pub(in crate::engine) members: Box<[NodeId]>,
     pub(in crate::engine) any_of: bool,
     pub(in crate::engine) masks_unknown: bool,
+    pub(in crate::engine) within: Within,
     pub(in crate::engine) blocking: u32,
 }
 
@@ -51,6 +71,7 @@ impl Need {
             members: dependency.targets().into(),
             any_of: dependency.is_any_of(),
             masks_unknown: dependency.masks_unknown,
+            within: dependency.within,
             blocking: 0,
         }
     }
@@ -91,9 +112,13 @@ pub(in crate::engine) struct GroupNode {
     pub(in crate::engine) masked: BTreeSet<NodeId>,
     /// Relevant members that are bad enough to mask.
     pub(in crate::engine) failing: BTreeSet<NodeId>,
+    /// The number of members that are second faults or contain one.
+    pub(in crate::engine) second: u32,
     pub(in crate::engine) dirty_leave: bool,
     /// When it last became relevant.
     pub(in crate::engine) relevant_since: Option<Timestamp>,
+    /// When its own state was last OK or WARNING, before the present one.
+    pub(in crate::engine) well_until: Option<Timestamp>,
     /// Holds unclaimed statuses and is not counted.
     pub(in crate::engine) aside: bool,
     /// The module that reports dropped names: while there is one, the group is at least WARNING. It takes no
@@ -135,6 +160,7 @@ pub(in crate::engine) const UNSEEN: NodeFacts = NodeFacts {
     shown: State::Ignore,
     own: State::Unknown,
     grace: false,
+    second: false,
 };
 
 pub(in crate::engine) fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {

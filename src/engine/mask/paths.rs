@@ -35,7 +35,7 @@ impl<'a> Ways<'a> {
                 continue;
             }
             let mut number = 0;
-            for_each_hop(net, vertex, |hop| {
+            for_each_hop(net, vertex, |hop, _| {
                 if let Some(&next) = found.position.get(&hop) {
                     back[next].push((position, number));
                 }
@@ -78,6 +78,7 @@ impl<'a> Ways<'a> {
             }
             path.push(match self.found.order[position as usize] {
                 Vertex::Module(id) => NodeId::Module(id),
+                Vertex::Beyond(node) => node,
                 Vertex::Blocked(id) | Vertex::Failing(id) | Vertex::Hidden(id) => NodeId::Group(id),
             });
             if step.length == 0 {

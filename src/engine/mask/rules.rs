@@ -4,8 +4,9 @@
 //! Each rule is a function of one instant. The engine applies it to the nodes that changed; the check of a
 //! configuration applies it to a whole vehicle in every situation.
 
-use crate::engine::model::{Combine, Dependency, DependsOn, NodeId, Stage, When};
+use crate::engine::model::{Combine, Dependency, DependsOn, NodeId, Stage, When, Within};
 use crate::engine::state::{State, Tally};
+use crate::engine::time::Timestamp;
 
 /// The facts of a node that the rules use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +24,8 @@ impl Standing {
         self.shown.max(self.own)
     }
 
-    fn fails(self, masks_unknown: bool) -> bool {
+    /// Whether the node fails for a dependency on it.
+    pub fn fails(self, masks_unknown: bool) -> bool {
         let worst = self.worst();
         self.relevant && (worst == State::Error || masks_unknown && worst == State::Unknown)
     }
@@ -64,9 +66,36 @@ impl Dependency {
     }
 }
 
-/// The shown state of a node with the own state `state`.
-pub fn shown(relevant: bool, blocked: bool, state: State) -> State {
-    if relevant && !blocked { state } else { State::Ignore }
+impl Within {
+    /// Whether a fault that began at one of the instants `effect` may follow from one that began at one of the
+    /// instants `cause`, which are sorted.
+    pub fn explains(self, effect: impl IntoIterator<Item = Timestamp>, cause: &[Timestamp]) -> bool {
+        let Within::Limit(limit) = self else { return true };
+        effect.into_iter().any(|at| {
+            let after = cause.partition_point(|&begun| begun < at);
+            let near = |begun: &Timestamp| begun.since(at).max(at.since(*begun)) <= limit;
+            cause.get(after).is_some_and(near) || after.checked_sub(1).is_some_and(|it| near(&cause[it]))
+        })
+    }
+}
+
+/// Whether a module is masked. One in ERROR is masked only while a cause explains it: otherwise it is a second
+/// fault.
+pub fn is_masked(relevant: bool, blocked: bool, own: State, is_explained: impl FnOnce() -> bool) -> bool {
+    relevant && blocked && (own != State::Error || is_explained())
+}
+
+/// The shown state of a module with the own state `own`.
+pub fn shown(relevant: bool, masked: bool, own: State) -> State {
+    if relevant && !masked { own } else { State::Ignore }
+}
+
+/// The shown state of a group: the fold of its members, blocked or not. A blocked group without members waits.
+pub fn shown_group(standing: Standing, combine: Combine, members: &Tally, alone: Option<State>) -> State {
+    if !standing.relevant {
+        return State::Ignore;
+    }
+    fold(combine, members, alone.filter(|_| !standing.blocked))
 }
 
 /// The fold of a group's members. `alone` is the state of a group without members; a group whose members are
@@ -146,10 +175,29 @@ mod tests {
     #[test]
     fn a_redundancy_set_blocks_when_every_member_does() {
         let on = DependsOn::AnyOf(vec![NodeId::Group(GroupId(0)), NodeId::Group(GroupId(1))]);
-        let set = Dependency { on, masks_unknown: false };
+        let set = Dependency { on, masks_unknown: false, within: Within::default() };
         let failed = Standing { shown: State::Error, ..HEALTHY };
         let only_first = |node| if node == NodeId::Group(GroupId(0)) { failed } else { HEALTHY };
         assert!(set.blocks(|_| failed) && !set.blocks(only_first));
+    }
+
+    #[test]
+    fn a_cause_explains_what_began_near_it_the_limit_included() {
+        let at = |ms: &[u64]| ms.iter().map(|&ms| Timestamp::from_millis(ms)).collect::<Vec<_>>();
+        let limit = Within::Limit(crate::engine::time::Span::from_millis(5));
+        for (effect, cause, expected) in [
+            (&[10][..], &[5][..], true),
+            (&[10], &[4], false),
+            (&[10], &[15], true),
+            (&[10], &[16], false),
+            (&[10], &[1, 4, 16, 30], false),
+            (&[10], &[1, 7, 30], true),
+            (&[10, 40], &[1, 36], true),
+            (&[10], &[], false),
+        ] {
+            assert_eq!(limit.explains(at(effect), &at(cause)), expected, "{effect:?} {cause:?}");
+            assert!(Within::Always.explains(at(effect), &at(cause)));
+        }
     }
 
     #[test]

@@ -173,6 +173,23 @@ pub struct Dependency {
     pub on: DependsOn,
     /// UNKNOWN masks as well as ERROR.
     pub masks_unknown: bool,
+    /// How far apart the beginnings of a cause and of its effect may be.
+    pub within: Within,
+}
+
+/// How far apart the beginnings of a cause and of an ERROR that it explains may be. An ERROR that no cause
+/// explains is a second fault: it is not masked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Within {
+    /// A cause explains everything that waits for it, however late it began.
+    Always,
+    Limit(Span),
+}
+
+impl Default for Within {
+    fn default() -> Within {
+        Within::Limit(Span::from_secs(5))
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]

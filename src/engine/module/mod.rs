@@ -4,6 +4,7 @@ use super::model::Policy;
 use super::snapshot::Steps;
 use super::state::State;
 use super::time::{Span, Timestamp};
+use onset::Onset;
 use serde::{Deserialize, Serialize};
 
 /// The own state of one module over time. The caller passes the time and asks [`OwnState::due`] for deadlines.
@@ -26,12 +27,15 @@ pub(super) struct OwnState {
     relevant_since: Option<Timestamp>,
     /// For a discovered module: the time from which its silence counts towards leaving.
     made: Option<Timestamp>,
+    pub(super) onset: Onset,
 }
 
 impl OwnState {
-    pub(super) fn new(made: Option<Timestamp>) -> OwnState {
+    /// `discovered`: a status made it.
+    pub(super) fn new(discovered: bool, now: Timestamp) -> OwnState {
         OwnState {
-            made,
+            made: discovered.then_some(now),
+            onset: Onset::new(now),
             grace: true,
             error_since: None,
             reported: None,
@@ -147,6 +151,13 @@ impl OwnState {
             _ => return,
         }
         self.judge(policy, now);
+        if relevant {
+            self.onset.became_relevant(self.state(policy));
+        }
+    }
+
+    pub(super) fn relevant_since(&self) -> Option<Timestamp> {
+        self.relevant_since
     }
 
     /// Advances to `now`: silence first, then debounce, grace and latch at their instants, and finally the
@@ -232,6 +243,7 @@ impl OwnState {
         self.grace = !self.heard() && given;
         let in_error = self.reported.is_some() && self.judged(policy) == State::Error;
         self.error_since = self.error_since.or(Some(at)).filter(|_| in_error);
+        self.onset.follow(self.state(policy), at);
     }
 
     /// The end of the grace period.
@@ -316,6 +328,7 @@ const STATES: [State; 4] = [State::Ok, State::Warning, State::Unknown, State::Er
 pub(super) mod budget;
 pub(super) mod contradictions;
 pub(super) mod names;
+pub(super) mod onset;
 pub(super) mod overflow;
 pub mod report;
 pub(super) mod self_checks;

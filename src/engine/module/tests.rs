@@ -8,7 +8,7 @@ fn policy() -> Policy {
 /// Reports at milliseconds, then own states at milliseconds; relevant from the start.
 #[track_caller]
 fn check(policy: &Policy, reports: &[(u64, State)], expect: &[(u64, State)]) {
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.set_relevant(true, policy, Timestamp::ZERO);
     let mut reports = reports.iter().peekable();
     for &(at, state) in expect {
@@ -45,7 +45,7 @@ fn never_heard_is_unknown_for_one_timeout_then_stale() {
 #[test]
 fn a_silent_module_has_grace_each_time_it_becomes_relevant() {
     let policy = Policy { stale: Error, ..policy() };
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.report(Ok, &policy, at(0));
     module.advance(&policy, at(5000));
     assert_eq!(module.state(&policy), Unknown, "while it is not relevant");
@@ -75,7 +75,7 @@ fn rises_to_the_best_and_falls_to_the_worst_of_the_window() {
 #[test]
 fn an_error_that_lasted_is_latched_until_reset() {
     let policy = Policy { latch: Some(Span::from_millis(100)), ..policy() };
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.set_relevant(true, &policy, at(0));
     module.report(Error, &policy, at(0));
     module.advance(&policy, at(99));
@@ -99,7 +99,7 @@ fn deadlines_are_met_whatever_the_steps() {
         latch: Some(Span::from_millis(50)),
         ..policy()
     };
-    let mut jumping = OwnState::new(None);
+    let mut jumping = OwnState::new(false, Timestamp::ZERO);
     jumping.report(Ok, &policy, Timestamp::ZERO);
     jumping.report(Error, &policy, Timestamp::from_millis(10));
     let mut stepping = jumping.clone();
@@ -125,7 +125,7 @@ const fn at(millis: u64) -> Timestamp {
 #[test]
 fn a_silence_latches_only_once_its_grace_is_over() {
     let policy = silent_error();
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.report(Ok, &policy, at(0));
     module.advance(&policy, at(9000));
     assert_eq!((module.latched(), module.state(&policy)), (false, Unknown), "not relevant");
@@ -142,7 +142,7 @@ fn a_silence_latches_only_once_its_grace_is_over() {
     module.advance(&policy, at(10_500));
     assert!(module.latched());
     // In one leap it comes to the same.
-    let mut leaping = OwnState::new(None);
+    let mut leaping = OwnState::new(false, Timestamp::ZERO);
     leaping.report(Ok, &policy, at(0));
     leaping.set_relevant(true, &policy, at(9000));
     leaping.advance(&policy, at(10_499));
@@ -154,7 +154,7 @@ fn a_silence_latches_only_once_its_grace_is_over() {
 #[test]
 fn an_error_that_is_heard_latches_relevant_or_not_and_in_the_instant_in_which_it_ends() {
     let policy = silent_error();
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.report(Error, &policy, at(0));
     let mut short = module.clone();
     module.advance(&policy, at(500));
@@ -165,12 +165,12 @@ fn an_error_that_is_heard_latches_relevant_or_not_and_in_the_instant_in_which_it
     assert!(!short.latched());
     // It becomes irrelevant, or silent in its grace, in the instant in which it has lasted long enough.
     let lasting = Policy { latch: Some(Span::from_secs(1)), ..policy };
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.report(Error, &lasting, at(0));
     module.advance(&lasting, at(1000));
     assert!(module.latched() && module.silent());
     let longer = Policy { latch: Some(Span::from_millis(1001)), ..lasting };
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.report(Error, &longer, at(0));
     module.advance(&longer, at(9000));
     assert!(!module.latched(), "then its silence is in its grace");
@@ -179,7 +179,7 @@ fn an_error_that_is_heard_latches_relevant_or_not_and_in_the_instant_in_which_it
 #[test]
 fn what_never_reported_does_not_latch_and_a_reset_judges_after_the_grace() {
     let policy = silent_error();
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.set_relevant(true, &policy, at(0));
     module.advance(&policy, at(60_000));
     assert_eq!((module.latched(), module.state(&policy)), (false, Error));
@@ -202,12 +202,12 @@ fn what_is_silent_for_too_long_is_as_if_it_had_never_reported() {
     check(&stale_warning, &[(0, Error), (9000, Ok)], &[(4999, Error), (5000, Warning), (9000, Ok)]);
     let latching = Policy { latch: Some(Span::from_secs(1)), ..policy.clone() };
     check(&latching, &[(0, Error)], &[(9000, Error)]);
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.report(Error, &policy, at(0));
     module.advance(&policy, at(2000));
     assert_eq!(module.due(&policy, at(2000)), Some(at(5000)));
     assert!(!module.lapsed(&policy, at(60_000)), "it is declared");
-    let made = OwnState::new(Some(at(1000)));
+    let made = OwnState::new(true, at(1000));
     assert!(!made.lapsed(&policy, at(5999)) && made.lapsed(&policy, at(6000)), "never heard");
 }
 
@@ -215,7 +215,7 @@ fn what_is_silent_for_too_long_is_as_if_it_had_never_reported() {
 fn a_silence_in_its_grace_holds_nothing_up() {
     let policy = Policy { stale: Error, clear_after: Span::from_millis(500), ..policy() };
     let at = Timestamp::from_millis;
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.report(Ok, &policy, at(0));
     for ms in [3000, 4000] {
         module.advance(&policy, at(ms));

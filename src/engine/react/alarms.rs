@@ -7,7 +7,7 @@ use std::collections::{BTreeSet, HashSet};
 
 use crate::engine::Engine;
 use crate::engine::event::{EventKind, Events};
-use crate::engine::model::NodeId;
+use crate::engine::model::{NodeId, Within};
 use crate::engine::snapshot::Alarm;
 use crate::engine::time::Timestamp;
 
@@ -124,13 +124,13 @@ impl Alarms {
     }
 
     /// Takes the present root causes, ranked, each with whether it raises an alarm: one that raises none keeps
-    /// an existing alarm, and takes over that of a symptom. `explained` names the causes that now mask a former
-    /// root: its alarm moves to the first of them without an alarm, and keeps its number. If all of them have
+    /// an existing alarm, and takes over that of a symptom. `explained` names the causes that now explain the alarm
+    /// of a former root: it moves to the first of them without an alarm, and keeps its number. If all of them have
     /// one, the alarm is removed, because theirs cover it. Returns whether anything changed.
     pub(in crate::engine) fn follow(
         &mut self,
         roots: &[(NodeId, bool)],
-        explained: impl Fn(NodeId) -> Vec<NodeId>,
+        explained: impl Fn(&Alarm) -> Vec<NodeId>,
         now: Timestamp,
         events: &mut Events,
     ) -> bool {
@@ -146,7 +146,7 @@ impl Alarms {
         gone.sort_unstable();
         for index in gone {
             changed = true;
-            let causes = explained(self.list[index].node);
+            let causes = explained(&self.list[index]);
             let heir = causes.iter().find(|node| present.contains(node) && !active.contains_key(node));
             let explained = causes.iter().any(|node| active.contains_key(node));
             let alarm = &mut self.list[index];
@@ -256,8 +256,14 @@ impl Alarms {
 impl Engine {
     /// Updates the alarms to the present root causes.
     pub(in crate::engine) fn follow_alarms(&mut self) {
-        let (views, roots) = (&self.views, self.views.roots());
-        if self.alarms.follow(&roots, |node| views.masked_by(node), self.now, &mut self.events) {
+        let (views, net, now, roots) = (&self.views, &self.net, self.now, self.views.roots());
+        // A fault that stood for longer is not owed to what failed later.
+        let is_near = |alarm: &Alarm| match net.reach(alarm.node) {
+            Within::Always => true,
+            Within::Limit(limit) => now.since(alarm.raised) <= limit,
+        };
+        let causes = |alarm: &Alarm| if is_near(alarm) { views.masked_by(alarm.node) } else { Vec::new() };
+        if self.alarms.follow(&roots, causes, self.now, &mut self.events) {
             let same = |a, b| a != b && views.status_of(a).is_some_and(|it| views.status_of(b) == Some(it));
             self.alarms.know(same, self.now, &mut self.events);
             self.views.set_alarms(self.alarms.list());
@@ -288,7 +294,7 @@ mod tests {
     #[test]
     fn a_root_that_returns_is_a_new_alarm() {
         let mut alarms = Alarms::default();
-        let none = |_| Vec::new();
+        let none = |_: &Alarm| Vec::new();
         assert!(alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default()));
         assert!(!alarms.follow(&[(A, true)], none, Timestamp::ZERO, &mut Events::default()));
         alarms.follow(&[], none, Timestamp::ZERO, &mut Events::default());

@@ -204,6 +204,11 @@ impl Engine {
             })
         };
         self.alarms.restore(restored.alarms.iter().filter_map(alarm).collect(), restored.last_alarm);
+        for alarm in self.alarms.list().iter().filter(|alarm| alarm.active) {
+            if let NodeId::Module(id) = alarm.node {
+                self.net.modules[id.0 as usize].own.onset.restore_shown(alarm.raised);
+            }
+        }
         for measure in &restored.countermeasures {
             if measure.by_operator && self.vehicle.stage == Stage::Active {
                 self.countermeasures.request_stop(self.now);

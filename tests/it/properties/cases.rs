@@ -12,7 +12,7 @@ use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
     Combine, CountsAs, DISPLAY_DPI, Dependency, DependsOn, Driving, Expected, FieldSource, GroupId,
     GroupSpec, Limits, Match, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy,
-    SignalSource, SignalSpec, Stage, StageModel, Unclaimed, When,
+    SignalSource, SignalSpec, Stage, StageModel, Unclaimed, When, Within,
 };
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
@@ -203,7 +203,7 @@ fn add_dependency(parts: &mut Parts, choices: &mut Choices<'_>) {
     } else {
         DependsOn::Node(any_node(parts, choices))
     };
-    let dependency = Dependency { on, masks_unknown: choices.one_in(4) };
+    let dependency = Dependency { on, masks_unknown: choices.one_in(4), within: within(choices) };
     let list = |parts: &mut Parts| match from {
         NodeId::Group(id) => std::mem::take(&mut parts.groups[id.0 as usize].depends_on),
         NodeId::Module(id) => std::mem::take(&mut parts.modules[id.0 as usize].depends_on),
@@ -218,6 +218,14 @@ fn add_dependency(parts: &mut Parts, choices: &mut Choices<'_>) {
     if Model::new(parts.clone()).is_err() {
         depends_on.pop();
         put(parts, depends_on);
+    }
+}
+
+/// Mostly a limit about as long as the steps of a history.
+fn within(choices: &mut Choices<'_>) -> Within {
+    match choices.below(6) {
+        5 => Within::Always,
+        length => Within::Limit(Span::from_millis([0, 50, 100, 180, 500][length])),
     }
 }
 

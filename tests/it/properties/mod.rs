@@ -13,6 +13,7 @@ mod oracle;
 mod recordings;
 mod schemas;
 mod soundness;
+mod times;
 mod writers;
 
 use std::collections::BTreeSet;
@@ -33,6 +34,7 @@ use telltale::engine::model::{
 use telltale::engine::snapshot::{NotRelevant, Path, Reason, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
+use times::Times;
 
 fn numbers() -> impl Strategy<Value = Vec<u32>> {
     vec(any::<u32>(), 20..400)
@@ -51,7 +53,7 @@ proptest! {
         let mut choices = Choices::new(&numbers);
         let model = model(&mut choices);
         let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
-        let mut last = 0;
+        let mut last = Seen::default();
         check(&model, &engine.snapshot(), &mut last);
         for (at, input) in history(&mut choices) {
             while let Some(due) = engine.next_deadline().filter(|due| *due < at) {
@@ -245,7 +247,8 @@ fn probe(engine: &mut Engine, name: &str, level: u8, now: Timestamp) -> Arc<Snap
 
 /// Whether something inside the tile is masked in `after` by a cause that was none before.
 fn newly_masked(model: &Model, tile: GroupId, before: &Snapshot, after: &Snapshot) -> bool {
-    let oracle = Oracle::new(model, after);
+    let times = Times::default();
+    let oracle = Oracle::new(model, after, &times);
     let mut inside = vec![NodeId::Group(tile)];
     let mut next = 0;
     while next < inside.len() {
@@ -260,9 +263,17 @@ fn newly_masked(model: &Model, tile: GroupId, before: &Snapshot, after: &Snapsho
     })
 }
 
+/// What was seen of the snapshots before.
+#[derive(Debug, Default)]
+struct Seen {
+    last_alarm: u64,
+    times: Times,
+}
+
 /// Compares everything in a snapshot with the definitions.
-fn check(model: &Model, snapshot: &Snapshot, last_alarm: &mut u64) {
-    let mut oracle = Oracle::new(model, snapshot);
+fn check(model: &Model, snapshot: &Snapshot, seen: &mut Seen) {
+    seen.times.see(snapshot);
+    let mut oracle = Oracle::new(model, snapshot, &seen.times);
     for node in oracle.nodes() {
         let name = snapshot.node_name(node);
         let (state, reason) = snapshot.shown(node);
@@ -305,7 +316,8 @@ fn check(model: &Model, snapshot: &Snapshot, last_alarm: &mut u64) {
         .max()
         .unwrap_or(State::Ignore);
     assert_eq!(snapshot.overall, overall);
-    check_roots(snapshot, &mut oracle, last_alarm);
+    check_roots(snapshot, &mut oracle, &mut seen.last_alarm);
+    seen.times.see_shown(snapshot);
 }
 
 fn check_roots(snapshot: &Snapshot, oracle: &mut Oracle<'_>, last_alarm: &mut u64) {
@@ -421,7 +433,8 @@ fn the_cases_hold_what_is_rare() {
         for (at, input) in history(&mut choices) {
             engine.handle(&input, at);
             let snapshot = engine.snapshot();
-            let oracle = Oracle::new(&model, &snapshot);
+            let times = Times::default();
+            let oracle = Oracle::new(&model, &snapshot, &times);
             for (id, spec) in (0..).map(GroupId).zip(&model.groups).filter(|(id, _)| oracle.overflowed(*id)) {
                 let failed = snapshot.group(id).1.state == State::Error;
                 seen[0] += usize::from(spec.combine == Combine::Any && failed);

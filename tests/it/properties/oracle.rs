@@ -1,13 +1,17 @@
 //! Masking and root causes, computed slowly from the definitions, with no state between instants. The
-//! modules' own states and the stage are taken from the snapshot; everything else must follow from them.
+//! modules' own states and the stage are taken from the snapshots; everything else must follow from them. Only the
+//! beginnings of faults need what was before: [`Times`] notes it.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Other, Stage, When,
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Other, Stage, When, Within,
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
+
+use super::times::Times;
 
 pub struct Oracle<'a> {
     model: &'a Model,
@@ -15,11 +19,22 @@ pub struct Oracle<'a> {
     blocked: HashMap<NodeId, bool>,
     shown: HashMap<NodeId, State>,
     own: HashMap<NodeId, State>,
+    explained: HashMap<NodeId, bool>,
+    times: &'a Times,
 }
 
 impl<'a> Oracle<'a> {
-    pub fn new(model: &'a Model, snapshot: &'a Snapshot) -> Oracle<'a> {
-        Oracle { model, snapshot, blocked: HashMap::new(), shown: HashMap::new(), own: HashMap::new() }
+    /// The times have seen this snapshot, but not yet what it shows.
+    pub fn new(model: &'a Model, snapshot: &'a Snapshot, times: &'a Times) -> Oracle<'a> {
+        Oracle {
+            model,
+            snapshot,
+            blocked: HashMap::new(),
+            shown: HashMap::new(),
+            own: HashMap::new(),
+            explained: HashMap::new(),
+            times,
+        }
     }
 
     pub fn nodes(&self) -> Vec<NodeId> {
@@ -185,10 +200,11 @@ impl<'a> Oracle<'a> {
     }
 
     pub fn shown(&mut self, node: NodeId) -> State {
-        if !self.relevant(node) || self.blocked(node) {
+        if !self.relevant(node) {
             return State::Ignore;
         }
         let id = match node {
+            NodeId::Module(_) if self.masked(node) => return State::Ignore,
             NodeId::Module(id) => return self.snapshot.modules[id.0 as usize].own,
             NodeId::Group(id) => id,
         };
@@ -196,69 +212,192 @@ impl<'a> Oracle<'a> {
             return known;
         }
         let members = self.members(id);
-        let states = members.iter().map(|&member| self.shown(member)).collect();
-        let shown = self.floor(id, self.fold(id, &members, states));
+        let shown = if members.is_empty() && self.blocked(node) {
+            State::Ignore
+        } else {
+            let states = members.iter().map(|&member| self.shown(member)).collect();
+            self.floor(id, self.fold(id, &members, states))
+        };
         self.shown.insert(node, shown);
         shown
     }
 
     /// Shows IGNORE because a dependency fails: its own, or that of a member.
     pub fn masked(&mut self, node: NodeId) -> bool {
-        if self.shown(node) != State::Ignore || !self.relevant(node) {
+        if !self.relevant(node) {
             return false;
         }
-        self.blocked(node)
-            || match node {
-                NodeId::Group(id) => self.members(id).into_iter().any(|member| self.masked(member)),
-                NodeId::Module(_) => false,
+        match node {
+            NodeId::Module(_) => {
+                self.blocked(node) && (self.own(node) != State::Error || self.explained(node))
             }
+            NodeId::Group(id) => {
+                self.shown(node) == State::Ignore
+                    && (self.blocked(node) || self.members(id).into_iter().any(|member| self.masked(member)))
+            }
+        }
     }
 
-    /// The next nodes upstream of one that fails or is blocked.
-    pub fn upstream(&mut self, node: NodeId) -> Vec<NodeId> {
-        if self.blocked(node) {
-            let dependencies = self.dependencies(node);
-            return dependencies
-                .into_iter()
-                .filter(|dependency| self.blocks(dependency))
-                .collect::<Vec<_>>()
-                .into_iter()
-                .flat_map(|dependency| match &dependency.on {
-                    DependsOn::Node(node) => vec![*node],
-                    DependsOn::AnyOf(nodes) => nodes.clone(),
-                })
-                .collect();
+    /// A blocked module in ERROR that no cause explains.
+    fn second(&mut self, node: NodeId) -> bool {
+        matches!(node, NodeId::Module(_)) && self.relevant(node) && self.blocked(node) && !self.masked(node)
+    }
+
+    /// Whether a dependency that blocks this module in ERROR explains it.
+    pub fn explained(&mut self, node: NodeId) -> bool {
+        let NodeId::Module(id) = node else { panic!("a group is not explained") };
+        if let Some(&known) = self.explained.get(&node) {
+            return known;
         }
-        let NodeId::Group(id) = node else { return Vec::new() };
-        let bar = self.shown(node).max(self.own(node)).min(State::Error);
-        let members = self.members(id);
+        let blocking = self.blocking(node);
+        let explained = blocking.into_iter().any(|dependency| {
+            let limit = match dependency.within {
+                Within::Always => return true,
+                Within::Limit(limit) => limit,
+            };
+            let times = self.times.of(self.snapshot, id);
+            if times.shown_longest(self.snapshot.now) > limit {
+                return false;
+            }
+            let mut causes = BTreeSet::new();
+            for target in targets(dependency) {
+                self.failing_upstream(target, dependency.masks_unknown, &mut causes);
+            }
+            let effect = times.as_effect(limit);
+            causes.into_iter().any(|(cause, masks_unknown)| {
+                let begun = match cause {
+                    NodeId::Module(id) => self.times.of(self.snapshot, id).as_cause(masks_unknown),
+                    NodeId::Group(id) => self.times.of_group(id),
+                };
+                begun.iter().any(|&cause| effect.iter().any(|&effect| apart(cause, effect) <= limit))
+            })
+        });
+        self.explained.insert(node, explained);
+        explained
+    }
+
+    /// The failing modules and failing groups without members on the paths upstream through a node, each with
+    /// whether UNKNOWN masks on the way to it.
+    fn failing_upstream(&mut self, node: NodeId, masks_unknown: bool, found: &mut BTreeSet<(NodeId, bool)>) {
+        let blocked = self.blocked(node);
+        if blocked {
+            for dependency in self.blocking(node) {
+                for target in targets(dependency) {
+                    self.failing_upstream(target, dependency.masks_unknown, found);
+                }
+            }
+        }
+        match node {
+            NodeId::Module(_) => {
+                let own = self.own(node);
+                let fails = own == State::Error || own == State::Unknown && !blocked;
+                if self.relevant(node) && fails {
+                    found.insert((node, masks_unknown));
+                }
+            }
+            NodeId::Group(id) if self.relevant(node) && self.fails(node, masks_unknown) => {
+                if self.members(id).is_empty() && !blocked {
+                    found.insert((node, masks_unknown));
+                }
+                for member in self.responsible(id) {
+                    self.failing_upstream(member, masks_unknown, found);
+                }
+            }
+            NodeId::Group(_) => {}
+        }
+    }
+
+    fn blocking(&mut self, node: NodeId) -> Vec<&'a Dependency> {
+        self.dependencies(node).into_iter().filter(|dependency| self.blocks(dependency)).collect()
+    }
+
+    fn responsible(&mut self, id: GroupId) -> Vec<NodeId> {
+        let node = NodeId::Group(id);
+        let bar = self.shown(node).max(self.own(node));
+        let members = self.members(id).into_iter();
         members
-            .into_iter()
             .filter(|&member| self.relevant(member) && self.shown(member).max(self.own(member)) >= bar)
             .collect()
     }
 
-    /// Where the ways upstream of a node end.
-    pub fn ends(&mut self, node: NodeId) -> BTreeSet<NodeId> {
-        let next = self.upstream(node);
-        if next.is_empty() {
+    /// The next nodes upstream of one that fails or is blocked.
+    pub fn upstream(&mut self, node: NodeId) -> Vec<NodeId> {
+        let mut next = Vec::new();
+        if self.blocked(node) {
+            next.extend(self.blocking(node).into_iter().flat_map(targets));
+        }
+        if let NodeId::Group(id) = node {
+            next.extend(self.responsible(id));
+        }
+        next
+    }
+
+    /// The root causes of all that waits for a node: the dependencies that block it, and the members for which it
+    /// fails.
+    fn roots_through(&mut self, node: NodeId, masks_unknown: bool) -> BTreeSet<NodeId> {
+        let mut found = self.roots_behind(node);
+        let blocked = self.blocked(node);
+        match node {
+            NodeId::Module(_) if !blocked || self.second(node) => {
+                found.insert(node);
+            }
+            NodeId::Group(id) if self.relevant(node) && self.fails(node, masks_unknown) => {
+                if self.members(id).is_empty() && !blocked {
+                    found.insert(node);
+                }
+                for member in self.responsible(id) {
+                    found.extend(self.roots_through(member, true));
+                }
+            }
+            _ => {}
+        }
+        found
+    }
+
+    /// The root causes behind the dependencies that block a node.
+    fn roots_behind(&mut self, node: NodeId) -> BTreeSet<NodeId> {
+        let mut found = BTreeSet::new();
+        if self.blocked(node) {
+            for dependency in self.blocking(node) {
+                for target in targets(dependency) {
+                    found.extend(self.roots_through(target, dependency.masks_unknown));
+                }
+            }
+        }
+        found
+    }
+
+    /// The root causes of a node that fails or is blocked, by itself.
+    fn ends(&mut self, node: NodeId) -> BTreeSet<NodeId> {
+        let id = match node {
+            NodeId::Module(_) if self.masked(node) || !self.relevant(node) => {
+                return self.roots_behind(node);
+            }
+            NodeId::Module(_) => return BTreeSet::from([node]),
+            NodeId::Group(id) => id,
+        };
+        let mut found = BTreeSet::new();
+        if self.shown(node) == State::Ignore {
+            found.extend(self.roots_behind(node));
+        } else if self.members(id).is_empty() {
             return BTreeSet::from([node]);
         }
-        next.into_iter().flat_map(|node| self.ends(node)).collect()
+        for member in self.responsible(id) {
+            found.extend(self.ends(member));
+        }
+        found
     }
 
     /// The root causes of a node that shows ERROR or is masked.
     pub fn causes(&mut self, node: NodeId) -> BTreeSet<NodeId> {
-        let mut causes = BTreeSet::new();
-        let shown = self.shown(node);
-        if shown != State::Ignore || self.blocked(node) {
-            causes.extend(self.ends(node));
+        let NodeId::Group(id) = node else { return self.ends(node) };
+        if self.shown(node) != State::Ignore {
+            return self.ends(node);
         }
-        if let (State::Ignore, NodeId::Group(id)) = (shown, node) {
-            for member in self.members(id) {
-                if self.masked(member) {
-                    causes.extend(self.causes(member));
-                }
+        let mut causes = self.roots_behind(node);
+        for member in self.members(id) {
+            if self.masked(member) {
+                causes.extend(self.causes(member));
             }
         }
         causes
@@ -301,4 +440,15 @@ impl<'a> Oracle<'a> {
         }
         roots
     }
+}
+
+fn targets(dependency: &Dependency) -> Vec<NodeId> {
+    match &dependency.on {
+        DependsOn::Node(node) => vec![*node],
+        DependsOn::AnyOf(nodes) => nodes.clone(),
+    }
+}
+
+fn apart(one: Timestamp, other: Timestamp) -> Span {
+    one.since(other).max(other.since(one))
 }

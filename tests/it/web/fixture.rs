@@ -14,7 +14,7 @@ use telltale::engine::model::output::Output;
 use telltale::engine::model::{
     Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match,
     Model, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel,
-    Stop, When,
+    Stop, When, Within,
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
@@ -366,6 +366,7 @@ pub fn model() -> Model {
                 depends_on: vec![Dependency {
                     on: DependsOn::Node(NodeId::Group(GroupId(0))),
                     masks_unknown: false,
+                    within: Within::default(),
                 }],
                 ..group("localization", "Localization", None)
             },

@@ -17,6 +17,9 @@ pub(in crate::engine) struct KeptNet {
     arrivals: u64,
     /// By [`GroupId`]: since when each is relevant.
     groups: Vec<Option<Timestamp>>,
+    /// By [`GroupId`]: when the own state of each was last OK or WARNING before the present one.
+    #[serde(default)]
+    well: Vec<Option<Timestamp>>,
     /// By [`ModuleId`]: the declared modules and the built-in ones.
     modules: Vec<OwnState>,
     /// The modules after these.
@@ -61,11 +64,14 @@ impl Net {
             changes: _,
             graces: _,
             rearm: _,
+            blocked_errors: _,
+            beginnings: _,
         } = self;
         let (fixed, made) = modules.split_at(self.fixed());
         KeptNet {
             arrivals: *arrivals,
             groups: groups.iter().map(since).collect(),
+            well: groups.iter().map(|group| group.well_until).collect(),
             modules: fixed.iter().map(|module| module.own.clone()).collect(),
             made: made.iter().map(MadeModule::of).collect(),
         }
@@ -78,12 +84,15 @@ impl Net {
         kept: KeptNet,
         members: impl Iterator<Item = &'a [ModuleId]>,
     ) -> Result<(), KeyframeError> {
-        let KeptNet { arrivals, groups, modules, made } = kept;
+        let KeptNet { arrivals, groups, well, modules, made } = kept;
         KeyframeError::unless_same("groups", groups.len(), self.groups.len())?;
         KeyframeError::unless_same("modules", modules.len(), self.modules.len())?;
         self.arrivals = arrivals;
         for (group, since) in self.groups.iter_mut().zip(groups) {
             group.relevant_since = since;
+        }
+        for (group, until) in self.groups.iter_mut().zip(well) {
+            group.well_until = until;
         }
         for (module, own) in self.modules.iter_mut().zip(modules) {
             module.own = own;
@@ -121,7 +130,7 @@ impl Net {
         let own = match kind {
             ModuleKind::Discovered => own,
             ModuleKind::Overflow if self.groups[group.0 as usize].overflow.replace(id).is_none() => own,
-            ModuleKind::Gone => OwnState::new(None),
+            ModuleKind::Gone => OwnState::new(false, Timestamp::ZERO),
             ModuleKind::Declared | ModuleKind::BuiltIn | ModuleKind::Overflow => {
                 return Err(KeyframeError::new(format!("module {} cannot have been made", id.0)));
             }
@@ -144,6 +153,8 @@ impl MadeModule {
 fn since(group: &GroupNode) -> Option<Timestamp> {
     let GroupNode {
         relevant_since,
+        // Kept beside it.
+        well_until: _,
         // From the states of its members and dependencies.
         node: _,
         told: _,
@@ -151,6 +162,7 @@ fn since(group: &GroupNode) -> Option<Timestamp> {
         own: _,
         masked: _,
         failing: _,
+        second: _,
         dirty_leave: _,
         // The view has the members, in order.
         members: _,

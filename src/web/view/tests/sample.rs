@@ -15,6 +15,7 @@ use crate::engine::model::wording::Wording;
 use crate::engine::model::{
     Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model,
     ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
+    Within,
 };
 use crate::engine::snapshot::Snapshot;
 use crate::engine::text::Text;
@@ -239,7 +240,11 @@ pub fn text(en: &str, de: &str) -> Text {
 }
 
 pub fn on_group(group: u32) -> Dependency {
-    Dependency { on: DependsOn::Node(NodeId::Group(GroupId(group))), masks_unknown: false }
+    Dependency {
+        on: DependsOn::Node(NodeId::Group(GroupId(group))),
+        masks_unknown: false,
+        within: Within::default(),
+    }
 }
 
 pub fn group(path: &str, name: Text) -> GroupSpec {
