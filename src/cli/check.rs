@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::describe::words;
-use crate::config::soundness::{FindingKind, Soundness};
+use crate::config::soundness::{self, FindingKind, Soundness};
 use crate::config::{self, Loaded};
 use crate::engine::model::{Combine, Dependency, GroupId, Model, Stage, StageModel, When};
 use crate::engine::stage::machine::{Guard, TRANSITIONS, Transition};
@@ -159,6 +159,9 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
         words::counted(model.driving.stops.len(), "stop")
     );
     out.push_str(&soundness_text(found));
+    for behind in soundness::urgency::behind(model) {
+        let _ = writeln!(out, "Urgency: {}.", soundness::behind(model, &behind));
+    }
     let _ = writeln!(out, "statuses that no group takes: {}", words::other(model.other));
     for assumption in fields::assumed(model) {
         let _ = writeln!(out, "Assumed: {assumption}.");

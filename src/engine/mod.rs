@@ -105,6 +105,8 @@ pub struct Engine {
     touched: Vec<u32>,
     /// The remaining comparisons of new names with configured ones.
     comparisons: u32,
+    /// A module in ERROR that was masked without a cause that explains it, after the last search.
+    hidden_unexplained: Option<ModuleId>,
 }
 
 impl Engine {
@@ -148,6 +150,7 @@ impl Engine {
             views: Views::new(&model, now),
             touched: Vec::new(),
             comparisons: lookalikes::COMPARISONS_MAX,
+            hidden_unexplained: None,
             signals,
             model,
         };
@@ -383,6 +386,9 @@ impl Engine {
             }
         }
         let explained = self.causes.explain(&self.net, self.now);
+        if explained.is_some() {
+            self.hidden_unexplained = self.net.masked_unexplained(self.now);
+        }
         let mut blamed = Vec::new();
         let changed = explained.is_some_and(|explained| {
             if self.events.wanted() {
@@ -408,6 +414,10 @@ impl Engine {
         }
         if let Some(node) = self.views.masked_root() {
             return Some(format!("{node} is a root cause and hidden"));
+        }
+        if let Some(id) = self.hidden_unexplained {
+            let node = self.views.name(NodeId::Module(id));
+            return Some(format!("{node} is in ERROR and hidden, and no cause explains it"));
         }
         (self.net.own_errors > 0 && self.views.root_count() == 0).then(|| match self.net.own_errors {
             1 => "1 module is in ERROR and is not shown".to_owned(),

@@ -143,10 +143,12 @@ pub fn merged(segments: Vec<Segment>) -> Vec<Segment> {
     merged
 }
 
-/// An ERROR that turns into waiting for a cause is attributed to that cause.
+/// An ERROR that lasts and turns into waiting for a cause is attributed to that cause: the cause explains it. One that
+/// ended is not.
 pub fn attribute(segments: &mut [Segment]) {
     for index in 1..segments.len() {
-        if (segments[index - 1].look, segments[index].look) == (Look::Error, Look::Masked) {
+        let is_explained = segments[index].look == Look::Masked && segments[index].own == Some(State::Error);
+        if segments[index - 1].look == Look::Error && is_explained {
             segments[index - 1].look = Look::Attributed;
             segments[index - 1].cause = segments[index].cause.clone();
         }

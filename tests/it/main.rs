@@ -53,6 +53,7 @@ mod recording_files;
 mod recording_schemas;
 mod ros_services;
 mod schemas;
+mod second_faults;
 mod signals;
 mod source_messages;
 mod start_errors;

@@ -1,8 +1,10 @@
 //! The kinds of findings in a configuration.
 
 use super::situation::Situation;
+use super::urgency::Behind;
 use crate::engine::model::{ModuleId, NodeId};
 use crate::engine::state::State;
+use crate::engine::time::Span;
 
 /// The extent and the result of the examination.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +68,11 @@ pub enum FindingKind {
     Glob { signal: Option<usize>, text: Box<str>, regex: Option<String> },
     /// The class of the module is not in the classification.
     NoColumn { flow: bool },
+    /// The module `late` may be noticed only `after` this time, and entry `dependency`, on it or of its own, explains
+    /// within `limit`.
+    LateCause { late: NodeId, after: Span, limit: Span, dependency: usize },
+    /// Less urgent faults hide a more urgent one, however late it comes.
+    HidesUrgent(Behind),
     /// The condition uses no input: its result is constant.
     Constant { text: Box<str>, holds: bool },
 }

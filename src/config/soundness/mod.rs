@@ -12,7 +12,9 @@ mod finding;
 mod fractions;
 mod globs;
 pub mod judge;
+mod late;
 pub mod situation;
+pub mod urgency;
 mod words;
 
 use std::collections::BTreeSet;
@@ -25,6 +27,7 @@ use crate::engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId
 use crate::engine::state::State;
 
 pub use finding::{Example, Finding, FindingKind, NoEffect, Soundness};
+pub use words::behind;
 pub(super) use words::problem;
 
 /// More situations than this are not examined; conditions use a handful of signals.
@@ -51,6 +54,8 @@ pub fn look(model: &Model) -> Soundness {
     look.findings.extend(fractions::look(model));
     look.findings.extend(globs::look(model));
     look.findings.extend(alike::look(model));
+    look.findings.extend(late::look(model));
+    look.findings.extend(urgency::look(model));
     if model.stages == StageModel::Shuttle && model.driving.unpublished.contains(&Output::ManeuverStop) {
         let node = NodeId::Group(GroupId(0));
         look.findings.push(Finding { node, what: FindingKind::NoStop, example: None });

@@ -1,8 +1,11 @@
 //! Turns findings into problems with their places.
 
+use super::late::depends_on;
+use super::urgency::Behind;
 use super::{Example, Finding, FindingKind, NoEffect};
 use crate::config::describe::places::Places;
-use crate::engine::model::{Model, NodeId};
+use crate::config::describe::words::{self, span};
+use crate::engine::model::{Model, NodeId, Within};
 use crate::yaml::{Problem, Span};
 
 /// A finding as a problem, with its place.
@@ -116,6 +119,19 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 help,
             )
         }
+        FindingKind::LateCause { late, after, limit, dependency: index } => {
+            let late = self::name(model, *late);
+            let (after, limit) = (span(*after), span(*limit));
+            let message = format!(
+                "`{late}` may be noticed only after {after}, and this dependency of `{name}` explains within {limit}: one fault may be shown as two"
+            );
+            let help = format!("write `within: {after}` or more here, or let `{late}` be noticed earlier");
+            return Problem::at(dependency(*index), message).help(help).as_warning();
+        }
+        FindingKind::HidesUrgent(behind) => {
+            let (message, help) = behind_words(model, behind);
+            return Problem::at(dependency(behind.dependency), message).help(help).as_warning();
+        }
         FindingKind::NeverOk { why } => {
             let help = match why {
                 NoEffect::NoMembers(_) => "give it `modules`, `match` or `groups`, or remove it",
@@ -129,6 +145,31 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
         problem = problem.also(places.of(first).id, "the other one");
     }
     if finding.what == FindingKind::Unexplained { problem } else { problem.as_warning() }
+}
+
+/// `localization waits for sensors: 9 less urgent faults stand before localization/tf_map; ...`
+pub fn behind(model: &Model, it: &Behind) -> String {
+    let (message, help) = behind_words(model, it);
+    format!("{message}; {help}")
+}
+
+/// What stands before what, and the shortest change.
+fn behind_words(model: &Model, it: &Behind) -> (String, String) {
+    let dependency = &depends_on(model, it.holder)[it.dependency];
+    let (holder, hidden) = (name(model, it.holder), name(model, NodeId::Module(it.hidden)));
+    let on = words::dependency(model, dependency);
+    let stand = if it.less_urgent == 1 { "fault stands" } else { "faults stand" };
+    let message = format!("{holder} waits for {on}: {} less urgent {stand} before {hidden}", it.less_urgent);
+    let is_group = dependency.targets().iter().any(|target| matches!(target, NodeId::Group(_)));
+    let help = match (dependency.within, it.only) {
+        (Within::Always, _) => "write `within: 5s` in place of `always`".to_owned(),
+        (_, Some(only)) => format!("give {} the same urgency", name(model, NodeId::Module(only))),
+        _ if is_group => "name the modules that it needs in place of the group".to_owned(),
+        _ => format!(
+            "let only the module that needs them depend on them, or give them the urgency of {hidden}"
+        ),
+    };
+    (message, help)
 }
 
 fn example(model: &Model, example: &Example) -> String {

@@ -341,3 +341,44 @@ fn a_pattern_of_file_names_is_told() {
         )],
     );
 }
+
+#[test]
+fn what_is_noticed_later_than_a_dependency_waits_is_said_once() {
+    check(
+        "groups:
+  - { id: a, modules: [{ id: m, status: a, timeout: 8s, stale: error }, { id: w, monitor: { watchdog: { node: /n, every: 1s, misses: 2 } } }] }
+  - { id: b, depends_on: [a], modules: [{ id: m, status: b }] }
+  - { id: c, depends_on: [{ on: a/w, within: 12s }], modules: [{ id: m, status: c, depends_on: [{ on: b, within: 2s }], raise_after: 3s }] }
+  - { id: d, depends_on: [{ on: a, within: always }], modules: [{ id: m, status: d }] }
+",
+        &[
+            "3:27: `a/m` may be noticed only after 8s, and this dependency of `b` explains within 5s: one fault may be shown as two (write `within: 8s` or more here, or let `a/m` be noticed earlier)",
+            "3:27: `a/w` may be noticed only after 12s, and this dependency of `b` explains within 5s: one fault may be shown as two (write `within: 12s` or more here, or let `a/w` be noticed earlier)",
+            "4:97: `c/m` may be noticed only after 3s, and this dependency of `c/m` explains within 2s: one fault may be shown as two (write `within: 3s` or more here, or let `c/m` be noticed earlier)",
+        ],
+    );
+}
+
+#[test]
+fn less_urgent_faults_before_more_urgent_ones_are_a_warning_where_they_hide_them_for_ever() {
+    let text = |within: &str| {
+        format!(
+            "groups:
+  - {{ id: a, modules: [{{ id: m, status: a, help: {{ en: Look., urgency: be_ready }} }}, {{ id: n, status: n }}] }}
+  - {{ id: b, depends_on: [{within}], modules: [{{ id: m, status: b, help: {{ en: Take over., urgency: take_over }} }}] }}
+"
+        )
+    };
+    check(&text("a"), &[]);
+    check(
+        &text("{ on: a, within: always }"),
+        &[
+            "3:25: b waits for a (explains everything): 2 less urgent faults stand before b/m (write `within: 5s` in place of `always`)",
+        ],
+    );
+    let loaded = parse("c", &text("a/m")).unwrap();
+    let behind = crate::config::soundness::urgency::behind(&loaded.model);
+    let said: Vec<String> =
+        behind.iter().map(|it| crate::config::soundness::behind(&loaded.model, it)).collect();
+    assert_eq!(said, ["b waits for a/m: 1 less urgent fault stands before b/m; give a/m the same urgency"]);
+}

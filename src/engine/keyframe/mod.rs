@@ -141,6 +141,8 @@ impl Engine {
             restricted: _,
             // About one array, which is over.
             touched: _,
+            // Found again with the next search.
+            hidden_unexplained: _,
         } = self;
         let state = Kept {
             now: *now,

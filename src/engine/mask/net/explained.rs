@@ -57,6 +57,16 @@ impl Net {
         false
     }
 
+    /// A module in ERROR that is masked although no cause explains it: a fault of this program.
+    pub(in crate::engine) fn masked_unexplained(&mut self, now: Timestamp) -> Option<ModuleId> {
+        let masked: Vec<ModuleId> = self.blocked_errors.iter().copied().collect();
+        let found = masked
+            .into_iter()
+            .find(|&id| self.modules[id.0 as usize].node.facts.masked && !self.is_explained(id, now));
+        self.beginnings.forget();
+        found
+    }
+
     fn explains(&mut self, within: Within, id: ModuleId, need: (NodeId, u32), now: Timestamp) -> bool {
         let limit = match within {
             Within::Always => return true,
