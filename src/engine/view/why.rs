@@ -30,6 +30,8 @@ pub enum WhyStep {
     Waits { holder: NodeId, on: NodeId },
     /// The root causes that mask it, ranked.
     Masked { by: Vec<NodeId> },
+    /// It waits too, but no cause began near it: a fault of its own.
+    SecondFault,
     /// The shown state.
     Shown(State),
 }
@@ -48,7 +50,12 @@ impl Snapshot {
                 steps.extend(self.waits(node));
                 steps.push(WhyStep::Masked { by: by.to_vec() });
             }
-            None => {}
+            None => {
+                if self.roots.iter().any(|root| root.node == node && root.second) {
+                    steps.extend(self.waits(node));
+                    steps.push(WhyStep::SecondFault);
+                }
+            }
         }
         steps.push(WhyStep::Shown(shown));
         steps

@@ -326,6 +326,13 @@ fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
         WhyStep::Masked { by } => {
             (text("It is put aside because of", "Es wird zurückgestellt wegen"), by.clone())
         }
+        WhyStep::SecondFault => (
+            text(
+                "A fault of its own: none of these began near it.",
+                "Eine eigene Störung: Keine davon begann zur gleichen Zeit.",
+            ),
+            Vec::new(),
+        ),
         WhyStep::Shown(is) => (format!("{}: {}", text("It shows", "Es zeigt"), state(*is)), Vec::new()),
     }
 }
