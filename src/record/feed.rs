@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 
-use super::incident::warning;
+use super::noticed::{Noticed, Watch};
 use super::ring::{ConfigurationText, KEYFRAME_EVERY};
 use crate::clock::Clock;
 use crate::engine::Engine;
@@ -36,8 +36,7 @@ pub struct Turn {
     /// The configuration that counts after what was taken.
     pub reload: Option<(Timestamp, Arc<[ConfigurationText]>)>,
     pub records: Vec<Record>,
-    /// Modules that came to show a WARNING.
-    pub warnings: Vec<Arc<str>>,
+    pub noticed: Vec<Noticed>,
     pub snapshot: Option<Arc<Snapshot>>,
     /// The engine's whole state at the end of the turn.
     pub keyframe: Option<Arc<Engine>>,
@@ -48,6 +47,7 @@ pub struct Turn {
 pub struct Feed {
     queue: SyncSender<Turn>,
     turn: Turn,
+    watch: Watch,
     clock: Clock,
     /// The time of the next keyframe.
     keyframe_at: Timestamp,
@@ -68,7 +68,8 @@ impl Feed {
         let (queue, turns) = sync_channel(TURNS_MAX);
         let recording = Arc::new(AtomicBool::new(false));
         let (turn, keyframe_at) = (Turn::default(), Timestamp::ZERO);
-        let feed = Feed { queue, turn, clock, keyframe_at, recording: recording.clone() };
+        let feed =
+            Feed { queue, turn, watch: Watch::default(), clock, keyframe_at, recording: recording.clone() };
         (feed, Turns { queue: turns, recording })
     }
 
@@ -91,7 +92,9 @@ impl Feed {
 
     /// What changed, with the names of the present snapshot.
     pub fn happened(&mut self, events: &[Event], snapshot: &Snapshot) {
-        self.turn.warnings.extend(events.iter().filter_map(|event| warning(event, snapshot)));
+        for event in events {
+            self.turn.noticed.extend(self.watch.take(event, snapshot));
+        }
         self.turn.records.extend(events.iter().filter_map(|event| Record::of(event.clone(), snapshot)));
     }
 

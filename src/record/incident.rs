@@ -2,11 +2,10 @@
 
 use std::sync::Arc;
 
-use crate::engine::event::{Event, EventKind};
+use super::noticed::Noticed;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::{NodeId, Stage};
 use crate::engine::snapshot::{Moving, Snapshot};
-use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
 /// An incident is closed after this time even if further triggers follow. A storm of them opens the next one
@@ -25,6 +24,9 @@ pub(super) const TRIGGERS_MAX: usize = 256;
 pub const MARKS_MAX: usize = 24;
 pub const MARKS_OF_ONE_MAX: usize = 8;
 
+/// Errors behind other faults that are kept of one incident: one fault may explain hundreds. More are counted.
+const OWN_ERRORS_MAX: usize = 64;
+
 /// Bytes of a note.
 pub const NOTE_BYTES_MAX: usize = 2000;
 
@@ -33,6 +35,8 @@ pub const NOTE_BYTES_MAX: usize = 2000;
 pub enum Trigger {
     /// A root cause raised an alarm, or a module shows a WARNING, which raises none.
     Root { alarm: Option<u64>, node: Arc<str> },
+    /// A module that matters is in ERROR itself, behind a fault that explains it: no alarm tells of it.
+    OwnError { node: Arc<str> },
     /// Autonomous driving ended although the vehicle was not known to stand.
     LostActive { stage: Stage },
     /// A request to the vehicle became stronger.
@@ -72,6 +76,21 @@ impl Open {
     /// All triggers.
     pub fn count(&self) -> u64 {
         self.triggers.len() as u64 + self.more
+    }
+
+    /// Whether a trigger of this kind has a place.
+    fn has_place_for(&self, trigger: &Trigger) -> bool {
+        // Marks keep their places.
+        let of_others = TRIGGERS_MAX - MARKS_MAX.saturating_sub(self.marks());
+        match trigger {
+            Trigger::Mark { .. } => self.triggers.len() < TRIGGERS_MAX,
+            Trigger::OwnError { .. } => {
+                let is_same = |(_, it): &&(Timestamp, Trigger)| matches!(it, Trigger::OwnError { .. });
+                self.triggers.len() < of_others
+                    && self.triggers.iter().filter(is_same).count() < OWN_ERRORS_MAX
+            }
+            _ => self.triggers.len() < of_others,
+        }
     }
 
     fn marks(&self) -> usize {
@@ -134,15 +153,25 @@ impl Tracker {
         self.margins = margins;
     }
 
-    /// Takes the next snapshot, and the modules that came to show a [WARNING](warning) since the one before.
-    pub fn follow(&mut self, snapshot: &Snapshot, warnings: &[Arc<str>]) -> Vec<Change> {
+    /// Takes the next snapshot, and what was [noticed](super::noticed::Watch) since the one before.
+    pub fn follow(&mut self, snapshot: &Snapshot, noticed: &[Noticed]) -> Vec<Change> {
         let mut triggers = Vec::new();
         let raised = snapshot.alarms.iter().filter(|alarm| alarm.id > self.last_alarm);
         triggers.extend(raised.map(|alarm| {
             let node = snapshot.node_name(alarm.node).clone();
             Trigger::Root { alarm: Some(alarm.id), node }
         }));
-        triggers.extend(warnings.iter().map(|node| Trigger::Root { alarm: None, node: node.clone() }));
+        let has_alarm = |node: &str, triggers: &[Trigger]| {
+            triggers.iter().any(|it| matches!(it, Trigger::Root { node: of, .. } if **of == *node))
+        };
+        for it in noticed {
+            match it {
+                Noticed::Warning(node) => triggers.push(Trigger::Root { alarm: None, node: node.clone() }),
+                // One that nothing explains has raised its alarm.
+                Noticed::OwnError(node) if has_alarm(node, &triggers) => {}
+                Noticed::OwnError(node) => triggers.push(Trigger::OwnError { node: node.clone() }),
+            }
+        }
         self.last_alarm = self.last_alarm.max(snapshot.last_alarm);
         let has_ended = self.stage == Stage::Active && snapshot.stage != Stage::Active;
         match (snapshot.motion.moving, snapshot.motion.speed_kmh) {
@@ -170,10 +199,7 @@ impl Tracker {
         match &mut self.open {
             Some(open) => {
                 self.is_cut |= extend(open, until, self.margins);
-                let is_mark = matches!(trigger, Trigger::Mark { .. });
-                // Marks keep their places.
-                let places = TRIGGERS_MAX - if is_mark { 0 } else { MARKS_MAX - open.marks() };
-                if open.triggers.len() < places {
+                if open.has_place_for(&trigger) {
                     open.triggers.push((now, trigger));
                 } else {
                     open.more += 1;
@@ -240,17 +266,6 @@ fn extend(open: &mut Open, until: Timestamp, margins: Margins) -> bool {
     until > last
 }
 
-/// The module that comes to show a WARNING with this event, if it counts for the vehicle. A module that was in
-/// ERROR is no news.
-pub fn warning(event: &Event, snapshot: &Snapshot) -> Option<Arc<str>> {
-    let EventKind::Shown { node: NodeId::Module(id), from, to: State::Warning, .. } = event.what else {
-        return None;
-    };
-    let (module, _) = snapshot.module(id);
-    let counts = snapshot.group(module.group).0.counted;
-    (counts && !matches!(from, State::Warning | State::Error)).then(|| module.id.clone())
-}
-
 /// The requests to the vehicle beyond a notice.
 fn requests(snapshot: &Snapshot) -> Vec<RequestKind> {
     let kinds = snapshot.countermeasures.iter().map(|it| it.request.kind());
@@ -272,6 +287,7 @@ mod tests {
     use crate::engine::Engine;
     use crate::engine::input::{Input, StatusArray};
     use crate::engine::model::{Model, Parts, StageModel};
+    use crate::record::noticed::Watch;
 
     fn s(seconds: u64) -> Timestamp {
         Timestamp::from_nanos(seconds * 1_000_000_000)
@@ -287,22 +303,31 @@ mod tests {
         Engine::begin(Arc::new(Model::new(parts).unwrap()), s(0))
     }
 
-    fn say(tracker: &mut Tracker, engine: &mut Engine, name: &str, level: u8, at: Timestamp) -> Vec<Change> {
+    /// A tracker, and the watch over the events of its engine.
+    type Both = (Tracker, Watch);
+
+    fn say(
+        (tracker, watch): &mut Both,
+        engine: &mut Engine,
+        name: &str,
+        level: u8,
+        at: Timestamp,
+    ) -> Vec<Change> {
         let mut array = StatusArray::default();
         array.push_status(level, name, "", "");
         engine.handle(&Input::Diagnostics(array), at);
         let snapshot = engine.snapshot();
         let events = engine.take_events();
-        let warnings: Vec<_> = events.iter().filter_map(|event| warning(event, &snapshot)).collect();
-        tracker.follow(&snapshot, &warnings)
+        let noticed: Vec<_> = events.iter().flat_map(|event| watch.take(event, &snapshot)).collect();
+        tracker.follow(&snapshot, &noticed)
     }
 
     #[test]
     fn a_root_cause_opens_an_incident_and_a_warning_extends_it() {
         let mut engine = engine();
         engine.keep_events();
-        let mut tracker = Tracker::new(Margins::default(), &engine.snapshot());
-        let mut said = |name, level, at| say(&mut tracker, &mut engine, name, level, at);
+        let mut both = (Tracker::new(Margins::default(), &engine.snapshot()), Watch::default());
+        let mut said = |name, level, at| say(&mut both, &mut engine, name, level, at);
         assert_eq!(said("a", 0, s(1)), []);
         assert_eq!(said("b", 0, s(1)), []);
         let opened = said("a", 2, s(2));
@@ -315,8 +340,8 @@ mod tests {
         let [Change::Extended(open)] = &*extended else { panic!("{extended:?}") };
         assert_eq!((open.until, open.triggers.len()), (s(13), 2));
         assert_eq!(said("b", 1, s(4)), [], "it is the same warning");
-        assert_eq!(tracker.due(s(12)), []);
-        assert!(matches!(&tracker.due(s(13))[..], [Change::Closed(_)]));
+        assert_eq!(both.0.due(s(12)), []);
+        assert!(matches!(&both.0.due(s(13))[..], [Change::Closed(_)]));
         assert_eq!(roots(&engine.snapshot(), s(2)), ["other/a".into()]);
     }
 

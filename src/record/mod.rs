@@ -10,6 +10,7 @@ pub mod incident;
 mod job;
 pub mod journal;
 mod latched;
+pub mod noticed;
 pub mod proof;
 pub mod reason;
 pub mod recorder;

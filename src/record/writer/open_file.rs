@@ -318,6 +318,7 @@ impl OpenFile {
 fn trigger_line(at_ms: i64, trigger: &Trigger) -> TriggerLine {
     let (kind, what) = match trigger {
         Trigger::Root { node, .. } => (kind::ROOT, node.to_string()),
+        Trigger::OwnError { node } => (kind::OWN_ERROR, node.to_string()),
         Trigger::LostActive { stage } => (kind::LOST_ACTIVE, stage.as_str().to_owned()),
         Trigger::Countermeasure { kind: request } => (kind::COUNTERMEASURE, request.as_str().to_owned()),
         Trigger::Mark { by, .. } => (kind::MARK, by.to_string()),

@@ -61,7 +61,7 @@ struct Told<'a> {
     #[schemars(schema_with = "words::some_time")]
     until: Option<String>,
     roots: Vec<&'a str>,
-    /// Of its triggers: `root`, `lost_active`, `countermeasure`, `mark`.
+    /// Of its triggers: `root`, `own_error`, `lost_active`, `countermeasure`, `mark`.
     kinds: Vec<&'a str>,
     trigger_count: u64,
     /// At the first trigger.
