@@ -5,12 +5,17 @@ use std::sync::Arc;
 use super::noticed::Noticed;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::{NodeId, Stage};
-use crate::engine::snapshot::{Moving, Snapshot};
+use crate::engine::snapshot::{Moving, Reason, Snapshot};
+use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
 /// An incident is closed after this time even if further triggers follow. A storm of them opens the next one
 /// only then.
 pub const LENGTH_MAX: Span = Span::from_secs(60);
+
+/// Telltale's own statuses open an incident at most this often, and only where nothing else fails: a recorder that
+/// is short of room must not fill what it has with recordings of that.
+const OWN_EVERY: Span = Span::from_secs(3600);
 
 /// An arrival: the end of autonomous driving at walking pace, if the vehicle is known to stand so soon. That is known
 /// only after it has been slow for a moment.
@@ -93,6 +98,20 @@ impl Open {
         }
     }
 
+    /// The oldest marks of these users make room for another one; they are counted.
+    fn drop_marks(&mut self, marks_max: usize, mut is_of: impl FnMut(&str) -> bool) {
+        let mut is_one =
+            |(_, trigger): &(Timestamp, Trigger)| matches!(trigger, Trigger::Mark { by, .. } if is_of(by));
+        let surplus = (self.triggers.iter().filter(|it| is_one(it)).count() + 1).saturating_sub(marks_max);
+        let mut left = surplus;
+        self.triggers.retain(|it| {
+            let goes = left > 0 && is_one(it);
+            left -= usize::from(goes);
+            !goes
+        });
+        self.more += surplus as u64;
+    }
+
     fn marks(&self) -> usize {
         self.markers().count()
     }
@@ -132,6 +151,8 @@ pub struct Tracker {
     is_cut: bool,
     /// The last incident reached its greatest length at this time.
     cut_at: Option<Timestamp>,
+    /// When a status of Telltale itself opened one last.
+    own_at: Option<Timestamp>,
 }
 
 impl Tracker {
@@ -146,6 +167,7 @@ impl Tracker {
             open: None,
             is_cut: false,
             cut_at: None,
+            own_at: None,
         }
     }
 
@@ -172,6 +194,7 @@ impl Tracker {
                 Noticed::OwnError(node) => triggers.push(Trigger::OwnError { node: node.clone() }),
             }
         }
+        let (own, mut triggers) = triggers.into_iter().partition::<Vec<_>, _>(|it| is_own(it, snapshot));
         self.last_alarm = self.last_alarm.max(snapshot.last_alarm);
         let has_ended = self.stage == Stage::Active && snapshot.stage != Stage::Active;
         match (snapshot.motion.moving, snapshot.motion.speed_kmh) {
@@ -186,6 +209,15 @@ impl Tracker {
         triggers.extend(new.map(|&kind| Trigger::Countermeasure { kind }));
         self.requests = requests;
         let mut changes = self.due(snapshot.now);
+        if let Some(only) = own.into_iter().next()
+            && triggers.is_empty()
+            && self.open.is_none()
+            && self.own_at.is_none_or(|at| snapshot.now.since(at) >= OWN_EVERY)
+            && !others_fail(snapshot)
+        {
+            self.own_at = Some(snapshot.now);
+            triggers.push(only);
+        }
         for trigger in triggers {
             changes.extend(self.trigger(snapshot.now, trigger));
         }
@@ -218,10 +250,15 @@ impl Tracker {
     }
 
     /// Marks this moment. Returns whether the mark has a place among those of the present incident, which lasts longer in
-    /// any case.
-    pub fn mark(&mut self, now: Timestamp, by: &str, note: &str) -> (Vec<Change>, bool) {
+    /// any case. While the disk takes no recording of it (`is_recorded`), the marks take half of their places at most, and
+    /// the newest ones stay: whoever tapped in vain has places left when the disk is back.
+    pub fn mark(&mut self, now: Timestamp, by: &str, note: &str, is_recorded: bool) -> (Vec<Change>, bool) {
         let mut changes = self.due(now);
         let until = now + self.margins.after;
+        if let Some(open) = self.open.as_mut().filter(|_| !is_recorded) {
+            open.drop_marks(MARKS_OF_ONE_MAX / 2, |of| of == by);
+            open.drop_marks(MARKS_MAX / 2, |_| true);
+        }
         if let Some(open) = &mut self.open
             && (open.marks() >= MARKS_MAX || open.marks_of(by) >= MARKS_OF_ONE_MAX)
         {
@@ -266,6 +303,24 @@ fn extend(open: &mut Open, until: Timestamp, margins: Margins) -> bool {
     until > last
 }
 
+/// Whether it is about a status of Telltale itself.
+fn is_own(trigger: &Trigger, snapshot: &Snapshot) -> bool {
+    let (Trigger::Root { node, .. } | Trigger::OwnError { node }) = trigger else { return false };
+    let own = snapshot.layout.groups.iter().rfind(|group| group.is_system);
+    own.and_then(|own| node.strip_prefix(&*own.path))
+        .is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+}
+
+/// Whether something of the vehicle fails. An UNKNOWN does not count: it may be what a fault of Telltale makes of it.
+fn others_fail(snapshot: &Snapshot) -> bool {
+    snapshot.module_ids().any(|id| {
+        let (module, view) = snapshot.module(id);
+        let (group, _) = snapshot.group(module.group);
+        let matters = !matches!(view.reason, Some(Reason::NotRelevant(_)));
+        matters && group.counted && !group.is_system && matches!(view.own, State::Warning | State::Error)
+    })
+}
+
 /// The requests to the vehicle beyond a notice.
 fn requests(snapshot: &Snapshot) -> Vec<RequestKind> {
     let kinds = snapshot.countermeasures.iter().map(|it| it.request.kind());
@@ -285,8 +340,9 @@ pub fn roots(snapshot: &Snapshot, since: Timestamp) -> Vec<Arc<str>> {
 mod tests {
     use super::*;
     use crate::engine::Engine;
-    use crate::engine::input::{Input, StatusArray};
+    use crate::engine::input::{Input, StatusArray, Upkeep};
     use crate::engine::model::{Model, Parts, StageModel};
+    use crate::engine::text::Text;
     use crate::record::noticed::Watch;
 
     fn s(seconds: u64) -> Timestamp {
@@ -306,18 +362,21 @@ mod tests {
     /// A tracker, and the watch over the events of its engine.
     type Both = (Tracker, Watch);
 
-    fn say(
-        (tracker, watch): &mut Both,
-        engine: &mut Engine,
-        name: &str,
-        level: u8,
-        at: Timestamp,
-    ) -> Vec<Change> {
+    fn say(both: &mut Both, engine: &mut Engine, name: &str, level: u8, at: Timestamp) -> Vec<Change> {
         let mut array = StatusArray::default();
         array.push_status(level, name, "", "");
         engine.handle(&Input::Diagnostics(array), at);
-        let snapshot = engine.snapshot();
-        let events = engine.take_events();
+        follow(both, engine)
+    }
+
+    fn keep_up(both: &mut Both, engine: &mut Engine, recording: Option<&str>, at: Timestamp) -> Vec<Change> {
+        let upkeep = Upkeep { recording: recording.map(Text::plain), ..Upkeep::default() };
+        engine.handle(&Input::Upkeep(upkeep), at);
+        follow(both, engine)
+    }
+
+    fn follow((tracker, watch): &mut Both, engine: &mut Engine) -> Vec<Change> {
+        let (snapshot, events) = (engine.snapshot(), engine.take_events());
         let noticed: Vec<_> = events.iter().flat_map(|event| watch.take(event, &snapshot)).collect();
         tracker.follow(&snapshot, &noticed)
     }
@@ -411,7 +470,7 @@ mod tests {
         let root = || Trigger::Root { alarm: None, node: "a/b".into() };
         let marked = |tracker: &mut Tracker| {
             let by = |user: &str, tracker: &mut Tracker| {
-                (0..100).filter(|_| tracker.mark(s(1), user, "a strange noise").1).count()
+                (0..100).filter(|_| tracker.mark(s(1), user, "a strange noise", true).1).count()
             };
             let of_one = by("a program", tracker);
             assert_eq!(of_one, MARKS_OF_ONE_MAX, "the operator has room yet");
@@ -430,9 +489,47 @@ mod tests {
         }
         assert_eq!((tracker.open().unwrap().triggers.len(), marked(&mut tracker)), (others, MARKS_MAX));
         // It lasts longer with a mark that has no place.
-        assert!(tracker.mark(s(8), "anna", "").0.iter().any(|it| matches!(it, Change::Extended(_))));
+        assert!(tracker.mark(s(8), "anna", "", true).0.iter().any(|it| matches!(it, Change::Extended(_))));
         assert_eq!(tracker.open().unwrap().until, s(18));
-        assert!(tracker.mark(s(100), "anna", "").1, "the next incident has its own");
+        assert!(tracker.mark(s(100), "anna", "", true).1, "the next incident has its own");
+    }
+
+    #[test]
+    fn marks_that_the_disk_refused_leave_places_for_those_after_it() {
+        let mut tracker = Tracker::new(Margins::default(), &engine().snapshot());
+        for tap in 0..100 {
+            let (_, has_place) = tracker.mark(s(1), ["anna", "otto"][tap % 2], &format!("tap {tap}"), false);
+            assert!(has_place, "it is not refused because of marks that nobody has");
+        }
+        let open = tracker.open().unwrap();
+        assert_eq!((open.marks_of("anna"), open.count()), (MARKS_OF_ONE_MAX / 2, 100));
+        let last =
+            |(_, it): &(Timestamp, Trigger)| matches!(it, Trigger::Mark { note, .. } if &**note == "tap 99");
+        assert!(open.triggers.iter().any(last), "the newest stays");
+        let on_disk = (0..100).filter(|_| tracker.mark(s(2), "anna", "", true).1).count();
+        assert_eq!(on_disk, MARKS_OF_ONE_MAX / 2);
+    }
+
+    #[test]
+    fn a_status_of_telltale_opens_an_incident_where_nothing_else_fails_and_once_an_hour() {
+        let mut engine = engine();
+        engine.keep_events();
+        let mut both = (Tracker::new(Margins::default(), &engine.snapshot()), Watch::default());
+        let mut opened = Vec::new();
+        for minute in 0..150 {
+            keep_up(&mut both, &mut engine, None, s(60 * minute + 1));
+            let changes = keep_up(&mut both, &mut engine, Some("recording off"), s(60 * minute + 30));
+            if changes.iter().any(|it| matches!(it, Change::Opened(_))) {
+                opened.push(minute);
+            }
+        }
+        assert_eq!(opened, [0, 60, 120]);
+        // Beside a fault of the vehicle it opens none, and makes none longer.
+        say(&mut both, &mut engine, "pump", 2, s(20_000));
+        let until = both.0.open().unwrap().until;
+        keep_up(&mut both, &mut engine, None, s(20_001));
+        assert_eq!(keep_up(&mut both, &mut engine, Some("recording off"), s(20_002)), []);
+        assert_eq!(both.0.open().unwrap().until, until);
     }
 
     #[test]

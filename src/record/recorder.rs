@@ -165,7 +165,8 @@ impl Recorder {
     pub fn mark(&self, by: &str, note: &str) -> Result<Mark, Unmarked> {
         let mut state = self.0.lock();
         let now = self.0.clock.now();
-        let (changes, has_place) = state.tracker.mark(now, by, note);
+        let is_recorded = state.present().is_some();
+        let (changes, has_place) = state.tracker.mark(now, by, note, is_recorded);
         state.apply(changes);
         self.0.news.notify_all();
         if !has_place {
