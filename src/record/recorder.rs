@@ -252,7 +252,7 @@ impl Shared {
     fn run(&self, turns: &Turns) {
         let mut zero = self.zero();
         loop {
-            let turn = turns.queue.recv_timeout(LOOK_EVERY);
+            let turn = turns.next(LOOK_EVERY);
             let before = zero;
             zero = self.zero().or(zero);
             let mut state = self.lock();
@@ -307,7 +307,7 @@ impl State {
 
     /// Takes a turn of the engine. Returns its time.
     fn take(&mut self, turn: Turn) -> Timestamp {
-        let Turn { lost, taken, reload, records, noticed, snapshot, keyframe } = turn;
+        let Turn { lost, taken, reload, records, noticed, snapshot, keyframe, .. } = turn;
         let shown = snapshot.as_ref().unwrap_or(&self.snapshot).now;
         let now = taken.iter().map(|stamped| stamped.received).fold(shown, Timestamp::max);
         if lost > 0 {

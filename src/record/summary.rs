@@ -128,9 +128,19 @@ pub struct Recording {
     /// The program ended while it was recorded.
     #[serde(default)]
     pub interrupted: bool,
+    /// Messages that had no room, by `recording.disk` or on the disk, and their bytes.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub left_out: u64,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub left_out_bytes: u64,
     /// The file was not there any more when it should have been completed: the recording is lost.
     #[serde(default)]
     pub gone: bool,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde gives it so")]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl Recording {
