@@ -22,6 +22,8 @@ use telltale::msg::received::{Message, Stamped};
 use telltale::record::feed::Feed;
 use telltale::record::incident::Margins;
 use telltale::record::recorder::{Recorder, Settings};
+use telltale::record::retention::Policy;
+use telltale::record::room::Room;
 use telltale::record::writer::{self, News, Place};
 use tokio::sync::{mpsc, watch};
 
@@ -71,6 +73,7 @@ fn run(clock: Clock, mut take: impl FnMut(Stamped)) -> f64 {
             source: None,
             received: clock.wall(),
             body: Ok((Bytes::copy_from_slice(&cloud), Endian::Little)),
+            left_out: 0,
             kept: false,
         };
         take(Stamped { input: Input::Tick, received: clock.now(), message: Some(Arc::new(message)) });
@@ -92,7 +95,8 @@ fn recorded(clock: Clock, engine: &mut Engine, folder: Option<PathBuf>) -> (f64,
     let writes = folder.is_some();
     let writer = folder.map(|folder| {
         let place = Place { folder, definitions: Definitions::new(Vec::new()), about: BTreeMap::new() };
-        writer::start(&recorder, place, tell, watch::channel(None).0).expect("a thread starts")
+        writer::start(&recorder, place, Room::new(&Policy::default()), tell, watch::channel(None).0)
+            .expect("a thread starts")
     });
     let mut published = 0;
     let share = run(clock, |stamped| {

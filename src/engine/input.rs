@@ -66,6 +66,20 @@ pub enum Input {
     Tick,
 }
 
+impl Input {
+    /// About the bytes of its texts and lists.
+    pub fn text_bytes(&self) -> usize {
+        match self {
+            Input::Diagnostics(array) => array.text.len() + array.statuses.len() * size_of::<StatusSpans>(),
+            Input::Writers(list) => list.writers.len() * 96,
+            Input::Sample(sample) => sample.value_bytes(),
+            Input::Reception(trouble) => trouble.topic.len() + trouble.text.len(),
+            Input::Tick => 0,
+            _ => 64,
+        }
+    }
+}
+
 /// Problems of the wall clock, of the page's certificate and of the recording; `None`: there is none.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Upkeep {

@@ -23,6 +23,8 @@ pub struct Message {
     /// When it was received, by this machine's wall clock.
     pub received: SystemTime,
     pub body: RawBody,
+    /// Bytes of its body that are not kept: a recording has only its stamps and its size. 0: it is whole.
+    pub left_out: usize,
     /// Its writer keeps it for late readers (transient local): it counts until the next one.
     pub kept: bool,
 }

@@ -1,10 +1,11 @@
 //! Hands on what the engine took to the recorder's thread, in the engine's order, and never waits for it.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::time::Duration;
 
-use super::incident::warning;
+use super::noticed::{Noticed, Watch};
 use super::ring::{ConfigurationText, KEYFRAME_EVERY};
 use crate::clock::Clock;
 use crate::engine::Engine;
@@ -16,6 +17,9 @@ use crate::msg::received::Stamped;
 
 /// Turns of the engine that may wait for the recorder. A full queue loses the newest turn, which is counted.
 const TURNS_MAX: usize = 4096;
+
+/// Bytes of their messages that may wait.
+const WAITING_BYTES_MAX: usize = 32 << 20;
 
 /// A new state follows a loss after this time: a copy of the engine costs time too.
 const KEYFRAME_AFTER_LOSS: Span = Span::from_secs(1);
@@ -33,11 +37,12 @@ pub struct Turn {
     /// Inputs before this turn that the recorder did not get.
     pub lost: u64,
     pub taken: Vec<Stamped>,
+    /// Of its messages.
+    bytes: usize,
     /// The configuration that counts after what was taken.
     pub reload: Option<(Timestamp, Arc<[ConfigurationText]>)>,
     pub records: Vec<Record>,
-    /// Modules that came to show a WARNING.
-    pub warnings: Vec<Arc<str>>,
+    pub noticed: Vec<Noticed>,
     pub snapshot: Option<Arc<Snapshot>>,
     /// The engine's whole state at the end of the turn.
     pub keyframe: Option<Arc<Engine>>,
@@ -48,18 +53,33 @@ pub struct Turn {
 pub struct Feed {
     queue: SyncSender<Turn>,
     turn: Turn,
+    watch: Watch,
     clock: Clock,
     /// The time of the next keyframe.
     keyframe_at: Timestamp,
     recording: Arc<AtomicBool>,
+    waiting_bytes: Arc<AtomicUsize>,
 }
 
 /// The recorder's end of the queue.
 #[derive(Debug)]
 pub struct Turns {
-    pub(super) queue: Receiver<Turn>,
+    queue: Receiver<Turn>,
     /// An incident is being recorded.
     pub(super) recording: Arc<AtomicBool>,
+    waiting_bytes: Arc<AtomicUsize>,
+}
+
+impl Turns {
+    /// The next turn, if it comes within this time.
+    ///
+    /// # Errors
+    /// It does not, or the engine has ended.
+    pub(super) fn next(&self, within: Duration) -> Result<Turn, RecvTimeoutError> {
+        let turn = self.queue.recv_timeout(within)?;
+        self.waiting_bytes.fetch_sub(turn.bytes, Ordering::Relaxed);
+        Ok(turn)
+    }
 }
 
 impl Feed {
@@ -67,9 +87,17 @@ impl Feed {
     pub fn new(clock: Clock) -> (Feed, Turns) {
         let (queue, turns) = sync_channel(TURNS_MAX);
         let recording = Arc::new(AtomicBool::new(false));
-        let (turn, keyframe_at) = (Turn::default(), Timestamp::ZERO);
-        let feed = Feed { queue, turn, clock, keyframe_at, recording: recording.clone() };
-        (feed, Turns { queue: turns, recording })
+        let waiting_bytes = Arc::new(AtomicUsize::new(0));
+        let feed = Feed {
+            queue,
+            turn: Turn::default(),
+            watch: Watch::default(),
+            clock,
+            keyframe_at: Timestamp::ZERO,
+            recording: recording.clone(),
+            waiting_bytes: waiting_bytes.clone(),
+        };
+        (feed, Turns { queue: turns, recording, waiting_bytes })
     }
 
     /// An incident is being recorded.
@@ -79,6 +107,12 @@ impl Feed {
 
     /// The engine took this.
     pub fn took(&mut self, stamped: Stamped) {
+        let last = self.turn.taken.last().and_then(|last| last.message.as_ref());
+        if let Some(message) = &stamped.message
+            && !last.is_some_and(|last| Arc::ptr_eq(last, message))
+        {
+            self.turn.bytes += message.len();
+        }
         self.turn.taken.push(stamped);
     }
 
@@ -91,7 +125,9 @@ impl Feed {
 
     /// What changed, with the names of the present snapshot.
     pub fn happened(&mut self, events: &[Event], snapshot: &Snapshot) {
-        self.turn.warnings.extend(events.iter().filter_map(|event| warning(event, snapshot)));
+        for event in events {
+            self.turn.noticed.extend(self.watch.take(event, snapshot));
+        }
         self.turn.records.extend(events.iter().filter_map(|event| Record::of(event.clone(), snapshot)));
     }
 
@@ -109,9 +145,17 @@ impl Feed {
             self.keyframe_at = now + rest(self.clock.now().since(began));
         }
         let turn = std::mem::take(&mut self.turn);
-        match self.queue.try_send(turn) {
+        let bytes = turn.bytes;
+        let waiting = self.waiting_bytes.fetch_add(bytes, Ordering::Relaxed);
+        // One turn always finds its place, however large it is.
+        let sent = match waiting > 0 && waiting + bytes > WAITING_BYTES_MAX {
+            true => Err(TrySendError::Full(turn)),
+            false => self.queue.try_send(turn),
+        };
+        match sent {
             Ok(()) => {}
             Err(TrySendError::Full(turn)) => {
+                self.waiting_bytes.fetch_sub(bytes, Ordering::Relaxed);
                 self.turn.lost = turn.lost + turn.taken.len() as u64;
                 self.turn.reload = turn.reload;
                 // With the next state, what was lost no longer matters.
@@ -132,6 +176,10 @@ fn rest(cost: Span) -> Span {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::input::Input;
+    use crate::engine::model::{Model, Parts, StageModel};
+    use crate::msg::cdr::Endian;
+    use crate::msg::received::Message;
 
     #[test]
     fn copies_that_take_long_are_rare() {
@@ -139,5 +187,34 @@ mod tests {
             assert_eq!(rest(Span::from_millis(cost_ms)), Span::from_millis(rest_ms), "{cost_ms} ms");
         }
         assert_eq!(rest(Span::from_nanos(u64::MAX)), KEYFRAME_EVERY_MAX);
+    }
+
+    #[test]
+    fn messages_that_wait_for_the_recorder_are_bounded_in_bytes() {
+        let clock = Clock::start();
+        let model = Arc::new(Model::new(Parts::empty("v", StageModel::None)).unwrap());
+        let engine = Engine::begin(model, clock.now());
+        let (mut feed, turns) = Feed::new(clock);
+        let bytes = 1 << 20;
+        for _ in 0..100 {
+            let message = Message {
+                topic: "/a".into(),
+                type_name: "a/msg/A".into(),
+                writer: [1; 16],
+                sequence: 1,
+                source: None,
+                received: clock.wall(),
+                body: Ok((vec![0; bytes].into(), Endian::Little)),
+                left_out: 0,
+                kept: false,
+            };
+            let message = Some(Arc::new(message));
+            feed.took(Stamped { input: Input::Tick, received: clock.now(), message });
+            feed.end_turn(&engine);
+        }
+        let waiting: Vec<Turn> = std::iter::from_fn(|| turns.next(Duration::ZERO).ok()).collect();
+        assert_eq!(waiting.len(), WAITING_BYTES_MAX / bytes);
+        feed.end_turn(&engine);
+        assert_eq!(turns.next(Duration::ZERO).unwrap().lost, 100 - waiting.len() as u64, "they are counted");
     }
 }

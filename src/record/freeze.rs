@@ -19,7 +19,7 @@ const TEXT_BYTES_MAX: usize = 256;
 /// explain included, and the other modules of their groups. While nothing fails, as at a mark: all modules.
 pub fn first(snapshot: &Snapshot, open: &Open) -> Vec<FrozenNode> {
     let named = open.triggers.iter().filter_map(|(_, trigger)| match trigger {
-        Trigger::Root { node, .. } => snapshot.node(node),
+        Trigger::Root { node, .. } | Trigger::OwnError { node } => snapshot.node(node),
         _ => None,
     });
     let causes = snapshot.roots.iter().map(|root| root.node).chain(named).collect();

@@ -2,16 +2,20 @@
 
 use std::sync::Arc;
 
-use crate::engine::event::{Event, EventKind};
+use super::noticed::Noticed;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::{NodeId, Stage};
-use crate::engine::snapshot::{Moving, Snapshot};
+use crate::engine::snapshot::{Moving, Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
 /// An incident is closed after this time even if further triggers follow. A storm of them opens the next one
 /// only then.
 pub const LENGTH_MAX: Span = Span::from_secs(60);
+
+/// Telltale's own statuses open an incident at most this often, and only where nothing else fails: a recorder that
+/// is short of room must not fill what it has with recordings of that.
+const OWN_EVERY: Span = Span::from_secs(3600);
 
 /// An arrival: the end of autonomous driving at walking pace, if the vehicle is known to stand so soon. That is known
 /// only after it has been slow for a moment.
@@ -25,6 +29,9 @@ pub(super) const TRIGGERS_MAX: usize = 256;
 pub const MARKS_MAX: usize = 24;
 pub const MARKS_OF_ONE_MAX: usize = 8;
 
+/// Errors behind other faults that are kept of one incident: one fault may explain hundreds. More are counted.
+const OWN_ERRORS_MAX: usize = 64;
+
 /// Bytes of a note.
 pub const NOTE_BYTES_MAX: usize = 2000;
 
@@ -33,6 +40,8 @@ pub const NOTE_BYTES_MAX: usize = 2000;
 pub enum Trigger {
     /// A root cause raised an alarm, or a module shows a WARNING, which raises none.
     Root { alarm: Option<u64>, node: Arc<str> },
+    /// A module that matters is in ERROR itself, behind a fault that explains it: no alarm tells of it.
+    OwnError { node: Arc<str> },
     /// Autonomous driving ended although the vehicle was not known to stand.
     LostActive { stage: Stage },
     /// A request to the vehicle became stronger.
@@ -74,6 +83,35 @@ impl Open {
         self.triggers.len() as u64 + self.more
     }
 
+    /// Whether a trigger of this kind has a place.
+    fn has_place_for(&self, trigger: &Trigger) -> bool {
+        // Marks keep their places.
+        let of_others = TRIGGERS_MAX - MARKS_MAX.saturating_sub(self.marks());
+        match trigger {
+            Trigger::Mark { .. } => self.triggers.len() < TRIGGERS_MAX,
+            Trigger::OwnError { .. } => {
+                let is_same = |(_, it): &&(Timestamp, Trigger)| matches!(it, Trigger::OwnError { .. });
+                self.triggers.len() < of_others
+                    && self.triggers.iter().filter(is_same).count() < OWN_ERRORS_MAX
+            }
+            _ => self.triggers.len() < of_others,
+        }
+    }
+
+    /// The oldest marks of these users make room for another one; they are counted.
+    fn drop_marks(&mut self, marks_max: usize, mut is_of: impl FnMut(&str) -> bool) {
+        let mut is_one =
+            |(_, trigger): &(Timestamp, Trigger)| matches!(trigger, Trigger::Mark { by, .. } if is_of(by));
+        let surplus = (self.triggers.iter().filter(|it| is_one(it)).count() + 1).saturating_sub(marks_max);
+        let mut left = surplus;
+        self.triggers.retain(|it| {
+            let goes = left > 0 && is_one(it);
+            left -= usize::from(goes);
+            !goes
+        });
+        self.more += surplus as u64;
+    }
+
     fn marks(&self) -> usize {
         self.markers().count()
     }
@@ -113,6 +151,8 @@ pub struct Tracker {
     is_cut: bool,
     /// The last incident reached its greatest length at this time.
     cut_at: Option<Timestamp>,
+    /// When a status of Telltale itself opened one last.
+    own_at: Option<Timestamp>,
 }
 
 impl Tracker {
@@ -127,6 +167,7 @@ impl Tracker {
             open: None,
             is_cut: false,
             cut_at: None,
+            own_at: None,
         }
     }
 
@@ -134,15 +175,26 @@ impl Tracker {
         self.margins = margins;
     }
 
-    /// Takes the next snapshot, and the modules that came to show a [WARNING](warning) since the one before.
-    pub fn follow(&mut self, snapshot: &Snapshot, warnings: &[Arc<str>]) -> Vec<Change> {
+    /// Takes the next snapshot, and what was [noticed](super::noticed::Watch) since the one before.
+    pub fn follow(&mut self, snapshot: &Snapshot, noticed: &[Noticed]) -> Vec<Change> {
         let mut triggers = Vec::new();
         let raised = snapshot.alarms.iter().filter(|alarm| alarm.id > self.last_alarm);
         triggers.extend(raised.map(|alarm| {
             let node = snapshot.node_name(alarm.node).clone();
             Trigger::Root { alarm: Some(alarm.id), node }
         }));
-        triggers.extend(warnings.iter().map(|node| Trigger::Root { alarm: None, node: node.clone() }));
+        let has_alarm = |node: &str, triggers: &[Trigger]| {
+            triggers.iter().any(|it| matches!(it, Trigger::Root { node: of, .. } if **of == *node))
+        };
+        for it in noticed {
+            match it {
+                Noticed::Warning(node) => triggers.push(Trigger::Root { alarm: None, node: node.clone() }),
+                // One that nothing explains has raised its alarm.
+                Noticed::OwnError(node) if has_alarm(node, &triggers) => {}
+                Noticed::OwnError(node) => triggers.push(Trigger::OwnError { node: node.clone() }),
+            }
+        }
+        let (own, mut triggers) = triggers.into_iter().partition::<Vec<_>, _>(|it| is_own(it, snapshot));
         self.last_alarm = self.last_alarm.max(snapshot.last_alarm);
         let has_ended = self.stage == Stage::Active && snapshot.stage != Stage::Active;
         match (snapshot.motion.moving, snapshot.motion.speed_kmh) {
@@ -157,6 +209,15 @@ impl Tracker {
         triggers.extend(new.map(|&kind| Trigger::Countermeasure { kind }));
         self.requests = requests;
         let mut changes = self.due(snapshot.now);
+        if let Some(only) = own.into_iter().next()
+            && triggers.is_empty()
+            && self.open.is_none()
+            && self.own_at.is_none_or(|at| snapshot.now.since(at) >= OWN_EVERY)
+            && !others_fail(snapshot)
+        {
+            self.own_at = Some(snapshot.now);
+            triggers.push(only);
+        }
         for trigger in triggers {
             changes.extend(self.trigger(snapshot.now, trigger));
         }
@@ -170,10 +231,7 @@ impl Tracker {
         match &mut self.open {
             Some(open) => {
                 self.is_cut |= extend(open, until, self.margins);
-                let is_mark = matches!(trigger, Trigger::Mark { .. });
-                // Marks keep their places.
-                let places = TRIGGERS_MAX - if is_mark { 0 } else { MARKS_MAX - open.marks() };
-                if open.triggers.len() < places {
+                if open.has_place_for(&trigger) {
                     open.triggers.push((now, trigger));
                 } else {
                     open.more += 1;
@@ -192,10 +250,15 @@ impl Tracker {
     }
 
     /// Marks this moment. Returns whether the mark has a place among those of the present incident, which lasts longer in
-    /// any case.
-    pub fn mark(&mut self, now: Timestamp, by: &str, note: &str) -> (Vec<Change>, bool) {
+    /// any case. While the disk takes no recording of it (`is_recorded`), the marks take half of their places at most, and
+    /// the newest ones stay: whoever tapped in vain has places left when the disk is back.
+    pub fn mark(&mut self, now: Timestamp, by: &str, note: &str, is_recorded: bool) -> (Vec<Change>, bool) {
         let mut changes = self.due(now);
         let until = now + self.margins.after;
+        if let Some(open) = self.open.as_mut().filter(|_| !is_recorded) {
+            open.drop_marks(MARKS_OF_ONE_MAX / 2, |of| of == by);
+            open.drop_marks(MARKS_MAX / 2, |_| true);
+        }
         if let Some(open) = &mut self.open
             && (open.marks() >= MARKS_MAX || open.marks_of(by) >= MARKS_OF_ONE_MAX)
         {
@@ -240,15 +303,22 @@ fn extend(open: &mut Open, until: Timestamp, margins: Margins) -> bool {
     until > last
 }
 
-/// The module that comes to show a WARNING with this event, if it counts for the vehicle. A module that was in
-/// ERROR is no news.
-pub fn warning(event: &Event, snapshot: &Snapshot) -> Option<Arc<str>> {
-    let EventKind::Shown { node: NodeId::Module(id), from, to: State::Warning, .. } = event.what else {
-        return None;
-    };
-    let (module, _) = snapshot.module(id);
-    let counts = snapshot.group(module.group).0.counted;
-    (counts && !matches!(from, State::Warning | State::Error)).then(|| module.id.clone())
+/// Whether it is about a status of Telltale itself.
+fn is_own(trigger: &Trigger, snapshot: &Snapshot) -> bool {
+    let (Trigger::Root { node, .. } | Trigger::OwnError { node }) = trigger else { return false };
+    let own = snapshot.layout.groups.iter().rfind(|group| group.is_system);
+    own.and_then(|own| node.strip_prefix(&*own.path))
+        .is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+}
+
+/// Whether something of the vehicle fails. An UNKNOWN does not count: it may be what a fault of Telltale makes of it.
+fn others_fail(snapshot: &Snapshot) -> bool {
+    snapshot.module_ids().any(|id| {
+        let (module, view) = snapshot.module(id);
+        let (group, _) = snapshot.group(module.group);
+        let matters = !matches!(view.reason, Some(Reason::NotRelevant(_)));
+        matters && group.counted && !group.is_system && matches!(view.own, State::Warning | State::Error)
+    })
 }
 
 /// The requests to the vehicle beyond a notice.
@@ -270,8 +340,10 @@ pub fn roots(snapshot: &Snapshot, since: Timestamp) -> Vec<Arc<str>> {
 mod tests {
     use super::*;
     use crate::engine::Engine;
-    use crate::engine::input::{Input, StatusArray};
+    use crate::engine::input::{Input, StatusArray, Upkeep};
     use crate::engine::model::{Model, Parts, StageModel};
+    use crate::engine::text::Text;
+    use crate::record::noticed::Watch;
 
     fn s(seconds: u64) -> Timestamp {
         Timestamp::from_nanos(seconds * 1_000_000_000)
@@ -287,22 +359,34 @@ mod tests {
         Engine::begin(Arc::new(Model::new(parts).unwrap()), s(0))
     }
 
-    fn say(tracker: &mut Tracker, engine: &mut Engine, name: &str, level: u8, at: Timestamp) -> Vec<Change> {
+    /// A tracker, and the watch over the events of its engine.
+    type Both = (Tracker, Watch);
+
+    fn say(both: &mut Both, engine: &mut Engine, name: &str, level: u8, at: Timestamp) -> Vec<Change> {
         let mut array = StatusArray::default();
         array.push_status(level, name, "", "");
         engine.handle(&Input::Diagnostics(array), at);
-        let snapshot = engine.snapshot();
-        let events = engine.take_events();
-        let warnings: Vec<_> = events.iter().filter_map(|event| warning(event, &snapshot)).collect();
-        tracker.follow(&snapshot, &warnings)
+        follow(both, engine)
+    }
+
+    fn keep_up(both: &mut Both, engine: &mut Engine, recording: Option<&str>, at: Timestamp) -> Vec<Change> {
+        let upkeep = Upkeep { recording: recording.map(Text::plain), ..Upkeep::default() };
+        engine.handle(&Input::Upkeep(upkeep), at);
+        follow(both, engine)
+    }
+
+    fn follow((tracker, watch): &mut Both, engine: &mut Engine) -> Vec<Change> {
+        let (snapshot, events) = (engine.snapshot(), engine.take_events());
+        let noticed: Vec<_> = events.iter().flat_map(|event| watch.take(event, &snapshot)).collect();
+        tracker.follow(&snapshot, &noticed)
     }
 
     #[test]
     fn a_root_cause_opens_an_incident_and_a_warning_extends_it() {
         let mut engine = engine();
         engine.keep_events();
-        let mut tracker = Tracker::new(Margins::default(), &engine.snapshot());
-        let mut said = |name, level, at| say(&mut tracker, &mut engine, name, level, at);
+        let mut both = (Tracker::new(Margins::default(), &engine.snapshot()), Watch::default());
+        let mut said = |name, level, at| say(&mut both, &mut engine, name, level, at);
         assert_eq!(said("a", 0, s(1)), []);
         assert_eq!(said("b", 0, s(1)), []);
         let opened = said("a", 2, s(2));
@@ -315,8 +399,8 @@ mod tests {
         let [Change::Extended(open)] = &*extended else { panic!("{extended:?}") };
         assert_eq!((open.until, open.triggers.len()), (s(13), 2));
         assert_eq!(said("b", 1, s(4)), [], "it is the same warning");
-        assert_eq!(tracker.due(s(12)), []);
-        assert!(matches!(&tracker.due(s(13))[..], [Change::Closed(_)]));
+        assert_eq!(both.0.due(s(12)), []);
+        assert!(matches!(&both.0.due(s(13))[..], [Change::Closed(_)]));
         assert_eq!(roots(&engine.snapshot(), s(2)), ["other/a".into()]);
     }
 
@@ -386,7 +470,7 @@ mod tests {
         let root = || Trigger::Root { alarm: None, node: "a/b".into() };
         let marked = |tracker: &mut Tracker| {
             let by = |user: &str, tracker: &mut Tracker| {
-                (0..100).filter(|_| tracker.mark(s(1), user, "a strange noise").1).count()
+                (0..100).filter(|_| tracker.mark(s(1), user, "a strange noise", true).1).count()
             };
             let of_one = by("a program", tracker);
             assert_eq!(of_one, MARKS_OF_ONE_MAX, "the operator has room yet");
@@ -405,9 +489,47 @@ mod tests {
         }
         assert_eq!((tracker.open().unwrap().triggers.len(), marked(&mut tracker)), (others, MARKS_MAX));
         // It lasts longer with a mark that has no place.
-        assert!(tracker.mark(s(8), "anna", "").0.iter().any(|it| matches!(it, Change::Extended(_))));
+        assert!(tracker.mark(s(8), "anna", "", true).0.iter().any(|it| matches!(it, Change::Extended(_))));
         assert_eq!(tracker.open().unwrap().until, s(18));
-        assert!(tracker.mark(s(100), "anna", "").1, "the next incident has its own");
+        assert!(tracker.mark(s(100), "anna", "", true).1, "the next incident has its own");
+    }
+
+    #[test]
+    fn marks_that_the_disk_refused_leave_places_for_those_after_it() {
+        let mut tracker = Tracker::new(Margins::default(), &engine().snapshot());
+        for tap in 0..100 {
+            let (_, has_place) = tracker.mark(s(1), ["anna", "otto"][tap % 2], &format!("tap {tap}"), false);
+            assert!(has_place, "it is not refused because of marks that nobody has");
+        }
+        let open = tracker.open().unwrap();
+        assert_eq!((open.marks_of("anna"), open.count()), (MARKS_OF_ONE_MAX / 2, 100));
+        let last =
+            |(_, it): &(Timestamp, Trigger)| matches!(it, Trigger::Mark { note, .. } if &**note == "tap 99");
+        assert!(open.triggers.iter().any(last), "the newest stays");
+        let on_disk = (0..100).filter(|_| tracker.mark(s(2), "anna", "", true).1).count();
+        assert_eq!(on_disk, MARKS_OF_ONE_MAX / 2);
+    }
+
+    #[test]
+    fn a_status_of_telltale_opens_an_incident_where_nothing_else_fails_and_once_an_hour() {
+        let mut engine = engine();
+        engine.keep_events();
+        let mut both = (Tracker::new(Margins::default(), &engine.snapshot()), Watch::default());
+        let mut opened = Vec::new();
+        for minute in 0..150 {
+            keep_up(&mut both, &mut engine, None, s(60 * minute + 1));
+            let changes = keep_up(&mut both, &mut engine, Some("recording off"), s(60 * minute + 30));
+            if changes.iter().any(|it| matches!(it, Change::Opened(_))) {
+                opened.push(minute);
+            }
+        }
+        assert_eq!(opened, [0, 60, 120]);
+        // Beside a fault of the vehicle it opens none, and makes none longer.
+        say(&mut both, &mut engine, "pump", 2, s(20_000));
+        let until = both.0.open().unwrap().until;
+        keep_up(&mut both, &mut engine, None, s(20_001));
+        assert_eq!(keep_up(&mut both, &mut engine, Some("recording off"), s(20_002)), []);
+        assert_eq!(both.0.open().unwrap().until, until);
     }
 
     #[test]

@@ -36,7 +36,7 @@ impl Job {
     /// It lasts longer. What has failed since is kept with its values.
     pub fn extend(&mut self, open: Open, snapshot: &Snapshot) {
         for (at, trigger) in open.triggers.iter().skip(self.open.triggers.len()) {
-            if let Trigger::Root { node, .. } = trigger {
+            if let Trigger::Root { node, .. } | Trigger::OwnError { node } = trigger {
                 let known: Vec<FrozenNode> = self.freeze.iter().map(|(_, it)| it.clone()).collect();
                 let new = freeze::later(snapshot, node, &known);
                 self.freeze.extend(new.into_iter().map(|it| (*at, it)));

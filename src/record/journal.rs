@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::sync::Arc;
-use std::time::UNIX_EPOCH;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +21,22 @@ pub struct Line<'a> {
     /// The message behind it, if there was one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub message: Option<MessageRef<'a>>,
+    /// The message behind it, if it is not in the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left_out: Option<LeftOut<'a>>,
+}
+
+/// The stamps and the size of a message that is not in the file.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeftOut<'a> {
+    pub topic: Cow<'a, str>,
+    pub writer: String,
+    pub sequence: i64,
+    pub received_ns: u64,
+    /// When it was published, by the publisher's clock, in nanoseconds since 1970.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published_ns: Option<u64>,
+    pub bytes: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -57,8 +73,32 @@ impl<'a> Line<'a> {
             Taken::Lost(count) => Took::Lost(*count),
             Taken::Transition(_) | Taken::Told(_) | Taken::Keyframe(_) => return None,
         };
-        Some(Line { at_ns: entry.at, took, message: entry.message.as_ref().map(MessageRef::of) })
+        Some(Line {
+            at_ns: entry.at,
+            took,
+            message: entry.message.as_ref().map(MessageRef::of),
+            left_out: None,
+        })
     }
+
+    /// The same of an entry whose message is not in the file.
+    pub fn without_message(entry: &'a Entry) -> Option<Line<'a>> {
+        let left_out = entry.message.as_ref().map(LeftOut::of);
+        Line::of(entry).map(|line| Line { message: None, left_out, ..line })
+    }
+}
+
+impl<'a> LeftOut<'a> {
+    fn of(message: &'a Arc<Message>) -> LeftOut<'a> {
+        let MessageRef { topic, writer, sequence, received_ns } = MessageRef::of(message);
+        let published_ns = message.source.map(since_1970_ns);
+        let bytes = (message.len() + message.left_out) as u64;
+        LeftOut { topic, writer, sequence, received_ns, published_ns, bytes }
+    }
+}
+
+fn since_1970_ns(at: SystemTime) -> u64 {
+    u64::try_from(at.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl MessageRef<'_> {
@@ -73,12 +113,11 @@ impl MessageRef<'_> {
 
 impl<'a> MessageRef<'a> {
     fn of(message: &'a Arc<Message>) -> MessageRef<'a> {
-        let since_epoch = message.received.duration_since(UNIX_EPOCH).unwrap_or_default();
         MessageRef {
             topic: Cow::Borrowed(&*message.topic),
             writer: message.writer.iter().map(|byte| format!("{byte:02x}")).collect(),
             sequence: message.sequence,
-            received_ns: u64::try_from(since_epoch.as_nanos()).unwrap_or(u64::MAX),
+            received_ns: since_1970_ns(message.received),
         }
     }
 }

@@ -67,6 +67,10 @@ impl Latched {
         }
     }
 
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
     /// All of them, the oldest first.
     pub fn in_order(self) -> Vec<Kept> {
         let mut all: Vec<Kept> = self.topics.into_values().flatten().collect();
@@ -89,6 +93,7 @@ mod tests {
             source: None,
             received: std::time::SystemTime::UNIX_EPOCH,
             body: Ok((vec![0; bytes].into(), Endian::Little)),
+            left_out: 0,
             kept: true,
         })
     }

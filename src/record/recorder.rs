@@ -11,6 +11,7 @@ use super::feed::{Turn, Turns};
 use super::freeze;
 use super::incident::{Change, Margins, Open, Tracker, roots};
 use super::job::Job;
+use super::noticed::Noticed;
 use super::ring::{ConfigurationText, Entry, Held, Position, Ring, Taken};
 use super::transition::Change as Told;
 use crate::clock::Clock;
@@ -82,8 +83,8 @@ pub(super) struct State {
     tracker: Tracker,
     settings: Settings,
     snapshot: Arc<Snapshot>,
-    /// Warnings since that snapshot.
-    warnings: Vec<Arc<str>>,
+    /// What was noticed since that snapshot.
+    noticed: Vec<Noticed>,
     /// The configurations by which the engine judged what the ring holds, each with the place from which on.
     configurations: VecDeque<(Position, Arc<[ConfigurationText]>)>,
     /// Incidents to write, the oldest first.
@@ -132,7 +133,7 @@ impl Recorder {
             configurations: VecDeque::from([(0, settings.configuration.clone())]),
             settings,
             snapshot: first,
-            warnings: Vec::new(),
+            noticed: Vec::new(),
             jobs: VecDeque::new(),
             next_number,
             is_unrecorded: false,
@@ -164,7 +165,8 @@ impl Recorder {
     pub fn mark(&self, by: &str, note: &str) -> Result<Mark, Unmarked> {
         let mut state = self.0.lock();
         let now = self.0.clock.now();
-        let (changes, has_place) = state.tracker.mark(now, by, note);
+        let is_recorded = state.present().is_some();
+        let (changes, has_place) = state.tracker.mark(now, by, note, is_recorded);
         state.apply(changes);
         self.0.news.notify_all();
         if !has_place {
@@ -250,7 +252,7 @@ impl Shared {
     fn run(&self, turns: &Turns) {
         let mut zero = self.zero();
         loop {
-            let turn = turns.queue.recv_timeout(LOOK_EVERY);
+            let turn = turns.next(LOOK_EVERY);
             let before = zero;
             zero = self.zero().or(zero);
             let mut state = self.lock();
@@ -305,7 +307,7 @@ impl State {
 
     /// Takes a turn of the engine. Returns its time.
     fn take(&mut self, turn: Turn) -> Timestamp {
-        let Turn { lost, taken, reload, records, warnings, snapshot, keyframe } = turn;
+        let Turn { lost, taken, reload, records, noticed, snapshot, keyframe, .. } = turn;
         let shown = snapshot.as_ref().unwrap_or(&self.snapshot).now;
         let now = taken.iter().map(|stamped| stamped.received).fold(shown, Timestamp::max);
         if lost > 0 {
@@ -333,9 +335,9 @@ impl State {
         while self.configurations.get(1).is_some_and(|&(from, _)| from <= self.ring.first()) {
             self.configurations.pop_front();
         }
-        self.warnings.extend(warnings);
+        self.noticed.extend(noticed);
         if let Some(snapshot) = snapshot {
-            let changes = self.tracker.follow(&snapshot, &std::mem::take(&mut self.warnings));
+            let changes = self.tracker.follow(&snapshot, &std::mem::take(&mut self.noticed));
             self.snapshot = snapshot;
             self.apply(changes);
         }

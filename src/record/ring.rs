@@ -26,8 +26,14 @@ const THINNED_AFTER: Span = Span::from_secs(60);
 /// Topics that are accounted for by name. Messages of further ones are not kept.
 const TOPICS_MAX: usize = 1024;
 
-/// The estimated size of an entry without its message.
-const ENTRY_BYTES: usize = 256;
+/// The memory of an entry beside what it holds, with its places in the queues, which grow by doubling.
+const ENTRY_BYTES: usize = 160;
+
+/// The memory of a message beside its body, and of what an input, a change of what is shown or a word of the program
+/// takes.
+const MESSAGE_BYTES: usize = size_of::<Message>() + 96;
+const INPUT_BYTES: usize = size_of::<Input>() + 32;
+const RECORD_BYTES: usize = 320;
 
 /// One thing that the engine took, in its order.
 #[derive(Debug, Clone)]
@@ -56,6 +62,25 @@ pub enum Taken {
     Lost(u64),
 }
 
+impl Entry {
+    /// The memory that it takes without its message, and without the engine's state.
+    fn memory(&self) -> usize {
+        ENTRY_BYTES
+            + match &self.taken {
+                Taken::Input(input) => INPUT_BYTES + input.text_bytes(),
+                Taken::Transition(_) => RECORD_BYTES,
+                Taken::Told(_) => RECORD_BYTES,
+                Taken::Reload(texts) => texts.iter().map(|it| it.name.len() + it.text.len()).sum(),
+                Taken::Statuses | Taken::Keyframe(_) | Taken::Lost(_) => 0,
+            }
+    }
+}
+
+/// The memory of a message whose body has so many bytes. Without any it is counted with the entry before.
+fn memory_of(bytes: usize) -> usize {
+    if bytes == 0 { 0 } else { bytes + MESSAGE_BYTES }
+}
+
 /// A file of a configuration.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ConfigurationText {
@@ -74,6 +99,8 @@ pub struct Ring {
     first: Position,
     bytes: usize,
     bytes_max: usize,
+    /// Of the engine's states.
+    keyframe_bytes: usize,
     /// The places of the engine's states, with their times.
     keyframes: VecDeque<(Position, Timestamp)>,
     topics: BTreeMap<Arc<str>, Topic>,
@@ -137,6 +164,7 @@ impl Ring {
             first: 0,
             bytes: 0,
             bytes_max,
+            keyframe_bytes: 0,
             keyframes: VecDeque::new(),
             topics: BTreeMap::new(),
             unaccounted: 0,
@@ -170,19 +198,20 @@ impl Ring {
             // Inputs that were made from one message share its bytes.
             let shared = self.entries.back().and_then(|last| last.message.as_ref());
             let is_shared = shared.is_some_and(|shared| Arc::ptr_eq(shared, message));
-            let bytes = if is_shared { 0 } else { message.len() };
+            // One without bytes has its place too.
+            let bytes = if is_shared { 0 } else { message.len().max(1) };
             let place = self.next();
             if self.topics.len() < TOPICS_MAX || self.topics.contains_key(&message.topic) {
                 let topic = self.topics.entry(message.topic.clone()).or_default();
                 topic.held.push_back((place, entry.at, bytes));
                 topic.bytes += bytes;
-                self.bytes += bytes;
+                self.bytes += memory_of(bytes);
             } else {
                 self.unaccounted += 1;
                 entry.message = None;
             }
         }
-        self.bytes += ENTRY_BYTES;
+        self.bytes += entry.memory();
         let (now, of) = (entry.at, entry.message.as_ref().map(|message| message.topic.clone()));
         self.entries.push_back(entry);
         self.make_room(now, of.as_deref());
@@ -191,6 +220,7 @@ impl Ring {
     /// Takes the engine's present state.
     pub fn push_keyframe(&mut self, engine: Arc<Engine>) {
         let now = engine.now();
+        self.keyframe_bytes += engine.memory();
         self.keyframes.push_back((self.next(), now));
         self.push(Entry { at: now, taken: Taken::Keyframe(Some(engine)), message: None });
         // Of older ones, one a minute is enough: states of a large vehicle are large.
@@ -201,11 +231,24 @@ impl Ring {
             };
             now.since(it) > THINNED_AFTER && after.since(before) <= THINNED_AFTER
         };
-        if let Some(spare) = (1..self.keyframes.len()).find(is_spare)
-            && let Some((place, _)) = self.keyframes.remove(spare)
+        if let Some(spare) = (1..self.keyframes.len()).find(is_spare) {
+            self.forget_keyframe(spare);
+        }
+        // Those of a vehicle that is larger still leave half of the memory to what was received.
+        while self.keyframe_bytes > self.bytes_max / 2 && self.keyframes.len() > 1 {
+            let at = |index: usize| self.keyframes.get(index).map_or(Timestamp::ZERO, |&(_, at)| at);
+            let last = self.keyframes.len() - 1;
+            let closest = (1..last).min_by_key(|&index| at(index + 1).since(at(index - 1)));
+            self.forget_keyframe(closest.unwrap_or(0));
+        }
+    }
+
+    fn forget_keyframe(&mut self, index: usize) {
+        if let Some((place, _)) = self.keyframes.remove(index)
             && let Some(entry) = self.entry(place)
+            && let Taken::Keyframe(Some(engine)) = std::mem::replace(&mut entry.taken, Taken::Keyframe(None))
         {
-            entry.taken = Taken::Keyframe(None);
+            self.keyframe_bytes -= engine.memory();
         }
     }
 
@@ -239,7 +282,7 @@ impl Ring {
         let mut bytes = 0;
         let fits = |entry: &&Entry| {
             let before = bytes;
-            bytes += ENTRY_BYTES + entry.message.as_ref().map_or(0, |message| message.len());
+            bytes += entry.memory() + entry.message.as_ref().map_or(0, |message| message.len());
             before == 0 || bytes <= bytes_max
         };
         (self.entries.iter().skip(skip).take_while(fits).cloned().collect(), gone)
@@ -284,8 +327,9 @@ impl Ring {
         self.entries.front().map_or(Span::ZERO, |entry| now.since(entry.at))
     }
 
+    /// The memory that it takes. One state of the engine has its place even where it takes more than half of it.
     pub fn bytes(&self) -> usize {
-        self.bytes
+        self.bytes + self.latched.bytes() + self.keyframe_bytes.min(self.bytes_max / 2)
     }
 
     fn make_room(&mut self, now: Timestamp, of: Option<&str>) {
@@ -297,7 +341,7 @@ impl Ring {
             let Some((place, received, bytes)) = topic.held.pop_front() else { break };
             topic.bytes -= bytes;
             topic.drop_for_room(received);
-            self.bytes -= bytes;
+            self.bytes -= memory_of(bytes);
             self.forget_message(place);
             // The other inputs of the same message.
             while let Some(topic) = of.and_then(|of| self.topics.get_mut(of))
@@ -307,7 +351,7 @@ impl Ring {
             }
         }
         while let Some(oldest) = self.entries.front() {
-            let is_full = self.bytes > self.bytes_max;
+            let is_full = self.bytes() > self.bytes_max;
             if !is_full && now.since(oldest.at) <= KEPT_FOR {
                 break;
             }
@@ -326,7 +370,10 @@ impl Ring {
 
     fn drop_oldest(&mut self, for_room: bool) {
         let Some(oldest) = self.entries.pop_front() else { return };
-        self.bytes -= ENTRY_BYTES;
+        self.bytes -= oldest.memory();
+        if let Taken::Keyframe(Some(engine)) = &oldest.taken {
+            self.keyframe_bytes -= engine.memory();
+        }
         if let Some(message) = oldest.message.as_ref().filter(|message| message.kept) {
             self.latched.take(oldest.at, message.clone(), self.bytes_max);
         }
@@ -338,7 +385,7 @@ impl Ring {
             if for_room {
                 topic.drop_for_room(received);
             }
-            self.bytes -= bytes;
+            self.bytes -= memory_of(bytes);
         }
         self.first += 1;
         while self.keyframes.front().is_some_and(|&(place, _)| place < self.first) {
@@ -350,7 +397,8 @@ impl Ring {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::model::{Model, Parts, StageModel};
+    use crate::engine::input::StatusArray;
+    use crate::engine::model::{Model, Other, Parts, StageModel};
     use crate::msg::cdr::Endian;
 
     fn message(topic: &str, bytes: usize) -> Arc<Message> {
@@ -362,6 +410,7 @@ mod tests {
             source: None,
             received: std::time::SystemTime::UNIX_EPOCH,
             body: Ok((vec![0; bytes].into(), Endian::Little)),
+            left_out: 0,
             kept: false,
         })
     }
@@ -399,7 +448,9 @@ mod tests {
         }
         assert!(ring.bytes() <= 100_000 && ring.bytes() > 80_000, "{}", ring.bytes());
         let sum: usize = ring.entries.iter().map(|it| it.message.as_ref().map_or(0, |it| it.len())).sum();
-        assert_eq!(ring.bytes(), sum + ENTRY_BYTES * ring.entries.len());
+        let messages = ring.entries.iter().filter(|it| it.message.is_some()).count();
+        let entries = (ENTRY_BYTES + INPUT_BYTES) * ring.entries.len();
+        assert_eq!(ring.bytes(), sum + MESSAGE_BYTES * messages + entries);
         let (entries, gone) = ring.read(3, usize::MAX);
         assert_eq!(entries.len() as u64 + gone, 101 - 3);
         assert_eq!(ring.read(ring.next(), usize::MAX).0.len(), 0);
@@ -408,16 +459,45 @@ mod tests {
 
     #[test]
     fn inputs_of_one_message_share_its_bytes() {
-        let mut ring = Ring::new(1000 * ENTRY_BYTES);
-        let shared = message("/a", 100 * ENTRY_BYTES);
+        const ONE: usize = ENTRY_BYTES + INPUT_BYTES;
+        let mut ring = Ring::new(1000 * ONE);
+        let shared = message("/a", 100 * ONE);
         for at in 0..3 {
             let received = Timestamp::from_millis(at);
             ring.push_input(Stamped { input: Input::Tick, received, message: Some(shared.clone()) });
         }
-        assert_eq!(ring.bytes(), 103 * ENTRY_BYTES);
-        ring.set_bytes_max(150 * ENTRY_BYTES);
+        assert_eq!(ring.bytes(), 103 * ONE + MESSAGE_BYTES);
+        ring.set_bytes_max(150 * ONE);
         push(&mut ring, 5, "/a", 10);
         assert_eq!(kept(&ring), [(0, false), (1, false), (2, false), (5, true)]);
+    }
+
+    #[test]
+    fn states_of_a_large_vehicle_leave_half_of_the_memory_to_what_was_received() {
+        let mut parts = Parts { other: Other::Counted, ..Parts::empty("v", StageModel::None) };
+        parts.limits.discovered_modules = 1000;
+        let mut engine = Engine::begin(Arc::new(Model::new(parts).unwrap()), Timestamp::ZERO);
+        let mut array = StatusArray::default();
+        for module in 0..1000 {
+            array.push_status(0, &format!("module {module}"), &"as it is ".repeat(100), "");
+        }
+        engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(1));
+        let engine = Arc::new(engine);
+        assert!(engine.memory() > 1_000_000, "{}", engine.memory());
+        let bytes_max = 6 * engine.memory();
+        let mut ring = Ring::new(bytes_max);
+        for at_ms in (0..300_000).step_by(100) {
+            if at_ms % 10_000 == 0 {
+                let mut engine = Engine::clone(&engine);
+                engine.handle(&Input::Tick, Timestamp::from_millis(at_ms));
+                ring.push_keyframe(Arc::new(engine));
+            }
+            push(&mut ring, at_ms, "/a", 2_000);
+            assert!(ring.bytes() <= bytes_max && ring.keyframe_bytes <= bytes_max / 2);
+        }
+        assert!(ring.keyframes.len() >= 2, "{:?}", ring.keyframes);
+        let states = ring.entries.iter().filter(|it| matches!(it.taken, Taken::Keyframe(Some(_)))).count();
+        assert_eq!(states, ring.keyframes.len());
     }
 
     #[test]

@@ -254,6 +254,7 @@ fn ms(ns: u64) -> i64 {
 fn triggers(summary: &Summary) -> impl Iterator<Item = Moment> {
     summary.triggers.iter().filter_map(|trigger| {
         let what = match &*trigger.kind {
+            kind::OWN_ERROR => Happened::FailsBehind { node: trigger.what.clone() },
             kind::LOST_ACTIVE => Happened::LostActive { stage: trigger.what.clone() },
             kind::COUNTERMEASURE => Happened::Request { request: trigger.what.clone() },
             kind::MARK => Happened::Mark { by: trigger.what.clone(), note: trigger.note.clone() },

@@ -36,6 +36,7 @@ pub struct Summary {
 /// The kinds of a [`TriggerLine`].
 pub mod kind {
     pub const ROOT: &str = "root";
+    pub const OWN_ERROR: &str = "own_error";
     pub const LOST_ACTIVE: &str = "lost_active";
     pub const COUNTERMEASURE: &str = "countermeasure";
     pub const MARK: &str = "mark";
@@ -58,11 +59,15 @@ impl Summary {
     }
 
     /// The nodes that it is about: the roots, and modules that showed a WARNING. The roots are known later than
-    /// the alarms: until then the nodes with alarms take their place.
+    /// the alarms: until then the nodes with alarms take their place. Without a new fault that was shown, it is about those
+    /// that were hidden.
     pub fn causes(&self) -> Vec<&str> {
         let mut causes: Vec<&str> = self.roots.iter().map(String::as_str).collect();
-        let shown = self.triggers.iter().filter(|trigger| {
-            trigger.kind == kind::ROOT && (trigger.alarm.is_none() || self.roots.is_empty())
+        let is_shown = self.triggers.iter().any(|trigger| trigger.kind == kind::ROOT);
+        let shown = self.triggers.iter().filter(|trigger| match &*trigger.kind {
+            kind::ROOT => trigger.alarm.is_none() || self.roots.is_empty(),
+            kind::OWN_ERROR => !is_shown,
+            _ => false,
         });
         for trigger in shown {
             if !causes.contains(&&*trigger.what) {
@@ -79,7 +84,7 @@ pub struct TriggerLine {
     pub at_ms: i64,
     /// One of [`kind`].
     pub kind: String,
-    /// The node of a root, the request of a countermeasure, the stage after `active`, or who marked.
+    /// The node of a root or of an ERROR behind one, the request of a countermeasure, the stage after `active`, or who marked.
     pub what: String,
     /// The number of the alarm of a root.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -123,14 +128,46 @@ pub struct Recording {
     /// The program ended while it was recorded.
     #[serde(default)]
     pub interrupted: bool,
+    /// Messages that had no room, by `recording.disk` or on the disk, and their bytes.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub left_out: u64,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub left_out_bytes: u64,
     /// The file was not there any more when it should have been completed: the recording is lost.
     #[serde(default)]
     pub gone: bool,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde gives it so")]
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 impl Recording {
     /// The file is still written.
     pub fn is_open(&self) -> bool {
         !self.finished && !self.interrupted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hidden_faults_are_what_an_incident_is_about_only_without_another_new_one() {
+        let trigger = |kind: &str, what: &str, alarm| TriggerLine {
+            at_ms: 0,
+            kind: kind.into(),
+            what: what.into(),
+            alarm,
+            note: String::new(),
+        };
+        let hidden = trigger(kind::OWN_ERROR, "base/brake", None);
+        let mut summary =
+            Summary { triggers: vec![hidden], roots: vec!["gnss/fix".into()], ..Summary::default() };
+        assert_eq!(summary.causes(), ["gnss/fix", "base/brake"]);
+        summary.triggers.push(trigger(kind::ROOT, "gnss/fix", Some(3)));
+        assert_eq!(summary.causes(), ["gnss/fix"]);
     }
 }

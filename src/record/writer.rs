@@ -1,11 +1,12 @@
 //! The thread that writes incidents into files. It reads the ring; when the disk is slower than the world, the
 //! ring forgets the oldest messages of large topics first, and the file counts what it lacks.
 
+mod left_out;
 mod open_file;
 mod recent;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,6 +16,7 @@ use super::file::{FileError, IncidentFile};
 use super::job::Job;
 use super::recorder::{Recorder, Shared};
 use super::ring::Entry;
+use super::room::{Part, Room, check_room};
 use super::summary::Summary;
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
@@ -34,9 +36,6 @@ const TRY_EVERY: Span = Span::from_secs(5);
 
 /// Without a failure it is tried this often: nobody learns otherwise that it has become useless.
 const LOOK_AFTER_DISK_EVERY: Span = Span::from_secs(60);
-
-/// With less free room than this, no recording of some length fits.
-const ROOM_MIN: u64 = 4 << 20;
 
 /// News that may wait for their receiver.
 pub const NEWS_MAX: usize = 64;
@@ -75,12 +74,13 @@ pub struct Place {
 pub fn start(
     recorder: &Recorder,
     place: Place,
+    room: Room,
     news: mpsc::Sender<News>,
     fault: watch::Sender<Fault>,
 ) -> std::io::Result<std::thread::JoinHandle<()>> {
     let shared = recorder.0.clone();
     let writer =
-        Writer { clock: shared.clock(), shared, place, news, untold: Vec::new(), fault, tried: None };
+        Writer { clock: shared.clock(), shared, place, room, news, untold: Vec::new(), fault, tried: None };
     std::thread::Builder::new().name("incidents".into()).spawn(move || writer.run())
 }
 
@@ -88,6 +88,7 @@ struct Writer {
     shared: Arc<Shared>,
     clock: Clock,
     place: Place,
+    room: Room,
     news: mpsc::Sender<News>,
     /// Ends of recordings that the receiver of news had no room for.
     untold: Vec<News>,
@@ -123,7 +124,11 @@ impl Writer {
 
     /// Writes an incident from its beginning to its end.
     fn write(&mut self, job: &Job) {
-        let begun = self.shared.on_disk(|| OpenFile::begin(&self.place, job, self.clock));
+        let mut part = Part::of(self.room.clone());
+        let begun = self.shared.on_disk(|| {
+            let most = part.most(&self.place.folder, 0, self.clock.now())?;
+            OpenFile::begin(&self.place, job, most, self.clock)
+        });
         let mut file = match begun {
             Ok(file) => file,
             Err(error) => return self.fail(&error),
@@ -153,6 +158,7 @@ impl Writer {
             if let Err(error) = written {
                 return self.give_up(file.abandon(self.clock), &error);
             }
+            self.look_after_room(&mut part, &mut file);
             if is_told {
                 is_extended = false;
                 self.tell(News::Extended(file.summary.clone()));
@@ -183,6 +189,23 @@ impl Writer {
         }
     }
 
+    /// The file grows no further than its room. On a full disk it waits for room, and lacks what comes meanwhile.
+    fn look_after_room(&mut self, part: &mut Part, file: &mut OpenFile) {
+        let (length, now) = (file.length(), self.clock.now());
+        match self.shared.on_disk(|| part.most(&self.place.folder, length, now)) {
+            Ok(most) => {
+                file.grow_to(most);
+                self.recover();
+            }
+            Err(error) => {
+                file.grow_to(length);
+                if self.fault.borrow().is_none() {
+                    self.fail(&error);
+                }
+            }
+        }
+    }
+
     /// The disk refused more: what is there can be read.
     fn give_up(&mut self, summary: Summary, error: &FileError) {
         self.tell_surely(News::Ended(summary));
@@ -192,6 +215,8 @@ impl Writer {
     fn fail(&mut self, error: &FileError) {
         tracing::error!(%error, "an incident cannot be recorded");
         self.tried = Some(self.clock.now());
+        // If it is full, older recordings make room.
+        self.room.want();
         let fault: Fault = Some(error.to_string().into());
         self.fault.send_if_modified(|said| {
             let is_new = *said != fault;
@@ -263,18 +288,6 @@ impl Writer {
         // Incidents open once a minute: this many only wait if the receiver is gone for an hour.
         self.untold.truncate(NEWS_MAX);
     }
-}
-
-/// # Errors
-/// There is hardly any, or the disk does not say.
-fn check_room(folder: &Path) -> Result<(), FileError> {
-    let system = rustix::fs::statvfs(folder);
-    let system = system.map_err(|error| FileError::io(folder, "examined", error.into()))?;
-    let free = system.f_bavail.saturating_mul(system.f_frsize);
-    if free >= ROOM_MIN {
-        return Ok(());
-    }
-    Err(FileError::format(folder, format!("the disk is full: {} KiB are free", free / 1024)))
 }
 
 #[cfg(test)]

@@ -219,7 +219,7 @@ mod tests {
             let mut array = StatusArray::default();
             array.push_status(level, "m", "as it is", "");
             let took = Took::Input(Cow::Owned(Input::Diagnostics(array)));
-            let line = Line { at_ns: Timestamp::from_nanos(1000 * us), took, message: None };
+            let line = Line { at_ns: Timestamp::from_nanos(1000 * us), took, message: None, left_out: None };
             file.json(&JOURNAL, ZERO_NS + 1000 * us, &line).unwrap();
         }
         file.finish().unwrap();

@@ -260,7 +260,7 @@ impl Steps {
         }
     }
 
-    fn line(&mut self, Line { at_ns: at, took, message }: Line<'_>, model: &Model) -> Option<Step> {
+    fn line(&mut self, Line { at_ns: at, took, message, .. }: Line<'_>, model: &Model) -> Option<Step> {
         let is_anew = self.bridge.is_some();
         match took {
             Took::Lost(count) => {

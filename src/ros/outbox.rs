@@ -6,7 +6,6 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
 use crate::engine::input::Input;
-use crate::engine::model::sample::FieldValue;
 use crate::msg::received::Stamped;
 
 /// Bytes of messages that may wait for the engine from one topic, beside the last message.
@@ -80,14 +79,7 @@ pub fn waiting_bytes(input: &Input, body_bytes: usize) -> usize {
     const SMALL: usize = 64;
     match input {
         Input::Diagnostics(_) => body_bytes,
-        Input::Sample(sample) => {
-            let text = |value: &FieldValue| match value {
-                FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
-                _ => 0,
-            };
-            sample.values.iter().map(|value| SMALL + text(value)).sum::<usize>() + SMALL
-        }
-        _ => SMALL,
+        input => SMALL + input.text_bytes(),
     }
 }
 

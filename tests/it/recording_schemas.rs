@@ -18,7 +18,7 @@ use telltale::engine::model::sample::{
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::record::file::{IncidentFile, JOURNAL, TRANSITIONS};
-use telltale::record::journal::{Line, MessageRef, Took};
+use telltale::record::journal::{LeftOut, Line, MessageRef, Took};
 use telltale::record::ring::ConfigurationText;
 use telltale::record::transition::{Change, Transition};
 
@@ -244,7 +244,15 @@ fn every_kind_of_document_follows_its_schema() {
         .enumerate()
         .map(|(at, took)| {
             let message = at.is_multiple_of(2).then(|| message.clone());
-            Line { at_ns: Timestamp::from_millis(at as u64), took, message }
+            let left_out = message.is_none().then(|| LeftOut {
+                topic: "/points".into(),
+                writer: "01".repeat(16),
+                sequence: 7,
+                received_ns: 8,
+                published_ns: (at % 2 == 0).then_some(9),
+                bytes: 10,
+            });
+            Line { at_ns: Timestamp::from_millis(at as u64), took, message, left_out }
         })
         .collect();
     for line in &lines {

@@ -12,7 +12,7 @@ use anyhow::Context as _;
 use super::{EXIT_NO, hashed};
 use crate::cli::check::print;
 use crate::record::retention::size;
-use crate::record::{file, folder};
+use crate::record::{file, folder, removed};
 use crate::store::audit::verify_audit_in;
 use crate::store::{Incident, IncidentRecords, Incidents};
 use crate::yaml::plain::escaped;
@@ -132,6 +132,11 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
     let hash = opened.and_then(|mut file| hashed(&mut file, &mut io::sink()));
     let (bytes, hash) = match hash {
         Ok(hashed) => hashed,
+        Err(_) if is_missing && removed::is_unrecorded(recordings, id) => {
+            return Found::Bad(
+                "it was removed to make room, and the audit log has no record of that yet".to_owned(),
+            );
+        }
         Err(_) if is_missing => return Found::Bad(format!("{path} is gone")),
         Err(error) => return Found::Bad(format!("{path} cannot be read: {error}")),
     };

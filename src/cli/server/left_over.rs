@@ -9,7 +9,8 @@ use tokio::task;
 use crate::record::beside::Beside;
 use crate::record::file::{FileError, repair};
 use crate::record::proof::NO_HASH;
-use crate::record::retention::INCIDENTS_MAX;
+use crate::record::retention::{INCIDENTS_MAX, Policy};
+use crate::record::room::Disk;
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
 use crate::record::{beside, folder, found};
@@ -18,8 +19,8 @@ use crate::store::{IncidentRecords, Store};
 
 /// Completes the files of incidents that the end of an earlier run, or a fault of the disk, interrupted. One whose file
 /// is gone is marked so, and is looked at again only if its file is back. `is_left`: those that are still written. What
-/// the audit log contradicts is evidence, and is left as it is.
-pub async fn make_whole(store: &Store, folder: &Path, is_left: impl Fn(&Summary) -> bool) {
+/// the audit log contradicts is evidence, and is left as it is. One whose copy has no room waits for it.
+pub async fn make_whole(store: &Store, folder: &Path, policy: &Policy, is_left: impl Fn(&Summary) -> bool) {
     // Without the folder, nothing tells whether a file is gone.
     if let Err(error) = std::fs::read_dir(folder) {
         return tracing::error!(%error, "interrupted incidents are not looked for");
@@ -49,6 +50,12 @@ pub async fn make_whole(store: &Store, folder: &Path, is_left: impl Fn(&Summary)
             continue;
         }
         let Some(path) = folder::path_of(folder, &summary.recording.file) else { continue };
+        // Until it is whole there are two of it.
+        let bytes = path.metadata().map_or(0, |meta| meta.len());
+        if Disk::of(folder).is_ok_and(|disk| !disk.has_room_for(bytes, policy)) {
+            tracing::warn!("there is no room yet to complete the recording of incident {id}");
+            continue;
+        }
         let whole = task::spawn_blocking(move || whole(summary, &path)).await;
         let Ok(Some(summary)) = whole else { continue };
         if let Err(error) = store.incident_finished(&summary).await {

@@ -15,7 +15,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task;
 
 use self::books::{BookEntry, confirmed, keep_books};
-use self::tidying::look_after;
+use self::tidying::{Kept, look_after};
 use super::timekeeping::Watched;
 use super::{left_over, reload};
 use crate::clock::Clock;
@@ -27,6 +27,7 @@ use crate::record::folder;
 use crate::record::incident::Margins;
 use crate::record::recorder::{Recorder, Settings};
 use crate::record::retention::Policy;
+use crate::record::room::Room;
 use crate::record::writer::{self, Fault, NEWS_MAX, Place, VEHICLE};
 use crate::runtime::Link;
 use crate::store::{Store, clean_note, make_folder};
@@ -137,7 +138,7 @@ pub async fn start(
     if let Err(error) = make_folder(&folder) {
         tracing::error!(%error, "the folder {} cannot be made", folder.display());
     }
-    left_over::make_whole(store, &folder, |_| false).await;
+    left_over::make_whole(store, &folder, &policy, |_| false).await;
     let files = folder::numbers(&folder).unwrap_or_default();
     let largest = files.last().copied().unwrap_or(0);
     let number = store.next_incident_number(largest).await.unwrap_or_else(|error| {
@@ -155,16 +156,17 @@ pub async fn start(
     }
     let place = Place { folder: folder.clone(), definitions, about };
     let (of_writer, faults_of_writer) = watch::channel(None);
-    let writer =
-        writer::start(&recorder, place.clone(), tell, of_writer).context("no thread can be started")?;
+    let room = Room::new(&policy);
+    let writer = writer::start(&recorder, place.clone(), room.clone(), tell, of_writer)
+        .context("no thread can be started")?;
     let (fault, faults) = watch::channel(None);
     let (policy, policies) = watch::channel(policy);
     let (write, entry) = watch::channel(BookEntry::default());
     let books = tokio::spawn(keep_books(news, store.clone(), write));
     let watching = tokio::spawn(watch_disk(faults_of_writer, fault, recorder.clone(), folder.clone()));
     let (tell_kept, kept_too_much) = watch::channel(false);
-    let tidying =
-        tokio::spawn(look_after(policies, store.clone(), folder, files, recorder.clone(), tell_kept, clock));
+    let kept = Kept { store: store.clone(), folder, recorder: recorder.clone(), room, clock };
+    let tidying = tokio::spawn(look_after(policies, kept, files, tell_kept));
     Ok(Some(Recording {
         recorder,
         place,

@@ -30,6 +30,16 @@ pub struct Sample {
 impl Sample {
     /// Replaces an unknown time.
     pub const NO_CLOCK: i64 = i64::MIN;
+
+    /// About the bytes of its values.
+    pub fn value_bytes(&self) -> usize {
+        let held = |value: &FieldValue| match value {
+            FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
+            FieldValue::Positions(list) => size_of_val(&*list.taken) + size_of::<Positions>(),
+            FieldValue::Number(_) | FieldValue::Bool(_) | FieldValue::Pose(_) | FieldValue::Absent => 0,
+        };
+        size_of_val(&*self.values) + self.values.iter().map(held).sum::<usize>()
+    }
 }
 
 /// The value of a field.

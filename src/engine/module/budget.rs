@@ -44,6 +44,17 @@ fn key(id: ModuleId, bytes: u32) -> (u8, Reverse<ModuleId>) {
     ((u32::BITS - bytes.leading_zeros()) as u8, Reverse(id))
 }
 
+/// The memory of a module beside the texts of its report, with its view and what its monitor remembers.
+const MODULE_BYTES: usize = 1024;
+
+impl Engine {
+    /// About the memory of a copy of this engine that shares no report with others.
+    pub fn memory(&self) -> usize {
+        let texts = usize::try_from(self.views.budget.total).unwrap_or(usize::MAX);
+        texts.saturating_add(self.net.modules.len() * MODULE_BYTES)
+    }
+}
+
 impl Budget {
     pub(in crate::engine) fn new(limits: &Limits) -> Budget {
         let (limit, source_limit) = (limits.status_bytes as u64, limits.source_bytes as u64);

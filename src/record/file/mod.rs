@@ -32,6 +32,9 @@ pub const ABOUT: &str = "telltale";
 /// The name of the metadata record with what was known of an incident when its recording began.
 pub const BEGUN: &str = "telltale:begun";
 
+/// The name of the metadata record with what each topic lacks, for want of room.
+pub const LEFT_OUT: &str = "telltale:left_out";
+
 /// The schema of a type whose definition is not known.
 const UNDEFINED: &str = "# The definition of this type was not known where it was recorded.\n";
 

@@ -19,6 +19,13 @@ use crate::msg::cdr::Endian;
 /// memory of a writer.
 pub const CHUNK_BYTES: usize = 4 << 20;
 
+/// What a message or a document takes in the file beside its bytes, with its entry in the index.
+const RECORD_BYTES: usize = 64;
+
+/// An entry of the index of chunks, and what each topic adds to it.
+const CHUNK_INDEX_BYTES: u64 = 128;
+const TOPIC_INDEX_BYTES: u64 = 24;
+
 /// One MCAP file with the profile `ros2`. Everything up to the last ended chunk can be read at any time,
 /// also if the process or the computer ends.
 pub struct IncidentFile {
@@ -31,6 +38,11 @@ pub struct IncidentFile {
     bytes: usize,
     messages: u64,
     scratch: Vec<u8>,
+    /// No message makes it longer than this.
+    most: u64,
+    /// Of the schemas and channels, which stand at the end once more.
+    defined: u64,
+    chunks: u64,
 }
 
 /// A topic with one type in one file.
@@ -68,6 +80,9 @@ impl IncidentFile {
             bytes: 0,
             messages: 0,
             scratch: Vec::new(),
+            most: u64::MAX,
+            defined: 0,
+            chunks: 0,
         };
         match file.metadata(ABOUT, about) {
             Ok(()) => Ok(file),
@@ -90,6 +105,24 @@ impl IncidentFile {
     /// The length up to which the file can be read now.
     pub fn len(&self) -> u64 {
         self.output.whole()
+    }
+
+    /// From now on it grows no further than to this length.
+    pub fn grow_to(&mut self, most: u64) {
+        self.most = most;
+    }
+
+    /// The length to which it may grow.
+    pub fn most(&self) -> u64 {
+        self.most
+    }
+
+    /// Bytes that still have a place, so that the file can be completed. What waits to be compressed counts whole.
+    pub fn left(&self) -> u64 {
+        let topics = (self.topics.len() + self.json.len()) as u64;
+        let index = (self.chunks + 1) * (CHUNK_INDEX_BYTES + topics * TOPIC_INDEX_BYTES);
+        let end = index + self.defined + topics * CHUNK_INDEX_BYTES;
+        self.most.saturating_sub(self.len() + self.bytes as u64 + end)
     }
 
     pub fn is_empty(&self) -> bool {
@@ -125,7 +158,10 @@ impl IncidentFile {
         definition: &str,
         metadata: &BTreeMap<String, String>,
     ) -> Result<Topic, FileError> {
-        self.bytes += definition.len();
+        let facts: usize = metadata.iter().map(|(key, value)| key.len() + value.len()).sum();
+        let bytes = definition.len() + type_name.len() + topic.len() + facts + RECORD_BYTES;
+        self.bytes += bytes;
+        self.defined += bytes as u64;
         self.output.put(|writer| {
             let schema = writer.add_schema(type_name, "ros2msg", definition.as_bytes())?;
             writer.add_channel(schema, topic, "cdr", metadata).map(Topic)
@@ -150,7 +186,7 @@ impl IncidentFile {
     }
 
     /// A document of one of our own channels. Returns whether it is in the file: one that is too large for its
-    /// readers is not.
+    /// readers, or has no place, is not.
     ///
     /// # Errors
     /// It is no JSON (a map's key is no text), or the disk failed, if this completes a chunk.
@@ -163,7 +199,9 @@ impl IncidentFile {
         self.scratch.clear();
         let length = json::encode(document, &mut self.scratch)
             .map_err(|error| FileError::format(self.output.path(), error.to_string()))?;
-        if length > channel.bytes_max {
+        // A channel stands at the end of the file once more.
+        let of_channel = if self.json.contains_key(channel.topic) { 0 } else { 2 * channel.schema.len() };
+        if length > channel.bytes_max || (length + of_channel + RECORD_BYTES) as u64 > self.left() {
             return Ok(false);
         }
         let (topic, sequence) = match self.json.get(channel.topic) {
@@ -180,7 +218,9 @@ impl IncidentFile {
         let header = MessageHeader { channel_id: topic.0, sequence, log_time, publish_time };
         self.output.put(|writer| writer.write_to_known_channel(&header, &self.scratch))?;
         self.messages += 1;
-        self.bytes += self.scratch.len();
+        self.bytes += self.scratch.len() + RECORD_BYTES;
+        self.scratch.clear();
+        self.scratch.shrink_to(CHUNK_BYTES);
         if self.bytes >= CHUNK_BYTES { self.end_chunk() } else { Ok(()) }
     }
 
@@ -222,6 +262,7 @@ impl IncidentFile {
     /// Of the disk. The file then ends with the last whole chunk and takes nothing more.
     pub fn end_chunk(&mut self) -> Result<(), FileError> {
         self.bytes = 0;
+        self.chunks += 1;
         self.output.end_chunk()
     }
 

@@ -20,6 +20,10 @@ pub enum Happened {
         state: String,
         message: String,
     },
+    /// A module is in ERROR itself, which a fault that is shown hides.
+    FailsBehind {
+        node: String,
+    },
     /// The nodes are explained by a root cause and hidden behind it.
     Masks {
         by: String,

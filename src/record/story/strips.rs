@@ -52,7 +52,13 @@ pub fn strips(
     (from_ms, to_ms): (i64, i64),
 ) -> (Vec<NodeStrip>, u64) {
     let mut order: Vec<&str> = summary.causes();
-    order.extend(summary.triggers.iter().filter(|it| it.kind == kind::ROOT).map(|it| &*it.what));
+    order.extend(
+        summary
+            .triggers
+            .iter()
+            .filter(|it| matches!(&*it.kind, kind::ROOT | kind::OWN_ERROR))
+            .map(|it| &*it.what),
+    );
     let in_span = || changes.iter().filter(|change| (from_ms..=to_ms).contains(&change.at_ms));
     let shown = |change: &'_ Transition<'_>, is_wanted: fn(&str, &str) -> bool| match &change.change {
         Change::Shown { node, shown, .. } if is_wanted(node, shown) => Some(node.to_string()),

@@ -3,12 +3,13 @@
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::io::Read as _;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
+use super::left_out::LeftOut;
 use super::{Place, VEHICLE};
 use crate::clock::Clock;
 use crate::engine::Engine;
@@ -17,7 +18,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Record;
 use crate::msg::received::Message;
 use crate::record::file::{
-    BEGUN, FileError, IncidentFile, JOURNAL, JsonChannel, KEYFRAMES, MessageStamps, TRANSITIONS,
+    BEGUN, FileError, IncidentFile, JOURNAL, JsonChannel, KEYFRAMES, LEFT_OUT, MessageStamps, TRANSITIONS,
 };
 use crate::record::folder::file_name;
 use crate::record::incident::Trigger;
@@ -42,17 +43,22 @@ pub(super) struct OpenFile {
     untold: VecDeque<(Timestamp, TriggerLine)>,
     /// The time of the last entry.
     written: Timestamp,
-    /// The last message of each topic that was written: several entries may share one.
-    last: HashMap<Arc<str>, Arc<Message>>,
+    /// The last message of each topic, whose bytes need not stay for that, and whether it is in the file: several entries
+    /// may share one.
+    last: HashMap<Arc<str>, (Weak<Message>, bool)>,
     /// The transitions begin with the states of all nodes, which are written.
     knows_states: bool,
     /// When the last chunk ended; `None`: nothing is on the disk yet.
     chunk_ended: Option<Timestamp>,
+    left_out: LeftOut,
+    /// Entries that are missing here, which the journal does not say yet.
+    unsaid: u64,
 }
 
 impl OpenFile {
     /// Begins the file. What is known of the incident is on the disk then. If the disk refuses that, no file is left.
-    pub(super) fn begin(place: &Place, job: &Job, clock: Clock) -> Result<OpenFile, FileError> {
+    /// It grows no further than to `most`.
+    pub(super) fn begin(place: &Place, job: &Job, most: u64, clock: Clock) -> Result<OpenFile, FileError> {
         let now = clock.now();
         let zero = clock.wall() - Duration::from_nanos(now.as_nanos());
         let since = zero + Duration::from_nanos(job.open.since.as_nanos());
@@ -91,6 +97,8 @@ impl OpenFile {
                 missing: 0,
                 interrupted: false,
                 gone: false,
+                left_out: 0,
+                left_out_bytes: 0,
             },
         };
         let mut open = OpenFile {
@@ -103,10 +111,15 @@ impl OpenFile {
             last: HashMap::new(),
             knows_states: false,
             chunk_ended: None,
+            left_out: LeftOut::default(),
+            unsaid: 0,
         };
         open.follow(job);
         match open.introduce(place, job, unix_ns(since)) {
-            Ok(()) => Ok(open),
+            Ok(()) => {
+                open.file.grow_to(most);
+                Ok(open)
+            }
             Err(error) => {
                 open.file.remove();
                 Err(error)
@@ -172,14 +185,12 @@ impl OpenFile {
         self.tell_triggers(entry.at)?;
         self.written = entry.at;
         let at = unix_ns(self.wall(entry.at));
-        if let Some(message) = &entry.message {
-            self.take_message(message, at, place)?;
-        }
+        let is_there = match &entry.message {
+            Some(message) => self.take_message(message, at, place)?,
+            None => false,
+        };
         match &entry.taken {
-            Taken::Keyframe(Some(engine)) => {
-                self.document(&KEYFRAMES, at, &engine.keyframe())?;
-                if self.knows_states { Ok(()) } else { self.states(engine) }
-            }
+            Taken::Keyframe(Some(engine)) => self.keyframe(at, engine),
             Taken::Keyframe(None) => Ok(()),
             Taken::Transition(record) => {
                 let transition = Transition::of(record, unix_ms(self.wall(record.at)));
@@ -190,7 +201,7 @@ impl OpenFile {
                     Transition { at_ms: unix_ms(self.wall(entry.at)), change: (**change).clone() };
                 self.document(&TRANSITIONS, at, &transition).map(drop)
             }
-            Taken::Statuses if entry.message.is_none() => {
+            Taken::Statuses if !is_there => {
                 self.summary.recording.missing += 1;
                 self.lost(entry.at, 1)
             }
@@ -199,9 +210,31 @@ impl OpenFile {
                 self.lost(entry.at, *count)
             }
             Taken::Input(_) | Taken::Statuses | Taken::Reload(_) => {
-                if self.document(&JOURNAL, at, &Line::of(entry))? { Ok(()) } else { self.lost(entry.at, 1) }
+                self.say_lost(entry.at)?;
+                let line = if is_there { Line::of(entry) } else { Line::without_message(entry) };
+                if self.unsaid == 0 && self.file.json(&JOURNAL, at, &line)? {
+                    return Ok(());
+                }
+                self.summary.recording.missing += 1;
+                self.lost(entry.at, 1)
             }
         }
+    }
+
+    /// The engine's whole state. The first one has to be there; later ones make a place for what is small.
+    fn keyframe(&mut self, at: u64, engine: &Engine) -> Result<(), FileError> {
+        if self.knows_states
+            && !self.left_out.has_place(
+                KEYFRAMES.topic,
+                engine.memory() as u64,
+                self.file.most(),
+                self.file.left(),
+            )
+        {
+            return Ok(());
+        }
+        self.document(&KEYFRAMES, at, &engine.keyframe())?;
+        if self.knows_states { Ok(()) } else { self.states(engine) }
     }
 
     /// Writes the triggers up to an instant. One that was noticed late stands behind what is there already.
@@ -231,10 +264,20 @@ impl OpenFile {
         Ok(is_written)
     }
 
-    /// Says in the journal that entries are missing.
+    /// Entries are missing, which the journal says as soon as it has a place for that.
     fn lost(&mut self, at: Timestamp, count: u64) -> Result<(), FileError> {
-        let lost = Entry { at, taken: Taken::Lost(count), message: None };
-        self.file.json(&JOURNAL, unix_ns(self.wall(at)), &Line::of(&lost)).map(drop)
+        self.unsaid += count;
+        self.say_lost(at)
+    }
+
+    fn say_lost(&mut self, at: Timestamp) -> Result<(), FileError> {
+        if self.unsaid > 0 {
+            let lost = Entry { at, taken: Taken::Lost(self.unsaid), message: None };
+            if self.file.json(&JOURNAL, unix_ns(self.wall(at)), &Line::of(&lost))? {
+                self.unsaid = 0;
+            }
+        }
+        Ok(())
     }
 
     /// The state of everything at the beginning, so that the transitions can be read by themselves.
@@ -248,14 +291,29 @@ impl OpenFile {
         })
     }
 
-    fn take_message(&mut self, message: &Arc<Message>, at: u64, place: &Place) -> Result<(), FileError> {
-        let is_written = |last: &Arc<Message>| Arc::ptr_eq(last, message);
-        if self.last.get(&message.topic).is_some_and(is_written) {
-            return Ok(());
+    /// Writes a message, if it is whole and has a place. Returns whether it is in the file.
+    fn take_message(&mut self, message: &Arc<Message>, at: u64, place: &Place) -> Result<bool, FileError> {
+        if let Some((last, is_there)) = self.last.get(&message.topic)
+            && std::ptr::eq(last.as_ptr(), Arc::as_ptr(message))
+        {
+            return Ok(*is_there);
         }
-        self.last.insert(message.topic.clone(), message.clone());
         // A body without a readable frame has no bytes.
-        let Ok((body, endian)) = &message.body else { return Ok(()) };
+        let Ok((body, endian)) = &message.body else { return Ok(true) };
+        let bytes = body.len() as u64;
+        let has_place = self.left_out.has_place(&message.topic, bytes, self.file.most(), self.file.left());
+        let is_there = message.left_out == 0 && has_place;
+        self.last.insert(message.topic.clone(), (Arc::downgrade(message), is_there));
+        if !has_place {
+            self.left_out.lack(&message.topic, bytes);
+            let lack = self.left_out.all();
+            let recording = &mut self.summary.recording;
+            (recording.left_out, recording.left_out_bytes) = (lack.messages, lack.bytes);
+        }
+        if !is_there {
+            return Ok(false);
+        }
+        self.left_out.write(&message.topic, bytes);
         let define = || place.definitions.text(&message.type_name);
         let topic = self.file.topic(&message.topic, &message.type_name, define)?;
         let stamps = MessageStamps {
@@ -265,7 +323,18 @@ impl OpenFile {
             sequence: (message.sequence & 0xffff_ffff) as u32,
         };
         self.summary.recording.messages += 1;
-        self.file.message(topic, stamps, (body, *endian))
+        self.file.message(topic, stamps, (body, *endian))?;
+        Ok(true)
+    }
+
+    /// The length of the file so far.
+    pub(super) fn length(&self) -> u64 {
+        self.file.len()
+    }
+
+    /// It grows no further than to this length.
+    pub(super) fn grow_to(&mut self, most: u64) {
+        self.file.grow_to(most);
     }
 
     /// Writes the triggers that are known, and all before them.
@@ -290,7 +359,7 @@ impl OpenFile {
     pub(super) fn finish(mut self, clock: Clock) -> (Summary, Result<(), FileError>) {
         let until_ms = unix_ms(self.wall(clock.now()));
         self.summary.until_ms.get_or_insert(until_ms);
-        let told = self.tell_triggers(Timestamp::MAX);
+        let told = self.tell_end();
         let OpenFile { file, mut summary, .. } = self;
         let finished =
             told.and_then(|()| file.finish()).map(|written| summary.recording.bytes = written.bytes);
@@ -300,6 +369,15 @@ impl OpenFile {
             summary.recording.interrupted = true;
         }
         (summary, finished)
+    }
+
+    /// What the end of the file says, whatever room there was for the rest.
+    fn tell_end(&mut self) -> Result<(), FileError> {
+        self.file.grow_to(u64::MAX);
+        self.tell_triggers(Timestamp::MAX)?;
+        self.say_lost(self.written)?;
+        let left_out = self.left_out.told();
+        if left_out.is_empty() { Ok(()) } else { self.file.metadata(LEFT_OUT, left_out) }
     }
 
     pub(super) fn abandon(mut self, clock: Clock) -> Summary {
@@ -318,6 +396,7 @@ impl OpenFile {
 fn trigger_line(at_ms: i64, trigger: &Trigger) -> TriggerLine {
     let (kind, what) = match trigger {
         Trigger::Root { node, .. } => (kind::ROOT, node.to_string()),
+        Trigger::OwnError { node } => (kind::OWN_ERROR, node.to_string()),
         Trigger::LostActive { stage } => (kind::LOST_ACTIVE, stage.as_str().to_owned()),
         Trigger::Countermeasure { kind: request } => (kind::COUNTERMEASURE, request.as_str().to_owned()),
         Trigger::Mark { by, .. } => (kind::MARK, by.to_string()),

@@ -7,6 +7,7 @@ use super::{BATCH_BYTES, Place};
 use crate::record::file::FileError;
 use crate::record::folder::file_name;
 use crate::record::recorder::Recorder;
+use crate::record::room::{FREE_MIN, free_bytes};
 
 /// Writes the last minutes into a file of this folder, of the vehicle and its definitions at `place`. Blocks.
 /// `None` if the ring holds no state of the engine yet.
@@ -16,24 +17,17 @@ use crate::record::recorder::Recorder;
 pub fn write_recent(recorder: &Recorder, place: &Place, folder: &Path) -> Result<Option<PathBuf>, FileError> {
     let shared = &recorder.0;
     let Some(job) = shared.lock().everything() else { return Ok(None) };
-    // All at once, and short locks: a slow disk must not find the rest gone, and the recorder goes on meanwhile.
-    let (mut batches, mut next, mut gone) = (Vec::new(), job.begin, 0);
-    while job.end.is_some_and(|end| next < end) {
-        let (entries, lost) = shared.lock().ring.read(next, BATCH_BYTES);
+    let place = Place { folder: folder.to_owned(), ..place.clone() };
+    let most = free_bytes(folder)?.saturating_sub(FREE_MIN);
+    let mut file = OpenFile::begin(&place, &job, most, shared.clock())?;
+    // A piece after the other: all of it at once would keep a second ring in memory. The oldest is what the ring forgets
+    // next, so it is written first; what a slow disk loses is counted in the file.
+    while job.end.is_some_and(|end| file.next < end) {
+        let (entries, gone) = shared.lock().ring.read(file.next, BATCH_BYTES);
         if entries.is_empty() {
             break;
         }
-        next += lost + entries.len() as u64;
-        gone += lost;
-        batches.push((entries, lost));
-    }
-    if gone > 0 {
-        tracing::debug!(gone, "the ring lost entries while they were read");
-    }
-    let place = Place { folder: folder.to_owned(), ..place.clone() };
-    let mut file = OpenFile::begin(&place, &job, shared.clock())?;
-    for (entries, gone) in &batches {
-        file.take(entries, *gone, &place)?;
+        file.take(&entries, gone, &place)?;
     }
     file.finish(shared.clock()).1?;
     Ok(Some(folder.join(file_name(job.number))))

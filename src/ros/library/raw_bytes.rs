@@ -14,13 +14,6 @@ use crate::msg::cdr::{Endian, Fault, FaultKind};
 /// A larger message is refused: 100,000 statuses of 600 bytes are smaller.
 pub const BODY_BYTES_MAX: usize = 64 << 20;
 
-/// The body that stands in a frame. One that fills the frame shares it; a smaller one is copied, so that no
-/// body keeps a frame of more than twice its own length.
-pub fn body_of(frame: &Bytes, body: &[u8]) -> Bytes {
-    let fills = body.len() >= frame.len() / 2;
-    if fills { frame.slice_ref(body) } else { Bytes::copy_from_slice(body) }
-}
-
 pub struct RawAdapter;
 
 /// Every encapsulation is accepted here, so that an unknown one can be reported with its topic.

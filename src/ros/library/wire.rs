@@ -11,7 +11,7 @@ use bytes::Bytes;
 use tokio_util::codec::LengthDelimitedCodec;
 
 use super::qos::Via;
-use super::raw_bytes::{BODY_BYTES_MAX, body_of};
+use super::raw_bytes::BODY_BYTES_MAX;
 use super::{Found, Quality, RawSample, SampleId};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
@@ -274,7 +274,9 @@ impl<'a> Reading<'a> {
     }
 
     fn body(&mut self) -> Result<Bytes, InvalidFrame> {
-        Ok(body_of(self.frame, self.bytes(BODY_BYTES_MAX)?))
+        // A frame lies in a buffer with others, which may be large: a body that shared it would keep all of it for as
+        // long as the recorder keeps the body.
+        self.bytes(BODY_BYTES_MAX).map(Bytes::copy_from_slice)
     }
 
     fn text(&mut self) -> Result<String, InvalidFrame> {

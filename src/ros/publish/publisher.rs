@@ -168,6 +168,7 @@ impl Publisher {
                 source: Some(stamp),
                 received: clock.wall(),
                 body: Ok((body, Endian::Little)),
+                left_out: 0,
                 kept: offered.kept,
             };
             let message = Some(Arc::new(message));

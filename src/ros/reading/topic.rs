@@ -236,6 +236,7 @@ impl Topic {
             source: sample.source,
             received: self.around.clock.wall(),
             body: sample.body,
+            left_out: 0,
             kept: keeps,
         });
         if keeps {

@@ -61,7 +61,7 @@ struct Told<'a> {
     #[schemars(schema_with = "words::some_time")]
     until: Option<String>,
     roots: Vec<&'a str>,
-    /// Of its triggers: `root`, `lost_active`, `countermeasure`, `mark`.
+    /// Of its triggers: `root`, `own_error`, `lost_active`, `countermeasure`, `mark`.
     kinds: Vec<&'a str>,
     trigger_count: u64,
     /// At the first trigger.
@@ -106,6 +106,9 @@ struct WholeRecording<'a> {
     messages: u64,
     /// Messages and inputs that are not in the file.
     missing: u64,
+    /// Messages that had no room, of which the file has the times and sizes, and their bytes.
+    left_out: u64,
+    left_out_bytes: u64,
     /// Whether the file has the hash that the list of incidents and the audit log have, where one incident is asked
     /// for; `null` if it has none, cannot be read, or is too large to be compared at once.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -179,6 +182,8 @@ impl<'a> Whole<'a> {
                 sha256: recording.sha256.as_deref(),
                 messages: recording.messages,
                 missing: recording.missing,
+                left_out: recording.left_out,
+                left_out_bytes: recording.left_out_bytes,
                 as_recorded: read.map(|(_, proof)| proof.is_as_recorded()),
             },
             vehicle: Some(&**vehicle).filter(|vehicle| !vehicle.is_empty()),

@@ -20,7 +20,9 @@ use telltale::msg::received::{Message, Stamped};
 use telltale::record::feed::Feed;
 use telltale::record::incident::Margins;
 use telltale::record::recorder::{Mark, Recorder, Settings};
+use telltale::record::retention::Policy;
 use telltale::record::ring::ConfigurationText;
+use telltale::record::room::Room;
 use telltale::record::writer::{self, NEWS_MAX, News, Place};
 use telltale::replay::{Playback, Recording, Run};
 use tokio::sync::{mpsc, watch};
@@ -67,6 +69,7 @@ fn received(input: Input, number: i64, model: &Model) -> (Input, Option<Arc<Mess
         source: None,
         received: UNIX_EPOCH + Duration::from_secs(1_800_000_000),
         body: Ok((body.into(), Endian::Little)),
+        left_out: 0,
         kept: false,
     };
     (input, Some(Arc::new(message)))
@@ -129,7 +132,7 @@ proptest! {
         let place =
             Place { folder: folder.to_path_buf(), definitions: Definitions::default(), about: BTreeMap::new() };
         let (tell_fault, _fault) = watch::channel(None);
-        writer::start(&recorder, place, tell, tell_fault).unwrap();
+        writer::start(&recorder, place, Room::new(&Policy::default()), tell, tell_fault).unwrap();
 
         let mut models = vec![first];
         let mut recorded = Recorded { engine, feed, shown: Vec::new() };

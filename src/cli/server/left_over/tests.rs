@@ -49,7 +49,7 @@ impl Place {
 
     /// As at a start.
     async fn start(&self, store: &Store) {
-        make_whole(store, &self.folder, |_| false).await;
+        make_whole(store, &self.folder, &Policy::default(), |_| false).await;
         take_in(store, &self.folder, folder::numbers(&self.folder).unwrap()).await;
     }
 }
@@ -233,7 +233,7 @@ async fn a_recording_that_is_gone_is_told_once_and_taken_when_it_is_back() {
     let recording = Recording { file: file_name(4), bytes: 100, ..Recording::default() };
     let summary = Summary { id: 4, since_ms: 7, stage: "active".into(), recording, ..Summary::default() };
     store.incident_opened(&summary).await.unwrap();
-    make_whole(&store, &place.data.join("another folder"), |_| false).await;
+    make_whole(&store, &place.data.join("another folder"), &Policy::default(), |_| false).await;
     assert!(known(&store).await[0].1.is_open(), "an unreadable folder says nothing");
     for _ in 0..2 {
         place.start(&store).await;

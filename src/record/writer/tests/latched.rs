@@ -13,6 +13,7 @@ impl Recorded {
             source: Some(self.clock.wall()),
             received: self.clock.wall(),
             body: Ok((vec![text].into(), Endian::Little)),
+            left_out: 0,
             kept: true,
         };
         let received = self.clock.now();

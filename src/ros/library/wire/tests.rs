@@ -116,3 +116,33 @@ proptest! {
         let _ = super::news(&said.into());
     }
 }
+
+#[test]
+fn a_body_keeps_nothing_of_the_buffer_that_it_came_in() {
+    let sample = |body: Vec<u8>| FromChild::Sample {
+        reader: 4,
+        sample: RawSample {
+            writer: [9; 16],
+            sequence: 1,
+            source: None,
+            related: None,
+            body: Ok((body.into(), Endian::Little)),
+        },
+    };
+    // A small message follows a large one on the socket: both come out of one buffer.
+    let mut buffer = bytes::BytesMut::new();
+    for body in [vec![1; 1 << 20], vec![2; 100]] {
+        let mut frame = Frame::new();
+        frame.news(&sample(body));
+        buffer.extend_from_slice(&frame.take());
+    }
+    let mut codec = frames();
+    for _ in 0..2 {
+        let frame = tokio_util::codec::Decoder::decode(&mut codec, &mut buffer).unwrap().unwrap().freeze();
+        let all = news(&frame).unwrap();
+        let [FromChild::Sample { sample: RawSample { body: Ok((body, _)), .. }, .. }] = &all[..] else {
+            panic!("{all:?}")
+        };
+        assert!(body.is_unique(), "{} bytes", body.len());
+    }
+}

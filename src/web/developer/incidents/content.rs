@@ -14,7 +14,7 @@ use crate::picture::svg::escaped;
 use crate::record::proof::Proof;
 use crate::record::retention::size;
 use crate::record::story::{Happened, Moment, NodeStrip, Period, Story, ToldTopic, known};
-use crate::record::summary::{FrozenNode, Summary};
+use crate::record::summary::{FrozenNode, Recording, Summary};
 use crate::store::Incident;
 use crate::web::developer::timeline::strips::{Painter, look_word, pattern};
 use crate::web::developer::timeline::{Tick, ticks};
@@ -201,6 +201,7 @@ impl Content {
             troubles: of_proof(it, proof)
                 .into_iter()
                 .chain(troubles(it, read, medium, summary.since_ms))
+                .chain(no_room(lang, recording))
                 .collect(),
             moments: story.moments.iter().map(|moment| row(lang, moment, summary.since_ms)).collect(),
             more_moments: story.more_moments,
@@ -255,6 +256,22 @@ fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
         Proof::TooLarge => Some(it.not_compared.to_owned()),
         Proof::Same | Proof::None => None,
     }
+}
+
+/// What the recording lacks because it grew no further.
+fn no_room(lang: Lang, recording: &Recording) -> Option<String> {
+    let &Recording { left_out: count, left_out_bytes: bytes, .. } = recording;
+    let bytes = size(bytes);
+    (count > 0).then(|| match lang {
+        Lang::En => format!(
+            "There was no room for {count} messages ({bytes}), most of them of large topics: the recording has only their times and sizes. \
+             `recording.disk` and the disk bound it."
+        ),
+        Lang::De => format!(
+            "Für {count} Nachrichten ({bytes}), die meisten von großen Topics, war kein Platz: Die Aufzeichnung enthält nur ihre Zeiten und Größen. \
+             `recording.disk` und die Platte begrenzen sie."
+        ),
+    })
 }
 
 fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>, since_ms: i64) -> Vec<String> {

@@ -36,6 +36,13 @@ pub(super) fn sentence(lang: Lang, what: &Happened) -> String {
                 message => format!("{node}: {word}, \u{201c}{message}\u{201d}"),
             }
         }
+        Happened::FailsBehind { node } => {
+            let (node, word) = (name(node), lang.state(State::Error));
+            text(
+                format!("{node}: {word}, hidden by its cause"),
+                format!("{node}: {word}, verdeckt von der Ursache"),
+            )
+        }
         Happened::Masks { by, nodes, more } => {
             let (by, nodes) = (name(by), names(nodes, *more));
             text(format!("{by} hides: {nodes}"), format!("{by} verdeckt: {nodes}"))

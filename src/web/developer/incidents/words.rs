@@ -98,6 +98,7 @@ words! {
     version: "Telltale", "Telltale";
     configuration: "Configuration", "Konfiguration";
     root: "fault", "Störung";
+    own_error: "hidden fault", "verdeckte Störung";
     lost_active: "autonomous driving ended", "autonomes Fahren endete";
     countermeasure: "request to the vehicle", "Anforderung an das Fahrzeug";
     mark: "mark", "Markierung";
@@ -138,6 +139,7 @@ impl IncidentWords {
     pub fn kind<'a>(&self, kind: &'a str) -> &'a str {
         match kind {
             "root" => self.root,
+            "own_error" => self.own_error,
             "lost_active" => self.lost_active,
             "countermeasure" => self.countermeasure,
             "mark" => self.mark,

@@ -33,6 +33,8 @@ fn incident(name: &str) -> Incident {
         missing: 3,
         interrupted: false,
         gone: false,
+        left_out: 4,
+        left_out_bytes: 9_000_000,
     };
     let summary = Summary {
         id: 12,
