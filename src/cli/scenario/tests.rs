@@ -30,18 +30,38 @@ fn check_run(text: &str, expected: &[&str]) {
     check(&format!("{HEAD}{text}"), expected);
 }
 
+/// Runs every scenario below a folder of the repository and names all that fail. Returns how many there are.
+#[track_caller]
+fn check_all_below(folder: &str) -> usize {
+    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)];
+    let (mut count, mut failed) = (0, String::new());
+    while let Some(folder) = folders.pop() {
+        let entries = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
+        let (inner, files): (Vec<PathBuf>, Vec<PathBuf>) = entries.partition(|path| path.is_dir());
+        folders.extend(inner);
+        for path in files {
+            count += 1;
+            match scenario_file::load(&path).and_then(|file| run_file(&file).map(|run| (file, run))) {
+                Ok((_, run)) if run.outcome.failures.is_empty() => {}
+                Ok((file, run)) => failed += &summary(&path, &file, &run.outcome),
+                Err(problems) => failed += &problems.to_string(),
+            }
+        }
+    }
+    assert!(failed.is_empty(), "{failed}");
+    count
+}
+
 #[test]
 fn every_scenario_that_is_shipped_holds() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/scenarios");
-    let mut count = 0;
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        let file = scenario_file::load(&path).unwrap_or_else(|problems| panic!("{problems}"));
-        let outcome = run_file(&file).unwrap_or_else(|problems| panic!("{problems}")).outcome;
-        assert!(outcome.failures.is_empty(), "{}", summary(&path, &file, &outcome));
-        count += 1;
-    }
+    let count = check_all_below("config/scenarios");
     assert!(count >= 20, "only {count} scenarios were found");
+}
+
+/// Those of no shipped vehicle: each is a small vehicle with one situation that is easily got wrong.
+#[test]
+fn every_scenario_of_the_tests_holds() {
+    assert!(check_all_below("tests/scenarios") > 0, "no scenario was found");
 }
 
 #[test]

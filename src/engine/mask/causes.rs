@@ -9,6 +9,7 @@ use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
 use super::net::{Change, Net};
+use super::node::ModuleKind;
 use super::paths::Ways;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{Path, RootCause};
@@ -223,6 +224,11 @@ fn shows_error(net: &Net, node: NodeId) -> bool {
     net.node(node).facts.shown == State::Error
 }
 
+/// Whether the module only says that names were dropped.
+fn says_dropped(net: &Net, node: NodeId) -> bool {
+    matches!(node, NodeId::Module(id) if net.modules[id.0 as usize].kind == ModuleKind::Overflow)
+}
+
 /// UNKNOWN only because the node still has time to report.
 fn in_grace(net: &Net, node: NodeId) -> bool {
     let facts = net.node(node).facts;
@@ -427,12 +433,14 @@ impl SearchResult {
     }
 
     /// How many modules and groups show IGNORE because of each root, and whether a module among them is
-    /// in ERROR itself.
+    /// in ERROR itself. What says that names were dropped is in no count.
     fn count_masked(&self, net: &Net) -> (Vec<u32>, Vec<bool>) {
         let mut masks = vec![0; self.roots.len()];
         let mut hides_error = vec![false; self.roots.len()];
         for (position, &vertex) in self.order.iter().enumerate() {
-            let Some(node) = self.is_masked(net, vertex) else { continue };
+            let Some(node) = self.is_masked(net, vertex).filter(|&node| !says_dropped(net, node)) else {
+                continue;
+            };
             let in_error = matches!(node, NodeId::Module(_)) && net.node(node).facts.own == State::Error;
             for &root in &*self.sets[position] {
                 masks[root as usize] += 1;

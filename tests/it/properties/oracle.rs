@@ -432,7 +432,9 @@ impl<'a> Oracle<'a> {
             if matches!(node, NodeId::Module(_)) && self.shown(node) == State::Error {
                 roots.entry(node).or_insert(0);
             }
-            if self.masked(node) {
+            // What says that names were dropped is in no count.
+            let counts = !matches!(node, NodeId::Module(id) if self.says_overflow(id));
+            if counts && self.masked(node) {
                 for root in self.causes(node) {
                     *roots.entry(root).or_insert(0) += 1;
                 }
