@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
-#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, curl, jq,
+#   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, iptables, curl, jq,
 #                            prometheus, debootstrap, systemd-nspawn and systemd-analyze (as root), lintian, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
@@ -38,6 +38,7 @@ install_debian_packages() {
     has_venv || packages+=(python3 python3-venv)
     command -v sqlite3 >/dev/null || packages+=(sqlite3)
     command -v ip >/dev/null || packages+=(iproute2)
+    command -v iptables >/dev/null || packages+=(iptables)
     command -v debootstrap >/dev/null || packages+=(debootstrap)
     command -v dpkg-deb >/dev/null || packages+=(dpkg)
     command -v systemd-analyze >/dev/null || packages+=(systemd)

@@ -34,6 +34,7 @@ use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
 use crate::engine::input::Input;
 use crate::engine::model::Model;
+use crate::engine::time::Timestamp;
 use crate::msg::fields::Definitions;
 use crate::msg::messages::GidSize;
 use crate::msg::received::Stamped;
@@ -44,7 +45,8 @@ use futures_util::FutureExt as _;
 use library::Participant;
 use outbox::{End, stopped};
 use probe::ProbeContext;
-use session::{BridgeContext, Carryover};
+use reading::topics::Carryover;
+use session::BridgeContext;
 
 /// For the log's filter: the library writes a line for each forged packet, so anybody could fill the disk
 /// with them. The bridge logs the important errors itself.
@@ -85,6 +87,7 @@ pub struct Bridge {
     definitions: Definitions,
     gid_size: watch::Receiver<Option<GidSize>>,
     siblings: OwnParticipants,
+    working: watch::Receiver<Timestamp>,
     task: JoinHandle<()>,
 }
 
@@ -114,6 +117,7 @@ pub async fn start(
         ProbeContext { inputs: inputs.clone(), nodes: known_nodes, discovery: discovery.clone(), clock };
     let (learn, gid_size) = watch::channel(options.gid_size);
     let siblings = OwnParticipants::default();
+    let (works, working) = watch::channel(clock.now());
     let ground = BridgeContext {
         options,
         plan: planned,
@@ -126,12 +130,14 @@ pub async fn start(
         tallies: MessageCounts::default(),
         siblings: siblings.clone(),
         ros_clock: RosClock::default(),
+        works,
         rebuild: rebuilding,
     };
     let probing = probe::run(kennel, ground.plan.clone(), ground.stop.clone());
-    let reading = run(participant, ground);
+    let probing = tokio::spawn(probing);
+    let reading = read(participant, Arc::new(ground));
     let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
-    Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, task })
+    Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, working, task })
 }
 
 /// Checks that everything that a model needs can be read.
@@ -171,6 +177,11 @@ impl Bridge {
         Graph { gid_size, discovery, siblings: self.siblings.clone() }
     }
 
+    /// When the bridge last did its work, on its clock. An old time means that it hangs or has ended.
+    pub fn working(&self) -> watch::Receiver<Timestamp> {
+        self.working.clone()
+    }
+
     /// The size of a gid in the announcements of nodes, as soon as it is known.
     pub fn gid_size(&self) -> watch::Receiver<Option<GidSize>> {
         self.gid_size.clone()
@@ -186,13 +197,32 @@ impl Bridge {
     }
 }
 
-async fn run(mut participant: Participant, ground: BridgeContext) {
-    let mut legacy = Carryover::default();
+/// Reads until the bridge is to end. A fault of its own is reported, and it begins again.
+async fn read(mut participant: Participant, ground: Arc<BridgeContext>) {
     let mut down = false;
+    loop {
+        let running = {
+            let ground = ground.clone();
+            async move { run(participant, &ground, down).await }
+        };
+        let Err(panic) = tokio::spawn(running).await else { return };
+        tracing::error!("the DDS bridge failed and begins again: {panic}");
+        down = tell_of_dds(&ground, Some("the DDS bridge failed and begins again")).await;
+        match reopen(&ground, RETRY, &mut down).await {
+            Some(next) => participant = next,
+            None => return,
+        }
+    }
+}
+
+async fn run(mut participant: Participant, ground: &BridgeContext, mut down: bool) {
+    let mut legacy = Carryover::default();
+    // Kept while a participant follows another.
+    let _announced = participant.announced();
     loop {
         let started = ground.clock.now();
         let end = {
-            let mut session = std::pin::pin!(session::run(&participant, &ground, &mut legacy));
+            let mut session = std::pin::pin!(session::run(&participant, ground, &mut legacy));
             let over = tokio::select! {
                 end = &mut session => Some(end),
                 () = settled(&participant), if down => None,
@@ -200,7 +230,7 @@ async fn run(mut participant: Participant, ground: BridgeContext) {
             match over {
                 Some(end) => end,
                 None => {
-                    down = !tell_of_dds(&ground, None).await;
+                    down = !tell_of_dds(ground, None).await;
                     session.await
                 }
             }
@@ -213,13 +243,13 @@ async fn run(mut participant: Participant, ground: BridgeContext) {
             }
             End::Lost(reason) => {
                 tracing::error!("the DDS process is ill and is replaced: {reason}");
-                down |= tell_of_dds(&ground, Some(&reason)).await;
+                down |= tell_of_dds(ground, Some(&reason)).await;
                 tokio::spawn(closed);
             }
             End::Stopped | End::NobodyListens => return closed.await,
         }
         let lived = Duration::from_nanos(ground.clock.now().since(started).as_nanos());
-        match reopen(&ground, RETRY.saturating_sub(lived), &mut down).await {
+        match reopen(ground, RETRY.saturating_sub(lived), &mut down).await {
             Some(next) => participant = next,
             None => return,
         }
@@ -254,6 +284,7 @@ async fn reopen(ground: &BridgeContext, mut pause: Duration, down: &mut bool) ->
             () = stopped(&mut stop) => return None,
             () = tokio::time::sleep(pause) => {}
         }
+        ground.works.send_replace(ground.clock.now());
         match Participant::open(&ground.options).await {
             Ok(participant) => return Some(participant),
             Err(error) if !told => {

@@ -1,11 +1,10 @@
 //! The life of one participant: its topics are read until a new participant is needed.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
-use tokio::task::{JoinError, JoinSet};
+use tokio::task::JoinSet;
 
 use super::discovery::graph;
 use super::discovery::graph::{MessageCounts, OwnParticipants};
@@ -13,28 +12,24 @@ use super::discovery::nodes::Nodes;
 use super::discovery::peers;
 use super::discovery::presence;
 use super::discovery::status_writers;
-use super::library::discovered::PREFIX;
-use super::library::{Ended, Found, Participant};
+use super::library::{Ended, Participant};
 use super::options::BridgeOptions;
 use super::options::interfaces;
 use super::options::interfaces::AddressWatch;
 use super::outbox::{End, stopped};
 use super::reading::clock_step::StepWatch;
-use super::reading::learning::Learning;
-use super::reading::topic::{Memory, Orders, Topic, TopicContext};
+use super::reading::topic::TopicContext;
+use super::reading::topics::{Carryover, Topics};
 use crate::clock::Clock;
 use crate::engine::discovery::Discovery;
-use crate::msg::messages;
+use crate::engine::time::Timestamp;
 use crate::msg::messages::GidSize;
 use crate::msg::received::Stamped;
 use crate::msg::ros_clock::RosClock;
-use crate::msg::subscription::{Plan, Subscription};
+use crate::msg::subscription::Plan;
 
 /// How often the clocks are compared; the addresses are compared at every fourth look.
 const LOOK: Duration = Duration::from_millis(250);
-
-/// Topics that are read for recordings alone, at most.
-const RECORDED_MAX: usize = 256;
 
 /// State that lives as long as the bridge.
 pub struct BridgeContext {
@@ -53,17 +48,10 @@ pub struct BridgeContext {
     pub tallies: MessageCounts,
     pub siblings: OwnParticipants,
     pub ros_clock: RosClock,
+    /// When the bridge last did its work.
+    pub works: watch::Sender<Timestamp>,
     /// Changes when somebody asks for a new participant.
     pub rebuild: watch::Receiver<u64>,
-}
-
-/// A topic and its type, by their names on the wire.
-type Key = (String, String);
-
-/// State that a participant leaves to the next one.
-#[derive(Default)]
-pub struct Carryover {
-    memories: BTreeMap<Key, Memory>,
 }
 
 /// Reads until the end. When it returns, the readers and everything else that holds the participant are
@@ -81,19 +69,10 @@ pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut
     };
     let mut plan = ground.plan.clone();
     let first = plan.borrow_and_update().clone();
-    let is_wanted = |known: &Key| {
-        let same = |it: &Subscription| key(it) == *known || it.is_untyped() && it.dds_topic == known.0;
-        first.subscriptions.iter().any(|wanted| same(wanted))
-    };
-    let mut room = RECORDED_MAX;
-    let mut is_recorded = |(topic, type_name): &Key| {
-        let is_recorded = room > 0 && record(&first, topic, type_name).is_some();
-        room -= usize::from(is_recorded);
-        is_recorded
-    };
-    legacy.memories.retain(|known, _| is_wanted(known) || is_recorded(known));
+    legacy.keep_what_is_read(&first);
     let mut topics = Topics::start(around, &first, legacy);
-    let presence = tokio::spawn(presence::run(
+    let mut others = JoinSet::new();
+    others.spawn(presence::run(
         participant.clone(),
         presence::PresenceContext {
             nodes: ground.nodes.clone(),
@@ -104,7 +83,7 @@ pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut
         stopping.clone(),
     ));
     let (seen, tallies) = (ground.discovery.clone(), ground.tallies.clone());
-    let looking = tokio::spawn(graph::run(
+    others.spawn(graph::run(
         participant.clone(),
         tallies,
         seen,
@@ -113,161 +92,20 @@ pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut
         stopping.clone(),
     ));
     let (nodes, inputs) = (ground.nodes.subscribe(), ground.inputs.clone());
-    let speaking =
-        tokio::spawn(status_writers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
-    let end = watch_over(participant, ground, plan, &mut topics, legacy).await;
+    others.spawn(status_writers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
+    let end = watch_over(participant, ground, plan, (&mut topics, &mut others), legacy).await;
     // The receivers live in the tasks; without tasks there is nothing to stop.
     let _ = stop.send(true);
-    while let Some(ended) = topics.tasks.join_next().await {
-        keep(legacy, ended);
-    }
-    // A panic came from the library; the participant is dropped anyway.
-    let _ = looking.await;
-    let _ = speaking.await;
-    let _ = presence.await;
+    topics.close(legacy).await;
+    while others.join_next().await.is_some() {}
     end
-}
-
-/// The tasks that read, and the channels for their orders.
-struct Topics {
-    tasks: JoinSet<(Key, Memory, End)>,
-    running: BTreeMap<Key, Running>,
-    /// Topics whose type is not known yet.
-    learning: Learning,
-    around: TopicContext,
-    /// It was said that more topics are to be recorded than are read.
-    is_full: bool,
-}
-
-struct Running {
-    news: watch::Sender<u64>,
-    subscription: watch::Sender<Arc<Subscription>>,
-}
-
-impl Topics {
-    fn start(around: TopicContext, plan: &Plan, legacy: &mut Carryover) -> Topics {
-        let learning = Learning::new(around.inputs.clone(), around.clock);
-        let mut topics =
-            Topics { tasks: JoinSet::new(), running: BTreeMap::new(), learning, around, is_full: false };
-        for subscription in &topics.typed(plan) {
-            topics.add(subscription, legacy);
-        }
-        topics
-    }
-
-    /// The topics of a plan that can be read at once. The types of the others must be learned; types that
-    /// were learned before stay.
-    fn typed(&mut self, plan: &Plan) -> Vec<Arc<Subscription>> {
-        let known = |subscription: &Arc<Subscription>| {
-            let running = self.running.keys().find(|(topic, _)| *topic == subscription.dds_topic);
-            let type_name = messages::ros_type_name(&running.filter(|_| subscription.is_untyped())?.1);
-            // A missing definition is reported where the type is learned, so that is done again.
-            let learned = subscription.learn(&type_name).ok().filter(|learned| learned.missing.is_empty())?;
-            Some(Arc::new(learned.subscription))
-        };
-        let all = plan.subscriptions.iter().map(|it| known(it).unwrap_or_else(|| it.clone()));
-        let (untyped, typed) = all.partition(|subscription| subscription.is_untyped());
-        self.learning.follow(untyped);
-        typed
-    }
-
-    /// Reads the topics whose type a publisher has announced now.
-    fn learn(&mut self, legacy: &mut Carryover) {
-        for subscription in &self.learning.look(&self.around.participant) {
-            self.add(subscription, legacy);
-        }
-    }
-
-    /// Reads the topics that are published now and that the plan only records. Telltale's own participants are
-    /// left out: a reader of its outputs would count as a listener.
-    fn record(&mut self, plan: &Plan, siblings: &OwnParticipants, legacy: &mut Carryover) {
-        if !plan.records_more() {
-            return;
-        }
-        let own = self.around.participant.guid();
-        let seen = self.around.participant.seen();
-        let is_new = |found: &&Found| {
-            let is_running = || self.running.contains_key(&(found.topic.clone(), found.type_name.clone()));
-            found.guid[..PREFIX] != own[..PREFIX] && !siblings.has(&found.guid) && !is_running()
-        };
-        let found = seen.writers().filter(is_new);
-        let found: BTreeMap<Key, Subscription> = found
-            .filter_map(|found| record(plan, &found.topic, &found.type_name))
-            .map(|subscription| (key(&subscription), subscription))
-            .collect();
-        drop(seen);
-        let recorded = self.running.values().filter(|it| it.subscription.borrow().recorded_every().is_some());
-        let room = RECORDED_MAX.saturating_sub(recorded.count());
-        if found.len() > room && !std::mem::replace(&mut self.is_full, true) {
-            tracing::warn!(
-                "`recording.topics` names more than {RECORDED_MAX} topics: the further ones are not recorded"
-            );
-        }
-        for subscription in found.into_values().take(room) {
-            self.add(&Arc::new(subscription), legacy);
-        }
-    }
-
-    fn add(&mut self, subscription: &Arc<Subscription>, legacy: &mut Carryover) {
-        let key = key(subscription);
-        let memory = legacy.memories.remove(&key).unwrap_or_else(|| Memory::new(subscription));
-        let topic = Topic::new(subscription.clone(), self.around.clone(), memory);
-        let (news, discovered) = watch::channel(0);
-        let (change, changed) = watch::channel(subscription.clone());
-        self.running.insert(key.clone(), Running { news, subscription: change });
-        self.tasks.spawn(async move {
-            let (memory, end) = topic.run(Orders { discovered, subscription: changed }).await;
-            (key, memory, end)
-        });
-    }
-
-    /// Reads the topics of another configuration: topics that stay are read on without a gap.
-    ///
-    /// # Errors
-    /// That needs a new participant.
-    async fn follow(&mut self, plan: &Plan, legacy: &mut Carryover) -> Result<(), End> {
-        let subscriptions = self.typed(plan);
-        let mut subscriptions = subscriptions;
-        let recorded = self.running.keys().filter_map(|(topic, type_name)| record(plan, topic, type_name));
-        subscriptions.extend(recorded.map(Arc::new));
-        let wanted: BTreeSet<Key> = subscriptions.iter().map(|subscription| key(subscription)).collect();
-        let gone = self.running.keys().filter(|key| !wanted.contains(*key)).cloned().collect::<Vec<_>>();
-        for key in &gone {
-            // Its task ends when it gets no more orders.
-            self.running.remove(key);
-        }
-        for _ in &gone {
-            if let Some(ended) = self.tasks.join_next().await {
-                match keep(legacy, ended) {
-                    End::Stopped => {}
-                    other => return Err(other),
-                }
-            }
-        }
-        for subscription in &subscriptions {
-            if let Some(running) = self.running.get(&key(subscription)) {
-                running.subscription.send_replace(subscription.clone());
-            } else if gone.iter().any(|(topic, _)| *topic == subscription.dds_topic) {
-                return Err(End::Rebuild(format!("{} has another type now", subscription.topic)));
-            } else {
-                self.add(subscription, legacy);
-            }
-        }
-        Ok(())
-    }
-
-    fn tell_all(&self) {
-        for running in self.running.values() {
-            running.news.send_modify(|count| *count += 1);
-        }
-    }
 }
 
 async fn watch_over(
     participant: &Participant,
     ground: &BridgeContext,
     mut plan: watch::Receiver<Arc<Plan>>,
-    topics: &mut Topics,
+    (topics, others): (&mut Topics, &mut JoinSet<()>),
     legacy: &mut Carryover,
 ) -> End {
     let mut news = participant.news();
@@ -293,10 +131,18 @@ async fn watch_over(
                 topics.record(&next, &ground.siblings, legacy);
             }
             ended = participant.ended() => return lost(ended),
-            Some(ended) = topics.tasks.join_next() => return keep(legacy, ended),
+            Some(ended) = topics.tasks.join_next() => if let Some(end) = topics.ended(ended, legacy) {
+                return end;
+            },
+            Some(ended) = others.join_next() => return match ended {
+                Ok(()) if ground.inputs.is_closed() => End::NobodyListens,
+                Ok(()) => End::Lost("discovery is no longer followed, and nobody asked for that".to_owned()),
+                Err(panic) => End::Lost(format!("the task of discovery failed: {panic}")),
+            },
             Ok(()) = news.changed() => topics.tell_all(),
             _ = looks.tick() => {
                 look += 1;
+                ground.works.send_replace(clock.now());
                 topics.learn(legacy);
                 if look.is_multiple_of(4) {
                     let plan = plan.borrow().clone();
@@ -314,29 +160,8 @@ async fn watch_over(
     }
 }
 
-/// The subscription that only records this topic and type, by their names on the wire.
-fn record(plan: &Plan, dds_topic: &str, dds_type: &str) -> Option<Subscription> {
-    let topic = dds_topic.strip_prefix("rt")?;
-    plan.recorded(topic, &messages::ros_type_name(dds_type)).filter(|it| it.dds_type == *dds_type)
-}
-
 /// Why a participant is unusable.
 fn lost(ended: Ended) -> End {
     let reason = ended.reason.into_string();
     if ended.ill { End::Lost(reason) } else { End::Rebuild(reason) }
-}
-
-/// Keeps the memory of an ended topic. A task that panicked, in the library, leaves none.
-fn keep(legacy: &mut Carryover, ended: Result<(Key, Memory, End), JoinError>) -> End {
-    match ended {
-        Ok((key, memory, end)) => {
-            legacy.memories.insert(key, memory);
-            end
-        }
-        Err(panic) => End::Rebuild(format!("the task of a topic failed: {panic}")),
-    }
-}
-
-fn key(subscription: &Subscription) -> Key {
-    (subscription.dds_topic.clone(), subscription.dds_type.clone())
 }

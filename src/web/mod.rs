@@ -87,6 +87,8 @@ pub struct Settings {
     pub history: Option<History>,
     /// The participants and topics that DDS discovery knows; `None` without DDS.
     pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
+    /// When the bridge to DDS last did its work; `None` without DDS.
+    pub working: Option<watch::Receiver<Timestamp>>,
     /// The folder of the recordings.
     pub recordings: Option<PathBuf>,
     /// Reads the configurations of what-ifs; `None` where nothing is run.

@@ -42,9 +42,10 @@ pub async fn healthz() -> &'static str {
 /// while the disk hangs.
 const READY_TIMEOUT: Duration = Duration::from_millis(1500);
 
-/// `GET /readyz`: the engine and the store work.
+/// `GET /readyz`: the engine, the bridge to DDS and the store work.
 pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
-    if app.is_source_alive() && timeout(READY_TIMEOUT, app.store.is_ready()).await.unwrap_or(false) {
+    let lives = app.is_source_alive() && app.is_bridge_working();
+    if lives && timeout(READY_TIMEOUT, app.store.is_ready()).await.unwrap_or(false) {
         (StatusCode::OK, "ready\n")
     } else {
         (StatusCode::SERVICE_UNAVAILABLE, "not ready\n")

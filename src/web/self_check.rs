@@ -25,6 +25,8 @@ const IDLE_MAX: Span = Span::from_secs(5);
 pub enum Stuck {
     #[error("the engine publishes nothing")]
     Engine,
+    #[error("the vehicle is not listened to: the DDS bridge hangs or has ended")]
+    Bridge,
     #[error("no page can be made")]
     Frames,
     #[error("no connection is accepted")]
@@ -65,6 +67,9 @@ impl SelfCheck {
         let app = &self.app;
         if !app.is_source_alive() {
             return Err(Stuck::Engine);
+        }
+        if !app.is_bridge_working() {
+            return Err(Stuck::Bridge);
         }
         let now = app.clock.now();
         if now.since(*app.accepting.borrow()) > IDLE_MAX {

@@ -9,7 +9,7 @@ use std::time::SystemTime;
 use tokio::sync::watch;
 
 use super::AppState;
-use crate::engine::time::Span;
+use crate::engine::time::{Span, Timestamp};
 use crate::replay::Flows;
 use crate::runtime::{self, Link, Published};
 use crate::store::audit::Record;
@@ -108,6 +108,8 @@ impl Player {
     }
 }
 
+/// Making a participant takes ten seconds at most; otherwise the bridge turns four times a second.
+const BRIDGE_IDLE_MAX: Span = Span::from_secs(15);
 /// Four pulses of the engine.
 const ENGINE_SILENT_MAX: Span = Span::from_millis(4 * runtime::PULSE_EVERY.as_millis());
 
@@ -145,6 +147,15 @@ impl AppState {
             }
             Source::Replay(_) => is_open,
         }
+    }
+
+    /// Whether the bridge to DDS does its work, be DDS well or ill. An ill one is replaced and said; a bridge that has
+    /// ended or hangs can say nothing itself.
+    pub fn is_bridge_working(&self) -> bool {
+        let works = |working: &watch::Receiver<Timestamp>| {
+            self.clock.now().since(*working.borrow()) < BRIDGE_IDLE_MAX
+        };
+        self.settings.working.as_ref().is_none_or(works)
     }
 
     /// Records a refused request, which anybody can cause. A replay records nothing.

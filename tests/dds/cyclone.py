@@ -6,20 +6,20 @@ import struct
 import sys
 import time
 
-# Without multicast the peers find one another on the well-known ports of 127.0.0.1: it works
+# Without multicast, unless it is asked for, the peers find one another on the well-known ports of 127.0.0.1: it works
 # where the loopback interface has no multicast flag, and nothing can leave the machine.
 CONFIG = """
 <CycloneDDS><Domain Id="any">
   <General>
-    <Interfaces><NetworkInterface name="{interface}" multicast="false"/></Interfaces>
-    <AllowMulticast>false</AllowMulticast>
+    <Interfaces><NetworkInterface name="{interface}" multicast="{multicast}"/></Interfaces>
+    <AllowMulticast>{multicast}</AllowMulticast>
     <MaxMessageSize>65500B</MaxMessageSize>
   </General>
   <Discovery>
     <ParticipantIndex>auto</ParticipantIndex>
     <MaxAutoParticipantIndex>30</MaxAutoParticipantIndex>
     <Peers>{peers}</Peers>
-    <SPDPInterval>500ms</SPDPInterval>
+    <SPDPInterval>{announce_s}s</SPDPInterval>
     <LeaseDuration>{lease_s}s</LeaseDuration>
   </Discovery>
 </Domain></CycloneDDS>
@@ -30,8 +30,10 @@ def load(options):
     """Imports Cyclone late: its configuration is read then."""
     os.environ["CYCLONEDDS_URI"] = CONFIG.format(
         lease_s=options.lease_s,
+        announce_s=options.announce_s,
         interface=options.interface,
-        peers="" if options.interface != "lo" else '<Peer address="127.0.0.1"/>',
+        multicast=str(options.multicast).lower(),
+        peers="" if options.multicast or options.interface != "lo" else '<Peer address="127.0.0.1"/>',
     )
     try:
         import cyclonedds._clayer as clayer
@@ -41,6 +43,23 @@ def load(options):
     return argparse.Namespace(
         clayer=clayer, core=core, domain=domain, idl=idl, pub=pub, qos=qos, sub=sub, topic=topic, util=util
     )
+
+
+OPAQUE = {}
+
+
+def opaque(lib, type_name):
+    """A type whose samples pass as bytes: only its name matters. One for each name: each costs Cyclone many megabytes."""
+    if type_name not in OPAQUE:
+        from dataclasses import dataclass
+
+        @dataclass
+        class Opaque(lib.idl.IdlStruct, typename=type_name.replace("::", ".")):
+            octet: lib.idl.types.uint8
+
+        assert Opaque.__idl__.idl_transformed_typename == type_name
+        OPAQUE[type_name] = Opaque
+    return OPAQUE[type_name]
 
 
 class Participant:
@@ -62,15 +81,7 @@ class Participant:
         )
 
     def topic(self, name, type_name):
-        """A topic whose samples pass as bytes: only the name of its type matters."""
-        from dataclasses import dataclass
-
-        @dataclass
-        class Opaque(self.lib.idl.IdlStruct, typename=type_name.replace("::", ".")):
-            octet: self.lib.idl.types.uint8
-
-        assert Opaque.__idl__.idl_transformed_typename == type_name
-        return self.lib.topic.Topic(self.dds, name, Opaque)
+        return self.lib.topic.Topic(self.dds, name, opaque(self.lib, type_name))
 
     def writer(self, name, type_name):
         return Writer(self.lib, self.lib.pub.DataWriter(self.dds, self.topic(name, type_name), qos=self.qos))

@@ -142,7 +142,7 @@ Topic* make_topic(Participant* participant, const char* topic, const char* type)
 // Nothing of it is to be had where a null pointer or a false is returned.
 extern "C" {
 
-Participant* fast_open(uint32_t domain, int32_t lease_ms) {
+Participant* fast_open(uint32_t domain, int32_t lease_ms, int32_t announce_ms) {
     // Standard output belongs to the answers of `peer.py`.
     Log::ClearConsumers();
     Log::RegisterConsumer(std::make_unique<StdoutErrConsumer>());
@@ -161,7 +161,7 @@ Participant* fast_open(uint32_t domain, int32_t lease_ms) {
     builtin.initialPeersList.push_back(loopback);
     auto& discovery = builtin.discovery_config;
     discovery.leaseDuration = {lease_ms / 1000, uint32_t(lease_ms % 1000) * 1000000u};
-    discovery.leaseDuration_announcementperiod = {0, 500000000u};
+    discovery.leaseDuration_announcementperiod = {announce_ms / 1000, uint32_t(announce_ms % 1000) * 1000000u};
     auto participant = std::make_unique<Participant>();
     participant->dds = DomainParticipantFactory::get_instance()->create_participant(domain, qos);
     if (participant->dds == nullptr) {

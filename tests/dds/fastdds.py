@@ -7,7 +7,7 @@ import time
 
 POINTER, NUMBER, TEXT, FLAG = ctypes.c_void_p, ctypes.c_int32, ctypes.c_char_p, ctypes.c_bool
 FUNCTIONS = {
-    "fast_open": (POINTER, ctypes.c_uint32, NUMBER),
+    "fast_open": (POINTER, ctypes.c_uint32, NUMBER, NUMBER),
     "fast_guid": (None, POINTER, POINTER),
     "fast_writer": (POINTER, POINTER, TEXT, TEXT, FLAG, FLAG, NUMBER),
     "fast_write": (FLAG, POINTER, TEXT, ctypes.c_size_t, ctypes.c_int64),
@@ -41,7 +41,7 @@ def there(value, what):
 class Participant:
     def __init__(self, options):
         self.lib = load()
-        self.dds = there(self.lib.fast_open(options.domain, int(options.lease_s * 1000)), "no participant")
+        self.dds = there(self.lib.fast_open(options.domain, int(options.lease_s * 1000), int(options.announce_s * 1000)), "no participant")
         guid = ctypes.create_string_buffer(16)
         self.lib.fast_guid(self.dds, guid)
         self.guid = guid.raw

@@ -6,6 +6,7 @@ on the loopback interface where no other is named, which speaks the ROS 2 wire f
     peer.py --domain 7 sub --topic rt/x ...   prints what it receives, as JSON lines
     peer.py --domain 7 load --statuses 1000 --rate 800 --seconds 5
     peer.py --domain 7 swell --names 4096 --values 256 --bytes 5000 --seconds 10
+    peer.py --domain 7 crowd --participants 100 --endpoints 20
 
 It needs PyPI `cyclonedds` 11; with `--dds fastdds` the library that `tests/run.sh` makes of `fastdds.cpp`, named by
 TELLTALE_PEER_FASTDDS. Every command prints {"ready": true} first.
@@ -254,12 +255,32 @@ def swell(participant, options):
     say(done=True, statuses=sent, bytes=sent * len(data))
 
 
+def crowd(participant, options):
+    """Many participants in one process, each with many endpoints, of which one says twice a second that it is well:
+    `crowd 0`, `crowd 1` and so on."""
+    others = [type(participant)(options) for _ in range(options.participants - 1)]
+    speaking, silent = [], []
+    for number, one in enumerate([participant, *others]):
+        silent += [one.writer(f"rt/crowd_{number}_{it}", wire.STRING) for it in range(options.endpoints - 1)]
+        statuses = [{"level": 0, "name": f"crowd {number}", "message": "well"}]
+        speaking.append((one.writer("rt/diagnostics", wire.DIAGNOSTIC_ARRAY), wire.diagnostic_array(statuses)))
+    say(ready=True, held=len(silent))
+    ended = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
+    while not ended.wait(0.5):
+        for writer, data in speaking:
+            write(writer, data)
+    say(done=True)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--domain", type=int, required=True)
     parser.add_argument("--dds", choices=["cyclone", "fastdds"], default="cyclone")
     parser.add_argument("--interface", default="lo", help="of Cyclone; it finds nobody by itself on any but lo")
     parser.add_argument("--lease-s", type=float, default=10.0, help="a peer that was killed is gone after so long")
+    parser.add_argument("--announce-s", type=float, default=0.5, help="how often a peer announces itself")
+    parser.add_argument("--multicast", action="store_true", help="Cyclone speaks to the group, as it does by default")
     parser.add_argument("--reliability", choices=["reliable", "best_effort"], default="reliable")
     parser.add_argument("--durability", choices=["volatile", "transient_local"], default="volatile")
     parser.add_argument("--depth", type=int, default=1000)
@@ -296,6 +317,10 @@ def main():
     one.add_argument("--bytes", type=int, default=5000, help="of each value")
     one.add_argument("--seconds", type=float, default=10.0)
     one.set_defaults(run=swell)
+    one = commands.add_parser("crowd")
+    one.add_argument("--participants", type=int, default=100)
+    one.add_argument("--endpoints", type=int, default=20, help="of each participant")
+    one.set_defaults(run=crowd)
     options = parser.parse_args()
     participant = importlib.import_module(options.dds).Participant(options)
     options.run(participant, options)

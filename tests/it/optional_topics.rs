@@ -80,7 +80,7 @@ async fn publishers_and_subscribers_that_never_match_are_found(vendor: Vendor) {
         "groups: [{ id: a, modules: [{ id: m, monitor: { watchdog: { qos: /camera, every: 200ms } } }] }]\n";
     let mut watching = watching(&domain, text).await;
     let _camera = Peer::start(&domain, "--reliability best_effort pub --topic rt/camera --type String");
-    let blind = Peer::start(&domain, "sub --topic rt/camera=String");
+    let blind = Peer::start(&domain, "--lease-s 2 sub --topic rt/camera=String");
     let is_ours = |target: &ProbeTarget| *target == ProbeTarget::Qos { topic: "/camera".into() };
     let missed = watching.until("a miss", |input| match input {
         Input::Probe(probe) if is_ours(&probe.source.target) => match &probe.outcome {

@@ -64,6 +64,7 @@ async fn serve(listen: SocketAddr, file: ServedFile) -> anyhow::Result<ExitCode>
         what_if: None,
         history: None,
         discovery: None,
+        working: None,
         recordings: None,
         marker: None,
         recording: None,

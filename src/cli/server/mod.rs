@@ -146,7 +146,7 @@ impl Server {
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
         let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
-        let discovery = Some(bridge.discovery());
+        let (discovery, working) = (Some(bridge.discovery()), Some(bridge.working()));
         let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {
             origins,
@@ -157,6 +157,7 @@ impl Server {
             written: Some(written),
             history,
             discovery,
+            working,
             recordings: Some(incidents),
             what_if: Some(what_if::examiner(options.definitions.clone())),
             marker: recording.as_ref().map(Recording::marker),

@@ -33,6 +33,11 @@ impl MessageCounts {
         }
     }
 
+    /// A topic without a message is no longer read.
+    pub fn forget(&self, dds_topic: &str) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(dds_topic);
+    }
+
     fn read(&self) -> BTreeMap<String, u64> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }

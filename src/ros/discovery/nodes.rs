@@ -73,6 +73,11 @@ impl Nodes {
         self.services = services;
     }
 
+    /// Some that live are not found yet: none is missing before they are.
+    pub fn search_on(&mut self, now: Timestamp) {
+        self.since = Some(now);
+    }
+
     /// Full names of the existing nodes, in order.
     pub fn all(&self) -> Vec<String> {
         let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));

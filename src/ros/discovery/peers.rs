@@ -13,6 +13,7 @@ use tokio::time::MissedTickBehavior;
 
 use crate::clock::Clock;
 use crate::ros::library::Participant;
+use crate::ros::library::spdp::{PARTICIPANT_READER, PARTICIPANT_WRITER, VENDOR, discovery_port};
 use crate::ros::name_lookup::Lookup;
 use crate::ros::options::interfaces;
 use crate::ros::options::{BridgeOptions, Interface};
@@ -26,7 +27,6 @@ const RESOLVING: Duration = Duration::from_millis(500);
 
 /// The lease of the announcement, as the library sets it. The library renews it more often.
 const LEASE_S: u32 = 60;
-const VENDOR: [u8; 2] = [0x01, 0x12];
 /// Announcer and detector of participants, publications, subscriptions and topics, and the messages that assert
 /// a participant's liveliness (RTPS 2.5, 9.3.2.12), as the library has them.
 const BUILTIN_ENDPOINTS: u32 = 0b1111_0011_1111;
@@ -133,15 +133,8 @@ fn addresses(interface: Interface) -> Vec<Ipv4Addr> {
     }
 }
 
-/// The port on which a participant listens for announcements (RTPS 2.5, 9.6.2.3).
-fn discovery_port(domain: u16, participant: u16) -> u16 {
-    7410 + 250 * domain + 2 * participant
-}
-
 /// The announcement as bytes, in little endian.
 fn announcement(own: &Own, addresses: &[Ipv4Addr]) -> Vec<u8> {
-    const PARTICIPANT_READER: [u8; 4] = [0, 1, 0, 0xc7];
-    const PARTICIPANT_WRITER: [u8; 4] = [0, 1, 0, 0xc2];
     let mut message = b"RTPS\x02\x03".to_vec();
     message.extend(VENDOR);
     message.extend(&own.guid[..12]);
@@ -188,13 +181,6 @@ fn locator(ip: Ipv4Addr, port: u16) -> [u8; 24] {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_domain_has_ports_for_all_participants() {
-        assert_eq!(discovery_port(0, 0), 7410);
-        assert_eq!(discovery_port(7, 3), 9166);
-        assert_eq!(discovery_port(crate::ros::DOMAIN_MAX, PARTICIPANTS - 1), 65_472);
-    }
 
     #[tokio::test]
     async fn each_peer_that_cannot_be_spoken_to_is_said_once() {

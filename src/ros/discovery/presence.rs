@@ -43,7 +43,7 @@ pub async fn run(participant: Participant, around: PresenceContext, mut stop: wa
     tokio::select! {
         () = stopped(&mut stop) => {}
         () = announce(&participant, &around.node, around.gid_size.subscribe(), nodes) => {}
-        () = listen(&participant, &around.gid_size, nodes) => {}
+        () = listen(&participant, &around, nodes) => {}
     }
     around.nodes.send_replace(Nodes::default());
 }
@@ -83,11 +83,8 @@ async fn announce(
 
 /// Takes the announcements of other participants, for ever. The first tells the size of a gid, if it is not
 /// known.
-async fn listen(
-    participant: &Participant,
-    learn: &watch::Sender<Option<GidSize>>,
-    nodes: &watch::Sender<Nodes>,
-) {
+async fn listen(participant: &Participant, around: &PresenceContext, nodes: &watch::Sender<Nodes>) {
+    let learn = &around.gid_size;
     let mut reader = participant.reader(TOPIC, &type_name(), Via::LastValue, DEPTH);
     let mut looks = tokio::time::interval(LOOK);
     looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -95,7 +92,13 @@ async fn listen(
         tokio::select! {
             _ = looks.tick() => {
                 let (guids, services) = seen(&participant.seen());
-                nodes.send_modify(|nodes| nodes.update(&participant.guid(), guids, services));
+                let is_searching = participant.is_searching();
+                nodes.send_modify(|nodes| {
+                    nodes.update(&participant.guid(), guids, services);
+                    if is_searching {
+                        nodes.search_on(around.clock.now());
+                    }
+                });
             }
             heard = poll_fn(|context| reader.poll(context)) => {
                 let ReaderEvent::Sample(sample) = heard else { continue };

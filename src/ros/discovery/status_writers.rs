@@ -48,7 +48,7 @@ impl StatusWriters {
         &mut self,
         writers: &BTreeSet<Guid>,
         nodes: &BTreeMap<Guid, &str>,
-        now: Timestamp,
+        (now, is_searching): (Timestamp, bool),
     ) -> Option<WriterList> {
         self.found.retain(|guid, _| writers.contains(guid));
         for guid in writers {
@@ -66,7 +66,7 @@ impl StatusWriters {
         };
         let known = self.found.iter().map(node).collect();
         // If there are more writers than can be distinguished, none is known to have left.
-        let complete = now.since(self.since) >= DISCOVERY && writers.len() <= WRITERS_MAX;
+        let complete = now.since(self.since) >= DISCOVERY && !is_searching && writers.len() <= WRITERS_MAX;
         let list = WriterList { as_of: now, complete, writers: known };
         self.looks += 1;
         let same = |said: &WriterList| said.complete == list.complete && said.writers == list.writers;
@@ -97,7 +97,8 @@ pub async fn run(
         }
         // Taken before discovery is asked: messages that come meanwhile are newer than its answer.
         let now = clock.now();
-        let list = speakers.look(&writers(&participant), &nodes.borrow().endpoints(), now);
+        let is_searching = participant.is_searching();
+        let list = speakers.look(&writers(&participant), &nodes.borrow().endpoints(), (now, is_searching));
         let Some(list) = list else { continue };
         let input = Stamped::new(Input::Writers(Arc::new(list)), now);
         tokio::select! {
@@ -129,15 +130,15 @@ mod tests {
         let at = Timestamp::from_millis;
         let mut speakers = StatusWriters::new(at(0));
         let named = BTreeMap::from([(A, "/lidar")]);
-        let list = speakers.look(&[A, B].into(), &named, at(1000)).unwrap();
+        let list = speakers.look(&[A, B].into(), &named, (at(1000), false)).unwrap();
         assert!(!list.complete, "others may be found still");
         assert_eq!(node(&list, A), Some(&NodeOf::Named("/lidar".into())));
         assert_eq!(node(&list, B), Some(&NodeOf::Pending));
-        assert_eq!(speakers.look(&[A, B].into(), &named, at(2000)), None, "nothing is new");
-        assert!(speakers.look(&[A, B].into(), &named, at(5000)).unwrap().complete);
-        let list = speakers.look(&[A, B].into(), &named, at(11_000)).unwrap();
+        assert_eq!(speakers.look(&[A, B].into(), &named, (at(2000), false)), None, "nothing is new");
+        assert!(speakers.look(&[A, B].into(), &named, (at(5000), false)).unwrap().complete);
+        let list = speakers.look(&[A, B].into(), &named, (at(11_000), false)).unwrap();
         assert_eq!(node(&list, B), Some(&NodeOf::Unannounced));
-        let list = speakers.look(&[B].into(), &named, at(12_000)).unwrap();
+        let list = speakers.look(&[B].into(), &named, (at(12_000), false)).unwrap();
         assert_eq!((node(&list, A), list.as_of), (None, at(12_000)));
     }
 
@@ -147,11 +148,11 @@ mod tests {
         let at = |look: u64| Timestamp::from_millis(60_000 + 1000 * look);
         let named = BTreeMap::from([(A, "/a")]);
         let said: Vec<u64> =
-            (0..11).filter(|&look| speakers.look(&[A].into(), &named, at(look)).is_some()).collect();
+            (0..11).filter(|&look| speakers.look(&[A].into(), &named, (at(look), false)).is_some()).collect();
         assert_eq!(said, [0, 5, 10]);
         let many: BTreeSet<Guid> =
             (0..2000_u32).map(|it| std::array::from_fn(|n| it.to_le_bytes()[n % 4])).collect();
-        let list = speakers.look(&many, &BTreeMap::new(), at(20)).unwrap();
+        let list = speakers.look(&many, &BTreeMap::new(), (at(20), false)).unwrap();
         assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
     }
 }

@@ -4,20 +4,17 @@
 //! A packet from the network can make the library take all memory or hang. So it runs in a process of its own,
 //! and `watch` checks it from outside.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::future::poll_fn;
 use std::net::Ipv4Addr;
 use std::os::fd::AsFd as _;
 use std::os::unix::net::UnixStream;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::task::{Context, Poll};
 use std::time::Duration;
 
 use bytes::Bytes;
 use futures_util::StreamExt as _;
-use rustdds::dds::ReadError;
-use rustdds::no_key::SimpleDataReader;
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, GUID, QosPolicyBuilder, RTPSEntity as _, SampleIdentity,
     SequenceNumber, StatusEvented as _, Subscriber, Topic, WriteOptionsBuilder,
@@ -32,21 +29,21 @@ use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 use super::busy_discovery::BusyDiscovery;
 use super::discovered;
 use super::echo_check::EchoCheck;
+use super::losses::Losses;
+use super::open_readers::{OpenReader, OpenReaders};
 use super::qos::{self, RawWriter};
-use super::raw_bytes::RawAdapter;
 use super::wire::{self, Frame, FromChild, Order};
-use super::{BEAT, RawSample, SAMPLE_BYTES, SampleId, WINDOW_BYTES, WRITING_MAX};
+use super::{BEAT, SampleId, WRITING_MAX};
 use crate::clock::Clock;
 use crate::engine::time::{Span, Timestamp};
-use crate::msg::sample_bytes::{Guid, RawBody};
 
 /// How often it repeats a beat that has not come back.
 const AGAIN: Duration = Duration::from_millis(25);
 /// The shortest and the longest time between two looks at the discovered endpoints.
 const LOOK_MIN: Span = Span::from_millis(5);
 const LOOK_MAX: Span = Span::from_secs(1);
-/// A writer that discovery does not know is looked for again only after news of discovery.
-const UNKNOWN_MAX: usize = 1024;
+/// The same after endpoints were missing at a look.
+const LOOK_AGAIN: Span = Span::from_millis(50);
 /// The time that the library has to end its threads.
 const ENDING: Duration = Duration::from_secs(1);
 
@@ -152,18 +149,12 @@ impl ToParent {
     }
 }
 
-/// A reader, and the bytes that were passed up and not taken yet.
-struct OpenReader {
-    id: u32,
-    reader: SimpleDataReader<RawBody, RawAdapter>,
-    in_flight: usize,
-}
-
 struct Child {
     participant: DomainParticipant,
     subscriber: Subscriber,
     topics: BTreeMap<(String, String), Topic>,
     open_readers: OpenReaders,
+    losses: Losses,
     writers: BTreeMap<u32, Arc<RawWriter>>,
     writing: JoinSet<(u32, Option<String>)>,
     echo_check: EchoCheck,
@@ -190,11 +181,8 @@ impl Child {
             participant,
             subscriber,
             topics: BTreeMap::new(),
-            open_readers: OpenReaders {
-                readers: Vec::new(),
-                told: BTreeMap::new(),
-                unknown: BTreeSet::new(),
-            },
+            open_readers: OpenReaders::default(),
+            losses: Losses::default(),
             writers: BTreeMap::new(),
             writing: JoinSet::new(),
             echo_check,
@@ -232,6 +220,9 @@ impl Child {
                 }
                 Some(event) = events.next() => {
                     self.busy_discovery.hear(&event);
+                    if let Some((participant, change)) = self.losses.hear(&event) {
+                        out.frame.news(&FromChild::Participant { participant, change });
+                    }
                     look_at = look_at.min(looked + LOOK_MIN);
                 }
                 () = tokio::time::sleep_until(clock.instant(look_at).into()) => {
@@ -240,7 +231,7 @@ impl Child {
                     // A large graph is looked at less often than it changes.
                     let now = clock.now();
                     looked = now + Span::from_nanos(4 * now.since(started).as_nanos());
-                    look_at = looked + LOOK_MAX;
+                    look_at = looked + if self.losses.is_looking() { LOOK_AGAIN } else { LOOK_MAX };
                 }
                 // The return value says nothing: in a flood single beats are lost.
                 _ = again.tick(), if self.echo_check.is_late() => self.speak(),
@@ -291,6 +282,7 @@ impl Child {
                     self.writing.spawn(write(writer.clone(), number, body, related));
                 }
             }
+            Order::Forget { participant } => self.losses.forget(&participant),
             Order::Open { .. } | Order::Close => {}
         }
         Ok(())
@@ -306,17 +298,18 @@ impl Child {
         Ok(topic)
     }
 
-    /// Reports endpoints that are new or have changed.
+    /// Reports endpoints that are gone, new or have changed.
     fn tell_discovered(&mut self, out: &mut ToParent) {
-        let now = discovered::all(&self.participant);
+        let mut now = discovered::all(&self.participant);
+        let told = std::mem::take(&mut self.open_readers.told);
+        for guid in self.losses.look(&told, &mut now) {
+            out.frame.news(&FromChild::Gone { guid });
+        }
         for (guid, found) in &now {
-            if self.open_readers.told.get(guid) != Some(found) {
+            if told.get(guid) != Some(found) {
                 out.frame.news(&FromChild::Found(found.clone()));
                 self.open_readers.unknown.clear();
             }
-        }
-        for guid in self.open_readers.told.keys().filter(|guid| !now.contains_key(*guid)) {
-            out.frame.news(&FromChild::Gone { guid: *guid });
         }
         self.open_readers.told = now;
     }
@@ -355,69 +348,6 @@ impl Child {
         drop((open_readers, writers, echo_check, topics, subscriber));
         let closed = tokio::task::spawn_blocking(move || drop(participant));
         let _ = tokio::time::timeout(ENDING, closed).await;
-    }
-}
-
-/// All readers, and the writers that the parent knows.
-struct OpenReaders {
-    readers: Vec<OpenReader>,
-    /// Endpoints that the parent knows.
-    told: BTreeMap<Guid, super::Found>,
-    unknown: BTreeSet<Guid>,
-}
-
-impl OpenReaders {
-    /// Ready once something was received; it is in `samples` then. True if one of its writers is not known.
-    fn poll(&mut self, context: &mut Context<'_>, samples: &mut Frame) -> Poll<Result<bool, String>> {
-        let mut strangers = self.take(samples)?;
-        if samples.is_empty() {
-            for known in self.readers.iter().filter(|known| known.in_flight < WINDOW_BYTES) {
-                known.reader.set_waker(Some(context.waker().clone()));
-            }
-            // A sample that came between the look and the waker would wake nobody.
-            strangers = self.take(samples)?;
-        }
-        if samples.is_empty() { Poll::Pending } else { Poll::Ready(Ok(strangers)) }
-    }
-
-    fn take(&mut self, samples: &mut Frame) -> Result<bool, String> {
-        let mut strangers = false;
-        for hearing in &mut self.readers {
-            hearing.reader.drain_read_notifications();
-            // `None` is also returned for a sample without data; the next one may follow.
-            let mut nothing = 0;
-            while nothing < 2 && hearing.in_flight < WINDOW_BYTES && !samples.is_full() {
-                match hearing.reader.try_take_one() {
-                    Ok(Some(change)) => {
-                        let sample = RawSample {
-                            writer: change.writer_guid.to_bytes(),
-                            sequence: i64::from(change.sequence_number),
-                            source: change.source_timestamp().map(|stamp| stamp.to_ticks()),
-                            related: change.related_sample_identity().map(|related| SampleId {
-                                writer: related.writer_guid.to_bytes(),
-                                sequence: i64::from(related.sequence_number),
-                            }),
-                            body: change.into_value(),
-                        };
-                        hearing.in_flight += sample.weight();
-                        let writer = sample.writer;
-                        if !self.told.contains_key(&writer) && self.unknown.len() < UNKNOWN_MAX {
-                            strangers |= self.unknown.insert(writer);
-                        }
-                        samples.news(&FromChild::Sample { reader: hearing.id, sample });
-                    }
-                    Ok(None) => nothing += 1,
-                    Err(ReadError::Poisoned { reason } | ReadError::Internal { reason }) => {
-                        return Err(reason);
-                    }
-                    Err(error) => {
-                        hearing.in_flight += SAMPLE_BYTES;
-                        samples.news(&FromChild::Fault { reader: hearing.id, reason: wire::cut(&error) });
-                    }
-                }
-            }
-        }
-        Ok(strangers)
     }
 }
 

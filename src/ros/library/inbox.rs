@@ -11,15 +11,28 @@ use tokio::net::unix::OwnedReadHalf;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio_util::codec::FramedRead;
 
+use super::announced::Announced;
 use super::qos::Via;
 use super::raw_bytes::BODY_BYTES_MAX;
+use super::spdp::Prefix;
 use super::watch::Ended;
-use super::wire::{self, FromChild, Order};
+use super::wire::{self, Change, FromChild, Order};
 use super::{Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
+use crate::engine::time::Timestamp;
 use crate::msg::sample_bytes::Guid;
 
 /// The window, one message that began within it, and the frame that was under way.
 const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;
+
+/// Participants that are lost and not judged yet.
+const LOST_MAX: usize = 1024;
+
+/// When the library lost a participant, and whether it has discovered it again.
+#[derive(Debug, Clone, Copy)]
+pub struct Loss {
+    pub at: Timestamp,
+    pub is_back: bool,
+}
 
 /// What a reader gets.
 pub enum ReaderEvent {
@@ -54,6 +67,8 @@ pub struct Shared {
     written: Mutex<BTreeMap<u32, oneshot::Sender<Option<String>>>>,
     made: Mutex<BTreeMap<u32, watch::Sender<Option<Guid>>>>,
     made_readers: Mutex<BTreeMap<u32, Guid>>,
+    lost: Mutex<BTreeMap<Prefix, Loss>>,
+    pub announced: Arc<Announced>,
     pub news: watch::Sender<u64>,
     pub own_readers: watch::Sender<BTreeSet<Guid>>,
     ended: watch::Sender<Option<Ended>>,
@@ -64,9 +79,11 @@ pub struct Shared {
     pub heard: AtomicU64,
 }
 
-impl Default for Shared {
-    fn default() -> Shared {
+impl Shared {
+    pub fn new(announced: Arc<Announced>) -> Shared {
         Shared {
+            announced,
+            lost: Mutex::default(),
             seen: Mutex::default(),
             readers: Mutex::default(),
             written: Mutex::default(),
@@ -179,8 +196,31 @@ impl Shared {
                 self.heard.store(heard, Ordering::Relaxed);
             }
             FromChild::Broken { reason } => self.end(&reason, true),
+            FromChild::Participant { participant, change } => {
+                let mut lost = lock(&self.lost);
+                match change {
+                    Change::Here => self.announced.is_heard(&participant),
+                    Change::Left => self.announced.has_left(&participant),
+                    Change::Lost | Change::Back if lost.len() >= LOST_MAX => {}
+                    Change::Lost | Change::Back => {
+                        lost.insert(
+                            participant,
+                            Loss { at: self.announced.now(), is_back: change == Change::Back },
+                        );
+                    }
+                }
+            }
         }
         Ok(())
+    }
+
+    /// The participants that the library has lost and that are not judged yet.
+    pub fn lost(&self) -> BTreeMap<Prefix, Loss> {
+        lock(&self.lost).clone()
+    }
+
+    pub fn is_judged(&self, participant: &Prefix) {
+        lock(&self.lost).remove(participant);
     }
 
     fn hear(&self, reader: u32, heard: ReaderEvent) -> Result<(), &'static str> {

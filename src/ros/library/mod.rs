@@ -5,14 +5,19 @@
 //! then a new participant replaces it. Samples and discovered endpoints come over a socket (`wire`) and are
 //! decoded in the main process.
 
+mod announced;
 mod busy_discovery;
 mod child;
 pub mod discovered;
 mod echo_check;
 mod inbox;
+mod keep;
+mod losses;
+mod open_readers;
 pub mod qos;
 pub(super) mod raw_bytes;
 mod seen;
+pub(super) mod spdp;
 mod watch;
 mod wire;
 
@@ -34,8 +39,10 @@ use wire::{Frame, Order};
 
 use super::options::{self, BridgeOptions};
 use super::{BridgeError, DdsProcess};
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::sample_bytes::Guid;
 use crate::msg::sample_bytes::RawBody;
+use announced::Announced;
 use inbox::Shared;
 pub use qos::Quality;
 use qos::Via;
@@ -53,6 +60,8 @@ const ENDPOINTS_MAX: usize = 16_384;
 const ORDERS_MAX: usize = 1024;
 /// The longest time to make a participant.
 const OPENING: Duration = Duration::from_secs(10);
+/// The longest time to find those that live.
+const SEARCHING_MAX: Span = Span::from_secs(20);
 /// The longest time to write. Waiting for slow readers takes a tenth of it.
 const WRITING_MAX: Duration = Duration::from_secs(1);
 
@@ -93,6 +102,7 @@ struct Inner {
     orders: mpsc::Sender<Order>,
     next: AtomicU32,
     watch: watch::Watch,
+    opened: Timestamp,
 }
 
 impl Participant {
@@ -106,7 +116,8 @@ impl Participant {
         let (ours, theirs) = StdStream::pair().map_err(failed)?;
         ours.set_nonblocking(true).map_err(failed)?;
         let (reading, mut writing) = UnixStream::from_std(ours).map_err(failed)?.into_split();
-        let shared = Arc::new(Shared::default());
+        let announced = Announced::on(options.domain, networks.as_deref());
+        let shared = Arc::new(Shared::new(announced));
         let watch = watch::start(options.dds_process, theirs, shared.clone()).map_err(failed)?;
         let (orders, mut given) = mpsc::channel(ORDERS_MAX);
         let (ready, opened) = oneshot::channel();
@@ -130,7 +141,10 @@ impl Participant {
         match opened {
             Ok(Ok((guid, id))) => {
                 let next = AtomicU32::new(1);
-                Ok(Participant(Arc::new(Inner { guid, id, shared, orders, next, watch })))
+                let port = spdp::discovery_port(options.domain, id);
+                tokio::spawn(keep::run(guid, port, shared.clone(), orders.downgrade()));
+                let opened = shared.announced.now();
+                Ok(Participant(Arc::new(Inner { guid, id, shared, orders, next, watch, opened })))
             }
             Ok(Err(_)) => Err(BridgeError::Participant(shared.ended().await.reason.to_string())),
             Err(_) => Err(BridgeError::Participant(format!("it does not start within {OPENING:?}"))),
@@ -161,6 +175,11 @@ impl Participant {
         self.0.shared.own_readers.subscribe()
     }
 
+    /// What is heard of participants beside the library, for as long as this is held.
+    pub fn announced(&self) -> Arc<Announced> {
+        self.0.shared.announced.clone()
+    }
+
     /// Waits until the participant is unusable, and returns the reason.
     pub async fn ended(&self) -> Ended {
         self.0.shared.ended().await
@@ -168,6 +187,18 @@ impl Participant {
 
     pub fn has_ended(&self) -> bool {
         self.0.shared.has_ended()
+    }
+
+    /// Whether some that live and that we have met before are not found yet. Only in its first time: later they may
+    /// have ended what they had.
+    pub fn is_searching(&self) -> bool {
+        let announced = &self.0.shared.announced;
+        if announced.now().since(self.0.opened) >= SEARCHING_MAX {
+            return false;
+        }
+        let (met, seen) = (announced.met(), self.seen());
+        let own = spdp::prefix(&self.0.guid);
+        met.iter().any(|participant| *participant != own && !seen.has_any_of(participant))
     }
 
     /// Waits until it hears itself, if any participant on this network ever did.

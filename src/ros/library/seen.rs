@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::spdp::Prefix;
 use super::{ENDPOINTS_MAX, Quality};
 use crate::engine::discovery::Liveliness;
 use crate::msg::sample_bytes::Guid;
@@ -73,16 +74,23 @@ impl Seen {
         self.of(topic).filter(|found| !found.writes)
     }
 
+    /// Whether an endpoint of this participant is known.
+    pub fn has_any_of(&self, participant: &Prefix) -> bool {
+        let mut first = [0; 16];
+        first[..participant.len()].copy_from_slice(participant);
+        self.topics.range(first..).next().is_some_and(|(guid, _)| guid.starts_with(participant))
+    }
+
     fn of(&self, topic: &str) -> impl Iterator<Item = &Found> {
         self.by_topic.get(topic).into_iter().flat_map(BTreeMap::values)
     }
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
-    fn found(guid: u8, topic: &str) -> Found {
+    pub fn found(guid: u8, topic: &str) -> Found {
         Found {
             guid: [guid; 16],
             writes: true,
@@ -101,6 +109,7 @@ mod tests {
         let mut seen = Seen::default();
         assert!(seen.add(found(1, "a")) && seen.add(found(1, "b")) && seen.add(found(2, "b")));
         assert_eq!([seen.writers_of("a").count(), seen.writers_of("b").count()], [0, 2]);
+        assert_eq!([0, 1, 3].map(|participant| seen.has_any_of(&[participant; 12])), [false, true, false]);
         seen.remove(&[1; 16]);
         seen.remove(&[2; 16]);
         assert!(seen.by_topic.is_empty() && seen.topics.is_empty());

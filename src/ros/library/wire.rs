@@ -16,7 +16,7 @@ use super::{Found, Quality, RawSample, SampleId};
 use crate::engine::discovery::{Liveliness, LivelinessKind};
 use crate::msg::cdr::{Endian, Fault, FaultKind};
 use crate::msg::sample_bytes::Guid;
-pub use messages::{FromChild, Order};
+pub use messages::{Change, FromChild, Order};
 
 /// A frame is closed when it is longer than this; a single message may be longer.
 pub const FRAME_BYTES: usize = 256 << 10;
@@ -131,6 +131,7 @@ impl Frame {
                 self.u8(6).u32(*id).u32(*number).sample_id(related.as_ref()).bytes(body);
             }
             Order::Close => drop(self.u8(7)),
+            Order::Forget { participant } => self.u8(8).0.extend(participant),
         }
     }
 
@@ -148,6 +149,9 @@ impl Frame {
             }
             FromChild::Beat { heard } => drop(self.u8(7).u64(*heard)),
             FromChild::Broken { reason } => drop(self.u8(8).bytes(reason.as_bytes())),
+            FromChild::Participant { participant, change } => {
+                self.u8(9).u8(*change as u8).0.extend(participant);
+            }
         }
     }
 
@@ -286,7 +290,7 @@ impl<'a> Reading<'a> {
     }
 
     fn order(&mut self) -> Result<Order, InvalidFrame> {
-        Ok(match self.below(8)? {
+        Ok(match self.below(9)? {
             0 => {
                 let (domain, is_some) = (self.u16()?, self.flag()?);
                 let count = self.u32()? as usize;
@@ -316,12 +320,13 @@ impl<'a> Reading<'a> {
                 related: self.sample_id()?,
                 body: self.body()?,
             },
-            _ => Order::Close,
+            7 => Order::Close,
+            _ => Order::Forget { participant: self.array()? },
         })
     }
 
     fn news(&mut self) -> Result<FromChild, InvalidFrame> {
-        Ok(match self.below(9)? {
+        Ok(match self.below(10)? {
             0 => FromChild::Ready { guid: self.array()?, participant: self.u16()? },
             1 => FromChild::Made { id: self.u32()?, guid: self.array()? },
             2 => FromChild::Found(self.found()?),
@@ -333,7 +338,11 @@ impl<'a> Reading<'a> {
                 FromChild::Written { number, error: is_some.then_some(text) }
             }
             7 => FromChild::Beat { heard: self.u64()? },
-            _ => FromChild::Broken { reason: self.text()? },
+            8 => FromChild::Broken { reason: self.text()? },
+            _ => {
+                let change = Change::ALL[usize::from(self.below(Change::ALL.len() as u8)?)];
+                FromChild::Participant { participant: self.array()?, change }
+            }
         })
     }
 

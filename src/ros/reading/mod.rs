@@ -5,4 +5,5 @@ pub(super) mod learning;
 pub(super) mod publishers;
 pub(super) mod readers;
 pub(super) mod topic;
+pub(super) mod topics;
 pub(super) mod trouble;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::UNIX_EPOCH;
 
 use tokio::sync::{mpsc, watch};
@@ -30,6 +31,9 @@ const UNKNOWN_MAX: usize = 1024;
 
 /// A topic is reported to have no publisher only after discovery had this time.
 const DISCOVERY: Span = Span::from_secs(5);
+
+/// While some that live are not found yet, it is looked again after this time.
+const SEARCHED_AGAIN: Span = Span::from_secs(1);
 
 /// A larger last value is not kept for monitors that are configured later.
 const KEPT_BYTES_MAX: usize = 64 << 10;
@@ -65,6 +69,39 @@ impl Memory {
         let retention = if is_recorded { Retention::of_large_messages() } else { Retention::new() };
         Memory { writers: Writers::default(), troubles: Troubles::default(), retention, last_value: None }
     }
+
+    /// Whether a message has come.
+    pub fn is_of_messages(&self) -> bool {
+        self.writers.any_heard()
+    }
+}
+
+/// What a topic has shown so far.
+#[derive(Debug, Default)]
+pub struct Trial {
+    has_data: AtomicBool,
+    /// One of several types that are announced: nothing is said of it before its first message.
+    is_quiet: AtomicBool,
+}
+
+impl Trial {
+    pub fn new(is_quiet: bool) -> Trial {
+        Trial { is_quiet: is_quiet.into(), ..Trial::default() }
+    }
+
+    /// Whether a message of its type has come.
+    pub fn has_data(&self) -> bool {
+        self.has_data.load(Ordering::Relaxed)
+    }
+
+    fn is_quiet(&self) -> bool {
+        self.is_quiet.load(Ordering::Relaxed)
+    }
+
+    fn note_data(&self) {
+        self.has_data.store(true, Ordering::Relaxed);
+        self.is_quiet.store(false, Ordering::Relaxed);
+    }
 }
 
 /// Orders to the task of a topic.
@@ -83,6 +120,7 @@ pub struct Topic {
     said: Option<(u32, Option<Box<str>>)>,
     /// It was reported that last values are not asked for.
     told_of_mix: bool,
+    trial: Arc<Trial>,
     around: TopicContext,
     readers: Readers,
     memory: Memory,
@@ -93,7 +131,12 @@ pub struct Topic {
 }
 
 impl Topic {
-    pub fn new(subscription: Arc<Subscription>, around: TopicContext, mut memory: Memory) -> Topic {
+    pub fn new(
+        subscription: Arc<Subscription>,
+        around: TopicContext,
+        mut memory: Memory,
+        trial: Arc<Trial>,
+    ) -> Topic {
         memory.writers.listen(around.clock.wall());
         let depth = memory.retention.depth();
         let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
@@ -103,6 +146,7 @@ impl Topic {
             searching_until: around.clock.now() + DISCOVERY,
             said: None,
             told_of_mix: false,
+            trial,
             around,
             readers,
             memory,
@@ -221,6 +265,7 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
+        self.trial.note_data();
         if let Some(every) = self.subscription.recorded_every() {
             if received < self.recorded_from {
                 return Ok(());
@@ -298,7 +343,7 @@ impl Topic {
         let now = self.around.clock.now();
         for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
             // The numbers of the messages in a recording show what is missing; the operator has no use for it.
-            if self.subscription.recorded_every().is_some() {
+            if self.subscription.recorded_every().is_some() || self.trial.is_quiet() {
                 continue;
             }
             self.outbox.send(Stamped::new(Input::Reception(trouble), now), 0).await?;
@@ -308,7 +353,7 @@ impl Topic {
 
     /// When it is due to be reported that there is no publisher.
     fn news_due(&self) -> Option<Timestamp> {
-        let silent = self.said.is_none() && self.subscription.watched().is_some();
+        let silent = self.said.is_none() && self.subscription.watched().is_some() && !self.trial.is_quiet();
         silent.then_some(self.searching_until)
     }
 
@@ -320,13 +365,19 @@ impl Topic {
 
     /// Reports the publishers, if monitors watch the topic and they have changed.
     async fn tell_news(&mut self) -> Result<(), End> {
-        let Some(source) = self.subscription.watched() else { return Ok(()) };
+        let Some(source) = self.subscription.watched().filter(|_| !self.trial.is_quiet()) else {
+            return Ok(());
+        };
         let (publishers, other) = self.memory.writers.publishers(&self.subscription.dds_type);
         let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
         let now = self.around.clock.now();
         let found = publishers > 0 || other_type.is_some();
         let news = (publishers, other_type);
         if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
+            return Ok(());
+        }
+        if self.said.is_none() && !found && self.around.participant.is_searching() {
+            self.searching_until = now + SEARCHED_AGAIN;
             return Ok(());
         }
         let input = PublisherReport { source: source.clone(), publishers, other_type: news.1.clone() };

@@ -136,7 +136,7 @@ pub const HEALTHZ: Operation = Operation {
 pub const READYZ: Operation = Operation {
     id: "readyz",
     tag: Tag::Session,
-    summary: "The engine and the store work",
+    summary: "The engine, the bridge to DDS and the store work",
     answer: Content::Text,
     refusals: &[(503, "They do not.")],
     ..Operation::PLAIN

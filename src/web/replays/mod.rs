@@ -121,6 +121,7 @@ fn start(
         written: None,
         history,
         discovery: None,
+        working: None,
         recordings: None,
         what_if: None,
         marker: None,

@@ -18,12 +18,12 @@ use telltale::engine::model::{
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
-use telltale::engine::time::Span;
+use telltale::engine::time::{Span, Timestamp};
 use telltale::runtime::Stamped;
 use telltale::runtime::{self, Link, Rehearsal, Reread};
 use telltale::store::{DemoSecrets, History, Store};
 use telltale::web::{AppState, DemoFault, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
-use tokio::sync::mpsc;
+use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tower::ServiceExt;
 
@@ -188,9 +188,20 @@ impl Fixture {
         (self.before(link), held)
     }
 
-    fn before(mut self, link: Link) -> Fixture {
+    /// With a bridge to DDS that did its work at this time.
+    pub fn bridged(self, working: watch::Receiver<Timestamp>) -> Fixture {
+        let link = self.link.clone();
+        self.before_with(link, Some(working))
+    }
+
+    fn before(self, link: Link) -> Fixture {
+        self.before_with(link, None)
+    }
+
+    fn before_with(mut self, link: Link, working: Option<watch::Receiver<Timestamp>>) -> Fixture {
         let origins = Origins::of_listener(ADDRESS.parse().unwrap(), false);
-        self.app = AppState::new(link, self.store.clone(), self.clock, settings(origins, false));
+        let settings = Settings { working, ..settings(origins, false) };
+        self.app = AppState::new(link, self.store.clone(), self.clock, settings);
         self.router = router(self.app.clone());
         self
     }
@@ -310,6 +321,7 @@ pub fn settings(origins: Origins, secure: bool) -> Settings {
         written: None,
         history: None,
         discovery: None,
+        working: None,
         recordings: None,
         what_if: None,
         marker: None,

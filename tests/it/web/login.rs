@@ -3,10 +3,13 @@
 use axum::http::header::SET_COOKIE;
 use axum::http::{Method, StatusCode};
 use telltale::engine::model::Stage;
+use telltale::engine::time::Span;
 use telltale::store::audit::Entry;
 use telltale::store::{DEMO_USERS, DemoSecrets, Role};
+use telltale::web::{SelfCheck, Stuck};
+use tokio::sync::watch;
 
-use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, request};
+use super::fixture::{ADDRESS, COMPONENTS, Fixture, as_program, form_request, request, until};
 use crate::folder::TestFolder;
 
 #[tokio::test]
@@ -224,6 +227,20 @@ async fn readiness_needs_engine_and_store_and_health_neither() {
     for path in ["/healthz", "/readyz"] {
         assert_eq!(fixture.send(request(Method::GET, path, None)).await.status, StatusCode::OK, "{path}");
     }
+}
+
+#[tokio::test]
+async fn a_server_whose_bridge_has_ended_is_not_ready_and_asks_for_a_restart() {
+    let (fixture, hand) = Fixture::with_hand().await;
+    let (works, working) = watch::channel(fixture.clock.now());
+    let fixture = fixture.bridged(working);
+    let check = SelfCheck::new(fixture.app.clone());
+    hand.advance(Span::from_secs(16));
+    // The engine lives on, by its own clock.
+    until(async || check.run().await == Err(Stuck::Bridge)).await;
+    assert_eq!(fixture.get("/readyz", None).await.status, StatusCode::SERVICE_UNAVAILABLE);
+    works.send_replace(fixture.clock.now());
+    assert_eq!(fixture.get("/readyz", None).await.status, StatusCode::OK);
 }
 
 #[tokio::test]

@@ -6,6 +6,7 @@ use bytes::Bytes;
 
 use crate::msg::sample_bytes::Guid;
 use crate::ros::library::qos::Via;
+use crate::ros::library::spdp::Prefix;
 use crate::ros::library::{Found, Quality, RawSample, SampleId};
 
 /// From the program to the DDS process.
@@ -52,6 +53,10 @@ pub enum Order {
     },
     /// End, and say goodbye to the other participants.
     Close,
+    /// A participant that the library has lost is gone.
+    Forget {
+        participant: Prefix,
+    },
 }
 
 /// From the DDS process to the program.
@@ -93,4 +98,25 @@ pub enum FromChild {
     Broken {
         reason: String,
     },
+    Participant {
+        participant: Prefix,
+        change: Change,
+    },
+}
+
+/// What has become of another participant in the library.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// The library has heard it for the first time.
+    Here,
+    /// It was not heard for its lease. Its endpoints still count.
+    Lost,
+    /// It said that it leaves.
+    Left,
+    /// It was lost, and was discovered again. The library does not match its endpoints again.
+    Back,
+}
+
+impl Change {
+    pub const ALL: [Change; 4] = [Change::Here, Change::Lost, Change::Left, Change::Back];
 }

@@ -25,6 +25,7 @@ fn some_orders() -> Vec<Order> {
         Order::Write { id: 2, number: 10, related: Some(RELATED), body: Bytes::new() },
         Order::EndReader { id: 1 },
         Order::Close,
+        Order::Forget { participant: [7; 12] },
     ]
 }
 
@@ -60,6 +61,7 @@ fn some_news() -> Vec<FromChild> {
         FromChild::Written { number: 10, error: None },
         FromChild::Beat { heard: 12 },
         FromChild::Broken { reason: "over".to_owned() },
+        FromChild::Participant { participant: [7; 12], change: Change::Left },
     ]
 }
 
