@@ -57,6 +57,7 @@ mod signals;
 mod source_messages;
 mod start_errors;
 mod tidy;
+mod two_faults;
 mod unheard_requests;
 mod web;
 mod what_if;
