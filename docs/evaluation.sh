@@ -16,6 +16,6 @@ for number in 1 2 3 4 5 6; do
     "$telltale" scenario --figure "$out/scenario-$number.svg" "$1"
 done
 "$telltale" scenario --figure "$out/paper-fig-6.svg" "$scenarios"/[1-6]-*.yaml >/dev/null
-for name in re-attribution combine-any transitive-masking; do
+for name in second-fault re-attribution combine-any transitive-masking; do
     "$telltale" scenario --figure "$out/$name.svg" "$scenarios/$name.yaml"
 done

@@ -55,7 +55,10 @@ def roots(snapshot):
 
 
 def masked_by(snapshot, name):
-    reason = group(snapshot, name)["reason"]
+    """The causes of a group, or of a module in one, that waits."""
+    modules = (module for group in snapshot["groups"] for module in group["modules"])
+    node = next(node for node in (*snapshot["groups"], *modules) if node["id"] == name)
+    reason = node["reason"]
     return reason["by"] if reason and reason["kind"] == "masked" else None
 
 

@@ -55,7 +55,7 @@ STORIES = {
             ("costmap_delay", fails("perception", "perception/costmap_delay", "prediction")),
             ("can_loss", fails("can", "can/bus", "localization")),
             ("low_battery", lambda s: state(s, "can") == "warning"),
-            ("camera_crash", fails("sensors", "sensors/camera_driver", "localization")),
+            ("camera_crash", fails("sensors", "sensors/camera_driver", "sensors/camera_front")),
         ],
     },
     # Scenario 1: nobody knows the dependencies.

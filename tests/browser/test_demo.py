@@ -108,7 +108,7 @@ def test_in_a_sensor_outage_localization_shows_it_first_and_then_waits_for_the_c
         ("costmap_delay", "perception", "error", "perception/costmap_delay", ["prediction"]),
         ("can_loss", "can", "error", "can/bus", ["localization", "perception", "prediction"]),
         ("low_battery", "can", "warning", None, []),
-        ("camera_crash", "sensors", "error", "sensors/camera_driver", ["localization", "perception", "prediction"]),
+        ("camera_crash", "sensors", "error", "sensors/camera_driver", ["sensors/camera_front"]),
     ],
 )
 def test_a_fault_shows_at_its_group_and_what_depends_on_it_waits(stream, faults, fault, group_name, shown, cause, waits):

@@ -36,7 +36,7 @@ def test_a_dependency_that_is_removed_shows_the_alarms_that_it_hid(server, vehic
     page.wait_for_url(f"**/incidents/{number}/what-if")
     text = page.locator("textarea")
     recorded = text.input_value()
-    assert "depends_on: [sensors, can]" in recorded
+    assert "depends_on: [sensors/velodyne_packet_alive, can/wheel_speed]" in recorded
 
     # The same configuration first.
     page.locator("button[name=run]").click()
@@ -45,7 +45,7 @@ def test_a_dependency_that_is_removed_shows_the_alarms_that_it_hid(server, vehic
     assert violations(page) == ""
 
     # What is typed stays where it is while the page is renewed.
-    new = recorded.replace("depends_on: [sensors, can]", "depends_on: [can]")
+    new = recorded.replace("depends_on: [sensors/velodyne_packet_alive, can/wheel_speed]", "depends_on: [can/wheel_speed]")
     text.fill(new)
     page.locator("button[name=run]").click()
     page.wait_for_url(f"**/incidents/{number}/what-if")
@@ -54,7 +54,7 @@ def test_a_dependency_that_is_removed_shows_the_alarms_that_it_hid(server, vehic
     expect(page.locator("#phase")).to_have_attribute("data-progress", "done")
     assert text.input_value() == new
     expect(page.locator("#strips [data-node]")).not_to_have_count(0)
-    expect(page.locator("#differences")).to_contain_text("depends_on from [sensors, can] to [can]")
+    expect(page.locator("#differences")).to_contain_text("depends_on from [sensors/velodyne_packet_alive, can/wheel_speed] to [can/wheel_speed]")
     assert violations(page) == ""
     if SHOTS:
         shoot(page, server, "differs")

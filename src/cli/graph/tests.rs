@@ -33,11 +33,10 @@ fn what_is_depended_on_stands_left_and_every_dependency_has_an_arrow() {
     }
     assert_eq!(columns["sensors"], columns["mission"]);
     let arrows = drawing.matches(" depends on ").count();
-    let named: usize = include_str!("../../../config/shuttle.yaml")
-        .lines()
-        .filter_map(|line| line.split_once("depends_on: ["))
-        .map(|(_, list)| list.split(',').count())
-        .sum();
+    let model = parse("c", include_str!("../../../config/shuttle.yaml")).unwrap().model;
+    let of_groups = model.groups.iter().flat_map(|group| &group.depends_on);
+    let of_modules = model.modules.iter().flat_map(|module| &module.depends_on);
+    let named: usize = of_groups.chain(of_modules).map(|it| it.on.nodes().len()).sum();
     assert_eq!(arrows, named);
 }
 

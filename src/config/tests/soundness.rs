@@ -2,7 +2,7 @@
 
 use crate::config::parse;
 use crate::config::soundness::{Soundness, look};
-use crate::engine::model::{DependsOn, GroupId, GroupSpec, NodeId};
+use crate::engine::model::{GroupSpec, Model, ModuleId, NodeId};
 
 const SIGNALS: &str = "signals:
   active: { topic: /active, type: std_msgs/msg/Bool }
@@ -49,13 +49,31 @@ fn the_shuttle_is_sound() {
     let loaded = crate::config::load(&path).unwrap();
     assert_eq!(look(&loaded.model).findings, []);
     // The sensors serve several components (paper, Fig. 4).
-    let group = |path: &str| loaded.model.groups.iter().position(|group| &*group.path == path).unwrap();
-    let sensors = NodeId::Group(GroupId(group("sensors") as u32));
-    let serves = |group: &GroupSpec| {
-        group.depends_on.iter().any(|it| matches!(it.on, DependsOn::Node(on) if on == sensors))
-    };
+    let lidar = module(&loaded.model, "sensors/velodyne_packet_alive");
+    let serves = |group: &GroupSpec| group.depends_on.iter().any(|it| it.on.nodes() == [lidar]);
     let served = loaded.model.groups.iter().filter(|group| serves(group)).map(|group| &*group.path);
     assert_eq!(served.collect::<Vec<_>>(), ["localization", "perception"]);
+}
+
+fn module(model: &Model, id: &str) -> NodeId {
+    let found = model.modules.iter().position(|module| &*module.id == id);
+    NodeId::Module(ModuleId(found.expect("the vehicle has it") as u32))
+}
+
+/// Whole groups would hide what has nothing to do with a fault: Localization does not use the camera.
+#[test]
+fn the_shipped_vehicles_depend_on_single_modules() {
+    for name in ["shuttle.yaml", "self-diagnosing-shuttle.yaml", "robot.yaml"] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(name);
+        let model = crate::config::load(&path).unwrap().model;
+        let of_groups = model.groups.iter().flat_map(|group| &group.depends_on);
+        let of_modules = model.modules.iter().flat_map(|module| &module.depends_on);
+        for dependency in of_groups.chain(of_modules) {
+            let is_module = |node: &NodeId| matches!(node, NodeId::Module(_));
+            assert!(dependency.on.nodes().iter().all(is_module), "{name}: {dependency:?}");
+        }
+        assert_eq!(look(&model).findings, [], "{name}");
+    }
 }
 
 #[test]
