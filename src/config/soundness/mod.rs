@@ -8,10 +8,12 @@
 
 mod alike;
 mod conditions;
+mod earlier;
 mod finding;
 mod fractions;
 mod globs;
 pub mod judge;
+mod silence;
 pub mod situation;
 mod words;
 
@@ -47,6 +49,8 @@ pub fn look(model: &Model) -> Soundness {
     look.possibilities(&situations);
     look.conditions();
     look.rules();
+    look.findings.extend(earlier::look(&look.judge));
+    look.findings.extend(silence::look(&look.judge));
     look.findings.extend(conditions::look(model));
     look.findings.extend(fractions::look(model));
     look.findings.extend(globs::look(model));
