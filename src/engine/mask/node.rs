@@ -5,6 +5,7 @@ use crate::engine::time::Span;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashMap};
 
+use super::dropped::{OnlyDropped, OnlyDroppedCount};
 use super::rules::Standing;
 use crate::engine::model::{Dependency, GroupId, ModuleId, NodeId};
 use crate::engine::module::OwnState;
@@ -23,6 +24,7 @@ pub(in crate::engine) struct NodeFacts {
     pub(in crate::engine) own: State,
     /// It has no report, or is silent, and still has time to report.
     pub(in crate::engine) grace: bool,
+    pub(in crate::engine) only_dropped: OnlyDropped,
 }
 
 impl NodeFacts {
@@ -99,6 +101,7 @@ pub(in crate::engine) struct GroupNode {
     /// The module that reports dropped names: while there is one, the group is at least WARNING. It takes no
     /// part in the fold.
     pub(in crate::engine) overflow: Option<ModuleId>,
+    pub(in crate::engine) only_dropped: OnlyDroppedCount,
 }
 
 /// The origin of a module.
@@ -135,6 +138,7 @@ pub(in crate::engine) const UNSEEN: NodeFacts = NodeFacts {
     shown: State::Ignore,
     own: State::Unknown,
     grace: false,
+    only_dropped: OnlyDropped { shown: false, own: false },
 };
 
 pub(in crate::engine) fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {

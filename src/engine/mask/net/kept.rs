@@ -151,6 +151,7 @@ fn since(group: &GroupNode) -> Option<Timestamp> {
         own: _,
         masked: _,
         failing: _,
+        only_dropped: _,
         dirty_leave: _,
         // The view has the members, in order.
         members: _,
