@@ -1,10 +1,13 @@
 //! Turns the judgements of monitors into reports of their modules.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
 use super::Engine;
 use super::input::StatusArray;
-use super::mask::net::Net;
-use super::model::ModuleId;
+use super::mask::net::{Change, Net};
 use super::model::sample::{Probe, PublisherReport, Sample};
+use super::model::{ModuleId, NodeId};
 use super::monitor::feeds::{Judgement, Purpose};
 use super::state::State;
 use super::time::Timestamp;
@@ -57,8 +60,9 @@ impl Engine {
     /// Takes the KeyValues that monitors watch, after the statuses have been assigned to their modules.
     pub(super) fn take_keys(&mut self, array: &StatusArray, number: u64) {
         let mut judge = std::mem::take(&mut self.watching.judge);
-        let (names, limits) = (&self.names, &self.model.limits);
-        self.watching.take_keys(array, |name| names.counts(name, number), limits, self.now, &mut judge);
+        let (names, held_back, limits) = (&self.names, &self.held_back, &self.model.limits);
+        let counts = |name: &str| names.counts(name, number) && !held_back.contains(name);
+        self.watching.take_keys(array, counts, limits, self.now, &mut judge);
         for index in judge.drain(..) {
             self.judge_monitor(index, true);
         }
@@ -111,14 +115,43 @@ impl Engine {
         !turned.is_empty()
     }
 
-    /// Counts the members of groups that must have a certain number of them. Returns whether that changed anything.
+    /// Evaluates every marked node. A window that begins anew with a recovery does so before anything follows what
+    /// it judged before.
+    pub(super) fn evaluate(&mut self) {
+        let (mut seen, mut begun) = (0, false);
+        loop {
+            self.net.evaluate(self.vehicle.stage, &self.signals, self.now);
+            let mut recovered = Vec::new();
+            for change in &self.net.changes[seen..] {
+                if let NodeId::Module(id) = change.node {
+                    let (blocked, own) = (change.after.blocked, change.after.own);
+                    recovered.extend(self.watching.follow_block(id, blocked, own, self.now));
+                }
+            }
+            seen = self.net.changes.len();
+            if recovered.is_empty() {
+                break;
+            }
+            begun = true;
+            for (id, index) in recovered {
+                self.net.give_time(id, self.now);
+                self.judge_monitor(index, false);
+            }
+        }
+        if begun {
+            self.net.merge_changes();
+        }
+    }
+
+    /// Counts the modules of groups that must have a certain number of them. Returns whether that changed anything.
     pub(super) fn count_members(&mut self) -> bool {
         let mut changed = false;
-        for (id, watch) in self.watching.counts().collect::<Vec<_>>() {
+        for (id, watch, nested) in self.watching.counts().collect::<Vec<_>>() {
             let group = self.net.modules[id.0 as usize].node.parent;
             let members = group.map_or(0, |group| self.net.groups[group.0 as usize].members.len());
             // The counting module is a member itself.
-            if self.watching.set_count(watch, members.saturating_sub(1) as u32) {
+            let found = members.saturating_sub(nested + 1) as u32;
+            if self.watching.set_count(watch, found, self.now) {
                 changed |= self.judge_monitor(watch, false);
             }
         }
@@ -148,6 +181,29 @@ impl Net {
             self.forgotten.push(id);
         }
         moved || forgotten
+    }
+
+    /// Makes one change of all those of a node.
+    fn merge_changes(&mut self) {
+        let mut places: HashMap<NodeId, usize> = HashMap::new();
+        let mut merged: Vec<Change> = Vec::with_capacity(self.changes.len());
+        for change in self.changes.drain(..) {
+            match places.entry(change.node) {
+                Entry::Occupied(place) => merged[*place.get()].after = change.after,
+                Entry::Vacant(place) => {
+                    place.insert(merged.len());
+                    merged.push(change);
+                }
+            }
+        }
+        self.changes = merged;
+    }
+
+    /// A module's window begins anew.
+    fn give_time(&mut self, id: ModuleId, now: Timestamp) {
+        let policy = self.policy(id).clone();
+        self.modules[id.0 as usize].own.give_time(&policy, now);
+        self.mark_module(id);
     }
 
     /// A module's monitor has no judgement any more.

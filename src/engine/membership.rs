@@ -4,19 +4,21 @@
 //! So the list is never longer than the largest number of simultaneous modules and of those that alarms and
 //! countermeasures name.
 
-use super::module::names::NewModule;
+use super::module::names::{Names, NewModule};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
 
 use super::Engine;
 use super::event::EventKind;
+use super::mask::dropped::OnlyDroppedCount;
 use super::mask::net::Net;
 use super::mask::node::{GroupNode, ModuleKind, ModuleNode, UNSEEN, new_node};
 use super::model::{Dependency, GroupId, Match, ModuleId, NodeId, Policy};
 use super::module::OwnState;
 use super::module::overflow;
 use super::module::system::SystemCheck;
+use super::module::writers::{Heard, WriterReport};
 use super::state::{State, Tally};
 use super::time::Timestamp;
 use super::view::views::Views;
@@ -43,13 +45,22 @@ impl Departed {
 }
 
 impl Engine {
+    /// Makes the modules of a name that was just received, new or known, where its node may say it.
+    pub(super) fn discover_heard(&mut self, name: &str, report: WriterReport) -> Option<u32> {
+        self.discover_by(name, &[], Some(report))
+    }
+
     /// Makes the modules of a new name, or the missing ones of a known name; none if the limit is reached.
     pub(super) fn discover(&mut self, name: &str) -> Option<u32> {
-        self.discover_but(name, &[])
+        self.discover_by(name, &[], None)
     }
 
     /// The same, but leaves these groups without a module until the name is received again.
     pub(super) fn discover_but(&mut self, name: &str, left_out: &[GroupId]) -> Option<u32> {
+        self.discover_by(name, left_out, None)
+    }
+
+    fn discover_by(&mut self, name: &str, left_out: &[GroupId], report: Option<WriterReport>) -> Option<u32> {
         let known = self.names.find(name);
         let present = known.map(|route| self.names.modules(route));
         let mut present: Vec<GroupId> = present
@@ -61,9 +72,20 @@ impl Engine {
         let other = self.net.other_group();
         // What has a module in a group is not unclaimed: the configuration expects it there.
         present.extend(known.map(|_| other));
-        let claim = self.names.claim(&self.model, name, other, &present);
-        // A dropped name is counted once, not with each of its statuses.
-        for &group in claim.dropped_by.iter().filter(|_| known.is_none()) {
+        let mut heard = report.map(|report| Heard::new(report, &self.writers));
+        let claim = self.names.claim(&self.model, name, other, |place| {
+            let heard = heard.as_mut();
+            !present.contains(&place.group) && heard.is_none_or(|it| it.admits(place.policy(&self.model)))
+        });
+        let heard = heard.unwrap_or_default();
+        if heard.is_held_back() {
+            self.note_held_back(name, &heard);
+        }
+        let counted = |names: &mut Names, route| names.drop_from(route, &claim.dropped_by);
+        // A name that has modules elsewhere is counted once, not with each of its statuses.
+        let dropped_by =
+            known.map_or_else(|| claim.dropped_by.clone(), |route| counted(&mut self.names, route));
+        for group in dropped_by {
             let module = self
                 .overflow
                 .module(group)
@@ -73,8 +95,12 @@ impl Engine {
             self.net.report(module, State::Warning, self.now);
             self.views.set_message(module, message);
         }
-        if known.is_none() && claim.places.is_empty() && claim.dropped_by.is_empty() {
-            self.names.drop_name(name);
+        if known.is_none() && claim.places.is_empty() {
+            if !claim.dropped_by.is_empty() {
+                self.counters.dropped_names += 1;
+            } else if !heard.is_held_back() {
+                self.names.drop_name(name);
+            }
             return None;
         }
         let mut route = known;
@@ -83,7 +109,14 @@ impl Engine {
             route = Some(self.names.discovered(name, module));
         }
         if let Some(route) = route {
-            self.names.set_lacking(route, !claim.dropped_by.is_empty() || !left_out.is_empty());
+            let lacking = !claim.dropped_by.is_empty() || !left_out.is_empty() || heard.is_held_back();
+            self.names.set_lacking(route, lacking);
+            if left_out.is_empty() {
+                counted(&mut self.names, route);
+            }
+            if heard.is_unproven() {
+                self.names.doubt(route);
+            }
         }
         if known.is_none() && route.is_some() {
             let unclaimed = claim.places == [NewModule::of(self.net.other_group())];
@@ -219,6 +252,7 @@ impl Net {
             well_until: None,
             aside,
             overflow: None,
+            only_dropped: OnlyDroppedCount::default(),
         });
         match parent {
             Some(parent) => self.add_member(parent, NodeId::Group(id)),
@@ -298,18 +332,17 @@ impl Net {
 
     /// The policy of a discovered module: that of the entry that claimed it.
     pub(super) fn discovered_policy(&self, id: ModuleId) -> &Policy {
-        let module = &self.modules[id.0 as usize];
-        let is_unclaimed = module.node.parent == Some(self.other_group());
-        let unclaimed = self.model.unclaimed.policy.as_ref().filter(|_| is_unclaimed);
-        let entry = self.claimed_by(id).and_then(|entry| entry.policy.as_ref());
-        entry.or(unclaimed).unwrap_or(&self.model.discovered)
+        self.place(id).map_or(&self.model.discovered, |place| place.policy(&self.model))
     }
 
     /// The entry that claimed a discovered module.
     pub(super) fn claimed_by(&self, id: ModuleId) -> Option<&Match> {
+        self.place(id)?.entry(&self.model)
+    }
+
+    fn place(&self, id: ModuleId) -> Option<NewModule> {
         let module = &self.modules[id.0 as usize];
-        let group = module.node.parent.and_then(|id| self.model.groups.get(id.0 as usize))?;
-        group.filters.get(module.made_by? as usize)
+        Some(NewModule { group: module.node.parent?, filter: module.made_by })
     }
 
     /// Removes a module that was silent for too long, if it is not removed already. Returns whether it is gone.

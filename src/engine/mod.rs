@@ -32,6 +32,7 @@ pub mod time;
 mod timers;
 pub mod view;
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use discovery::{WriterId, WriterList};
@@ -103,6 +104,8 @@ pub struct Engine {
     views: Views,
     /// Routes of the present array, kept to save allocations.
     touched: Vec<u32>,
+    /// Names of the present array that some group takes only from another node, or from a known one.
+    held_back: HashSet<Arc<str>>,
     /// The remaining comparisons of new names with configured ones.
     comparisons: u32,
     /// A module in ERROR that was masked without a cause that explains it, after the last search.
@@ -149,6 +152,7 @@ impl Engine {
             events: Events::default(),
             views: Views::new(&model, now),
             touched: Vec::new(),
+            held_back: HashSet::new(),
             comparisons: lookalikes::COMPARISONS_MAX,
             hidden_unexplained: None,
             signals,
@@ -168,7 +172,7 @@ impl Engine {
         let mut response = Response::Done;
         match input {
             Input::Diagnostics(array) => self.take_array(array),
-            Input::Writers(list) => self.writers.follow(list),
+            Input::Writers(list) => self.take_writers(list),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
             Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
@@ -272,18 +276,18 @@ impl Engine {
         self.counters.statuses += array.len() as u64;
         let number = self.counters.arrays;
         let mut touched = std::mem::take(&mut self.touched);
+        self.held_back.clear();
         let mut before = None;
         for (position, status) in array.iter().enumerate() {
             let known = self.names.find_behind(before, status.name());
             if known.is_none() && self.names.is_dropped(status.name()) {
                 continue;
             }
-            before =
-                known.filter(|&index| !self.names.may_grow(index)).or_else(|| self.discover(status.name()));
-            let Some(index) = before else {
-                self.counters.dropped_names += u64::from(!self.names.is_dropped(status.name()));
-                continue;
-            };
+            before = known.filter(|&index| !self.may_grow(index)).or_else(|| {
+                let report = WriterReport { writer: array.writer(), state: status.state(), at: self.now };
+                self.discover_heard(status.name(), report)
+            });
+            let Some(index) = before else { continue };
             let route = &mut self.names.routes[index as usize];
             if route.array != number {
                 route.array = number;
@@ -309,6 +313,11 @@ impl Engine {
         }
         self.touched = touched;
         self.take_keys(array, number);
+    }
+
+    /// Whether a known name may feed further modules, or is to be held against someone.
+    fn may_grow(&self, route: u32) -> bool {
+        self.names.may_grow(route) || self.restricted && self.names.is_lacking(route)
     }
 
     fn take_status(&mut self, id: ModuleId, status: Status<'_>, source: WriterId) {
@@ -364,7 +373,7 @@ impl Engine {
     }
 
     fn follow_changes(&mut self) {
-        self.net.evaluate(self.vehicle.stage, &self.signals, self.now);
+        self.evaluate();
         for (GroupId(index), until) in self.net.graces.drain(..) {
             self.timers.arm(TimerKey::Group(index), until);
         }

@@ -53,7 +53,7 @@ impl FromNode for Group {
             ),
             count: fields.optional(
                 key("count")
-                    .about("How many modules the group must have, with those under `modules`: with another number it is in ERROR.")
+                    .about("How many modules the group must have, with those under `modules` and without nested groups: with another number it is in ERROR, after a `timeout` from the start. With `empty: ok`, none at all is right too.")
                     .rules(|| vec![least(1), most(COUNT_MAX)]),
             ),
             depends_on: fields.or_default(DEPENDS_ON),

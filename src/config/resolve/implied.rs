@@ -46,7 +46,7 @@ pub(in crate::config) fn modules(names: &Names, defaults: &Policy, log: &mut Log
     found
 }
 
-/// What is wrong while statuses are still coming is given as long as a silent module.
+/// A wrong number is given as long as the statuses that may still come: the longest of their timeouts.
 fn count(
     id: GroupId,
     path: &str,
@@ -59,12 +59,15 @@ fn count(
         let text = format!("{} is not between 1 and {COUNT_MAX}", wanted.value);
         log.push(Problem::at(wanted.span, text).help("write `empty: ok` where there need be none"));
     }
-    let none = if group.empty == Some(State::Ok) { State::Error } else { State::Unknown };
+    let timeout =
+        |filter: &file::Filter| super::policy(&filter.policy, defaults, &mut Log::default()).timeout;
+    let grace = group.filters.iter().map(timeout).max().unwrap_or(defaults.timeout);
+    let may_be_empty = group.empty == Some(State::Ok);
     let name = Text { en: "Number of statuses".into(), de: "Anzahl der Status".into() };
     let module = ModuleSpec {
         name: Some(Wording::name(name).into()),
-        policy: Policy { raise_after: defaults.raise_after.max(defaults.timeout), ..defaults.clone() },
-        monitor: MonitorSpec::Count { wanted: wanted.value as u32, none }.into(),
+        policy: defaults.clone(),
+        monitor: MonitorSpec::Count { wanted: wanted.value as u32, may_be_empty, grace }.into(),
         ..bare(id, path, COUNT)
     };
     Some((module, wanted.span))

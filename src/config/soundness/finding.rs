@@ -46,6 +46,10 @@ pub enum FindingKind {
     AlwaysMasked { dependency: usize },
     /// Entry `dependency` can never block.
     DeadDependency { dependency: usize, why: NoEffect },
+    /// It compares a later stage with an earlier one, which `source` judges, and does not depend on it.
+    NoEarlier { source: NodeId },
+    /// Entry `dependency` masks `hidden` in ERROR while `silent` is UNKNOWN because it is silent.
+    SilenceHides { dependency: usize, silent: NodeId, hidden: NodeId },
     /// The condition never holds, as long as its signals are known.
     NeverHolds,
     /// The condition has no effect: the enclosing groups' conditions imply it.

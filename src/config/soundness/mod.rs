@@ -8,11 +8,13 @@
 
 mod alike;
 mod conditions;
+mod earlier;
 mod finding;
 mod fractions;
 mod globs;
 pub mod judge;
 mod late;
+mod silence;
 pub mod situation;
 pub mod urgency;
 mod words;
@@ -50,6 +52,8 @@ pub fn look(model: &Model) -> Soundness {
     look.possibilities(&situations);
     look.conditions();
     look.rules();
+    look.findings.extend(earlier::look(&look.judge));
+    look.findings.extend(silence::look(&look.judge));
     look.findings.extend(conditions::look(model));
     look.findings.extend(fractions::look(model));
     look.findings.extend(globs::look(model));

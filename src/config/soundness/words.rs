@@ -36,6 +36,21 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             format!("this dependency of `{name}` can never mask: {}", dead(model, *why)),
             "remove it",
         ),
+        FindingKind::NoEarlier { source } => {
+            let source = self::name(model, *source);
+            let message =
+                format!("a fault of `{source}` is one of `{name}` too, which compares with what it judges");
+            let help = format!("add `depends_on: [{source}]`, so that only the cause is shown");
+            return Problem::at(place.id, message).help(help).as_warning();
+        }
+        FindingKind::SilenceHides { dependency: index, silent, hidden } => {
+            let [silent, hidden] = [*silent, *hidden].map(|node| self::name(model, node));
+            let message = format!("while `{silent}` is only silent, this hides an ERROR of `{hidden}`");
+            let help = format!(
+                "give `{silent}` `stale: error`, so that its silence is a fault, or let only `error` mask"
+            );
+            return Problem::at(dependency(*index), message).help(help).as_warning();
+        }
         FindingKind::NeverHolds => (
             place.when.unwrap_or(place.id),
             format!("`{name}` is never relevant while its signals are known"),

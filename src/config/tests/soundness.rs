@@ -252,6 +252,7 @@ fn an_unknown_cause_may_be_hidden_where_an_error_would_not() {
 ",
         &[
             "7:27: `c` can be masked while no tile gets worse (in stage localizing, with a/b/m in UNKNOWN) (the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst)",
+            "7:27: while `a/b/m` is only silent, this hides an ERROR of `c/m` (give `a/b/m` `stale: error`, so that its silence is a fault, or let only `error` mask)",
         ],
     );
 }
@@ -399,4 +400,61 @@ fn less_urgent_faults_before_more_urgent_ones_are_a_warning_where_they_hide_them
     let said: Vec<String> =
         behind.iter().map(|it| crate::config::soundness::behind(&loaded.model, it)).collect();
     assert_eq!(said, ["b waits for a/m: 1 less urgent fault stands before b/m; give a/m the same urgency"]);
+}
+
+#[test]
+fn a_later_stage_depends_on_what_judges_the_earlier_one() {
+    let topic = |name: &str| format!("topic: /{name}, type: std_msgs/msg/Float64");
+    let (points, objects) = (topic("points"), topic("objects"));
+    let ratio = format!("rate_ratio: {{ input: {{ {points} }}, output: {{ {objects} }}, error_below: 0.5 }}");
+    let sequence = format!(
+        "sequence: {{ earlier: {{ {points}, field: data }}, later: {{ {objects}, field: data }}, error_above: 1 }}"
+    );
+    let sum = |flow: &str| {
+        format!(
+            "expression: {{ inputs: {{ p: {{ {points}, field: data }}, k: {{ status: k, key: v }} }}, max_age: 1s, error: p > k, class: {{ location: contextual, information: content, flow: {flow} }} }}"
+        )
+    };
+    check(
+        &format!(
+            "groups:
+  - {{ id: a, modules: [{{ id: rate, monitor: {{ frequency: {{ {points}, error_below: 5 }} }} }}, {{ id: k, status: k }}] }}
+  - {{ id: b, modules: [{{ id: ratio, monitor: {{ {ratio} }} }}] }}
+  - {{ id: c, modules: [{{ id: sequence, monitor: {{ {sequence} }} }}] }}
+  - {{ id: d, modules: [{{ id: sum, monitor: {{ {} }} }}] }}
+  - {{ id: e, modules: [{{ id: sum, monitor: {{ {} }} }}] }}
+  - {{ id: f, depends_on: [g], modules: [{{ id: ratio, monitor: {{ {ratio} }} }}] }}
+  - {{ id: g, modules: [{{ id: m, status: m, depends_on: [a] }}] }}
+  - {{ id: h, depends_on: [a/rate], modules: [{{ id: sequence, monitor: {{ {sequence} }} }}] }}
+",
+            sum("sequential"),
+            sum("parallel"),
+        ),
+        &[
+            "3:27: a fault of `a/rate` is one of `b/ratio` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
+            "4:27: a fault of `a/rate` is one of `c/sequence` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
+            "5:27: a fault of `a/rate` is one of `d/sum` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
+            "5:27: a fault of `a/k` is one of `d/sum` too, which compares with what it judges (add `depends_on: [a/k]`, so that only the cause is shown)",
+        ],
+    );
+}
+
+#[test]
+fn silence_that_masks_hides_an_error() {
+    // What is judged by the clock is never silent, a silence that is an ERROR is a cause of its own, and what is never in ERROR
+    // has none to hide.
+    check(
+        "groups:
+  - { id: a, modules: [{ id: m, status: a }] }
+  - { id: b, modules: [{ id: m, status: b, stale: error }, { id: rate, monitor: { frequency: { topic: /t, type: std_msgs/msg/Bool, error_below: 5 } } }] }
+  - { id: c, depends_on: [{ on: a, masks_when: [error, unknown] }, { on: b, masks_when: [error, unknown] }], modules: [{ id: m, status: c }] }
+  - { id: d, match: [{ namespace: /d }] }
+  - { id: e, modules: [{ id: m, status: e, depends_on: [{ any_of: [a, b], masks_when: [error, unknown] }, { on: d, masks_when: [error, unknown] }] }] }
+  - { id: f, depends_on: [{ on: a, masks_when: [error, unknown] }], modules: [{ id: rate, monitor: { frequency: { topic: /t, type: std_msgs/msg/Bool, warning_below: 5 } } }] }
+",
+        &[
+            "4:27: while `a/m` is only silent, this hides an ERROR of `c/m` (give `a/m` `stale: error`, so that its silence is a fault, or let only `error` mask)",
+            "6:103: while `d` is only silent, this hides an ERROR of `e/m` (give `d` `stale: error`, so that its silence is a fault, or let only `error` mask)",
+        ],
+    );
 }

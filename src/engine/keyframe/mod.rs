@@ -134,6 +134,8 @@ impl Engine {
             events,
             views,
             comparisons,
+            // About one input, which is over.
+            held_back: _,
             // From the configuration.
             active_signal: _,
             goal_signal: _,

@@ -1,6 +1,7 @@
 //! Masking: groups and modules with their dependencies, their relevance, and the root causes.
 
 pub(super) mod causes;
+pub(super) mod dropped;
 pub(super) mod net;
 pub(super) mod node;
 pub(super) mod paths;

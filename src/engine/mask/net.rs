@@ -12,7 +12,8 @@ use std::sync::Arc;
 
 use explained::Beginnings;
 
-use super::node::{GroupNode, ModuleKind, ModuleNode, Node, NodeFacts, Policies};
+use super::dropped::{self, OnlyDropped};
+use super::node::{GroupNode, ModuleKind, ModuleNode, Node, NodeFacts, Policies, UNSEEN};
 use super::relevance::unmet;
 use super::rules;
 use crate::engine::model::{
@@ -158,6 +159,10 @@ impl Net {
     /// The group of Telltale's own modules.
     pub(in crate::engine) fn system_group(&self) -> GroupId {
         GroupId(self.model.groups.len() as u32 + 1)
+    }
+
+    pub(in crate::engine) fn is_discovered(&self, id: ModuleId) -> bool {
+        self.modules[id.0 as usize].kind == ModuleKind::Discovered
     }
 
     pub(in crate::engine) fn system_module(&self, check: SystemCheck) -> ModuleId {
@@ -343,7 +348,7 @@ impl Net {
         module.node.not_relevant = not_relevant;
         let before = std::mem::replace(
             &mut module.node.facts,
-            NodeFacts { relevant, blocked, masked, shown, own, grace, second },
+            NodeFacts { relevant, blocked, masked, shown, own, grace, second, ..UNSEEN },
         );
         if heard && module.own.received().is_none() {
             self.forgotten.push(id);
@@ -370,20 +375,21 @@ impl Net {
         let is_known = id.0 as usize <= self.model.groups.len();
         let alone = (group.members.is_empty() && is_known).then_some(alone);
         let facts = group.node.facts;
-        // Dropped names raise OK to WARNING, in a relevant group only: an ignored group with WARNING would be
-        // better than an ERROR beside it in a redundant group.
-        let floor = |state: State| match state {
-            State::Ok if group.overflow.is_some() && facts.relevant => State::Warning,
-            state => state,
-        };
-        let shown = floor(rules::shown_group(facts.standing(), combine, &group.shown, alone));
+        let says = group.overflow.is_some() && facts.relevant;
+        let only = group.only_dropped;
+        let alone_shown = alone.filter(|_| !facts.blocked);
+        let (folded, only_shown) =
+            dropped::fold(combine, &group.shown, only.shown, alone_shown, says && !facts.blocked);
+        let (own, only_own) = dropped::fold(combine, &group.own, only.own, alone, says);
+        let shown = rules::shown(facts.relevant, false, folded);
+        let only_dropped = OnlyDropped { shown: only_shown && shown == folded, own: only_own };
         let masked = shown == State::Ignore && facts.relevant && (facts.blocked || !group.masked.is_empty());
-        let own = floor(rules::fold(combine, &group.own, alone));
         let grace = grace_until.is_some();
         if is_well(facts.own) && !is_well(own) {
             group.well_until = Some(now);
         }
-        group.node.facts = NodeFacts { masked, shown, own, grace, second: group.second > 0, ..facts };
+        let second = group.second > 0;
+        group.node.facts = NodeFacts { masked, shown, own, grace, second, only_dropped, ..facts };
         let before = std::mem::replace(&mut group.told, group.node.facts);
         self.tell(NodeId::Group(id), before);
     }
@@ -431,6 +437,7 @@ impl Net {
         group.shown.add(after.shown);
         group.own.remove(before.standing().own_share());
         group.own.add(after.standing().own_share());
+        group.only_dropped.replace(before.only_dropped, after.only_dropped);
         if !group.aside && matches!(id, NodeId::Module(_)) {
             self.own_errors += usize::from(after.standing().own_share() == State::Error);
             self.own_errors -= usize::from(before.standing().own_share() == State::Error);

@@ -5,6 +5,7 @@ use crate::engine::time::Span;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeSet, HashMap};
 
+use super::dropped::{OnlyDropped, OnlyDroppedCount};
 use super::rules::Standing;
 use crate::engine::model::{Dependency, GroupId, ModuleId, NodeId, Within};
 use crate::engine::module::OwnState;
@@ -25,6 +26,7 @@ pub(in crate::engine) struct NodeFacts {
     pub(in crate::engine) grace: bool,
     /// A blocked module that shows ERROR because no cause explains it; a group that contains one.
     pub(in crate::engine) second: bool,
+    pub(in crate::engine) only_dropped: OnlyDropped,
 }
 
 impl NodeFacts {
@@ -124,6 +126,7 @@ pub(in crate::engine) struct GroupNode {
     /// The module that reports dropped names: while there is one, the group is at least WARNING. It takes no
     /// part in the fold.
     pub(in crate::engine) overflow: Option<ModuleId>,
+    pub(in crate::engine) only_dropped: OnlyDroppedCount,
 }
 
 /// The origin of a module.
@@ -161,6 +164,7 @@ pub(in crate::engine) const UNSEEN: NodeFacts = NodeFacts {
     own: State::Unknown,
     grace: false,
     second: false,
+    only_dropped: OnlyDropped { shown: false, own: false },
 };
 
 pub(in crate::engine) fn new_node(parent: Option<GroupId>, needs: &[Dependency]) -> Node {

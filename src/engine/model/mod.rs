@@ -400,7 +400,8 @@ impl Model {
         let filters = self.groups.iter().flat_map(|group| &group.filters);
         let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
         let of_modules = self.modules.iter().map(|module| &module.policy);
-        of_modules.chain(of_filters).any(|policy| policy.writers.is_some())
+        let all = of_modules.chain(of_filters).chain(&self.unclaimed.policy).chain([&self.discovered]);
+        all.into_iter().any(|policy| policy.writers.is_some())
     }
 
     /// Whether a report of some module counts as another state than the reported one.

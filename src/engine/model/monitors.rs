@@ -284,11 +284,13 @@ pub enum MonitorSpec {
     Constant {
         state: State,
     },
-    /// The number of modules in its group, beside itself.
+    /// The number of modules in its group, beside itself and without those of nested groups.
     Count {
         wanted: u32,
-        /// The state while there is none.
-        none: State,
+        /// None at all is OK too.
+        may_be_empty: bool,
+        /// After the start, the time in which modules may still come.
+        grace: Span,
     },
     Expression {
         /// By the names that the conditions use.

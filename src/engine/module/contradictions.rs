@@ -174,8 +174,7 @@ impl Disputes {
 }
 
 impl Engine {
-    pub(in crate::engine) fn note_dispute(&mut self, route: u32, dispute: Dispute) {
-        let name = self.names.name(route);
+    pub(in crate::engine) fn note_dispute(&mut self, name: Arc<str>, dispute: Dispute) {
         let anew = self.disputes.note(name, dispute, self.now);
         let due = self.disputes.written.is_none_or(|written| self.now.since(written) >= WRITE_EVERY);
         if anew || self.disputes.changed && due {

@@ -17,6 +17,8 @@ pub(super) struct OwnState {
     /// A monitor judges it by the clock: it needs no reports.
     judged_by_clock: bool,
     debounce: Debounce,
+    /// While it is silent within its grace: the debounce as if its last report were being repeated.
+    repeated: Option<Box<Debounce>>,
     /// It still has time to report: its silence does not count yet.
     grace: bool,
     /// Since when it counts as ERROR by its reports.
@@ -43,6 +45,7 @@ impl OwnState {
             silent: false,
             judged_by_clock: false,
             debounce: Debounce::default(),
+            repeated: None,
             latched: false,
             cut_off: false,
             relevant_since: None,
@@ -90,9 +93,9 @@ impl OwnState {
     pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) {
         self.cut_off = false;
         self.received = Some(now);
-        if self.silent && self.grace {
-            // The module was silent within its grace period: the state for silence delays nothing.
-            self.debounce = Debounce { state: self.reported, input: self.reported, ..Debounce::default() };
+        if let Some(mut repeated) = self.repeated.take() {
+            repeated.step(policy, now);
+            self.debounce = *repeated;
         }
         self.reported = Some(state);
         self.silent = false;
@@ -118,6 +121,9 @@ impl OwnState {
         self.reported = Some(state);
         let judged = if self.heard() { state } else { state.max(policy.stale) };
         self.debounce.take(judged, policy, now);
+        if let Some(repeated) = &mut self.repeated {
+            repeated.take(state, policy, now);
+        }
         self.judge(policy, now);
         true
     }
@@ -126,7 +132,7 @@ impl OwnState {
     pub(super) fn forget(&mut self, policy: &Policy, now: Timestamp) {
         (self.reported, self.received) = (None, None);
         (self.silent, self.judged_by_clock, self.cut_off) = (false, false, false);
-        self.debounce = Debounce::default();
+        (self.debounce, self.repeated) = (Debounce::default(), None);
         self.judge(policy, now);
     }
 
@@ -160,6 +166,12 @@ impl OwnState {
         self.relevant_since
     }
 
+    /// Its measurement begins anew: it has time to report as if it had just become relevant.
+    pub(super) fn give_time(&mut self, policy: &Policy, now: Timestamp) {
+        self.relevant_since = self.relevant_since.map(|_| now);
+        self.judge(policy, now);
+    }
+
     /// Advances to `now`: silence first, then debounce, grace and latch at their instants, and finally the
     /// expiry of old reports.
     pub(super) fn advance(&mut self, policy: &Policy, now: Timestamp) {
@@ -169,6 +181,7 @@ impl OwnState {
             let since = received + policy.timeout;
             self.settle(policy, since);
             self.silent = true;
+            self.repeated = self.is_given(policy, since).then(|| Box::new(self.debounce.clone()));
             self.debounce.take(reported.max(policy.stale), policy, since);
             self.judge(policy, since);
         }
@@ -239,11 +252,23 @@ impl OwnState {
 
     /// Follows the judged state at every instant at which it changes, for latch and reset.
     fn judge(&mut self, policy: &Policy, at: Timestamp) {
-        let given = self.relevant_since.is_none_or(|since| at < since + policy.timeout);
-        self.grace = !self.heard() && given;
+        self.grace = !self.heard() && self.is_given(policy, at);
+        if !(self.silent && self.grace) {
+            self.repeated = None;
+        } else if let (None, Some(reported)) = (&self.repeated, self.reported) {
+            // The silence counted until now.
+            let mut repeated = self.debounce.clone();
+            repeated.take(reported, policy, at);
+            self.repeated = Some(Box::new(repeated));
+        }
         let in_error = self.reported.is_some() && self.judged(policy) == State::Error;
         self.error_since = self.error_since.or(Some(at)).filter(|_| in_error);
         self.onset.follow(self.state(policy), at);
+    }
+
+    /// Whether a module that is not heard still has time at this instant.
+    fn is_given(&self, policy: &Policy, at: Timestamp) -> bool {
+        self.relevant_since.is_none_or(|since| at < since + policy.timeout)
     }
 
     /// The end of the grace period.

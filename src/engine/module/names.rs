@@ -2,11 +2,11 @@
 
 pub(in crate::engine) mod kept;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::sync::Arc;
 
 use super::writers::WriterReports;
-use crate::engine::model::{GroupId, Model, ModuleId};
+use crate::engine::model::{GroupId, Match, Model, ModuleId, Policy};
 
 /// A known status name.
 #[derive(Debug, Clone)]
@@ -23,6 +23,10 @@ pub(in crate::engine) struct Route {
     pub(in crate::engine) position: u32,
     /// Some group that claims the name has no module of it.
     lacking: bool,
+    /// The groups that have no module of it because there was no room, and count it among their dropped names.
+    dropped_by: Vec<GroupId>,
+    /// No further group has to count it, as long as there is no room.
+    counted: bool,
     /// The route of the name that followed this one in an array, or [`NOBODY`]: it most likely does again.
     next: u32,
     /// The writers of the name with their last reports.
@@ -45,6 +49,8 @@ impl Route {
             array: 0,
             position: 0,
             lacking: false,
+            dropped_by: Vec::new(),
+            counted: false,
             next: NOBODY,
             writer_reports: WriterReports::default(),
             overruled: 0,
@@ -87,6 +93,8 @@ pub(in crate::engine) struct Names {
     bytes: usize,
     /// Names that the configuration drops, as far as they were remembered.
     dropped: HashSet<Arc<str>>,
+    /// Routes whose modules were made at the word of a node that is not known yet.
+    unproven: BTreeSet<u32>,
 }
 
 /// The groups of a new name.
@@ -112,6 +120,7 @@ impl Names {
             discovered_max: model.limits.discovered_modules,
             bytes: 0,
             dropped: HashSet::new(),
+            unproven: BTreeSet::new(),
         };
         for (index, module) in model.modules.iter().enumerate() {
             if let Some(status) = module.monitor.status() {
@@ -184,6 +193,23 @@ impl Names {
             if let Some(before) = old.find(name) {
                 self.routes[route as usize].writer_reports =
                     old.routes[before as usize].writer_reports.clone();
+                if old.unproven.contains(&before) {
+                    self.unproven.insert(route);
+                }
+            }
+        }
+    }
+
+    /// Continues which groups count each name among their dropped ones from before a reload.
+    pub(in crate::engine) fn keep_dropped(
+        &mut self,
+        old: &Names,
+        same_group: impl Fn(GroupId) -> Option<GroupId>,
+    ) {
+        for (name, &route) in &*self.index {
+            if let Some(before) = old.find(name) {
+                let groups = old.routes[before as usize].dropped_by.iter();
+                self.routes[route as usize].dropped_by.extend(groups.filter_map(|&it| same_group(it)));
             }
         }
     }
@@ -201,16 +227,16 @@ impl Names {
         places
     }
 
-    /// Matches a name against the filters of all groups but those in which it already has a module.
+    /// Matches a name against the filters of all groups. Only some of the places are `free` to take it.
     pub(in crate::engine) fn claim(
         &self,
         model: &Model,
         name: &str,
         other: GroupId,
-        known: &[GroupId],
+        free: impl FnMut(&NewModule) -> bool,
     ) -> Claim {
         let mut places = Names::wanted(model, name, other);
-        places.retain(|place| !known.contains(&place.group));
+        places.retain(free);
         let modules = self.discovered_max.saturating_sub(self.of_module.len());
         let room = modules.min(self.bytes_left() / name.len().max(1));
         let dropped = places.split_off(places.len().min(room));
@@ -235,7 +261,7 @@ impl Names {
         let Some(index) = self.of_module.remove(&module) else { return };
         let route = &mut self.routes[index as usize];
         self.bytes -= route.name.len();
-        route.lacking = true;
+        (route.lacking, route.counted) = (true, false);
         route.more.retain(|&other| other != module);
         if route.first != module {
             return;
@@ -244,6 +270,7 @@ impl Names {
             Arc::make_mut(&mut self.index).remove(&route.name);
             route.name = Arc::default();
             self.free.push(index);
+            self.unproven.remove(&index);
         } else {
             route.first = route.more.remove(0);
         }
@@ -254,10 +281,33 @@ impl Names {
         self.routes[route as usize].lacking = lacking;
     }
 
-    /// Whether a known name may feed further modules.
+    /// Whether a known name may feed further modules, or a group has to count it among its dropped names.
     pub(in crate::engine) fn may_grow(&self, route: u32) -> bool {
         let route = &self.routes[route as usize];
-        route.lacking && self.of_module.len() < self.discovered_max && route.name.len() <= self.bytes_left()
+        let has_room = || self.of_module.len() < self.discovered_max && route.name.len() <= self.bytes_left();
+        route.lacking && (!route.counted || has_room())
+    }
+
+    /// These groups have no room for a known name. Returns those that have not counted it yet.
+    pub(in crate::engine) fn drop_from(&mut self, route: u32, groups: &[GroupId]) -> Vec<GroupId> {
+        let route = &mut self.routes[route as usize];
+        let before = std::mem::replace(&mut route.dropped_by, groups.to_vec());
+        route.counted = true;
+        groups.iter().copied().filter(|group| !before.contains(group)).collect()
+    }
+
+    /// The modules of the name were made at the word of a node that is not known yet.
+    pub(in crate::engine) fn doubt(&mut self, route: u32) {
+        self.unproven.insert(route);
+    }
+
+    /// The node has become known, and may say the name.
+    pub(in crate::engine) fn trust(&mut self, route: u32) {
+        self.unproven.remove(&route);
+    }
+
+    pub(in crate::engine) fn unproven(&self) -> impl Iterator<Item = u32> {
+        self.unproven.iter().copied()
     }
 
     pub(in crate::engine) fn modules(&self, route: u32) -> impl Iterator<Item = ModuleId> {
@@ -307,5 +357,18 @@ pub(in crate::engine) struct NewModule {
 impl NewModule {
     pub(in crate::engine) fn of(group: GroupId) -> NewModule {
         NewModule { group, filter: None }
+    }
+
+    /// The policy of the module: that of the entry that claims it.
+    pub(in crate::engine) fn policy<'m>(&self, model: &'m Model) -> &'m Policy {
+        let is_unclaimed = self.group.0 as usize == model.groups.len();
+        let of_entry = self.entry(model).and_then(|entry| entry.policy.as_ref());
+        let of_place = if is_unclaimed { model.unclaimed.policy.as_ref() } else { of_entry };
+        of_place.unwrap_or(&model.discovered)
+    }
+
+    /// The entry that claims the module.
+    pub(in crate::engine) fn entry<'m>(&self, model: &'m Model) -> Option<&'m Match> {
+        model.groups.get(self.group.0 as usize)?.filters.get(self.filter? as usize)
     }
 }

@@ -231,3 +231,46 @@ fn a_silence_in_its_grace_holds_nothing_up() {
     module.advance(&policy, at(6800));
     assert_eq!(module.state(&policy), Ok);
 }
+
+/// Every report is judged as if the one before it had been repeated until then.
+#[test]
+fn a_silence_in_its_grace_is_as_if_the_last_report_had_been_repeated() {
+    use proptest::prelude::*;
+    let span = || (0_u64..5).prop_map(|step| Span::from_millis(step * 700));
+    let state = || prop::sample::select(vec![Ok, Warning, Unknown, Error]);
+    let reports = prop::collection::vec((0_u64..4, state()), 1..30);
+    proptest!(|(raise_after in span(), clear_after in span(), reports in reports)| {
+        let silent = Policy { timeout: Span::from_secs(1), stale: Error, raise_after, clear_after, ..policy() };
+        let heard = Policy { timeout: Span::from_secs(10_000), ..silent.clone() };
+        // Not relevant: every silence is within its grace.
+        let (mut module, mut repeating) = (OwnState::new(None), OwnState::new(None));
+        let mut now = Timestamp::ZERO;
+        for (steps, report) in reports {
+            now = now + Span::from_millis(steps * 600);
+            for (it, policy) in [(&mut module, &silent), (&mut repeating, &heard)] {
+                it.advance(policy, now);
+                if !it.repeats(report, now) {
+                    it.report(report, policy, now);
+                }
+            }
+            prop_assert_eq!(module.state(&silent), repeating.state(&heard), "at {:?}", now);
+        }
+    });
+}
+
+#[test]
+fn what_counted_of_a_silence_leaves_its_trace() {
+    let policy = Policy { stale: Error, clear_after: Span::from_secs(3), ..policy() };
+    let mut module = OwnState::new(None);
+    module.set_relevant(true, &policy, at(0));
+    module.report(Ok, &policy, at(0));
+    module.advance(&policy, at(4000));
+    assert_eq!(module.state(&policy), Error, "silent out of its grace");
+    // From now on it is excused, and counts as repeating its OK.
+    module.set_relevant(false, &policy, at(4000));
+    module.advance(&policy, at(6000));
+    module.report(Ok, &policy, at(6000));
+    assert_eq!(module.state(&policy), Error);
+    module.advance(&policy, at(7000));
+    assert_eq!(module.state(&policy), Ok, "three seconds after it last counted");
+}

@@ -3,6 +3,7 @@
 
 use crate::engine::discovery::{NodeOf, WriterId, WriterList};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 use super::contradictions::Dispute;
 use crate::engine::Engine;
@@ -37,6 +38,42 @@ impl Policy {
     }
 }
 
+/// A report of a name that has no module in some groups, and whether its node may make one there.
+#[derive(Debug, Clone, Default)]
+pub(in crate::engine) struct Heard {
+    report: Option<(WriterReport, NodeOf)>,
+    refused: bool,
+    pending: bool,
+    unproven: bool,
+}
+
+impl Heard {
+    pub(in crate::engine) fn new(report: WriterReport, list: &WriterList) -> Heard {
+        Heard { report: Some((report, list.node(report.writer).clone())), ..Heard::default() }
+    }
+
+    /// Whether the report makes a module with this policy.
+    pub(in crate::engine) fn admits(&mut self, policy: &Policy) -> bool {
+        let Some((report, node)) = &self.report else { return true };
+        let admission = policy.admits(node, report.state);
+        self.refused |= admission == Admission::Refused;
+        self.pending |= admission == Admission::Pending;
+        let makes = admission == Admission::Counts;
+        self.unproven |= makes && policy.writers.is_some() && *node == NodeOf::Pending;
+        makes
+    }
+
+    /// Whether some group takes the name only from another node, or from a known one.
+    pub(in crate::engine) fn is_held_back(&self) -> bool {
+        self.refused || self.pending
+    }
+
+    /// Whether a module was made at the word of a node that is not known yet.
+    pub(in crate::engine) fn is_unproven(&self) -> bool {
+        self.unproven
+    }
+}
+
 /// The last report of one writer about a name.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(in crate::engine) struct WriterReport {
@@ -64,6 +101,12 @@ pub(in crate::engine) struct Several {
 }
 
 impl WriterReports {
+    /// All writers that count.
+    fn writers(&self) -> impl Iterator<Item = WriterId> {
+        let several = self.several.iter().flat_map(|several| &several.writer_reports);
+        self.one.iter().chain(several).map(|report| report.writer)
+    }
+
     /// Whether no writer was heard.
     pub(in crate::engine) fn is_empty(&self) -> bool {
         self.one.is_none() && self.several.is_none()
@@ -145,6 +188,39 @@ fn has_left(list: &WriterList, report: &WriterReport) -> bool {
 }
 
 impl Engine {
+    /// Takes a newer list of writers. A module that was made at the word of a node that turns out to be a
+    /// stranger goes again.
+    pub(in crate::engine) fn take_writers(&mut self, newer: &WriterList) {
+        self.writers.follow(newer);
+        for route in self.names.unproven().collect::<Vec<_>>() {
+            let writers: Vec<WriterId> = self.names.routes[route as usize].writer_reports.writers().collect();
+            let nodes: Vec<&NodeOf> = writers.iter().map(|&writer| self.writers.node(writer)).collect();
+            if nodes.contains(&&NodeOf::Pending) {
+                continue;
+            }
+            let may_say = |id: ModuleId| {
+                let policy = self.net.policy(id);
+                nodes.iter().any(|node| policy.admits(node, State::Ok) == Admission::Counts)
+            };
+            let made = self.names.modules(route).filter(|&id| self.net.is_discovered(id));
+            let strange: Vec<ModuleId> = made.filter(|&id| !may_say(id)).collect();
+            self.names.trust(route);
+            for id in strange {
+                self.net.remove(id);
+            }
+        }
+    }
+
+    /// A name was said by a node that may not say it, or is not known yet: it made no module, and its KeyValues
+    /// do not count.
+    pub(in crate::engine) fn note_held_back(&mut self, name: &str, heard: &Heard) {
+        let name: Arc<str> = name.into();
+        let is_first = self.held_back.insert(name.clone());
+        if let Some((report, _)) = heard.report.as_ref().filter(|_| heard.refused && is_first) {
+            self.note_stranger(name, report.writer);
+        }
+    }
+
     /// Whether a module of the name admits only certain writers.
     pub(in crate::engine) fn restricts(&self, route: u32) -> bool {
         self.restricted && self.names.modules(route).any(|id| self.net.policy(id).writers.is_some())
@@ -174,7 +250,7 @@ impl Engine {
                 self.views.set_message(id, pending_node());
             }
             if refused {
-                self.note_stranger(route, report.writer);
+                self.note_stranger_of(route, report.writer);
             }
             return;
         }
@@ -184,14 +260,15 @@ impl Engine {
         };
         let dispute = several.and_then(|several| several.dispute(now));
         if refused {
-            self.note_stranger(route, report.writer);
+            self.note_stranger_of(route, report.writer);
         }
         if too_many {
-            self.note_dispute(route, Dispute::TooManyWriters);
+            self.note_dispute(self.names.name(route), Dispute::TooManyWriters);
         }
         if let Some((worse, better)) = dispute {
             let one = |report: WriterReport| (self.writers.label(report.writer), report.state);
-            self.note_dispute(route, Dispute::Contradiction { worse: one(worse), better: one(better) });
+            let dispute = Dispute::Contradiction { worse: one(worse), better: one(better) };
+            self.note_dispute(self.names.name(route), dispute);
         }
         for (position, admission) in admissions.into_iter().enumerate() {
             if admission != Admission::Counts {
@@ -241,9 +318,17 @@ impl Engine {
         speaks
     }
 
-    fn note_stranger(&mut self, route: u32, writer: WriterId) {
+    fn note_stranger_of(&mut self, route: u32, writer: WriterId) {
+        let name = self.names.name(route);
+        // It was noted where the name makes no module.
+        if !self.held_back.contains(&name) {
+            self.note_stranger(name, writer);
+        }
+    }
+
+    fn note_stranger(&mut self, name: Arc<str>, writer: WriterId) {
         let label = self.writers.label(writer);
-        self.note_dispute(route, Dispute::NotAdmitted { who: label, count: 1 });
+        self.note_dispute(name, Dispute::NotAdmitted { who: label, count: 1 });
     }
 }
 

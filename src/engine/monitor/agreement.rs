@@ -38,6 +38,9 @@ pub(in crate::engine) struct Agreement {
     rule: AgreementRule,
     /// The time over which motions are compared, with the past poses of each source.
     motion: Option<(Span, [History; 2])>,
+    /// Motions are not judged before both sources were followed for long enough.
+    #[serde(default)]
+    anew: bool,
     /// The distance between the last two lists of positions.
     #[serde(with = "float")]
     apart_m: f64,
@@ -81,17 +84,25 @@ impl Agreement {
         rule: AgreementRule,
     ) -> Agreement {
         let motion = motion_over.map(|over| (over, [History::default(), History::default()]));
-        Agreement { inputs, max_age, rule, motion, apart_m: 0.0 }
+        Agreement { inputs, max_age, rule, motion, anew: false, apart_m: 0.0 }
     }
 
     /// Goes on with the state of a keyframe.
     pub(super) fn resume(&mut self, kept: Agreement) -> Result<(), KeyframeError> {
-        let Agreement { inputs, max_age: _, rule: _, motion, apart_m } = kept;
+        let Agreement { inputs, max_age: _, rule: _, motion, anew, apart_m } = kept;
         if motion.as_ref().map(|(over, _)| over) != self.motion.as_ref().map(|(over, _)| over) {
             return Err(KeyframeError::new("the configuration compares motions in another way"));
         }
-        (self.motion, self.apart_m) = (motion, apart_m);
+        (self.motion, self.anew, self.apart_m) = (motion, anew, apart_m);
         self.inputs.resume(inputs)
+    }
+
+    /// Motions are followed again from now on. Returns whether it compares motions.
+    pub(super) fn begin_anew(&mut self) -> bool {
+        let Some((_, histories)) = &mut self.motion else { return false };
+        histories.iter_mut().for_each(History::clear);
+        self.anew = true;
+        true
     }
 
     pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
@@ -109,15 +120,25 @@ impl Agreement {
         }
     }
 
-    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
-        self.inputs.any().then(|| match self.difference(now) {
+    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+        if !self.inputs.any() {
+            return None;
+        }
+        let difference = self.difference(now);
+        if self.anew && matches!(difference, Err(NotComparable::TooShort(_, TooShort::Young))) {
+            return None;
+        }
+        let is_compared = difference.is_ok();
+        let state = match difference {
             Ok(Difference::Number(difference, slack, bands)) => bands.judge_within(difference, slack),
             Ok(Difference::Pose { metres, degrees, translation, rotation_deg }) => {
                 translation.judge(metres).max(rotation_deg.judge(degrees))
             }
             Ok(Difference::Lists { lists, count, nearest }) => lists.judge(count, nearest),
             Err(NotComparable::Input(_) | NotComparable::TooShort(..)) => State::Unknown,
-        })
+        };
+        self.anew &= !is_compared;
+        Some(state)
     }
 
     pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {

@@ -5,34 +5,54 @@ use serde::{Deserialize, Serialize};
 use super::Words;
 use crate::engine::state::State;
 use crate::engine::text::say;
+use crate::engine::time::{Span, Timestamp};
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(in crate::engine) struct Count {
+    #[serde(skip)]
     wanted: u32,
-    none: State,
+    #[serde(skip)]
+    may_be_empty: bool,
+    #[serde(skip)]
+    grace: Span,
     found: u32,
+    /// Since when it counts.
+    since: Option<Timestamp>,
 }
 
 impl Count {
-    pub(super) fn new(wanted: u32, none: State) -> Count {
-        Count { wanted, none, found: 0 }
+    pub(super) fn new(wanted: u32, may_be_empty: bool, grace: Span) -> Count {
+        Count { wanted, may_be_empty, grace, found: 0, since: None }
     }
 
-    /// Returns whether the number changed.
-    pub(super) fn set(&mut self, found: u32) -> bool {
-        std::mem::replace(&mut self.found, found) != found
+    /// Returns whether this is the first number, or another one.
+    pub(super) fn set(&mut self, found: u32, now: Timestamp) -> bool {
+        let is_first = self.since.is_none();
+        self.since.get_or_insert(now);
+        std::mem::replace(&mut self.found, found) != found || is_first
     }
 
+    /// Goes on with the state of a keyframe.
     pub(super) fn resume(&mut self, kept: Count) {
-        self.found = kept.found;
+        (self.found, self.since) = (kept.found, kept.since);
     }
 
-    pub(super) fn judge(&self) -> State {
-        match self.found {
-            found if found == self.wanted => State::Ok,
-            0 => self.none,
-            _ => State::Error,
+    /// A wrong number is not judged while modules may still come.
+    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
+        let since = self.since?;
+        if self.found == self.wanted {
+            Some(State::Ok)
+        } else if now < since + self.grace {
+            None
+        } else if self.found == 0 && self.may_be_empty {
+            Some(State::Ok)
+        } else {
+            Some(State::Error)
         }
+    }
+
+    pub(super) fn due(&self) -> Option<Timestamp> {
+        Some(self.since? + self.grace)
     }
 
     pub(super) fn words(&self) -> Words {

@@ -5,6 +5,7 @@ mod counts;
 pub(in crate::engine) mod kept;
 mod keys;
 mod topic_fault;
+mod windows;
 
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -18,6 +19,7 @@ use crate::engine::signals::SignalSample;
 use crate::engine::state::State;
 use crate::engine::time::Timestamp;
 use topic_fault::Judged;
+use windows::Blocked;
 
 /// All monitors and their inputs.
 #[derive(Debug, Clone, Default)]
@@ -31,8 +33,8 @@ pub(in crate::engine) struct Watching {
     /// Each probe with its monitors.
     probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
     statuses: HashMap<Arc<str>, WatchedStatus>,
-    /// The modules that count the members of their group, each with its monitor.
-    counts: Vec<(ModuleId, u32)>,
+    /// The modules that count the modules of their group, each with its monitor and the number of nested groups.
+    counts: Vec<(ModuleId, u32, usize)>,
     /// Names of the present array, kept to save allocations.
     touched: Vec<Arc<str>>,
     /// Monitors to judge, kept to save allocations.
@@ -68,6 +70,7 @@ pub(in crate::engine) struct Watch {
     /// The measured values may have changed since then.
     pending: bool,
     running: bool,
+    blocked: Option<Blocked>,
 }
 
 #[derive(Debug, Clone)]
@@ -175,7 +178,9 @@ impl Watching {
                 let (id, watch) = (ModuleId(index as u32), watching.watches.len() as u32);
                 watching.of_module[index] = Some(watch);
                 if matches!(spec, MonitorSpec::Count { .. }) {
-                    watching.counts.push((id, watch));
+                    let nested =
+                        model.groups.iter().filter(|group| group.parent == Some(module.group)).count();
+                    watching.counts.push((id, watch, nested));
                 }
                 watching.add(Purpose::Module(ModuleId(index as u32)), spec, monitor);
             }
@@ -230,6 +235,7 @@ impl Watching {
             worded: None,
             pending: false,
             running: false,
+            blocked: None,
         });
     }
 
@@ -317,36 +323,6 @@ impl Watching {
         Some(())
     }
 
-    /// Notes whether a module is relevant, if that changed for its monitor.
-    pub(in crate::engine) fn note_relevance(&mut self, id: ModuleId, relevant: bool) {
-        let watch = self.of_module.get(id.0 as usize).copied().flatten();
-        if watch.is_some_and(|watch| self.watches[watch as usize].running != relevant) {
-            self.turned.push(id);
-        }
-    }
-
-    /// Starts or stops the monitor of a module. Returns whether it runs.
-    pub(in crate::engine) fn turn(&mut self, id: ModuleId, relevant: bool, now: Timestamp) -> Option<u32> {
-        let index = self.of_module.get(id.0 as usize).copied().flatten()?;
-        let watch = &mut self.watches[index as usize];
-        watch.running = relevant;
-        watch.monitor.set_relevant(relevant, now);
-        let heard = |id: &TopicId| self.topics[id.0 as usize].news.is_some();
-        let search = |id: &TopicId| self.topics[id.0 as usize].searched_until.filter(|&until| until > now);
-        let until = watch.topics.iter().filter(|id| !heard(id)).filter_map(search).max();
-        if let Some(until) = until.filter(|_| relevant) {
-            watch.monitor.search(until);
-            for (slot, _) in watch.topics.iter().enumerate().filter(|(_, id)| heard(id)) {
-                watch.monitor.found(slot, now);
-            }
-        }
-        if watch.by_the_clock {
-            // Earlier measurements do not count.
-            (watch.worded, watch.pending) = (None, true);
-        }
-        Some(index)
-    }
-
     /// Judges a monitor at `now`. Its message is written when the state changes, otherwise rarely.
     pub(in crate::engine) fn judge(&mut self, index: u32, policy: &Policy, now: Timestamp) -> Judgement {
         let Judged { judged, topic_fault, state } = self.look(index, policy, now);
@@ -401,18 +377,6 @@ impl Watching {
         index.is_none_or(|index| self.watches[index as usize].from_dds)
     }
 
-    /// Restarts a monitor that judges by the clock, as when it becomes relevant, unless it is in ERROR.
-    /// Discovery searches for publishers until `searched`.
-    pub(in crate::engine) fn begin_anew(&mut self, index: u32, searched: Timestamp, now: Timestamp) {
-        let watch = &mut self.watches[index as usize];
-        if watch.by_the_clock && watch.running && watch.said != Some(State::Error) {
-            watch.monitor.set_relevant(false, now);
-            watch.monitor.set_relevant(true, now);
-            watch.monitor.search(searched);
-            (watch.due, watch.worded, watch.pending) = (None, None, true);
-        }
-    }
-
     /// Continues a monitor with the same meaning from before a reload.
     pub(in crate::engine) fn keep(&mut self, id: ModuleId, old: &Watching, before: ModuleId) {
         let index =
@@ -422,7 +386,7 @@ impl Watching {
         let watch = &mut self.watches[index as usize];
         watch.monitor = before.monitor.clone();
         (watch.said, watch.worded) = (before.said, before.worded);
-        (watch.pending, watch.running) = (before.pending, before.running);
+        (watch.pending, watch.running, watch.blocked) = (before.pending, before.running, before.blocked);
     }
 
     /// Keeps the reports of discovery about topics that stay, and the remaining time of the search for

@@ -1,6 +1,6 @@
 //! The rate of messages, also judged by the clock: no message is 0 Hz.
 
-use super::window::Window;
+use super::window::{Recovery, Window};
 use super::words::{Words, span};
 use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::Bands;
@@ -17,23 +17,30 @@ pub(in crate::engine) struct Frequency {
     /// The time since which the module is relevant; earlier messages are not counted. In the future while
     /// publishers are still being searched.
     since: Option<Timestamp>,
+    recovery: Option<Recovery>,
 }
 
 impl Frequency {
     pub(super) fn new(window: Span, bands: Bands) -> Frequency {
-        Frequency { window: Window::new(window), bands, since: None }
+        Frequency { window: Window::new(window), bands, since: None, recovery: None }
     }
 
     /// Goes on with the state of a keyframe.
     pub(super) fn resume(&mut self, kept: Frequency) -> Result<(), KeyframeError> {
-        let Frequency { window, bands: _, since } = kept;
-        self.since = since;
+        let Frequency { window, bands: _, since, recovery } = kept;
+        (self.since, self.recovery) = (since, recovery);
         self.window.resume(window)
     }
 
     pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
         self.window.clear();
         self.since = relevant.then_some(now);
+        self.recovery = None;
+    }
+
+    /// The module is no longer blocked, and is well.
+    pub(super) fn recover(&mut self, now: Timestamp) {
+        self.recovery = self.judge(now).map(|state| Recovery { at: now, state });
     }
 
     /// Starts the first window at `until`, unless a publisher is found earlier.
@@ -68,6 +75,17 @@ impl Frequency {
     /// Before the first full window only too high rates can be judged: they can no longer get better.
     pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.window.advance(now);
+        let judged = self.judged(now);
+        let span = self.window.span();
+        if let Some(recovery) = self.recovery.take_if(|it| it.ends_by(judged, span, now)) {
+            self.window.forget_before(recovery.at);
+            self.since = self.since.max(Some(recovery.at));
+            return self.judged(now);
+        }
+        judged
+    }
+
+    fn judged(&self, now: Timestamp) -> Option<State> {
         if now >= self.full_at()? {
             Some(self.at(self.window.count()))
         } else {

@@ -52,6 +52,11 @@ impl Latency {
         self.window.resume(window)
     }
 
+    pub(super) fn begin_anew(&mut self) {
+        self.window.clear();
+        (self.doubt, self.last) = (None, None);
+    }
+
     pub(super) fn take(&mut self, sample: &Sample, now: Timestamp) {
         match age(sample) {
             Ok(seconds) => self.window.push(seconds, now),

@@ -105,7 +105,9 @@ impl Monitor {
         Some(match spec {
             MonitorSpec::External { .. } => return None,
             MonitorSpec::Constant { state } => Monitor::Constant(*state),
-            MonitorSpec::Count { wanted, none } => Monitor::Count(Count::new(*wanted, *none)),
+            MonitorSpec::Count { wanted, may_be_empty, grace } => {
+                Monitor::Count(Count::new(*wanted, *may_be_empty, *grace))
+            }
             MonitorSpec::Frequency { window, bands, .. } => {
                 Monitor::Frequency(Frequency::new(*window, *bands))
             }
@@ -185,6 +187,9 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.set_relevant(relevant, now),
             Monitor::RateRatio(monitor) => monitor.set_relevant(relevant, now),
             Monitor::Watchdog(monitor) => monitor.set_relevant(relevant, now),
+            Monitor::Latency(_) | Monitor::Agreement(_) if relevant => {
+                self.begin_anew(now);
+            }
             Monitor::Latency(_)
             | Monitor::Value(_)
             | Monitor::Sequence(_)
@@ -193,6 +198,39 @@ impl Monitor {
             | Monitor::Count(_)
             | Monitor::Expression(_) => {}
         }
+    }
+
+    /// Its module is no longer blocked, and is well: it is judged on, but what came before makes nothing worse.
+    pub(super) fn recover(&mut self, now: Timestamp) {
+        match self {
+            Monitor::Frequency(monitor) => monitor.recover(now),
+            Monitor::RateRatio(monitor) => monitor.recover(now),
+            Monitor::Latency(_)
+            | Monitor::Value(_)
+            | Monitor::Watchdog(_)
+            | Monitor::Sequence(_)
+            | Monitor::Agreement(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_)
+            | Monitor::Expression(_) => {}
+        }
+    }
+
+    /// Starts its window again: what came before does not count. Returns whether it has a window.
+    pub(super) fn begin_anew(&mut self, now: Timestamp) -> bool {
+        match self {
+            Monitor::Frequency(monitor) => monitor.set_relevant(true, now),
+            Monitor::RateRatio(monitor) => monitor.set_relevant(true, now),
+            Monitor::Latency(monitor) => monitor.begin_anew(),
+            Monitor::Agreement(monitor) => return monitor.begin_anew(),
+            Monitor::Watchdog(_)
+            | Monitor::Value(_)
+            | Monitor::Sequence(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_)
+            | Monitor::Expression(_) => return false,
+        }
+        true
     }
 
     /// After a start or a reload: a topic without a known publisher is not judged by the clock before `until`.
@@ -281,7 +319,7 @@ impl Monitor {
             Monitor::Sequence(monitor) => monitor.judge(),
             Monitor::Agreement(monitor) => monitor.judge(now),
             Monitor::Constant(state) => Some(*state),
-            Monitor::Count(monitor) => Some(monitor.judge()),
+            Monitor::Count(monitor) => monitor.judge(now),
             Monitor::Expression(monitor) => monitor.judge(now),
         }
     }
@@ -295,7 +333,8 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.due(now),
             Monitor::Agreement(monitor) => monitor.due(now),
             Monitor::Expression(monitor) => monitor.due(now),
-            Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Constant(_) | Monitor::Count(_) => None,
+            Monitor::Count(monitor) => monitor.due(),
+            Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Constant(_) => None,
         };
         due.filter(|&due| due > now)
     }

@@ -1,6 +1,6 @@
 //! The output rate of a component against its input rate.
 
-use super::window::Window;
+use super::window::{Recovery, Window};
 use super::words::{Words, span};
 use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::Bands;
@@ -21,6 +21,7 @@ pub(in crate::engine) struct RateRatio {
     since: Option<Timestamp>,
     /// By slot: whether a publisher is known.
     known: [bool; 2],
+    recovery: Option<Recovery>,
 }
 
 impl RateRatio {
@@ -29,13 +30,13 @@ impl RateRatio {
 
     pub(super) fn new(window: Span, bands: Bands) -> RateRatio {
         let (input, output) = (Window::new(window), Window::new(window));
-        RateRatio { input, output, bands, since: None, known: [false; 2] }
+        RateRatio { input, output, bands, since: None, known: [false; 2], recovery: None }
     }
 
     /// Goes on with the state of a keyframe.
     pub(super) fn resume(&mut self, kept: RateRatio) -> Result<(), KeyframeError> {
-        let RateRatio { input, output, bands: _, since, known } = kept;
-        (self.since, self.known) = (since, known);
+        let RateRatio { input, output, bands: _, since, known, recovery } = kept;
+        (self.since, self.known, self.recovery) = (since, known, recovery);
         self.input.resume(input)?;
         self.output.resume(output)
     }
@@ -73,6 +74,12 @@ impl RateRatio {
         self.input.clear();
         self.output.clear();
         self.since = since;
+        self.recovery = None;
+    }
+
+    /// The module is no longer blocked, and is well.
+    pub(super) fn recover(&mut self, now: Timestamp) {
+        self.recovery = self.judge(now).map(|state| Recovery { at: now, state });
     }
 
     pub(super) fn take(&mut self, slot: usize, now: Timestamp) {
@@ -85,6 +92,18 @@ impl RateRatio {
     pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.input.advance(now);
         self.output.advance(now);
+        let judged = self.judged(now);
+        let span = self.input.span();
+        if let Some(recovery) = self.recovery.take_if(|it| it.ends_by(judged, span, now)) {
+            self.input.forget_before(recovery.at);
+            self.output.forget_before(recovery.at);
+            self.since = self.since.max(Some(recovery.at));
+            return self.judged(now);
+        }
+        judged
+    }
+
+    fn judged(&self, now: Timestamp) -> Option<State> {
         (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
     }
 

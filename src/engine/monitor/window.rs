@@ -4,6 +4,7 @@ use crate::engine::files::KeyframeError;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
+use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 
 /// Up to this number of messages in a window, each has its own time of receipt; of more, those within this
@@ -56,6 +57,14 @@ impl Window {
         self.count = total.ok_or_else(|| KeyframeError::new("a window has too many messages"))?;
         (self.buckets, self.low, self.high) = (buckets, low, high);
         Ok(())
+    }
+
+    /// Forgets what came before this instant.
+    pub(super) fn forget_before(&mut self, at: Timestamp) {
+        self.buckets.retain(|bucket| bucket.start >= at);
+        self.count = self.buckets.iter().map(|bucket| bucket.count).sum();
+        self.low.retain(|(start, _)| *start >= at);
+        self.high.retain(|(start, _)| *start >= at);
     }
 
     pub(super) fn clear(&mut self) {
@@ -138,6 +147,21 @@ impl Window {
     /// The times at which messages leave, and their numbers, in order.
     pub(super) fn leaving(&self) -> impl Iterator<Item = (Timestamp, u64)> {
         self.buckets.iter().map(|bucket| (bucket.start + self.span, bucket.count))
+    }
+}
+
+/// A module was blocked and is well: what came before that instant counts as long as it makes nothing worse, for
+/// one window.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(super) struct Recovery {
+    pub(super) at: Timestamp,
+    pub(super) state: State,
+}
+
+impl Recovery {
+    /// Whether a window that is judged as `state` begins anew at the recovery.
+    pub(super) fn ends_by(self, judged: Option<State>, span: Span, now: Timestamp) -> bool {
+        judged > Some(self.state) && now < self.at + span
     }
 }
 

@@ -38,7 +38,7 @@ impl Engine {
             if status == overflow::MODULE || needs_room && self.names.find(status).is_some() {
                 return false;
             }
-            let claim = self.names.claim(&self.model, status, other, &[]);
+            let claim = self.names.claim(&self.model, status, other, |_| true);
             let in_room = claim.places.iter().any(|place| place.group == *group);
             in_room || !needs_room && claim.dropped_by.contains(group)
         })

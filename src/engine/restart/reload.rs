@@ -45,6 +45,7 @@ impl Engine {
             next.take_dds(dds_fault);
         }
         next.names.keep_writer_reports(&self.names);
+        next.keep_dropped(self);
         next.keep_disputes(self);
         if let Some(due) = next.reception.due() {
             next.timers.arm(TimerKey::Reception, due);
@@ -132,6 +133,17 @@ impl Engine {
             let Some(group) = self.same_group(old, group) else { continue };
             let module = self.make(&NewModule::of(group), ModuleKind::Overflow, overflow::MODULE);
             self.overflow.keep(group, module, count);
+        }
+    }
+
+    /// Names that were counted as dropped are not counted again, unless the limit was raised.
+    fn keep_dropped(&mut self, old: &Engine) {
+        if self.model.limits.discovered_modules <= old.model.limits.discovered_modules {
+            let groups: HashMap<GroupId, GroupId> = (0..old.net.groups.len() as u32)
+                .map(GroupId)
+                .filter_map(|group| Some((group, self.same_group(old, group)?)))
+                .collect();
+            self.names.keep_dropped(&old.names, |group| groups.get(&group).copied());
         }
     }
 

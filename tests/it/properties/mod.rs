@@ -20,7 +20,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use cases::{Choices, history, model};
-use monitors::{History, Since};
+use monitors::{History, Since, Window};
 use oracle::Oracle;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -76,20 +76,21 @@ proptest! {
         });
         let history = writers::said_by_one(history(&mut choices));
         let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
-        let mut since = vec![None; model.modules.len()];
+        let mut windows = vec![Window::default(); model.modules.len()];
         for (index, (at, input)) in history.iter().enumerate() {
-            note_relevance(&engine.snapshot(), index, &mut since);
+            let seen = |now| History { model: &model, seen: &history[..index], now };
+            note_windows(&seen(engine.now()), &engine.snapshot(), &mut windows);
             // Time alone may make a module relevant between two inputs, as the end of a localization does.
-            while let Some(due) = engine.next_deadline().filter(|due| due < at) {
+            while let Some(due) = engine.next_deadline().filter(|due| due <= at) {
                 engine.handle(&Input::Tick, due);
-                note_relevance(&engine.snapshot(), index, &mut since);
+                note_windows(&seen(due), &engine.snapshot(), &mut windows);
             }
             engine.handle(input, *at);
             let snapshot = engine.snapshot();
-            note_relevance(&snapshot, index + 1, &mut since);
             let seen = History { model: &model, seen: &history[..=index], now: *at };
-            for (id, since) in (0..).map(ModuleId).zip(&since) {
-                if let Some(verdict) = seen.verdict(id, *since) {
+            note_windows(&seen, &snapshot, &mut windows);
+            for (id, window) in (0..).map(ModuleId).zip(&mut windows) {
+                if let Some(verdict) = seen.verdict(id, window) {
                     let reported = snapshot.module(id).1.steps.reported;
                     let counts_as = model.modules[id.0 as usize].policy.counts_as;
                     prop_assert_eq!(reported, verdict.map(|state| counts_as.of(state)), "{:?} at {:?}", model.modules[id.0 as usize].monitor, at);
@@ -221,12 +222,26 @@ fn told(snapshot: &Snapshot) -> Vec<String> {
         .collect()
 }
 
-fn note_relevance(snapshot: &Snapshot, inputs: usize, since: &mut [Option<Since>]) {
-    for (id, since) in (0..).map(ModuleId).zip(since) {
-        if matches!(snapshot.shown(NodeId::Module(id)).1, Some(Reason::NotRelevant(_))) {
-            *since = None;
-        } else if since.is_none() {
-            *since = Some(Since { at: snapshot.now, inputs });
+/// A window begins when its module becomes relevant, or is no longer blocked and was well when it was blocked.
+/// While its module is well then, what came before counts on as long as it makes nothing worse.
+fn note_windows(seen: &History<'_>, snapshot: &Snapshot, windows: &mut [Window]) {
+    let mut oracle = Oracle::new(seen.model, snapshot);
+    let since = Some(Since { at: snapshot.now, inputs: seen.seen.len() });
+    for (id, window) in (0..).map(ModuleId).zip(windows) {
+        let said = seen.verdict(id, window).flatten();
+        let relevant = oracle.relevant(NodeId::Module(id));
+        let blocked = oracle.blocked(NodeId::Module(id));
+        let is_well = snapshot.module(id).1.own <= State::Warning;
+        let recovers = !blocked && window.blocked.is_some_and(|(at, was_well)| was_well && at < snapshot.now);
+        let earlier = window.blocked.filter(|(at, _)| *at < snapshot.now);
+        window.blocked = blocked.then(|| earlier.unwrap_or((snapshot.now, is_well)));
+        if !relevant {
+            (window.since, window.recovery) = (None, None);
+        } else if window.since.is_some() && recovers && said.is_some_and(|state| state <= State::Warning) {
+            window.recovery = since.zip(seen.rate(id, window.since));
+        } else if window.since.is_none() || recovers {
+            (window.since, window.recovery) = (since, None);
+            window.last_begin = seen.seen.len();
         }
     }
 }

@@ -192,6 +192,19 @@ pub struct Since {
     pub inputs: usize,
 }
 
+/// The window of a module's monitor.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Window {
+    /// Its present beginning, while the module is relevant.
+    pub since: Option<Since>,
+    /// How much had been received when it began last.
+    pub last_begin: usize,
+    /// While the module is blocked: since when, and whether it was well at that instant.
+    pub blocked: Option<(Timestamp, bool)>,
+    /// It recovered and was well: from then on nothing before makes it worse than this, for one window.
+    pub recovery: Option<(Since, State)>,
+}
+
 /// All received messages with their times.
 pub struct History<'a> {
     pub model: &'a Model,
@@ -200,9 +213,19 @@ pub struct History<'a> {
 }
 
 impl History<'_> {
-    /// What a module's monitor says now, if there is a second opinion: `since` is when the module
-    /// became relevant.
-    pub fn verdict(&self, id: ModuleId, since: Option<Since>) -> Option<Option<State>> {
+    /// What a module's monitor says now, if there is a second opinion.
+    pub fn verdict(&self, id: ModuleId, of_module: &mut Window) -> Option<Option<State>> {
+        if let Some((since, best)) = of_module.recovery
+            && let Some(span) = self.window_of(id)
+        {
+            let judged = self.rate(id, of_module.since);
+            if self.now >= since.at + span {
+                of_module.recovery = None;
+            } else if judged.is_some_and(|state| state > best) {
+                (of_module.since, of_module.recovery) = (Some(since), None);
+            }
+        }
+        let since = of_module.since;
         let spec = &self.model.modules[id.0 as usize];
         let no_publisher = spec.policy.no_publisher;
         let blind = |topics: &[TopicId]| {
@@ -238,7 +261,8 @@ impl History<'_> {
                 self.rate_ratio(*input, *output, *window, bands, since).map(|state| state.max(blind))
             }
             MonitorSpec::Latency { topic, window, bands } => {
-                beside(&[*topic], self.latency(*topic, *window, bands))
+                let later = History { seen: &self.seen[of_module.last_begin..], ..*self };
+                beside(&[*topic], later.latency(*topic, *window, bands))
             }
             MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => {
                 let value =
@@ -261,6 +285,24 @@ impl History<'_> {
             _ => return None,
         };
         Some(state)
+    }
+
+    fn window_of(&self, id: ModuleId) -> Option<Span> {
+        match self.model.modules[id.0 as usize].monitor.other()? {
+            MonitorSpec::Frequency { window, .. } | MonitorSpec::RateRatio { window, .. } => Some(*window),
+            _ => None,
+        }
+    }
+
+    /// What the messages alone say of a rate.
+    pub fn rate(&self, id: ModuleId, since: Option<Since>) -> Option<State> {
+        match self.model.modules[id.0 as usize].monitor.other()? {
+            MonitorSpec::Frequency { topic, window, bands } => self.frequency(*topic, *window, bands, since),
+            MonitorSpec::RateRatio { input, output, window, bands } => {
+                self.rate_ratio(*input, *output, *window, bands, since)
+            }
+            _ => None,
+        }
     }
 
     fn frequency(&self, topic: TopicId, window: Span, bands: &Bands, since: Option<Since>) -> Option<State> {

@@ -166,16 +166,7 @@ impl<'a> Oracle<'a> {
         if let Some(&known) = self.own.get(&node) {
             return known;
         }
-        let members = self.members(id);
-        let relevant: Vec<State> = members
-            .iter()
-            .copied()
-            .filter(|&member| self.relevant(member))
-            .collect::<Vec<_>>()
-            .into_iter()
-            .map(|member| self.own(member))
-            .collect();
-        let own = self.floor(id, self.fold(id, &members, relevant));
+        let (own, _) = self.raised(id, false);
         self.own.insert(node, own);
         own
     }
@@ -193,10 +184,32 @@ impl<'a> Oracle<'a> {
         folded.unwrap_or(if members.is_empty() { empty } else { State::Ignore })
     }
 
-    /// A relevant group that dropped statuses is at least WARNING.
-    fn floor(&self, id: GroupId, state: State) -> State {
-        let floored = self.overflowed(id) && self.relevant(NodeId::Group(id));
-        if floored && state == State::Ok { State::Warning } else { state }
+    /// The fold of a group by what its members show, or by their own states, at least WARNING if names were
+    /// dropped, and whether it would be ignored otherwise. No group becomes better by that.
+    fn raised(&mut self, id: GroupId, shown: bool) -> (State, bool) {
+        let members = self.members(id);
+        let (mut states, mut any_only) = (Vec::new(), false);
+        for &member in &members {
+            let (state, only) = match member {
+                _ if !self.relevant(member) => (State::Ignore, false),
+                NodeId::Module(_) if shown => (self.shown(member), false),
+                NodeId::Module(_) => (self.own(member), false),
+                NodeId::Group(id) => self.raised(id, shown),
+            };
+            any_only |= only;
+            states.push(if only { State::Ignore } else { state });
+        }
+        let waits = shown && self.blocked(NodeId::Group(id));
+        let state =
+            if waits && members.is_empty() { State::Ignore } else { self.fold(id, &members, states) };
+        let says = self.overflowed(id) && self.relevant(NodeId::Group(id)) && !waits;
+        let is_worst = self.model.groups.get(id.0 as usize).is_none_or(|it| it.combine == Combine::Worst);
+        let rises = match state {
+            State::Ignore => says || any_only,
+            State::Ok => says || any_only && is_worst,
+            _ => false,
+        };
+        if rises { (State::Warning, state == State::Ignore) } else { (state, false) }
     }
 
     pub fn shown(&mut self, node: NodeId) -> State {
@@ -211,13 +224,7 @@ impl<'a> Oracle<'a> {
         if let Some(&known) = self.shown.get(&node) {
             return known;
         }
-        let members = self.members(id);
-        let shown = if members.is_empty() && self.blocked(node) {
-            State::Ignore
-        } else {
-            let states = members.iter().map(|&member| self.shown(member)).collect();
-            self.floor(id, self.fold(id, &members, states))
-        };
+        let (shown, _) = self.raised(id, true);
         self.shown.insert(node, shown);
         shown
     }

@@ -2,15 +2,16 @@
 //! reports, of the writers that may publish it.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use proptest::prelude::*;
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, NodeOf, WriterId, WriterList};
+use telltale::engine::input::{Input, NodeOf, OperatorAction, WriterId, WriterList};
 use telltale::engine::model::{Model, ModuleId, Parts, Policy};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 
-use super::cases::{self, Choices};
+use super::cases::{self, Choices, WRITERS};
 
 /// The same history with one writer.
 pub fn said_by_one(history: Vec<(Timestamp, Input)>) -> Vec<(Timestamp, Input)> {
@@ -24,12 +25,14 @@ pub fn said_by_one(history: Vec<(Timestamp, Input)>) -> Vec<(Timestamp, Input)> 
 /// No module accepts its status only from certain nodes, also no discovered one: else its KeyValues wait for
 /// their node, whichever module watches them.
 pub fn admit_all(parts: &mut Parts) {
+    each_policy(parts, |policy| policy.writers = None);
+}
+
+fn each_policy(parts: &mut Parts, change: impl Fn(&mut Policy)) {
     let filters = parts.groups.iter_mut().flat_map(|group| &mut group.filters);
     let of_filters = filters.filter_map(|filter| filter.policy.as_mut());
     let of_modules = parts.modules.iter_mut().map(|module| &mut module.policy);
-    for policy in of_filters.chain(of_modules).chain([&mut parts.discovered]) {
-        policy.writers = None;
-    }
+    of_filters.chain(of_modules).chain([&mut parts.discovered]).for_each(change);
 }
 
 /// The reports for one name.
@@ -125,6 +128,47 @@ proptest! {
                     prop_assert_eq!(reported, said, "{} at {:?}", module.id, at);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn a_stranger_changes_nothing(numbers in super::numbers()) {
+        let mut choices = Choices::new(&numbers);
+        let model = cases::model_that(&mut choices, |parts| {
+            each_policy(parts, |policy| policy.writers = Some(Arc::from([WRITERS[0].into()])));
+        });
+        let named = |name: &str| NodeOf::Named(name.into());
+        let (driver, stranger) = (cases::writer(2), cases::writer(3));
+        let writers = [(driver, named(WRITERS[0])), (stranger, named("/stranger"))];
+        let list = WriterList { complete: true, writers: writers.into(), ..WriterList::default() };
+        let (mut alone, mut disturbed) =
+            (Engine::new(model.clone(), Timestamp::ZERO), Engine::new(model.clone(), Timestamp::ZERO));
+        for engine in [&mut alone, &mut disturbed] {
+            engine.handle(&Input::Writers(Arc::new(list.clone())), Timestamp::ZERO);
+        }
+        for (index, (at, input)) in cases::history(&mut choices).into_iter().enumerate() {
+            let says = |input: &Input, writer| match input {
+                Input::Diagnostics(array) => Input::Diagnostics(array.clone().said_by(writer)),
+                // The WARNING of `telltale` refuses a clearance.
+                Input::Writers(_)
+                | Input::Operator(OperatorAction::AskClearance { .. } | OperatorAction::Clear { .. }) => {
+                    Input::Tick
+                }
+                other => other.clone(),
+            };
+            let is_strange = matches!(input, Input::Diagnostics(_)) && numbers[index % numbers.len()] % 2 == 1;
+            if is_strange {
+                disturbed.handle(&says(&input, stranger), at);
+                alone.handle(&Input::Tick, at);
+            } else {
+                alone.handle(&says(&input, driver), at);
+                disturbed.handle(&says(&input, driver), at);
+            }
+            let of_vehicle = |engine: &mut Engine| {
+                let told = super::told(&engine.snapshot()).into_iter();
+                told.filter(|line| !line.starts_with("telltale")).collect::<Vec<_>>()
+            };
+            prop_assert_eq!(of_vehicle(&mut alone), of_vehicle(&mut disturbed), "at {:?}", at);
         }
     }
 }

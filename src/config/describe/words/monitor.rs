@@ -55,8 +55,12 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
             format!("{of}{a} against {b}, not older than {}: {}", span(*max_age), agreement(rule))
         }
         MonitorSpec::Constant { state } => format!("always {state}"),
-        MonitorSpec::Count { wanted, none } => {
-            format!("the number of statuses: error unless {wanted}, {none} while there is none")
+        MonitorSpec::Count { wanted, may_be_empty, grace } => {
+            let or = if *may_be_empty { " or none" } else { "" };
+            format!(
+                "the number of statuses: error unless {wanted}{or}, from {} after the start",
+                span(*grace)
+            )
         }
         MonitorSpec::Expression { inputs, max_age, warning, error, class } => {
             let inputs: Vec<String> =

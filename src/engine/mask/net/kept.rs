@@ -163,6 +163,7 @@ fn since(group: &GroupNode) -> Option<Timestamp> {
         masked: _,
         failing: _,
         second: _,
+        only_dropped: _,
         dirty_leave: _,
         // The view has the members, in order.
         members: _,

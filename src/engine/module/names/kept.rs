@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Names, Route};
 use crate::engine::files::{KeyframeError, count};
-use crate::engine::model::ModuleId;
+use crate::engine::model::{GroupId, ModuleId};
 use crate::engine::module::writers::WriterReports;
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -25,6 +25,11 @@ struct KeptRoute {
     /// The discovered modules that it feeds.
     made: Vec<ModuleId>,
     lacking: bool,
+    #[serde(default)]
+    dropped_by: Vec<GroupId>,
+    /// Its modules were made at the word of a node that is not known yet.
+    #[serde(default)]
+    unproven: bool,
     writers: WriterReports,
 }
 
@@ -35,6 +40,7 @@ impl Names {
             index,
             routes,
             seen,
+            unproven,
             // From the configuration.
             discovered_max: _,
             // From the routes. Their indices mean nothing outside of this.
@@ -51,7 +57,10 @@ impl Names {
                 first: _,
                 more: _,
                 lacking,
+                dropped_by,
                 writer_reports,
+                // It only saves the groups from being asked again.
+                counted: _,
                 // About one array, which is over.
                 array: _,
                 position: _,
@@ -61,7 +70,8 @@ impl Names {
             } = &routes[*route as usize];
             let made = self.modules(*route).filter(|id| id.0 as usize >= fixed).collect();
             let (name, writers) = (name.clone(), writer_reports.clone());
-            KeptRoute { name, number: *number, made, lacking: *lacking, writers }
+            let (dropped_by, unproven) = (dropped_by.clone(), unproven.contains(route));
+            KeptRoute { name, number: *number, made, lacking: *lacking, dropped_by, unproven, writers }
         };
         let says_more = |it: &KeptRoute| !it.made.is_empty() || it.lacking || !it.writers.is_empty();
         let mut routes: Vec<KeptRoute> = index.values().map(kept).filter(says_more).collect();
@@ -78,7 +88,7 @@ impl Names {
         let KeptNames { seen, routes } = kept;
         // Those that lack a module are named.
         self.routes.iter_mut().for_each(|route| route.lacking = false);
-        for KeptRoute { name, number, made, lacking, writers } in routes {
+        for KeptRoute { name, number, made, lacking, dropped_by, unproven, writers } in routes {
             for module in made {
                 if !is_discovered(module) || self.of_module.contains_key(&module) {
                     let what = format!("the status {name:?} feeds a module that was not discovered by it");
@@ -89,7 +99,11 @@ impl Names {
             let Some(route) = self.find(&name) else {
                 return Err(KeyframeError::new(format!("the status {name:?} feeds no module")));
             };
+            if unproven {
+                self.doubt(route);
+            }
             let route = &mut self.routes[route as usize];
+            route.dropped_by = dropped_by;
             (route.number, route.lacking, route.writer_reports) = (number, lacking, writers);
         }
         self.seen = seen;

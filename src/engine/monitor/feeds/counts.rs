@@ -3,18 +3,19 @@
 use super::Watching;
 use crate::engine::model::ModuleId;
 use crate::engine::monitor::Monitor;
+use crate::engine::time::Timestamp;
 
 impl Watching {
-    /// The modules that count the members of their group.
-    pub(in crate::engine) fn counts(&self) -> impl Iterator<Item = (ModuleId, u32)> {
+    /// The modules that count the modules of their group, each with its monitor and the number of nested groups.
+    pub(in crate::engine) fn counts(&self) -> impl Iterator<Item = (ModuleId, u32, usize)> {
         self.counts.iter().copied()
     }
 
     /// Sets what a monitor counts. Returns whether it has to be judged.
-    pub(in crate::engine) fn set_count(&mut self, index: u32, found: u32) -> bool {
+    pub(in crate::engine) fn set_count(&mut self, index: u32, found: u32, now: Timestamp) -> bool {
         let watch = &mut self.watches[index as usize];
         let Monitor::Count(count) = &mut watch.monitor else { return false };
-        let changed = count.set(found);
+        let changed = count.set(found, now);
         if changed {
             (watch.worded, watch.pending) = (None, true);
         }

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::windows::Blocked;
 use super::{Publishers, Watch, WatchedTopic, Watching};
 use crate::engine::files::KeyframeError;
 use crate::engine::model::ModuleId;
@@ -25,6 +26,7 @@ struct KeptWatch {
     worded: Option<Timestamp>,
     pending: bool,
     running: bool,
+    blocked: Option<Blocked>,
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -70,10 +72,10 @@ impl Watching {
         }
         (self.turned, self.searching_until) = (turned, searching_until);
         for (watch, kept) in self.watches.iter_mut().zip(monitors) {
-            let KeptWatch { monitor, said, due, worded, pending, running } = kept;
+            let KeptWatch { monitor, said, due, worded, pending, running, blocked } = kept;
             watch.monitor.resume(monitor)?;
             (watch.said, watch.due, watch.worded) = (said, due, worded);
-            (watch.pending, watch.running) = (pending, running);
+            (watch.pending, watch.running, watch.blocked) = (pending, running, blocked);
         }
         for (topic, kept) in self.topics.iter_mut().zip(topics) {
             let KeptTopic { news, heard, left, searched_until } = kept;
@@ -93,6 +95,7 @@ impl KeptWatch {
             worded,
             pending,
             running,
+            blocked,
             // From the configuration.
             purpose: _,
             topics: _,
@@ -100,7 +103,7 @@ impl KeptWatch {
             from_dds: _,
         } = watch;
         let (monitor, said, due, worded) = (monitor.clone(), *said, *due, *worded);
-        KeptWatch { monitor, said, due, worded, pending: *pending, running: *running }
+        KeptWatch { monitor, said, due, worded, pending: *pending, running: *running, blocked: *blocked }
     }
 }
 
