@@ -26,10 +26,14 @@
     let count = entries.length;
     show(count);
     if (fits()) return undefined;
+    // What is over stands last, and gives way before the advice of a live fault does. The button that counts the rest
+    // takes room as well.
+    const live = entries.filter((entry) => !entry.matches("[data-past]")).length;
+    while (count > Math.max(live, 1) && !fits()) show(--count);
+    if (fits()) return undefined;
     // Advice gives way before an entry does.
     list.setAttribute("data-brief", "");
     if (fits()) return undefined;
-    // The button that counts the rest takes room as well.
     more.hidden = count === 1 && more.hidden;
     while (count > 1 && !fits()) show(--count);
     if (!fits()) return list.setAttribute("data-tight", "");

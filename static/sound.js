@@ -129,8 +129,10 @@
     const { live } = body.dataset;
     if (live === "dead") return "dead";
     if (live === "replay") return "";
-    if (document.getElementById("instruction")?.dataset.urgency === "take_over") return "take_over";
-    return open.length > 0 ? "fault" : "";
+    // What is asked calls when it rises, even if all alarms are acknowledged.
+    const { urgency } = document.getElementById("instruction")?.dataset ?? {};
+    if (urgency === "take_over") return "take_over";
+    return open.length > 0 || urgency === "be_ready" ? "fault" : "";
   };
 
   const silenceDeadTone = () => {

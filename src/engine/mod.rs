@@ -52,6 +52,7 @@ use monitor::feeds::Watching;
 use motion::MotionState;
 use react::alarms::Alarms;
 use react::held::Countermeasures;
+use react::urgency::Asks;
 use react::warnings::Warnings;
 use signals::Signals;
 use snapshot::{Counters, Snapshot};
@@ -79,6 +80,7 @@ pub struct Engine {
     causes: Causes,
     alarms: Alarms,
     warnings: Warnings,
+    asks: Asks,
     countermeasures: Countermeasures,
     vehicle_faults: VehicleFaults,
     /// After a start, the time until which no component has to report whether the vehicle drives.
@@ -134,6 +136,7 @@ impl Engine {
             causes: Causes::default(),
             alarms: Alarms::default(),
             warnings: Warnings::default(),
+            asks: Asks::default(),
             countermeasures: Countermeasures::new(&model),
             vehicle_faults: VehicleFaults::default(),
             active_by: now,
@@ -368,6 +371,7 @@ impl Engine {
             self.follow_alarms();
         }
         self.show_motion();
+        self.follow_urgency();
         self.show_vehicle();
         self.views.settle(&self.vehicle, &self.net);
     }
@@ -389,6 +393,7 @@ impl Engine {
             self.causes.note(&self.net, change);
             self.countermeasures.note(change);
             self.vehicle_changed |= self.warnings.note(&self.net, change);
+            self.asks.note(&self.net, change);
             self.views.follow(&self.net, change, self.now);
             if let NodeId::Module(id) = change.node {
                 self.watching.note_relevance(id, change.after.relevant);

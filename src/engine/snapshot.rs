@@ -15,7 +15,7 @@ use super::input::Refusal;
 use super::model::countermeasure::{Request, RequestKind};
 use super::model::output::Output;
 use super::model::quantity::Quantity;
-use super::model::wording::{Advice, Wording};
+use super::model::wording::{Advice, Urgency, Wording};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
 use super::persistent::PersistentVec;
 use super::state::State;
@@ -44,6 +44,10 @@ pub struct Snapshot {
     pub modules: PersistentVec<ModuleView>,
     /// Ranked, worst first.
     pub roots: Arc<[RootCause]>,
+    /// What each fault asks of the operator of a driving vehicle by its own state, masked or not; by node.
+    pub asking: Arc<[(NodeId, Urgency)]>,
+    /// What the instruction asks for, if faults ask for anything.
+    pub asked: Option<Asked>,
     /// Active or not acknowledged, by number.
     pub alarms: Arc<[Alarm]>,
     /// The number of the last alarm that was raised.
@@ -161,6 +165,12 @@ impl Snapshot {
             NodeId::Group(id) => self.groups[id.0 as usize].own,
             NodeId::Module(id) => self.modules[id.0 as usize].own,
         }
+    }
+
+    /// What the own state of a node asks of the operator of a driving vehicle.
+    pub fn asks(&self, node: NodeId) -> Option<Urgency> {
+        let index = self.asking.binary_search_by_key(&node, |(asking, _)| *asking).ok()?;
+        Some(self.asking[index].1)
     }
 
     /// The shown state of a node, with the reason if it is IGNORE.
@@ -330,6 +340,15 @@ pub struct RootCause {
     pub grace: bool,
 }
 
+/// The most that any fault asks of the operator of a driving vehicle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Asked {
+    pub urgency: Urgency,
+    /// The node that asks for it, a visible one if there is one. If none does any more, the root cause whose fault
+    /// did before.
+    pub node: NodeId,
+}
+
 /// An alarm about a root cause. Its number lasts.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Alarm {
@@ -345,6 +364,9 @@ pub struct Alarm {
     pub active: bool,
     /// Earlier alarms of the node that are only counted here.
     pub repeats: u32,
+    /// The highest urgency of its fault, and of all that waits for it, since the vehicle set off.
+    #[serde(default)]
+    pub asked: Option<Urgency>,
 }
 
 /// A request to the vehicle because of a failure.

@@ -1,6 +1,7 @@
 //! The state of the vehicle that outlives a restart: its stage, its alarms with their numbers, and the
 //! decisions of the operator.
 
+use std::collections::HashMap;
 use std::time::{Duration, SystemTime};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -10,6 +11,7 @@ use super::unix_time::{from_unix_ms, to_unix_ms};
 use super::{Database, Store, StoreError};
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::Request;
+use crate::engine::model::wording::Urgency;
 use crate::engine::restart::resume::{Restored, RestoredAlarm, RestoredCountermeasure};
 use crate::engine::snapshot::MapPose;
 use crate::engine::time::Span;
@@ -80,14 +82,18 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
             vehicle.last_alarm as i64,
         ])?;
     connection.execute_batch(
-        "DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes; DELETE FROM countermeasures;",
+        "DELETE FROM alarm_urgencies; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes; DELETE FROM countermeasures;",
     )?;
     let mut insert = connection.prepare_cached("INSERT INTO alarms VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    let mut insert_urgency = connection.prepare_cached("INSERT INTO alarm_urgencies VALUES (?1, ?2)")?;
     for alarm in vehicle.alarms.iter().take(ROWS_MAX) {
-        let RestoredAlarm { id, node, age, acknowledged, active } = alarm;
+        let RestoredAlarm { id, node, age, acknowledged, active, asked } = alarm;
         let raised = memory.at.checked_sub(Duration::from_nanos(age.as_nanos()));
         let raised_ms = to_unix_ms(raised.unwrap_or(SystemTime::UNIX_EPOCH));
         insert.execute(params![*id as i64, node, raised_ms, acknowledged, active])?;
+        if let Some(asked) = asked {
+            insert_urgency.execute(params![*id as i64, asked.as_str()])?;
+        }
     }
     let mut insert = connection.prepare_cached("INSERT OR IGNORE INTO accepted VALUES (?1)")?;
     for node in vehicle.accepted.iter().take(ROWS_MAX) {
@@ -147,6 +153,7 @@ impl Database {
         let sql =
             "SELECT stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm FROM vehicle";
         let Some(vehicle) = connection.query_row(sql, [], read_first).optional()? else { return Ok(None) };
+        let urgencies = read_urgencies(connection)?;
         let mut query =
             connection.prepare("SELECT id, node, raised_ms, acknowledged, active FROM alarms ORDER BY id")?;
         let alarms = query.query_map([], |row| {
@@ -157,6 +164,7 @@ impl Database {
                 age: Span::from_nanos(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)),
                 acknowledged: row.get(3)?,
                 active: row.get(4)?,
+                asked: urgencies.get(&row.get(0)?).copied(),
             })
         })?;
         let alarms = alarms.collect::<Result<_, _>>()?;
@@ -183,6 +191,20 @@ fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
         last_alarm: row.get::<_, i64>(6)?.unsigned_abs(),
         ..Restored::default()
     })
+}
+
+/// The urgencies of alarms. A database of an earlier schema that cannot be written has none.
+fn read_urgencies(connection: &Connection) -> rusqlite::Result<HashMap<i64, Urgency>> {
+    let sql = "SELECT count(*) > 0 FROM sqlite_schema WHERE name = 'alarm_urgencies'";
+    if !connection.query_row(sql, [], |row| row.get(0))? {
+        return Ok(HashMap::new());
+    }
+    let mut query = connection.prepare("SELECT alarm, urgency FROM alarm_urgencies")?;
+    let rows = query.query_map([], |row| Ok((row.get(0)?, row.get::<_, String>(1)?)))?;
+    let known = |(alarm, word): (i64, String)| {
+        Some((alarm, Urgency::ALL.into_iter().find(|urgency| urgency.as_str() == word)?))
+    };
+    Ok(rows.collect::<rusqlite::Result<Vec<_>>>()?.into_iter().filter_map(known).collect())
 }
 
 fn read_measures(connection: &Connection) -> Result<Vec<RestoredCountermeasure>, StoreError> {
@@ -221,6 +243,7 @@ mod tests {
             age: Span::ZERO,
             acknowledged,
             active: true,
+            asked: Some(Urgency::ALL[usize::from(acknowledged)]),
         };
         let causes = vec![("sensors/lidar".into(), acknowledged), ("can".into(), false)];
         Restored {

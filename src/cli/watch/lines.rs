@@ -103,7 +103,7 @@ fn facts(vehicle: &Vehicle) -> BTreeMap<String, String> {
     for root in &vehicle.roots {
         let (state, message) = vehicle.says(&root.node);
         let state = state.map_or(String::new(), |state| state.as_str().to_uppercase());
-        facts.insert(format!("cause {}", root.node), format!("{state} {message} (masks {})", root.masks));
+        facts.insert(format!("cause {}", root.node), format!("{state} {message} ({})", root.words()));
     }
     for countermeasure in &vehicle.countermeasures {
         let words = countermeasure.words();

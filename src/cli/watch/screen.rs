@@ -198,10 +198,7 @@ fn below(vehicle: &Vehicle, freshness: Freshness, colours: Colours) -> Vec<Line<
     for root in &vehicle.roots {
         let (of, message) = vehicle.says(&root.node);
         let mut line = Line::from(state(of.unwrap_or(State::Unknown), freshness, colours));
-        line.push_span(Span::styled(
-            format!("  cause: {}  {message}  (masks {})", root.node, root.masks),
-            style,
-        ));
+        line.push_span(Span::styled(format!("  cause: {}  {message}  ({})", root.node, root.words()), style));
         lines.push(line);
     }
     if vehicle.roots.is_empty() {

@@ -97,7 +97,10 @@ pub struct Module {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Root {
     pub node: Cleaned,
-    pub masks: u32,
+    masks: u32,
+    /// An older server does not tell.
+    #[serde(default)]
+    second: bool,
 }
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -236,6 +239,14 @@ impl Motion {
             Moving::No => format!("standing{destination}"),
             Moving::Unknown => format!("motion unknown{destination}"),
         }
+    }
+}
+
+impl Root {
+    /// `masks 4`, or `second fault, masks 4`.
+    pub fn words(&self) -> String {
+        let second = if self.second { "second fault, " } else { "" };
+        format!("{second}masks {}", self.masks)
     }
 }
 

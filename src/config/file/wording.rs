@@ -4,22 +4,23 @@ use super::forms::with_about;
 use super::languages;
 use crate::engine::model::Stage;
 use crate::engine::model::wording::{Advice, ByStage, Urgency, Wording};
+use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::yaml::decode::word;
 use crate::yaml::schema::{one_of, words};
 use crate::yaml::{
-    Fields, FromNode, KeyDoc, Kind, Log, MapDoc, Members, Node, Problem, Schema, Spanned, key, map,
+    Fields, FromNode, KeyDoc, Kind, Log, MapDoc, Members, Node, Problem, Schema, Span, Spanned, key, map,
 };
 
 /// The texts of a key with levels and stages.
-pub(in crate::config) trait Said: FromNode + Clone {
+pub(in crate::config) trait Said: FromNode + Clone + PartialEq {
     /// The names of the definitions in the schema: of the whole, and of one level.
     const NAMES: [&str; 2];
     const LEVELS: MapDoc;
     const STAGES: MapDoc;
 
-    /// Whether it asks something of the operator that only a driving vehicle needs.
-    fn is_urgent(&self) -> bool;
+    /// What it asks of the operator of a driving vehicle, if it says so.
+    fn urgency(&self) -> Option<Urgency>;
 }
 
 impl Said for Text {
@@ -27,8 +28,8 @@ impl Said for Text {
     const LEVELS: MapDoc = map("levels", "words for levels");
     const STAGES: MapDoc = map("stage_words", "words for stages");
 
-    fn is_urgent(&self) -> bool {
-        false
+    fn urgency(&self) -> Option<Urgency> {
+        None
     }
 }
 
@@ -37,8 +38,8 @@ impl Said for Advice {
     const LEVELS: MapDoc = map("levels_of_advice", "advice for levels");
     const STAGES: MapDoc = map("stages_of_advice", "advice for stages");
 
-    fn is_urgent(&self) -> bool {
-        self.urgency.is_some()
+    fn urgency(&self) -> Option<Urgency> {
+        self.urgency
     }
 }
 
@@ -71,6 +72,10 @@ impl<T: Said> FromNode for RawWording<T> {
             let problem = Problem::at(node.span, "there are words for no level");
             fields.log.push(problem.help("write one text, or `{ warning: ..., error: ..., unknown: ... }`"));
         }
+        let place = ["error", "warning"].iter().find_map(|level| fields.key_span(level));
+        if let Some(problem) = place.and_then(|place| weaker_error(&wording, place)) {
+            fields.log.push(problem);
+        }
         fields.finish();
         Some(RawWording::Levels(wording))
     }
@@ -99,7 +104,7 @@ impl<T: Said> FromNode for ByStage<T> {
         let mut texts: Vec<(Stage, T)> = Vec::new();
         for stage in stages {
             let Some(text) = fields.optional::<Spanned<T>>(stage.as_str()) else { continue };
-            if text.value.is_urgent() && matches!(stage, Stage::Localizing | Stage::Standby) {
+            if text.value.urgency().is_some() && matches!(stage, Stage::Localizing | Stage::Standby) {
                 let problem = Problem::at(text.span, "nobody takes over a vehicle that stands");
                 fields.log.push(problem.help("remove `urgency` here; it is for `cleared` and `active`"));
             }
@@ -155,6 +160,19 @@ impl FromNode for Urgency {
     fn form(_: &mut Schema) -> Members {
         words(Urgency::ALL.map(Urgency::as_str))
     }
+}
+
+/// An ERROR that asks for less than the WARNING before it: an operator would be told to do less when it gets worse.
+/// Without an urgency, an ERROR asks to be ready to take over.
+fn weaker_error<T: Said>(wording: &Wording<T>, place: Span) -> Option<Problem> {
+    let urgency = |state, stage| wording.of(state, stage).and_then(Said::urgency);
+    let (stage, warning) = [Stage::Active, Stage::Cleared].into_iter().find_map(|stage| {
+        let warning = urgency(State::Warning, stage)?;
+        (urgency(State::Error, stage).unwrap_or(Urgency::BeReady) < warning).then_some((stage, warning))
+    })?;
+    let text = format!("in `{}`, an ERROR asks for less than a WARNING", stage.as_str());
+    let help = format!("give `error` the `urgency: {}` too, or `warning` a lower one", warning.as_str());
+    Some(Problem::at(place, text).help(help))
 }
 
 /// A scalar, or a map of languages.

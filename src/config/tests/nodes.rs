@@ -301,6 +301,40 @@ groups:
 }
 
 #[test]
+fn a_worse_level_never_asks_for_less() {
+    let module =
+        |help: &str| format!("groups: [{{ id: a, modules: [{{ id: m, status: s, help: {help} }}] }}]\n");
+    let take_over = "{ en: T, urgency: take_over }";
+    let be_ready = "{ en: B, urgency: be_ready }";
+    let says = |stage| {
+        format!(
+            "in `{stage}`, an ERROR asks for less than a WARNING (give `error` the `urgency: take_over` too, or `warning` a lower one)"
+        )
+    };
+    for (warning, error, wrong) in [
+        (take_over, be_ready, Some("active")),
+        (take_over, "E", Some("active")),
+        (
+            "{ cleared: { en: T, urgency: take_over } }",
+            "{ active: { en: T, urgency: take_over }, cleared: C }",
+            Some("cleared"),
+        ),
+        (take_over, take_over, None),
+        (be_ready, "E", None),
+        ("{ standby: S }", be_ready, None),
+    ] {
+        let text = module(&format!("{{ warning: {warning}, error: {error}, unknown: {take_over} }}"));
+        let column = text.find(" error:").expect("it is written") + 2;
+        let expected: Vec<String> =
+            wrong.iter().map(|stage| format!("1:{column}: {}", says(stage))).collect();
+        check(&text, &expected.iter().map(String::as_str).collect::<Vec<_>>());
+    }
+    let alone = module(&format!("{{ warning: {take_over} }}"));
+    let column = alone.find("warning:").expect("it is written") + 1;
+    check(&alone, &[&format!("1:{column}: {}", says("active"))]);
+}
+
+#[test]
 fn words_are_written_for_all_or_for_each_level_and_stage() {
     let module = |words: &str| format!("groups: [{{ id: a, modules: [{{ id: m, status: s, {words} }}] }}]\n");
     let of = |words: &str| {

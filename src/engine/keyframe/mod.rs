@@ -141,6 +141,8 @@ impl Engine {
             goal_signal: _,
             localization_group: _,
             restricted: _,
+            // From the own states, the stage and the alarms.
+            asks: _,
             // About one array, which is over.
             touched: _,
             // Found again with the next search.
@@ -290,8 +292,9 @@ impl Engine {
         let groups = (0..self.net.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
         let modules = (0..self.net.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
         for node in groups.chain(modules) {
-            let after = self.net.node(node).facts;
-            self.views.follow(&self.net, &Change { node, before: UNSEEN, after }, self.now);
+            let change = Change { node, before: UNSEEN, after: self.net.node(node).facts };
+            self.views.follow(&self.net, &change, self.now);
+            self.asks.note(&self.net, &change);
         }
         self.causes.set_since(causes);
         if let Some(explained) = self.causes.explain(&self.net, self.now) {
@@ -301,6 +304,7 @@ impl Engine {
         self.views.set_signals(&self.signals);
         self.views.set_motion(self.motion.shown());
         self.vehicle_changed = true;
+        self.follow_urgency();
         self.show_vehicle();
         self.views.settle(&self.vehicle, &self.net);
         Ok(())

@@ -4,6 +4,7 @@
 use super::Stage;
 use crate::engine::state::State;
 use crate::engine::text::Text;
+use serde::{Deserialize, Serialize};
 
 /// The words of a module that is not OK: names, or [`Advice`]. The page has general words for the rest.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -33,7 +34,8 @@ pub struct Advice {
 }
 
 /// How soon the operator of a driving vehicle has to act.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Urgency {
     BeReady,
     TakeOver,

@@ -7,6 +7,7 @@ use std::collections::{BTreeSet, HashSet};
 
 use crate::engine::Engine;
 use crate::engine::event::{EventKind, Events};
+use crate::engine::model::wording::Urgency;
 use crate::engine::model::{NodeId, Within};
 use crate::engine::snapshot::Alarm;
 use crate::engine::time::Timestamp;
@@ -148,7 +149,7 @@ impl Alarms {
             changed = true;
             let causes = explained(&self.list[index]);
             let heir = causes.iter().find(|node| present.contains(node) && !active.contains_key(node));
-            let explained = causes.iter().any(|node| active.contains_key(node));
+            let cover = causes.iter().find_map(|node| active.get(node).copied());
             let alarm = &mut self.list[index];
             active.remove(&alarm.node);
             match heir {
@@ -163,7 +164,11 @@ impl Alarms {
                     events.push(now, EventKind::AlarmCleared { id: alarm.id, node: alarm.node });
                     alarm.active = false;
                     alarm.ended = Some(now);
-                    alarm.acknowledged |= explained;
+                    if let Some(cover) = cover {
+                        let (asked, known) = (alarm.asked, alarm.acknowledged);
+                        alarm.acknowledged = true;
+                        self.list[cover].take_over_urgency(asked, known);
+                    }
                 }
             }
         }
@@ -182,6 +187,7 @@ impl Alarms {
                     acknowledged_at: None,
                     active: true,
                     repeats: 0,
+                    asked: None,
                 });
             }
         }
@@ -197,14 +203,33 @@ impl Alarms {
     /// Acknowledges alarms raised at `now` by a status that an acknowledged alarm already covers: the fault
     /// only shows in a further place.
     fn know(&mut self, same: impl Fn(NodeId, NodeId) -> bool, now: Timestamp, events: &mut Events) {
-        let known: Vec<NodeId> =
-            self.list.iter().filter(|it| it.active && it.acknowledged).map(|it| it.node).collect();
+        let known = self.list.iter().filter(|it| it.active && it.acknowledged);
+        let known: Vec<(NodeId, Option<Urgency>)> = known.map(|it| (it.node, it.asked)).collect();
         for alarm in self.list.iter_mut().filter(|it| it.raised == now && it.active && !it.acknowledged) {
-            if known.iter().any(|&node| same(node, alarm.node)) {
-                alarm.acknowledged = true;
+            if let Some((_, asked)) = known.iter().find(|(node, _)| same(*node, alarm.node)) {
+                (alarm.acknowledged, alarm.asked) = (true, *asked);
                 events.push(now, EventKind::AlarmAcknowledged { id: alarm.id, node: alarm.node });
             }
         }
+    }
+
+    /// Takes what each root cause, and all that waits for it, asks for now. The highest urgency is remembered while the
+    /// vehicle is on its way. An alarm whose urgency rises calls again. Returns whether anything changed.
+    pub(in crate::engine) fn ask(
+        &mut self,
+        now: impl Fn(NodeId) -> Option<Urgency>,
+        remembers: bool,
+    ) -> bool {
+        let mut changed = false;
+        for alarm in self.list.iter_mut().filter(|alarm| alarm.active) {
+            let (before, now) = (alarm.asked, now(alarm.node));
+            alarm.asked = if remembers { before.max(now) } else { now };
+            if now > before && alarm.acknowledged {
+                (alarm.acknowledged, alarm.acknowledged_at) = (false, None);
+            }
+            changed |= alarm.asked != before;
+        }
+        changed
     }
 
     /// Merges the oldest of a node's repeated alarms into the next one.
@@ -341,6 +366,48 @@ mod tests {
     }
 
     #[test]
+    fn urgency_holds_until_it_is_acknowledged_or_the_vehicle_stands_and_a_rise_calls_again() {
+        use Urgency::{BeReady, TakeOver};
+        let mut alarms = Alarms::default();
+        alarms.follow(&calling(&[A]), |_| Vec::new(), Timestamp::ZERO, &mut Events::default());
+        let look = |alarms: &Alarms| (alarms.list()[0].asked, alarms.list()[0].acknowledged);
+        let ask = |alarms: &mut Alarms, urgency: Option<Urgency>, remembers| {
+            let changed = alarms.ask(|_| urgency, remembers);
+            (look(alarms), changed)
+        };
+        assert_eq!(ask(&mut alarms, Some(TakeOver), true), ((Some(TakeOver), false), true));
+        assert_eq!(
+            ask(&mut alarms, Some(BeReady), true),
+            ((Some(TakeOver), false), false),
+            "nothing got better"
+        );
+        assert_eq!(ask(&mut alarms, Some(BeReady), false), ((Some(BeReady), false), true), "it stands");
+        alarms.acknowledge(|_| true, Timestamp::ZERO, &mut Events::default());
+        assert_eq!(ask(&mut alarms, Some(BeReady), true), ((Some(BeReady), true), false));
+        assert_eq!(ask(&mut alarms, Some(TakeOver), true), ((Some(TakeOver), false), true), "it calls again");
+        alarms.acknowledge(|_| true, Timestamp::ZERO, &mut Events::default());
+        assert_eq!(ask(&mut alarms, None, true), ((Some(TakeOver), true), false));
+        assert_eq!(ask(&mut alarms, Some(TakeOver), true), ((Some(TakeOver), true), false), "it is known");
+    }
+
+    #[test]
+    fn a_symptom_that_closes_leaves_its_urgency_to_its_cause() {
+        for acknowledged in [false, true] {
+            let mut alarms = Alarms::default();
+            let mut follow = |alarms: &mut Alarms, roots: &[NodeId], causes: &[NodeId]| {
+                alarms.follow(&calling(roots), |_| causes.to_vec(), Timestamp::ZERO, &mut Events::default());
+            };
+            follow(&mut alarms, &[A, B], &[]);
+            alarms.ask(|node| Some(if node == A { Urgency::BeReady } else { Urgency::TakeOver }), true);
+            let of = |alarm: &Alarm| alarm.node == A || acknowledged;
+            alarms.acknowledge(of, Timestamp::ZERO, &mut Events::default());
+            follow(&mut alarms, &[A], &[A]);
+            let left: Vec<_> = alarms.list().iter().map(|it| (it.node, it.asked, it.acknowledged)).collect();
+            assert_eq!(left, [(A, Some(Urgency::TakeOver), acknowledged)]);
+        }
+    }
+
+    #[test]
     fn an_alarm_from_before_a_restart_is_over_once_its_module_is_known_and_no_root() {
         for (acknowledged, left) in [(true, vec![]), (false, vec![(7, A, false)])] {
             let mut alarms = Alarms::default();
@@ -354,6 +421,7 @@ mod tests {
                 acknowledged_at: None,
                 active: true,
                 repeats: 0,
+                asked: None,
             };
             alarms.restore(vec![alarm], 7);
             let follow = |alarms: &mut Alarms, roots: &[NodeId]| {

@@ -5,4 +5,5 @@ pub(super) mod confirmation;
 pub(super) mod held;
 pub(super) mod sounds;
 pub(super) mod unheard_requests;
+pub(super) mod urgency;
 pub(super) mod warnings;

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use crate::engine::Engine;
 use crate::engine::mask::node::ModuleKind;
 use crate::engine::model::countermeasure::Request;
+use crate::engine::model::wording::Urgency;
 use crate::engine::model::{Model, NodeId, Stage, StageModel};
 use crate::engine::module::system::SystemCheck;
 use crate::engine::react::held::{HeldRequest, RequestCause, RequestOrigin};
@@ -58,6 +59,9 @@ pub struct RestoredAlarm {
     pub age: Span,
     pub acknowledged: bool,
     pub active: bool,
+    /// The highest urgency that its fault had.
+    #[serde(default)]
+    pub asked: Option<Urgency>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -78,6 +82,7 @@ impl Snapshot {
             age: self.now.since(alarm.raised),
             acknowledged: alarm.acknowledged,
             active: alarm.active,
+            asked: alarm.asked,
         };
         let Localization { number, pose, given, .. } = self.localization;
         let open = self.localization.is_open();
@@ -190,7 +195,7 @@ impl Engine {
         }
         let alarm = |it: &RestoredAlarm| {
             let raised = Timestamp::from_nanos(self.now.as_nanos().saturating_sub(it.age.as_nanos()));
-            let RestoredAlarm { id, acknowledged, active, .. } = *it;
+            let RestoredAlarm { id, acknowledged, active, asked, .. } = *it;
             let ended = Some(self.now).filter(|_| !active);
             Some(Alarm {
                 id,
@@ -201,6 +206,7 @@ impl Engine {
                 acknowledged_at: None,
                 active,
                 repeats: 0,
+                asked,
             })
         };
         self.alarms.restore(restored.alarms.iter().filter_map(alarm).collect(), restored.last_alarm);

@@ -8,10 +8,11 @@ use crate::engine::Engine;
 use crate::engine::event::EventKind;
 use crate::engine::input::{OutputReport, Refusal};
 use crate::engine::model::output::Output;
+use crate::engine::model::wording::Urgency;
 use crate::engine::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
 use crate::engine::module::system::SystemCheck;
 use crate::engine::signals::driving_word::ARRIVAL;
-use crate::engine::snapshot::{Countermeasure, Localization, Unreached};
+use crate::engine::snapshot::{Asked, Countermeasure, Localization, Unreached};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
@@ -32,6 +33,8 @@ pub(in crate::engine) struct VehicleFaults {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(in crate::engine) struct VehicleView {
     pub(in crate::engine) last_alarm: u64,
+    pub(in crate::engine) asking: Arc<[(NodeId, Urgency)]>,
+    pub(in crate::engine) asked: Option<Asked>,
     pub(in crate::engine) accepted: Arc<[NodeId]>,
     pub(in crate::engine) countermeasures: Arc<[Countermeasure]>,
     pub(in crate::engine) localization: Localization,
@@ -202,6 +205,8 @@ impl Engine {
         }
         self.views.set_vehicle(VehicleView {
             last_alarm: self.alarms.last_id(),
+            asking: self.asks.asking.clone(),
+            asked: self.asks.asked,
             accepted: self.warnings.accepted().map(NodeId::Module).collect(),
             countermeasures: self.countermeasures.list(self.net.nobody()),
             localization: self.vehicle.localization,

@@ -116,6 +116,8 @@ impl Views {
             groups: self.groups.clone(),
             modules: self.modules.clone(),
             roots: self.roots.clone(),
+            asking: self.vehicle.asking.clone(),
+            asked: self.vehicle.asked,
             alarms: self.alarms.clone(),
             last_alarm: self.vehicle.last_alarm,
             accepted: self.vehicle.accepted.clone(),

@@ -139,6 +139,13 @@ const MIGRATIONS: &[&str] = &[
 ",
     // The records of incidents among a million others.
     "CREATE INDEX IF NOT EXISTS audit_by_action ON audit(action);",
+    // The highest urgency of the fault of each alarm.
+    "
+    CREATE TABLE IF NOT EXISTS alarm_urgencies (
+        alarm INTEGER PRIMARY KEY REFERENCES alarms(id) ON DELETE CASCADE,
+        urgency TEXT NOT NULL
+    ) STRICT;
+",
 ];
 
 /// Schemas from this one on have everything that a server without write access needs.

@@ -1,12 +1,15 @@
 //! Names, icons, messages and reasons of groups and modules, for all parts of a page.
 
-use crate::engine::model::wording::Urgency;
+use crate::engine::model::wording::{Advice, Urgency};
 use crate::engine::model::{GroupId, ModuleId, NodeId, Stage};
-use crate::engine::snapshot::{ModuleInfo, ModuleView, Reason, Report};
+use crate::engine::snapshot::{Asked, ModuleInfo, ModuleView, Reason, Report};
 use crate::engine::state::State;
 
 use super::text::{MESSAGE, NAME, clean};
 use super::{Lang, View};
+
+/// Letters of an advice.
+const HELP: usize = 120;
 
 /// The icon for a state: the two reasons of IGNORE never look alike.
 pub fn icon(state: State, reason: Option<&Reason>) -> &'static str {
@@ -155,14 +158,56 @@ impl View<'_> {
         self.lang.with_silence(self.last_message(module), module.silent_for(self.snapshot.now))
     }
 
-    /// The configuration's `help` for a node in this state and stage, and how soon the operator has to act; a
-    /// vehicle that stands asks for nothing soon.
-    pub(super) fn help(&self, node: NodeId, state: State) -> Option<(String, Option<Urgency>)> {
+    /// The configuration's `help` for a node in this state and stage.
+    pub(super) fn help(&self, node: NodeId, state: State) -> Option<String> {
+        Some(self.lang.pick(&self.advice_on(node, state)?.text, HELP))
+    }
+
+    fn advice_on(&self, node: NodeId, state: State) -> Option<&Advice> {
         let NodeId::Module(id) = node else { return None };
-        let stage = self.stage_of_advice();
-        let help = self.snapshot.module(id).0.help.as_ref()?.of(state, stage)?;
-        let drives = matches!(stage, Stage::Cleared | Stage::Active) && self.has_stages();
-        Some((self.lang.pick(&help.text, 120), help.urgency.filter(|_| drives)))
+        self.snapshot.module(id).0.help.as_ref()?.of(state, self.stage_of_advice())
+    }
+
+    /// What a node in this state, or what is in this state inside it, asks of the operator; a vehicle that stands asks
+    /// for nothing soon.
+    pub(super) fn asks(&self, node: NodeId, state: State) -> Option<Urgency> {
+        if !self.is_advised_to_drive() {
+            return None;
+        }
+        let inside = match node {
+            NodeId::Group(id) => self.within(id),
+            NodeId::Module(_) => vec![node],
+        };
+        let visible = inside.into_iter().filter(|&node| self.snapshot.shown(node).0 == state);
+        visible.filter_map(|node| self.snapshot.asks(node)).max()
+    }
+
+    /// The most that any fault asks for, masked or not.
+    pub(super) fn asked(&self) -> Option<Asked> {
+        self.snapshot.asked.filter(|_| self.is_advised_to_drive())
+    }
+
+    fn is_advised_to_drive(&self) -> bool {
+        matches!(self.stage_of_advice(), Stage::Cleared | Stage::Active) && self.has_stages()
+    }
+
+    /// The advice of the node that asks for the most. If it does so no more, its advice of that urgency, or else the
+    /// page's own.
+    pub(super) fn advice_of(&self, asked: Asked) -> String {
+        let Asked { urgency, node } = asked;
+        let steps = self.lang.steps();
+        let now = self.snapshot.asks(node) == Some(urgency);
+        let own = now.then(|| self.help(node, self.snapshot.own(node))).flatten();
+        let before = || {
+            let levels = [State::Error, State::Unknown, State::Warning].into_iter();
+            let mut advice = levels.filter_map(|state| self.advice_on(node, state));
+            let alike = advice.find(|advice| advice.urgency == Some(urgency))?;
+            Some(self.lang.pick(&alike.text, HELP))
+        };
+        own.or_else(before).unwrap_or_else(|| match urgency {
+            Urgency::TakeOver => steps.take_over_stop.to_owned(),
+            Urgency::BeReady => steps.take_over_ready.to_owned(),
+        })
     }
 
     /// Why a node is ignored: `waits for Localization`, `not driving`. Empty where it is not.
@@ -190,15 +235,32 @@ impl View<'_> {
 
     /// The modules of a group and of the groups inside it, in configuration order.
     pub(super) fn modules_of(&self, id: GroupId) -> Vec<ModuleId> {
+        let module = |node| if let NodeId::Module(id) = node { Some(id) } else { None };
+        self.within(id).into_iter().filter_map(module).collect()
+    }
+
+    /// A group and all that is inside it, in configuration order.
+    fn within(&self, id: GroupId) -> Vec<NodeId> {
         let layout = &self.snapshot.layout;
-        let mut modules = Vec::new();
+        let mut nodes = Vec::new();
         let mut groups = vec![id];
         while let Some(id) = groups.pop() {
             let group = &layout.groups[id.0 as usize];
-            modules.extend(group.modules.iter().copied());
+            nodes.push(NodeId::Group(id));
+            nodes.extend(group.modules.iter().map(|&id| NodeId::Module(id)));
             groups.extend(group.groups.iter().rev().copied());
         }
-        modules
+        nodes
+    }
+
+    /// How many modules of a group that waits report a fault of their own.
+    pub(super) fn own_faults(&self, id: GroupId) -> usize {
+        let is_masked = |reason: &Option<Reason>| matches!(reason, Some(Reason::Masked { .. }));
+        if !is_masked(&self.snapshot.group(id).1.reason) {
+            return 0;
+        }
+        let modules = self.modules_of(id).into_iter().map(|id| self.snapshot.module(id).1);
+        modules.filter(|module| own_matters(module) && is_masked(&module.reason)).count()
     }
 }
 

@@ -35,6 +35,8 @@ pub fn permitted(published: &Published) -> Published {
         groups: PersistentVec::default(),
         modules: PersistentVec::default(),
         roots: Arc::new([]),
+        asking: Arc::new([]),
+        asked: None,
         alarms: Arc::new([]),
         last_alarm: snapshot.last_alarm,
         accepted: Arc::new([]),

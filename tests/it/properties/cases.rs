@@ -9,6 +9,7 @@ use telltale::engine::input::{
 use telltale::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request, Rule};
 use telltale::engine::model::filter::Filter;
 use telltale::engine::model::monitors::Watched;
+use telltale::engine::model::wording::{Advice, ByStage, Urgency, Wording};
 use telltale::engine::model::{
     Combine, CountsAs, DISPLAY_DPI, Dependency, DependsOn, Driving, Expected, FieldSource, GroupId,
     GroupSpec, Limits, Match, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy,
@@ -80,7 +81,7 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
         parts.modules.push(ModuleSpec {
             id: format!("{path}/m{index}").into(),
             name: None,
-            help: None,
+            help: help(choices).map(Arc::new),
             group,
             policy: policy(choices),
             when: when(choices).map(Box::new),
@@ -185,6 +186,17 @@ fn policy(choices: &mut Choices<'_>) -> Policy {
         counts_as: [CountsAs::Reported, CountsAs::Reported, CountsAs::WarningOk, CountsAs::WarningError]
             [choices.below(4)],
     }
+}
+
+/// Advice that never asks for less when it gets worse; an UNKNOWN may ask for more than an ERROR.
+fn help(choices: &mut Choices<'_>) -> Option<Wording<Advice>> {
+    if !choices.one_in(3) {
+        return None;
+    }
+    let mut urgency = || [None, Some(Urgency::BeReady), Some(Urgency::TakeOver)][choices.below(3)];
+    let (warning, error, unknown) = (urgency(), urgency(), urgency());
+    let of = |urgency| ByStage::Always(Advice { text: Text::plain("Do it."), urgency });
+    Some(Wording { warning: of(warning), error: of(warning.max(error)), unknown: of(unknown) })
 }
 
 fn any_node(parts: &Parts, choices: &mut Choices<'_>) -> NodeId {

@@ -14,6 +14,7 @@ mod recordings;
 mod schemas;
 mod soundness;
 mod times;
+mod urgency;
 mod writers;
 
 use std::collections::BTreeSet;
@@ -174,6 +175,7 @@ proptest! {
                 return Ok(());
             }
         }
+        prop_assert!(urgency::is_no_weaker(&before, &after), "{:?} became {:?}", before.asked, after.asked);
         for tile in before.tiles() {
             let (was, is) = (before.group(tile).1.state, after.group(tile).1.state);
             if rank(is) < rank(was) {
@@ -211,7 +213,7 @@ fn told(snapshot: &Snapshot) -> Vec<String> {
     let roots = snapshot.roots.iter();
     let roots = roots.map(|root| format!("{} {:?}", name(&root.node), (root.masks, root.since, root.grace)));
     let alarms = snapshot.alarms.iter().map(|it| {
-        let told = (it.id, it.raised, it.ended, it.acknowledged, it.active, it.repeats);
+        let told = (it.id, it.raised, it.ended, it.acknowledged, it.active, it.repeats, it.asked);
         format!("{} {told:?}", name(&it.node))
     });
     groups
@@ -219,6 +221,7 @@ fn told(snapshot: &Snapshot) -> Vec<String> {
         .chain(roots)
         .chain(alarms)
         .chain([format!("{} {:?}", snapshot.stage.as_str(), snapshot.motion)])
+        .chain([format!("{:?}", snapshot.asked.map(|asked| (asked.urgency, name(&asked.node))))])
         .collect()
 }
 
@@ -332,6 +335,7 @@ fn check(model: &Model, snapshot: &Snapshot, seen: &mut Seen) {
         .unwrap_or(State::Ignore);
     assert_eq!(snapshot.overall, overall);
     check_roots(snapshot, &mut oracle, &mut seen.last_alarm);
+    urgency::check(snapshot, &oracle);
     seen.times.see_shown(snapshot);
 }
 

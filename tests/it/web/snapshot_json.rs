@@ -50,7 +50,7 @@ fn a_snapshot_reads_as_documented() {
         ("overall", json!("error")),
         ("motion", json!({ "moving": "unknown", "speed_mps": null, "destination": null })),
         ("recording", json!(false)),
-        ("roots", json!([{ "node": "sensors/lidar", "masks": 2, "since": then }])),
+        ("roots", json!([{ "node": "sensors/lidar", "masks": 2, "since": then, "second": false }])),
         (
             "alarms",
             json!([{ "id": 1, "node": "sensors/lidar", "raised": then, "acknowledged": false, "active": true,

@@ -246,8 +246,14 @@ fn after_a_restart_a_rate_is_judged_one_window_after_its_publisher_was_found() {
 #[test]
 fn what_the_clock_finds_ok_after_a_restart_has_no_alarm_any_more() {
     let model = model(parts(vec![(frequency(), Policy::default())]));
-    let alarm =
-        RestoredAlarm { id: 7, node: "g/m0".into(), age: millis(0), acknowledged: true, active: true };
+    let alarm = RestoredAlarm {
+        id: 7,
+        node: "g/m0".into(),
+        age: millis(0),
+        acknowledged: true,
+        active: true,
+        asked: None,
+    };
     let restored = Restored { alarms: vec![alarm], last_alarm: 7, ..Restored::default() };
     let mut engine = Engine::resume(model.clone(), &restored, Timestamp::ZERO);
     for at in (0..=2000).step_by(100) {

@@ -196,6 +196,8 @@ struct Root<'a> {
     masks: u32,
     #[schemars(schema_with = "words::time")]
     since: Wall,
+    /// It waits for a failing dependency too, which does not explain it: a fault of its own.
+    second: bool,
 }
 
 #[derive(Serialize, JsonSchema)]
@@ -321,6 +323,7 @@ impl<'a> Context<'a> {
             node: self.name(it.node),
             masks: it.masks,
             since: self.wall(it.since),
+            second: it.second,
         };
         self.snapshot.roots.iter().map(root).collect()
     }

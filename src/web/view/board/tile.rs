@@ -22,6 +22,8 @@ struct TileHtml<'a> {
     icon: &'static str,
     word: &'static str,
     line: String,
+    /// How many faults it reports while it waits, and the same in words.
+    own: Option<(usize, String)>,
     flashes: bool,
 }
 
@@ -47,6 +49,7 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
         icon: icon(group.state, group.reason.as_ref()),
         word,
         line,
+        own: Some(view.own_faults(id)).filter(|&own| own > 0).map(|own| (own, view.lang.own_faults(own))),
         flashes: flashes(view, tile),
     });
     Fragment { id: format!("tile-{}", info.path), html }

@@ -82,6 +82,8 @@ struct DetailHtml<'a> {
     icon: &'static str,
     word: &'static str,
     because: String,
+    /// `2 faults of its own`, of a component that waits.
+    own: String,
     since: String,
     count: String,
     /// Names of the components from the root cause to this one.
@@ -109,6 +111,10 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
         icon: icon(group.state, group.reason.as_ref()),
         word: view.lang.state(group.state),
         because: view.reason(NodeId::Group(id), group.reason.as_ref()),
+        own: match view.own_faults(id) {
+            0 => String::new(),
+            own => view.lang.own_faults(own),
+        },
         since: view.wall(group.since),
         count: match group.counted {
             0 => view.hint(id).unwrap_or_default(),

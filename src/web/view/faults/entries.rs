@@ -1,5 +1,6 @@
 //! The entries of the list of faults, before they are fitted into the available room.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 
 use crate::engine::model::wording::Urgency;
@@ -29,8 +30,10 @@ pub struct FaultEntry {
     pub waits: String,
     pub masks: u32,
     pub help: String,
-    /// How soon the operator of a driving vehicle has to act, if the configuration says so.
+    /// How soon the operator of a driving vehicle has to act.
     pub urgency: Option<Urgency>,
+    /// It waits for a cause too, which does not explain it.
+    pub second: bool,
     /// It is an alarm that nobody has acknowledged.
     pub unacknowledged: bool,
     /// The fault is over, and nobody has acknowledged it.
@@ -50,13 +53,16 @@ pub struct AcknowledgeTarget {
     pub aspect: Aspect,
 }
 
+/// All entries: what is over stands last, and the most urgent advice first.
 pub fn entries(view: &View<'_>) -> Vec<FaultEntry> {
     let roots = view.snapshot.roots.iter();
     let mut entries: Vec<FaultEntry> = roots.map(|root| of_root(view, root)).collect();
     add_unexplained(view, &mut entries);
     add_past_alarms(view, &mut entries);
     add_causes_of_countermeasures(view, &mut entries);
-    join_by_status(view, entries)
+    let mut entries = join_by_status(view, entries);
+    entries.sort_by_key(|entry| (entry.over, Reverse(entry.urgency)));
+    entries
 }
 
 /// Entries of one status in several components become one, which names the components.
@@ -98,6 +104,8 @@ fn joined(view: &View<'_>, a: FaultEntry, b: FaultEntry) -> FaultEntry {
         since: entry.since.min(other.since),
         waits,
         masks: entry.masks.max(other.masks),
+        urgency: entry.urgency.max(other.urgency),
+        second: entry.second || other.second,
         unacknowledged: entry.unacknowledged || other.unacknowledged,
         acknowledge,
         seen: entry.seen.and(other.seen),
@@ -117,6 +125,7 @@ fn of_root(view: &View<'_>, root: &RootCause) -> FaultEntry {
     FaultEntry {
         since: root.since,
         masks: root.masks,
+        second: root.second,
         waits: waits(view, root),
         unacknowledged: target.is_some(),
         acknowledge: target.map(|alarm| by_number(alarm.id)),
@@ -153,7 +162,7 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
         message.text.clear();
     }
     let node = NodeId::Module(id);
-    let (help, urgency) = help(view, node, state);
+    let urgency = view.asks(node, state);
     FaultEntry {
         node,
         state,
@@ -164,8 +173,9 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
         since: module.since,
         waits: String::new(),
         masks: 0,
-        help,
+        help: help(view, node, state, urgency),
         urgency,
+        second: false,
         unacknowledged: false,
         over: false,
         lasted: None,
@@ -192,16 +202,16 @@ fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (Str
     (view.fault_at(id, state, components), place)
 }
 
-/// What to do, and how soon: the configuration's `help`, or else the page's advice for this state and stage.
-fn help(view: &View<'_>, node: NodeId, state: State) -> (String, Option<Urgency>) {
+/// What to do: the configuration's `help`, or else the page's advice for this state and stage.
+fn help(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -> String {
     if is_held(view, node) {
-        return (view.lang.steps().reset_here.to_owned(), None);
+        return view.lang.steps().reset_here.to_owned();
     }
-    view.help(node, state).unwrap_or_else(|| (advice(view, node, state).to_owned(), None))
+    view.help(node, state).unwrap_or_else(|| advice(view, node, state, urgency).to_owned())
 }
 
 /// The page's own advice. To take over is advised only while the vehicle drives.
-fn advice(view: &View<'_>, node: NodeId, state: State) -> &'static str {
+fn advice(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -> &'static str {
     let steps = view.lang.steps();
     let (drives, fails) = match (view.stage_of_advice(), state) {
         (_, State::Ok | State::Ignore) | (Stage::Locked, _) => return "",
@@ -210,6 +220,7 @@ fn advice(view: &View<'_>, node: NodeId, state: State) -> &'static str {
     match (view.has_stages(), drives, fails) {
         (false, _, true) => steps.check_machine,
         (false, _, false) => steps.keep_an_eye,
+        (true, true, true) if urgency == Some(Urgency::TakeOver) => steps.take_over_stop,
         (true, true, true) => steps.take_over_ready,
         (true, true, false) => steps.go_on_alert,
         (true, false, true) if state == State::Unknown => steps.wait_for_report,
@@ -229,7 +240,7 @@ fn is_held(view: &View<'_>, node: NodeId) -> bool {
 
 fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultEntry {
     let node = NodeId::Group(id);
-    let (help, urgency) = help(view, node, state);
+    let urgency = view.asks(node, state);
     FaultEntry {
         node,
         state,
@@ -240,8 +251,9 @@ fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultE
         since: view.snapshot.group(id).1.since,
         waits: String::new(),
         masks: 0,
-        help,
+        help: help(view, node, state, urgency),
         urgency,
+        second: false,
         unacknowledged: false,
         over: false,
         lasted: None,

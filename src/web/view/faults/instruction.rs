@@ -4,10 +4,9 @@ use askama::Template;
 
 use super::entries::FaultEntry;
 use crate::engine::input::Refusal;
-use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::model::wording;
 use crate::engine::model::{NodeId, Stage};
-use crate::engine::snapshot::Moving;
+use crate::engine::snapshot::{Moving, Reason};
 use crate::engine::state::State;
 use crate::web::view::node_names::icon;
 use crate::web::view::{Fragment, View, html, requests};
@@ -35,6 +34,15 @@ impl Urgency {
             Urgency::Act => "act",
             Urgency::BeReady => "be_ready",
             Urgency::TakeOver => "take_over",
+        }
+    }
+}
+
+impl From<wording::Urgency> for Urgency {
+    fn from(urgency: wording::Urgency) -> Urgency {
+        match urgency {
+            wording::Urgency::BeReady => Urgency::BeReady,
+            wording::Urgency::TakeOver => Urgency::TakeOver,
         }
     }
 }
@@ -173,43 +181,55 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     say(Urgency::Act, "idle", title)
 }
 
-/// The most urgent advice among the present faults; the first of them if several are alike.
+/// The most urgent advice among the present faults; the first of them if several are alike. If none in sight asks for
+/// as much as one that waits for its cause, or as was asked before, it is the advice of that one, with the cause in sight.
 fn advice(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     let present = entries.iter().filter(|entry| !entry.over && !entry.help.is_empty());
     let rated =
         present.map(|entry| (urgency(view, entry), entry)).filter(|(urgency, _)| *urgency > Urgency::None);
     // `max_by_key` gives the last of those that are alike.
-    let (urgency, entry) = rated.rev().max_by_key(|(urgency, _)| *urgency)?;
+    let first = rated.rev().max_by_key(|(urgency, _)| *urgency);
+    let (urgency, node, state, title) = match (first, view.asked()) {
+        (first, Some(asked)) if first.is_none_or(|(urgency, _)| urgency < asked.urgency.into()) => {
+            let node = in_sight(view, entries, asked.node);
+            (asked.urgency.into(), node, State::Error, view.advice_of(asked))
+        }
+        (Some((urgency, entry)), _) => (urgency, entry.node, entry.state, entry.help.clone()),
+        (None, _) => return None,
+    };
     Some(Instruction {
         urgency,
         blocked: urgency == Urgency::Act,
         icon: match urgency {
             Urgency::TakeOver => "error",
             Urgency::BeReady => "warning",
-            Urgency::Act | Urgency::None => icon(entry.state, None),
+            Urgency::Act | Urgency::None => icon(state, None),
         },
-        title: entry.help.clone(),
-        node: Some(entry.node),
+        title,
+        node: Some(node),
         ..Instruction::default()
     })
 }
 
-/// The urgency of a fault while the vehicle drives. Where a failed part leaves it no safe maneuver, the
-/// vehicle can only slow down: somebody has to take over.
-fn urgency(view: &View<'_>, entry: &FaultEntry) -> Urgency {
-    let slows = |node: NodeId| {
-        requests::moving(view)
-            .filter(|it| it.request.kind() == RequestKind::Decelerate)
-            .any(|it| it.causes.iter().any(|cause| cause.node == node && cause.present))
+/// The node of the entry that stands for a fault: its own, or that of its first cause.
+fn in_sight(view: &View<'_>, entries: &[FaultEntry], node: NodeId) -> NodeId {
+    let causes = match view.snapshot.shown(node).1 {
+        Some(Reason::Masked { by }) => by,
+        Some(Reason::NotRelevant(_)) | None => &[node][..],
     };
-    match entry.state {
-        State::Ok | State::Ignore => Urgency::None,
-        _ if !view.has_stages() && entry.state != State::Warning => Urgency::Act,
-        _ if entry.urgency == Some(wording::Urgency::TakeOver) => Urgency::TakeOver,
-        _ if entry.urgency == Some(wording::Urgency::BeReady) => Urgency::BeReady,
-        State::Warning => Urgency::None,
-        State::Error if slows(entry.node) => Urgency::TakeOver,
-        State::Error | State::Unknown => Urgency::BeReady,
+    let entry = |cause: &NodeId| {
+        let places = view.snapshot.places_of(*cause);
+        entries.iter().find(|entry| !entry.over && places.contains(&entry.node))
+    };
+    causes.iter().find_map(entry).map_or(node, |entry| entry.node)
+}
+
+/// The urgency of a fault in sight. A machine without stages never drives: there a fault is to be seen to.
+fn urgency(view: &View<'_>, entry: &FaultEntry) -> Urgency {
+    match entry.urgency {
+        Some(urgency) => urgency.into(),
+        None if !view.has_stages() && entry.state > State::Warning => Urgency::Act,
+        None => Urgency::None,
     }
 }
 

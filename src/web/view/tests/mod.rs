@@ -9,6 +9,7 @@ mod pages;
 pub mod sample;
 mod stages;
 mod states;
+mod urgency;
 mod words;
 
 use std::collections::BTreeSet;

@@ -77,6 +77,7 @@ words! {
     itself: "itself", "selbst";
     close: "Close", "Schließen";
     why: "Why", "Warum";
+    second_fault: "second fault", "weitere Störung";
     minutes: "last 5 minutes", "letzte 5 Minuten";
     more: "more", "weitere";
 
@@ -226,6 +227,16 @@ impl Lang {
             (Lang::En, _) => format!("{} wait", self.number(count)),
             (Lang::De, 1) => "Eine wartet".to_owned(),
             (Lang::De, _) => format!("{} warten", self.number(count)),
+        }
+    }
+
+    /// `2 faults of its own`: behind a component that waits.
+    pub fn own_faults(self, count: usize) -> String {
+        match (self, count) {
+            (Lang::En, 1) => "1 fault of its own".to_owned(),
+            (Lang::En, _) => format!("{count} faults of its own"),
+            (Lang::De, 1) => "1 eigene Störung".to_owned(),
+            (Lang::De, _) => format!("{count} eigene Störungen"),
         }
     }
 
@@ -437,6 +448,9 @@ mod tests {
         assert_eq!(Lang::De.others_wait(4), "Vier warten");
         assert_eq!(Lang::En.others_wait(40), "40 wait");
         assert_eq!(Lang::De.modules_wait(1), "Ein Modul wartet");
+        assert_eq!(Lang::De.own_faults(1), "1 eigene Störung");
+        assert_eq!(Lang::De.own_faults(3), "3 eigene Störungen");
+        assert_eq!(Lang::En.own_faults(1), "1 fault of its own");
         assert_eq!(Lang::En.all_ok(7, false), "All 7 active components OK");
         assert_eq!(Lang::En.all_ok(2, false), "Both active components OK");
         assert_eq!(Lang::De.all_ok(1, false), "Die aktive Komponente ist OK");

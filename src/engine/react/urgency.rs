@@ -1,0 +1,171 @@
+//! What the faults ask of the operator of a driving vehicle: never less than without masking, and never less than
+//! before while nothing got better.
+
+use std::collections::{BTreeSet, HashMap};
+use std::sync::Arc;
+
+use super::held::{RequestOrigin, fails};
+use crate::engine::Engine;
+use crate::engine::mask::net::{Change, Net};
+use crate::engine::mask::node::NodeFacts;
+use crate::engine::model::countermeasure::RequestKind;
+use crate::engine::model::wording::Urgency;
+use crate::engine::model::{ModuleId, NodeId, Stage, StageModel};
+use crate::engine::snapshot::{Alarm, Asked, Moving};
+use crate::engine::state::State;
+
+/// What the faults ask for at present. All of it follows from the own states, the stage and the alarms.
+#[derive(Debug, Clone, Default)]
+pub(in crate::engine) struct Asks {
+    /// Modules, and groups without members, whose own state is a fault. Those with time to report are left out.
+    faulty: BTreeSet<NodeId>,
+    dirty: bool,
+    stands: bool,
+    /// By node.
+    pub(in crate::engine) asking: Arc<[(NodeId, Urgency)]>,
+    pub(in crate::engine) asked: Option<Asked>,
+}
+
+impl Asks {
+    /// Follows a node. A walk through the vehicle is not needed to find the faults.
+    pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) {
+        let node = change.node;
+        let counts = match node {
+            NodeId::Group(id) => {
+                let group = &net.groups[id.0 as usize];
+                group.members.is_empty() && !group.aside && id != net.system_group()
+            }
+            NodeId::Module(_) => net.node(node).parent.is_none_or(|id| !net.groups[id.0 as usize].aside),
+        };
+        let NodeFacts { relevant, own, grace, .. } = change.after;
+        let fault = match own {
+            State::Warning | State::Error => true,
+            State::Unknown => !grace,
+            State::Ok | State::Ignore => false,
+        };
+        self.dirty |= change.before != change.after;
+        self.dirty |= match counts && relevant && fault {
+            true => self.faulty.insert(node),
+            false => self.faulty.remove(&node),
+        };
+    }
+}
+
+impl Engine {
+    /// Updates what the faults ask for, and what alarms remember of it.
+    pub(in crate::engine) fn follow_urgency(&mut self) {
+        let stands = self.motion.shown().moving == Moving::No;
+        let moved = std::mem::replace(&mut self.asks.stands, stands) != stands;
+        let dirty = std::mem::take(&mut self.asks.dirty);
+        if !dirty && !moved && !self.vehicle_changed && !self.views.is_changed() {
+            return;
+        }
+        let may_drive = self.vehicle.model == StageModel::Shuttle
+            && matches!(self.vehicle.stage, Stage::Cleared | Stage::Active);
+        let faulty = self.asks.faulty.iter().filter(|_| may_drive);
+        let asking: Vec<(NodeId, Urgency)> =
+            faulty.filter_map(|&node| Some((node, self.asks_for(node)?))).collect();
+        let mut of_root: HashMap<NodeId, Urgency> = HashMap::new();
+        for &(node, urgency) in &asking {
+            let causes = if self.is_masked(node) { self.views.masked_by(node) } else { vec![node] };
+            for cause in causes {
+                let most = of_root.entry(cause).or_insert(urgency);
+                *most = urgency.max(*most);
+            }
+        }
+        if self.alarms.ask(|root| of_root.get(&root).copied(), may_drive && !stands) {
+            self.views.set_alarms(self.alarms.list());
+        }
+        let asked = self.asked(&asking);
+        if asked != self.asks.asked || *asking != *self.asks.asking {
+            (self.asks.asking, self.asks.asked) = (asking.into(), asked);
+            self.vehicle_changed = true;
+        }
+    }
+
+    /// The most urgent of all: first what is in sight, then what waits for a cause, then what was asked before.
+    fn asked(&self, asking: &[(NodeId, Urgency)]) -> Option<Asked> {
+        let present =
+            asking.iter().map(|&(node, urgency)| (urgency, 1 + u8::from(!self.is_masked(node)), node));
+        let open = self.alarms.list().iter().filter(|alarm| alarm.active && !alarm.acknowledged);
+        let before = open.filter_map(|alarm| Some((alarm.asked?, 0, alarm.node)));
+        // `max_by_key` gives the last of those that are alike.
+        let all: Vec<_> = present.chain(before).collect();
+        let (urgency, _, node) = all.into_iter().rev().max_by_key(|(urgency, rank, _)| (*urgency, *rank))?;
+        Some(Asked { urgency, node })
+    }
+
+    fn is_masked(&self, node: NodeId) -> bool {
+        self.net.node(node).facts.masked
+    }
+
+    /// What a node asks for by its own state: what the configuration says; else an ERROR or UNKNOWN asks to be ready,
+    /// and one that leaves the vehicle nothing but to slow down asks to take over.
+    fn asks_for(&self, node: NodeId) -> Option<Urgency> {
+        let own = self.net.node(node).facts.own;
+        let advised = match node {
+            NodeId::Module(id) if !self.only_waits_for_reset(id) => {
+                let spec = self.model.modules.get(id.0 as usize);
+                spec.and_then(|spec| spec.help.as_ref()?.of(own, self.vehicle.stage)?.urgency)
+            }
+            NodeId::Module(_) | NodeId::Group(_) => None,
+        };
+        match own {
+            State::Ok | State::Ignore => None,
+            _ if advised.is_some() => advised,
+            State::Warning => None,
+            State::Error if self.slows(node) => Some(Urgency::TakeOver),
+            State::Unknown | State::Error => Some(Urgency::BeReady),
+        }
+    }
+
+    /// Its fault is over, and its ERROR stays until somebody resets it.
+    fn only_waits_for_reset(&self, id: ModuleId) -> bool {
+        let own = &self.net.modules[id.0 as usize].own;
+        own.latched() && !own.is_in_error(self.net.policy(id))
+    }
+
+    /// Whether the vehicle is asked to slow down because of this node: it is named as a cause, or would be if nothing
+    /// masked it.
+    fn slows(&self, node: NodeId) -> bool {
+        let held = self.countermeasures.held().iter();
+        let mut slowing = held.filter(|held| held.present && held.request.kind() == RequestKind::Decelerate);
+        slowing.any(|held| {
+            let is_named = held.causes.iter().any(|cause| cause.present && cause.node == node);
+            is_named
+                || match held.by {
+                    RequestOrigin::Rule(index, about) => {
+                        let state = self.model.driving.countermeasures[index].state;
+                        fails(&self.net.node(about).facts, state) && self.fails_for(node, about)
+                    }
+                    RequestOrigin::Past | RequestOrigin::Operator => false,
+                }
+        })
+    }
+
+    /// Whether a node around this one, or this one itself, fails because of it.
+    fn fails_for(&self, node: NodeId, about: NodeId) -> bool {
+        let mut at = node;
+        while at != about {
+            let Some(parent) = self.net.node(at).parent.map(NodeId::Group) else { return false };
+            let standing = |node| self.net.node(node).facts.standing();
+            if !standing(at).is_responsible_for(standing(parent)) {
+                return false;
+            }
+            at = parent;
+        }
+        true
+    }
+}
+
+impl Alarm {
+    /// Covers an alarm of a symptom, which closes. What nobody has acknowledged there is not acknowledged here.
+    pub(super) fn take_over_urgency(&mut self, asked: Option<Urgency>, acknowledged: bool) {
+        if asked > self.asked {
+            self.asked = asked;
+            if !acknowledged {
+                (self.acknowledged, self.acknowledged_at) = (false, None);
+            }
+        }
+    }
+}
