@@ -331,7 +331,8 @@ fn a_worse_level_never_asks_for_less() {
     }
     let alone = module(&format!("{{ warning: {take_over} }}"));
     let column = alone.find("warning:").expect("it is written") + 1;
-    check(&alone, &[&format!("1:{column}: {}", says("active"))]);
+    let expected = format!("1:{column}: {}", says("active"));
+    check(&alone, &[expected.as_str()]);
 }
 
 #[test]

@@ -243,7 +243,7 @@ fn a_silence_in_its_grace_is_as_if_the_last_report_had_been_repeated() {
         let silent = Policy { timeout: Span::from_secs(1), stale: Error, raise_after, clear_after, ..policy() };
         let heard = Policy { timeout: Span::from_secs(10_000), ..silent.clone() };
         // Not relevant: every silence is within its grace.
-        let (mut module, mut repeating) = (OwnState::new(None), OwnState::new(None));
+        let (mut module, mut repeating) = (OwnState::new(false, Timestamp::ZERO), OwnState::new(false, Timestamp::ZERO));
         let mut now = Timestamp::ZERO;
         for (steps, report) in reports {
             now = now + Span::from_millis(steps * 600);
@@ -261,7 +261,7 @@ fn a_silence_in_its_grace_is_as_if_the_last_report_had_been_repeated() {
 #[test]
 fn what_counted_of_a_silence_leaves_its_trace() {
     let policy = Policy { stale: Error, clear_after: Span::from_secs(3), ..policy() };
-    let mut module = OwnState::new(None);
+    let mut module = OwnState::new(false, Timestamp::ZERO);
     module.set_relevant(true, &policy, at(0));
     module.report(Ok, &policy, at(0));
     module.advance(&policy, at(4000));

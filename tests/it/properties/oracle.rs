@@ -200,8 +200,7 @@ impl<'a> Oracle<'a> {
             states.push(if only { State::Ignore } else { state });
         }
         let waits = shown && self.blocked(NodeId::Group(id));
-        let state =
-            if waits && members.is_empty() { State::Ignore } else { self.fold(id, &members, states) };
+        let state = if waits && members.is_empty() { State::Ignore } else { self.fold(id, &members, states) };
         let says = self.overflowed(id) && self.relevant(NodeId::Group(id)) && !waits;
         let is_worst = self.model.groups.get(id.0 as usize).is_none_or(|it| it.combine == Combine::Worst);
         let rises = match state {
