@@ -11,6 +11,8 @@
   const MISSED_MS = 3000;
   const REFUSED_MS = 6000;
   const STOP_AGAIN_MS = 500;
+  // A stop without an answer for so long has not arrived.
+  const STOP_MISSED_MS = 1000;
   // A browser has few connections to one server, and a stop needs one.
   const SENT_MAX = 3;
   const MARKED_MS = 3000;
@@ -29,6 +31,8 @@
   let noticeOf = "";
   let noticeTimer = 0;
   let refusedTimer = 0;
+  // When the last stop was answered.
+  let arrivedAt = 0;
 
   // The stylesheet lets no tap through meanwhile, except for a stop.
   const quiet = (ms, why) => {
@@ -165,10 +169,38 @@
     return { status: answer.status, said: await answer.json() };
   };
 
+  // What became of the last tap on STOP: its button shows it at once, in every state of the display.
+  const showStop = (became) => {
+    if (became) body.dataset.stop = became;
+    else delete body.dataset.stop;
+  };
+
+  const stopMissed = (address) => {
+    showStop("missed");
+    show("stop", address);
+  };
+
+  // The page shows that the stop is requested as soon as the next state comes. It may be over by then.
+  const stopArrived = () => {
+    showStop(bar.querySelector("[name=stop]")?.ariaPressed === "false" ? "sent" : "");
+    arrivedAt = performance.now();
+  };
+
   // If no other connection is possible, the open socket takes the stop. The server does it once, and gives
   // every attempt the same answer.
   const stopUntilAnswered = async (address, fields) => {
     fields.set("tap", `${Date.now()}-${Math.random()}`);
+    showStop("sending");
+    const late = setTimeout(() => stopMissed(address), STOP_MISSED_MS);
+    try {
+      return await stopAgainAndAgain(address, fields);
+    } finally {
+      clearTimeout(late);
+      showStop("");
+    }
+  };
+
+  const stopAgainAndAgain = async (address, fields) => {
     for (;;) {
       try {
         const answer = await Promise.any([byPost(address, fields, "high"), bySocket(fields)]);
@@ -176,7 +208,7 @@
       } catch {
         // Nothing arrived, or no answer came back.
       }
-      show("stop", address);
+      stopMissed(address);
       await new Promise((resolve) => setTimeout(resolve, STOP_AGAIN_MS));
     }
   };
@@ -200,6 +232,7 @@
     if (status === 401) return location.assign("/login");
     if (status === 200) {
       if (noticeOf === address) hideNotice();
+      if (act === "stop") stopArrived();
       if (act === "mark") return showMarked(form);
       if (bar.contains(form)) quiet(AFTER_ACTION_MS, "second");
       if (act === "clearance" || act === "release") askForConfirmation(act, said, fields.get("version"));
@@ -288,6 +321,8 @@
     if (now !== before) quiet(AFTER_CHANGE_MS, "changed");
     before = now;
     settle();
+    const isShown = bar.querySelector("[name=stop]")?.ariaPressed !== "false";
+    if (body.dataset.stop === "sent" && (isShown || performance.now() - arrivedAt > STOP_MISSED_MS)) showStop("");
     // It is no longer offered, for example when the vehicle drives off.
     if (!document.getElementById("shutdown")) document.getElementById("sheet-shutdown").hidePopover();
     // The reasons against it are gone.

@@ -28,13 +28,13 @@
 
   const timeOfDay = (ms) => new Date(ms).toTimeString().slice(0, 5);
 
-  // Where times are visible: in the list of faults and in open panels.
-  const open = new Set([document.querySelector("aside")]);
+  // Where times are visible: in the list of faults, beside the steps and in open panels.
+  const open = new Set([document.querySelector("aside"), document.getElementById("actions")]);
 
   const tickTimes = () => {
     if (Number.isNaN(serverAt)) return;
     const now = serverAt + live.late_ms + (performance.now() - live.lastBeat);
-    for (const part of open) {
+    for (const part of [...open, document.getElementById("instruction")]) {
       for (const time of part.querySelectorAll("time[datetime]")) {
         const then = Date.parse(time.dateTime);
         Live.setText(time, time.classList.contains("clock") ? timeOfDay(then) : span(now - then));

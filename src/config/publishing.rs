@@ -17,6 +17,7 @@ pub struct Publishing {
     /// Sent while a deceleration is in force.
     pub deceleration_request: Option<Periodic>,
     pub maneuver_stop_request: Option<Box<str>>,
+    pub hold: Option<Box<str>>,
 }
 
 /// The lines of the log that are published.
@@ -51,6 +52,7 @@ impl Default for Publishing {
             clearance: Some("/telltale/clearance".into()),
             deceleration_request: Some(periodic("/telltale/deceleration_request", 50)),
             maneuver_stop_request: Some("/telltale/maneuver_stop_request".into()),
+            hold: Some("/telltale/hold".into()),
         }
     }
 }
@@ -102,6 +104,7 @@ impl Publishing {
             Publication::Vehicle(Output::Clearance) => once(&self.clearance),
             Publication::Vehicle(Output::Deceleration) => periodic(&self.deceleration_request),
             Publication::Vehicle(Output::ManeuverStop) => once(&self.maneuver_stop_request),
+            Publication::Vehicle(Output::Hold) => once(&self.hold),
         }
     }
 }

@@ -3,6 +3,7 @@
 //! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
 mod motion;
+mod requests;
 
 use super::files::count;
 use super::model::monitors::Class;
@@ -12,7 +13,7 @@ use std::sync::Arc;
 pub use super::counters::{Counters, Reception};
 use super::files::float;
 use super::input::Refusal;
-use super::model::countermeasure::{Request, RequestKind};
+use super::model::countermeasure::Request;
 use super::model::output::Output;
 use super::model::quantity::Quantity;
 use super::model::wording::{Advice, Urgency, Wording};
@@ -20,7 +21,7 @@ use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage
 use super::persistent::PersistentVec;
 use super::state::State;
 use super::text::Text;
-use super::time::Timestamp;
+use super::time::{Since, Timestamp};
 pub use motion::{Motion, Moving};
 
 /// The state of the whole vehicle at one instant.
@@ -60,6 +61,9 @@ pub struct Snapshot {
     pub motion: Motion,
     /// The vehicle may start; a level for its topic.
     pub clearance: bool,
+    /// Whether the vehicle must not go on before it is released; a level for its topic. `None`: after a restart
+    /// nobody knows, until the vehicle stands at a stop or is released.
+    pub hold: Option<bool>,
     /// The reasons against a clearance now, without those that only the display and the store know.
     pub clearance_refusals: Arc<[Refusal]>,
     /// Every check of a release that fails now, but for display and store. Empty: a release is offered.
@@ -86,40 +90,9 @@ impl Snapshot {
         self.stage == Stage::Active && self.has_stages()
     }
 
-    /// The strongest countermeasure: the operator has to know it first.
-    pub fn countermeasure(&self) -> Option<&Countermeasure> {
-        self.countermeasures.first()
-    }
-
-    /// The requested deceleration in m/s²; a level for its topic.
-    pub fn deceleration(&self) -> Option<f64> {
-        self.countermeasures.iter().find_map(|it| it.request.mps2())
-    }
-
-    /// Whether the maneuver component's own stop is requested; a level for its topic. A stronger request does
-    /// not end it.
-    pub fn maneuver_stop(&self) -> bool {
-        self.countermeasures.iter().any(|it| it.request.kind() == RequestKind::ManeuverStop)
-    }
-
     /// The stop that the vehicle drives to, or is to drive to.
     pub fn destination(&self) -> Option<&Stop> {
         self.layout.stops.get(self.motion.destination?)
-    }
-
-    /// Whether the operator requested a stop that is not over.
-    pub fn stop_requested(&self) -> bool {
-        self.countermeasures.iter().any(|it| it.by_operator)
-    }
-
-    /// The reason why an output has no receiver.
-    pub fn unreached(&self, output: Output) -> Option<Unreached> {
-        self.unreached.iter().find(|(of, _)| *of == output).map(|(_, why)| *why)
-    }
-
-    /// Whether an output is known to have a reader.
-    pub fn is_listened_to(&self, output: Output) -> bool {
-        self.listened.contains(&output)
     }
 
     pub fn group(&self, id: GroupId) -> (&GroupInfo, &GroupView) {
@@ -373,11 +346,11 @@ pub struct Alarm {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Countermeasure {
     pub request: Request,
-    /// The operator requested it too.
-    pub by_operator: bool,
+    /// Since when the operator requests it too.
+    pub by_operator: Option<Since>,
     /// The root causes, at most 64; ended ones stay until they are acknowledged.
     pub causes: Arc<[CountermeasureCause]>,
-    pub since: Timestamp,
+    pub since: Since,
     pub state: CountermeasureState,
     /// No cause is present any more: it only waits for the operator's acknowledgement.
     pub latched: bool,

@@ -114,6 +114,26 @@ impl Sub for Span {
     }
 }
 
+/// Since when something lasts: an instant of this run of the program, and how long it had lasted before that where
+/// it comes from an earlier run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Since {
+    pub at: Timestamp,
+    pub before: Span,
+}
+
+impl Since {
+    /// Something that has lasted for `age` at `now`.
+    pub fn of_age(age: Span, now: Timestamp) -> Since {
+        let at = Timestamp::from_nanos(now.as_nanos().saturating_sub(age.as_nanos()));
+        Since { at, before: age - now.since(at) }
+    }
+
+    pub fn age(self, now: Timestamp) -> Span {
+        Span(now.since(self.at).0.saturating_add(self.before.0))
+    }
+}
+
 /// `3 s`, `2 min`, `1 h 5 min`: only as fine as people need.
 pub fn how_long(span: Span) -> String {
     let s = span.as_millis().saturating_add(500) / 1000;

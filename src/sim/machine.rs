@@ -6,6 +6,7 @@ pub(in crate::sim) mod feed;
 pub(in crate::sim) mod obedience;
 pub(in crate::sim) mod route;
 
+use crate::engine::model::sample::Pose;
 use crate::engine::text::Text;
 use crate::engine::time::{Span, Timestamp};
 pub use drive::Departure;
@@ -19,6 +20,21 @@ pub const STEP: Span = Span::from_millis(clockwork::STEP_MS);
 pub struct Sent<M> {
     pub at: Timestamp,
     pub message: M,
+}
+
+/// An order to a machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Order {
+    /// The operator says that it stands about there.
+    Localize(Pose),
+    /// Whether it may drive to its goal.
+    Clear(bool),
+    /// A request to slow down by so many m/s².
+    Decelerate(f64),
+    /// Whether a safe stop is requested.
+    Stop(bool),
+    /// Whether it must stand until it is released. A value of false is the release.
+    Hold(bool),
 }
 
 /// A fault that can be switched on and off.

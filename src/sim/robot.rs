@@ -13,7 +13,7 @@ use crate::engine::text::Text;
 use crate::engine::time::{Span, Timestamp};
 use crate::sim::machine::clockwork::Clockwork;
 use crate::sim::machine::route::Route;
-use crate::sim::machine::{self, FaultInfo};
+use crate::sim::machine::{self, FaultInfo, Order};
 use world::World;
 
 pub type Sent = machine::Sent<Message>;
@@ -194,5 +194,10 @@ impl Robot {
 
     pub fn set_fault(&mut self, fault: Fault, on: bool) {
         self.world.set_fault(fault, on);
+    }
+
+    /// Its configuration asks for nothing; one that does is obeyed.
+    pub fn obey(&mut self, order: Order) {
+        self.world.obey(order);
     }
 }

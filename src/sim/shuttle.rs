@@ -17,7 +17,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::sim::machine::clockwork::{Clockwork, STEP_MS};
 use crate::sim::machine::drive::{Departure, Drive, Pace};
 use crate::sim::machine::route::{Pose2d, Route};
-use crate::sim::machine::{self, FaultInfo};
+use crate::sim::machine::{self, FaultInfo, Order};
 use statuses::Node;
 use topics::Topics;
 use world::World;
@@ -74,19 +74,6 @@ pub enum Message {
     Decelerates(bool),
     /// It makes a safe stop because of a request.
     Stops(bool),
-}
-
-/// An order to the shuttle.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Order {
-    /// The operator says that it stands about there.
-    Localize(Pose),
-    /// Whether it may drive to its goal.
-    Clear(bool),
-    /// A request to slow down by so many m/s²; it holds while it is repeated.
-    Decelerate(f64),
-    /// Whether it must make a safe stop and stand.
-    Stop(bool),
 }
 
 /// A fault that can be switched on and off.
@@ -223,9 +210,7 @@ impl Shuttle {
                 let now_ms = self.world.now_ms();
                 self.world.localizer.hint(Pose2d::of_pose(&pose), now_ms);
             }
-            Order::Clear(cleared) => self.world.drive.clear(cleared),
-            Order::Decelerate(mps2) => self.world.drive.obedience.decelerate(mps2),
-            Order::Stop(asked) => self.world.drive.obedience.maneuver_stop(asked),
+            order => self.world.drive.obey(order),
         }
     }
 }

@@ -30,13 +30,25 @@ pub struct VehicleMemory {
 }
 
 impl VehicleMemory {
-    /// Whether nothing that matters has changed since the earlier state; the age of alarms does not matter.
+    /// Whether nothing that matters has changed since the earlier state; ages do not matter.
     pub fn says_the_same(&self, earlier: &VehicleMemory) -> bool {
         let [mut now, mut then] = [self.vehicle.clone(), earlier.vehicle.clone()];
         for alarm in now.alarms.iter_mut().chain(&mut then.alarms) {
             alarm.age = Span::ZERO;
         }
+        for measure in now.countermeasures.iter_mut().chain(&mut then.countermeasures) {
+            measure.age = Span::ZERO;
+            measure.by_operator = measure.by_operator.map(|_| Span::ZERO);
+        }
         now == then
+    }
+}
+
+impl VehicleMemory {
+    /// The wall time at which something began that is so old.
+    fn began_ms(&self, age: Span) -> i64 {
+        let began = self.at.checked_sub(Duration::from_nanos(age.as_nanos()));
+        to_unix_ms(began.unwrap_or(SystemTime::UNIX_EPOCH))
     }
 }
 
@@ -82,15 +94,14 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
             vehicle.last_alarm as i64,
         ])?;
     connection.execute_batch(
-        "DELETE FROM alarm_urgencies; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes; DELETE FROM countermeasures;",
+        "DELETE FROM alarm_urgencies; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes;
+         DELETE FROM countermeasure_times; DELETE FROM countermeasures;",
     )?;
     let mut insert = connection.prepare_cached("INSERT INTO alarms VALUES (?1, ?2, ?3, ?4, ?5)")?;
     let mut insert_urgency = connection.prepare_cached("INSERT INTO alarm_urgencies VALUES (?1, ?2)")?;
     for alarm in vehicle.alarms.iter().take(ROWS_MAX) {
         let RestoredAlarm { id, node, age, acknowledged, active, asked } = alarm;
-        let raised = memory.at.checked_sub(Duration::from_nanos(age.as_nanos()));
-        let raised_ms = to_unix_ms(raised.unwrap_or(SystemTime::UNIX_EPOCH));
-        insert.execute(params![*id as i64, node, raised_ms, acknowledged, active])?;
+        insert.execute(params![*id as i64, node, memory.began_ms(*age), acknowledged, active])?;
         if let Some(asked) = asked {
             insert_urgency.execute(params![*id as i64, asked.as_str()])?;
         }
@@ -100,11 +111,15 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
         insert.execute([node])?;
     }
     let mut insert = connection.prepare_cached("INSERT INTO countermeasures VALUES (?1, ?2, ?3, ?4)")?;
+    let mut insert_times =
+        connection.prepare_cached("INSERT INTO countermeasure_times VALUES (?1, ?2, ?3)")?;
     let mut insert_cause = connection.prepare_cached("INSERT INTO causes VALUES (?1, ?2, ?3, ?4)")?;
     for (number, measure) in vehicle.countermeasures.iter().enumerate() {
         let number = number as i64;
         let mps2 = if let Request::Decelerate { mps2 } = measure.request { Some(mps2) } else { None };
-        insert.execute(params![number, measure.request.as_str(), mps2, measure.by_operator])?;
+        let stopped_ms = measure.by_operator.map(|age| memory.began_ms(age));
+        insert.execute(params![number, measure.request.as_str(), mps2, stopped_ms.is_some()])?;
+        insert_times.execute(params![number, memory.began_ms(measure.age), stopped_ms])?;
         for (position, (node, acknowledged)) in measure.causes.iter().take(ROWS_MAX).enumerate() {
             insert_cause.execute(params![number, position as i64, node, acknowledged])?;
         }
@@ -157,11 +172,10 @@ impl Database {
         let mut query =
             connection.prepare("SELECT id, node, raised_ms, acknowledged, active FROM alarms ORDER BY id")?;
         let alarms = query.query_map([], |row| {
-            let age = wall.duration_since(from_unix_ms(row.get(2)?)).unwrap_or_default();
             Ok(RestoredAlarm {
                 id: row.get::<_, i64>(0)?.unsigned_abs(),
                 node: row.get(1)?,
-                age: Span::from_nanos(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX)),
+                age: age(wall, row.get(2)?),
                 acknowledged: row.get(3)?,
                 active: row.get(4)?,
                 asked: urgencies.get(&row.get(0)?).copied(),
@@ -170,7 +184,7 @@ impl Database {
         let alarms = alarms.collect::<Result<_, _>>()?;
         let mut query = connection.prepare("SELECT node FROM accepted ORDER BY node")?;
         let accepted = query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
-        let countermeasures = read_measures(connection)?;
+        let countermeasures = read_measures(connection, wall)?;
         Ok(Some(Restored { alarms, accepted, countermeasures, ..vehicle }))
     }
 }
@@ -195,8 +209,7 @@ fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
 
 /// The urgencies of alarms. A database of an earlier schema that cannot be written has none.
 fn read_urgencies(connection: &Connection) -> rusqlite::Result<HashMap<i64, Urgency>> {
-    let sql = "SELECT count(*) > 0 FROM sqlite_schema WHERE name = 'alarm_urgencies'";
-    if !connection.query_row(sql, [], |row| row.get(0))? {
+    if !has_table(connection, "alarm_urgencies")? {
         return Ok(HashMap::new());
     }
     let mut query = connection.prepare("SELECT alarm, urgency FROM alarm_urgencies")?;
@@ -207,9 +220,30 @@ fn read_urgencies(connection: &Connection) -> rusqlite::Result<HashMap<i64, Urge
     Ok(rows.collect::<rusqlite::Result<Vec<_>>>()?.into_iter().filter_map(known).collect())
 }
 
-fn read_measures(connection: &Connection) -> Result<Vec<RestoredCountermeasure>, StoreError> {
-    let mut query = connection
-        .prepare("SELECT number, request, mps2, by_operator FROM countermeasures ORDER BY number")?;
+/// A database of an earlier schema that cannot be written lacks tables.
+fn has_table(connection: &Connection, name: &str) -> rusqlite::Result<bool> {
+    connection.query_row("SELECT count(*) > 0 FROM sqlite_schema WHERE name = ?1", [name], |row| row.get(0))
+}
+
+/// How old something is that began at this wall time.
+fn age(wall: SystemTime, began_ms: i64) -> Span {
+    let age = wall.duration_since(from_unix_ms(began_ms)).unwrap_or_default();
+    Span::from_nanos(u64::try_from(age.as_nanos()).unwrap_or(u64::MAX))
+}
+
+fn read_measures(
+    connection: &Connection,
+    wall: SystemTime,
+) -> Result<Vec<RestoredCountermeasure>, StoreError> {
+    let mut query = connection.prepare(match has_table(connection, "countermeasure_times")? {
+        true => {
+            "SELECT number, request, mps2, by_operator, since_ms, stopped_ms FROM countermeasures
+             LEFT JOIN countermeasure_times ON countermeasure = number ORDER BY number"
+        }
+        false => {
+            "SELECT number, request, mps2, by_operator, NULL, NULL FROM countermeasures ORDER BY number"
+        }
+    })?;
     let mut causes = connection
         .prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;
     let mut rows = query.query([])?;
@@ -224,7 +258,11 @@ fn read_measures(connection: &Connection) -> Result<Vec<RestoredCountermeasure>,
         };
         let causes = causes.query_map([row.get::<_, i64>(0)?], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let causes = causes.collect::<Result<_, _>>()?;
-        measures.push(RestoredCountermeasure { request, by_operator: row.get(3)?, causes });
+        // Earlier versions kept no times.
+        let age = |began_ms: Option<i64>| began_ms.map_or(Span::ZERO, |ms| age(wall, ms));
+        let stopped = age(row.get(5)?);
+        let by_operator = row.get::<_, bool>(3)?.then_some(stopped);
+        measures.push(RestoredCountermeasure { request, age: age(row.get(4)?), by_operator, causes });
     }
     Ok(measures)
 }
@@ -257,12 +295,14 @@ mod tests {
             countermeasures: vec![
                 RestoredCountermeasure {
                     request: Request::Decelerate { mps2: 1.25 },
-                    by_operator: false,
+                    age: Span::from_secs(50),
+                    by_operator: None,
                     causes,
                 },
                 RestoredCountermeasure {
                     request: Request::ManeuverStop,
-                    by_operator: true,
+                    age: Span::from_secs(3),
+                    by_operator: Some(Span::from_secs(2)),
                     causes: Vec::new(),
                 },
             ],
@@ -288,6 +328,12 @@ mod tests {
             let found = store.recall().await.unwrap().unwrap();
             assert_eq!(found.last_alarm, 9, "numbers are never given twice");
             assert!(found.alarms.iter().all(|alarm| alarm.age < Span::from_secs(60)));
+            for (found, kept) in found.countermeasures.iter().zip(&vehicle.countermeasures) {
+                let grew = |age: Span, kept: Span| age >= kept && age - kept < Span::from_secs(60);
+                assert!(grew(found.age, kept.age), "{found:?}");
+                assert_eq!(found.by_operator.is_some(), kept.by_operator.is_some());
+                assert!(found.by_operator.zip(kept.by_operator).is_none_or(|(age, kept)| grew(age, kept)));
+            }
             let expected = Restored { last_alarm: 9, ..vehicle };
             assert!(recalled(&found).says_the_same(&recalled(&expected)), "{found:?}");
         }

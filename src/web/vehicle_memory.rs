@@ -1,5 +1,5 @@
-//! Stores the vehicle's state for a restart whenever it has changed, at most every second, and records each
-//! change of the stage and of countermeasures. The state after an operator's action is stored before the
+//! Stores the vehicle's state for a restart whenever it has changed, at most every second but for a new request to the
+//! vehicle, and records each change of the stage and of countermeasures. The state after an operator's action is stored before the
 //! action is done.
 
 use std::time::Duration;
@@ -12,12 +12,16 @@ use tokio::time::{sleep, timeout};
 use super::source::Live;
 use crate::engine::model::Stage;
 use crate::engine::restart::preview::Preview;
+use crate::engine::snapshot::Countermeasure;
 use crate::runtime::Published;
 use crate::store::VehicleMemory;
 use crate::store::audit::{Action, Record, TELLTALE};
 
 /// Alarms that come and go must not wear the disk out.
 const WRITE_EVERY: Duration = Duration::from_secs(1);
+
+/// A new request to the vehicle waits no longer than this.
+const REQUEST_WITHIN: Duration = Duration::from_millis(50);
 
 const CAUSES_NAMED: usize = 4;
 
@@ -82,7 +86,10 @@ async fn follow(app: Live, mut ends: oneshot::Receiver<()>) {
         let is_new = last.store_changes(&app, &mut snapshots, &mut turns).await;
         let next = async {
             if is_new {
-                sleep(WRITE_EVERY).await;
+                tokio::select! {
+                    () = sleep(WRITE_EVERY) => {}
+                    () = more_is_asked(snapshots.clone(), &last.requests) => {}
+                }
             }
             !turns.is_empty() || snapshots.changed().await.is_ok()
         };
@@ -96,6 +103,16 @@ async fn follow(app: Live, mut ends: oneshot::Receiver<()>) {
         if !goes_on {
             return;
         }
+    }
+}
+
+/// Waits for a request to the vehicle that is not stored.
+async fn more_is_asked(mut snapshots: watch::Receiver<Published>, stored: &Requests) {
+    sleep(REQUEST_WITHIN).await;
+    let is_stored = |request: &str| stored.iter().any(|(known, _)| *known == request);
+    let is_new = |it: &Countermeasure| it.request.kind().moves() && !is_stored(it.request.as_str());
+    if snapshots.wait_for(|it| it.snapshot.countermeasures.iter().any(is_new)).await.is_err() {
+        std::future::pending::<()>().await;
     }
 }
 
@@ -178,7 +195,7 @@ fn causes(published: &Published, request: &str) -> String {
     else {
         return String::new();
     };
-    let operator = countermeasure.by_operator.then_some("the operator");
+    let operator = countermeasure.by_operator.map(|_| "the operator");
     let nodes = countermeasure
         .causes
         .iter()

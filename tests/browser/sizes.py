@@ -96,7 +96,7 @@ FAULTS = """() => {
       if (over) faults.push(`${called(one)} overlaps ${called(other)}`);
     }));
   };
-  for (const parts of [".tile", ".bar > :not(.top), .top > *", ".page-operator > :is(.bar, .instruction, .board, aside, footer)", "#step > *", "#causes > *", ".cause"]) apart(parts);
+  for (const parts of [".tile", ".bar > :not(.top), .top > *", ".page-operator > :is(.bar, .instruction, .board, aside, footer)", "#step > *, #causes > *", ".cause"]) apart(parts);
   return [...new Set(faults)];
 }"""
 

@@ -30,7 +30,7 @@ async fn what_is_published_belongs_to_a_node_that_its_participant_announces(vend
     };
     let prefix = &ours["gid"].as_str().expect("hexadecimal digits")[..24];
     let writers = ours["nodes"][0]["writers"].as_array().expect("gids");
-    assert_eq!(writers.len(), 8, "one for each topic");
+    assert_eq!(writers.len(), 9, "one for each topic");
     assert!(writers.iter().all(|gid| gid.as_str().is_some_and(|gid| gid.starts_with(prefix))), "{ours}");
 
     // The page of topics names the node, too.

@@ -119,8 +119,14 @@ fn inputs() -> Vec<Input> {
         OperatorAction::Acknowledge { alarm: AlarmRef::Node("a/b".into()) },
         OperatorAction::Reset { module: "a/b".into() },
     ];
-    let outputs =
-        [Output::Stage, Output::Clearance, Output::Pose, Output::Deceleration, Output::ManeuverStop];
+    let outputs = [
+        Output::Stage,
+        Output::Clearance,
+        Output::Pose,
+        Output::Deceleration,
+        Output::ManeuverStop,
+        Output::Hold,
+    ];
     let report = |output| OutputReport { output, topic: "/t".into(), error: None };
     let fault = Some("the disk is full".into());
     let text = Some(Text::plain("It is late."));

@@ -2,6 +2,7 @@
 //! real engine. The tests check what an operator sees of each fault from beginning to end, and how the
 //! shuttle reacts.
 
+mod held;
 mod robot;
 mod story;
 

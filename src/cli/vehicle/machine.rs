@@ -10,9 +10,9 @@ use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
 use crate::msg::messages::encode::{self, Grid, Header};
 use crate::ros::Quality;
-use crate::sim::machine::{Departure, FaultInfo};
+use crate::sim::machine::{Departure, FaultInfo, Order};
 use crate::sim::robot::{self, Robot};
-use crate::sim::shuttle::{self, Order, Shuttle};
+use crate::sim::shuttle::{self, Shuttle};
 
 /// The seed of the simulation: with the same one, each demo runs alike.
 const SEED: u64 = 1;
@@ -124,10 +124,10 @@ impl Machine {
         }
     }
 
-    /// The robot is asked for nothing.
     pub fn obey(&mut self, order: Order) {
-        if let Machine::Shuttle(shuttle, _) = self {
-            shuttle.obey(order);
+        match self {
+            Machine::Shuttle(shuttle, _) => shuttle.obey(order),
+            Machine::Robot(robot) => robot.obey(order),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! The subscriptions of the simulated shuttle: the topics on which Telltale addresses a vehicle.
+//! The subscriptions of a simulated machine: the topics on which Telltale addresses a vehicle.
 
 use std::sync::Arc;
 
@@ -15,10 +15,11 @@ use crate::msg::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
 use crate::msg::messages::{BOOL, GidSize};
 use crate::ros::{self, Bridge, BridgeError, BridgeOptions};
 use crate::runtime::Stamped;
-use crate::sim::shuttle::Order;
+use crate::sim::machine::Order;
 
 const CLEAR: &str = "clear";
 const STOP: &str = "stop";
+const HOLD: &str = "hold";
 
 /// Its name in the graph of ROS 2.
 const NODE: &str = "simulated_shuttle";
@@ -70,11 +71,12 @@ impl Orders {
     }
 }
 
-/// What an input asks of the shuttle.
+/// What an input asks of the machine.
 pub fn order(input: &Input) -> Option<Order> {
     match input {
         Input::Signal { name, value } if **name == *CLEAR => Some(Order::Clear(*value)),
         Input::Signal { name, value } if **name == *STOP => Some(Order::Stop(*value)),
+        Input::Signal { name, value } if **name == *HOLD => Some(Order::Hold(*value)),
         Input::Sample(sample) => match sample.values.first()? {
             FieldValue::Pose(pose) => Some(Order::Localize(*pose)),
             // A deceleration is an acceleration backwards.
@@ -102,7 +104,11 @@ pub fn model(publishing: &Publishing) -> Model {
         watched(pose, POSE_WITH_COVARIANCE_STAMPED, "pose.pose", FieldKind::Pose),
         watched(deceleration, ACCEL_STAMPED, "accel.linear.x", FieldKind::Scalar),
     ];
-    let signals = [signal(CLEAR, &publishing.clearance), signal(STOP, &publishing.maneuver_stop_request)];
+    let signals = [
+        signal(CLEAR, &publishing.clearance),
+        signal(STOP, &publishing.maneuver_stop_request),
+        signal(HOLD, &publishing.hold),
+    ];
     let parts = Parts {
         vehicle_name: Text::plain("Simulated shuttle"),
         signals: signals.into_iter().flatten().collect(),

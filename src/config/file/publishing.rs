@@ -25,6 +25,7 @@ pub(in crate::config) struct RawPublishing {
     pub clearance: Option<Switch<RawOnce>>,
     pub deceleration_request: Option<Switch<RawPeriodic>>,
     pub maneuver_stop_request: Option<Switch<RawOnce>>,
+    pub hold: Option<Switch<RawOnce>>,
 }
 
 impl FromNode for RawPublishing {
@@ -51,6 +52,9 @@ impl FromNode for RawPublishing {
                 .optional(key("deceleration_request").about("/telltale/deceleration_request with 20 Hz.")),
             maneuver_stop_request: fields
                 .optional(key("maneuver_stop_request").about("/telltale/maneuver_stop_request.")),
+            hold: fields.optional(
+                key("hold").about("/telltale/hold: whether the vehicle must stand until it is released."),
+            ),
         };
         fields.finish();
         Some(raw)

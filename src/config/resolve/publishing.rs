@@ -34,6 +34,7 @@ pub(in crate::config) fn publishing(
             clearance: None,
             deceleration_request: full.deceleration_request.clone().filter(|_| decelerates),
             maneuver_stop_request: full.maneuver_stop_request.clone().filter(|_| stops),
+            hold: full.hold.clone().filter(|_| decelerates || stops),
             ..full.clone()
         },
     };
@@ -41,10 +42,17 @@ pub(in crate::config) fn publishing(
         check_loops(&default, None, topics, log);
         return default;
     };
+    // The operator may request a stop on every vehicle with stages.
+    let operator_stops = stages == StageModel::Shuttle && off(&raw.maneuver_stop_request).is_none();
     let needed = [
         (off(&raw.initialpose), stages == StageModel::Shuttle, "operators could not localize the vehicle"),
         (off(&raw.deceleration_request), decelerates, "a countermeasure asks for a deceleration"),
         (off(&raw.maneuver_stop_request), stops, "a countermeasure asks for a stop"),
+        (
+            off(&raw.hold),
+            decelerates || stops || operator_stops,
+            "nothing else releases a vehicle that was asked to stop",
+        ),
     ];
     for (off, needed, why) in needed {
         if let Some(span) = off.filter(|_| needed) {
@@ -75,6 +83,7 @@ pub(in crate::config) fn publishing(
             full.maneuver_stop_request,
             log,
         ),
+        hold: once(&raw.hold, default.hold, full.hold, log),
     };
     check_loops(&found, Some(raw), topics, log);
     found
@@ -178,6 +187,7 @@ fn place(raw: Option<&RawPublishing>, publication: Publication) -> Option<Span> 
         Publication::Vehicle(Output::Clearance) => once(&raw.clearance),
         Publication::Vehicle(Output::Deceleration) => periodic(&raw.deceleration_request),
         Publication::Vehicle(Output::ManeuverStop) => once(&raw.maneuver_stop_request),
+        Publication::Vehicle(Output::Hold) => once(&raw.hold),
     };
     Some(topic.unwrap_or(raw.span))
 }

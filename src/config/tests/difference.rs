@@ -44,7 +44,7 @@ groups:
         old,
         new,
         &[
-            "the vehicle: name from \"Van\" to \"Van\" / \"Bus\"; stages from shuttle to none; defaults from unknown after 2s of silence to error after 2s of silence; limits.discovered_modules from 4096 to 9; display.dpi from 149 to 170; localized_after from 2s to 5s; motion from no speed is configured to data of /v (std_msgs/msg/Float64), unknown when older than 1s, standing below 0.1 m/s; initialpose from /initialpose to switched off; stage from /telltale/stage to switched off; clearance from /telltale/clearance to switched off; deceleration_request from /telltale/deceleration_request every 50ms to switched off; maneuver_stop_request from /telltale/maneuver_stop_request to switched off",
+            "the vehicle: name from \"Van\" to \"Van\" / \"Bus\"; stages from shuttle to none; defaults from unknown after 2s of silence to error after 2s of silence; limits.discovered_modules from 4096 to 9; display.dpi from 149 to 170; localized_after from 2s to 5s; motion from no speed is configured to data of /v (std_msgs/msg/Float64), unknown when older than 1s, standing below 0.1 m/s; initialpose from /initialpose to switched off; stage from /telltale/stage to switched off; clearance from /telltale/clearance to switched off; deceleration_request from /telltale/deceleration_request every 50ms to switched off; maneuver_stop_request from /telltale/maneuver_stop_request to switched off; hold from /telltale/hold to switched off",
             "signal `old` is gone",
             "signal `active`: source from /a std_msgs/msg/Bool.data to /a std_msgs/msg/Bool.data, unknown when older than 3s",
             "signal `new` is new",

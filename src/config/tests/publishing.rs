@@ -39,13 +39,19 @@ fn a_machine_without_stages_is_told_nothing_but_what_its_configuration_asks_for(
         clearance: None,
         deceleration_request: None,
         maneuver_stop_request: None,
+        hold: None,
         ..full.clone()
     };
     assert_eq!(of(""), diagnosis);
     let stage = Publishing { stage: full.stage.clone(), ..diagnosis.clone() };
     assert_eq!(of("publish: { stage: {} }\n"), stage);
-    let stops = Publishing { maneuver_stop_request: full.maneuver_stop_request, ..diagnosis };
+    let stops = Publishing {
+        maneuver_stop_request: full.maneuver_stop_request,
+        hold: full.hold.clone(),
+        ..diagnosis.clone()
+    };
     assert_eq!(of("countermeasures:\n- { request: maneuver_stop, when: { groups: [a] } }\n"), stops);
+    assert_eq!(of("publish: { hold: {} }\n"), Publishing { hold: full.hold, ..diagnosis });
 }
 
 #[test]
@@ -80,6 +86,20 @@ fn what_is_published_can_be_and_is_not_read() {
             "3:84: this cannot be switched off: a countermeasure asks for a stop (remove the line)",
         ],
     );
+    for (rest, why) in [
+        ("publish: { hold: false }\n", "2:18"),
+        (
+            "vehicle: { stages: none }\npublish: { hold: false }\ncountermeasures:\n- { request: maneuver_stop, when: { groups: [a] } }\n",
+            "3:18",
+        ),
+    ] {
+        let problem = format!(
+            "{why}: this cannot be switched off: nothing else releases a vehicle that was asked to stop (remove the line)"
+        );
+        check_beside_group(rest, &[&problem]);
+    }
+    let unstoppable = format!("{GROUP}publish: {{ hold: false, maneuver_stop_request: false }}\n");
+    assert_eq!(parse("c", &unstoppable).unwrap().publishing.hold, None);
     check_beside_group(
         "signals: { s: { topic: /telltale/clearance, type: std_msgs/msg/Bool } }\n",
         &[

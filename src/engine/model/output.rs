@@ -12,6 +12,8 @@ pub enum Output {
     Pose,
     Deceleration,
     ManeuverStop,
+    /// Whether the vehicle is held, by any request.
+    Hold,
 }
 
 /// A published topic, by its content.
@@ -27,7 +29,7 @@ pub enum Publication {
 }
 
 impl Publication {
-    pub const ALL: [Publication; 8] = [
+    pub const ALL: [Publication; 9] = [
         Publication::DiagnosticsAgg,
         Publication::TopLevelState,
         Publication::Rosout,
@@ -36,6 +38,7 @@ impl Publication {
         Publication::Vehicle(Output::Clearance),
         Publication::Vehicle(Output::Deceleration),
         Publication::Vehicle(Output::ManeuverStop),
+        Publication::Vehicle(Output::Hold),
     ];
 
     /// Its key in the configuration.
@@ -49,6 +52,7 @@ impl Publication {
             Publication::Vehicle(Output::Clearance) => "clearance",
             Publication::Vehicle(Output::Deceleration) => "deceleration_request",
             Publication::Vehicle(Output::ManeuverStop) => "maneuver_stop_request",
+            Publication::Vehicle(Output::Hold) => "hold",
         }
     }
 }

@@ -76,7 +76,7 @@ impl Countermeasures {
             ConfirmedBy::Signal(index) => signals.value(*index) == Some(true),
             ConfirmedBy::Status(name) => is_ok(net, names, name),
         };
-        let mut next: Option<Timestamp> = self.arrives;
+        let mut next: Option<Timestamp> = self.arrives.filter(|&at| at > now);
         let mut waited_for = Vec::new();
         for kind in RequestKind::ALL {
             let slot = kind as usize;
@@ -85,7 +85,7 @@ impl Countermeasures {
                 continue;
             };
             let before = self.asked[slot].filter(|asked| asked.request == request);
-            let since = self.asked[slot].map_or(now, |asked| asked.since);
+            let since = self.asked[slot].map_or(self.earliest(kind).at, |asked| asked.since);
             let mut asked = before.unwrap_or(ActiveRequest {
                 request,
                 since,
@@ -242,7 +242,7 @@ impl Countermeasures {
 
     /// Takes over the start times of requests, and the outputs that cannot be sent.
     pub(in crate::engine) fn keep(&mut self, old: &Countermeasures, before: &Model, model: &Model) {
-        (self.asked, self.arrives) = (old.asked, old.arrives);
+        (self.asked, self.arrives, self.knows_all) = (old.asked, old.arrives, old.knows_all);
         self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
         self.unsent.clone_from(&old.unsent);
         self.unheard.clone_from(&old.unheard);

@@ -2,7 +2,7 @@
 //!
 //! The request of each rule is held by itself. While the vehicle drives, or may set off, a request that moves
 //! it is held until the operator releases it, which is granted once its causes are gone. At a stop, where a
-//! clearance is needed anyway, it ends with its causes. The strongest held request wins.
+//! clearance is needed anyway, it ends with its causes, once the vehicle stands. The strongest held request wins.
 
 use crate::engine::files::KeyframeError;
 use serde::{Deserialize, Serialize};
@@ -17,9 +17,9 @@ use crate::engine::mask::responsible::CAUSES_MAX;
 use crate::engine::model::countermeasure::{Request, RequestKind, Rule};
 use crate::engine::model::output::Output;
 use crate::engine::model::{Model, NodeId, Stage};
-use crate::engine::snapshot::{Alarm, Countermeasure, CountermeasureCause};
+use crate::engine::snapshot::{Alarm, Countermeasure, CountermeasureCause, Motion, Moving};
 use crate::engine::state::State;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Since, Span, Timestamp};
 
 /// One reason for a request.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,6 +27,9 @@ pub(in crate::engine) struct HeldRequest {
     pub(in crate::engine) request: Request,
     pub(in crate::engine) by: RequestOrigin,
     pub(in crate::engine) since: Timestamp,
+    /// For how long it was held before that, by an earlier run of the program.
+    #[serde(default)]
+    pub(in crate::engine) before: Span,
     pub(in crate::engine) present: bool,
     /// Empty only for a stop of the operator.
     pub(in crate::engine) causes: Vec<RequestCause>,
@@ -58,6 +61,15 @@ pub(in crate::engine) struct Acknowledged<'a> {
 }
 
 impl HeldRequest {
+    pub(in crate::engine) fn new(request: Request, by: RequestOrigin, since: Since) -> HeldRequest {
+        let Since { at: since, before } = since;
+        HeldRequest { request, by, since, before, present: true, causes: Vec::new() }
+    }
+
+    pub(in crate::engine) fn since(&self) -> Since {
+        Since { at: self.since, before: self.before }
+    }
+
     /// Checks whether the named causes are still present. A failing member inside a node that is well again,
     /// such as one of a redundancy set, is no cause any more.
     fn look_at_causes(&mut self, net: &Net, state: State, by_itself: Option<NodeId>) {
@@ -171,6 +183,10 @@ pub(in crate::engine) struct Countermeasures {
     pub(in crate::engine) unheard: BTreeMap<Output, Box<str>>,
     /// Outputs with a reader.
     pub(in crate::engine) listened: BTreeSet<Output>,
+    /// This run of the program has seen the vehicle stand at a stop, or released it: only then it knows that
+    /// nothing is held where nothing is.
+    #[serde(default)]
+    pub(in crate::engine) knows_all: bool,
 }
 
 impl Countermeasures {
@@ -224,14 +240,16 @@ impl Countermeasures {
         &mut self,
         model: &Model,
         net: &Net,
-        stage: Stage,
+        (stage, motion): (Stage, Motion),
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
+        // A vehicle that still rolls has not arrived.
+        let rolls = motion.moving == Moving::Yes;
         if stage == Stage::Active {
             self.arrives = None;
-        } else if self.arrives.take_if(|at| *at <= now).is_some() {
-            self.held.retain(|held| held.by != RequestOrigin::Operator);
+        } else if !rolls {
+            self.arrives.take_if(|at| *at <= now);
         }
         for node in std::mem::take(&mut self.dirty) {
             for &index in &self.rules[&node] {
@@ -240,8 +258,8 @@ impl Countermeasures {
                 let by = RequestOrigin::Rule(index, node);
                 let known = self.held.iter().any(|held| held.by == by);
                 if fails && !known && rule.stages.contains(&stage) {
-                    let (request, causes) = (rule.request, Vec::new());
-                    self.held.push(HeldRequest { request, by, since: now, present: true, causes });
+                    let request = rule.request;
+                    self.held.push(HeldRequest::new(request, by, Since { at: now, before: Span::ZERO }));
                 }
             }
         }
@@ -267,7 +285,10 @@ impl Countermeasures {
         }
         if self.arrives.is_none() {
             let may_drive = matches!(stage, Stage::Cleared | Stage::Active);
-            self.held.retain(|held| held.present || may_drive && held.request.kind().moves());
+            self.held.retain(|held| match held.by {
+                RequestOrigin::Operator => may_drive || motion.may_move(),
+                _ => held.present || (may_drive || rolls) && held.request.kind().moves(),
+            });
         }
     }
 
@@ -277,44 +298,10 @@ impl Countermeasures {
     }
 
     /// Holds a stop that the operator requested, once.
-    pub(in crate::engine) fn request_stop(&mut self, now: Timestamp) {
-        if !self.is_requested() {
-            let (request, causes) = (Request::ManeuverStop, Vec::new());
-            self.held.push(HeldRequest {
-                request,
-                by: RequestOrigin::Operator,
-                since: now,
-                present: true,
-                causes,
-            });
+    pub(in crate::engine) fn request_stop(&mut self, since: Since) {
+        if !self.held.iter().any(|held| held.by == RequestOrigin::Operator) {
+            self.held.push(HeldRequest::new(Request::ManeuverStop, RequestOrigin::Operator, since));
         }
-    }
-
-    pub(in crate::engine) fn is_requested(&self) -> bool {
-        self.held.iter().any(|held| held.by == RequestOrigin::Operator)
-    }
-
-    /// Ends every request that moves the vehicle and has no cause any more, and the operator's stop.
-    pub(in crate::engine) fn release(&mut self) {
-        let stays = |held: &HeldRequest| {
-            !held.request.kind().moves() || held.present && held.by != RequestOrigin::Operator
-        };
-        self.held.retain(stays);
-    }
-
-    /// Nodes whose failure forbids a release, each once: the causes that are still there.
-    pub(in crate::engine) fn remaining_causes(&self) -> Vec<NodeId> {
-        let moving = self.held.iter().filter(|held| held.present && held.request.kind().moves());
-        let nodes = moving.flat_map(|held| {
-            let present = held.causes.iter().filter(|cause| cause.present).map(|cause| cause.node);
-            let about = match held.by {
-                RequestOrigin::Rule(_, node) if held.causes.iter().all(|cause| !cause.present) => Some(node),
-                RequestOrigin::Rule(..) | RequestOrigin::Past | RequestOrigin::Operator => None,
-            };
-            present.chain(about)
-        });
-        let mut seen = HashSet::new();
-        nodes.filter(|&node| seen.insert(node)).take(CAUSES_MAX).collect()
     }
 
     /// Whether a node causes a held request that the operator can acknowledge.
@@ -358,16 +345,18 @@ impl Countermeasures {
         let measure =
             |asked: &ActiveRequest| {
                 let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
-                let (request, by, since) = (asked.request, RequestOrigin::Past, asked.since);
-                let mut all = HeldRequest { request, by, since, present: false, causes: Vec::new() };
+                let since = Since { at: asked.since, before: self.earliest(asked.request.kind()).before };
+                let mut all = HeldRequest::new(asked.request, RequestOrigin::Past, since);
                 of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
                 all.cut(others);
                 let cause = |&RequestCause { node, acknowledged, present }: &RequestCause| {
                     CountermeasureCause { node, acknowledged, present }
                 };
                 Countermeasure {
-                    request,
-                    by_operator: of_kind().any(|held| held.by == RequestOrigin::Operator),
+                    request: asked.request,
+                    by_operator: of_kind()
+                        .find(|held| held.by == RequestOrigin::Operator)
+                        .map(HeldRequest::since),
                     causes: all.causes.iter().map(cause).collect(),
                     since,
                     state: asked.state,
@@ -382,7 +371,7 @@ impl Countermeasures {
     }
 
     /// Takes over a request from before a restart or a reload.
-    pub(in crate::engine) fn hold(&mut self, held: HeldRequest, others: NodeId) {
+    pub(in crate::engine) fn take_over(&mut self, held: HeldRequest, others: NodeId) {
         let same = |it: &&mut HeldRequest| {
             it.by == held.by && (held.by != RequestOrigin::Past || it.request == held.request)
         };

@@ -3,6 +3,7 @@
 pub(super) mod alarms;
 pub(super) mod confirmation;
 pub(super) mod held;
+pub(super) mod release;
 pub(super) mod sounds;
 pub(super) mod unheard_requests;
 pub(super) mod urgency;

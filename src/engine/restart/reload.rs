@@ -210,7 +210,7 @@ impl Engine {
                 }
             };
             let causes = held.causes.iter().filter(still).map(cause).collect();
-            self.countermeasures.hold(HeldRequest { by, causes, ..held.clone() }, self.net.nobody());
+            self.countermeasures.take_over(HeldRequest { by, causes, ..held.clone() }, self.net.nobody());
         }
     }
 

@@ -12,9 +12,10 @@ use crate::engine::model::wording::Urgency;
 use crate::engine::model::{Model, NodeId, Stage, StageModel};
 use crate::engine::module::system::SystemCheck;
 use crate::engine::react::held::{HeldRequest, RequestCause, RequestOrigin};
+use crate::engine::signals::driving_word::ARRIVAL;
 use crate::engine::snapshot::{Alarm, Localization, MapPose, Snapshot};
 use crate::engine::stage::machine::Event;
-use crate::engine::time::{Span, Timestamp};
+use crate::engine::time::{Since, Span, Timestamp};
 use crate::engine::timers::TimerKey;
 
 /// The state that outlives the program: everything that an operator decided or has to decide. The states of the
@@ -67,7 +68,10 @@ pub struct RestoredAlarm {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RestoredCountermeasure {
     pub request: Request,
-    pub by_operator: bool,
+    /// How long it has been made.
+    pub age: Span,
+    /// How long the operator has requested it too.
+    pub by_operator: Option<Span>,
     /// Causes, and whether each is acknowledged.
     pub causes: Vec<(Box<str>, bool)>,
 }
@@ -100,7 +104,8 @@ impl Snapshot {
                 .iter()
                 .map(|it| RestoredCountermeasure {
                     request: it.request,
-                    by_operator: it.by_operator,
+                    age: it.since.age(self.now),
+                    by_operator: it.by_operator.map(|since| since.age(self.now)),
                     causes: it.causes.iter().map(|cause| (name(cause.node), cause.acknowledged)).collect(),
                 })
                 .collect(),
@@ -216,25 +221,27 @@ impl Engine {
             }
         }
         for measure in &restored.countermeasures {
-            if measure.by_operator && self.vehicle.stage == Stage::Active {
-                self.countermeasures.request_stop(self.now);
+            if let Some(age) = measure.by_operator {
+                self.countermeasures.request_stop(Since::of_age(age, self.now));
+                // The vehicle may have set off meanwhile.
+                if self.vehicle.stage != Stage::Active {
+                    self.countermeasures.arrive(self.now + ARRIVAL);
+                }
             }
             // A cause that no longer exists can never be found to be over: it must be acknowledged again.
             let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
                 Some(node) => RequestCause { node, acknowledged: *acknowledged, present: true },
                 None => RequestCause { node: self.stand_in(name, None), acknowledged: false, present: true },
             };
-            let (request, since) = (measure.request, self.now);
             let mut causes: Vec<RequestCause> = measure.causes.iter().map(cause).collect();
             let others = self.net.nobody();
-            if causes.is_empty() && !measure.by_operator {
+            if causes.is_empty() && measure.by_operator.is_none() {
                 causes.push(RequestCause { node: others, acknowledged: false, present: true });
             }
             if !causes.is_empty() {
-                self.countermeasures.hold(
-                    HeldRequest { request, by: RequestOrigin::Past, since, present: true, causes },
-                    others,
-                );
+                let since = Since::of_age(measure.age, self.now);
+                let held = HeldRequest::new(measure.request, RequestOrigin::Past, since);
+                self.countermeasures.take_over(HeldRequest { causes, ..held }, others);
             }
         }
         self.stage_changed();

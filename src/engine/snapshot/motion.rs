@@ -14,6 +14,17 @@ pub struct Motion {
     pub destination: Option<usize>,
 }
 
+impl Motion {
+    /// Whether the vehicle moves, or may: nothing says that it stands although something should.
+    pub fn may_move(self) -> bool {
+        match self.moving {
+            Moving::Yes => true,
+            Moving::No => false,
+            Moving::Unknown => self.has_source,
+        }
+    }
+}
+
 /// Whether the vehicle moves. Nothing is concluded from what was not heard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

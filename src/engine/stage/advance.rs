@@ -12,7 +12,7 @@ use crate::engine::model::wording::Urgency;
 use crate::engine::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
 use crate::engine::module::system::SystemCheck;
 use crate::engine::signals::driving_word::ARRIVAL;
-use crate::engine::snapshot::{Asked, Countermeasure, Localization, Unreached};
+use crate::engine::snapshot::{Asked, Countermeasure, Localization, Moving, Unreached};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::engine::text::say;
@@ -39,6 +39,7 @@ pub(in crate::engine) struct VehicleView {
     pub(in crate::engine) countermeasures: Arc<[Countermeasure]>,
     pub(in crate::engine) localization: Localization,
     pub(in crate::engine) clearance: bool,
+    pub(in crate::engine) hold: Option<bool>,
     pub(in crate::engine) clearance_refusals: Arc<[Refusal]>,
     pub(in crate::engine) release_refusals: Arc<[Refusal]>,
     pub(in crate::engine) unreached: Arc<[(Output, Unreached)]>,
@@ -110,6 +111,10 @@ impl Engine {
     /// states in turn.
     pub(in crate::engine) fn follow_vehicle(&mut self) -> bool {
         self.follow_localization();
+        if !self.countermeasures.knows_all && self.stands_at_a_stop() {
+            self.countermeasures.knows_all = true;
+            self.vehicle_changed = true;
+        }
         if !self.countermeasures.is_idle() {
             self.vehicle_changed = true;
             self.follow_measures();
@@ -129,6 +134,15 @@ impl Engine {
             self.report_on_vehicle();
         }
         !self.net.is_settled()
+    }
+
+    /// Whether the vehicle is known not to be on a drive. What was asked of it before ends here, or is asked again.
+    fn stands_at_a_stop(&self) -> bool {
+        let drives = self.active_signal.is_some_and(|index| self.signals.value(index) != Some(false));
+        self.vehicle.model == StageModel::Shuttle
+            && self.vehicle.stage != Stage::Active
+            && !drives
+            && self.motion.shown().moving != Moving::Yes
     }
 
     fn follow_localization(&mut self) {
@@ -211,6 +225,7 @@ impl Engine {
             countermeasures: self.countermeasures.list(self.net.nobody()),
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,
+            hold: self.countermeasures.hold(),
             clearance_refusals: self.clearance_refusals().into(),
             release_refusals: self.release_refusals().into(),
             unreached: self.unreached().into(),
@@ -226,6 +241,7 @@ fn unsent(all: &[&OutputReport]) -> Option<String> {
         Output::Pose => "the operator's pose",
         Output::Deceleration => "decelerations",
         Output::ManeuverStop => "stops",
+        Output::Hold => "whether the vehicle is held",
     };
     let words = |news: &&OutputReport| {
         let error = news.error.as_deref().unwrap_or_default();

@@ -12,6 +12,7 @@ use crate::engine::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
 use crate::engine::react::held::Acknowledged;
 use crate::engine::snapshot::{MapPose, Unreached};
 use crate::engine::state::State;
+use crate::engine::time::{Since, Span};
 
 /// A pose farther than this from every stop is surely a typing error.
 const FROM_STOP_MAX_M: f64 = 200.0;
@@ -53,7 +54,9 @@ impl Engine {
                 self.step(Event::Withdrawn);
             }
             OperatorAction::Release { .. } => self.countermeasures.release(),
-            OperatorAction::RequestStop => self.countermeasures.request_stop(self.now),
+            OperatorAction::RequestStop => {
+                self.countermeasures.request_stop(Since { at: self.now, before: Span::ZERO });
+            }
             OperatorAction::Acknowledge { alarm } => self.acknowledge(alarm),
             OperatorAction::Reset { module } => {
                 let id = self.resettable(module).map_err(|reason| vec![reason])?;
@@ -81,7 +84,8 @@ impl Engine {
             }
             OperatorAction::RequestStop => {
                 self.need_operator()?;
-                if !matches!(self.vehicle.stage, Stage::Cleared | Stage::Active) {
+                let may_drive = matches!(self.vehicle.stage, Stage::Cleared | Stage::Active);
+                if !may_drive && !self.motion.shown().may_move() {
                     return Err(vec![Refusal::NotDriving]);
                 }
                 // Without a reader the request is still made: it is sent as soon as there is one.
@@ -334,7 +338,8 @@ impl Engine {
         let (net, views) = (&self.net, &self.views);
         let masked_by = |node| views.masked_by(node);
         let causes = |node| responsible::roots(net, &masked_by, node);
-        self.countermeasures.follow(&self.model, net, self.vehicle.stage, self.now, causes);
+        let drive = (self.vehicle.stage, self.motion.shown());
+        self.countermeasures.follow(&self.model, net, drive, self.now, causes);
     }
 }
 

@@ -125,6 +125,7 @@ impl Views {
             localization: self.vehicle.localization,
             motion: self.motion,
             clearance: self.vehicle.clearance,
+            hold: self.vehicle.hold,
             clearance_refusals: self.vehicle.clearance_refusals.clone(),
             release_refusals: self.vehicle.release_refusals.clone(),
             unreached: self.vehicle.unreached.clone(),

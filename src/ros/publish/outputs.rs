@@ -33,7 +33,7 @@ use crate::ros::options::interfaces;
 use crate::ros::options::interfaces::AddressWatch;
 use crate::ros::outbox::stopped;
 use crate::ros::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
-use levels::{Levels, VehicleMessage};
+pub(crate) use levels::{Levels, VehicleMessage};
 use send_failures::{tell, tell_all};
 
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
@@ -53,7 +53,9 @@ const fn offer(publication: Publication) -> (&'static str, Quality) {
         Publication::Vehicle(Output::Pose) => (encode::POSE_WITH_COVARIANCE_STAMPED, Quality::Reliable),
         Publication::Vehicle(Output::Deceleration) => (encode::ACCEL_STAMPED, Quality::Reliable),
         Publication::Vehicle(Output::Stage) => (encode::STRING, Quality::LastValue),
-        Publication::Vehicle(Output::Clearance | Output::ManeuverStop) => (BOOL, Quality::LastValue),
+        Publication::Vehicle(Output::Clearance | Output::ManeuverStop | Output::Hold) => {
+            (BOOL, Quality::LastValue)
+        }
     }
 }
 
@@ -350,7 +352,9 @@ fn body(say: VehicleMessage, stamp: std::time::SystemTime) -> Vec<u8> {
             let backwards = Motion { linear: [-mps2, 0.0, 0.0], ..Motion::default() };
             encode::accel_stamped(header("base_link"), backwards)
         }
-        VehicleMessage::ManeuverStop(on) | VehicleMessage::Clearance(on) => encode::boolean(on),
+        VehicleMessage::ManeuverStop(on) | VehicleMessage::Hold(on) | VehicleMessage::Clearance(on) => {
+            encode::boolean(on)
+        }
         VehicleMessage::Stage(stage) => encode::string(stage.as_str()),
         VehicleMessage::Pose(_, pose) => {
             encode::pose_with_covariance_stamped(header("map"), pose_of(pose), &covariance())

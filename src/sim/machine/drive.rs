@@ -1,5 +1,6 @@
 //! The journey of a machine: stand at a stop, drive to the next one, and again.
 
+use super::Order;
 use super::obedience::Obedience;
 use super::route::{Pose2d, Route};
 
@@ -85,29 +86,36 @@ impl Drive {
         }
     }
 
-    /// One clearance is good for one journey: only a new one counts.
-    pub fn clear(&mut self, cleared: bool) {
-        self.fresh = cleared && (self.fresh || !self.cleared);
-        self.cleared = cleared;
+    /// Takes an order. One clearance is good for one journey: only a new one counts.
+    pub fn obey(&mut self, order: Order) {
+        match order {
+            Order::Clear(cleared) => {
+                self.fresh = cleared && (self.fresh || !self.cleared);
+                self.cleared = cleared;
+            }
+            Order::Decelerate(mps2) => self.obedience.decelerate(mps2),
+            Order::Stop(asked) => self.obedience.maneuver_stop(asked),
+            Order::Hold(held) => self.obedience.hold(held),
+            Order::Localize(_) => {}
+        }
     }
 
     /// `located`: the shuttle knows its position; otherwise the mission names no goal. `has_plan`: there is
     /// a fresh trajectory; without one the shuttle brakes and waits.
     pub fn step(&mut self, step_ms: u64, located: bool, has_plan: bool) {
         let braking_mps2 = self.obedience.step(step_ms);
+        let may_leave = !self.obedience.holds() && (self.departure == Departure::Alone || self.fresh);
         match self.phase {
             Phase::Boarding { elapsed_ms, total_ms } if elapsed_ms < total_ms => {
                 let elapsed_ms = elapsed_ms + if located { step_ms } else { 0 };
                 self.phase = Phase::Boarding { elapsed_ms, total_ms };
             }
             Phase::Boarding { .. } => self.phase = Phase::Waiting,
-            Phase::Waiting if self.departure == Departure::Alone || self.fresh => {
+            Phase::Waiting if may_leave => {
                 self.phase = Phase::Departing { elapsed_ms: 0 };
             }
             Phase::Waiting => {}
-            Phase::Departing { .. } if self.departure == Departure::Cleared && !self.fresh => {
-                self.phase = Phase::Waiting;
-            }
+            Phase::Departing { .. } if !may_leave => self.phase = Phase::Waiting,
             Phase::Departing { elapsed_ms } if elapsed_ms < PLANNER_LEAD_MS => {
                 self.phase = Phase::Departing { elapsed_ms: elapsed_ms + step_ms };
             }

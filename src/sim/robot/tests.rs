@@ -76,3 +76,24 @@ fn faults_are_faults_of_the_data_and_end() {
     }
     assert!(Fault::ALL.into_iter().all(|fault| Fault::from_word(fault.info().name) == Some(fault)));
 }
+
+#[test]
+fn what_is_asked_of_it_holds_it_until_it_is_released() {
+    let fastest_mps = |messages: &[Message]| {
+        let speeds = messages.iter().filter_map(|message| match message {
+            Message::Odometry { speed_mps, .. } => Some(*speed_mps),
+            _ => None,
+        });
+        speeds.fold(0.0, f64::max)
+    };
+    for order in [Order::Decelerate(1.0), Order::Stop(true), Order::Hold(true)] {
+        let mut robot = Robot::new(1, Timestamp::ZERO);
+        assert!(fastest_mps(&heard(&mut robot, 0, 25_000)) > 1.0);
+        robot.obey(order);
+        robot.obey(Order::Stop(false));
+        heard(&mut robot, 25_000, 30_000);
+        assert_eq!(fastest_mps(&heard(&mut robot, 30_000, 90_000)), 0.0, "{order:?}");
+        robot.obey(Order::Hold(false));
+        assert!(fastest_mps(&heard(&mut robot, 90_000, 95_000)) > 1.0, "{order:?}");
+    }
+}

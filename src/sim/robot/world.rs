@@ -2,6 +2,7 @@
 
 use super::{Fault, Lidar, Message};
 use crate::engine::time::Span;
+use crate::sim::machine::Order;
 use crate::sim::machine::clockwork::STEP_MS;
 use crate::sim::machine::drive::{Departure, Drive, Pace};
 use crate::sim::machine::feed::{Feed, Noise};
@@ -65,6 +66,10 @@ impl World {
 
     pub fn set_fault(&mut self, fault: Fault, on: bool) {
         self.faults[fault as usize] = on;
+    }
+
+    pub fn obey(&mut self, order: Order) {
+        self.drive.obey(order);
     }
 
     pub fn has(&self, fault: Fault) -> bool {

@@ -215,7 +215,7 @@ fn a_clearance_that_is_taken_back_before_it_leaves_is_none() {
 }
 
 #[test]
-fn it_decelerates_as_it_is_asked_to_until_it_stands_and_goes_on_when_nobody_asks() {
+fn it_decelerates_as_it_is_asked_to_and_stands_until_it_is_released() {
     for (asked_mps2, expected_mps2) in [(0.5, 0.5), (1.0, 1.0), (2.5, 2.5), (f64::INFINITY, 6.0)] {
         let mut watched = Watched::driving();
         let from_mps = watched.speed_mps();
@@ -229,17 +229,45 @@ fn it_decelerates_as_it_is_asked_to_until_it_stands_and_goes_on_when_nobody_asks
         assert_eq!((watched.speed_mps(), watched.active()), (0.0, Some(true)));
         let confirmed_ms = watched.all(decelerates).iter().find(|(_, on)| *on).expect("it confirms").0;
         assert!(confirmed_ms - begin_ms <= 10);
-        watched.giving(5_000, Some(Order::Decelerate(asked_mps2)));
-        assert_eq!(watched.speed_mps(), 0.0, "it stands as long as it is asked to");
-
-        let free_ms = watched.now_ms;
-        watched.pass(1_000);
-        assert_eq!((watched.last(decelerates), watched.speed_mps()), (Some(false), 0.0));
+        watched.pass(60_000);
+        assert_eq!(
+            (watched.last(decelerates), watched.speed_mps()),
+            (Some(true), 0.0),
+            "silence ends nothing"
+        );
+        watched.shuttle.obey(Order::Hold(false));
         watched.pass(3_000);
-        let moves_ms =
-            watched.all(speed).iter().find(|(at_ms, mps)| *at_ms > free_ms && *mps > 0.0).unwrap().0;
-        assert!((1_000..1_500).contains(&(moves_ms - free_ms)), "{}", moves_ms - free_ms);
+        assert_eq!(watched.last(decelerates), Some(false));
+        assert!(watched.speed_mps() > 2.0);
     }
+}
+
+#[test]
+fn whatever_was_asked_once_brakes_it_to_a_halt_and_holds_it() {
+    let orders = [Order::Decelerate(1.0), Order::Stop(true), Order::Hold(true)];
+    for order in orders {
+        let mut watched = Watched::driving();
+        watched.shuttle.obey(order);
+        // Only the end of the request, not a release.
+        watched.shuttle.obey(Order::Stop(false));
+        watched.pass(15_000);
+        let begin_ms = watched.now_ms;
+        watched.pass(60_000);
+        let moved = watched.all(speed).iter().any(|(at_ms, mps)| *at_ms > begin_ms && *mps > 0.0);
+        assert!(!moved, "{order:?}");
+        watched.shuttle.obey(Order::Hold(false));
+        watched.pass(5_000);
+        assert!(watched.speed_mps() > 2.0, "{order:?}");
+    }
+    // At a stop it does not set off.
+    let mut watched = Watched::new(Departure::Alone);
+    watched.shuttle.obey(Order::Stop(true));
+    watched.shuttle.obey(Order::Stop(false));
+    watched.pass(60_000);
+    assert_eq!(watched.active(), Some(false));
+    watched.shuttle.obey(Order::Hold(false));
+    watched.pass(5_000);
+    assert_eq!(watched.active(), Some(true));
 }
 
 #[test]
@@ -257,7 +285,7 @@ fn what_is_no_deceleration_asks_for_nothing() {
 }
 
 #[test]
-fn a_safe_stop_is_comfortable_and_lasts_as_long_as_it_is_asked_for() {
+fn a_safe_stop_is_comfortable_and_lasts_until_the_release() {
     let mut watched = Watched::driving();
     watched.shuttle.obey(Order::Stop(true));
     watched.pass(15_000);
@@ -269,6 +297,9 @@ fn a_safe_stop_is_comfortable_and_lasts_as_long_as_it_is_asked_for() {
     }
     let first_mps2 = (speeds[0].1 - speeds[10].1) / 0.2;
     assert!(first_mps2 < 0.5, "it begins gently: {first_mps2} m/s²");
+    watched.shuttle.obey(Order::Hold(false));
+    watched.pass(5_000);
+    assert_eq!(watched.speed_mps(), 0.0, "the request itself has not ended");
     watched.shuttle.obey(Order::Stop(false));
     watched.pass(5_000);
     assert!(watched.speed_mps() > 2.0);

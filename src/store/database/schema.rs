@@ -146,6 +146,14 @@ const MIGRATIONS: &[&str] = &[
         urgency TEXT NOT NULL
     ) STRICT;
 ",
+    // Since when a countermeasure is held, and since when the operator asks for it too.
+    "
+    CREATE TABLE IF NOT EXISTS countermeasure_times (
+        countermeasure INTEGER PRIMARY KEY REFERENCES countermeasures(number) ON DELETE CASCADE,
+        since_ms INTEGER NOT NULL,
+        stopped_ms INTEGER
+    ) STRICT;
+",
 ];
 
 /// Schemas from this one on have everything that a server without write access needs.

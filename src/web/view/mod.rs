@@ -23,7 +23,7 @@ use crate::clock::wall_at;
 use crate::engine::input::Refusal;
 use crate::engine::model::Stage;
 use crate::engine::snapshot::{Moving, Snapshot};
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Since, Span, Timestamp};
 use crate::runtime::Published;
 use bars::{action_bar, motion, top_bar};
 use board::{Board, tile, tile_detail};
@@ -119,7 +119,13 @@ impl<'a> View<'a> {
     /// The wall clock's time of `then`, rounded to a second. The page counts on from there. A finer time
     /// would differ a little with each snapshot, and unchanged elements would be sent again.
     pub(super) fn wall(&self, then: Timestamp) -> String {
-        let exact = wall_at(self.at, self.snapshot.now, then);
+        self.wall_since(Since { at: then, before: Span::ZERO })
+    }
+
+    /// The same for what may come from an earlier run of the program.
+    pub(super) fn wall_since(&self, since: Since) -> String {
+        let exact = wall_at(self.at, self.snapshot.now, since.at);
+        let exact = exact.checked_sub(Duration::from_nanos(since.before.as_nanos())).unwrap_or(exact);
         let rounded = exact.checked_add(Duration::from_millis(500)).unwrap_or(exact);
         humantime::format_rfc3339_seconds(rounded).to_string()
     }

@@ -44,6 +44,7 @@ pub fn permitted(published: &Published) -> Published {
         localization: Localization::default(),
         motion: snapshot.motion,
         clearance: snapshot.clearance,
+        hold: snapshot.hold,
         clearance_refusals: Arc::new([]),
         release_refusals: Arc::new([]),
         unreached: Arc::new([]),

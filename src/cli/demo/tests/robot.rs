@@ -127,6 +127,7 @@ fn nothing_that_the_robot_reads_commands_it() {
         clearance: None,
         deceleration_request: None,
         maneuver_stop_request: None,
+        hold: None,
     };
     assert_eq!(loaded.publishing, only);
     // Everything that the configuration reads is published by the simulation, with the type that it names.

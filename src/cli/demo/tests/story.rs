@@ -13,24 +13,31 @@ use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Place, Response};
 use crate::engine::model::monitors::{ProbeTarget, TopicSpec, WatchdogSpec};
 use crate::engine::model::sample::{Pose, Probe, PublisherReport, Sample};
-use crate::engine::model::{Limits, Stage};
+use crate::engine::model::{Limits, Model, Stage};
+use crate::engine::restart::resume::Restored;
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::cdr::Endian;
 use crate::msg::fields::{BooleanReader, Definitions, Reader};
 use crate::msg::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
 use crate::ros::DIAGNOSTICS;
 use crate::ros::Nodes;
-use crate::sim::machine::Departure;
-use crate::sim::shuttle::{Fault, Message, Order, Sent, Shuttle};
+use crate::ros::publish::outputs::{Levels, VehicleMessage};
+use crate::sim::machine::{Departure, Order};
+use crate::sim::shuttle::{Fault, Message, Sent, Shuttle};
 
-const REPEAT_MS: u64 = 50;
+const REPEAT: Span = Span::from_millis(50);
 
 pub struct Story {
     shuttle: Shuttle,
+    model: Arc<Model>,
     engine: Engine,
     ears: Ears,
+    /// What Telltale has told the shuttle.
+    levels: Levels,
+    /// Telltale does nothing.
+    pub gone: bool,
     wire: ShuttleWire,
     pub now_ms: u64,
     /// Every root cause that was shown.
@@ -42,8 +49,6 @@ pub struct Story {
     silenced: Option<&'static str>,
     heard_mps: f64,
     true_mps: f64,
-    pose: u64,
-    clearance: bool,
     /// In each period, messages wait for so long and then come all at once: milliseconds.
     pub stalls_ms: Option<(u64, u64)>,
     waiting: Vec<Sent>,
@@ -56,12 +61,16 @@ impl Story {
     }
 
     fn of(loaded: &Loaded) -> Story {
-        let (engine, ears) = listening(loaded);
+        let (mut engine, ears) = listening(loaded);
+        let levels = Levels::new(REPEAT, &engine.snapshot());
         let stops = &loaded.model.driving.stops;
         let mut story = Story {
             shuttle: Shuttle::new(1, Timestamp::ZERO, stops, Departure::Cleared),
+            model: loaded.model.clone(),
             engine,
             ears,
+            levels,
+            gone: false,
             wire: ShuttleWire::of(&loaded.model),
             now_ms: 0,
             roots: BTreeSet::new(),
@@ -70,8 +79,6 @@ impl Story {
             silenced: None,
             heard_mps: 0.0,
             true_mps: 0.0,
-            pose: 0,
-            clearance: false,
             stalls_ms: None,
             waiting: Vec::new(),
         };
@@ -170,6 +177,10 @@ impl Story {
             self.now_ms += 10;
             let now = Timestamp::from_millis(self.now_ms);
             let sent = self.shuttle.advance(now);
+            sent.iter().for_each(|sent| self.watch(&sent.message));
+            if self.gone {
+                continue;
+            }
             self.waiting.extend(sent);
             if self.stalls_ms.is_none_or(|(period_ms, stall_ms)| self.now_ms % period_ms >= stall_ms) {
                 for sent in std::mem::take(&mut self.waiting) {
@@ -181,7 +192,7 @@ impl Story {
             }
             self.engine.handle(&Input::Tick, now);
             let snapshot = self.engine.snapshot();
-            self.speak(&snapshot);
+            self.speak(&snapshot, now);
             self.note(&snapshot);
             if holds(&snapshot) {
                 return Some(self.now_ms - start_ms);
@@ -190,12 +201,26 @@ impl Story {
         None
     }
 
-    fn hear(&mut self, Sent { at, message }: &Sent, now: Timestamp) {
+    /// Another process, which knows what the one before stored, takes its place.
+    pub fn restart(&mut self, memory: &Restored) {
+        let now = Timestamp::from_millis(self.now_ms);
+        self.engine = Engine::resume(self.model.clone(), memory, now);
+        know_publishers(&mut self.engine, &self.model, now);
+        self.levels = Levels::new(REPEAT, &self.engine.snapshot());
+        self.gone = false;
+    }
+
+    fn watch(&mut self, message: &Message) {
         match message {
-            Message::WheelSpeed { mps } => self.heard_mps = *mps,
             Message::SpeedCommand(mps) => self.true_mps = *mps,
             Message::Active(false) => self.true_mps = 0.0,
             _ => {}
+        }
+    }
+
+    fn hear(&mut self, Sent { at, message }: &Sent, now: Timestamp) {
+        if let Message::WheelSpeed { mps } = message {
+            self.heard_mps = *mps;
         }
         let (topic, body) = self.wire.encode(message, wall(*at));
         if self.silenced == Some(topic) {
@@ -206,21 +231,24 @@ impl Story {
         }
     }
 
-    fn speak(&mut self, snapshot: &Snapshot) {
-        if let Some(pose) = snapshot.localization.pose.filter(|_| snapshot.localization.number > self.pose) {
-            self.pose = snapshot.localization.number;
-            let (qz, qw) = (pose.yaw_deg.to_radians() / 2.0).sin_cos();
-            let pose = Pose { x_m: pose.x_m, y_m: pose.y_m, qz, qw, ..Pose::default() };
-            self.shuttle.obey(Order::Localize(pose));
+    /// The shuttle hears at once what is published.
+    fn speak(&mut self, snapshot: &Snapshot, now: Timestamp) {
+        self.levels.repeat_at(snapshot);
+        for said in self.levels.due(snapshot, now) {
+            self.levels.said(said, now);
+            let order = match said {
+                VehicleMessage::Deceleration(mps2) => Order::Decelerate(mps2),
+                VehicleMessage::ManeuverStop(on) => Order::Stop(on),
+                VehicleMessage::Hold(on) => Order::Hold(on),
+                VehicleMessage::Clearance(on) => Order::Clear(on),
+                VehicleMessage::Stage(_) => continue,
+                VehicleMessage::Pose(_, pose) => {
+                    let (qz, qw) = (pose.yaw_deg.to_radians() / 2.0).sin_cos();
+                    Order::Localize(Pose { x_m: pose.x_m, y_m: pose.y_m, qz, qw, ..Pose::default() })
+                }
+            };
+            self.shuttle.obey(order);
         }
-        if snapshot.clearance != self.clearance {
-            self.clearance = snapshot.clearance;
-            self.shuttle.obey(Order::Clear(snapshot.clearance));
-        }
-        if let Some(mps2) = snapshot.deceleration().filter(|_| self.now_ms.is_multiple_of(REPEAT_MS)) {
-            self.shuttle.obey(Order::Decelerate(mps2));
-        }
-        self.shuttle.obey(Order::Stop(snapshot.maneuver_stop()));
     }
 
     fn note(&mut self, snapshot: &Snapshot) {
@@ -247,11 +275,15 @@ pub fn wall(at: Timestamp) -> SystemTime {
 /// An engine that knows of a publisher of each topic, and its ears.
 pub fn listening(loaded: &Loaded) -> (Engine, Ears) {
     let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
-    for source in loaded.model.watched.topics.iter().cloned() {
-        let news = PublisherReport { source, publishers: 1, other_type: None };
-        engine.handle(&Input::Topic(news), Timestamp::ZERO);
-    }
+    know_publishers(&mut engine, &loaded.model, Timestamp::ZERO);
     (engine, Ears::of(loaded))
+}
+
+fn know_publishers(engine: &mut Engine, model: &Model, now: Timestamp) {
+    for source in model.watched.topics.iter().cloned() {
+        let news = PublisherReport { source, publishers: 1, other_type: None };
+        engine.handle(&Input::Topic(news), now);
+    }
 }
 
 /// The bridge's part: what is read of each topic.

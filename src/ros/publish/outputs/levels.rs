@@ -7,6 +7,8 @@ use crate::engine::time::{Span, Timestamp};
 
 /// A request to stop is repeated this often while it is in force.
 const STOP_EVERY: Span = Span::from_secs(1);
+/// Whether the vehicle is held is repeated this often.
+const HOLD_EVERY: Span = Span::from_secs(1);
 
 /// One message for the vehicle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,6 +16,7 @@ pub enum VehicleMessage {
     /// In m/s².
     Deceleration(f64),
     ManeuverStop(bool),
+    Hold(bool),
     Clearance(bool),
     Stage(Stage),
     /// The operator's pose of this number.
@@ -25,6 +28,7 @@ impl VehicleMessage {
         match self {
             VehicleMessage::Deceleration(_) => Output::Deceleration,
             VehicleMessage::ManeuverStop(_) => Output::ManeuverStop,
+            VehicleMessage::Hold(_) => Output::Hold,
             VehicleMessage::Clearance(_) => Output::Clearance,
             VehicleMessage::Stage(_) => Output::Stage,
             VehicleMessage::Pose(..) => Output::Pose,
@@ -40,6 +44,7 @@ pub struct Levels {
     deceleration: Option<(f64, Timestamp)>,
     /// A late reader that asks for no last value hears a stop only when it is repeated.
     maneuver_stop: Option<(bool, Timestamp)>,
+    hold: Option<(bool, Timestamp)>,
     clearance: Option<bool>,
     stage: Option<Stage>,
     pose: u64,
@@ -52,6 +57,7 @@ impl Levels {
             every,
             deceleration: None,
             maneuver_stop: None,
+            hold: None,
             clearance: None,
             stage: None,
             pose: before.localization.number,
@@ -66,6 +72,7 @@ impl Levels {
             pose: self.pose,
             deceleration: None,
             maneuver_stop: None,
+            hold: None,
             clearance: None,
             stage: None,
         };
@@ -81,9 +88,15 @@ impl Levels {
         }
         let maneuver_stop = snapshot.maneuver_stop();
         let stops_again = |at: Timestamp| maneuver_stop && now >= at + STOP_EVERY;
-        if self.maneuver_stop.is_none_or(|(said, at)| said != maneuver_stop || stops_again(at)) {
-            due.push(VehicleMessage::ManeuverStop(maneuver_stop));
-        }
+        let is_stop_due =
+            self.maneuver_stop.is_none_or(|(said, at)| said != maneuver_stop || stops_again(at));
+        let hold = snapshot
+            .hold
+            .filter(|&hold| self.hold.is_none_or(|(said, at)| said != hold || now >= at + HOLD_EVERY));
+        // A release comes last, behind the end of what it releases.
+        due.extend(hold.filter(|&hold| hold).map(VehicleMessage::Hold));
+        due.extend(is_stop_due.then_some(VehicleMessage::ManeuverStop(maneuver_stop)));
+        due.extend(hold.filter(|&hold| !hold).map(VehicleMessage::Hold));
         if self.clearance != Some(snapshot.clearance) {
             due.push(VehicleMessage::Clearance(snapshot.clearance));
         }
@@ -101,13 +114,14 @@ impl Levels {
         match say {
             VehicleMessage::Deceleration(mps2) => self.deceleration = Some((mps2, now)),
             VehicleMessage::ManeuverStop(on) => self.maneuver_stop = Some((on, now)),
+            VehicleMessage::Hold(on) => self.hold = Some((on, now)),
             VehicleMessage::Clearance(on) => self.clearance = Some(on),
             VehicleMessage::Stage(stage) => self.stage = Some(stage),
             VehicleMessage::Pose(number, _) => self.pose = number,
         }
     }
 
-    /// When a request is to be repeated. An ended request is forgotten, so that the next one starts at
+    /// When a level is to be repeated. An ended request is forgotten, so that the next one starts at
     /// once.
     pub fn repeat_at(&mut self, snapshot: &Snapshot) -> Option<Timestamp> {
         if snapshot.deceleration().is_none() {
@@ -115,7 +129,8 @@ impl Levels {
         }
         let stop = self.maneuver_stop.filter(|(on, _)| *on).map(|(_, at)| at + STOP_EVERY);
         let deceleration = self.deceleration.map(|(_, at)| at + self.every);
-        stop.into_iter().chain(deceleration).min()
+        let hold = self.hold.filter(|_| snapshot.hold.is_some()).map(|(_, at)| at + HOLD_EVERY);
+        [stop, deceleration, hold].into_iter().flatten().min()
     }
 
     /// The vehicle was told that it may start.
@@ -133,27 +148,29 @@ mod tests {
     use crate::engine::model::countermeasure::Request;
     use crate::engine::model::{Model, Parts, StageModel};
     use crate::engine::snapshot::{Countermeasure, CountermeasureState};
+    use crate::engine::time::Since;
 
     fn at(ms: u64) -> Timestamp {
         Timestamp::from_millis(ms)
     }
 
+    /// Nothing is asked, and nobody says whether anything was before.
     fn calm() -> Snapshot {
         let parts = Parts::empty("v", StageModel::Shuttle);
         let model = Arc::new(Model::new(parts).expect("nothing depends on anything"));
-        (*Engine::new(model, Timestamp::ZERO).snapshot()).clone()
+        Snapshot { hold: None, ..(*Engine::new(model, Timestamp::ZERO).snapshot()).clone() }
     }
 
     fn asking(requests: &[Request]) -> Snapshot {
         let measure = |&request: &Request| Countermeasure {
             request,
-            by_operator: false,
+            by_operator: None,
             causes: Arc::from([]),
-            since: Timestamp::ZERO,
+            since: Since { at: Timestamp::ZERO, before: Span::ZERO },
             state: CountermeasureState::Requested,
             latched: false,
         };
-        Snapshot { countermeasures: requests.iter().map(measure).collect(), ..calm() }
+        Snapshot { countermeasures: requests.iter().map(measure).collect(), hold: None, ..calm() }
     }
 
     /// Sends all that is due, and returns it.
@@ -223,6 +240,21 @@ mod tests {
         assert_eq!(say(&mut levels, &asked, 1010), [VehicleMessage::ManeuverStop(true)]);
         assert_eq!(say(&mut levels, &calm(), 1500), [VehicleMessage::ManeuverStop(false)]);
         assert_eq!(levels.repeat_at(&calm()), None);
+    }
+
+    #[test]
+    fn a_hold_is_repeated_and_its_end_comes_behind_what_it_ends() {
+        let held = |hold: bool, requests: &[Request]| Snapshot { hold: Some(hold), ..asking(requests) };
+        let (asked, released) = (held(true, &[Request::ManeuverStop]), held(false, &[]));
+        let mut levels = Levels::new(Span::from_millis(50), &calm());
+        say(&mut levels, &calm(), 0);
+        let both = [VehicleMessage::Hold(true), VehicleMessage::ManeuverStop(true)];
+        assert_eq!(say(&mut levels, &asked, 10), both);
+        assert_eq!((say(&mut levels, &asked, 1009), say(&mut levels, &asked, 1010)), (vec![], both.to_vec()));
+        let end = [VehicleMessage::ManeuverStop(false), VehicleMessage::Hold(false)];
+        assert_eq!(say(&mut levels, &released, 1500), end);
+        assert_eq!(levels.repeat_at(&released), Some(at(2500)));
+        assert_eq!(say(&mut levels, &released, 2500), [VehicleMessage::Hold(false)]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Serialize;
@@ -12,7 +12,7 @@ use crate::clock::wall_at;
 use crate::engine::input::TroubleKind;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::{self, Reason, Snapshot};
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Since, Timestamp};
 use crate::record::reason::Why;
 use crate::web::api::words;
 
@@ -346,8 +346,8 @@ impl<'a> Context<'a> {
             mps2: it.request.mps2(),
             cause: it.causes.first().map_or("operator", |cause| self.name(cause.node)),
             state: it.state.as_str(),
-            by_operator: it.by_operator,
-            since: self.wall(it.since),
+            by_operator: it.by_operator.is_some(),
+            since: self.since(it.since),
             causes: it.causes.iter().map(|cause| self.name(cause.node)).collect(),
             held: it.latched,
         };
@@ -389,6 +389,11 @@ impl<'a> Context<'a> {
 
     fn wall(&self, then: Timestamp) -> Wall {
         Wall(wall_at(self.at, self.snapshot.now, then))
+    }
+
+    fn since(&self, since: Since) -> Wall {
+        let Wall(at) = self.wall(since.at);
+        Wall(at.checked_sub(Duration::from_nanos(since.before.as_nanos())).unwrap_or(at))
     }
 
     fn name(&self, node: NodeId) -> &'a str {

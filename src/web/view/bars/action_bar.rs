@@ -31,10 +31,17 @@ struct StepHtml {
     version: u64,
     clearance_version: u64,
     release_version: u64,
+    /// The button that stops the vehicle, as long as it moves or may.
+    stop: Option<StopButton>,
     /// `None` in a replay.
     step: Option<NextStep>,
     /// Logging out works in every stage but one.
     logout: bool,
+}
+
+struct StopButton {
+    /// Since when a stop is requested.
+    asked: Option<String>,
 }
 
 /// The step that the bar offers.
@@ -43,8 +50,9 @@ enum NextStep {
     Localize { stops: Vec<StopHtml>, more: bool },
     /// The pose is given; the vehicle checks it.
     Locating { title: String, text: String },
-    /// Give clearance; `ready` if no check fails. The page's script hides the checks that have no room.
-    Clear { ready: bool, checks: Vec<Check> },
+    /// Give clearance; `ready` if no check fails. The page's script hides the checks that have no room. A vehicle
+    /// that is held and not known to stand is released first.
+    Clear { ready: bool, checks: Vec<Check>, release: bool },
     /// The vehicle may drive: stop it, or let it go on.
     Drive(Drive),
     /// No step: the condition of the vehicle.
@@ -52,8 +60,6 @@ enum NextStep {
 }
 
 struct Drive {
-    /// The button that stops the vehicle, and whether a stop is requested already.
-    stop: Option<bool>,
     release: bool,
     withdraw: bool,
     icon: &'static str,
@@ -70,6 +76,7 @@ pub fn step(view: &View<'_>) -> Fragment {
         version: view.seen.of(Aspect::Stage),
         clearance_version: view.seen.of(Aspect::Clearance),
         release_version: view.seen.of(Aspect::Release),
+        stop: stop(view),
         step: (!view.replay).then(|| of_stage(view)),
         logout: view.may_act() && (snapshot.stage != Stage::Active || !view.has_stages()),
     });
@@ -102,18 +109,24 @@ fn of_stage(view: &View<'_>) -> NextStep {
     }
 }
 
-/// A stop that the vehicle cannot receive is not offered. It stays offered once it is requested: another tap
-/// changes nothing.
+/// In every stage, as long as the vehicle moves or may. A stop that the vehicle cannot receive is not offered. It stays
+/// offered once it is requested: another tap changes nothing.
+fn stop(view: &View<'_>) -> Option<StopButton> {
+    let snapshot = view.snapshot;
+    let asked = snapshot.stop_requested_since().map(|since| view.wall_since(since));
+    let works = snapshot.may_move() && snapshot.unreached(Output::ManeuverStop).is_none();
+    let is_offered = view.has_stages() && view.may_act() && (asked.is_some() || works);
+    is_offered.then_some(StopButton { asked })
+}
+
 fn drive(view: &View<'_>) -> Drive {
     let snapshot = view.snapshot;
     let steps = view.lang.steps();
-    let requested = snapshot.stop_requested();
     let unreached = snapshot.unreached(Output::ManeuverStop).filter(|_| view.has_stages());
     let unreached = unreached.map(|why| match why {
         Unreached::Unheard => steps.no_listener,
         Unreached::Unpublished => steps.not_stoppable,
     });
-    let is_offered = view.has_stages() && (requested || unreached.is_none());
     let cleared = snapshot.stage == Stage::Cleared;
     let release = requests::waits_for_release(view);
     let request = requests::moving(view).next();
@@ -130,18 +143,11 @@ fn drive(view: &View<'_>) -> Drive {
         Some(_) if stands && request.is_some_and(requests::is_engaged) => {
             ("idle", steps.held_back, String::new())
         }
-        Some(progress) if requested => ("stop", progress, String::new()),
+        Some(progress) if snapshot.stop_requested() => ("stop", progress, String::new()),
         Some(progress) => ("slow", progress, String::new()),
         None => ("drive", steps.drives, String::new()),
     };
-    Drive {
-        stop: is_offered.then_some(requested),
-        release,
-        withdraw: cleared,
-        icon,
-        title,
-        text: unreached.map_or(text, str::to_owned),
-    }
+    Drive { release, withdraw: cleared, icon, title, text: unreached.map_or(text, str::to_owned) }
 }
 
 fn locating(view: &View<'_>) -> NextStep {
@@ -169,7 +175,8 @@ fn locating(view: &View<'_>) -> NextStep {
 }
 
 fn clear(view: &View<'_>) -> NextStep {
-    NextStep::Clear { ready: view.snapshot.clearance_refusals.is_empty(), checks: view.checks() }
+    let release = view.snapshot.motion.may_move() && requests::waits_for_release(view);
+    NextStep::Clear { ready: view.snapshot.clearance_refusals.is_empty(), checks: view.checks(), release }
 }
 
 /// The condition of the vehicle. What to do about it stands beside the causes.

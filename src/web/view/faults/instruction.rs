@@ -57,6 +57,7 @@ struct InstructionHtml {
     icon: &'static str,
     title: String,
     line: String,
+    sentences: Vec<requests::Sentence>,
     /// The strongest request to the vehicle and its state.
     request: Option<(&'static str, &'static str)>,
 }
@@ -83,7 +84,7 @@ pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let fault = fault.map(|entry| format!("{}.", entry.title));
     // Only the advice on a fault has another place for its later sentences.
     let title = if it.node.is_some() { split(&it.title).0 } else { &it.title };
-    let line = [it.line, sentences].into_iter().chain(fault);
+    let line = [it.line].into_iter().chain(fault);
     let html = html(&InstructionHtml {
         swap: view.swap,
         urgency: it.urgency.as_str(),
@@ -91,6 +92,7 @@ pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         icon: it.icon,
         title: title.to_owned(),
         line: line.filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" "),
+        sentences,
         request: view.snapshot.countermeasure().map(|it| (it.request.as_str(), it.state.as_str())),
     });
     Fragment { id: "instruction".to_owned(), html }

@@ -3,7 +3,12 @@
 use super::*;
 use crate::engine::input::Refusal;
 use crate::engine::model::countermeasure::Request;
+use crate::engine::model::output::Output;
 use crate::engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Motion, Moving};
+use crate::engine::state::State;
+use crate::engine::time::{Since, Span};
+
+const SINCE: Since = Since { at: Timestamp::ZERO, before: Span::ZERO };
 
 /// The sample as if this were known of its motion; `destination` is the Main Station.
 fn moved(sample: Sample, moving: Moving, speed_kmh: u32) -> Published {
@@ -46,9 +51,9 @@ fn a_request_says_what_the_vehicle_does_while_it_moves() {
     check_motion(&moved(stopping(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
     let slowing = Countermeasure {
         request: Request::Decelerate { mps2: 1.0 },
-        by_operator: false,
+        by_operator: None,
         causes: [].into(),
-        since: Timestamp::ZERO,
+        since: SINCE,
         state: CountermeasureState::Requested,
         latched: false,
     };
@@ -82,9 +87,9 @@ fn asked_to_stop_from(sample: Sample, moving: Moving, cause_is_there: Option<boo
     let cause = |present| CountermeasureCause { node, present, acknowledged: true };
     let held = Countermeasure {
         request: Request::ManeuverStop,
-        by_operator: cause_is_there.is_none(),
+        by_operator: cause_is_there.is_none().then_some(SINCE),
         causes: cause_is_there.map(cause).into_iter().collect(),
-        since: Timestamp::ZERO,
+        since: SINCE,
         state: CountermeasureState::Engaged,
         latched: true,
     };
@@ -102,8 +107,12 @@ fn asked_to_stop_from(sample: Sample, moving: Moving, cause_is_there: Option<boo
 fn a_vehicle_that_was_stopped_and_stands_is_asked_whether_it_goes_on() {
     let over = |moving| asked_to_stop(moving, Some(false));
     let act = r#"data-urgency="act""#;
-    let expect =
-        [act, ">Steht. Ursache behoben. Weiterfahren?<", ">Gehalten. Vorbei: Bewegungssensor gestört.<"];
+    let expect = [
+        act,
+        ">Steht. Ursache behoben. Weiterfahren?<",
+        ">Gehalten<span class=\"since\"> seit <time ",
+        "</span>. Vorbei: Bewegungssensor gestört.<",
+    ];
     check(&over(Moving::No), Lang::De, "instruction", &expect, &[]);
     let expect = [act, ">Cause gone. Continue?<", ">Stopping safely. Over: Motion sensor disturbed.<"];
     check(&over(Moving::Yes), Lang::En, "instruction", &expect, &[]);
@@ -132,4 +141,73 @@ fn no_warning_says_that_one_may_go_on_while_the_vehicle_is_stopped() {
     check(&moved(warned(), Moving::Yes, 9), Lang::En, "causes", &["Battery is low", advice], &[]);
     let stopping = asked_to_stop_from(warned(), Moving::Yes, Some(true));
     check(&stopping, Lang::En, "causes", &["Battery is low"], &[advice]);
+}
+
+#[test]
+fn a_stop_is_offered_in_every_stage_as_long_as_the_vehicle_moves_or_may() {
+    let stop = r#"name="stop""#;
+    let localizing = || Sample::of(parts()).login().signal("active", false).pass(5);
+    for (name, sample) in
+        [("localizing", localizing as fn() -> Sample), ("standby", || Sample::shuttle(false))]
+    {
+        for moving in [Moving::Yes, Moving::Unknown] {
+            let step = fragment(&moved(sample(), moving, 1), Lang::En, "step");
+            assert!(step.contains(stop), "{name} {moving:?}: {step}");
+        }
+        let stands = fragment(&moved(sample(), Moving::No, 0), Lang::En, "step");
+        assert!(!stands.contains(stop), "{name}: {stands}");
+        let deaf = sample().listeners(Output::ManeuverStop, false);
+        check(&moved(deaf, Moving::Yes, 1), Lang::En, "step", &[], &[stop]);
+    }
+    // Beside the step of the stage.
+    check(&moved(Sample::shuttle(false), Moving::Yes, 1), Lang::En, "step", &[r#"name="clearance""#], &[]);
+    check(&Sample::shuttle(false).published(), Lang::En, "step", &[], &[stop]);
+}
+
+#[test]
+fn the_operators_own_stop_is_named_first_and_its_button_is_latched_with_its_time() {
+    let both = asked_to_stop(Moving::Yes, Some(true));
+    let mut measure = both.snapshot.countermeasures[0].clone();
+    measure.by_operator = Some(SINCE);
+    let snapshot = Snapshot { countermeasures: [measure].into(), ..(*both.snapshot).clone() };
+    let both = Published { snapshot: snapshot.into(), ..both };
+    let instruction = fragment(&both, Lang::En, "instruction");
+    let place = |text: &str| instruction.find(text).unwrap_or_else(|| panic!("{text}: {instruction}"));
+    assert!(
+        place(">Stop asked<span class=\"since\"> <time ")
+            < place("Stopping safely. Motion sensor disturbed.")
+    );
+    let latched = [r#"aria-pressed="true""#, r#"if-asked">verlangt <time class="clock""#];
+    check(&both, Lang::De, "step", &latched, &[]);
+}
+
+#[test]
+fn after_a_restart_it_is_said_since_when_and_why_before_anything_is_heard() {
+    let held = |moving| {
+        let slowing = asked_to_stop(moving, Some(true));
+        let node = slowing.snapshot.node("sensors/imu").expect("it is there");
+        let crate::engine::model::NodeId::Module(id) = node else { panic!("it is a module") };
+        let mut modules = slowing.snapshot.modules.clone();
+        let module = modules.get_mut(id.0 as usize).expect("it is there");
+        (module.received, module.silent, module.own) = (None, false, State::Unknown);
+        let mut measure = slowing.snapshot.countermeasures[0].clone();
+        measure.since.before = Span::from_secs(90);
+        let snapshot = Snapshot { countermeasures: [measure].into(), modules, ..(*slowing.snapshot).clone() };
+        Published { snapshot: snapshot.into(), ..slowing }
+    };
+    let why = ". Motion sensor disturbed, not heard again yet.";
+    check(
+        &held(Moving::No),
+        Lang::En,
+        "instruction",
+        &[">Held<span class=\"since\"> since <time ", why],
+        &[],
+    );
+    check(
+        &held(Moving::Unknown),
+        Lang::En,
+        "instruction",
+        &[">Stopping safely<span", "since <time ", why],
+        &[],
+    );
 }

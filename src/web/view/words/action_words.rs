@@ -29,9 +29,15 @@ words! {
     stop: "STOP", "STOP";
     stop_vehicle: "Stop vehicle", "Fahrzeug anhalten";
     stop_requested: "Stop requested", "Anhalten angefordert";
+    stop_asked: "Stop asked", "Anhalten verlangt";
+    stop_since: "asked", "verlangt";
+    stop_sending: "Sending", "Wird gesendet";
+    stop_missed: "Not arrived", "Nicht angekommen";
+    stop_sent: "Arrived", "Angekommen";
     no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
     go_on: "Continue driving", "Weiterfahren";
+    let_go: "End the stop", "Anhalten aufheben";
     withdraw: "Withdraw clearance", "Freigabe widerrufen";
     stop_not_sent: "The stop has not arrived and is sent again. Take over.", "Das Anhalten ist nicht angekommen und wird erneut gesendet. Übernehmen.";
     looking: "Looking for the vehicle", "Verbindung wird gesucht";
@@ -82,6 +88,8 @@ words! {
     nothing_wrong: "Nothing is wrong", "Keine Störung";
     cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
     held: "Held", "Gehalten";
+    since: "since", "seit";
+    not_heard_again: "not heard again yet", "noch nicht wieder gehört";
     held_until: "Held until you continue", "Gehalten, bis Sie weiterfahren";
     held_back: "Held until the cause is gone", "Gehalten, bis die Ursache behoben ist";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
@@ -94,7 +102,6 @@ words! {
     check_machine: "Check the machine.", "Maschine prüfen.";
     keep_an_eye: "Keep an eye on it.", "Im Blick behalten.";
 
-    asked_by_operator: "Asked for by the operator", "Von der Fahrbegleitung angefordert";
     asked: "Sent to the vehicle", "An das Fahrzeug gesendet";
     not_received_yet: "Not received yet", "Noch nicht empfangen";
     engaged: "The vehicle responds", "Das Fahrzeug reagiert";

@@ -1,0 +1,109 @@
+"""A held vehicle stays held when the server is killed and started again: over DDS, with the simulated shuttle as a
+process of its own. Virtual time tries the other requests and ends (`src/cli/demo/tests/held.rs`)."""
+
+import contextlib
+import json
+import re
+import sqlite3
+import subprocess
+import threading
+import time
+
+import pytest
+from playwright.sync_api import expect
+
+from vehicle import OPERATOR, PYTHON, ROOT, TELLTALE, Client, own_domain, serving, until
+
+# The simulation lives in real time.
+pytestmark = pytest.mark.timed
+
+SHUTTLE = ROOT / "config/shuttle.yaml"
+# It leaves its stop after 20 s, and has its full speed of 7 m/s seven seconds later.
+STALL = "planner_stall@29..32"
+AWAY_S = 5
+BRAKES_S = 20
+# The wheels are read with a little noise.
+NOISE_MPS = 0.05
+
+
+class Speed:
+    """What the wheels say, with the time at which it came."""
+
+    def __init__(self, domain):
+        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "sub", "--topic", "rt/can/speed=TwistStamped"]
+        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.said = []
+        threading.Thread(target=self.read, daemon=True).start()
+
+    def read(self):
+        for line in self.process.stdout:
+            value = json.loads(line).get("value")
+            if value:
+                self.said.append((time.monotonic(), value["linear"][0]))
+
+    def now(self):
+        return self.said[-1][1] if self.said else 0
+
+    def since(self, at):
+        return [mps for heard, mps in self.said if heard >= at]
+
+    def close(self):
+        self.process.terminate()
+        self.process.wait(timeout=10)
+
+
+@contextlib.contextmanager
+def shuttle(domain, log):
+    """A shuttle that drives by itself, and whose planner stalls once for a moment."""
+    words = [TELLTALE, "sim", "--config", str(SHUTTLE), "--interface", "127.0.0.1", "--domain", str(domain)]
+    with open(log, "ab") as output:
+        process = subprocess.Popen([*words, "--drive", "--fault", STALL], stdout=output, stderr=output)
+        try:
+            yield
+        finally:
+            process.terminate()
+            process.wait(timeout=10)
+
+
+def goes_on(client, speed):
+    """A busy machine may be late enough for a fault of its own, which is released too."""
+    client.release()
+    return speed.now() > 1
+
+
+def requests_on_disk(server):
+    database = sqlite3.connect(f"file:{server.folder}/telltale.db?mode=ro", uri=True)
+    try:
+        return [request for request, in database.execute("SELECT request FROM countermeasures")]
+    finally:
+        database.close()
+
+
+def test_a_shuttle_held_by_a_deceleration_alone_stays_held_when_the_server_is_killed(tmp_path, page, trouble):
+    domain = own_domain()
+    with serving(tmp_path, config=SHUTTLE) as server, contextlib.closing(Speed(domain)) as speed:
+        client = Client(server, *OPERATOR)
+        moving = lambda: [it for it in client.snapshot()["countermeasures"] if it["request"] != "notify"]
+        with shuttle(domain, tmp_path / "sim.log"):
+            until(lambda: "decelerate" in [it["request"] for it in moving()], 60, lambda: f"it is slowed down: {moving()}")
+            until(lambda: "decelerate" in requests_on_disk(server), 5, "the request is stored")
+            server.kill()
+            killed = time.monotonic()
+            until(lambda: time.monotonic() >= killed + AWAY_S, 2 * AWAY_S, "it is away")
+            assert speed.since(killed + AWAY_S / 2)[-1] < speed.since(killed)[0], "it brakes although nobody asks any more"
+            server.start()
+            # Whatever the page knows of the components, it says what holds the vehicle, since when and why.
+            page.context.add_cookies(client.browser_cookies())
+            page.goto(server.url + "/")
+            held = page.locator("#countermeasure[data-request=decelerate]")
+            expect(held).to_contain_text(re.compile(r"since \d\d:\d\d\. \S"))
+            until(lambda: speed.now() < NOISE_MPS, BRAKES_S, lambda: f"it stands: {speed.now()} m/s")
+            stood = time.monotonic()
+            until(lambda: time.monotonic() >= stood + 2 * AWAY_S, 4 * AWAY_S, "time passes")
+            after = speed.since(killed + 1)
+            grew = max(later - min(after[: at + 1]) for at, later in enumerate(after))
+            assert grew < 2 * NOISE_MPS, f"{grew} m/s faster without a release"
+            expect(page.locator("#instruction strong")).to_have_text("Stopped. Cause gone. Continue?")
+            expect(held).to_contain_text(re.compile(r"^Held since \d\d:\d\d\."))
+            until(lambda: goes_on(client, speed), 3 * BRAKES_S, lambda: f"it goes on: {speed.now()} m/s, {moving()}")
+    trouble.expect("WebSocket", "ERR_", "readyz")
