@@ -58,7 +58,7 @@ fn recording(folder: &TestFolder, inputs: &[(u64, Input)]) -> std::path::PathBuf
     file.json(&KEYFRAMES, 1, &engine.keyframe()).unwrap();
     for (at_ms, input) in inputs {
         let at_ns = Timestamp::from_millis(*at_ms);
-        let line = Line { at_ns, took: Took::Input(Cow::Borrowed(input)), message: None };
+        let line = Line { at_ns, took: Took::Input(Cow::Borrowed(input)), message: None, left_out: None };
         file.json(&JOURNAL, 1_800_000_000_000_000_000 + at_ms * 1_000_000, &line).unwrap();
     }
     file.finish().unwrap();
@@ -124,13 +124,15 @@ fn a_message_that_means_nothing_lets_the_same_time_pass_by_any_configuration() {
             received_ns: at_ns,
         };
         let took = if topic == "/other" { Took::Input(Cow::Owned(Input::Tick)) } else { Took::Statuses };
-        let line = Line { at_ns: Timestamp::from_millis(at_ms), took, message: Some(message) };
+        let line =
+            Line { at_ns: Timestamp::from_millis(at_ms), took, message: Some(message), left_out: None };
         file.json(&JOURNAL, at_ns, &line).unwrap();
     }
     let line = Line {
         at_ns: Timestamp::from_millis(3000),
         took: Took::Input(Cow::Owned(Input::Tick)),
         message: None,
+        left_out: None,
     };
     file.json(&JOURNAL, zero_ns + 3_000_000_000, &line).unwrap();
     file.finish().unwrap();
@@ -170,7 +172,7 @@ fn with_wrong_chunk(folder: &TestFolder, wrong: Option<usize>) -> PathBuf {
         }
         let input = says(if number < 30 { 0 } else { 2 });
         engine.handle(&input, at);
-        let line = Line { at_ns: at, took: Took::Input(Cow::Owned(input)), message: None };
+        let line = Line { at_ns: at, took: Took::Input(Cow::Owned(input)), message: None, left_out: None };
         file.json(&JOURNAL, ns, &line).unwrap();
         if number % 20 == 19 {
             let begin = file.len();

@@ -72,10 +72,11 @@ fn record(path: &Path, scenario: &str, more: &[(&str, &str)], reload: Option<&st
         if *at >= Timestamp::from_millis(2000)
             && let Some(text) = reload.take()
         {
-            let line = Line { at_ns: *at, took: Took::Reload(vec![text]), message: None };
+            let line = Line { at_ns: *at, took: Took::Reload(vec![text]), message: None, left_out: None };
             to.json(&JOURNAL, BEGAN_NS as u64 + at.as_nanos(), &line).unwrap();
         }
-        let line = Line { at_ns: *at, took: Took::Input(Cow::Borrowed(input)), message: None };
+        let line =
+            Line { at_ns: *at, took: Took::Input(Cow::Borrowed(input)), message: None, left_out: None };
         to.json(&JOURNAL, BEGAN_NS as u64 + at.as_nanos(), &line).unwrap();
     }
     to.finish().unwrap();
