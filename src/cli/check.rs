@@ -12,8 +12,12 @@ use crate::config::{self, Loaded};
 use crate::engine::model::{Combine, Dependency, GroupId, Model, Stage, StageModel, When};
 use crate::engine::stage::machine::{Guard, TRANSITIONS, Transition};
 use crate::engine::state::State;
+use crate::msg::subscription::LARGE_BYTES_PER_S;
 use crate::yaml::Problems;
 use crate::yaml::plain::escaped;
+
+/// Topics that one sentence names.
+const SIZES_ONLY_NAMED: usize = 8;
 
 /// Check a configuration and print its graph of groups, modules and dependencies.
 ///
@@ -166,6 +170,9 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     for assumption in fields::assumed(model) {
         let _ = writeln!(out, "Assumed: {assumption}.");
     }
+    if let Some(sizes) = sizes_only(loaded) {
+        let _ = writeln!(out, "{sizes}");
+    }
     for signal in &model.signals {
         let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(model, signal));
     }
@@ -178,6 +185,25 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
         group_text(&mut out, model, GroupId(index as u32), 0);
     }
     out
+}
+
+/// Of which topics a recording may have only the times and sizes of messages.
+fn sizes_only(loaded: &Loaded) -> Option<String> {
+    loaded.recording.as_ref()?;
+    let topics: Vec<&str> = loaded.model.counted_topics().collect();
+    let named: Vec<&str> = topics.iter().copied().take(SIZES_ONLY_NAMED).collect();
+    let more = match topics.len() - named.len() {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let limit = words::bytes(LARGE_BYTES_PER_S);
+    (!topics.is_empty()).then(|| {
+        format!(
+            "recording: above {limit} a second, only the times and sizes of {}{more} are recorded, because nothing reads \
+             their content; `recording.topics` names what is to be recorded whole",
+            named.join(", ")
+        )
+    })
 }
 
 /// The table of transitions between stages.
@@ -249,6 +275,21 @@ mod tests {
             config::parse("c", "vehicle: { stages: none }\ngroups: [{ id: a, match: [{ name: s }] }]\n")
                 .unwrap();
         assert!(soundness_text(&none.soundness().0).starts_with("Looked at 1 situation with "), "{text}");
+    }
+
+    #[test]
+    fn topics_of_which_only_times_and_sizes_are_recorded_are_named() {
+        let monitored = "groups: [{ id: a, modules: [{ id: m, monitor: { frequency: { topic: /points, \
+                         type: sensor_msgs/msg/PointCloud2, window: 2s, error_below: 5 } } }] }]\n";
+        let said =
+            |recording: &str| sizes_only(&config::parse("c", &format!("{recording}{monitored}")).unwrap());
+        assert!(
+            said("").is_some_and(|said| said.contains("times and sizes of /points are")),
+            "{:?}",
+            said("")
+        );
+        assert_eq!(said("recording: { topics: [{ topic: '/po*' }] }\n"), None);
+        assert_eq!(said("recording: false\n"), None);
     }
 
     #[test]

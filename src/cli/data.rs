@@ -10,7 +10,10 @@ use serde_json::json;
 use super::process::data_folder::{self, DataFolder};
 use super::{EXIT_NO, tls};
 use crate::clock::Clock;
-use crate::store::{DataState, Exposed, Repaired, check_data, exposed, repair, restore};
+use crate::store::{
+    DataState, Exposed, HISTORY_FILE, Repaired, SavedHistory, check_data, exposed, repair, repair_history,
+    restore,
+};
 
 /// Look through the database of a vehicle, repair it, or take a backup.
 ///
@@ -29,12 +32,13 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Say whether the database and its backups are whole; exit code 1 if the database is not
+    /// Say whether the database, its history and backups are whole; exit code 1 if one is not
     ///
-    /// It changes nothing, and a server may run meanwhile. `--json` prints an object with `ok`, `database`
-    /// (its path), `damage` (text or null), `users` (a number or null), `backups`, the newest first,
-    /// each with `file`, `damage` and `users`, and `exposed`: the files that everybody on the machine can
-    /// read or change, each with `file` and `mode` (octal, a text). Those are warnings alone.
+    /// It changes nothing, and a server may run meanwhile. `--json` prints an object with `ok`, `database` (its
+    /// path), `damage` (text or null), `users` (a number or null), `history_damage` (text or null), `backups`,
+    /// the newest first, each with `file`, `damage` and `users`, and `exposed`: the files that everybody on the
+    /// machine can read or change, each with `file` and `mode` (octal, a text). Damaged backups and exposed
+    /// files are warnings alone.
     Check {
         /// Print it for programs
         #[arg(long)]
@@ -42,8 +46,9 @@ enum Command {
     },
     /// Make the database anew of all that can be read of it; no server may run on the folder
     ///
-    /// Users and records of the audit log that cannot be read come from the newest backup. The old
-    /// files are moved into a folder `damaged-TIME` beside it, and the audit log says what was done.
+    /// Users and records of the audit log that cannot be read come from the newest backup. The old files are
+    /// moved into a folder `damaged-TIME` beside it, and the audit log says what was done. A damaged history is
+    /// made anew of what can be read of it.
     Repair,
     /// Put a backup in the place of the database; no server may run on the folder
     ///
@@ -63,8 +68,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Command::Repair => {
             let _lock = lock(&folder)?;
             let state = check_data(&folder)?;
+            let saved =
+                repair_history(&folder, Clock::start().wall()).context("the history cannot be repaired")?;
+            if let Some(SavedHistory { damage, records, kept }) = &saved {
+                println!("repaired {} ({damage})", folder.join(HISTORY_FILE).display());
+                println!("         {records} records; the old files are in {}", kept.display());
+            }
             if state.damage.is_none() {
-                println!("{} is whole; nothing was changed", state.database.display());
+                if saved.is_none() {
+                    println!("{} is whole; nothing was changed", state.database.display());
+                }
                 return Ok(ExitCode::SUCCESS);
             }
             let repaired = repair(&folder, Clock::start()).context("the database cannot be repaired")?;
@@ -104,12 +117,16 @@ fn tell(repaired: &Repaired) {
 fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
     let state = check_data(folder)?;
     let exposed = exposed(folder, Some(&folder.join(tls::KEY)));
-    let code = if state.damage.is_none() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
+    let is_whole = state.damage.is_none() && state.history_damage.is_none();
+    let code = if is_whole { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
     if as_json {
         println!("{}", report(&state, &exposed));
         return Ok(code);
     }
     line(&state.database, state.damage.as_deref(), state.users);
+    if state.history_damage.is_some() || folder.join(HISTORY_FILE).exists() {
+        line(&folder.join(HISTORY_FILE), state.history_damage.as_deref(), None);
+    }
     for backup in &state.backups {
         line(&backup.file, backup.damage.as_deref(), backup.users);
     }
@@ -121,6 +138,9 @@ fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
             "      stop `telltale serve`, then `telltale data repair`, or `telltale data restore` for the"
         );
         println!("      newest backup that is whole");
+    }
+    if state.damage.is_none() && state.history_damage.is_some() {
+        println!("      stop `telltale serve`, then `telltale data repair`");
     }
     for file in exposed {
         println!("WARN  {file}");
@@ -141,10 +161,11 @@ fn report(state: &DataState, exposed: &[Exposed]) -> serde_json::Value {
         state.backups.iter().map(|it| json!({ "file": it.file, "damage": it.damage, "users": it.users }));
     let exposed = exposed.iter().map(|it| json!({ "file": it.path, "mode": format!("{:03o}", it.mode) }));
     json!({
-        "ok": state.damage.is_none(),
+        "ok": state.damage.is_none() && state.history_damage.is_none(),
         "database": state.database,
         "damage": state.damage,
         "users": state.users,
+        "history_damage": state.history_damage,
         "backups": backups.collect::<Vec<_>>(),
         "exposed": exposed.collect::<Vec<_>>(),
     })

@@ -13,12 +13,15 @@ use super::sample_bytes::RawBody;
 use crate::engine::input::{Input, StatusArray, WriterId};
 use crate::engine::model::monitors::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
 use crate::engine::model::sample::{FieldValue, Sample};
-use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
+use crate::engine::model::{FieldSource, Limits, Model, SignalSpec, same_topic};
 use crate::engine::time::Span;
 pub use untyped::Learned;
 use untyped::Untyped;
 
 pub const DIAGNOSTICS: &str = "/diagnostics";
+
+/// A topic with more bytes a second is large.
+pub const LARGE_BYTES_PER_S: u64 = 1_000_000;
 
 #[derive(Debug, thiserror::Error)]
 pub enum SubscriptionError {
@@ -65,7 +68,20 @@ pub struct Subscription {
     untyped: Option<Arc<Untyped>>,
     /// Its messages are recorded and mean nothing: the least time between two of them.
     recorded_every: Option<Span>,
+    /// What a recording keeps of its messages.
+    keeping: Keeping,
     limits: Limits,
+}
+
+/// What a recording keeps of the messages of a topic that means something. Of the others it has their times and sizes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Keeping {
+    #[default]
+    Whole,
+    /// One in this time.
+    Every(Span),
+    /// All, unless the topic is large: nothing reads their content.
+    UnlessLarge,
 }
 
 #[derive(Debug, Clone)]
@@ -146,8 +162,21 @@ impl Plan {
             subscription.watch = Some(WatchedFields { spec: spec.clone(), reader });
         }
         all.extend(untyped::subscriptions(model, definitions));
-        let subscriptions =
-            all.into_iter().map(|one| Arc::new(Subscription { stamps: *stamps, ..one })).collect();
+        let keeping = |one: &Subscription| {
+            let is_needed = one.diagnostics.is_some() || one.is_clock;
+            match model.watched.recorded(&one.topic) {
+                _ if is_needed => Keeping::Whole,
+                Some(recorded) if recorded.every > Span::ZERO => Keeping::Every(recorded.every),
+                None if model.counted_topics().any(|topic| same_topic(topic, &one.topic)) => {
+                    Keeping::UnlessLarge
+                }
+                _ => Keeping::Whole,
+            }
+        };
+        let subscriptions = all
+            .into_iter()
+            .map(|one| Arc::new(Subscription { stamps: *stamps, keeping: keeping(&one), ..one }))
+            .collect();
         let (watched, limits) = (model.watched.clone(), model.limits.clone());
         Ok(Plan { subscriptions, watchdogs: watched.watchdogs.clone(), watched, limits })
     }
@@ -204,6 +233,7 @@ fn subscribe<'a>(
                 watch: None,
                 untyped: None,
                 recorded_every: None,
+                keeping: Keeping::Whole,
                 limits: limits.clone(),
             });
             all.len() - 1
@@ -243,6 +273,11 @@ impl Subscription {
     /// The least time between two messages that are recorded, if they serve nothing else.
     pub fn recorded_every(&self) -> Option<Span> {
         self.recorded_every
+    }
+
+    /// What a recording keeps of its messages.
+    pub fn keeping(&self) -> Keeping {
+        self.keeping
     }
 
     /// The fields that monitors watch of this topic.

@@ -76,6 +76,9 @@ pub struct ToldTopic {
     pub type_name: String,
     pub messages: u64,
     pub bytes: u64,
+    /// Messages of which the file has only the times and sizes, and their bytes.
+    pub left_out: u64,
+    pub left_out_bytes: u64,
     pub first_ms: i64,
     pub last_ms: i64,
 }
@@ -153,18 +156,10 @@ impl<'a> Heard<'a> {
             Entry::Message { channel, stamps, body } => {
                 let bytes = body.map_or(0, |(body, _)| body.len() as u64);
                 let at_ms = ms(stamps.log_time_ns);
-                if self.topics.len() < TOPICS_MAX || self.topics.contains_key(&*channel.topic) {
-                    let topic = self.topics.entry(channel.topic.to_string()).or_insert_with(|| ToldTopic {
-                        topic: channel.topic.to_string(),
-                        type_name: channel.type_name.to_string(),
-                        messages: 0,
-                        bytes: 0,
-                        first_ms: at_ms,
-                        last_ms: at_ms,
-                    });
+                if let Some(topic) = self.topic(&channel.topic, at_ms) {
+                    topic.type_name = channel.type_name.to_string();
                     topic.messages += 1;
                     topic.bytes += bytes;
-                    topic.last_ms = topic.last_ms.max(at_ms);
                 }
                 bytes
             }
@@ -185,17 +180,43 @@ impl<'a> Heard<'a> {
         }
     }
 
+    /// The account of a topic of which there is something at this instant.
+    fn topic(&mut self, name: &str, at_ms: i64) -> Option<&mut ToldTopic> {
+        if self.topics.len() >= TOPICS_MAX && !self.topics.contains_key(name) {
+            return None;
+        }
+        let topic = self.topics.entry(name.to_owned()).or_insert_with(|| ToldTopic {
+            topic: name.to_owned(),
+            type_name: String::new(),
+            messages: 0,
+            bytes: 0,
+            left_out: 0,
+            left_out_bytes: 0,
+            first_ms: at_ms,
+            last_ms: at_ms,
+        });
+        topic.last_ms = topic.last_ms.max(at_ms);
+        Some(topic)
+    }
+
     fn change(&mut self, change: Transition<'a>) {
         if self.changes.len() < CHANGES_MAX { self.changes.push(change) } else { self.more_changes += 1 }
     }
 
-    /// Takes from the journal the operator's actions and the losses, and nothing else.
+    /// Takes from the journal the operator's actions, the losses and the sizes of what is left out, and nothing else.
     fn journal(&mut self, at_ms: i64, text: &[u8]) {
         let has = |word: &[u8]| text.windows(word.len()).any(|part| part == word);
-        if !has(b"\"operator\"") && !has(b"\"lost\"") {
+        if !has(b"\"operator\"") && !has(b"\"lost\"") && !has(b"\"left_out\"") {
             return;
         }
-        match serde_json::from_slice::<Line>(text).map(|line| line.took) {
+        let line = serde_json::from_slice::<Line>(text);
+        if let Ok(Line { left_out: Some(left_out), .. }) = &line
+            && let Some(topic) = self.topic(&left_out.topic, at_ms)
+        {
+            topic.left_out += 1;
+            topic.left_out_bytes = topic.left_out_bytes.saturating_add(left_out.bytes);
+        }
+        match line.map(|line| line.took) {
             Ok(Took::Lost(count)) => self.lost = self.lost.saturating_add(count),
             Ok(Took::Input(input)) => {
                 if let Input::Operator(action) = &*input

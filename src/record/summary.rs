@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::incident::Trigger;
+
 /// An incident as the store keeps it and programs read it. Times are milliseconds since 1970, UTC.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -94,6 +96,21 @@ pub struct TriggerLine {
     pub note: String,
 }
 
+impl TriggerLine {
+    pub fn of(at_ms: i64, trigger: &Trigger) -> TriggerLine {
+        let (kind, what) = match trigger {
+            Trigger::Root { node, .. } => (kind::ROOT, node.to_string()),
+            Trigger::OwnError { node } => (kind::OWN_ERROR, node.to_string()),
+            Trigger::LostActive { stage } => (kind::LOST_ACTIVE, stage.as_str().to_owned()),
+            Trigger::Countermeasure { kind: request } => (kind::COUNTERMEASURE, request.as_str().to_owned()),
+            Trigger::Mark { by, .. } => (kind::MARK, by.to_string()),
+        };
+        let alarm = if let Trigger::Root { alarm, .. } = trigger { *alarm } else { None };
+        let note = if let Trigger::Mark { note, .. } = trigger { note.to_string() } else { String::new() };
+        TriggerLine { at_ms, kind: kind.to_owned(), what, alarm, note }
+    }
+}
+
 /// A module as it was at the first trigger, or at a later one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrozenNode {
@@ -138,7 +155,6 @@ pub struct Recording {
     pub gone: bool,
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde gives it so")]
 fn is_zero(count: &u64) -> bool {
     *count == 0
 }

@@ -5,12 +5,13 @@
 //! [`ROWS_MAX`] records the oldest go, but the last of each node stays, so that the state of every node is
 //! known for every kept moment.
 
+mod damage;
 mod lines;
 mod read;
 mod reader;
 mod write;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
@@ -19,6 +20,7 @@ use rusqlite::{Connection, OpenFlags};
 use tokio::sync::oneshot;
 
 pub use crate::engine::view::record::Stretch;
+pub use damage::{SavedHistory, history_damage, repair_history};
 pub use lines::{HistoryLine, LineKind, LineQuery};
 pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
 use reader::Reader;
@@ -55,7 +57,7 @@ const SCHEMA: &str = "
     ) STRICT;
     CREATE INDEX IF NOT EXISTS records_by_node ON records (node, at_ms) WHERE kind = 1;
     CREATE INDEX IF NOT EXISTS records_by_time ON records (at_ms) WHERE kind <> 1;
-    CREATE TABLE IF NOT EXISTS alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL) STRICT;
+    CREATE TABLE IF NOT EXISTS alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL, rows INTEGER) STRICT;
 ";
 
 /// A page that waits longer no longer needs the answer.
@@ -66,6 +68,8 @@ const READ_WITHIN: Duration = Duration::from_secs(5);
 pub struct History {
     connection: Arc<Mutex<Connection>>,
     reader: Arc<Reader>,
+    /// `None` for one in memory.
+    folder: Option<PathBuf>,
     /// Its other end goes with the thread that writes.
     written: Arc<Mutex<Option<oneshot::Receiver<()>>>>,
     clock: Clock,
@@ -89,17 +93,22 @@ impl History {
     /// # Errors
     /// If the file cannot be written or is not a history.
     pub fn open(folder: &Path, clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
-        let path = folder.join(HISTORY_FILE);
-        let error = |reason| StoreError::Open { path: path.clone(), reason };
-        // It tells where and when the vehicle failed, so only the owner may read it.
-        make_private_file(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
-        let connection = Connection::open(&path).map_err(error)?;
-        let reading = || {
-            let reading = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-            reading.busy_timeout(Duration::from_secs(2))?;
-            Ok(Arc::new(Mutex::new(reading)))
+        let start = || {
+            let opened = Opened::of(folder)?;
+            let reading = Arc::new(Mutex::new(opened.reading));
+            Ok(History::start(opened.writing, Some(folder), |_| Ok(reading), opened.writer, clock)?)
         };
-        History::start(connection, |_| reading(), clock, ROWS_MAX).map_err(error)
+        let failed = |error| match error {
+            StoreError::Database(reason) => StoreError::Open { path: folder.join(HISTORY_FILE), reason },
+            error => error,
+        };
+        match start() {
+            Err(StoreError::Database(error)) if damage::is_damage(&error) => {
+                begin_anew(folder, clock, &error)?;
+                start().map_err(failed)
+            }
+            started => started.map_err(failed),
+        }
     }
 
     /// A history in memory. It has one connection for reading and writing.
@@ -108,7 +117,10 @@ impl History {
     /// If SQLite fails.
     pub fn in_memory(clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
         let shared = |writing: &Arc<Mutex<Connection>>| Ok(writing.clone());
-        Ok(History::start(Connection::open_in_memory()?, shared, clock, ROWS_MAX)?)
+        let connection = Connection::open_in_memory()?;
+        prepare(&connection)?;
+        let writer = write::Writer::new(&connection, ROWS_MAX)?;
+        Ok(History::start(connection, None, shared, writer, clock)?)
     }
 
     /// A history in memory of what is past: `until` is an instant of its clock, with the wall time then.
@@ -125,27 +137,23 @@ impl History {
         write::Writer::new(&connection, ROWS_MAX)?.write(&mut connection, records, until)?;
         let connection = Arc::new(Mutex::new(connection));
         let reader = Arc::new(Reader::new(connection.clone()));
-        Ok(History { reader, connection, written: Arc::default(), clock })
+        Ok(History { reader, connection, folder: None, written: Arc::default(), clock })
     }
 
-    /// `reading` opens the connection for readers, once the tables exist.
+    /// `reading` is the connection for readers.
     fn start(
         connection: Connection,
+        folder: Option<&Path>,
         reading: impl FnOnce(&Arc<Mutex<Connection>>) -> rusqlite::Result<Arc<Mutex<Connection>>>,
+        writer: write::Writer,
         clock: Clock,
-        rows_max: usize,
     ) -> rusqlite::Result<(History, SyncSender<Vec<Record>>)> {
-        connection.busy_timeout(Duration::from_secs(2))?;
-        connection.pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(()))?;
-        // The last moments before a loss of power may be missing; the file stays whole.
-        connection.pragma_update(None, "synchronous", "NORMAL")?;
-        connection.pragma_update(None, "trusted_schema", false)?;
-        prepare(&connection)?;
-        let writer = write::Writer::new(&connection, rows_max)?;
         let connection = Arc::new(Mutex::new(connection));
         let reader = Arc::new(Reader::new(reading(&connection)?));
+        let folder = folder.map(Path::to_owned);
         let (writing, written) = oneshot::channel::<()>();
-        let history = History { connection, reader, written: Arc::new(Mutex::new(Some(written))), clock };
+        let written = Arc::new(Mutex::new(Some(written)));
+        let history = History { connection, reader, folder, written, clock };
         let (queue, records) = sync_channel(QUEUE);
         let shared = history.clone();
         // Without a thread the queue fills and records are counted as lost; the program goes on.
@@ -188,6 +196,16 @@ impl History {
         self.connection.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Goes on with another file beside the damaged one.
+    fn replace(&self, why: &rusqlite::Error) -> Result<write::Writer, StoreError> {
+        let Some(folder) = &self.folder else { return Err(StoreError::Ended) };
+        begin_anew(folder, self.clock, why)?;
+        let opened = Opened::of(folder)?;
+        *self.lock() = opened.writing;
+        self.reader.replace(opened.reading);
+        Ok(opened.writer)
+    }
+
     /// Runs until the engine's task has ended.
     fn write(&self, mut writer: write::Writer, records: &Receiver<Vec<Record>>) {
         let mut failing = false;
@@ -201,6 +219,12 @@ impl History {
             let now = (self.clock.wall(), self.clock.now());
             let written = writer.write(&mut self.lock(), &batch, now);
             match &written {
+                Err(error) if damage::is_damage(error) && self.folder.is_some() => {
+                    match self.replace(error) {
+                        Ok(next) => writer = next.without(writer.lost()),
+                        Err(error) => tracing::error!(%error, "no other history can be begun"),
+                    }
+                }
                 Err(error) if !failing => {
                     tracing::error!(%error, "the history cannot be written: check the free space of the data folder");
                 }
@@ -210,6 +234,40 @@ impl History {
             failing = written.is_err();
         }
     }
+}
+
+/// The connections to a file.
+struct Opened {
+    writing: Connection,
+    reading: Connection,
+    writer: write::Writer,
+}
+
+impl Opened {
+    fn of(folder: &Path) -> Result<Opened, StoreError> {
+        let path = folder.join(HISTORY_FILE);
+        // It tells where and when the vehicle failed, so only the owner may read it.
+        make_private_file(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
+        let writing = Connection::open(&path)?;
+        writing.busy_timeout(Duration::from_secs(2))?;
+        writing.pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(()))?;
+        // The last moments before a loss of power may be missing; the file stays whole.
+        writing.pragma_update(None, "synchronous", "NORMAL")?;
+        writing.pragma_update(None, "trusted_schema", false)?;
+        prepare(&writing)?;
+        let writer = write::Writer::new(&writing, ROWS_MAX)?;
+        let reading = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        reading.busy_timeout(Duration::from_secs(2))?;
+        Ok(Opened { writing, reading, writer })
+    }
+}
+
+/// Puts a damaged history aside.
+fn begin_anew(folder: &Path, clock: Clock, why: &rusqlite::Error) -> Result<(), StoreError> {
+    let kept = damage::put_aside(folder, clock.wall())
+        .map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
+    tracing::error!("the history is damaged ({why}): it lies in {}, and another one begins", kept.display());
+    Ok(())
 }
 
 /// Makes the tables, or adds the columns that a file of an earlier version lacks.
@@ -222,6 +280,9 @@ fn prepare(connection: &Connection) -> rusqlite::Result<()> {
             ALTER TABLE records ADD COLUMN silent_ms INTEGER;
             COMMIT;",
         )?;
+    }
+    if !damage::counts_rows(connection)? {
+        connection.execute_batch("ALTER TABLE alive ADD COLUMN rows INTEGER")?;
     }
     Ok(())
 }

@@ -35,7 +35,7 @@ pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{
     HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, NodePast, Past, PastEvent, Period,
-    Stretch, past_in,
+    SavedHistory, Stretch, history_damage, past_in, repair_history,
 };
 pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,

@@ -6,68 +6,64 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed};
 use crate::cli::check::print;
+use crate::cli::process::data_folder;
 use crate::record::retention::size;
 use crate::record::{file, folder, removed};
 use crate::store::audit::verify_audit_in;
-use crate::store::{Incident, IncidentRecords, Incidents};
+use crate::store::{Incident, IncidentRecords, Incidents, StoreError, StoredIncident};
 use crate::yaml::plain::escaped;
 
 /// Damages of a file that are told.
 const DAMAGES_MAX: usize = 3;
 
+/// Beside a server, what is wrong is looked at so often again, each time after a while.
+const LOOKS: usize = 20;
+const LOOK_AGAIN_AFTER: Duration = Duration::from_millis(250);
+
 /// What was found out about one incident.
+#[cfg_attr(test, derive(Debug, PartialEq))]
 enum Found {
     Whole(String),
     Unfinished,
     /// A file without an incident: nobody was told of one.
     Empty(String),
+    /// Its removal is in the audit log.
+    Removed,
     Bad(String),
 }
 
 pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
-    // The rows are read first: a hash is never in a row before it is in the log.
     let incidents = Incidents::open(data)?;
-    let recordings = folder::folder_in(data);
-    let is_all = ids.is_empty();
-    let ids: BTreeSet<u64> = match ids {
-        [] => {
-            let files = folder::numbers(&recordings)
-                .with_context(|| format!("the folder {} cannot be read", recordings.display()))?;
-            incidents.held()?.iter().map(|it| it.id).chain(files).collect()
-        }
-        ids => ids.iter().copied().collect(),
+    let is_served = data_folder::is_locked(data).unwrap_or(false);
+    let look = |ids: &[u64]| look(&incidents, data, ids, is_served);
+    let first = look(ids)?;
+    let found = match is_served {
+        true => settled(first, LOOKS, |suspects| {
+            std::thread::sleep(LOOK_AGAIN_AFTER);
+            look(suspects)
+        })?,
+        false => first,
     };
-    let mut rows = Vec::new();
-    for id in ids {
-        rows.push((id, incidents.stored(id)?));
-    }
-    let records = incidents.records()?;
-    // What was removed without a record of that has neither a row nor a file.
-    let known: BTreeSet<u64> = rows.iter().map(|(id, _)| *id).collect();
-    let unknown =
-        records.hashes.keys().filter(|id| is_all && !known.contains(id) && !records.removed.contains(id));
-    for &id in unknown {
-        rows.push((id, incidents.stored(id)?));
-    }
     let mut is_good = audit_is_whole(data)?;
-    for (id, row) in rows {
-        let mut found = check(&recordings, id, row.as_ref().map(|it| &it.incident), &records);
-        if let (Found::Whole(_) | Found::Unfinished, Some(row)) = (&found, &row)
-            && let Some(what) = records.contradiction(row)
-        {
-            found = Found::Bad(format!("in the database, {what} is not as the audit log says"));
-        }
+    for (id, found) in found {
         match found {
             Found::Whole(what) => print(&format!("ok    incident {id}: {what}\n")),
             Found::Unfinished => {
                 print(&format!("      incident {id} is not finished: there is no hash yet\n"))
             }
             Found::Empty(what) => print(&format!("      incident {id} never began: {what}\n")),
+            // One that was named is looked for in vain.
+            Found::Removed if ids.is_empty() => {}
+            Found::Removed => {
+                print(&format!("BAD   incident {id}: it was removed\n"));
+                is_good = false;
+            }
             Found::Bad(what) => {
                 print(&format!("BAD   incident {id}: {what}\n"));
                 is_good = false;
@@ -75,6 +71,65 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
         }
     }
     Ok(if is_good { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
+}
+
+/// What was found in the end: a server writes files, rows and records one after the other, so what is wrong beside one
+/// counts only if it stays wrong.
+fn settled(
+    mut found: Vec<(u64, Found)>,
+    looks: usize,
+    mut look: impl FnMut(&[u64]) -> anyhow::Result<Vec<(u64, Found)>>,
+) -> anyhow::Result<Vec<(u64, Found)>> {
+    for _ in 0..looks {
+        let is_bad = |(_, found): &&(u64, Found)| matches!(found, Found::Bad(_));
+        let suspects: Vec<u64> = found.iter().filter(is_bad).map(|(id, _)| *id).collect();
+        if suspects.is_empty() {
+            break;
+        }
+        let again = look(&suspects)?;
+        found.retain(|it| !is_bad(&it));
+        found.extend(again);
+        found.sort_by_key(|(id, _)| *id);
+    }
+    Ok(found)
+}
+
+/// Looks at these incidents, or at all. `is_served`: a server writes meanwhile.
+fn look(
+    incidents: &Incidents,
+    data: &Path,
+    ids: &[u64],
+    is_served: bool,
+) -> anyhow::Result<Vec<(u64, Found)>> {
+    let recordings = folder::folder_in(data);
+    let is_all = ids.is_empty();
+    let mut ids: BTreeSet<u64> = ids.iter().copied().collect();
+    if is_all {
+        let files = folder::numbers(&recordings)
+            .with_context(|| format!("the folder {} cannot be read", recordings.display()))?;
+        ids.extend(files);
+    }
+    let (rows, records) = incidents.at_once(|| {
+        let records = incidents.records()?;
+        if is_all {
+            ids.extend(incidents.held()?.iter().map(|it| it.id));
+            // What was removed without a record of that has neither a row nor a file.
+            ids.extend(records.hashes.keys().filter(|id| !records.removed.contains(id)));
+        }
+        let rows = ids.iter().map(|&id| Ok((id, incidents.stored(id)?)));
+        Ok((rows.collect::<Result<Vec<_>, StoreError>>()?, records))
+    })?;
+    let one = |(id, row): (u64, Option<StoredIncident>)| {
+        let found = check(&recordings, id, row.as_ref().map(|it| &it.incident), &records, is_served);
+        let contradiction = row.as_ref().and_then(|row| records.contradiction(row));
+        match (found, contradiction) {
+            (Found::Whole(_) | Found::Unfinished, Some(what)) => {
+                (id, Found::Bad(format!("in the database, {what} is not as the audit log says")))
+            }
+            (found, _) => (id, found),
+        }
+    };
+    Ok(rows.into_iter().map(one).collect())
 }
 
 /// Whether the hashes in the audit log can be believed.
@@ -90,7 +145,13 @@ fn audit_is_whole(data: &Path) -> anyhow::Result<bool> {
     Ok(verdict.breach.is_none())
 }
 
-fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &IncidentRecords) -> Found {
+fn check(
+    recordings: &Path,
+    id: u64,
+    incident: Option<&Incident>,
+    records: &IncidentRecords,
+    is_served: bool,
+) -> Found {
     let recorded = records.hashes.get(&id);
     let was_removed = records.removed.contains(&id);
     let file = match incident {
@@ -108,7 +169,7 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
     let is_missing = matches!(&opened, Err(error) if error.kind() == io::ErrorKind::NotFound);
     let (full, path) = (&path, path.display());
     match incident {
-        None if is_missing && was_removed => return Found::Bad("it was removed".to_owned()),
+        None if is_missing && was_removed => return Found::Removed,
         None if is_missing && recorded.is_some() => {
             return Found::Bad(format!("neither the store knows it, nor is {path} there"));
         }
@@ -118,6 +179,13 @@ fn check(recordings: &Path, id: u64, incident: Option<&Incident>, records: &Inci
         }
         None if recorded.is_none() && full.metadata().is_ok_and(|it| it.is_file() && it.len() == 0) => {
             return Found::Empty(format!("{path} is empty; the next start of the server removes it"));
+        }
+        // Its row comes when its first piece is on the disk.
+        None if is_served
+            && recorded.is_none()
+            && file::Reader::open(full).is_ok_and(|reader| !reader.is_complete()) =>
+        {
+            return Found::Unfinished;
         }
         Some(incident) if !incident.summary.recording.finished => {
             return match records.hash(id) {
@@ -180,4 +248,31 @@ fn told(damages: &[String]) -> Option<String> {
         told += &format!("; and in {more} other places");
     }
     (!damages.is_empty()).then_some(told)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bad() -> Found {
+        Found::Bad("it has no hash".to_owned())
+    }
+
+    #[test]
+    fn what_a_server_writes_meanwhile_is_not_accused_and_what_stays_wrong_is() {
+        let first = || vec![(1, Found::Whole(String::new())), (2, bad()), (3, bad()), (4, bad())];
+        let mut asked = Vec::new();
+        let found = settled(first(), 3, |suspects| {
+            asked.push(suspects.to_vec());
+            let now = |&id: &u64| match id {
+                2 if asked.len() == 2 => (2, Found::Whole("now".to_owned())),
+                4 => (4, Found::Removed),
+                id => (id, bad()),
+            };
+            Ok(suspects.iter().map(now).collect())
+        });
+        let whole = |what: &str| Found::Whole(what.to_owned());
+        assert_eq!(found.unwrap(), [(1, whole("")), (2, whole("now")), (3, bad()), (4, Found::Removed)]);
+        assert_eq!(asked, [vec![2, 3, 4], vec![2, 3], vec![3]]);
+    }
 }

@@ -254,6 +254,7 @@ mod tests {
             span: Span::from_secs(1),
             dropped: 1,
             dropped_age: age_s.map(Span::from_secs),
+            is_sizes_only: false,
         };
         let said = |topics| {
             let meter = Meter { wanted: Span::from_secs(45), memory: 1_000_000, topics };

@@ -348,6 +348,29 @@ impl Parts {
     }
 }
 
+impl Model {
+    /// The topics of which nothing is read but when messages come: a recording needs no content of large ones, unless it
+    /// names them.
+    pub fn counted_topics(&self) -> impl Iterator<Item = &str> {
+        let is_signal = |topic: &str| {
+            self.signals
+                .iter()
+                .filter_map(|it| it.source.field())
+                .any(|field| same_topic(&field.topic, topic))
+        };
+        let counted = self.watched.topics.iter().filter(|spec| spec.fields.is_empty());
+        counted.map(|spec| &*spec.topic).filter(move |topic| {
+            let is_diagnostics = self.watched.diagnostics.iter().any(|it| same_topic(&it.topic, topic));
+            !is_diagnostics && !is_signal(topic) && self.watched.recorded(topic).is_none()
+        })
+    }
+}
+
+/// Whether two names mean one topic; a configuration may leave out the first `/`.
+pub fn same_topic(one: &str, other: &str) -> bool {
+    one.trim_start_matches('/') == other.trim_start_matches('/')
+}
+
 /// The configuration of stages and countermeasures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Driving {

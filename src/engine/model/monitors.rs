@@ -32,7 +32,7 @@ pub struct Watched {
 }
 
 impl Watched {
-    /// How the messages of a topic are recorded that nothing else reads: the first entry that names it decides.
+    /// How the messages of a topic are recorded, if the configuration says so: the first entry that names it decides.
     pub fn recorded(&self, topic: &str) -> Option<&RecordedTopic> {
         if self.published.iter().any(|own| **own == *topic) {
             return None;

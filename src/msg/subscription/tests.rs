@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::engine::input::StatusArray;
-use crate::engine::model::monitors::{FieldKind, FieldSpec};
+use crate::engine::model::monitors::{FieldKind, FieldSpec, RecordedTopic};
 use crate::engine::model::sample::Pose;
 use crate::engine::model::{FieldSource, Parts, SignalSource, StageModel};
 use crate::engine::time::Span;
@@ -143,4 +143,42 @@ fn a_signal_and_monitors_share_one_topic() {
         when: PublicationTime::Now,
     });
     assert!(matches!(&inputs[..], [Input::Sample(sample)] if sample.values.is_empty()) && wrong.is_none());
+}
+
+#[test]
+fn a_recording_needs_no_content_of_what_is_only_counted_unless_it_is_named() {
+    let topic = |topic: &str, fields: &[&str]| {
+        let field = |path: &&str| FieldSpec { path: (*path).into(), kind: FieldKind::Scalar };
+        Arc::new(TopicSpec {
+            topic: topic.into(),
+            type_name: if fields.is_empty() { String::new() } else { BOOL.to_owned() }.into(),
+            stamp: false,
+            fields: fields.iter().map(field).collect(),
+        })
+    };
+    let recorded =
+        |pattern: &str, ms| RecordedTopic { pattern: pattern.into(), every: Span::from_millis(ms) };
+    let watched = Watched {
+        topics: vec![
+            topic("/points", &[]),
+            topic("/thin", &[]),
+            topic("/whole", &[]),
+            topic("/door", &[]),
+            topic("/read", &["data"]),
+        ],
+        recorded: vec![recorded("/thin", 500), recorded("/whole", 0), recorded("/diagnostics", 500)],
+        ..Watched::default()
+    };
+    let signals = vec![signal("door", "door", BOOL, None)];
+    let model = Model::new(Parts { signals, watched, ..Parts::empty("v", StageModel::None) }).unwrap();
+    assert_eq!(model.counted_topics().collect::<Vec<_>>(), ["/points"]);
+    let plan = Plan::of(&model, &Definitions::default()).unwrap();
+    let keeping = |topic: &str| {
+        plan.subscriptions.iter().filter(|one| *one.topic == *topic).map(|one| one.keeping()).next_back()
+    };
+    assert_eq!(keeping("/points"), Some(Keeping::UnlessLarge));
+    assert_eq!(keeping("/thin"), Some(Keeping::Every(Span::from_millis(500))));
+    for whole in ["/whole", "/read", "/diagnostics", "/door"] {
+        assert_eq!(keeping(whole), Some(Keeping::Whole), "{whole}");
+    }
 }

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::{FieldError, Signal, Subscription, SubscriptionError, WatchedFields, meaning, subscribe};
+use super::{
+    FieldError, Keeping, Signal, Subscription, SubscriptionError, WatchedFields, meaning, subscribe,
+};
 use crate::engine::model::monitors::{StampClock, TopicSpec};
 use crate::engine::model::{FieldSource, Limits, Model, SignalSpec};
 use crate::msg::fields::{Definitions, Reader};
@@ -54,6 +56,7 @@ impl Subscription {
             watch: None,
             untyped: Some(Arc::new(untyped)),
             recorded_every: None,
+            keeping: Keeping::Whole,
             limits: limits.clone(),
         }
     }
@@ -73,7 +76,7 @@ impl Subscription {
         let Some(untyped) = &self.untyped else { return Ok(Learned { subscription: self.clone(), missing }) };
         let mut all = Vec::with_capacity(1);
         let learned = subscribe(&mut all, &self.topic, type_name, &self.limits)?;
-        learned.stamps = self.stamps;
+        (learned.stamps, learned.keeping) = (self.stamps, self.keeping);
         let mut refused = None;
         for spec in &untyped.signals {
             let Some(source) = spec.source.field() else { continue };

@@ -25,6 +25,8 @@ pub(super) struct LeftOut {
     /// Bytes that each topic has in the file.
     written: HashMap<Arc<str>, u64>,
     lacks: BTreeMap<Arc<str>, Lack>,
+    /// Messages of which only the times and sizes were to be recorded.
+    sizes_only: BTreeMap<Arc<str>, Lack>,
     /// Of topics past the limit, too.
     all: Lack,
 }
@@ -55,16 +57,29 @@ impl LeftOut {
         }
     }
 
+    /// A message of which only its times and its size were to be recorded.
+    pub fn size_only(&mut self, topic: &Arc<str>, bytes: u64) {
+        if self.sizes_only.len() < TOPICS_MAX || self.sizes_only.contains_key(topic) {
+            let lack = self.sizes_only.entry(topic.clone()).or_default();
+            lack.messages += 1;
+            lack.bytes += bytes;
+        }
+    }
+
     pub fn all(&self) -> Lack {
         self.all
     }
 
     /// For the file: what each topic lacks. Empty: nothing is left out.
     pub fn told(&self) -> BTreeMap<String, String> {
-        let said = |(topic, lack): (&Arc<str>, &Lack)| {
-            (topic.to_string(), format!("{} messages, {} bytes", lack.messages, lack.bytes))
-        };
-        self.lacks.iter().map(said).collect()
+        let mut told: BTreeMap<String, String> = BTreeMap::new();
+        let lacks = self.lacks.iter().map(|it| (it, "had no room"));
+        let sizes = self.sizes_only.iter().map(|it| (it, "are recorded as their times and sizes"));
+        for ((topic, lack), why) in lacks.chain(sizes) {
+            let said = format!("{} messages, {} bytes: they {why}", lack.messages, lack.bytes);
+            told.entry(topic.to_string()).and_modify(|it| *it = format!("{it}; {said}")).or_insert(said);
+        }
+        told
     }
 }
 

@@ -21,11 +21,10 @@ use crate::record::file::{
     BEGUN, FileError, IncidentFile, JOURNAL, JsonChannel, KEYFRAMES, LEFT_OUT, MessageStamps, TRANSITIONS,
 };
 use crate::record::folder::file_name;
-use crate::record::incident::Trigger;
 use crate::record::job::Job;
 use crate::record::journal::Line;
 use crate::record::ring::{ConfigurationText, Entry, Position, Taken};
-use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
+use crate::record::summary::{FrozenNode, Recording, Summary, TriggerLine};
 use crate::record::transition::{Change, Transition};
 
 /// A chunk of the file ends at least this often, and is brought to the disk.
@@ -150,7 +149,7 @@ impl OpenFile {
     pub(super) fn follow(&mut self, job: &Job) -> bool {
         let known = self.summary.trigger_count();
         for (at, trigger) in &job.open.triggers[self.summary.triggers.len()..] {
-            let line = trigger_line(unix_ms(self.wall(*at)), trigger);
+            let line = TriggerLine::of(unix_ms(self.wall(*at)), trigger);
             self.untold.push_back((*at, line.clone()));
             self.summary.triggers.push(line);
         }
@@ -304,7 +303,9 @@ impl OpenFile {
         let has_place = self.left_out.has_place(&message.topic, bytes, self.file.most(), self.file.left());
         let is_there = message.left_out == 0 && has_place;
         self.last.insert(message.topic.clone(), (Arc::downgrade(message), is_there));
-        if !has_place {
+        if message.left_out > 0 {
+            self.left_out.size_only(&message.topic, message.left_out as u64);
+        } else if !has_place {
             self.left_out.lack(&message.topic, bytes);
             let lack = self.left_out.all();
             let recording = &mut self.summary.recording;
@@ -391,19 +392,6 @@ impl OpenFile {
     fn wall(&self, at: Timestamp) -> SystemTime {
         self.zero + Duration::from_nanos(at.as_nanos())
     }
-}
-
-fn trigger_line(at_ms: i64, trigger: &Trigger) -> TriggerLine {
-    let (kind, what) = match trigger {
-        Trigger::Root { node, .. } => (kind::ROOT, node.to_string()),
-        Trigger::OwnError { node } => (kind::OWN_ERROR, node.to_string()),
-        Trigger::LostActive { stage } => (kind::LOST_ACTIVE, stage.as_str().to_owned()),
-        Trigger::Countermeasure { kind: request } => (kind::COUNTERMEASURE, request.as_str().to_owned()),
-        Trigger::Mark { by, .. } => (kind::MARK, by.to_string()),
-    };
-    let alarm = if let Trigger::Root { alarm, .. } = trigger { *alarm } else { None };
-    let note = if let Trigger::Mark { note, .. } = trigger { note.to_string() } else { String::new() };
-    TriggerLine { at_ms, kind: kind.to_owned(), what, alarm, note }
 }
 
 /// The SHA-256 of a configuration: of the names and texts of its files.

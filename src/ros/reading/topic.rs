@@ -6,8 +6,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::UNIX_EPOCH;
 
+use bytes::Bytes;
 use tokio::sync::{mpsc, watch};
 
+use super::keeping::Kept;
 use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
@@ -128,6 +130,8 @@ pub struct Topic {
     unknown: BTreeSet<Guid>,
     /// Of a topic that is only recorded: when the next message may be.
     recorded_from: Timestamp,
+    /// Of another one: what is recorded whole.
+    kept: Kept,
 }
 
 impl Topic {
@@ -153,6 +157,7 @@ impl Topic {
             outbox,
             unknown: BTreeSet::new(),
             recorded_from: Timestamp::ZERO,
+            kept: Kept::default(),
         };
         // Nothing yet is a rate too.
         topic.around.tallies.add(&topic.subscription.dds_topic, 0);
@@ -320,14 +325,27 @@ impl Topic {
         if inputs.is_empty() {
             inputs.push(Input::Tick);
         }
+        let message = self.recorded(message, received);
         // The first of them accounts for the size of the message.
-        let mut body_bytes = bytes;
+        let mut body_bytes = message.len();
         for input in inputs {
             let waiting = waiting_bytes(&input, bytes) + std::mem::take(&mut body_bytes);
             let stamped = Stamped { input, received, message: Some(message.clone()) };
             self.outbox.send(stamped, waiting).await?;
         }
         Ok(())
+    }
+
+    /// The message as a recording has it: whole, or its times and its size.
+    fn recorded(&mut self, message: &Arc<Message>, received: Timestamp) -> Arc<Message> {
+        let bytes = message.len();
+        match &message.body {
+            Ok((_, endian)) if !self.kept.is_whole(self.subscription.keeping(), bytes, received) => {
+                let body = Ok((Bytes::new(), *endian));
+                Arc::new(Message { body, left_out: bytes, ..Message::clone(message) })
+            }
+            _ => message.clone(),
+        }
     }
 
     fn take_faults(&mut self, faults: &mut Vec<String>) {

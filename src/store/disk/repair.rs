@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::store::DemoSecrets;
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::database::{backup, schema};
-use crate::store::{FILE_NAME, Store, StoreError};
+use crate::store::{FILE_NAME, Store, StoreError, history_damage};
 
 /// The result of checking a data folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,6 +24,8 @@ pub struct DataState {
     pub damage: Option<String>,
     /// The number of users, if it can be read.
     pub users: Option<u64>,
+    /// What is wrong with the history, which is a file of its own.
+    pub history_damage: Option<String>,
     /// The newest first.
     pub backups: Vec<BackupState>,
 }
@@ -69,7 +71,7 @@ pub fn check_data(folder: &Path) -> Result<DataState, StoreError> {
         Err(error) => BackupState { file, damage: Some(error.to_string()), users: None },
     };
     let backups = backup::list(folder).into_iter().map(look).collect();
-    Ok(DataState { database, damage, users, backups })
+    Ok(DataState { database, damage, users, history_damage: history_damage(folder), backups })
 }
 
 fn count(connection: &Connection) -> Option<u64> {

@@ -149,6 +149,18 @@ fn salvage(
     Ok(Salvaged { losses, users: users.unsigned_abs() })
 }
 
+/// Copies all rows of a table that can be read into one of the same name.
+///
+/// # Errors
+/// If they cannot be written.
+pub(in crate::store) fn copy_all(
+    from: &Connection,
+    to: &Connection,
+    table: &str,
+) -> Result<bool, StoreError> {
+    copy(from, to, table, Keep::Copied, usize::MAX)
+}
+
 /// Opens a database that may be damaged, to read as much of it as possible.
 fn open_broken(folder: &Path) -> Option<Connection> {
     let path = folder.join(FILE_NAME);

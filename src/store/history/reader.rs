@@ -33,6 +33,11 @@ impl Reader {
         Reader { connection, turn: Arc::new(Semaphore::new(1)) }
     }
 
+    /// Another file counts from the next query on.
+    pub fn replace(&self, connection: Connection) {
+        *self.connection.lock().unwrap_or_else(PoisonError::into_inner) = connection;
+    }
+
     /// Answers `query` within this time, including the wait for other queries. A query that takes longer,
     /// or whose caller has gone, is interrupted.
     ///

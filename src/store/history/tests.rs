@@ -178,8 +178,14 @@ async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
 
     let folder = TestFolder::new("history");
     std::fs::write(folder.join(HISTORY_FILE), [b'x'; 4096]).unwrap();
-    let error = History::open(&folder, Clock::start()).unwrap_err().to_string();
-    assert!(error.contains(HISTORY_FILE), "{error}");
+    assert!(history_damage(&folder).is_some());
+    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+    drop(queue);
+    history.written().await;
+    assert_eq!(history_damage(&folder), None, "another one begins beside it");
+    let kept: Vec<_> = std::fs::read_dir(&*folder).unwrap().map(|it| it.unwrap().path()).collect();
+    let kept = kept.iter().find(|it| it.is_dir()).expect("the old one is kept").join(HISTORY_FILE);
+    assert_eq!(std::fs::read(kept).unwrap(), [b'x'; 4096]);
 }
 
 #[test]
@@ -321,4 +327,61 @@ async fn all_that_came_through_the_queue_is_written_before_the_end() {
     let connection = Connection::open(folder.join(HISTORY_FILE)).unwrap();
     let rows: i64 = connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0)).unwrap();
     assert_eq!(rows, 3);
+}
+
+/// A history with this many records, in a file.
+async fn with_records(name: &str, count: u64) -> TestFolder {
+    let folder = TestFolder::new(name);
+    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+    let record = |number| Record {
+        at: Timestamp::from_millis(number),
+        what: shown("pump", if number % 2 == 0 { State::Ok } else { State::Error }, None),
+    };
+    queue.send((0..count).map(record).collect()).unwrap();
+    drop(queue);
+    history.written().await;
+    folder
+}
+
+#[tokio::test]
+async fn records_that_somebody_removed_are_missed() {
+    let folder = with_records("history-removed", 1000).await;
+    assert_eq!(history_damage(&folder), None);
+    let beside = Connection::open(folder.join(HISTORY_FILE)).unwrap();
+    beside.execute("DELETE FROM records WHERE id % 2 = 0", []).unwrap();
+    drop(beside);
+    assert_eq!(history_damage(&folder).as_deref(), Some("500 of its records were removed"));
+    let saved = repair_history(&folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is not whole");
+    assert_eq!((saved.records, history_damage(&folder)), (500, None));
+    assert_eq!(repair_history(&folder, SystemTime::UNIX_EPOCH).unwrap(), None);
+}
+
+#[tokio::test]
+async fn a_history_with_zeroed_pages_is_repaired_or_begun_anew_while_it_is_written() {
+    let folder = with_records("history-zeroed", 5000).await;
+    let path = folder.join(HISTORY_FILE);
+    let beside = Connection::open(&path).unwrap();
+    beside.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(())).unwrap();
+    drop(beside);
+    for suffix in ["-wal", "-shm"] {
+        let _ = std::fs::remove_file(folder.join(format!("{HISTORY_FILE}{suffix}")));
+    }
+    let mut bytes = std::fs::read(&path).unwrap();
+    let pages = bytes.len() / 4096;
+    bytes[4096 * pages / 2..].fill(0);
+    std::fs::write(&path, &bytes).unwrap();
+    assert!(history_damage(&folder).is_some());
+    // What fails while it is written begins another one, which is then whole.
+    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+    for _ in 0..3 {
+        queue.send(vec![Record { at: Timestamp::ZERO, what: shown("fan", State::Error, None) }]).unwrap();
+    }
+    drop(queue);
+    history.written().await;
+    drop(history);
+    if let Some(damage) = history_damage(&folder) {
+        assert!(!damage.is_empty());
+        repair_history(&folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is damaged");
+        assert_eq!(history_damage(&folder), None);
+    }
 }

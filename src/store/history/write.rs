@@ -52,7 +52,21 @@ impl Writer {
         let rows: i64 = connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0))?;
         let alive = connection.query_row("SELECT max(at_ms) FROM alive", [], |row| row.get(0))?;
         let rows = usize::try_from(rows).unwrap_or(0);
-        Ok(Writer { names: HashMap::new(), rows, rows_max, alive_before_ms: alive, lost: 0 })
+        let missing = super::damage::missing(connection)?;
+        if missing > 0 {
+            tracing::error!("{missing} records of the history were removed: the timeline has a gap");
+        }
+        Ok(Writer { names: HashMap::new(), rows, rows_max, alive_before_ms: alive, lost: missing })
+    }
+
+    /// Records that are not written.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// These are lost too.
+    pub fn without(self, lost: u64) -> Writer {
+        Writer { lost: self.lost + lost, ..self }
     }
 
     /// Writes all of a batch or, if the database fails, nothing; the batch is then counted as lost.
@@ -103,10 +117,13 @@ impl Writer {
             insert(&transaction, millis(wall_at(now.0, now.1, record.at)), row)?;
         }
         rows += batch.len();
-        transaction.execute("INSERT OR REPLACE INTO alive (one, at_ms) VALUES (1, ?)", [now_ms])?;
         if rows > self.rows_max {
             rows = trim(&transaction, rows - self.rows_max + self.rows_max / 20, rows)?;
         }
+        // How many there are tells `telltale data check` whether somebody removed some.
+        transaction
+            .prepare_cached("INSERT OR REPLACE INTO alive (one, at_ms, rows) VALUES (1, ?, ?)")?
+            .execute(params![now_ms, rows as i64])?;
         transaction.commit()?;
         Ok(rows)
     }

@@ -179,6 +179,17 @@ impl Store {
 }
 
 impl Incidents {
+    /// What `read` reads is of one instant, whatever a server writes meanwhile.
+    ///
+    /// # Errors
+    /// If the database fails, or what is read.
+    pub fn at_once<T>(&self, read: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let transaction = self.0.unchecked_transaction()?;
+        let found = read()?;
+        transaction.finish()?;
+        Ok(found)
+    }
+
     /// An incident as it lies in the database; `None` if there is none.
     ///
     /// # Errors

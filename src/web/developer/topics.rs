@@ -57,6 +57,8 @@ struct HeldCell {
     dropped: u64,
     /// Less is held than a recording needs.
     is_short: bool,
+    /// Only the times and sizes of the messages are recorded.
+    is_sizes_only: bool,
 }
 
 #[derive(Template)]
@@ -153,9 +155,10 @@ fn held(topic: &str, meter: &Meter) -> Option<HeldCell> {
     let held = &meter.topics[index];
     Some(HeldCell {
         seconds: (held.span.as_millis() / 1000).to_string(),
-        flow: held.bytes_per_s().map(|bytes| format!("{}/s", size(bytes))),
+        flow: held.bytes_per_s().filter(|_| !held.is_sizes_only).map(|bytes| format!("{}/s", size(bytes))),
         dropped: held.dropped,
         is_short: held.is_short_of(meter.wanted),
+        is_sizes_only: held.is_sizes_only,
     })
 }
 
@@ -202,6 +205,7 @@ mod tests {
             span: Span::from_secs(span_s),
             dropped,
             dropped_age: dropped_age.map(Span::from_secs),
+            is_sizes_only: false,
         };
         let meter = |topics| Meter { wanted: Span::from_secs(45), memory: 256_000_000, topics };
         let page = |meter: Option<&Meter>| {
@@ -221,6 +225,9 @@ mod tests {
         }
         let enough = page(Some(&meter(vec![held("/points", 50, 70, Some(50))])));
         assert!(enough.contains("<small>70 made room") && !enough.contains("class=\"bad\">70"), "{enough}");
+        assert!(!enough.contains("times and sizes only"));
+        let sizes = Held { is_sizes_only: true, ..held("/points", 50, 0, None) };
+        assert!(page(Some(&meter(vec![sizes]))).contains("50 s <small>times and sizes only"));
         assert!(!page(None).contains("Recorder"));
     }
 }

@@ -185,6 +185,7 @@ words! {
     mismatch_liveliness: "Liveliness asked for, not offered", "Lebenszeichen verlangt, nicht geboten";
     held: "Recorder", "Rekorder";
     held_title: "What the memory for recordings holds. A recording needs", "Was der Speicher für Aufzeichnungen hält. Eine Aufzeichnung braucht";
+    sizes_only: "times and sizes only", "nur Zeiten und Größen";
     made_room: "made room for newer ones: raise `recording.memory`", "wichen neueren: `recording.memory` erhöhen";
     published_twice: "Published by another too", "Auch von anderen veröffentlicht";
     nodes: "ROS nodes", "ROS-Knoten";

@@ -96,7 +96,8 @@ fn an_incident_grows_no_further_than_its_room_and_says_what_it_lacks() {
     assert!(statuses >= 11 && whole > statuses, "what is small is whole: {statuses} of {whole}");
     let reader = Reader::open(&path).unwrap();
     let (_, told) = reader.metadata().find(|(name, _)| *name == LEFT_OUT).expect("the file says it");
-    let said = format!("{} messages, {} bytes", recording.left_out, recording.left_out_bytes);
+    let said =
+        format!("{} messages, {} bytes: they had no room", recording.left_out, recording.left_out_bytes);
     assert_eq!(told["/camera"], said);
 }
 
@@ -115,4 +116,33 @@ fn without_any_room_the_journal_says_that_it_lacks_something_and_the_file_is_who
     let path = recorded.folder.join(&summary.recording.file);
     assert!(path.metadata().unwrap().len() <= 100_000 && lines(&path).2 > 0);
     assert_eq!(crate::record::file::check(&path).unwrap(), Vec::<String>::new());
+}
+
+#[test]
+fn a_message_without_its_content_stands_in_the_journal_with_its_times_and_its_size() {
+    let mut recorded = Recorded::new("sizes");
+    recorded.say("pump", 0, 1);
+    let message = Message {
+        topic: "/points".into(),
+        type_name: "sensor_msgs/msg/PointCloud2".into(),
+        writer: [4; 16],
+        sequence: 77,
+        source: Some(recorded.clock.wall()),
+        received: recorded.clock.wall(),
+        body: Ok((bytes::Bytes::new(), Endian::Little)),
+        left_out: 640_000,
+        kept: false,
+    };
+    let received = recorded.clock.now();
+    recorded.feed.took(Stamped { input: Input::Tick, received, message: Some(Arc::new(message)) });
+    recorded.say("pump", 2, 1);
+    assert!(recorded.recorder.meter().topics.iter().all(|it| &*it.topic != "/points" || it.is_sizes_only));
+    recorded.say("pump", 2, 20);
+    let summary = recorded.ended();
+    let path = recorded.folder.join(&summary.recording.file);
+    assert_eq!((lines(&path).1, summary.recording.left_out, summary.recording.missing), (1, 0, 0));
+    assert!(!recorded.messages(&summary).contains_key("/points"));
+    let reader = Reader::open(&path).unwrap();
+    let (_, told) = reader.metadata().find(|(name, _)| *name == LEFT_OUT).expect("the file says it");
+    assert_eq!(told["/points"], "1 messages, 640000 bytes: they are recorded as their times and sizes");
 }

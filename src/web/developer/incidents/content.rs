@@ -78,6 +78,8 @@ pub(in crate::web) struct TopicRow {
     pub seconds: String,
     pub messages: u64,
     pub size: String,
+    /// Messages of which the file has only the times and sizes, and their bytes.
+    pub left_out: Option<(u64, String)>,
 }
 
 /// A look of a bar in words.
@@ -385,5 +387,6 @@ fn topic(topic: &ToldTopic) -> TopicRow {
         seconds: format!("{:.1}", topic.last_ms.saturating_sub(topic.first_ms) as f64 / 1000.0),
         messages: topic.messages,
         size: size(topic.bytes),
+        left_out: (topic.left_out > 0).then(|| (topic.left_out, size(topic.left_out_bytes))),
     }
 }

@@ -93,6 +93,7 @@ words! {
     look_own: "Line at the foot: what it says itself", "Linie am Fuß: was es selbst sagt";
     busy: "Other recordings are being read. Load the page again.", "Gerade werden andere Aufzeichnungen gelesen. Laden Sie die Seite neu.";
     nothing_told: "The recording tells no change.", "Die Aufzeichnung zeigt keine Änderung.";
+    sizes_only: "times and sizes only", "nur Zeiten und Größen";
     no_topics: "The recording has no messages.", "Die Aufzeichnung enthält keine Nachrichten.";
     no_values: "Nothing had failed at the first trigger.", "Beim ersten Anlass war nichts ausgefallen.";
     version: "Telltale", "Telltale";

@@ -94,6 +94,8 @@ fn story(name: &str, periods: i64) -> Story {
             type_name: name.into(),
             messages: 1,
             bytes: 1,
+            left_out: 2,
+            left_out_bytes: 3,
             first_ms: 0,
             last_ms: 500,
         }],
