@@ -431,10 +431,10 @@ fn a_later_stage_depends_on_what_judges_the_earlier_one() {
             sum("parallel"),
         ),
         &[
-            "3:27: a fault of `a/rate` is one of `b/ratio` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
-            "4:27: a fault of `a/rate` is one of `c/sequence` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
-            "5:27: a fault of `a/rate` is one of `d/sum` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
-            "5:27: a fault of `a/k` is one of `d/sum` too, which compares with what it judges (add `depends_on: [a/k]`, so that only the cause is shown)",
+            "3:30: a fault of `a/rate` is one of `b/ratio` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
+            "4:30: a fault of `a/rate` is one of `c/sequence` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
+            "5:30: a fault of `a/rate` is one of `d/sum` too, which compares with what it judges (add `depends_on: [a/rate]`, so that only the cause is shown)",
+            "5:30: a fault of `a/k` is one of `d/sum` too, which compares with what it judges (add `depends_on: [a/k]`, so that only the cause is shown)",
         ],
     );
 }
@@ -454,7 +454,7 @@ fn silence_that_masks_hides_an_error() {
 ",
         &[
             "4:27: while `a/m` is only silent, this hides an ERROR of `c/m` (give `a/m` `stale: error`, so that its silence is a fault, or let only `error` mask)",
-            "6:103: while `d` is only silent, this hides an ERROR of `e/m` (give `d` `stale: error`, so that its silence is a fault, or let only `error` mask)",
+            "6:107: while `d` is only silent, this hides an ERROR of `e/m` (give `d` `stale: error`, so that its silence is a fault, or let only `error` mask)",
         ],
     );
 }
