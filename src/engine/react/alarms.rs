@@ -394,7 +394,7 @@ mod tests {
     fn a_symptom_that_closes_leaves_its_urgency_to_its_cause() {
         for acknowledged in [false, true] {
             let mut alarms = Alarms::default();
-            let mut follow = |alarms: &mut Alarms, roots: &[NodeId], causes: &[NodeId]| {
+            let follow = |alarms: &mut Alarms, roots: &[NodeId], causes: &[NodeId]| {
                 alarms.follow(&calling(roots), |_| causes.to_vec(), Timestamp::ZERO, &mut Events::default());
             };
             follow(&mut alarms, &[A, B], &[]);
