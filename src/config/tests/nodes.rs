@@ -306,7 +306,7 @@ fn a_worse_level_never_asks_for_less() {
         |help: &str| format!("groups: [{{ id: a, modules: [{{ id: m, status: s, help: {help} }}] }}]\n");
     let take_over = "{ en: T, urgency: take_over }";
     let be_ready = "{ en: B, urgency: be_ready }";
-    let says = |stage| {
+    let says = |stage: &str| {
         format!(
             "in `{stage}`, an ERROR asks for less than a WARNING (give `error` the `urgency: take_over` too, or `warning` a lower one)"
         )
