@@ -240,9 +240,7 @@ fn read_measures(
             "SELECT number, request, mps2, by_operator, since_ms, stopped_ms FROM countermeasures
              LEFT JOIN countermeasure_times ON countermeasure = number ORDER BY number"
         }
-        false => {
-            "SELECT number, request, mps2, by_operator, NULL, NULL FROM countermeasures ORDER BY number"
-        }
+        false => "SELECT number, request, mps2, by_operator, NULL, NULL FROM countermeasures ORDER BY number",
     })?;
     let mut causes = connection
         .prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;

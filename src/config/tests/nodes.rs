@@ -326,7 +326,7 @@ fn a_worse_level_never_asks_for_less() {
         let text = module(&format!("{{ warning: {warning}, error: {error}, unknown: {take_over} }}"));
         let column = text.find(" error:").expect("it is written") + 2;
         let expected: Vec<String> =
-            wrong.iter().map(|stage| format!("1:{column}: {}", says(stage))).collect();
+            wrong.into_iter().map(|stage| format!("1:{column}: {}", says(stage))).collect();
         check(&text, &expected.iter().map(String::as_str).collect::<Vec<_>>());
     }
     let alone = module(&format!("{{ warning: {take_over} }}"));

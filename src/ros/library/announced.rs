@@ -27,7 +27,7 @@ const LIFE_MIN: Span = Span::from_secs(10);
 /// A participant that is heard later than this after it left has not left: somebody else said so.
 pub const LEAVING: Span = Span::from_secs(1);
 /// The library keeps to longer leases than this by itself.
-const LEASE_MAX: Span = Span::from_secs(3600);
+const LEASE_MAX: Span = Span::from_secs(100);
 /// A copy with a shorter one would not be repeated in time.
 const LEASE_MIN: Span = Span::from_secs(5);
 /// Participants are addressed by their number on a machine, too. This many numbers are addressed at least by others.
@@ -157,9 +157,9 @@ impl Announced {
         met.map(|(prefix, _)| *prefix).collect()
     }
 
-    /// Those whose announcements are to be repeated to the library.
-    pub fn to_repeat(&self) -> Vec<Prefix> {
-        lock(&self.table).to_repeat(self.clock.now())
+    /// Those whose announcements are to be repeated to a library that has discovered some itself.
+    pub fn to_repeat(&self, discovered: impl Fn(&Prefix) -> bool) -> Vec<Prefix> {
+        lock(&self.table).to_repeat(self.clock.now(), discovered)
     }
 
     /// What the library is to hear of a participant, as long as it lives: its lease ends when its life ends here.
@@ -271,11 +271,13 @@ impl Table {
         }
     }
 
-    /// All, unless there are more than a vehicle has, as in a flood: then those that we have met.
-    fn to_repeat(&mut self, now: Timestamp) -> Vec<Prefix> {
+    /// Those that we have met, and others that the library has discovered itself: a packet that it does not survive must
+    /// not be repeated to the next one. In a flood, with more participants than a vehicle has, those that we have met.
+    fn to_repeat(&self, now: Timestamp, discovered: impl Fn(&Prefix) -> bool) -> Vec<Prefix> {
         let is_flood = self.participants.len() > VEHICLE_MAX;
         let living = self.participants.iter().filter(|(_, known)| known.lives(now));
-        living.filter(|(_, known)| known.is_met || !is_flood).map(|(prefix, _)| *prefix).collect()
+        let wanted = living.filter(|(prefix, known)| known.is_met || !is_flood && discovered(prefix));
+        wanted.map(|(prefix, _)| *prefix).collect()
     }
 }
 
@@ -298,11 +300,11 @@ mod tests {
         assert_eq!(life(&table, 1, 130), Life::Over);
         assert_eq!([life(&table, 2, 109), life(&table, 2, 110)], [Life::Heard(at(100)), Life::Over]);
         assert_eq!(life(&table, 3, 100), Life::Unheard);
-        assert_eq!(table.to_repeat(at(109)).len(), 2);
-        assert_eq!(table.to_repeat(at(110)), [[1; 12]]);
+        assert_eq!(table.to_repeat(at(109), |_| true).len(), 2);
+        assert_eq!(table.to_repeat(at(110), |_| true), [[1; 12]]);
         table.hear(Said::Leaving([1; 12]), at(111));
         table.hear(Said::Here(here(1, 10)), at(111));
-        assert_eq!((life(&table, 1, 111), table.to_repeat(at(111)).len()), (Life::Over, 0));
+        assert_eq!((life(&table, 1, 111), table.to_repeat(at(111), |_| true).len()), (Life::Over, 0));
         table.hear(Said::Here(here(1, 10)), at(112));
         assert_eq!(life(&table, 1, 112), Life::Heard(at(112)), "somebody else said that it left");
     }
@@ -320,6 +322,11 @@ mod tests {
             table.hear(Said::Here(stranger), at(101));
         }
         assert_eq!(table.participants.len(), PARTICIPANTS_MAX);
-        assert_eq!(table.to_repeat(at(102)), [[1; 12]]);
+        assert_eq!(table.to_repeat(at(102), |_| true), [[1; 12]]);
+        let mut table = Table::default();
+        table.hear(Said::Here(here(1, 10)), at(100));
+        table.hear(Said::Here(here(2, 10)), at(100));
+        let discovered = |prefix: &Prefix| *prefix == [2; 12];
+        assert_eq!(table.to_repeat(at(101), discovered), [[2; 12]], "the library has survived it");
     }
 }

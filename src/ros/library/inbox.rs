@@ -24,8 +24,8 @@ use crate::msg::sample_bytes::Guid;
 /// The window, one message that began within it, and the frame that was under way.
 const UNTAKEN_MAX: usize = WINDOW_BYTES + BODY_BYTES_MAX + 2 * SAMPLE_BYTES;
 
-/// Participants that are lost and not judged yet.
-const LOST_MAX: usize = 1024;
+/// Participants that are remembered: those that are lost, and those that were discovered.
+const PARTICIPANTS_MAX: usize = 1024;
 
 /// When the library lost a participant, and whether it has discovered it again.
 #[derive(Debug, Clone, Copy)]
@@ -68,6 +68,8 @@ pub struct Shared {
     made: Mutex<BTreeMap<u32, watch::Sender<Option<Guid>>>>,
     made_readers: Mutex<BTreeMap<u32, Guid>>,
     lost: Mutex<BTreeMap<Prefix, Loss>>,
+    /// Participants that the library has discovered by what they said to it.
+    discovered: Mutex<BTreeSet<Prefix>>,
     pub announced: Arc<Announced>,
     pub news: watch::Sender<u64>,
     pub own_readers: watch::Sender<BTreeSet<Guid>>,
@@ -84,6 +86,7 @@ impl Shared {
         Shared {
             announced,
             lost: Mutex::default(),
+            discovered: Mutex::default(),
             seen: Mutex::default(),
             readers: Mutex::default(),
             written: Mutex::default(),
@@ -197,26 +200,41 @@ impl Shared {
             }
             FromChild::Broken { reason } => self.end(&reason, true),
             FromChild::Participant { participant, change } => {
-                let mut lost = lock(&self.lost);
-                match change {
-                    Change::Here => self.announced.is_heard(&participant),
-                    Change::Left => self.announced.has_left(&participant),
-                    Change::Lost | Change::Back if lost.len() >= LOST_MAX => {}
-                    Change::Lost | Change::Back => {
-                        lost.insert(
-                            participant,
-                            Loss { at: self.announced.now(), is_back: change == Change::Back },
-                        );
-                    }
-                }
+                self.change(participant, change);
             }
         }
         Ok(())
     }
 
+    /// Each lock is held alone: those who ask take them in another order.
+    fn change(&self, participant: Prefix, change: Change) {
+        match change {
+            Change::Here => {
+                let mut discovered = lock(&self.discovered);
+                if discovered.len() < PARTICIPANTS_MAX {
+                    discovered.insert(participant);
+                }
+                drop(discovered);
+                self.announced.is_heard(&participant);
+            }
+            Change::Left => self.announced.has_left(&participant),
+            Change::Lost | Change::Back => {
+                let loss = Loss { at: self.announced.now(), is_back: change == Change::Back };
+                let mut lost = lock(&self.lost);
+                if lost.len() < PARTICIPANTS_MAX {
+                    lost.insert(participant, loss);
+                }
+            }
+        }
+    }
+
     /// The participants that the library has lost and that are not judged yet.
     pub fn lost(&self) -> BTreeMap<Prefix, Loss> {
         lock(&self.lost).clone()
+    }
+
+    pub fn has_discovered(&self, participant: &Prefix) -> bool {
+        lock(&self.discovered).contains(participant)
     }
 
     pub fn is_judged(&self, participant: &Prefix) {

@@ -2,7 +2,7 @@
 //!
 //! The library takes a participant for gone after one lease without an announcement, drops announcements where many
 //! come at once, and matches nothing of a participant that comes back. So it is told once a second of each that lives,
-//! by what was heard beside it ([`Announced`]).
+//! by what was heard beside it (`announced`).
 
 use std::net::Ipv4Addr;
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
-use super::announced::{Announced, Life};
+use super::announced::Life;
 use super::inbox::{Loss, Shared};
 use super::spdp::{self, Prefix};
 use super::wire::Order;
@@ -64,13 +64,14 @@ async fn keep(own: Prefix, port: u16, shared: &Shared, orders: mpsc::WeakSender<
                 Judgement::Replace(_) | Judgement::Wait => {}
             }
         }
-        repeat(announced, &own, &socket, port).await;
+        repeat(shared, &own, &socket, port).await;
     }
 }
 
 /// Repeats who lives to the library.
-async fn repeat(announced: &Announced, own: &Prefix, socket: &UdpSocket, port: u16) {
-    for participant in announced.to_repeat().iter().filter(|it| *it != own) {
+async fn repeat(shared: &Shared, own: &Prefix, socket: &UdpSocket, port: u16) {
+    let announced = &*shared.announced;
+    for participant in announced.to_repeat(|it| shared.has_discovered(it)).iter().filter(|it| *it != own) {
         if let Some(copy) = announced.copy(participant) {
             // The next round tries again.
             let _ = socket.send_to(&copy, (Ipv4Addr::LOCALHOST, port)).await;

@@ -149,7 +149,7 @@ type Parameter<'a> = (u16, &'a [u8]);
 
 /// The first parameter of a list, and the rest. `None` outside if the list is cut, inside at its end.
 fn next_parameter(list: &[u8], is_little: bool) -> Option<(Option<Parameter<'_>>, &[u8])> {
-    let Some((&[a, b, c, d], behind)) = list.split_first_chunk() else { return None };
+    let (&[a, b, c, d], behind) = list.split_first_chunk()?;
     let (id, length) = (number(is_little, [a, b]), usize::from(number(is_little, [c, d])));
     if id == SENTINEL {
         return Some((Some((id, &[])), behind));

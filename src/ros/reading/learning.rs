@@ -121,7 +121,7 @@ impl Learning {
                 Some(_) => None,
             };
             let mut refused = None;
-            for type_name in untyped.to_try(found, now, &mut news.over) {
+            for type_name in untyped.next_types(found, now, &mut news.over) {
                 let is_quiet = is_ambiguous || !untyped.tried.is_empty();
                 match untyped.subscription.learn(&type_name) {
                     Ok(Learned { subscription, missing }) => {
@@ -171,7 +171,7 @@ impl Untyped {
     }
 
     /// The types to read by, too: those that were never tried come first.
-    fn to_try(&mut self, found: &BTreeSet<String>, now: Timestamp, over: &mut Vec<Key>) -> Vec<String> {
+    fn next_types(&mut self, found: &BTreeSet<String>, now: Timestamp, over: &mut Vec<Key>) -> Vec<String> {
         let mut others: Vec<&String> = found.iter().filter(|name| !self.tried.contains_key(*name)).collect();
         self.made_room.retain(|name, _| found.contains(name));
         others.sort_by_key(|name| self.made_room.get(*name).copied());
