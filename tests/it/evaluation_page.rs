@@ -58,7 +58,7 @@ impl Played {
     fn last(&self, topic: &str) -> f64 {
         let of_topic = |input: &Input| matches!(input, Input::Sample(it) if *it.source.topic == *topic);
         let steps = self.scenario.steps.iter().filter(|step| step.inputs.iter().any(of_topic));
-        steps.filter_map(|step| step.repeat).map(|it| self.seconds(it.until)).last().expect("it is sent")
+        steps.filter_map(|step| step.repeat).map(|it| self.seconds(it.until)).next_back().expect("it is sent")
     }
 }
 

@@ -78,18 +78,19 @@ proptest! {
         let history = writers::said_by_one(history(&mut choices));
         let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
         let mut windows = vec![Window::default(); model.modules.len()];
+        let mut times = Times::default();
         for (index, (at, input)) in history.iter().enumerate() {
             let seen = |now| History { model: &model, seen: &history[..index], now };
-            note_windows(&seen(engine.now()), &engine.snapshot(), &mut windows);
+            note_windows(&seen(engine.now()), &engine.snapshot(), (&mut windows, &mut times));
             // Time alone may make a module relevant between two inputs, as the end of a localization does.
             while let Some(due) = engine.next_deadline().filter(|due| due <= at) {
                 engine.handle(&Input::Tick, due);
-                note_windows(&seen(due), &engine.snapshot(), &mut windows);
+                note_windows(&seen(due), &engine.snapshot(), (&mut windows, &mut times));
             }
             engine.handle(input, *at);
             let snapshot = engine.snapshot();
             let seen = History { model: &model, seen: &history[..=index], now: *at };
-            note_windows(&seen, &snapshot, &mut windows);
+            note_windows(&seen, &snapshot, (&mut windows, &mut times));
             for (id, window) in (0..).map(ModuleId).zip(&mut windows) {
                 if let Some(verdict) = seen.verdict(id, window) {
                     let reported = snapshot.module(id).1.steps.reported;
@@ -227,8 +228,9 @@ fn told(snapshot: &Snapshot) -> Vec<String> {
 
 /// A window begins when its module becomes relevant, or is no longer blocked and was well when it was blocked.
 /// While its module is well then, what came before counts on as long as it makes nothing worse.
-fn note_windows(seen: &History<'_>, snapshot: &Snapshot, windows: &mut [Window]) {
-    let mut oracle = Oracle::new(seen.model, snapshot);
+fn note_windows(seen: &History<'_>, snapshot: &Snapshot, (windows, times): (&mut [Window], &mut Times)) {
+    times.see(snapshot);
+    let mut oracle = Oracle::new(seen.model, snapshot, times);
     let since = Some(Since { at: snapshot.now, inputs: seen.seen.len() });
     for (id, window) in (0..).map(ModuleId).zip(windows) {
         let said = seen.verdict(id, window).flatten();
@@ -247,6 +249,7 @@ fn note_windows(seen: &History<'_>, snapshot: &Snapshot, windows: &mut [Window])
             window.last_begin = seen.seen.len();
         }
     }
+    times.see_shown(snapshot);
 }
 
 fn rank(state: State) -> usize {
