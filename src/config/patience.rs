@@ -11,8 +11,9 @@ use crate::engine::time::Span;
 /// alike, so their order stays.
 pub const PATIENCE: Span = Span::from_millis(1500);
 
-/// Rates are counted over at least this time: the first window of a monitor counts at once.
-const WINDOW: Span = Span::from_secs(1);
+/// Rates are counted over at least this time. The first window of a monitor counts at once, also if messages waited for
+/// nearly half of it.
+const WINDOW: Span = Span::from_secs(2);
 
 /// A message may take this much longer. It is a part of the patience: a late message is no silence, so its
 /// lateness may last.

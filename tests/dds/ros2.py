@@ -42,7 +42,7 @@ def main():
         parser.error("only `ros2 topic pub` is known here")
     package, _, name = options.type.partition("/msg/")
     data = encode(options.type, ruamel.yaml.YAML(typ="safe").load(options.fields))
-    settings = {"interface": "lo", "lease_s": 2.0, "reliability": "reliable", "durability": "volatile", "depth": 1}
+    settings = {"interface": "lo", "multicast": False, "lease_s": 2.0, "announce_s": 0.5, "reliability": "reliable", "durability": "volatile", "depth": 1}
     domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
     participant = cyclone.Participant(argparse.Namespace(domain=domain, **settings))
     writer = participant.writer("rt" + options.topic, f"{package}::msg::dds_::{name}_")

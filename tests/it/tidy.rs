@@ -41,7 +41,7 @@ const IMPURE: &[&str] = &[
     "println!",
 ];
 
-const LINES_MAX: usize = 450;
+const LINES_MAX: usize = 600;
 const COLUMNS_MAX: usize = 140;
 
 fn root() -> PathBuf {

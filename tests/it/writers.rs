@@ -246,7 +246,7 @@ fn what_only_one_node_may_say_counts_from_no_other() {
     vehicle.named.push((5, named("/cameras/driver")));
     vehicle.list(20_000, &[]);
     vehicle.say(20_100, 1, OK, "/cameras/left");
-    assert_eq!(vehicle.own(20_100, "b//cameras/left"), State::Unknown);
+    assert_eq!(vehicle.snapshot(20_100).node("b//cameras/left"), None, "a stranger makes no module");
     vehicle.say(20_200, 5, OK, "/cameras/left");
     assert_eq!(vehicle.own(20_200, "b//cameras/left"), State::Ok);
 }

@@ -68,9 +68,9 @@ pub(super) fn depends_on(model: &Model, node: NodeId) -> &[crate::engine::model:
     }
 }
 
-/// Whether the module is, or is inside, the holder of a dependency or one of its targets.
+/// Whether a dependency is one of the module itself, or one on it.
 fn concerns(model: &Model, id: ModuleId, (holder, index): (NodeId, usize)) -> bool {
-    is_inside(model, id, holder)
+    holder == NodeId::Module(id)
         || depends_on(model, holder)[index].targets().iter().any(|&target| is_inside(model, id, target))
 }
 

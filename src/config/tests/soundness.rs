@@ -392,7 +392,7 @@ fn less_urgent_faults_before_more_urgent_ones_are_a_warning_where_they_hide_them
     check(
         &text("{ on: a, within: always }"),
         &[
-            "3:25: b waits for a (explains everything): 2 less urgent faults stand before b/m (write `within: 5s` in place of `always`)",
+            "3:27: b waits for a (explains everything): 2 less urgent faults stand before b/m (write `within: 5s` in place of `always`)",
         ],
     );
     let loaded = parse("c", &text("a/m")).unwrap();

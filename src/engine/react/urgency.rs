@@ -105,8 +105,7 @@ impl Engine {
         let own = self.net.node(node).facts.own;
         let advised = match node {
             NodeId::Module(id) if !self.only_waits_for_reset(id) => {
-                let spec = self.model.modules.get(id.0 as usize);
-                spec.and_then(|spec| spec.help.as_ref()?.of(own, self.vehicle.stage)?.urgency)
+                self.views.help(id).and_then(|help| help.of(own, self.vehicle.stage)?.urgency)
             }
             NodeId::Module(_) | NodeId::Group(_) => None,
         };

@@ -37,6 +37,7 @@ fn parts(numbers: &[u32]) -> Parts {
     parts.modules.iter_mut().for_each(|module| module.policy.writers = None);
     let filters = parts.groups.iter_mut().flat_map(|group| &mut group.filters);
     filters.filter_map(|filter| filter.policy.as_mut()).for_each(|policy| policy.writers = None);
+    parts.discovered.writers = None;
     parts.limits.discovered_modules = 100;
     parts.driving.localized_after = Span::from_nanos(1);
     parts

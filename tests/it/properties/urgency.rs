@@ -26,7 +26,14 @@ pub fn check(snapshot: &Snapshot, oracle: &Oracle<'_>) {
     for id in snapshot.module_ids() {
         let node = NodeId::Module(id);
         let urgency = at_least(snapshot, id).filter(|_| may_drive && !oracle.is_aside(node));
-        assert!(snapshot.asks(node) >= urgency, "what {} asks for", snapshot.node_name(node));
+        assert!(
+            snapshot.asks(node) >= urgency,
+            "what {} asks for: {:?} {:?} {:?} {node:?}",
+            snapshot.node_name(node),
+            snapshot.module(id).1,
+            snapshot.stage,
+            snapshot.asking
+        );
         assert_eq!(snapshot.asks(node).is_some(), urgency.is_some(), "{}", snapshot.node_name(node));
     }
     most = snapshot.asking.iter().map(|(_, urgency)| Some(*urgency)).fold(most, Option::max);

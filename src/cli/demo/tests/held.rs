@@ -20,7 +20,7 @@ enum Asked {
 
 const EACH_ALONE: [Asked; 3] = [
     Asked::Fault(Fault::PlannerStall, RequestKind::Decelerate),
-    Asked::Fault(Fault::CostmapDelay, RequestKind::ManeuverStop),
+    Asked::Fault(Fault::CameraCrash, RequestKind::ManeuverStop),
     Asked::Stop,
 ];
 

@@ -1,6 +1,7 @@
 //! The shown state, as the rest of the engine needs it.
 
 use super::Views;
+use crate::engine::model::wording::{Advice, Wording};
 use crate::engine::model::{GroupId, ModuleId, NodeId};
 use crate::engine::snapshot::Reason;
 
@@ -15,6 +16,11 @@ impl Views {
             NodeId::Module(id) => self.layout.modules[id.0 as usize].status.as_deref(),
             NodeId::Group(_) => None,
         }
+    }
+
+    /// What to do about a fault of a module, one of Telltale's own included.
+    pub(in crate::engine) fn help(&self, id: ModuleId) -> Option<&Wording<Advice>> {
+        self.layout.modules[id.0 as usize].help.as_deref()
     }
 
     pub(in crate::engine) fn has(&self, name: &str) -> bool {
