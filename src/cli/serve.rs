@@ -65,7 +65,8 @@ pub struct Args {
     displays: Vec<VehicleDisplay>,
     /// A proxy, or a network of proxies, whose `X-Forwarded-For` is trusted; may be repeated
     ///
-    /// The address of a browser behind it is the last one in that header that belongs to no trusted proxy.
+    /// The address of a browser behind it is the last one in that header that belongs to no trusted proxy. A
+    /// browser that it does not name, and the proxy itself, count as elsewhere: no PIN will do there.
     #[arg(long = "trusted-proxy", value_name = "CIDR")]
     proxies: Vec<Network>,
     #[command(flatten)]
@@ -100,7 +101,8 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     say_whom_dds_believes(&options);
     let clock = Clock::start();
     let tls = tls(args)?;
-    warn_of_proxy(args);
+    let enrolled = Enrolled::new(args.displays.clone()).behind(Proxies::new(args.proxies.clone()));
+    warn_of_proxy(args, &enrolled);
     server::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
     let listener = server::bind(args.listen).await?;
     let metrics = args.metrics.bind().await?;
@@ -117,7 +119,6 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
         Some(_) => None,
         None => Some(unconfigured::drafts(options.clone()).await?),
     };
-    let enrolled = Enrolled::new(args.displays.clone()).behind(Proxies::new(args.proxies.clone()));
     let folder = Some(folder);
     Server {
         loaded,
@@ -161,9 +162,14 @@ fn say_whom_dds_believes(options: &BridgeOptions) {
 }
 
 /// Warns about a proxy on this machine: every browser then comes from the loopback interface and looks like
-/// the display in the vehicle.
-fn warn_of_proxy(args: &Args) {
-    let enrolled = Enrolled::new(args.displays.clone());
+/// the display in the vehicle. Also warns of a display whose address is a trusted proxy's.
+fn warn_of_proxy(args: &Args, enrolled: &Enrolled) {
+    if let Some(named) = enrolled.display_of_proxy() {
+        tracing::warn!(
+            "`--display {named}` is the address of a trusted proxy, so it counts as elsewhere: no PIN will do \
+             there. Let the proxy on this machine come from another address, such as 127.0.0.2, and trust that one"
+        );
+    }
     let is_proxied = |origin: &&String| {
         let is_secure = Origins::secure_host(origin).is_some();
         let beyond = Origins::host(origin).is_some_and(|host| !is_local(&host));

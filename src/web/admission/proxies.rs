@@ -60,7 +60,9 @@ impl Proxies {
     }
 
     /// The source of a request that arrived from `peer`: the last address that is no trusted proxy. Anybody
-    /// can have written the addresses before that one, and those that cannot be read.
+    /// can have written the addresses before that one. Where the source is missing or cannot be read, it is the
+    /// last known proxy, which is never near. A loopback address says nothing beyond its own machine, so one in
+    /// the header counts as one that cannot be read.
     pub fn source(&self, peer: IpAddr, headers: &HeaderMap) -> IpAddr {
         let lines = headers.get_all(FORWARDED).iter().rev();
         let hops = lines.flat_map(|line| line.to_str().unwrap_or("?").rsplit(','));
@@ -69,8 +71,9 @@ impl Proxies {
             if !self.has(source) {
                 break;
             }
-            let Ok(before) = hop.trim().parse::<IpAddr>() else { break };
-            source = before.to_canonical();
+            let before = hop.trim().parse::<IpAddr>().ok().map(|ip| ip.to_canonical());
+            let Some(before) = before.filter(|ip| !ip.is_loopback() || self.has(*ip)) else { break };
+            source = before;
         }
         source
     }
@@ -82,7 +85,7 @@ mod tests {
 
     #[test]
     fn the_last_address_that_is_no_trusted_proxys_is_the_source() {
-        let cases: [(&str, &str, &[&str], &str); 13] = [
+        let cases: [(&str, &str, &[&str], &str); 22] = [
             ("", "127.0.0.1", &["10.0.0.7"], "127.0.0.1"),
             ("127.0.0.1", "127.0.0.1", &[], "127.0.0.1"),
             ("127.0.0.1", "127.0.0.1", &["203.0.113.9"], "203.0.113.9"),
@@ -95,6 +98,16 @@ mod tests {
             ("10.0.0.0/8", "11.0.0.1", &["203.0.113.9"], "11.0.0.1"),
             ("127.0.0.1", "127.0.0.1", &["203.0.113.9, unknown"], "127.0.0.1"),
             ("127.0.0.1", "127.0.0.1", &["203.0.113.9, \u{e9}"], "127.0.0.1"),
+            ("127.0.0.1", "127.0.0.1", &[""], "127.0.0.1"),
+            ("127.0.0.1", "127.0.0.1", &["203.0.113.9,"], "127.0.0.1"),
+            ("127.0.0.1", "127.0.0.1", &["203.0.113.9", ""], "127.0.0.1"),
+            ("127.0.0.1", "127.0.0.1", &["[::1]:80"], "127.0.0.1"),
+            ("127.0.0.1", "127.0.0.1", &["203.0.113.9:1234"], "127.0.0.1"),
+            // A loopback address is that of a proxy's machine, which may be another one.
+            ("10.0.0.2", "10.0.0.2", &["127.0.0.1"], "10.0.0.2"),
+            ("10.0.0.2", "10.0.0.2", &["203.0.113.9, ::ffff:127.0.0.1"], "10.0.0.2"),
+            ("127.0.0.9", "127.0.0.9", &["203.0.113.9, ::1"], "127.0.0.9"),
+            ("10.0.0.2 127.0.0.1", "10.0.0.2", &["203.0.113.9, 127.0.0.1"], "203.0.113.9"),
             ("fd00::/8", "fd00::1", &["2001:db8::5"], "2001:db8::5"),
             ("0.0.0.0/0", "192.0.2.1", &["203.0.113.9"], "203.0.113.9"),
         ];

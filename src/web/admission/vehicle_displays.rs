@@ -1,7 +1,8 @@
 //! The vehicle's own displays, to which only authorized people have access. They accept a PIN, and nobody
 //! elsewhere takes their share of places.
 
-use std::net::IpAddr;
+use std::fmt;
+use std::net::{IpAddr, Ipv4Addr};
 use std::str::FromStr;
 
 use axum::http::HeaderMap;
@@ -33,6 +34,16 @@ impl FromStr for VehicleDisplay {
             "loopback" => Ok(VehicleDisplay::Loopback),
             "none" => Ok(VehicleDisplay::None),
             _ => word.parse().map(VehicleDisplay::At).map_err(|_| NoDisplay(word.to_owned())),
+        }
+    }
+}
+
+impl fmt::Display for VehicleDisplay {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            VehicleDisplay::Loopback => f.write_str("loopback"),
+            VehicleDisplay::At(ip) => ip.fmt(f),
+            VehicleDisplay::None => f.write_str("none"),
         }
     }
 }
@@ -74,7 +85,8 @@ impl Enrolled {
     }
 
     /// Where a caller with this address is. If other displays are named, this machine is not one: a proxy
-    /// may run on it, and all its clients look alike.
+    /// may run on it, and all its clients look alike. The address of a trusted proxy is that of a browser which
+    /// it does not name, so it is never a display.
     pub fn caller(&self, source: IpAddr) -> Caller {
         let source = source.to_canonical();
         let is_display = self.displays.iter().any(|display| match display {
@@ -82,7 +94,17 @@ impl Enrolled {
             VehicleDisplay::At(ip) => ip.to_canonical() == source,
             VehicleDisplay::None => false,
         });
-        if is_display { Caller::Vehicle } else { Caller::Elsewhere }
+        if is_display && !self.proxies.has(source) { Caller::Vehicle } else { Caller::Elsewhere }
+    }
+
+    /// The first named display that is no display because it is a trusted proxy's address.
+    pub fn display_of_proxy(&self) -> Option<VehicleDisplay> {
+        let is_proxy = |display: &&VehicleDisplay| match display {
+            VehicleDisplay::Loopback => self.proxies.has(Ipv4Addr::LOCALHOST.into()),
+            VehicleDisplay::At(ip) => self.proxies.has(*ip),
+            VehicleDisplay::None => false,
+        };
+        self.displays.iter().find(is_proxy).copied()
     }
 }
 
@@ -100,6 +122,7 @@ mod tests {
     #[test]
     fn near_is_what_the_list_says_and_without_one_this_machine() {
         let cases = [
+            ("", "127.0.0.9", true),
             ("", "127.0.0.1", true),
             ("", "::1", true),
             ("", "::ffff:127.0.0.1", true),
@@ -120,6 +143,21 @@ mod tests {
             let expected = if expected { Caller::Vehicle } else { Caller::Elsewhere };
             assert_eq!(enrolled.caller(source.parse().unwrap()), expected, "{list:?} {source}");
         }
+        let network = |text: &str| text.parse().unwrap();
+        for (displays, proxy, source, expected) in [
+            ("loopback", "127.0.0.9", "127.0.0.9", Caller::Elsewhere),
+            ("loopback", "127.0.0.9", "::ffff:127.0.0.9", Caller::Elsewhere),
+            ("loopback", "127.0.0.9", "127.0.0.1", Caller::Vehicle),
+            ("10.0.0.7", "10.0.0.7", "10.0.0.7", Caller::Elsewhere),
+            ("10.0.0.7", "10.0.0.0/24", "10.0.0.7", Caller::Elsewhere),
+        ] {
+            let enrolled = Enrolled::new(vec![displays.parse().unwrap()]);
+            let enrolled = enrolled.behind(Proxies::new(vec![network(proxy)]));
+            assert_eq!(enrolled.caller(source.parse().unwrap()), expected, "{displays} {proxy} {source}");
+        }
+        let behind = |proxy| Enrolled::default().behind(Proxies::new(vec![network(proxy)]));
+        assert_eq!(behind("127.0.0.1").display_of_proxy(), Some(VehicleDisplay::Loopback));
+        assert_eq!(behind("127.0.0.9").display_of_proxy(), None);
         assert!("shuttle".parse::<VehicleDisplay>().is_err());
     }
 }

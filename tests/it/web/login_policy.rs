@@ -415,3 +415,75 @@ async fn strangers_never_delay_the_right_secret_on_a_known_browser_nor_behind_a_
     assert_eq!(log_in(own, "bert", "a+long+password", &device).await.status, StatusCode::TOO_MANY_REQUESTS);
     assert_eq!(log_in(other, "bert", "a+long+password", "").await.status, StatusCode::OK);
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn behind_a_proxy_that_names_no_browser_no_pin_will_do() {
+    let (mut fixture, hand, _timers) = Fixture::without_time().await;
+    fixture.store.add_user("anna", Role::Operator, "135791").await.unwrap();
+    let proxies = Proxies::new(vec!["127.0.0.9/32".parse().unwrap()]);
+    let settings = Settings {
+        enrolled: Enrolled::default().behind(proxies),
+        ..super::fixture::settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
+    };
+    let (link, store) = (fixture.link.clone(), fixture.store.clone());
+    fixture.router = router(AppState::new(link, store, fixture.clock, settings));
+    let log_in = async |from: [u8; 4], header: Option<&str>| {
+        let mut login = as_program(form_request("/login", None, "name=anna&secret=135791"));
+        login.extensions_mut().insert(Peer(SocketAddr::from((from, 40_000))));
+        if let Some(header) = header {
+            login.headers_mut().insert("x-forwarded-for", header.parse().unwrap());
+        }
+        hand.advance(Span::from_secs(60));
+        fixture.send(login).await.status
+    };
+    let headers = [
+        None,
+        Some(""),
+        Some("unknown"),
+        Some("[::1]:80"),
+        Some("203.0.113.5"),
+        Some("203.0.113.5,"),
+        Some("203.0.113.5:1234"),
+        Some("127.0.0.1"),
+        Some("203.0.113.5, 127.0.0.1"),
+        Some("127.0.0.1, 203.0.113.5"),
+        Some("127.0.0.9"),
+    ];
+    for header in headers {
+        assert_eq!(log_in([127, 0, 0, 9], header).await, StatusCode::FORBIDDEN, "{header:?}");
+    }
+    assert_eq!(log_in([127, 0, 0, 1], Some("203.0.113.5")).await, StatusCode::OK, "no trusted proxy");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn right_logins_at_once_wait_for_nobody_at_a_display_and_in_a_known_browser() {
+    let fixture = Fixture::new().await;
+    fixture.store.add_user("anna", Role::Operator, "135791").await.unwrap();
+    fixture.store.add_user("dora", Role::Developer, "a long password").await.unwrap();
+    let known = log_in_from(&fixture, "203.0.113.5", "name=dora&secret=a+long+password").await;
+    let cookies = known.headers.get_all("set-cookie").iter().map(|line| line.to_str().unwrap());
+    let device =
+        cookies.filter_map(|line| line.split(';').next()).find(|it| it.starts_with("telltale-device="));
+    let device = device.expect("the browser is known from now on").to_owned();
+    for (from, cookie, form) in [
+        ("127.0.0.1", "", "name=anna&secret=135791"),
+        ("203.0.113.5", &*device, "name=dora&secret=a+long+password"),
+    ] {
+        let log_in = |secret: &str| {
+            let mut login = as_program(form_request("/login", Some(cookie), &format!("{form}{secret}")));
+            login.extensions_mut().insert(Peer(SocketAddr::new(from.parse().unwrap(), 40_000)));
+            fixture.start(login)
+        };
+        let at_once: Vec<_> = (0..8).map(|_| log_in("")).collect();
+        for (number, login) in at_once.into_iter().enumerate() {
+            assert_eq!(login.await.unwrap().status, StatusCode::OK, "{from}: login {number} of 8");
+        }
+        // Guesses at once are delayed as they are one after the other.
+        let guesses: Vec<_> = (0..8).map(|_| log_in("1")).collect();
+        let mut delayed = 0;
+        for guess in guesses {
+            delayed += usize::from(guess.await.unwrap().status == StatusCode::TOO_MANY_REQUESTS);
+        }
+        assert!(delayed > 0, "{from}");
+    }
+}
