@@ -128,6 +128,8 @@ pub struct Shared {
     pub hand_overs: HandOvers,
     pub take_overs: TakeOvers,
     pub throttle: Mutex<Throttle>,
+    /// Held while a secret from a display or a known browser is proven: the next one is judged by what came of it.
+    pub proving: tokio::sync::Mutex<()>,
     /// Makes numbers of names that are no user's, by a key of this run.
     unknown_names: RandomState,
     /// Held while the audit log is read.
@@ -171,6 +173,7 @@ impl AppState {
             hand_overs: HandOvers::default(),
             take_overs: TakeOvers::default(),
             throttle: Mutex::default(),
+            proving: tokio::sync::Mutex::default(),
             unknown_names: RandomState::new(),
             audit_readers: tokio::sync::Mutex::default(),
             operator_change: tokio::sync::Mutex::default(),
