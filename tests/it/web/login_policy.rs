@@ -416,7 +416,7 @@ async fn strangers_never_delay_the_right_secret_on_a_known_browser_nor_behind_a_
     assert_eq!(log_in(other, "bert", "a+long+password", "").await.status, StatusCode::OK);
 }
 
-#[tokio::test(flavor = "multi_thread")]
+#[tokio::test]
 async fn behind_a_proxy_that_names_no_browser_no_pin_will_do() {
     let (mut fixture, hand, _timers) = Fixture::without_time().await;
     fixture.store.add_user("anna", Role::Operator, "135791").await.unwrap();
