@@ -40,7 +40,7 @@ const QUEUE: usize = 4096;
 /// Look at a running ROS 2 system and write a first configuration.
 ///
 /// It listens for a while and changes nothing. The file has a group for each namespace or node, the statuses that were
-/// heard, and monitors of the rates and ages that were measured, each with its evidence as a comment. Which group
+/// heard, and monitors of the rates and ages that were measured, each with its evidence as a comment. Which part
 /// depends on which is a guess from the graph of publishers and subscribers, and a comment too.
 ///
 /// Every topic is read meanwhile, large ones too: over a slow network that takes its share of it. Let the robot do
@@ -221,8 +221,8 @@ fn tell(draft: &Draft, empty: bool, listens_to: &str, output: Option<&Path>) {
         );
     } else {
         let modules: usize = draft.groups.iter().map(|group| group.modules.len()).sum();
-        let proposals =
-            draft.groups.iter().flat_map(|group| &group.proposals).filter(|it| !it.circular).count();
+        let modules_with = draft.groups.iter().flat_map(|group| &group.modules);
+        let proposals = modules_with.flat_map(|it| &it.proposals).filter(|it| !it.circular).count();
         eprintln!(
             "{} with {}. {} from the graph: see the comments at `depends_on`.",
             counted(draft.groups.len(), "group"),

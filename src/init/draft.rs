@@ -2,12 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::dependencies::{self, Edges};
 use super::grouping::Grouping;
 use super::names::{self, comment, is_full_name, is_tool, prefix};
 use super::observations::{Messages, Observations, STATUSES_MAX, Status, is_of_components, measured_type};
+use super::proposals::{Proposal, propose};
 use super::rhythm::{RateLimits, at_least_ms};
-use crate::engine::discovery::{Endpoint, TopicSeen};
+use crate::engine::discovery::TopicSeen;
 use crate::engine::time::Timestamp;
 
 /// Modules that are written out in one group; further statuses join it by their names.
@@ -16,8 +16,6 @@ const MODULES_MAX: usize = 100;
 const NODES_MAX: usize = 20;
 /// Lines on one subject.
 const LINES_MAX: usize = 10;
-/// Reasons that are given for one dependency.
-const EVIDENCE_MAX: usize = 3;
 /// How a remark on what is left out begins.
 const FURTHER: &str = "further ";
 /// Ages outside of these seconds come from another clock. A transform may be dated ahead.
@@ -51,17 +49,6 @@ pub struct Group {
     pub remarks: Vec<String>,
     /// Further ones, which are only counted.
     pub more_remarks: usize,
-    pub proposals: Vec<Proposal>,
-}
-
-/// A dependency that the graph suggests.
-#[derive(Debug)]
-pub struct Proposal {
-    /// The id of the other group.
-    pub on: String,
-    pub evidence: Vec<String>,
-    /// It would close a circle.
-    pub circular: bool,
 }
 
 #[derive(Debug)]
@@ -70,6 +57,9 @@ pub struct Module {
     pub kind: ModuleKind,
     /// The evidence, for a comment.
     pub about: String,
+    /// Of which it tells.
+    pub nodes: Vec<String>,
+    pub proposals: Vec<Proposal>,
 }
 
 #[derive(Debug)]
@@ -107,8 +97,8 @@ pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
         |group: &Group| !group.modules.is_empty() || !group.namespaces.is_empty() || !group.names.is_empty();
     let mut groups: Vec<Group> = groups.filter(is_judged).collect();
     let ids: BTreeSet<String> = groups.iter().map(|group| group.id.clone()).collect();
-    for group in &mut groups {
-        group.proposals.retain(|proposal| ids.contains(&proposal.on));
+    for module in groups.iter_mut().flat_map(|group| &mut group.modules) {
+        module.proposals.retain(|proposal| ids.contains(&proposal.group));
     }
     let quiet =
         seen.discovery.nodes.iter().filter(|node| !is_tool(node) && !grouping.of_node.contains_key(*node));
@@ -197,7 +187,9 @@ fn group(
             None => group.names.push((*name).to_owned()),
         }
         if group.modules.len() < MODULES_MAX {
-            group.modules.push(status_module(name, status, end, &mut taken));
+            let node = grouping.node_of_status.get(*name).cloned();
+            let module = status_module(name, status, end, &mut taken);
+            group.modules.push(Module { nodes: node.into_iter().collect(), ..module });
         }
     }
     for topic in &parts.topics {
@@ -238,7 +230,14 @@ fn group(
         let last = node.rsplit('/').next().unwrap_or(node);
         let id = names::id(&format!("{last}_runs"), "node_runs", &mut taken);
         let about = "It was announced.".to_owned();
-        group.modules.push(Module { id, kind: ModuleKind::Node { name: (*node).to_owned() }, about });
+        let (name, nodes) = ((*node).to_owned(), vec![(*node).to_owned()]);
+        group.modules.push(Module {
+            id,
+            kind: ModuleKind::Node { name },
+            about,
+            nodes,
+            proposals: Vec::new(),
+        });
     }
     group
 }
@@ -280,7 +279,8 @@ fn status_module(name: &str, status: &Status, end: Timestamp, taken: &mut BTreeS
         }
     };
     let kind = ModuleKind::Status { name: name.to_owned(), timeout_ms };
-    Module { id, kind, about: format!("{state}, {rate}.") }
+    let about = format!("{state}, {rate}.");
+    Module { id, kind, about, nodes: Vec::new(), proposals: Vec::new() }
 }
 
 fn remark(group: &mut Group, topic: &TopicSeen, type_name: &str, why: &str) {
@@ -312,13 +312,14 @@ fn measure(
     }
     let (of_topic, of_type) = (topic.name.clone(), type_name.to_owned());
     let longest_s = messages.rhythm.longest_s(end);
+    let nodes: Vec<String> = topic.publishers.iter().filter_map(|it| it.node.clone()).collect();
     let publishers = topic.publishers.iter().filter(|it| !it.ours).count();
     let several = if publishers > 1 { format!(" from {publishers} publishers") } else { String::new() };
     let about = format!("{rate:.1} Hz{several}, longest pause {longest_s:.2} s.");
     let id = names::id(&format!("{}_rate", topic.name), "topic_rate", taken);
     let limits = RateLimits::of(rate);
     let kind = ModuleKind::Rate { topic: of_topic.clone(), type_name: of_type.clone(), limits };
-    group.modules.push(Module { id, kind, about });
+    group.modules.push(Module { id, kind, about, nodes: nodes.clone(), proposals: Vec::new() });
     let Some((least, most)) = messages.age_ns.map(|(least, most)| (least as f64 / 1e9, most as f64 / 1e9))
     else {
         return;
@@ -338,41 +339,7 @@ fn measure(
         id,
         kind: ModuleKind::Age { topic: of_topic, type_name: of_type, warning_ms },
         about,
+        nodes,
+        proposals: Vec::new(),
     });
-}
-
-/// Adds what the graph suggests to the groups; returns their order.
-fn propose(groups: &mut [Group], keys: &[&str], seen: &Observations, grouping: &Grouping) -> Vec<usize> {
-    let place = |key: &str| keys.binary_search(&key).ok();
-    let mut edges: Edges<Vec<String>> = Edges::new();
-    for topic in seen.discovery.topics.iter().filter(|topic| is_of_components(topic)) {
-        let by_group = |endpoints: &[Endpoint]| {
-            let mut found: BTreeMap<usize, String> = BTreeMap::new();
-            for it in endpoints.iter().filter(|it| !it.ours) {
-                let name = || it.node.clone().unwrap_or_else(|| "a program".to_owned());
-                if let Some(at) = grouping.of_endpoint(it).and_then(place) {
-                    found.entry(at).or_insert_with(name);
-                }
-            }
-            found
-        };
-        let (publishers, subscribers) = (by_group(&topic.publishers), by_group(&topic.subscribers));
-        for (user, subscriber) in &subscribers {
-            for (provider, publisher) in publishers.iter().filter(|(provider, _)| *provider != user) {
-                let evidence = edges.entry((*user, *provider)).or_default();
-                if evidence.len() < EVIDENCE_MAX {
-                    let [subscriber, name, publisher] =
-                        [subscriber, &topic.name, publisher].map(|it| comment(it));
-                    evidence.push(format!("{subscriber} subscribes to {name}, published by {publisher}"));
-                }
-            }
-        }
-    }
-    let order = dependencies::order(groups.len(), &edges);
-    let rank = |group: usize| order.iter().position(|it| *it == group);
-    for ((user, provider), evidence) in edges {
-        let (on, circular) = (groups[provider].id.clone(), rank(provider) > rank(user));
-        groups[user].proposals.push(Proposal { on, evidence, circular });
-    }
-    order
 }

@@ -18,6 +18,8 @@ const REST: &str = "further";
 pub struct Grouping {
     pub of_node: BTreeMap<String, String>,
     pub of_status: BTreeMap<Box<str>, String>,
+    /// The node of which a status tells, if one is known.
+    pub node_of_status: BTreeMap<Box<str>, String>,
     /// Of topics whose publishers announced no node.
     pub of_topic: BTreeMap<String, String>,
     /// The only node with a group in a participant: it stands for endpoints of nodes without one.
@@ -44,6 +46,9 @@ impl Grouping {
                 Some(key) => key.clone(),
                 None => prefix(name).map_or_else(|| "statuses".to_owned(), first),
             };
+            if let Some(node) = node {
+                grouping.node_of_status.insert(name.clone(), node.to_owned());
+            }
             grouping.of_status.insert(name.clone(), key);
         }
         for topic in seen.discovery.topics.iter().filter(|topic| is_of_components(topic)) {

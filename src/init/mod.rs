@@ -8,9 +8,11 @@ mod draft;
 mod grouping;
 mod names;
 mod observations;
+mod proposals;
 mod rhythm;
 mod yaml;
 
-pub use draft::{Draft, Group, Proposal, draft};
+pub use draft::{Draft, Group, draft};
 pub use observations::{DIAGNOSTICS, Observations, TOPICS_MAX};
+pub use proposals::Proposal;
 pub use yaml::{heard_text, text};

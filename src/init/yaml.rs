@@ -2,8 +2,9 @@
 
 use std::fmt::Write as _;
 
-use super::draft::{Draft, Group, Module, ModuleKind, Proposal};
+use super::draft::{Draft, Group, Module, ModuleKind};
 use super::names::{comment, is_full_name, scalar};
+use super::proposals::Proposal;
 use super::rhythm::duration;
 
 /// Nodes that are listed without a group.
@@ -77,7 +78,6 @@ fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
     let _ = writeln!(out, "  # {}", group.about);
     let _ = writeln!(out, "  - id: {}", group.id);
     let _ = writeln!(out, "    name: {}", scalar(&group.title));
-    write_proposals(out, &group.proposals, accept_guesses);
     if !group.namespaces.is_empty() {
         let _ = writeln!(out, "    match: [{}]", filters(group, false));
     }
@@ -85,7 +85,7 @@ fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
         out.push_str("    modules:\n");
     }
     for module in &group.modules {
-        write_module(out, module);
+        write_module(out, module, accept_guesses);
     }
     if !group.remarks.is_empty() {
         out.push_str("    # Not judged:\n");
@@ -99,63 +99,61 @@ fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
     out.push('\n');
 }
 
-fn write_proposals(out: &mut String, proposals: &[Proposal], accept_guesses: bool) {
-    let (circular, open): (Vec<&Proposal>, Vec<&Proposal>) = proposals.iter().partition(|it| it.circular);
-    if !open.is_empty() {
-        let ids: Vec<&str> = open.iter().map(|it| &*it.on).collect();
-        let advice = match accept_guesses {
-            true => "A guess from the graph, in force as asked:",
-            false => "A guess from the graph. If it is right, remove the `#` in front of `depends_on`:",
-        };
-        let _ = writeln!(out, "    # {advice}");
-        write_evidence(out, &open);
-        let hash = if accept_guesses { "" } else { "# " };
-        let _ = writeln!(out, "    {hash}depends_on: [{}]", ids.join(", "));
-    }
+/// A module with guesses has a line for each key, so that the `#` in front of one can be removed.
+fn write_module(out: &mut String, module: &Module, accept_guesses: bool) {
+    let _ = writeln!(out, "      # {}", module.about);
+    let keys = keys(&module.kind);
+    let (circular, open): (Vec<&Proposal>, Vec<&Proposal>) =
+        module.proposals.iter().partition(|it| it.circular);
     if !circular.is_empty() {
-        out.push_str("    # Not proposed, because it would close a circle:\n");
+        out.push_str("      # Not proposed, because it would close a circle:\n");
         write_evidence(out, &circular);
     }
+    if open.is_empty() {
+        let _ = writeln!(out, "      - {{ id: {}, {} }}", module.id, keys.join(", "));
+        return;
+    }
+    let (advice, hash) = match accept_guesses {
+        true => ("A guess from the graph, in force as asked:", ""),
+        false => ("A guess from the graph. If it is right, remove the `#` in front of `depends_on`:", "# "),
+    };
+    let _ = writeln!(out, "      # {advice}");
+    write_evidence(out, &open);
+    let _ = writeln!(out, "      - id: {}", module.id);
+    for key in keys {
+        let _ = writeln!(out, "        {key}");
+    }
+    let on: Vec<&str> = open.iter().flat_map(|it| &it.on).map(|name| &**name).collect();
+    let _ = writeln!(out, "        {hash}depends_on: [{}]", on.join(", "));
 }
 
 fn write_evidence(out: &mut String, proposals: &[&Proposal]) {
     for proposal in proposals {
         for evidence in &proposal.evidence {
-            let _ = writeln!(out, "    #   {}: {evidence}", proposal.on);
+            let _ = writeln!(out, "      #   {}: {evidence}", proposal.group);
         }
     }
 }
 
-fn write_module(out: &mut String, module: &Module) {
-    let Module { id, kind, about } = module;
-    let _ = writeln!(out, "      # {about}");
-    let _ = match kind {
+fn keys(kind: &ModuleKind) -> Vec<String> {
+    match kind {
         ModuleKind::Status { name, timeout_ms } => {
-            writeln!(
-                out,
-                "      - {{ id: {id}, status: {}, timeout: {} }}",
-                scalar(name),
-                duration(*timeout_ms)
-            )
+            vec![format!("status: {}", scalar(name)), format!("timeout: {}", duration(*timeout_ms))]
         }
-        ModuleKind::Rate { topic, type_name, limits } => writeln!(
-            out,
-            "      - {{ id: {id}, monitor: {{ frequency: {{ topic: {topic}, type: {type_name}, window: {}s, \
-             warning_below: {}, error_below: {} }} }} }}",
+        ModuleKind::Rate { topic, type_name, limits } => vec![format!(
+            "monitor: {{ frequency: {{ topic: {topic}, type: {type_name}, window: {}s, warning_below: {}, \
+             error_below: {} }} }}",
             limits.window_s, limits.warning_below, limits.error_below
-        ),
-        ModuleKind::Age { topic, type_name, warning_ms } => writeln!(
-            out,
-            "      - {{ id: {id}, monitor: {{ latency: {{ topic: {topic}, type: {type_name}, warning_above: {}, \
-             error_above: {} }} }} }}",
+        )],
+        ModuleKind::Age { topic, type_name, warning_ms } => vec![format!(
+            "monitor: {{ latency: {{ topic: {topic}, type: {type_name}, warning_above: {}, error_above: {} }} }}",
             duration(*warning_ms),
             duration(2 * warning_ms)
-        ),
-        ModuleKind::Node { name } => writeln!(
-            out,
-            "      - {{ id: {id}, monitor: {{ watchdog: {{ node: {name}, every: 1s, misses: 3 }} }} }}"
-        ),
-    };
+        )],
+        ModuleKind::Node { name } => {
+            vec![format!("monitor: {{ watchdog: {{ node: {name}, every: 1s, misses: 3 }} }}")]
+        }
+    }
 }
 
 fn write_quiet(out: &mut String, draft: &Draft) {

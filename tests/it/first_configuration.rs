@@ -8,6 +8,7 @@ use std::time::Duration;
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::config;
+use telltale::engine::Engine;
 use telltale::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
 use telltale::engine::model::monitors::TopicSpec;
@@ -108,6 +109,8 @@ fn small_robot() -> Observations {
     let mut seen = seen(topics, &nodes);
     messages(&mut seen, "/scan", 100, 40);
     messages(&mut seen, "/odom", 50, -3_600_000);
+    messages(&mut seen, "/pose", 100, 10);
+    messages(&mut seen, "/cmd_vel", 100, 10);
     writers(&mut seen, &[(1, "/lidar"), (2, "/base")]);
     status(&mut seen, "lidar: device", 0, 1000, 1);
     status(&mut seen, "motors", 1, 500, 2);
@@ -132,12 +135,15 @@ fn what_was_heard_is_written_with_its_evidence() {
             "# WARNING, 2.0 Hz, longest pause 0.5 s.\n      - { id: motors, status: 'motors', timeout: 2s }",
             "/odom (nav_msgs/msg/Odometry): its stamps are not of this computer's clock",
             "/map (nav_msgs/msg/OccupancyGrid): no message was received.",
-            "    #   lidar: /localization subscribes to /scan, published by /lidar\n",
-            "    # depends_on: [base, lidar]\n",
+            "      # A guess from the graph. If it is right, remove the `#` in front of `depends_on`:\n      \
+             #   base: /localization subscribes to /odom, published by /base\n      \
+             #   lidar: /localization subscribes to /scan, published by /lidar\n      \
+             - id: pose_rate\n        monitor: { frequency: { topic: /pose,",
+            "        # depends_on: [base/odom_rate, lidar/scan_rate, lidar/scan_age]\n",
             "#   /viewer\n",
         ],
     );
-    for absent in ["_ros2cli", "/telltale", "/rosout", "\n    depends_on"] {
+    for absent in ["_ros2cli", "/telltale", "/rosout", "\n        depends_on", "\n    depends_on"] {
         assert!(!text.contains(absent), "has {absent}:\n{text}");
     }
 }
@@ -149,10 +155,47 @@ fn guesses_are_in_force_when_asked_for_and_never_a_circle() {
     has(
         &text,
         &[
-            "    depends_on: [base, localization]\n",
-            "# Not proposed, because it would close a circle:\n    #   navigation: /base subscribes to /cmd_vel",
+            "        depends_on: [base/odom_rate, localization/pose_rate, localization/pose_age]\n",
+            "# Not proposed, because it would close a circle:\n      #   navigation: /base subscribes to /cmd_vel",
         ],
     );
+    // What a node tells waits for what it receives; that it runs does not.
+    assert!(text.contains("- { id: localization_runs, monitor: "), "{text}");
+}
+
+#[test]
+fn a_status_of_one_node_hides_no_fault_of_those_that_read_another_topic() {
+    let topics = vec![
+        topic("/camera_rear/image", SCAN, &["/camera_rear"], &["/detector"]),
+        topic("/obstacles", SCAN, &["/detector"], &["/base"]),
+        topic("/speed", SCAN, &["/base"], &[]),
+    ];
+    let nodes = ["/camera_rear", "/detector", "/base"];
+    let mut seen = seen(topics, &nodes);
+    for name in ["/camera_rear/image", "/obstacles", "/speed"] {
+        messages(&mut seen, name, 100, 10);
+    }
+    writers(&mut seen, &[(1, "/camera_rear"), (2, "/detector"), (3, "/base")]);
+    for (writer, name) in (1..).zip(["camera_rear: stream", "detector: pipeline", "base: motors"]) {
+        status(&mut seen, name, 0, 500, writer);
+    }
+    let text = text(&seen, true);
+    has(
+        &text,
+        &[
+            "depends_on: [detector/obstacles_rate, detector/obstacles_age]",
+            "on: [camera_rear/camera_rear_image_rate",
+        ],
+    );
+    let model = config::parse("draft", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut engine = Engine::new(model, Timestamp::ZERO);
+    let mut array = StatusArray::default();
+    array.push_status(2, "camera_rear: stream", "", "");
+    array.push_status(2, "base: motors", "", "");
+    engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(500));
+    let snapshot = engine.snapshot();
+    let shown = |name: &str| snapshot.shown(snapshot.node(name).expect("it is a group")).0;
+    assert_eq!((shown("camera_rear"), shown("base")), (State::Error, State::Error), "{text}");
 }
 
 #[test]

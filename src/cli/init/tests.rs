@@ -105,9 +105,10 @@ fn proposed_edges(mut machine: Machine, sorted: &[(&str, &str)]) -> Edges {
     let sorted: BTreeMap<&str, &str> = sorted.iter().copied().collect();
     let mut edges = Edges::new();
     for group in &draft.groups {
-        for proposal in group.proposals.iter().filter(|proposal| !proposal.circular) {
-            let ends = sorted.get(&*group.id).zip(sorted.get(&*proposal.on));
-            let (user, provider) = ends.unwrap_or_else(|| panic!("{} on {}", group.id, proposal.on));
+        let proposals = group.modules.iter().flat_map(|module| &module.proposals);
+        for proposal in proposals.filter(|proposal| !proposal.circular) {
+            let ends = sorted.get(&*group.id).zip(sorted.get(&*proposal.group));
+            let (user, provider) = ends.unwrap_or_else(|| panic!("{} on {}", group.id, proposal.group));
             if user != provider {
                 edges.insert(((*user).to_owned(), (*provider).to_owned()));
             }
