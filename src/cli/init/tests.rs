@@ -8,8 +8,10 @@ use crate::cli::vehicle::machine::{Kind, Machine};
 use crate::config::{self, Loaded};
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::input::Input;
-use crate::engine::model::{DependsOn, Limits, Model, NodeId};
-use crate::engine::time::{Span, Timestamp};
+use crate::engine::model::monitors::TopicSpec;
+use crate::engine::model::sample::Sample;
+use crate::engine::model::{Dependency, GroupId, Limits, Model, ModuleId, NodeId};
+use crate::engine::time::Timestamp;
 use crate::init::{self, Observations};
 use crate::msg::cdr::Endian;
 use crate::msg::messages;
@@ -43,6 +45,9 @@ const ROBOT: [(&str, &str); 9] = [
     ("docking_server", "docking"),
 ];
 
+/// For so long the machine is listened to.
+const HEARD_MS: u64 = 10_000;
+
 type Edges = BTreeSet<(String, String)>;
 
 /// What discovery sees of a machine whose nodes all run.
@@ -67,7 +72,14 @@ fn discovery(machine: &Machine) -> Discovery {
     Discovery { topics: topics.collect(), nodes, participants: 1, ..Discovery::default() }
 }
 
-/// The dependencies between groups that a configuration has.
+/// A message of which only the time counts.
+fn message_of(topic: &str) -> Sample {
+    let source = TopicSpec { topic: topic.into(), type_name: "".into(), stamp: false, fields: Vec::new() };
+    let (stamp_ns, received_wall_ns, values) = (None, Sample::NO_CLOCK, [].into());
+    Sample { source: Arc::new(source), stamp_ns, received_wall_ns, late: false, values }
+}
+
+/// The dependencies between groups that a configuration has, or between modules in them.
 fn true_edges(model: &Model) -> Edges {
     let top = |node: &NodeId| {
         let path = match node {
@@ -77,14 +89,13 @@ fn true_edges(model: &Model) -> Edges {
         path.split('/').next().unwrap_or(path).to_owned()
     };
     let mut edges = Edges::new();
-    for group in &model.groups {
-        for dependency in &group.depends_on {
-            let on = match &dependency.on {
-                DependsOn::Node(node) => vec![top(node)],
-                DependsOn::AnyOf(nodes) => nodes.iter().map(top).collect(),
-            };
-            edges.extend(on.into_iter().map(|on| (group.path.to_string(), on)));
-        }
+    let groups = (0..).map(GroupId).zip(&model.groups);
+    let groups = groups.map(|(id, group)| (NodeId::Group(id), &group.depends_on));
+    let modules = (0..).map(ModuleId).zip(&model.modules);
+    let modules = modules.map(|(id, module)| (NodeId::Module(id), &module.depends_on));
+    for (user, depends_on) in groups.chain(modules) {
+        let on = depends_on.iter().flat_map(Dependency::targets).map(top);
+        edges.extend(on.map(|on| (top(&user), on)).filter(|(user, on)| user != on));
     }
     edges
 }
@@ -93,15 +104,19 @@ fn true_edges(model: &Model) -> Edges {
 fn proposed_edges(mut machine: Machine, sorted: &[(&str, &str)]) -> Edges {
     let mut seen = Observations::default();
     seen.see(Arc::new(discovery(&machine)));
-    let heard = Timestamp::ZERO + Span::from_secs(3);
-    for (topic, body) in machine.advance(heard, |_| std::time::UNIX_EPOCH) {
-        if topic == DIAGNOSTICS {
-            let (array, fault) = messages::diagnostic_array(&body, Endian::Little, &Limits::default());
-            assert_eq!(fault, None);
-            seen.take(&Input::Diagnostics(array), heard);
+    let end = Timestamp::from_millis(HEARD_MS);
+    for heard in (0..=HEARD_MS).step_by(20).map(Timestamp::from_millis) {
+        for (topic, body) in machine.advance(heard, |_| std::time::UNIX_EPOCH) {
+            if topic == DIAGNOSTICS {
+                let (array, fault) = messages::diagnostic_array(&body, Endian::Little, &Limits::default());
+                assert_eq!(fault, None);
+                seen.take(&Input::Diagnostics(array), heard);
+            } else {
+                seen.take(&Input::Sample(message_of(topic)), heard);
+            }
         }
     }
-    let draft = init::draft(&seen, Timestamp::ZERO, Timestamp::ZERO + Span::from_secs(10));
+    let draft = init::draft(&seen, Timestamp::ZERO, end);
     let sorted: BTreeMap<&str, &str> = sorted.iter().copied().collect();
     let mut edges = Edges::new();
     for group in &draft.groups {
