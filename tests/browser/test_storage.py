@@ -182,7 +182,7 @@ def test_a_mark_that_a_full_disk_does_not_take_is_refused_and_leaves_nothing(mou
     # Nothing was written since: the mark itself is the first that fails.
     assert mark(client) is None
     message = until(lambda: recording_off(client), 2, "a warning at once")
-    assert "No space left" in message, message
+    assert "the disk is full" in message, message
     no_clearance(client)
     goes_on(client)
     assert mounted.inside("ls incidents").split() == ["fill", "rest"]
@@ -347,7 +347,7 @@ def test_a_database_that_is_overwritten_or_removed_is_a_warning_and_the_display_
     assert "overwritten" in message, message
     goes_on(client)
     mounted.inside("cat kept > telltale.db")
-    until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
+    until(lambda: storage(client) is None, NOTICE_S, lambda: f"the warning ends: {storage(client)}")
     mounted.inside("mv telltale.db elsewhere")
     message = until(lambda: storage(client), NOTICE_S, "a warning")
     assert "removed or replaced" in message, message

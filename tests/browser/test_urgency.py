@@ -67,6 +67,7 @@ def test_what_waits_asks_for_as_much_as_ever_until_it_is_acknowledged(server, ve
     expect(causes).to_have_count(0)
     vehicle.set(JUMP, 2, "1.2 m")
     expect(asked(page, "be_ready")).to_be_visible()
+    expect(causes).to_have_count(1)
     acknowledge_all(page)
     expect(page.locator("#causes")).to_have_attribute("data-alarms", "")
     vehicle.set(PATH, 2, "curvature")
