@@ -57,7 +57,7 @@ pub struct Module {
     pub kind: ModuleKind,
     /// The evidence, for a comment.
     pub about: String,
-    /// Of which it tells.
+    /// The nodes that it tells about.
     pub nodes: Vec<String>,
     pub proposals: Vec<Proposal>,
 }

@@ -18,7 +18,7 @@ const REST: &str = "further";
 pub struct Grouping {
     pub of_node: BTreeMap<String, String>,
     pub of_status: BTreeMap<Box<str>, String>,
-    /// The node of which a status tells, if one is known.
+    /// The node that a status tells about, if one is known.
     pub node_of_status: BTreeMap<Box<str>, String>,
     /// Of topics whose publishers announced no node.
     pub of_topic: BTreeMap<String, String>,

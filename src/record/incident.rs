@@ -251,7 +251,7 @@ impl Tracker {
 
     /// Marks this moment. Returns whether the mark has a place among those of the present incident, which lasts longer in
     /// any case. While the disk takes no recording of it (`is_recorded`), the marks take half of their places at most, and
-    /// the newest ones stay: whoever tapped in vain has places left when the disk is back.
+    /// the newest ones stay: a user who tapped in vain has places left when the disk is back.
     pub fn mark(&mut self, now: Timestamp, by: &str, note: &str, is_recorded: bool) -> (Vec<Change>, bool) {
         let mut changes = self.due(now);
         let until = now + self.margins.after;

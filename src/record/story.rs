@@ -76,7 +76,7 @@ pub struct ToldTopic {
     pub type_name: String,
     pub messages: u64,
     pub bytes: u64,
-    /// Messages of which the file has only the times and sizes, and their bytes.
+    /// Messages that the file has by their times and sizes alone, and their bytes.
     pub left_out: u64,
     pub left_out_bytes: u64,
     pub first_ms: i64,

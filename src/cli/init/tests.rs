@@ -72,7 +72,7 @@ fn discovery(machine: &Machine) -> Discovery {
     Discovery { topics: topics.collect(), nodes, participants: 1, ..Discovery::default() }
 }
 
-/// A message of which only the time counts.
+/// A message without content: its time alone counts.
 fn message_of(topic: &str) -> Sample {
     let source = TopicSpec { topic: topic.into(), type_name: "".into(), stamp: false, fields: Vec::new() };
     let (stamp_ns, received_wall_ns, values) = (None, Sample::NO_CLOCK, [].into());

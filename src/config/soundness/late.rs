@@ -7,7 +7,8 @@ use crate::engine::model::{GroupId, Model, ModuleId, ModuleSpec, MonitorSpec, No
 use crate::engine::state::State;
 use crate::engine::time::Span;
 
-/// The lease of a ROS 2 node: one that was killed counts as running for this long (CycloneDDS; others take longer).
+/// The lease of a ROS 2 node (CycloneDDS; others have longer ones). One that was killed counts as running for at least
+/// this long, and for up to three leases where its loss has to be confirmed.
 const LEASE: Span = Span::from_secs(10);
 
 /// One finding for a module: the dependency with the shortest limit.

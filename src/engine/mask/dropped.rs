@@ -25,7 +25,7 @@ impl OnlyDroppedCount {
     }
 }
 
-/// The fold of a group's members of which `only_dropped` are WARNING by dropped names alone, and whether the group
+/// The fold of a group's members, `only_dropped` of them WARNING by dropped names alone, and whether the group
 /// is. `says`: the group dropped names itself.
 pub(in crate::engine) fn fold(
     combine: Combine,

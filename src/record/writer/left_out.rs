@@ -25,7 +25,7 @@ pub(super) struct LeftOut {
     /// Bytes that each topic has in the file.
     written: HashMap<Arc<str>, u64>,
     lacks: BTreeMap<Arc<str>, Lack>,
-    /// Messages of which only the times and sizes were to be recorded.
+    /// Messages that were to be recorded by their times and sizes alone.
     sizes_only: BTreeMap<Arc<str>, Lack>,
     /// Of topics past the limit, too.
     all: Lack,
@@ -57,7 +57,7 @@ impl LeftOut {
         }
     }
 
-    /// A message of which only its times and its size were to be recorded.
+    /// A message that was to be recorded by its times and its size alone.
     pub fn size_only(&mut self, topic: &Arc<str>, bytes: u64) {
         if self.sizes_only.len() < TOPICS_MAX || self.sizes_only.contains_key(topic) {
             let lack = self.sizes_only.entry(topic.clone()).or_default();

@@ -78,7 +78,7 @@ pub(in crate::web) struct TopicRow {
     pub seconds: String,
     pub messages: u64,
     pub size: String,
-    /// Messages of which the file has only the times and sizes, and their bytes.
+    /// Messages that the file has by their times and sizes alone, and their bytes.
     pub left_out: Option<(u64, String)>,
 }
 
