@@ -88,7 +88,6 @@
   for (const event of ["telltale:page", "telltale:shown"]) addEventListener(event, numberAll);
   numberAll();
 
-
   document.addEventListener("click", ({ target }) => {
     const button = target.closest?.("#problems button");
     const field = button && fields()[button.dataset.file];
@@ -100,6 +99,8 @@
     field.setSelectionRange(start, start + lines[line].length);
     const height = parseFloat(getComputedStyle(field).lineHeight);
     field.scrollTop = Math.max(0, line * height - field.clientHeight / 2);
+    // The browser's own event of the scroll comes a frame later.
+    number(field, Number(button.dataset.file));
   });
 
   // --- the graph: larger and smaller, around the pointer

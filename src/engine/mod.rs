@@ -372,6 +372,12 @@ impl Engine {
         }
         self.show_motion();
         self.follow_urgency();
+        if let Some(node) = self.under_asked() {
+            let what = format!("{} asks for more than the instruction says", self.views.name(node));
+            self.report_on_self(SystemCheck::Invariants, State::Error, what);
+            self.follow_changes();
+            self.follow_urgency();
+        }
         self.show_vehicle();
         self.views.settle(&self.vehicle, &self.net);
     }

@@ -19,6 +19,8 @@ use crate::engine::state::State;
 pub(in crate::engine) struct Asks {
     /// Modules, and groups without members, whose own state is a fault. Those with time to report are left out.
     faulty: BTreeSet<NodeId>,
+    /// Those that changed since the last look.
+    changed: Vec<NodeId>,
     dirty: bool,
     stands: bool,
     /// By node.
@@ -37,18 +39,23 @@ impl Asks {
             }
             NodeId::Module(_) => net.node(node).parent.is_none_or(|id| !net.groups[id.0 as usize].aside),
         };
-        let NodeFacts { relevant, own, grace, .. } = change.after;
-        let fault = match own {
-            State::Warning | State::Error => true,
-            State::Unknown => !grace,
-            State::Ok | State::Ignore => false,
-        };
-        self.dirty |= change.before != change.after;
-        self.dirty |= match counts && relevant && fault {
-            true => self.faulty.insert(node),
-            false => self.faulty.remove(&node),
-        };
+        let asks = counts && is_fault(&change.after);
+        if change.before != change.after {
+            self.dirty = true;
+            self.changed.extend(asks.then_some(node));
+        }
+        self.dirty |= if asks { self.faulty.insert(node) } else { self.faulty.remove(&node) };
     }
+}
+
+/// A fault of a relevant node that has no time left to report.
+fn is_fault(facts: &NodeFacts) -> bool {
+    let fault = match facts.own {
+        State::Warning | State::Error => true,
+        State::Unknown => !facts.grace,
+        State::Ok | State::Ignore => false,
+    };
+    facts.relevant && fault
 }
 
 impl Engine {
@@ -60,8 +67,7 @@ impl Engine {
         if !dirty && !moved && !self.vehicle_changed && !self.views.is_changed() {
             return;
         }
-        let may_drive = self.vehicle.model == StageModel::Shuttle
-            && matches!(self.vehicle.stage, Stage::Cleared | Stage::Active);
+        let may_drive = self.may_drive();
         let faulty = self.asks.faulty.iter().filter(|_| may_drive);
         let asking: Vec<(NodeId, Urgency)> =
             faulty.filter_map(|&node| Some((node, self.asks_for(node)?))).collect();
@@ -81,6 +87,28 @@ impl Engine {
             (self.asks.asking, self.asks.asked) = (asking.into(), asked);
             self.vehicle_changed = true;
         }
+    }
+
+    /// A node whose new fault asks for more than the instruction says: a fault of this program. Only what changed is
+    /// looked at, so that the look costs nothing while nothing changes.
+    pub(in crate::engine) fn under_asked(&mut self) -> Option<NodeId> {
+        let mut changed = std::mem::take(&mut self.asks.changed);
+        let said = self.asks.asked.map(|asked| asked.urgency);
+        let found = match self.may_drive() {
+            true => changed
+                .iter()
+                .copied()
+                .find(|&node| is_fault(&self.net.node(node).facts) && self.asks_for(node) > said),
+            false => None,
+        };
+        changed.clear();
+        self.asks.changed = changed;
+        found
+    }
+
+    fn may_drive(&self) -> bool {
+        self.vehicle.model == StageModel::Shuttle
+            && matches!(self.vehicle.stage, Stage::Cleared | Stage::Active)
     }
 
     /// The most urgent of all: first what is in sight, then what waits for a cause, then what was asked before.
