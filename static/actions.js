@@ -129,8 +129,9 @@
 
   // Without it nothing is sent, and the page covers itself.
   const { live } = globalThis.telltale ?? {};
-  live?.listen(({ hand_over: words, tap, status, said }) => {
+  live?.listen(({ hand_over: words, elsewhere, tap, status, said }) => {
     if (words !== undefined) showHandOver(words);
+    else if (elsewhere !== undefined) show("elsewhere", "elsewhere", [elsewhere]);
     else if (tap !== undefined) pendingTaps.get(tap)?.({ status, said });
   });
 

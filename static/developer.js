@@ -172,6 +172,15 @@
   };
 
   const live = new Live({ address: "/developer", connect, beat, judged: renewIfDue, behind });
+  // The session of this page is used from another address, too.
+  live.listen(({ elsewhere }) => {
+    if (elsewhere === undefined) return;
+    const said = document.querySelector("p.elsewhere") ?? document.createElement("p");
+    said.className = "elsewhere";
+    said.setAttribute("role", "alert");
+    setText(said, elsewhere);
+    if (!said.isConnected) main().before(said);
+  });
 
   // --- another address
 

@@ -23,6 +23,7 @@ actions! {
     Login: "login", "Somebody gave a name and a secret.";
     Logout: "logout", "A session was ended by who held it.";
     SessionEnded: "session ended", "A session was ended by its age, or by another login.";
+    SessionElsewhere: "session elsewhere", "A session was used from another network than at its beginning.";
     HandOver: "hand-over", "An operator took charge from another.";
     Request: "request", "A request was refused: foreign origin, wrong role, false token.";
     Localize: "localize", "The operator gave the position of the vehicle.";

@@ -1,6 +1,7 @@
 //! Sessions: their tokens, their users, their time, and the operator in charge of the vehicle.
 
 pub(super) mod operator_change;
+pub(super) mod places;
 pub(super) mod table;
 
 use std::fmt;
@@ -54,6 +55,7 @@ pub struct Session {
     /// of this process.
     pub(super) used: Arc<AtomicI64>,
     /// Its sender lies in the table of open sessions; it closes when the session leaves the table.
+    pub(super) places: Arc<places::Places>,
     pub(super) ended: watch::Receiver<()>,
 }
 

@@ -130,7 +130,8 @@ impl Open {
         let (ends, ended) = watch::channel(());
         let Row { key, user, role, kind, expires, used, .. } = row;
         let used = Arc::new(AtomicI64::new(used));
-        let session = Session { key, user: Arc::from(user), role, kind, expires, used, ended };
+        let session =
+            Session { key, user: Arc::from(user), role, kind, expires, used, places: Arc::default(), ended };
         Open { session, _ends: ends }
     }
 }

@@ -11,6 +11,11 @@ pub fn source_of(peer: Option<Peer>) -> IpAddr {
     peer.map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |Peer(peer)| peer.ip().to_canonical())
 }
 
+/// Where a browser is, for the question whether it is elsewhere: this machine has several addresses.
+pub fn place_of(source: IpAddr) -> IpAddr {
+    if source.is_loopback() { IpAddr::V4(Ipv4Addr::LOCALHOST) } else { network(source) }
+}
+
 /// The network of an address: a host with one IPv6 address has 2^64 of them.
 pub fn network(ip: IpAddr) -> IpAddr {
     match ip {

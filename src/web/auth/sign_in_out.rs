@@ -13,6 +13,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::store::audit::{Action, Record};
 use crate::store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
 use crate::web::Live;
+use crate::web::admission::peer::place_of;
 use crate::web::engine_link::NoAnswer;
 use crate::web::view::words::session_end::SessionEnd;
 
@@ -156,6 +157,7 @@ impl LoginAttempt {
             app.store.note(record.on(format!("{ended} of too many, the oldest")));
         }
         app.session_ends.remember(&session);
+        session.used_from(self.source, place_of(self.source));
         if let Some(from) = announced {
             handover::begin(app, &session, self.source, from);
         }

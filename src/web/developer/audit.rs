@@ -158,6 +158,7 @@ fn word(written: &str, lang: Lang) -> &str {
         "countermeasure" => "Gegenmaßnahme",
         "configuration" => "Konfiguration",
         "demo fault" => "Demo-Fehler",
+        "session elsewhere" => "Sitzung von anderer Adresse",
         "user added" => "Benutzer angelegt",
         "user secret" => "Zugangsgeheimnis geändert",
         "user role" => "Rolle geändert",

@@ -22,7 +22,7 @@ use super::respond::{Reader, Speaks, cookies, header, refusal};
 use crate::store::audit::{Action, Record};
 use crate::store::{Role, Session, SessionKind, Token};
 use crate::web::admission::connections::ConnectionHandle;
-use crate::web::admission::peer::{Peer, source_of};
+use crate::web::admission::peer::{Peer, place_of, source_of};
 use crate::web::assets;
 use crate::web::view::Lang;
 use crate::web::{AppState, Live};
@@ -132,9 +132,20 @@ pub async fn guard(
         if !request.headers().contains_key(RENEWAL) {
             session.touch(app.clock.now());
         }
+        note_place(&app, &session, source_of(request.extensions().get::<Peer>().copied()));
         request.extensions_mut().insert(SignedIn(session));
     }
     next.run(request).await
+}
+
+/// Records that a session is used from another place than at its beginning. Its pages show it too.
+fn note_place(app: &AppState, session: &Session, source: IpAddr) {
+    if let Some(first) = session.used_from(source, place_of(source)) {
+        tracing::warn!(user = &*session.user, %source, "a session is used from another address than at its beginning");
+        app.store.note(
+            Record::of_session(session, Action::SessionElsewhere, source).on(format!("before: {first}")),
+        );
+    }
 }
 
 /// Admits a request. Without a session its body must arrive in time, and a place for anonymous requests must

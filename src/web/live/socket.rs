@@ -207,8 +207,10 @@ impl LiveConnection {
         let mut details_due = false;
         let mut hand_overs = self.app.hand_overs.subscribe();
         let mut first_changes = self.app.first_changes.subscribe();
+        let mut elsewhere = self.client.session.elsewhere();
         self.show(&latest(&mut snapshots)).await?;
         self.say(&mut hand_overs, false).await?;
+        self.say_elsewhere(&mut elsewhere).await?;
         loop {
             let is_paused = !pause.is_elapsed();
             // In a pause the details wait too, and then go with the next state.
@@ -229,6 +231,10 @@ impl LiveConnection {
                 // The sender lives as long as the server.
                 Ok(()) = hand_overs.changed() => {
                     self.say(&mut hand_overs, true).await?;
+                    false
+                }
+                Ok(()) = elsewhere.changed() => {
+                    self.say_elsewhere(&mut elsewhere).await?;
                     false
                 }
                 Some(Ok(answer)) = self.stops.join_next() => {
@@ -296,6 +302,14 @@ impl LiveConnection {
         let Feed::Page { lang, .. } = self.feed else { return Ok(()) };
         let words = said.borrow_and_update().as_ref().map(|said| lang.hand_over(said.to()));
         let message = (was_told || words.is_some()).then(|| frame::hand_over(words.as_deref()));
+        self.client.send_some(message).await.map(|_| ())
+    }
+
+    /// Tells a page that its session is used from another address, too.
+    async fn say_elsewhere(&mut self, other: &mut watch::Receiver<Option<IpAddr>>) -> Result<(), Ending> {
+        let other = *other.borrow_and_update();
+        let (Feed::Page { lang, .. } | Feed::Pulse { lang }) = self.feed else { return Ok(()) };
+        let message = other.map(|address| frame::elsewhere(&lang.elsewhere(address)));
         self.client.send_some(message).await.map(|_| ())
     }
 

@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use axum::http::Method;
 use futures_util::{SinkExt, StreamExt};
 use serde_json::Value;
 use telltale::engine::model::Stage;
@@ -10,7 +11,7 @@ use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::store::{DemoSecrets, Role, Store, Token};
 use telltale::web::view::{Fragment, Lang, fragments};
-use telltale::web::{AppState, Origins, Source, serve};
+use telltale::web::{AppState, Origins, Peer, Source, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
@@ -383,4 +384,30 @@ async fn sockets_are_bounded_and_the_end_of_the_server_is_told() {
         assert_eq!(closed(socket).await, CloseCode::Restart);
     }
     timeout(PATIENCE, server.served).await.expect("it ends in time").unwrap().unwrap();
+}
+
+#[tokio::test]
+async fn a_session_that_is_used_from_elsewhere_is_recorded_and_told_its_page() {
+    let server = Server::new().await;
+    for (user, page, words) in [
+        ("operator", "/ws?lang=de", "Ihre Anmeldung wird auch von 10.0.0.66 aus benutzt."),
+        ("developer", "/developer/live", "Your login is also used from 10.0.0.66."),
+    ] {
+        let cookie = server.fixture.cookie_of(user).await;
+        let mut open = server.connect(page, &cookie).await;
+        for from in ["127.0.0.1", "::1", "10.0.0.66", "10.0.0.66"] {
+            let mut stolen = super::fixture::request(Method::GET, "/api/v1/snapshot", Some(&cookie));
+            stolen.extensions_mut().insert(Peer(SocketAddr::new(from.parse().unwrap(), 40_000)));
+            assert_eq!(server.fixture.send(stolen).await.status, StatusCode::OK, "{from}");
+        }
+        let said = next_json(&mut open, |value| value.get("elsewhere").is_some()).await;
+        assert!(said["elsewhere"].as_str().unwrap().starts_with(words), "{said}");
+        // A page that is opened later says it too.
+        let mut later = server.connect(page, &cookie).await;
+        next_json(&mut later, |value| value.get("elsewhere").is_some()).await;
+        let entries = server.fixture.store.audit_entries(None, 100).await.unwrap();
+        let recorded = entries.iter().filter(|it| it.action == "session elsewhere" && it.who == user);
+        let recorded: Vec<_> = recorded.map(|it| (it.source.as_str(), it.target.as_str())).collect();
+        assert_eq!(recorded, [("10.0.0.66", "before: 127.0.0.1")], "once");
+    }
 }

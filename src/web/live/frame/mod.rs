@@ -133,6 +133,11 @@ pub async fn answered(tap: &str, answer: Response) -> Utf8Bytes {
     Utf8Bytes::from(format!("{{\"tap\":{tap},\"status\":{status},\"said\":{said}}}"))
 }
 
+/// That the session of a page is used from another address, too: `{"elsewhere": "..."}`.
+pub fn elsewhere(words: &str) -> Utf8Bytes {
+    Utf8Bytes::from(serde_json::json!({ "elsewhere": words }).to_string())
+}
+
 /// The announcement that an operator takes over a driving vehicle: `{"hand_over": "..."}`, or `null`.
 pub fn hand_over(words: Option<&str>) -> Utf8Bytes {
     Utf8Bytes::from(serde_json::json!({ "hand_over": words }).to_string())
