@@ -71,6 +71,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 fn verify(folder: &Path, heads: &[Head], key: Option<&Path>) -> anyhow::Result<ExitCode> {
     let verdict = verify_audit_in(folder, heads, key).context("the audit log cannot be verified")?;
     let code = match &verdict.breach {
+        None if !verdict.foreign.is_empty() => {
+            println!("BAD   in the database, and in no record of the log: {}", verdict.foreign.join(", "));
+            println!(
+                "      they cannot log in; `telltale user passwd` takes a user in, `telltale user remove` and"
+            );
+            println!("      `telltale user revoke` remove them");
+            ExitCode::from(EXIT_NO)
+        }
         Some(breach) => {
             println!("BAD   record {} {}", breach.number, breach.what);
             if verdict.breaches > 1 {
@@ -85,6 +93,14 @@ fn verify(folder: &Path, heads: &[Head], key: Option<&Path>) -> anyhow::Result<E
         }
         None => {
             println!("ok    {}", as_written(verdict.records));
+            if heads.is_empty() {
+                println!(
+                    "      nothing here shows whether the database was put back together with its audit.head:"
+                );
+                println!(
+                    "      an older copy of both fits. Give a head that the log of `serve` noted with --head"
+                );
+            }
             ExitCode::SUCCESS
         }
     };

@@ -266,6 +266,10 @@ async fn tokens(store: &Store) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Behind a user whom another program wrote into the database.
+const FOREIGN: &str =
+    "  (in no record of the audit log, so cannot log in: `telltale user passwd` takes it in)";
+
 async fn list(store: &Store) -> anyhow::Result<()> {
     let users = store.users().await?;
     if users.is_empty() {
@@ -273,7 +277,8 @@ async fn list(store: &Store) -> anyhow::Result<()> {
     }
     for user in users {
         let created = humantime::format_rfc3339_seconds(user.created);
-        println!("{:<9}  {created}  {}", user.role.as_str(), user.name);
+        let foreign = if user.is_known { "" } else { FOREIGN };
+        println!("{:<9}  {created}  {}{foreign}", user.role.as_str(), user.name);
     }
     Ok(())
 }
@@ -281,7 +286,8 @@ async fn list(store: &Store) -> anyhow::Result<()> {
 fn json(users: &[User]) -> serde_json::Value {
     let user = |user: &User| {
         let created = humantime::format_rfc3339_seconds(user.created).to_string();
-        serde_json::json!({ "name": user.name, "role": user.role.as_str(), "created": created })
+        let known = user.is_known;
+        serde_json::json!({ "name": user.name, "role": user.role.as_str(), "created": created, "known": known })
     };
     users.iter().map(user).collect()
 }

@@ -61,6 +61,7 @@ use queue::{Job, Queue};
 use sessions::table::Sessions;
 use users::secret::Hashing;
 
+use users::known::Knowledge;
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
 const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
 
@@ -214,6 +215,8 @@ struct Database {
     health: Health,
     job_watch: Arc<JobWatch>,
     backups: database::backup::Schedule,
+    /// Who is known to the audit log.
+    knowledge: Knowledge,
     /// The vehicle's state that this process wrote last.
     stored_vehicle: Option<VehicleMemory>,
     /// SQLite's count of changes by other processes, at the last look.

@@ -44,8 +44,11 @@ actions! {
     UserSecret: "user secret", "A user got another secret.";
     UserRole: "user role", "A user got another role.";
     UserRemoved: "user removed", "A user was removed.";
+    UserKept: "user kept", "What an older record, which was pruned or has no key, said of a user.";
+    UsersForeign: "foreign users", "Users or tokens were found that another program wrote into the database; they cannot log in.";
     TokenAdded: "token added", "A token for a program was made.";
     TokenRevoked: "token revoked", "A token of a program was taken back.";
+    TokenKept: "token kept", "What an older record, which was pruned or has no key, said of a token.";
     DataRepaired: "data repaired", "A database was made anew of what could be read of a damaged one.";
     DataRestored: "data restored", "A backup was put in the place of the database.";
     Mark: "mark", "Somebody marked a moment in the recording.";

@@ -124,6 +124,8 @@ pub struct Verdict {
     /// The last record that a head noted elsewhere proves. Nobody would notice if records after it were cut
     /// off.
     pub proven: u64,
+    /// Users and tokens in the database that are in no record: they cannot log in.
+    pub foreign: Vec<String>,
     /// A hash of all breaches within the chain, which an authority acknowledges. It changes with each of
     /// them.
     pub(in crate::store) evidence: Hash,
@@ -248,6 +250,10 @@ impl Verifier {
             let what = format!("was written after the log had been found damaged: {}", entry.target);
             self.breach(BreachKind::Found, number, number, &entry.content(), what);
         }
+        if entry.action == Action::UsersForeign.as_str() {
+            let what = format!("was written when users were found that are in no record: {}", entry.target);
+            self.breach(BreachKind::Found, number, number, &entry.content(), what);
+        }
         if entry.action == Action::HeadMissing.as_str() {
             // A head that was noted elsewhere may prove that nothing was cut off there.
             if self.known.iter().any(|known| known.number == number - 1) {
@@ -320,13 +326,13 @@ impl Verifier {
         let breaches = (self.open.len() + against.len()) as u64;
         let breach = self.open.into_iter().chain(against).min_by_key(|breach| breach.number);
         let Verifier { records, acknowledged, .. } = Verifier { open: Vec::new(), ..self };
-        Verdict { records, head, breach, breaches, acknowledged, proven, evidence }
+        Verdict { records, head, breach, breaches, acknowledged, proven, foreign: Vec::new(), evidence }
     }
 }
 
 /// The hash on which the first record stands: none, or that of the last pruned record. A later record in
 /// the chain names that one.
-fn beginning(connection: &Connection) -> Result<Head, StoreError> {
+pub(super) fn beginning(connection: &Connection) -> Result<Head, StoreError> {
     let first: Option<i64> = connection.query_row("SELECT min(number) FROM audit", [], |row| row.get(0))?;
     if first.is_none_or(|first| first <= 1) {
         return Ok(Head::NONE);

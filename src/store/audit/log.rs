@@ -6,10 +6,12 @@ use std::time::SystemTime;
 
 use rusqlite::{Connection, OptionalExtension as _, Transaction, TransactionBehavior};
 
+use super::chain::beginning;
 use super::head::{read_head, remove_leftovers, write_head};
 use super::key::{self, KEY_FILE_NAME, Key, KeyId};
 use super::{Action, Entry, Record, TELLTALE, append, hash_of};
 use crate::store::database::files::HEAD_FILE_NAME;
+use crate::store::users::known::as_they_are;
 use crate::store::{Head, StoreError};
 
 /// The program's log gets the head after this many records, even if none of them is important.
@@ -53,6 +55,7 @@ impl Log {
             None => Keyed { key: Key::random()?, news: None, is_new: false },
         };
         let mut news: Vec<Record> = news.into_iter().collect();
+        let is_rekeyed = !news.is_empty();
         if noted.number > 0 && hash_of(&transaction, noted.number)? != Some(noted.hash) {
             news.push(broken(format!("{HEAD_FILE_NAME} said {noted}")));
         } else if noted.number == 0 && head_file.is_some() && last.number > 0 {
@@ -68,6 +71,12 @@ impl Log {
         for record in &news {
             log_breach(record);
             append(&transaction, &key, record, wall)?;
+        }
+        if is_rekeyed {
+            // Nobody can tell any more who was known: all are taken as they are.
+            for record in as_they_are(&transaction)? {
+                append(&transaction, &key, &record, wall)?;
+            }
         }
         transaction.commit()?;
         if let (Some(folder), true) = (folder, is_new) {
@@ -94,7 +103,7 @@ impl Log {
         vec![self.noted]
     }
 
-    pub(super) fn key(&self) -> Result<&Key, StoreError> {
+    pub(in crate::store) fn key(&self) -> Result<&Key, StoreError> {
         self.key.as_ref().ok_or_else(|| StoreError::Files(format!("{KEY_FILE_NAME} cannot be read")))
     }
 
@@ -219,11 +228,19 @@ fn take_key(transaction: &Transaction<'_>, file: &Path, last: Head) -> Result<Ke
 }
 
 /// Whether a record was written with this key and follows the one before it.
-fn is_sealed(connection: &Connection, key: &Key, number: u64) -> Result<bool, StoreError> {
+pub(in crate::store) fn is_sealed(
+    connection: &Connection,
+    key: &Key,
+    number: u64,
+) -> Result<bool, StoreError> {
     let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
                FROM audit WHERE number = ?1";
     let entry = connection.prepare_cached(sql)?.query_row([number as i64], Entry::read).optional()?;
-    let before = if number == 1 { Some(Head::NONE.hash) } else { hash_of(connection, number - 1)? };
+    let before = match hash_of(connection, number.saturating_sub(1))? {
+        // The first record stands on the last one that was pruned.
+        None => Some(beginning(connection)?).filter(|it| it.number + 1 == number).map(|it| it.hash),
+        before => before,
+    };
     Ok(entry.zip(before).is_some_and(|(entry, before)| entry.sealed(Some(key), before) == entry.hash))
 }
 

@@ -21,13 +21,14 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehav
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::users::known::Known;
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
 use head::read_head;
 pub use key::KEY_FILE_NAME;
 pub(super) use key::Key;
-pub(super) use log::Log;
+pub(super) use log::{Log, is_sealed};
 pub use write::RECORDED_WITHIN;
 
 /// The number of records that are kept. Beyond it the oldest are pruned, which is recorded.
@@ -235,9 +236,16 @@ pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Res
     let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
     known.extend(noted);
     let in_folder = folder.join(KEY_FILE_NAME);
-    let mut verifier = Verifier::new(known, Key::read(key.unwrap_or(&in_folder))?);
+    let key = Key::read(key.unwrap_or(&in_folder))?;
+    let mut verifier = Verifier::new(known, key.clone());
     while verifier.read(&connection, VERIFY_AT_ONCE)? {}
-    Ok(verifier.verdict(noted.is_some()))
+    let mut verdict = verifier.verdict(noted.is_some());
+    if let Some(key) = &key {
+        // One state of the database: a server or a command may change it meanwhile.
+        let transaction = connection.unchecked_transaction()?;
+        verdict.foreign = Known::read(&transaction, key)?.foreign(&transaction)?;
+    }
+    Ok(verdict)
 }
 
 impl Database {
@@ -330,9 +338,15 @@ fn prune(
     }
     let number = first + PRUNE_AT_ONCE - 1;
     let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
+    // What they say of users and tokens must still be known.
+    let said_again = Known::read(connection, key)?.said_again(connection, number)?;
     connection.execute("DELETE FROM audit WHERE number <= ?1", [number as i64])?;
     let target = format!("{PRUNED_UP_TO}{}", Head { number, hash });
-    append(connection, key, &Record::of(Action::Pruned, TELLTALE).on(target), wall).map(Some)
+    let mut last = append(connection, key, &Record::of(Action::Pruned, TELLTALE).on(target), wall)?;
+    for record in &said_again {
+        last = append(connection, key, record, wall)?;
+    }
+    Ok(Some(last))
 }
 
 fn hash_of(connection: &Connection, number: u64) -> Result<Option<Hash>, StoreError> {

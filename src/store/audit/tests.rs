@@ -381,3 +381,22 @@ fn what_is_not_there_is_not_made() {
     assert!(error.contains("there is no database") && error.contains("--data"), "{error}");
     assert!(!folder.exists());
 }
+
+#[tokio::test]
+async fn an_older_database_with_its_head_is_found_with_a_head_from_elsewhere_alone() {
+    let folder = Folder::with_records("older", 5).await;
+    let files = [FILE_NAME, HEAD_FILE_NAME].map(|name| folder.0.join(name));
+    let old = files.each_ref().map(|file| std::fs::read(file).unwrap());
+    let store = folder.store();
+    store.record_in_time(Record::of(Action::UserRemoved, COMMAND_LINE).on("olga")).await;
+    store.close().await;
+    let head = folder.verdict().head;
+    for (file, bytes) in files.iter().zip(&old) {
+        std::fs::write(file, bytes).unwrap();
+    }
+    assert_eq!(folder.breach(), None, "nothing in the folder shows it");
+    folder.store().close().await;
+    assert_eq!(folder.breach(), None);
+    let breach = verify_audit_in(&folder.0, &[head], None).unwrap().breach.unwrap();
+    assert_eq!(breach.number, 6, "{breach:?}");
+}

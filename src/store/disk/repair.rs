@@ -14,7 +14,8 @@ use crate::clock::Clock;
 use crate::store::DemoSecrets;
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::database::{backup, schema};
-use crate::store::{FILE_NAME, Store, StoreError, history_damage};
+use crate::store::users::known::as_they_are;
+use crate::store::{Database, FILE_NAME, Store, StoreError, history_damage};
 
 /// The result of checking a data folder.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -94,7 +95,7 @@ pub fn repair(folder: &Path, clock: Clock) -> Result<Repaired, StoreError> {
         return Err(StoreError::NothingToSave { folder: folder.to_owned() });
     }
     let kept = put_in_place(folder, &new, connection, clock.wall())?;
-    note(folder, clock, Action::DataRepaired, &salvaged.losses.join("; "))?;
+    note(folder, clock, Record::of(Action::DataRepaired, COMMAND_LINE).on(salvaged.losses.join("; ")), true)?;
     Ok(Repaired { users: salvaged.users, losses: salvaged.losses, kept })
 }
 
@@ -117,7 +118,8 @@ pub fn restore(folder: &Path, file: Option<&Path>, clock: Clock) -> Result<(Path
     connection.execute_batch("DELETE FROM seat; DELETE FROM sessions")?;
     let users = count(&connection).unwrap_or(0);
     let kept = put_in_place(folder, &new, connection, clock.wall())?;
-    note(folder, clock, Action::DataRestored, &file.display().to_string())?;
+    let record = Record::of(Action::DataRestored, COMMAND_LINE).on(file.display().to_string());
+    note(folder, clock, record, false)?;
     let losses = vec![format!("what happened after {} is not in it", file.display())];
     Ok((file, Repaired { users, losses, kept }))
 }
@@ -175,14 +177,20 @@ fn folder_error(folder: &Path, reason: io::Error) -> StoreError {
     StoreError::Folder { path: folder.to_owned(), reason }
 }
 
-/// Records the repair in the audit log.
-fn note(folder: &Path, clock: Clock, action: Action, target: &str) -> Result<(), StoreError> {
+/// Records the repair in the audit log. Where the log may lack records of users, they are taken as they are.
+fn note(folder: &Path, clock: Clock, record: Record, takes_users: bool) -> Result<(), StoreError> {
     let store = Store::open(folder, clock, DemoSecrets::Refused)?;
     let runtime = tokio::runtime::Builder::new_current_thread().build();
     let runtime = runtime.map_err(|reason| folder_error(folder, reason))?;
     runtime.block_on(async {
-        let record = Record::of(action, COMMAND_LINE).on(target);
-        let noted = store.call(move |database| database.change(&[record], |_| Ok(()))).await;
+        let note = move |database: &mut Database| {
+            let mut records = vec![record];
+            if takes_users {
+                records.extend(as_they_are(&database.connection)?);
+            }
+            database.change(&records, |_| Ok(()))
+        };
+        let noted = store.call(note).await;
         store.close().await;
         noted
     })

@@ -15,6 +15,7 @@ use tokio::sync::watch;
 
 use super::audit::Record;
 use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::users::known::Mark;
 use super::users::role;
 use super::{Database, Role, Store, StoreError, Verified};
 use crate::engine::model::Stage;
@@ -54,8 +55,8 @@ pub struct Session {
     /// The last activity of its holder, in nanoseconds of the monotonic clock; negative if before the start
     /// of this process.
     pub(super) used: Arc<AtomicI64>,
-    /// Its sender lies in the table of open sessions; it closes when the session leaves the table.
     pub(super) places: Arc<places::Places>,
+    /// Its sender lies in the table of open sessions; it closes when the session leaves the table.
     pub(super) ended: watch::Receiver<()>,
 }
 
@@ -293,13 +294,14 @@ pub(super) fn insert_session(
 impl Database {
     /// Updates the table of open sessions from the database.
     pub(super) fn reload_sessions(&mut self) -> Result<(), StoreError> {
+        self.read_known()?;
         let wall = self.judged();
         let now = self.clock.now();
         let mut query = self.connection.prepare_cached(
-            "SELECT token_hash, name, role, 0, expires_ms, max(sessions.created_ms, used_ms)
+            "SELECT token_hash, name, role, 0, expires_ms, max(sessions.created_ms, used_ms), secret_hash
              FROM sessions JOIN users ON users.id = sessions.user
              UNION ALL
-             SELECT token_hash, name, role, 1, expires_ms, 0
+             SELECT token_hash, name, role, 1, expires_ms, 0, secret_hash
              FROM tokens JOIN users ON users.id = tokens.user
              WHERE role <> 'operator'",
         )?;
@@ -312,17 +314,25 @@ impl Database {
             };
             let idle = wall.duration_since(from_unix_ms(row.get(5)?)).unwrap_or_default();
             let idle = i64::try_from(idle.as_nanos()).unwrap_or(i64::MAX);
-            Ok(Row {
-                key: row.get(0)?,
-                user: row.get(1)?,
-                role: role(row, 2)?,
+            let (key, user, role): (Key, String, Role) = (row.get(0)?, row.get(1)?, role(row, 2)?);
+            let is_known = {
+                let known = &self.knowledge;
+                let mark = || Mark::of_token(&key, &user, to_unix_ms(expires));
+                known.has_user(&user, role, &row.get::<_, String>(6).unwrap_or_default())
+                    && (kind == SessionKind::Person || known.has_token(&mark()))
+            };
+            Ok(is_known.then_some(Row {
+                key,
+                user,
+                role,
                 kind,
                 expires: now + span(left),
                 used: nanos(now).saturating_sub(idle),
                 is_late: expires <= wall,
-            })
+            }))
         })?;
-        self.sessions.align(rows.collect::<Result<_, _>>()?);
+        let rows: Vec<Option<Row>> = rows.collect::<Result<_, _>>()?;
+        self.sessions.align(rows.into_iter().flatten().collect());
         Ok(())
     }
 }

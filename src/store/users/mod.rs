@@ -1,5 +1,6 @@
 //! Users: names, roles and secrets, and the proof of a secret.
 
+pub(super) mod known;
 pub(super) mod known_browsers;
 pub(super) mod noticed;
 pub(super) mod role;
@@ -9,10 +10,11 @@ pub(super) mod tokens;
 use super::unix_time::{from_unix_ms, to_unix_ms};
 use std::time::SystemTime;
 
-use rusqlite::{OptionalExtension, params};
+use rusqlite::{Connection, OptionalExtension, params};
 
 use super::audit::{Action, COMMAND_LINE, Record};
 use super::{Caller, DEMO_USERS, Role, Store, StoreError};
+use known::Mark;
 use secret::check_policy;
 
 /// A user in a list.
@@ -21,6 +23,8 @@ pub struct User {
     pub name: String,
     pub role: Role,
     pub created: SystemTime,
+    /// The audit log knows this row. Nobody logs in with another one.
+    pub is_known: bool,
 }
 
 /// Proof that somebody gave the secret of this user just now.
@@ -80,7 +84,9 @@ impl Store {
         let hash = self.hashing.hash(secret.to_owned()).await?;
         let name = name.to_owned();
         let created_ms = to_unix_ms(self.clock.wall());
-        let record = Record::of(Action::UserAdded, COMMAND_LINE).on(format!("{name} ({})", role.as_str()));
+        let mark = Mark::of_user(&name, role, &hash);
+        let target = format!("{name} ({}){mark}", role.as_str());
+        let record = Record::of(Action::UserAdded, COMMAND_LINE).on(target);
         self.call(move |database| {
             database.change(&[record], |transaction| {
                 noticed::count(transaction)?;
@@ -101,10 +107,14 @@ impl Store {
     /// If the database fails.
     pub async fn users(&self) -> Result<Vec<User>, StoreError> {
         self.call(|database| {
-            let mut query =
-                database.connection.prepare("SELECT name, role, created_ms FROM users ORDER BY name")?;
+            database.read_known()?;
+            let sql = "SELECT name, role, created_ms, secret_hash FROM users ORDER BY name";
+            let mut query = database.connection.prepare(sql)?;
             let rows = query.query_map([], |row| {
-                Ok(User { name: row.get(0)?, role: role(row, 1)?, created: from_unix_ms(row.get(2)?) })
+                let (name, role): (String, Role) = (row.get(0)?, role(row, 1)?);
+                let hash: String = row.get(3)?;
+                let is_known = database.knowledge.has_user(&name, role, &hash);
+                Ok(User { name, role, created: from_unix_ms(row.get(2)?), is_known })
             })?;
             Ok(rows.collect::<Result<_, _>>()?)
         })
@@ -154,12 +164,9 @@ impl Store {
     /// # Errors
     /// If there is no such user, the secret is not acceptable, or the database fails.
     pub async fn change_secret(&self, name: &str, secret: &str) -> Result<(), StoreError> {
-        let user = self
-            .find_user(Caller::Vehicle, name)
-            .await?
-            .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
-        let record = Record::of(Action::UserSecret, COMMAND_LINE).on(name);
-        self.change_user((user.id, name), user.role, secret, record).await
+        let user = self.row_of(Caller::Vehicle, name).await?;
+        let user = user.ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        self.change_user((user.id, name), user.role, secret, Action::UserSecret, name.to_owned()).await
     }
 
     /// Gives a user another role with a secret that fits it, and ends all of its sessions and tokens.
@@ -167,14 +174,11 @@ impl Store {
     /// # Errors
     /// If there is no such user, the secret is not acceptable, or the database fails.
     pub async fn change_role(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
-        let user = self
-            .find_user(Caller::Vehicle, name)
-            .await?
-            .ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
+        let user = self.row_of(Caller::Vehicle, name).await?;
+        let user = user.ok_or_else(|| StoreError::NoSuchUser(name.to_owned()))?;
         let was = user.role.as_str();
-        let record =
-            Record::of(Action::UserRole, COMMAND_LINE).on(format!("{name}: {was} -> {}", role.as_str()));
-        self.change_user((user.id, name), role, secret, record).await
+        let said = format!("{name}: {was} -> {}", role.as_str());
+        self.change_user((user.id, name), role, secret, Action::UserRole, said).await
     }
 
     async fn change_user(
@@ -182,10 +186,13 @@ impl Store {
         (id, name): (i64, &str),
         role: Role,
         secret: &str,
-        record: Record,
+        action: Action,
+        said: String,
     ) -> Result<(), StoreError> {
         check_policy(role, name, secret)?;
         let hash = self.hashing.hash(secret.to_owned()).await?;
+        let mark = Mark::of_user(name, role, &hash);
+        let record = Record::of(action, COMMAND_LINE).on(format!("{said}{mark}"));
         self.call(move |database| {
             database.change(&[record], |transaction| {
                 noticed::count(transaction)?;
@@ -244,25 +251,29 @@ impl Store {
         Ok(user.filter(|_| proven))
     }
 
+    /// The user of this name, if the audit log knows the row.
     pub(super) async fn find_user(&self, caller: Caller, name: &str) -> Result<Option<Verified>, StoreError> {
         let name = name.to_owned();
         self.call_from(caller, move |database| {
-            let user = database.connection.query_row(
-                "SELECT id, name, role, secret_hash FROM users WHERE name = ?1",
-                [name],
-                |row| {
-                    Ok(Verified {
-                        id: row.get(0)?,
-                        name: row.get(1)?,
-                        role: role(row, 2)?,
-                        secret_hash: row.get(3)?,
-                    })
-                },
-            );
-            Ok(user.optional()?)
+            let Some(user) = row_of(&database.connection, &name)? else { return Ok(None) };
+            Ok(if database.knows(&user.name, user.role, &user.secret_hash)? { Some(user) } else { None })
         })
         .await
     }
+
+    /// The user of this name, whoever wrote the row: a new secret or role takes a foreign one in.
+    async fn row_of(&self, caller: Caller, name: &str) -> Result<Option<Verified>, StoreError> {
+        let name = name.to_owned();
+        self.call_from(caller, move |database| row_of(&database.connection, &name)).await
+    }
+}
+
+fn row_of(connection: &Connection, name: &str) -> Result<Option<Verified>, StoreError> {
+    let sql = "SELECT id, name, role, secret_hash FROM users WHERE name = ?1";
+    let user = connection.query_row(sql, [name], |row| {
+        Ok(Verified { id: row.get(0)?, name: row.get(1)?, role: role(row, 2)?, secret_hash: row.get(3)? })
+    });
+    Ok(user.optional()?)
 }
 
 /// Reads a role; an unknown word is a fault of the database.

@@ -4,6 +4,7 @@ use std::time::{Duration, SystemTime};
 
 use rusqlite::{OptionalExtension, params};
 
+use super::known::Mark;
 use super::noticed;
 use super::role;
 use crate::store::audit::{Action, COMMAND_LINE, Record};
@@ -40,7 +41,8 @@ impl Store {
         self.call(move |database| {
             let created = database.judged();
             let expires = created + Duration::from_secs(u64::from(days) * 24 * 3600);
-            let record = Record::of(Action::TokenAdded, COMMAND_LINE).on(format!("{name} {label}"));
+            let mark = Mark::of_token(&key, &name, to_unix_ms(expires));
+            let record = Record::of(Action::TokenAdded, COMMAND_LINE).on(format!("{name} {label}{mark}"));
             database.change(&[record], |transaction| {
                 noticed::count(transaction)?;
                 let user =
@@ -102,7 +104,13 @@ impl Store {
     /// If there is no such token, or the database fails.
     pub async fn revoke_token(&self, number: i64) -> Result<(), StoreError> {
         self.call(move |database| {
-            let record = Record::of(Action::TokenRevoked, COMMAND_LINE).on(number.to_string());
+            let sql = "SELECT token_hash, name, expires_ms FROM tokens JOIN users ON users.id = tokens.user
+                       WHERE number = ?1";
+            let mark = database.connection.query_row(sql, [number], |row| {
+                Ok(Mark::of_token(&row.get(0)?, &row.get::<_, String>(1)?, row.get(2)?))
+            });
+            let mark = mark.optional()?.ok_or(StoreError::NoSuchToken(number))?;
+            let record = Record::of(Action::TokenRevoked, COMMAND_LINE).on(format!("{number}{mark}"));
             database.change(&[record], |transaction| {
                 noticed::count(transaction)?;
                 let revoked = transaction.execute("DELETE FROM tokens WHERE number = ?1", [number])?;
