@@ -188,7 +188,7 @@ impl Recording {
         let (recorder, fault, entry) = (self.recorder.clone(), self.fault.clone(), self.entry.clone());
         Marker::new(move |by, note| {
             // Also where the disk has a fault: a disk that recovers meanwhile still gets it.
-            let mark = recorder.mark(by, &clean_note(note));
+            let mark = recorder.mark(by, note);
             Box::pin(confirmed(mark, entry.clone(), fault.clone()))
         })
     }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::web::http::respond::{header, json_answer};
+use crate::web::view::text::{clean_lines, plain_json};
 
 /// The header that says how to ask for what follows: the value of the parameter `before`, `after` or `offset`.
 const NEXT: HeaderName = HeaderName::from_static("telltale-next");
@@ -97,14 +98,17 @@ fn cell(value: &Value) -> String {
             let words: Vec<&str> = items.iter().filter_map(Value::as_str).collect();
             harmless(&words.join(" "))
         }
-        other => other.to_string(),
+        other => plain_json(other.to_string()),
     }
 }
 
-/// What a spreadsheet would take for a formula becomes a text. Names and messages come from the vehicle's network.
+/// What a spreadsheet would take for a formula becomes a text, and what acts on a terminal or on the direction of reading
+/// is left out. Names and messages come from the vehicle's network.
 fn harmless(text: &str) -> String {
-    let is_formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']) && text.parse::<f64>().is_err();
-    if is_formula { format!("'{text}") } else { text.to_owned() }
+    let text = clean_lines(&text.replace('\t', " "));
+    let is_formula =
+        text.trim_start().starts_with(['=', '+', '-', '@']) && text.trim().parse::<f64>().is_err();
+    if is_formula { format!("'{text}") } else { text }
 }
 
 fn quoted(cell: &str) -> String {
@@ -125,9 +129,11 @@ mod tests {
             json!({ "a": "x", "b": ["/n1", "/n2"], "c": null }),
             json!({ "a": "say \"hi\",\nthen", "b": [], "c": { "k": 1 } }),
             json!({ "a": "=SUM(A1)", "b": ["-3.5"], "c": -3.5 }),
+            json!({ "a": "a\u{1b}[2J\u{9b}\u{202e}b\tc", "b": ["\u{202e}=1+1"], "c": { "k": "\u{202e}" } }),
+            json!({ "a": "\t=1+1" }),
         ];
-        let expected =
-            "a,b,c\r\nx,/n1 /n2,\r\n\"say \"\"hi\"\",\nthen\",,\"{\"\"k\"\":1}\"\r\n'=SUM(A1),-3.5,-3.5\r\n";
+        let expected = "a,b,c\r\nx,/n1 /n2,\r\n\"say \"\"hi\"\",\nthen\",,\"{\"\"k\"\":1}\"\r\n'=SUM(A1),-3.5,-3.5\r\n\
+             a[2Jb c,'=1+1,\"{\"\"k\"\":\"\"\\u202e\"\"}\"\r\n' =1+1,,\r\n";
         assert_eq!(csv(&["a", "b", "c"], &rows), expected);
     }
 

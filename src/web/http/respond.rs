@@ -15,6 +15,7 @@ use serde_json::Value;
 use super::errors::HttpError;
 use crate::engine::input::Refusal;
 use crate::web::view;
+use crate::web::view::text::plain_json;
 use crate::web::view::{Lang, PagePart, Palette};
 
 /// The format that a client reads.
@@ -202,5 +203,5 @@ pub fn refused_in_words(reader: &Reader, reasons: &[String], seq: Option<u64>) -
 }
 
 pub fn json_answer(status: StatusCode, value: &Value) -> Response {
-    (status, [(CONTENT_TYPE, "application/json")], value.to_string()).into_response()
+    (status, [(CONTENT_TYPE, "application/json")], plain_json(value.to_string())).into_response()
 }

@@ -15,8 +15,8 @@ use tokio::task;
 
 use super::Marked;
 use crate::record::incident::NOTE_BYTES_MAX;
-use crate::store::Caller;
 use crate::store::audit::{Action, Record};
+use crate::store::{Caller, SessionKind, clean_note};
 use crate::web::admission::peer::{Peer, source_of};
 use crate::web::http::errors::HttpError;
 use crate::web::http::guard::SignedIn;
@@ -64,12 +64,13 @@ pub(in crate::web) async fn mark_moment(
     record: Record,
 ) -> Result<u64, HttpError> {
     let Some(Marker(mark)) = &app.settings.marker else { return Err(HttpError::NotRecording) };
-    let (marking, store) = (mark(by, note), app.store.clone());
+    // The same in the recording and in the audit log.
+    let note = clean_note(note);
+    let (marking, store) = (mark(by, &note), app.store.clone());
     let target = move |incident: Option<u64>, note: &str| match incident {
         Some(incident) => record.on(format!("{incident}: {note}")),
         None => record.on(note),
     };
-    let note = note.to_owned();
     let confirmed = task::spawn(async move {
         match marking.await {
             Ok(incident) => {
@@ -119,7 +120,12 @@ pub async fn mark(
     };
     let source = source_of(peer.map(|Extension(peer)| peer));
     let record = Record::of_session(&session, Action::Mark, source);
-    match (mark_moment(&app, &session.user, &note, record).await, reader.speaks) {
+    // A program has a share of its own: it takes no places of the person whose token it has.
+    let by = match session.kind {
+        SessionKind::Person => session.user.to_string(),
+        SessionKind::Program => format!("{} (API)", session.user),
+    };
+    match (mark_moment(&app, &by, &note, record).await, reader.speaks) {
         (Ok(_), Speaks::Html) => Redirect::to("/incidents").into_response(),
         (Ok(incident), Speaks::Json) => Json(Marked { incident }).into_response(),
         (Err(error), _) => refusal(&reader, error),

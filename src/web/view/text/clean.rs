@@ -67,6 +67,27 @@ pub fn clean_lines(text: &str) -> String {
     text.chars().filter(seen).collect()
 }
 
+/// A JSON text in which characters that act on a terminal or on the direction of reading stand by their numbers: a
+/// program reads the same, and a person who looks at the file sees them.
+pub fn plain_json(text: String) -> String {
+    let acts = |letter: char| letter != '\n' && (letter.is_control() || is_invisible(letter));
+    if !text.contains(acts) {
+        return text;
+    }
+    let mut out = String::with_capacity(text.len() + 64);
+    for letter in text.chars() {
+        if acts(letter) {
+            for unit in letter.encode_utf16(&mut [0; 2]) {
+                // Writing to a string cannot fail.
+                let _ = write!(out, "\\u{unit:04x}");
+            }
+        } else {
+            out.push(letter);
+        }
+    }
+    out
+}
+
 /// A node's name as a part of an address; slashes stay.
 pub fn address(name: &str) -> String {
     let mut out = String::with_capacity(name.len());
@@ -137,6 +158,16 @@ mod tests {
     #[test]
     fn marks_without_end_are_cut() {
         check(&format!("Z{}!", "\u{30d}".repeat(500)), 60, "Z\u{30d}\u{30d}!");
+    }
+
+    #[test]
+    fn json_means_the_same_without_characters_that_act() {
+        let said =
+            serde_json::json!({ "note": "a\u{1b}[2J\u{7f}\u{9b}\u{202e}b\u{e0041}\n", "ok": "grün – 日本" });
+        let plain = plain_json(said.to_string());
+        let is_plain = |letter: char| !letter.is_control() && !is_invisible(letter);
+        assert!(plain.chars().all(is_plain) && plain.contains("grün – 日本"), "{plain}");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&plain).unwrap(), said);
     }
 
     #[test]

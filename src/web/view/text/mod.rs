@@ -2,4 +2,4 @@
 
 mod clean;
 
-pub use clean::{ID, MESSAGE, NAME, VALUE, address, clean, clean_configured, clean_lines};
+pub use clean::{ID, MESSAGE, NAME, VALUE, address, clean, clean_configured, clean_lines, plain_json};
