@@ -19,7 +19,8 @@ impl Kinds<'_> {
         };
         match monitor {
             MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => {
-                let Bands { warning_below, error_below, warning_above, error_above } = *bands;
+                let Bands { warning_below, error_below, warning_above, error_above, unmeasurable: _ } =
+                    *bands;
                 let limits =
                     [("<", warning_below), ("<", error_below), (">", warning_above), (">", error_above)];
                 for (sign, limit) in limits {

@@ -2,6 +2,7 @@
 
 use super::{forms, units};
 use crate::engine::model::monitors::Bands;
+use crate::engine::state::State;
 use crate::yaml::decode::scalar;
 use crate::yaml::schema::{least, most, needs_any, of_type};
 use crate::yaml::{
@@ -19,7 +20,7 @@ pub(in crate::config) enum Unit {
     Size,
     /// The same, optionally with the unit `Hz`.
     Hertz,
-    /// A duration, which may be negative.
+    /// A duration: a stamp that is ahead counts as one of now, or cannot be measured.
     Duration,
     /// An angle between two rotations: from 0 to 180.
     Degrees,
@@ -57,7 +58,7 @@ impl Unit {
             Unit::Number => of_type("number"),
             Unit::Size => [of_type("number"), vec![least(0)]].concat(),
             Unit::Hertz => forms::rate(schema),
-            Unit::Duration => forms::signed_duration(schema),
+            Unit::Duration => forms::duration(schema),
             Unit::Degrees => [of_type("number"), vec![least(0), most(180)]].concat(),
         }
     }
@@ -65,8 +66,8 @@ impl Unit {
     /// The smallest and the largest possible measurement.
     fn range(self) -> (f64, f64) {
         match self {
-            Unit::Number | Unit::Duration => (f64::NEG_INFINITY, f64::INFINITY),
-            Unit::Size | Unit::Hertz => (0.0, f64::INFINITY),
+            Unit::Number => (f64::NEG_INFINITY, f64::INFINITY),
+            Unit::Size | Unit::Hertz | Unit::Duration => (0.0, f64::INFINITY),
             Unit::Degrees => (0.0, 180.0),
         }
     }
@@ -104,10 +105,16 @@ fn of_keys(fields: &mut Fields, unit: Unit, keys: [Option<KeyDoc>; 4]) -> Bands 
         let Some(limit) = limit else { continue };
         let never = if key.ends_with("below") { limit.value <= least } else { limit.value >= most };
         if never || !(least..=most).contains(&limit.value) {
-            let text = format!("what is measured here is never {} {}", &key[key.len() - 5..], limit.value);
-            fields.log.push(Problem::at(limit.span, text).help(match most.is_finite() {
-                true => format!("choose a limit between {least} and {most}, or remove it"),
-                false => format!("choose a limit above {least}, or remove it"),
+            let text = match limit.value < least {
+                true => format!("what is measured here is never below {least}"),
+                false => format!("what is measured here is never {} {}", &key[key.len() - 5..], limit.value),
+            };
+            fields.log.push(Problem::at(limit.span, text).help(match unit {
+                Unit::Duration => {
+                    "choose a limit above 0, or remove it; `ahead` of a latency judges stamps of the future".to_owned()
+                }
+                _ if most.is_finite() => format!("choose a limit between {least} and {most}, or remove it"),
+                _ => format!("choose a limit above {least}, or remove it"),
             }));
         }
     }
@@ -126,7 +133,14 @@ fn of_keys(fields: &mut Fields, unit: Unit, keys: [Option<KeyDoc>; 4]) -> Bands 
         error_below: value(error_below),
         warning_above: value(warning_above),
         error_above: value(error_above),
+        unmeasurable: None,
     }
+}
+
+/// Reads the state of what cannot be measured.
+pub(in crate::config) fn unmeasurable(fields: &mut Fields, key: KeyDoc) -> Option<State> {
+    let states = [State::Unknown, State::Warning, State::Error].map(|state| (state.as_str(), state));
+    fields.choice(key, "state", &states)
 }
 
 fn check_order(lower: Option<Spanned<f64>>, upper: Option<Spanned<f64>>, text: &str, log: &mut Log) {

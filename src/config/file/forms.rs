@@ -50,13 +50,6 @@ pub(super) fn duration(schema: &mut Schema) -> Members {
     })
 }
 
-pub(super) fn signed_duration(schema: &mut Schema) -> Members {
-    schema.define("signed_duration", |_| {
-        let form = pattern("^-?[0-9]+(\\.[0-9]+)? *(ns|us|µs|ms|s|m|h|d)$");
-        example(&["300ms"], with_about("A number with its unit.", form))
-    })
-}
-
 pub(super) fn rate(schema: &mut Schema) -> Members {
     schema.define("rate", |_| {
         let types = vec!["number", "string"];

@@ -186,7 +186,10 @@ fn latency(node: &Node, log: &mut Log) -> Option<Monitor> {
         .about("Receipt minus the stamp in the header, the worst of the window; limits as durations.");
     let mut fields = Fields::of(node, doc, log)?;
     let (topic, window) = (Topic::of(&mut fields), window(&mut fields));
-    let bands = some_bands(&mut fields, Unit::Duration);
+    let mut bands = some_bands(&mut fields, Unit::Duration);
+    let ahead =
+        key("ahead").about("The state of a stamp more than 50 ms in the future: unknown, if it is missing.");
+    bands.unmeasurable = bands::unmeasurable(&mut fields, ahead);
     fields.finish();
     Some(Monitor::Latency { topic: topic?, window, bands })
 }
@@ -196,7 +199,8 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
         map("value", "a value monitor").about("One value against limits, or against the one that is good.");
     let mut fields = Fields::of(node, doc, log)?;
     let source = Source::of(&mut fields, false);
-    let bands = bands(&mut fields, Unit::Number);
+    let mut bands = bands(&mut fields, Unit::Number);
+    bands.unmeasurable = bands::unmeasurable(&mut fields, NAN);
     let error: Option<Spanned<Literal>> =
         fields.optional(key("error_unless").about("Any other value is an ERROR."));
     let warning: Option<Spanned<Literal>> =
@@ -205,6 +209,10 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
     match (bands::any(&fields), unless) {
         (false, None) => {
             bands::without_a_limit(node.span, ", error_unless, warning_unless", fields.log);
+        }
+        (false, Some(unless)) if bands.unmeasurable.is_some() => {
+            let problem = Problem::at(unless, "`nan` and `..._unless` do not go together");
+            fields.log.push(problem.help("what is no number is not the one good value"));
         }
         (true, Some(unless)) => {
             let problem = Problem::at(unless, "limits and `..._unless` do not go together");
@@ -226,6 +234,8 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
     };
     Some(Monitor::Value { source: source?, rule })
 }
+
+const NAN: KeyDoc = key("nan").about("The state of a value that is not a number: unknown, if it is missing.");
 
 /// `true`, `3`, `armed`; in quotes it is a text.
 #[derive(Debug, PartialEq)]
@@ -273,7 +283,8 @@ fn sequence(node: &Node, log: &mut Log) -> Option<Monitor> {
     let earlier = fields.required("earlier").map(|ScalarSource(source)| source);
     let later = fields.required("later").map(|ScalarSource(source)| source);
     let max_gap = age(&mut fields, key("max_gap").about("Values further apart are not compared."));
-    let bands = some_bands(&mut fields, Unit::Number);
+    let mut bands = some_bands(&mut fields, Unit::Number);
+    bands.unmeasurable = bands::unmeasurable(&mut fields, NAN);
     fields.finish();
     Some(Monitor::Sequence { earlier: earlier?, later: later?, max_gap, bands })
 }

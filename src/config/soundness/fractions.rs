@@ -54,7 +54,7 @@ fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
 }
 
 fn limits(bands: &Bands) -> Vec<f64> {
-    let Bands { warning_below, error_below, warning_above, error_above } = *bands;
+    let Bands { warning_below, error_below, warning_above, error_above, unmeasurable: _ } = *bands;
     [warning_below, error_below, warning_above, error_above].into_iter().flatten().collect()
 }
 

@@ -44,12 +44,12 @@ fn every_kind_reaches_the_model_with_its_defaults() {
         "the rate of /t (a/msg/B) over 3s: warning below 9 Hz, error below 5 Hz",
     );
     means(
-        &format!("latency: {{ {TOPIC}, error_below: -50ms, warning_above: 100ms, error_above: 0.3s }}"),
-        "the latency of /t (a/msg/B) over 2s: error below -0.05 s, warning above 0.1 s, error above 0.3 s",
+        &format!("latency: {{ {TOPIC}, warning_above: 100ms, error_above: 0.3s, ahead: error }}"),
+        "the latency of /t (a/msg/B) over 2s: warning above 0.1 s, error above 0.3 s, error if it cannot be measured",
     );
     means(
-        &format!("value: {{ {TOPIC}, field: 'x[0].y', warning_below: -1, error_above: 1e3 }}"),
-        "x[0].y of /t (a/msg/B): warning below -1, error above 1000",
+        &format!("value: {{ {TOPIC}, field: 'x[0].y', warning_below: -1, error_above: 1e3, nan: warning }}"),
+        "x[0].y of /t (a/msg/B): warning below -1, error above 1000, warning if it cannot be measured",
     );
     means(
         "value: { status: s, key: 'a key', error_unless: true, warning_unless: 'true' }",
@@ -248,6 +248,14 @@ fn times_are_within_bounds() {
             "48: expected a duration, found `-2s` (write a number with one of the units ns, us, ms, s, m, h, d: for example `2s`)",
         ],
     );
+    for limit in ["error_below", "error_above"] {
+        let found = parse("c", &module(&format!("latency: {{ {TOPIC}, {limit}: -50ms }}")));
+        let lines = found.unwrap_err().lines();
+        assert!(
+            lines.len() == 1 && lines[0].contains("never below 0") && lines[0].contains("`ahead`"),
+            "{lines:?}"
+        );
+    }
     wrong(
         "watchdog: { node: /n, every: 0s, misses: 0 }",
         &[

@@ -182,6 +182,8 @@ pub struct Bands {
     pub error_below: Option<f64>,
     pub warning_above: Option<f64>,
     pub error_above: Option<f64>,
+    /// The state of a value that is no number, and of a stamp that lies in the future; `None`: UNKNOWN.
+    pub unmeasurable: Option<State>,
 }
 
 /// The rule for a single value.

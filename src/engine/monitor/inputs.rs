@@ -33,12 +33,12 @@ pub(super) struct Inputs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct UnusableInput {
     slot: usize,
-    fault: InputFault,
+    pub(super) fault: InputFault,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum InputFault {
+pub(super) enum InputFault {
     Missing,
     Old,
     Unreadable,
@@ -268,7 +268,7 @@ pub(super) fn nothing_yet(label: Text) -> Text {
 /// The kind of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum ValueKind {
+pub(super) enum ValueKind {
     Number,
     Pose,
     Positions,

@@ -69,9 +69,17 @@ impl Latency {
         self.doubt = self.doubt.filter(|(at, _)| *at + self.window.span() > now);
         let measured =
             self.window.extremes().map(|(min, max)| self.bands.judge(min).max(self.bands.judge(max)));
-        let doubted = self.doubt.map(|_| State::Unknown);
+        let doubted = self.doubted();
         self.last = measured.max(doubted).or(self.last);
         self.last
+    }
+
+    /// The state of the last useless stamp.
+    fn doubted(&self) -> Option<State> {
+        self.doubt.map(|(_, doubt)| match doubt {
+            StampFault::Future(_) => self.bands.unmeasurable(),
+            _ => State::Unknown,
+        })
     }
 
     pub(super) fn due(&self) -> Option<Timestamp> {
@@ -94,13 +102,14 @@ impl Latency {
             .map(|(min, max)| if self.bands.judge(min) > self.bands.judge(max) { min } else { max });
         let values = worst.map_or(Vec::new(), |worst| self.bands.values("latency_s", worst));
         let late = worst.map(|worst| self.bands.say(worst, say!("s late", "s Verspätung")));
-        let message = match (self.doubt, worst.map(|worst| self.bands.judge(worst)), late) {
-            (Some((_, doubt)), None | Some(State::Ok | State::Warning | State::Unknown), _) => doubt.say(),
-            (_, _, Some(late)) => late,
-            (_, _, None) if self.last.is_some() => {
+        let is_doubt = self.doubted() >= worst.map(|worst| self.bands.judge(worst));
+        let message = match (self.doubt, late) {
+            (Some((_, doubt)), _) if is_doubt => doubt.say(),
+            (_, Some(late)) => late,
+            (_, None) if self.last.is_some() => {
                 say!("no message for {time}", "keine Nachricht seit {time}", time = span(self.window.span()))
             }
-            (_, _, None) => "".into(),
+            (_, None) => "".into(),
         };
         Words { message, values }
     }

@@ -118,7 +118,7 @@ impl RateRatio {
         if input == 0 {
             return None;
         }
-        let Bands { warning_below, error_below, warning_above, error_above } = self.bands;
+        let Bands { warning_below, error_below, warning_above, error_above, unmeasurable: _ } = self.bands;
         let (mut inputs, mut outputs) = (input, u64::MAX);
         for limit in [warning_below, error_below, warning_above, error_above].into_iter().flatten() {
             // Leaving outputs lower the ratio towards the limit, leaving inputs raise it.
@@ -189,7 +189,7 @@ mod tests {
             messages in prop::collection::vec((0_u64..40, prop::bool::ANY), 0..120),
         ) {
             let [warning_below, error_below, warning_above, error_above] = limits.map(|it| it.map(|it| f64::from(it) / 4.0));
-            let bands = Bands { warning_below, error_below, warning_above, error_above };
+            let bands = Bands { warning_below, error_below, warning_above, error_above, unmeasurable: None };
             let mut ratio = RateRatio::new(Span::from_millis(1000), bands);
             ratio.set_relevant(true, Timestamp::ZERO);
             let mut millis = 0;

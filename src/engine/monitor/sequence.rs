@@ -1,6 +1,6 @@
 //! A value at a later stage of processing against the same value at an earlier stage.
 
-use super::inputs::{Inputs, UnusableInput, nothing_yet};
+use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, span};
 use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::Bands;
@@ -59,7 +59,13 @@ impl Sequence {
     }
 
     pub(super) fn judge(&self) -> Option<State> {
-        self.inputs.any().then(|| self.difference().map_or(State::Unknown, |(_, state)| state))
+        self.inputs.any().then(|| match self.difference() {
+            Ok((_, state)) => state,
+            Err(NotComparable::Input(unusable)) if unusable.fault == InputFault::NotANumber => {
+                self.bands.unmeasurable()
+            }
+            Err(_) => State::Unknown,
+        })
     }
 
     pub(super) fn words(&self) -> Words {

@@ -1,6 +1,6 @@
 //! One field of a topic, or one KeyValue of a status.
 
-use super::inputs::{Inputs, UnusableInput};
+use super::inputs::{InputFault, Inputs, UnusableInput};
 use super::words::{Words, numeral_in, quoted};
 use crate::engine::files::KeyframeError;
 use crate::engine::model::monitors::ValueRule;
@@ -37,7 +37,13 @@ impl Value {
     }
 
     pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
-        self.inputs.any().then(|| self.look(now).map_or(State::Unknown, |(_, state)| state))
+        self.inputs.any().then(|| match (self.look(now), &self.rule) {
+            (Ok((_, state)), _) => state,
+            (Err(unusable), ValueRule::Bands(bands)) if unusable.fault == InputFault::NotANumber => {
+                bands.unmeasurable()
+            }
+            (Err(_), _) => State::Unknown,
+        })
     }
 
     pub(super) fn words(&self, now: Timestamp) -> Words {

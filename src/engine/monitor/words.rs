@@ -55,7 +55,13 @@ impl Bands {
             error_below: scale(self.error_below),
             warning_above: scale(self.warning_above),
             error_above: scale(self.error_above),
+            unmeasurable: self.unmeasurable,
         }
+    }
+
+    /// The state of what these limits cannot be compared with.
+    pub(super) fn unmeasurable(&self) -> State {
+        self.unmeasurable.unwrap_or(State::Unknown)
     }
 
     /// A value with its unit as people read it: 0.17 of a battery is `17 %, at least 20 wanted`.
@@ -183,6 +189,7 @@ mod tests {
             error_below: Some(5.0),
             warning_above: Some(11.0),
             error_above: Some(20.0),
+            unmeasurable: None,
         };
         for (value, state) in [
             (4.9, State::Error),

@@ -129,7 +129,13 @@ fn sum_above(limit: f64) -> Condition {
 
 fn bands(choices: &mut Choices<'_>, scale: f64) -> Bands {
     let mut limit = || choices.one_in(2).then(|| scale * choices.below(4) as f64);
-    Bands { warning_below: limit(), error_below: limit(), warning_above: limit(), error_above: limit() }
+    Bands {
+        warning_below: limit(),
+        error_below: limit(),
+        warning_above: limit(),
+        error_above: limit(),
+        unmeasurable: None,
+    }
 }
 
 /// Something that a monitor may look at, now and then of another configuration.

@@ -120,7 +120,7 @@ fn target(target: &ProbeTarget) -> String {
 }
 
 fn limits(bands: &Bands, unit: &str) -> String {
-    let Bands { warning_below, error_below, warning_above, error_above } = bands;
+    let Bands { warning_below, error_below, warning_above, error_above, unmeasurable } = bands;
     let limits = [
         ("warning below", warning_below),
         ("error below", error_below),
@@ -128,7 +128,9 @@ fn limits(bands: &Bands, unit: &str) -> String {
         ("error above", error_above),
     ];
     let limits = limits.into_iter().filter_map(|(what, limit)| Some(format!("{what} {}{unit}", (*limit)?)));
-    limits.collect::<Vec<_>>().join(", ")
+    let unmeasurable =
+        unmeasurable.iter().map(|state| format!("{} if it cannot be measured", state.as_str()));
+    limits.chain(unmeasurable).collect::<Vec<_>>().join(", ")
 }
 
 fn rule(rule: &ValueRule) -> String {

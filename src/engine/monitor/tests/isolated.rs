@@ -115,11 +115,45 @@ fn latency_is_the_worst_of_the_window_and_a_doubtful_stamp_is_never_ok() {
             (5799, Do::Nothing, Unknown, ""),
         ],
     );
+    let ahead = |state| Bands { unmeasurable: Some(state), ..at_most(0.2, 0.5) };
+    let stated = |state| MonitorSpec::Latency { topic: A, window: millis(1000), bands: ahead(state) };
+    check(
+        stated(Error),
+        &[
+            (0, Do::Age(300), Warning, "0.3 s late"),
+            (100, Do::Age(-60), Error, "60 ms in the future"),
+            (200, Do::Stamp(None), Unknown, "no readable stamp"),
+        ],
+    );
+    check(
+        stated(Warning),
+        &[(0, Do::Age(-60), Warning, "60 ms in the future"), (100, Do::Age(600), Error, "0.6 s late")],
+    );
     check(latency.clone(), &[(0, Do::NoClock, Unknown, "nothing was heard of /clock yet")]);
     check(
         latency,
         &[(0, Do::Age(600), Error, ""), (1500, Do::Nothing, Error, ""), (9000, Do::Nothing, Error, "")],
     );
+}
+
+#[test]
+fn a_value_that_is_no_number_is_unknown_or_what_the_configuration_says() {
+    for state in [Error, Warning, Unknown] {
+        let bands = Bands { unmeasurable: Some(state), ..at_most(80.0, 90.0) };
+        let (value, other) = (field(A, 0), field(A, 0));
+        let steps =
+            [(0, Do::Number(0, 1.0), Ok, ""), (10, Do::Number(0, f64::NAN), state, "/a x is not a number")];
+        check(MonitorSpec::Value { source: value.clone(), rule: ValueRule::Bands(bands) }, &steps);
+        let max_gap = millis(1000);
+        check(
+            MonitorSpec::Sequence { earlier: value, later: other, max_gap, bands },
+            &[
+                (0, Do::Number(0, 1.0), Ok, ""),
+                (10, Do::Number(0, f64::NAN), state, "/a x is not a number"),
+                (20, Do::Number(0, f64::INFINITY), Unknown, "/a x is infinite"),
+            ],
+        );
+    }
 }
 
 #[test]
