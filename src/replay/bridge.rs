@@ -7,13 +7,16 @@ use std::sync::Arc;
 use super::recording::ReplayError;
 use super::steps::Notes;
 use crate::engine::input::{Input, ReceptionTrouble, TroubleKind};
-use crate::engine::model::Model;
-use crate::engine::model::monitors::TopicSpec;
+use crate::engine::model::monitors::{StampClock, TopicSpec, Watched};
 use crate::engine::model::sample::PublisherReport;
+use crate::engine::model::{FieldSource, Limits, Model};
 use crate::msg::fields::Definitions;
-use crate::msg::ros_clock::RosClock;
-use crate::msg::subscription::{Plan, Received, Subscription};
+use crate::msg::ros_clock::{self, RosClock};
+use crate::msg::subscription::{DIAGNOSTICS, Plan, Received, Subscription};
 use crate::record::file::Channel;
+
+/// Topics that are remembered to be read the same way, or not.
+const SAME_MAX: usize = 10_000;
 
 pub(super) struct Bridge {
     /// By topic.
@@ -22,6 +25,43 @@ pub(super) struct Bridge {
     clock: RosClock,
     /// The journal has the troubles of the reception and what discovery found.
     has_journal: bool,
+    model: Arc<Model>,
+    /// The configuration whose inputs the journal has; `None`: it is not known, or another one by now.
+    recorded: Option<Arc<Model>>,
+    /// Topics that both read the same way, as far as they were asked for.
+    same: BTreeMap<Box<str>, bool>,
+}
+
+/// How a configuration reads a topic: what decides which inputs a message means.
+#[derive(PartialEq)]
+struct Reading<'m> {
+    /// The name of each signal, where it stands, and whether a message can be an event.
+    signals: Vec<(&'m str, &'m FieldSource, bool)>,
+    watched: Vec<&'m TopicSpec>,
+    /// The prefix of its statuses, and their bounds.
+    diagnostics: Option<(&'m str, &'m Limits)>,
+    stamps: StampClock,
+}
+
+impl Reading<'_> {
+    fn of<'m>(model: &'m Model, topic: &str) -> Reading<'m> {
+        let is_it = |named: &str| name(named) == name(topic);
+        let fields = model.signals.iter().filter_map(|spec| Some((spec, spec.source.field()?)));
+        let signals = fields.filter(|(_, source)| is_it(&source.topic));
+        let Watched { topics, diagnostics, stamps, .. } = &model.watched;
+        let prefix = match diagnostics.is_empty() {
+            true => is_it(DIAGNOSTICS).then_some(""),
+            false => diagnostics.iter().find(|it| is_it(&it.topic)).map(|it| &*it.prefix),
+        };
+        Reading {
+            signals: signals
+                .map(|(spec, source)| (&*spec.name, source, spec.present_for.is_some()))
+                .collect(),
+            watched: topics.iter().filter(|spec| is_it(&spec.topic)).map(|spec| &**spec).collect(),
+            diagnostics: prefix.map(|prefix| (prefix, &model.limits)),
+            stamps: *stamps,
+        }
+    }
 }
 
 #[derive(Clone)]
@@ -37,12 +77,15 @@ struct Topic {
 /// A bridge that goes on from here by itself: clones of the clock are one clock.
 impl Clone for Bridge {
     fn clone(&self) -> Bridge {
-        let Bridge { topics, watched, clock, has_journal } = self;
+        let Bridge { topics, watched, clock, has_journal, model, recorded, same } = self;
         Bridge {
             topics: topics.clone(),
             watched: watched.clone(),
             clock: clock.copy(),
             has_journal: *has_journal,
+            model: model.clone(),
+            recorded: recorded.clone(),
+            same: same.clone(),
         }
     }
 }
@@ -50,7 +93,11 @@ impl Clone for Bridge {
 impl Bridge {
     /// # Errors
     /// A field that no message of its type can provide.
-    pub fn new(model: &Model, definitions: &Definitions, has_journal: bool) -> Result<Bridge, ReplayError> {
+    pub fn new(
+        model: &Arc<Model>,
+        definitions: &Definitions,
+        has_journal: bool,
+    ) -> Result<Bridge, ReplayError> {
         let plan =
             Plan::of(model, definitions).map_err(|error| ReplayError::Definitions(error.to_string()))?;
         let topic = |subscription: Arc<Subscription>| {
@@ -62,7 +109,35 @@ impl Bridge {
         let watched = plan.watched.topics.iter();
         let watched = watched.map(|spec| (name(&spec.topic).into(), spec.clone())).collect();
         let topics = plan.subscriptions.into_iter().map(topic).collect();
-        Ok(Bridge { topics, watched, clock: RosClock::default(), has_journal })
+        let (model, clock) = (model.clone(), RosClock::default());
+        Ok(Bridge { topics, watched, clock, has_journal, model, recorded: None, same: BTreeMap::new() })
+    }
+
+    /// The journal has what messages meant to this configuration; `None`: to another one, which is not known.
+    pub fn set_recorded(&mut self, recorded: Option<Arc<Model>>) {
+        (self.recorded, self.same) = (recorded, BTreeMap::new());
+    }
+
+    /// Whether the recorded configuration read this topic as this one does: then what its messages meant is in the
+    /// journal, with all that no message says of itself, such as whether it came late.
+    pub fn reads_the_same(&mut self, topic: &str) -> bool {
+        let Some(recorded) = self.recorded.as_ref().filter(|_| name(topic) != ros_clock::TOPIC) else {
+            return false;
+        };
+        let is_same = match self.same.get(topic) {
+            Some(is_same) => *is_same,
+            None => {
+                let is_same = Reading::of(recorded, topic) == Reading::of(&self.model, topic);
+                if self.same.len() < SAME_MAX {
+                    self.same.insert(topic.into(), is_same);
+                }
+                is_same
+            }
+        };
+        if let Some(topic) = self.topics.get_mut(&*name(topic)).filter(|_| is_same) {
+            (topic.is_heard, topic.is_found) = (true, true);
+        }
+        is_same
     }
 
     /// What a message means.

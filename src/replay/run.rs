@@ -113,9 +113,24 @@ impl Run {
         definitions: &Definitions,
         stage: Option<Stage>,
     ) -> Result<Run, ReplayError> {
+        let recorded = recording.facts().recorded().ok().map(|loaded| loaded.model);
+        Run::judged_anew(recording, model, recorded, definitions, stage)
+    }
+
+    /// The same for a recording by a known configuration.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn judged_anew(
+        recording: Recording,
+        model: Arc<Model>,
+        recorded: Option<Arc<Model>>,
+        definitions: &Definitions,
+        stage: Option<Stage>,
+    ) -> Result<Run, ReplayError> {
         let facts = recording.facts();
-        let bridge = Bridge::new(&model, definitions, facts.has_journal)?;
-        let recorded = facts.recorded().ok().map(|loaded| loaded.model);
+        let mut bridge = Bridge::new(&model, definitions, facts.has_journal)?;
+        bridge.set_recorded(recorded.clone().filter(|_| facts.has_journal));
         let reads = recorded.as_ref().and_then(|model| Bridge::new(model, definitions, true).ok());
         let reads = reads.map(|bridge| bridge.unheard().into_iter().collect()).unwrap_or_default();
         let steps = Steps::judged_anew(recording, bridge);
@@ -287,7 +302,7 @@ impl Run {
                 return None;
             }
         };
-        if self.recorded.is_some() {
+        if self.recorded.as_ref().is_some_and(|recorded| **recorded != *self.model) {
             engine.reload(self.model.clone(), state.at());
         }
         engine.keep_events();

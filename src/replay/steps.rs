@@ -267,21 +267,24 @@ impl Steps {
                 self.notes.lost = self.notes.lost.saturating_add(count);
                 Some(Step::Lost(Loss::until(at)))
             }
-            // The other configuration stays.
+            // The other configuration stays. What the journal has from here on was meant for another one.
             Took::Reload(_) if is_anew => {
+                self.bridge.iter_mut().for_each(|bridge| bridge.set_recorded(None));
                 self.notes
                     .say("the vehicle took another configuration meanwhile, which is left out".to_owned());
                 None
             }
             Took::Reload(texts) => Some(Step::Reload { at, texts }),
-            Took::Input(_) | Took::Statuses if is_anew && message.is_some() => {
+            Took::Input(_) | Took::Statuses
+                if message.as_ref().is_some_and(|it| self.is_other(&it.topic)) =>
+            {
                 message.and_then(|message| self.decode(at, &message))
             }
             Took::Input(input) => {
                 let input = input.into_owned();
                 let input = match &self.bridge {
-                    Some(bridge) => bridge.fit(input)?,
-                    None => input,
+                    Some(bridge) if message.is_none() => bridge.fit(input)?,
+                    _ => input,
                 };
                 Some(Step::Input { at, input })
             }
@@ -293,6 +296,11 @@ impl Steps {
                 Some(found.map_or(Step::Lost(Loss::until(at)), |input| Step::Input { at, input }))
             }
         }
+    }
+
+    /// Whether the messages of a topic mean something else to this configuration than the journal says.
+    fn is_other(&mut self, topic: &str) -> bool {
+        self.bridge.as_mut().is_some_and(|bridge| !bridge.reads_the_same(topic))
     }
 
     /// Decodes the message of a line for the other configuration, once. One that means nothing to it lets time pass,
