@@ -10,6 +10,7 @@ pub mod config;
 pub mod engine;
 pub mod import;
 pub mod init;
+pub mod input_file;
 pub mod latency;
 pub mod metrics;
 pub mod msg;

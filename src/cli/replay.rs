@@ -21,6 +21,7 @@ use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
+use crate::input_file;
 use crate::replay::expect::{Difference, Expected};
 use crate::replay::line::{Line, lines, seconds};
 use crate::replay::{Facts, Recording, ReplayError, Run};
@@ -159,7 +160,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let [file] = &args.files[..] else { bail!("one recording at a time can be replayed") };
     let expected = match &args.expect {
         Some(path) => {
-            let text = std::fs::read_to_string(path)
+            let text = input_file::open(path)
+                .and_then(std::io::read_to_string)
                 .with_context(|| format!("the expected lines {} cannot be read", path.display()))?;
             Some(Expected::parse(&text).map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?)
         }

@@ -43,13 +43,24 @@ impl Playback {
     ///
     /// # Errors
     /// It holds nothing, or has a configuration that this version cannot read.
-    pub fn open(mut run: Run) -> Result<Playback, ReplayError> {
+    pub fn open(run: Run) -> Result<Playback, ReplayError> {
+        Playback::open_while(run, &|| true)
+    }
+
+    /// The same. `go_on` is asked before each step.
+    ///
+    /// # Errors
+    /// As there, or it was stopped.
+    pub fn open_while(mut run: Run, go_on: &dyn Fn() -> bool) -> Result<Playback, ReplayError> {
         let facts = run.facts().clone();
         let (mut every, mut to) = (MARK_EVERY, None);
         let mut marks = vec![(Timestamp::ZERO, run.mark())];
         let mut changes = Vec::new();
         run.count_messages();
         while let Some(taken) = run.step()? {
+            if !go_on() {
+                return Err(ReplayError::Stopped);
+            }
             to = to.max(Some(taken.at));
             if changes.len() < CHANGES_MAX {
                 changes.extend(records(&taken).filter(|record| record.at >= facts.from));

@@ -15,6 +15,7 @@ mod outbox;
 mod private_file;
 mod queue;
 mod sessions;
+mod temporary_folder;
 mod unix_time;
 mod users;
 mod vehicle;
@@ -46,6 +47,7 @@ pub use private_file::TestFolder;
 pub use private_file::{give_to_owner_of, make_folder};
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
+pub use temporary_folder::TemporaryFolder;
 pub use users::role::Role;
 pub use users::secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
 pub use users::tokens::{ProgramToken, TOKEN_LIFE_DAYS};
@@ -59,9 +61,9 @@ use disk::stall::JobWatch;
 use outbox::Outbox;
 use queue::{Job, Queue};
 use sessions::table::Sessions;
+use users::known::Knowledge;
 use users::secret::Hashing;
 
-use users::known::Knowledge;
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.
 const FOREIGN_CHANGE_POLL: Duration = Duration::from_millis(500);
 
@@ -213,10 +215,10 @@ struct Database {
     floor: SystemTime,
     log: Log,
     health: Health,
-    job_watch: Arc<JobWatch>,
-    backups: database::backup::Schedule,
     /// Who is known to the audit log.
     knowledge: Knowledge,
+    job_watch: Arc<JobWatch>,
+    backups: database::backup::Schedule,
     /// The vehicle's state that this process wrote last.
     stored_vehicle: Option<VehicleMemory>,
     /// SQLite's count of changes by other processes, at the last look.
@@ -330,6 +332,7 @@ impl Store {
             floor,
             log,
             health,
+            knowledge: Knowledge::default(),
             job_watch,
             backups: database::backup::Schedule::default(),
             stored_vehicle: None,

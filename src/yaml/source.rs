@@ -1,13 +1,13 @@
 //! The texts of files, and places in them.
 
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{ErrorKind, Read};
 use std::path::Path;
 use std::sync::Arc;
 
 use super::plain;
 use super::problem::Problem;
+use crate::input_file;
 
 /// The largest configuration or scenario.
 const FILE_BYTES_MAX: u64 = 64 << 20;
@@ -152,13 +152,14 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, (&'static str, &'static str)> {
         ErrorKind::NotFound => ("does not exist", "check the path"),
         ErrorKind::PermissionDenied => ("may not be read", "check who owns it and its permissions"),
         ErrorKind::IsADirectory => ("is a directory", "name a file in it"),
+        ErrorKind::InvalidInput => ("is no regular file", "a pipe or a device may never end: name a file"),
         _ => ("cannot be read", "check the path and the disk"),
     };
     if path.is_dir() {
         return Err(("is a directory", "name a file in it"));
     }
     let mut bytes = Vec::new();
-    let file = File::open(path).map_err(trouble)?;
+    let file = input_file::open(path).map_err(trouble)?;
     file.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes).map_err(trouble)?;
     if bytes.len() as u64 > FILE_BYTES_MAX {
         return Err(("is larger than 64 MiB", "name a file that is meant for this"));

@@ -59,7 +59,7 @@ fn write_report(
 ) -> anyhow::Result<bool> {
     let recordings = folder::folder_in(data);
     let told = read(&recordings, &incident.summary);
-    let path = folder::path_of(&recordings, &incident.summary.recording.file);
+    let path = folder::file_in(&recordings, &incident.summary.recording.file);
     let proof = path.map_or(Proof::None, |path| compare(&path, expected, u64::MAX));
     let document = report(Lang::En, incident, (&told, &proof), now_ms());
     let mut to = create(output, Kind::Report)?;

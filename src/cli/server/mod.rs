@@ -38,7 +38,7 @@ use crate::ros::{self, Bridge, BridgeOptions};
 use crate::runtime::{self, Followers, Link};
 use crate::runtime::{Stamped, Written};
 use crate::store::audit::{Action, Record, TELLTALE};
-use crate::store::{History, Store};
+use crate::store::{History, Store, TemporaryFolder};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
 
 /// Reads `ADDRESS:PORT`.
@@ -118,6 +118,7 @@ impl Server {
         let past = history.clone();
         let (feed, turns) = recording::queue(&loaded, clock);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
+        TemporaryFolder::remove_left_over();
         let recordings = recording::Folder::of(folder.as_deref())?;
         let incidents = recordings.path().to_owned();
         let recording = match turns {

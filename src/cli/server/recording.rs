@@ -30,7 +30,7 @@ use crate::record::retention::Policy;
 use crate::record::room::Room;
 use crate::record::writer::{self, Fault, NEWS_MAX, Place, VEHICLE};
 use crate::runtime::Link;
-use crate::store::{Store, clean_note, make_folder};
+use crate::store::{Store, TemporaryFolder, make_folder};
 use crate::web::{Marker, RecordingState};
 
 /// A recording begins at most this much before its pre-roll.
@@ -60,7 +60,7 @@ pub struct Recording {
     books: task::JoinHandle<()>,
     watching: task::JoinHandle<()>,
     tidying: task::JoinHandle<()>,
-    _temporary: Option<Temporary>,
+    _temporary: Option<TemporaryFolder>,
 }
 
 /// What a recording needs of its surroundings.
@@ -75,43 +75,26 @@ pub struct Around {
 #[derive(Debug)]
 pub struct Folder {
     path: PathBuf,
-    temporary: Option<Temporary>,
+    temporary: Option<TemporaryFolder>,
 }
 
 impl Folder {
     /// In a data folder, or in one that ends with the program and that nobody can guess.
     ///
     /// # Errors
-    /// The system gives no random numbers.
+    /// None can be made.
     pub fn of(data: Option<&Path>) -> anyhow::Result<Folder> {
         Ok(match data {
             Some(data) => Folder { path: folder::folder_in(data), temporary: None },
             None => {
-                let mut random = [0; 8];
-                getrandom::fill(&mut random).context("this system gives no random numbers")?;
-                let name = format!("telltale-demo-{:016x}", u64::from_le_bytes(random));
-                let path = std::env::temp_dir().join(name);
-                Folder { path: folder::folder_in(&path), temporary: Some(Temporary(path)) }
+                let made = TemporaryFolder::for_demo().context("there is no folder for recordings")?;
+                Folder { path: folder::folder_in(made.path()), temporary: Some(made) }
             }
         })
     }
 
     pub fn path(&self) -> &Path {
         &self.path
-    }
-}
-
-/// A folder that is removed with this.
-#[derive(Debug)]
-struct Temporary(PathBuf);
-
-impl Drop for Temporary {
-    fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_dir_all(&self.0)
-            && error.kind() != std::io::ErrorKind::NotFound
-        {
-            tracing::warn!(%error, "the folder {} is not removed", self.0.display());
-        }
     }
 }
 

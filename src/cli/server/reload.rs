@@ -3,11 +3,13 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
+use std::time::Duration;
 
 use anyhow::Context as _;
 use sha2::{Digest as _, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
+use tokio::time::timeout;
 
 use crate::cli::fields;
 use crate::cli::init::unconfigured;
@@ -21,6 +23,11 @@ use crate::yaml::Problems;
 /// Requests that may wait. A full queue makes the senders wait: each reads a file and a person reads
 /// the answer.
 const REQUESTS: usize = 4;
+
+/// A reading that takes longer is given up; its thread may hang for ever.
+const READ_WITHIN: Duration = Duration::from_secs(20);
+/// Readings that may hang.
+const READINGS_MAX: usize = 4;
 
 /// A configuration that was read while another one runs.
 #[derive(Debug, Clone)]
@@ -42,13 +49,25 @@ pub enum ReloadError {
     /// Every field that cannot be read. The old configuration stays.
     #[error("the engine has ended")]
     Ended,
+    #[error(
+        "the files were not read within {} s: a disk or a network does not answer. The old configuration stays; ask \
+         again when it answers", READ_WITHIN.as_secs()
+    )]
+    Slow,
+    #[error("{READINGS_MAX} earlier readings wait for a disk that does not answer: restart when it answers")]
+    Stuck,
 }
 
 /// Reads a configuration and compares it with the one that runs.
 ///
 /// # Errors
 /// Everything that is wrong with the file.
-async fn read(path: &Path, current: &Loaded, definitions: &Definitions) -> Result<Outcome, ReloadError> {
+async fn read(
+    path: &Path,
+    current: &Loaded,
+    definitions: &Definitions,
+    readings: &Readings,
+) -> Result<Outcome, ReloadError> {
     let (path, current, definitions) = (path.to_owned(), current.clone(), definitions.clone());
     let read = move || {
         if current.sources().are_unchanged() {
@@ -61,7 +80,31 @@ async fn read(path: &Path, current: &Loaded, definitions: &Definitions) -> Resul
         let topics_changed = sources(&current.model) != sources(&loaded.model);
         Ok(Outcome { loaded, differences, warnings: None, topics_changed })
     };
-    aside(read).await.unwrap_or(Err(ReloadError::Ended))
+    readings.read(read).await
+}
+
+/// The readings that go on, each in a thread of its own.
+#[derive(Debug, Clone, Default)]
+struct Readings(Arc<()>);
+
+impl Readings {
+    /// Waits for a reading, and gives it up if it hangs: the next one may work.
+    async fn read<T: Send + 'static>(
+        &self,
+        work: impl FnOnce() -> Result<T, ReloadError> + Send + 'static,
+    ) -> Result<T, ReloadError> {
+        if Arc::strong_count(&self.0) > READINGS_MAX {
+            return Err(ReloadError::Stuck);
+        }
+        let place = self.0.clone();
+        let done = aside(move || {
+            let _place = place;
+            work()
+        });
+        timeout(READ_WITHIN, done)
+            .await
+            .map_or(Err(ReloadError::Slow), |it| it.unwrap_or(Err(ReloadError::Ended)))
+    }
 }
 
 /// Lets the engine run by a configuration, and finds the situations that should not occur with it.
@@ -101,7 +144,7 @@ pub async fn reload(
     definitions: &Definitions,
     engine: &mpsc::Sender<Reload>,
 ) -> Result<Outcome, ReloadError> {
-    take(read(path, current, definitions).await?, engine).await
+    take(read(path, current, definitions, &Readings::default()).await?, engine).await
 }
 
 /// The topics from which signals come, and what monitors watch.
@@ -132,7 +175,8 @@ pub fn start(
     let (requests, waiting) = mpsc::channel(REQUESTS);
     let running = texts(&loaded);
     let (publish, followed) = watch::channel(loaded);
-    let task = Task { path, definitions, engine, publish, running, shown: None, judging: None };
+    let readings = Readings::default();
+    let task = Task { path, definitions, readings, engine, publish, running, shown: None, judging: None };
     tokio::spawn(task.run(waiting, hangups));
     Ok(Reloads { requests, running: followed })
 }
@@ -216,6 +260,7 @@ impl Judging {
 struct Task {
     path: PathBuf,
     definitions: Definitions,
+    readings: Readings,
     /// Not the whole link, which would keep the engine alive.
     engine: mpsc::Sender<Reload>,
     publish: watch::Sender<Loaded>,
@@ -262,7 +307,7 @@ impl Task {
         let before = self.shown.take().filter(|outcome| take_it && shown.is_some() && is_shown(outcome));
         let outcome = match before {
             Some(outcome) => outcome,
-            None => match read(&self.path, &current, &self.definitions).await {
+            None => match read(&self.path, &current, &self.definitions, &self.readings).await {
                 Ok(outcome) => outcome,
                 Err(error) => return (false, Err(error)),
             },

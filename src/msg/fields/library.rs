@@ -2,7 +2,6 @@
 //! packages.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
 use std::io::{ErrorKind, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,6 +9,7 @@ use std::sync::Arc;
 use super::Definitions;
 use super::definition::{self, Arity, Base};
 use super::shape::{Message, Shape};
+use crate::input_file;
 use crate::msg::messages;
 
 /// Each message follows a line `=== Name`.
@@ -228,15 +228,12 @@ fn read(file: &Path) -> Result<Option<String>, TypeError> {
         text: format!("{} cannot be read: {why}", file.display()),
         help: "it has to be a text file with the definition of the message".to_owned(),
     };
-    let opened = match File::open(file) {
+    let opened = match input_file::open(file) {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
             return Ok(None);
         }
         opened => opened.map_err(|error| problem(error.to_string()))?,
     };
-    if !opened.metadata().is_ok_and(|what| what.is_file()) {
-        return Err(problem("it is no file".to_owned()));
-    }
     let mut text = String::new();
     opened.take(FILE_BYTES_MAX + 1).read_to_string(&mut text).map_err(|error| problem(error.to_string()))?;
     if text.len() as u64 > FILE_BYTES_MAX {

@@ -1,6 +1,7 @@
 //! MCAP files of incidents. A file is written so that a crash costs at most its last chunk, is read whatever
 //! it holds, and is made whole again after a crash.
 
+mod budget;
 mod definitions;
 mod doctor;
 mod entry;
@@ -15,6 +16,7 @@ mod repair;
 mod source;
 mod writer;
 
+pub use budget::{Budget, SPENT};
 pub use definitions::Channel;
 pub use doctor::{check, check_bytes};
 pub use entry::Entry;
@@ -23,7 +25,7 @@ pub use json::{JOURNAL, JsonChannel, KEYFRAMES, TRANSITIONS};
 pub use omission::{Missing, Omission, Omissions};
 pub use reader::{Place, Reader};
 pub use repair::{REPAIRED, Repair, repair};
-pub use source::{CHUNK_BYTES_MAX, raw_body};
+pub use source::{CHUNK_BYTES_MAX, is_packed, raw_body};
 pub use writer::{IncidentFile, MessageStamps, Topic, Written};
 
 /// The name of the metadata record that describes a file of ours.

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use mcap::records::op;
 
+use super::budget::{Budget, SPENT};
 use super::definitions::{Channel, Definitions, Format};
 use super::entry::{Entry, Item, Raw};
 use super::error::FileError;
@@ -16,8 +17,9 @@ use super::json;
 use super::layout::{Layout, Part};
 use super::omission::{MISSING, Missing, Omissions};
 use super::records::{self, AttachmentHead, ChunkHead, Fields, HEAD_BYTES};
-use super::source::{CHUNK_BYTES_MAX, Source, crc, raw_body};
+use super::source::{CHUNK_BYTES_MAX, Source, crc, is_packed, raw_body};
 use super::writer::MessageStamps;
+use crate::input_file;
 
 /// A larger attachment is left out.
 const ATTACHMENT_BYTES_MAX: u64 = 64 << 20;
@@ -38,6 +40,8 @@ pub struct Reader<R> {
     left_out: HashSet<u16>,
     /// Only definitions are taken from chunks that end before.
     from_ns: u64,
+    /// By the number of the part and the bytes of it that were read.
+    budget: Budget<(usize, u64)>,
 }
 
 /// A place in a file, between two entries.
@@ -67,7 +71,7 @@ impl Reader<File> {
     /// # Errors
     /// It is no MCAP file, or the disk cannot read it.
     pub fn open(path: &Path) -> Result<Reader<File>, FileError> {
-        let file = File::open(path).map_err(|error| FileError::io(path, "opened", error))?;
+        let file = input_file::open(path).map_err(|error| FileError::io(path, "opened", error))?;
         Reader::new(path, file)
     }
 }
@@ -82,7 +86,9 @@ impl<R: Read + Seek> Reader<R> {
         let (mut definitions, mut omissions) = (Definitions::default(), Omissions::default());
         let mut source = Source::new(bytes).map_err(failed)?;
         let layout = Layout::of(&mut source, &mut definitions, &mut omissions).map_err(failed)?;
+        let budget = Budget::of_file(source.length);
         Ok(Reader {
+            budget,
             source,
             layout,
             definitions,
@@ -92,6 +98,11 @@ impl<R: Read + Seek> Reader<R> {
             left_out: HashSet::new(),
             from_ns: 0,
         })
+    }
+
+    #[cfg(test)]
+    pub(super) fn unpack_at_most(&mut self, bytes: u64) {
+        self.budget = Budget::of(bytes);
     }
 
     /// `ros2` for recordings of ROS 2.
@@ -258,10 +269,19 @@ impl<R: Read + Seek> Reader<R> {
                 }
             },
             Format::Cdr => {
+                let place = (self.next, self.place().inner.unwrap_or(u64::MAX));
+                let is_packed = is_packed(&data);
+                if is_packed && !self.budget.has_room(place) {
+                    return Some(Entry::Missing(self.give_up(at)));
+                }
                 let Some(body) = raw_body(&data) else {
                     self.omissions.add(at, 0, format!("a message of {} has no body", channel.topic));
                     return None;
                 };
+                if is_packed {
+                    let bytes = body.as_ref().map_or(0, |(bytes, _)| bytes.len());
+                    self.budget.spend(place, bytes as u64);
+                }
                 Some(Entry::Message { channel, stamps, body })
             }
         }
@@ -280,6 +300,13 @@ impl<R: Read + Seek> Reader<R> {
             return Missing::of_document(&channel, stamps).map(Entry::Missing);
         }
         Some(Entry::Json { channel, stamps, text })
+    }
+
+    /// Leaves out the rest of a file that unpacks to too much.
+    fn give_up(&mut self, at: u64) -> Missing {
+        self.omissions.add(at, self.source.length.saturating_sub(at), SPENT);
+        (self.next, self.open) = (self.layout.parts.len(), None);
+        Missing { span_ns: None }
     }
 
     fn leave_out_channel(&mut self, id: u16, at: u64, why: String) {
@@ -312,6 +339,9 @@ impl<R: Read + Seek> Reader<R> {
                 Part::Metadata { name, metadata } => return Some(Item::Metadata { name, metadata }),
                 Part::Loose { at, end } => self.open = Some(Open::Loose { at, end }),
                 Part::Damage => return Some(Item::Missing(Missing { span_ns: None })),
+                Part::Chunk { at, .. } if !self.budget.has_room((self.next, 0)) => {
+                    return Some(Item::Missing(self.give_up(at)));
+                }
                 Part::Chunk { at, data_at, head } => {
                     if let Err(missing) = self.open_chunk(at, data_at, &head) {
                         return Some(Item::Missing(missing));
@@ -328,6 +358,7 @@ impl<R: Read + Seek> Reader<R> {
         }
         let is_span = head.start_time <= head.end_time && head.end_time > 0;
         let missing = Missing { span_ns: is_span.then_some((head.start_time, head.end_time)) };
+        self.budget.spend((self.next, 0), head.size.min(CHUNK_BYTES_MAX));
         let mut open = match self.source.unpack(head, data_at) {
             Ok(bytes) => Open::Chunk { at, bytes, done: 0, missing },
             Err(why) => {

@@ -125,8 +125,7 @@ fn unpack(packed: impl BufRead, compression: &str, size: u64) -> io::Result<Vec<
 
 /// A message with its encapsulation, which rosbag2 may have compressed by itself; `None` if it is too short.
 pub fn raw_body(data: &Bytes) -> Option<RawBody> {
-    let is_packed = data.starts_with(&zstd::zstd_safe::MAGICNUMBER.to_le_bytes());
-    let unpacked = is_packed.then(|| unpack_message(data).ok()).flatten();
+    let unpacked = is_packed(data).then(|| unpack_message(data).ok()).flatten();
     let data = unpacked.as_ref().unwrap_or(data);
     let (head, _) = data.split_first_chunk::<4>()?;
     Some(match [head[0], head[1]] {
@@ -134,6 +133,11 @@ pub fn raw_body(data: &Bytes) -> Option<RawBody> {
         [0, 1] => Ok((data.slice(4..), Endian::Little)),
         other => Err(Fault { at: 0, what: FaultKind::Encoding(other) }),
     })
+}
+
+/// Whether rosbag2 compressed a message by itself.
+pub fn is_packed(data: &[u8]) -> bool {
+    data.starts_with(&zstd::zstd_safe::MAGICNUMBER.to_le_bytes())
 }
 
 fn unpack_message(data: &[u8]) -> io::Result<Bytes> {

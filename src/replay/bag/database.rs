@@ -8,7 +8,9 @@ use bytes::Bytes;
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OpenFlags, OptionalExtension as _, params};
 
-use crate::record::file::{CHUNK_BYTES_MAX, Channel, Entry, FileError, MessageStamps, Omissions, raw_body};
+use crate::record::file::{
+    Budget, CHUNK_BYTES_MAX, Channel, Entry, FileError, MessageStamps, Omissions, SPENT, is_packed, raw_body,
+};
 
 pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";
 
@@ -33,6 +35,8 @@ pub(super) struct Database {
     taken: (i64, i64),
     is_at_end: bool,
     omissions: Omissions,
+    /// By the time and the number of a row.
+    budget: Budget<(i64, i64)>,
 }
 
 enum Topic {
@@ -101,7 +105,9 @@ impl Database {
         let is_indexed = connection.query_row(index, [], |_| Ok(())).optional().map_err(failed)?.is_some();
         let order = if is_indexed { BY_TIME } else { BY_NUMBER };
         let after = (i64::MIN, i64::MIN);
+        let bytes = path.metadata().map_or(0, |it| it.len());
         Ok(Database {
+            budget: Budget::of_file(bytes),
             connection,
             topics,
             order,
@@ -221,8 +227,15 @@ impl Database {
             format!("a message of {} with {bytes} bytes is too large", channel.topic)
         } else {
             match self.data(number) {
+                Ok(Some(data)) if is_packed(&data) && !self.budget.has_room(self.taken) => {
+                    self.rows.clear();
+                    self.is_at_end = true;
+                    SPENT.to_owned()
+                }
                 Ok(Some(data)) => match raw_body(&Bytes::from(data)) {
                     Some(body) => {
+                        let bytes = body.as_ref().map_or(0, |(bytes, _)| bytes.len());
+                        self.budget.spend(self.taken, bytes as u64);
                         let ns = u64::try_from(time).unwrap_or_default();
                         let stamps = MessageStamps { log_time_ns: ns, publish_time_ns: ns, sequence: 0 };
                         return Some(Entry::Message { channel, stamps, body });

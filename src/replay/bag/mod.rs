@@ -16,6 +16,7 @@ use folder::Part;
 use humantime::format_rfc3339_millis;
 use survey::Survey;
 
+use crate::input_file;
 use crate::record::file::{self, Channel, Entry, FileError, Missing, Omissions, Reader};
 
 /// More sentences are counted only.
@@ -78,7 +79,7 @@ enum Storage {
 impl Storage {
     fn open(path: &Path) -> Result<Storage, FileError> {
         let failed = |error| FileError::io(path, "read", error);
-        let mut file = File::open(path).map_err(|error| FileError::io(path, "opened", error))?;
+        let mut file = input_file::open(path).map_err(|error| FileError::io(path, "opened", error))?;
         let mut start = Vec::new();
         file.by_ref().take(database::MAGIC.len() as u64).read_to_end(&mut start).map_err(failed)?;
         if start == database::MAGIC {

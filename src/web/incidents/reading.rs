@@ -140,7 +140,7 @@ pub async fn story(app: &AppState, summary: &Summary) -> (Read, Proof) {
     let logged = app.store.incident_logged(summary.id).await.ok().flatten();
     let expected = Logged::expected(logged, summary);
     let both = move |folder: &Path, summary: &Summary| {
-        let path = folder::path_of(folder, &summary.recording.file);
+        let path = folder::file_in(folder, &summary.recording.file);
         let proof = path.map_or(Proof::None, |path| compare(&path, &expected, COMPARED_BYTES_MAX));
         (read_story(folder, summary), proof)
     };

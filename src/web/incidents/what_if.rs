@@ -304,8 +304,7 @@ impl From<Trouble> for Stop {
 
 /// The file of an incident, if it can be run.
 fn recording(folder: &Path, summary: &Summary) -> Result<PathBuf, Trouble> {
-    let path = folder::path_of(folder, &summary.recording.file).filter(|path| path.is_file());
-    match path {
+    match folder::file_in(folder, &summary.recording.file) {
         None => Err(Trouble::Missing),
         Some(_) if summary.recording.bytes > RECORDING_BYTES_MAX => Err(Trouble::TooLarge),
         Some(path) => Ok(path),

@@ -35,11 +35,14 @@ use opening::Opening;
 pub use page::{control, get, state};
 use player::{Controls, PlayState};
 pub use screen::{first as first_screen, get as screen, is_page};
-use subject::Temporary;
 pub use subject::{ServedFile, Subject};
 
-/// Replays that are open at once. Another one takes the place of the one that was used least lately.
+/// Replays that are open at once.
 const OPEN_MAX: usize = 8;
+/// Those of one user, who may have several sessions. Another one takes the place of the user's own.
+const OPEN_OF_USER_MAX: usize = 4;
+/// Recordings that are being opened for one user.
+const OPENING_OF_USER_MAX: usize = 2;
 /// A replay that nobody uses for so long is closed.
 const IDLE_MAX: Span = Span::from_secs(1800);
 
@@ -87,12 +90,26 @@ impl Replays {
     fn add(&self, replay: OpenReplay) {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         open.retain(|it| it.subject != replay.subject || !it.session.is_same(&replay.session));
-        if open.len() >= OPEN_MAX {
-            let oldest = open.iter().enumerate().min_by_key(|(_, it)| it.used).map(|(index, _)| index);
-            oldest.map(|index| open.swap_remove(index));
+        let places: Vec<(&str, Timestamp)> = open.iter().map(|it| (&*it.session.user, it.used)).collect();
+        if let Some(index) = gives_way(&places, &replay.session.user) {
+            open.swap_remove(index);
         }
         open.push(replay);
     }
+}
+
+/// Which of the open replays, each with its user and when it was used, gives way to another one of this user: the
+/// user's own that was used least lately, or where there is no place, that of a user who has most.
+fn gives_way(open: &[(&str, Timestamp)], user: &str) -> Option<usize> {
+    let count = |of: &str| open.iter().filter(|(user, _)| *user == of).count();
+    let has_share = count(user) >= OPEN_OF_USER_MAX;
+    if !has_share && open.len() < OPEN_MAX {
+        return None;
+    }
+    let most = open.iter().map(|(user, _)| count(user)).max();
+    let gives = |of: &str| if has_share { of == user } else { Some(count(of)) == most };
+    let candidates = open.iter().enumerate().filter(|(_, (of, _))| gives(of));
+    candidates.min_by_key(|(_, (_, used))| *used).map(|(index, _)| index)
 }
 
 /// Starts the thread of a replay and the server of its screen.
@@ -101,7 +118,6 @@ fn start(
     subject: Subject,
     session: &Session,
     mut playback: Playback,
-    folder: Option<Temporary>,
     edited: Option<Arc<WhatIf>>,
 ) -> Option<OpenReplay> {
     let summary = Arc::new(summary_of(&playback));
@@ -111,7 +127,7 @@ fn start(
     let history = history_of(&mut playback, app.clock);
     let missing = Arc::new(Missing::of(&playback));
     source.gaps = missing.gaps.clone();
-    let (controls, state) = player::start(playback, show, app.clock, folder).ok()?;
+    let (controls, state) = player::start(playback, show, app.clock).ok()?;
     let settings = Settings {
         origins: app.settings.origins.clone(),
         secure: app.settings.secure,
@@ -154,5 +170,35 @@ fn summary_of(playback: &Playback) -> Summary {
         until_ms: Some(ms(playback.to())),
         vehicle: facts.vehicle.clone(),
         ..Summary::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_user_has_a_share_of_the_replays() {
+        let mut open: Vec<(&str, Timestamp)> = Vec::new();
+        let mut second = 0;
+        let mut add = |open: &mut Vec<(&'static str, Timestamp)>, user: &'static str| {
+            second += 1;
+            gives_way(open, user).map(|index| open.remove(index));
+            open.push((user, Timestamp::from_millis(second * 1000)));
+        };
+        let users = |open: &[(&'static str, Timestamp)]| open.iter().map(|it| it.0).collect::<String>();
+        for _ in 0..9 {
+            add(&mut open, "d");
+        }
+        assert_eq!(users(&open), "dddd", "one user has no more than a share");
+        assert_eq!(open[0].1, Timestamp::from_millis(6000), "the oldest go");
+        for user in ["e", "f", "f", "f", "g", "g", "h"] {
+            add(&mut open, user);
+        }
+        assert_eq!(users(&open), "ddeffggh", "those go first who have most");
+        for _ in 0..9 {
+            add(&mut open, "f");
+        }
+        assert_eq!(users(&open), "degghfff", "nobody takes from those who have less");
     }
 }

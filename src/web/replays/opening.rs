@@ -8,7 +8,8 @@ use tokio::task;
 use tokio::time::timeout;
 
 use super::subject::{self, Open};
-use super::{OPEN_MAX, OpenReplay, Replays, Subject, start};
+use super::{OPEN_MAX, OPENING_OF_USER_MAX, OpenReplay, Replays, Subject, start};
+use crate::engine::time::Span;
 use crate::replay::{Playback, ReplayError};
 use crate::store::{Incident, Session};
 use crate::web::AppState;
@@ -17,6 +18,9 @@ use crate::web::incidents::WhatIf;
 
 /// A page waits this long for a recording; after that it asks again.
 const READY_WITHIN: Duration = Duration::from_secs(3);
+
+/// A recording that takes longer is not opened: the next one waits for it.
+const OPENED_WITHIN: Span = Span::from_secs(120);
 
 /// How a recording was opened; `None` while it is read.
 type Outcome = Option<Result<(), HttpError>>;
@@ -40,7 +44,8 @@ impl Replays {
         let mut others = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
         // Nobody may have waited for the outcome of these.
         others.retain(|it| it.outcome.borrow().is_none() && it.outcome.has_changed().is_ok());
-        if others.len() >= OPEN_MAX {
+        let of_user = others.iter().filter(|it| it.session.user == opening.session.user).count();
+        if others.len() >= OPEN_MAX || of_user >= OPENING_OF_USER_MAX {
             return Err(HttpError::Busy);
         }
         others.push(opening);
@@ -137,10 +142,12 @@ async fn opened(
     since_ms: Option<i64>,
 ) -> Result<(), HttpError> {
     let turn = Arc::clone(&app.replays.turn).lock_owned().await;
+    let (clock, reader) = (app.clock, session.clone());
     let read = task::spawn_blocking(move || {
         let _turn = turn;
-        let (run, folder) = open()?;
-        let mut playback = Playback::open(run)?;
+        let until = clock.now() + OPENED_WITHIN;
+        let go_on = || !reader.has_ended() && clock.now() < until;
+        let mut playback = Playback::open_while(open()?, &go_on)?;
         // The first trigger of an incident lies within its millisecond. Other recordings are shown from their beginning.
         let at = match since_ms {
             Some(ms) => {
@@ -150,9 +157,9 @@ async fn opened(
             None => playback.facts().from,
         };
         playback.go_to(at)?;
-        Ok::<_, ReplayError>((playback, folder))
+        Ok::<_, ReplayError>(playback)
     });
-    let (playback, folder) = match read.await {
+    let playback = match read.await {
         Ok(Ok(read)) => read,
         Ok(Err(error)) => {
             tracing::warn!(%error, "the recording of /replay/{subject} cannot be replayed");
@@ -165,7 +172,7 @@ async fn opened(
     };
     let (starting, for_session) = (app.clone(), session.clone());
     let started =
-        task::spawn_blocking(move || start(&starting, subject, &for_session, playback, folder, edited)).await;
+        task::spawn_blocking(move || start(&starting, subject, &for_session, playback, edited)).await;
     let replay = started.ok().flatten().ok_or(HttpError::NoReplay)?;
     app.replays.add(replay);
     Ok(())

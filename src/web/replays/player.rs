@@ -7,7 +7,6 @@ use std::time::Duration;
 use serde::Serialize;
 use tokio::sync::{oneshot, watch};
 
-use super::subject::Temporary;
 use crate::clock::Clock;
 use crate::engine::snapshot::Snapshot;
 use crate::engine::time::{Span, Timestamp};
@@ -87,7 +86,7 @@ pub struct PlayState {
     pub may_differ: bool,
 }
 
-/// Starts the thread. A folder in which the recording lies is removed with it.
+/// Starts the thread.
 ///
 /// # Errors
 /// If no thread can be started.
@@ -95,7 +94,6 @@ pub(super) fn start(
     playback: Playback,
     show: Player,
     clock: Clock,
-    folder: Option<Temporary>,
 ) -> std::io::Result<(Controls, watch::Receiver<PlayState>)> {
     let (orders, taken) = sync_channel(ORDERS_MAX);
     let mut thread =
@@ -105,8 +103,6 @@ pub(super) fn start(
         // On Linux this sets the priority of the calling thread only: the vehicle goes first.
         let _ = rustix::process::nice(10);
         thread.run(&taken, &state);
-        // The recording was read from it.
-        drop(folder);
     })?;
     Ok((Controls(orders), states))
 }

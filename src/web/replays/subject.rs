@@ -1,7 +1,6 @@
 //! What a replay shows: an incident, as it was judged or as an edited configuration judges it, the last minutes, or the file with which `telltale replay --serve` was started.
 
 use std::fmt;
-use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
 
@@ -11,7 +10,7 @@ use crate::record::recorder::Recorder;
 use crate::record::summary::Summary;
 use crate::record::writer::{Place, write_recent};
 use crate::replay::{Recording, ReplayError, Run};
-use crate::store::make_folder;
+use crate::store::TemporaryFolder;
 use crate::web::AppState;
 use crate::web::http::errors::HttpError;
 use crate::web::incidents::WhatIf;
@@ -104,67 +103,40 @@ impl fmt::Display for Subject {
 }
 
 /// Opens a recording. Blocks.
-pub(super) type Open = Box<dyn FnOnce() -> Result<(Run, Option<Temporary>), ReplayError> + Send>;
+pub(super) type Open = Box<dyn FnOnce() -> Result<Run, ReplayError> + Send>;
 
 /// What opens this file of the folder of recordings.
 pub(super) fn incident(app: &AppState, file: &str) -> Result<Open, HttpError> {
-    let path = app.settings.recordings.as_deref().and_then(|it| folder::path_of(it, file));
-    let path = path.filter(|path| path.is_file()).ok_or(HttpError::NoRecording)?;
-    Ok(Box::new(move || Ok((Recording::open(&path).and_then(Run::recorded)?, None))))
+    let path = app.settings.recordings.as_deref().and_then(|it| folder::file_in(it, file));
+    let path = path.ok_or(HttpError::NoRecording)?;
+    Ok(Box::new(move || Recording::open(&path).and_then(Run::recorded)))
 }
 
 /// What opens the recording of an incident as an edited configuration judges it.
 pub(super) fn what_if(app: &AppState, edited: &Arc<WhatIf>, summary: &Summary) -> Result<Open, HttpError> {
-    let judged = edited.judged(app, summary)?;
-    Ok(Box::new(move || Ok((judged()?, None))))
+    Ok(Box::new(edited.judged(app, summary)?))
 }
 
 /// What opens the last minutes.
 pub(super) fn recent(app: &AppState) -> Result<Open, HttpError> {
     let state = app.settings.recording.as_ref().ok_or(HttpError::NotRecording)?;
     let (recorder, place) = (state.recorder.clone(), state.place.clone());
-    Ok(Box::new(move || {
-        let (run, folder) = last_minutes(&recorder, &place)?;
-        Ok((run, Some(folder)))
-    }))
+    Ok(Box::new(move || last_minutes(&recorder, &place)))
 }
 
 /// What opens the file of the server.
 pub(super) fn file(app: &AppState) -> Result<Open, HttpError> {
     let file = app.settings.replayed.as_ref().ok_or(HttpError::NotFound)?;
     let open = file.open.clone();
-    Ok(Box::new(move || Ok((open()?, None))))
+    Ok(Box::new(move || open()))
 }
 
-fn last_minutes(recorder: &Recorder, place: &Place) -> Result<(Run, Temporary), ReplayError> {
-    let folder = Temporary::new()?;
-    let path = write_recent(recorder, place, &folder.0)?.ok_or(ReplayError::Empty)?;
-    Ok((Recording::open(&path).and_then(Run::recorded)?, folder))
-}
-
-/// A folder that only its owner may read, and that is removed with this.
-#[derive(Debug)]
-pub(super) struct Temporary(PathBuf);
-
-impl Temporary {
-    fn new() -> Result<Temporary, ReplayError> {
-        let mut random = [0; 8];
-        let path = |random: [u8; 8]| {
-            std::env::temp_dir().join(format!("telltale-replay-{:016x}", u64::from_le_bytes(random)))
-        };
-        let made = getrandom::fill(&mut random).map_err(std::io::Error::other);
-        let path = path(random);
-        made.and_then(|()| make_folder(&path)).map_err(|error| FileError::io(&path, "made", error))?;
-        Ok(Temporary(path))
-    }
-}
-
-impl Drop for Temporary {
-    fn drop(&mut self) {
-        if let Err(error) = std::fs::remove_dir_all(&self.0) {
-            tracing::warn!(%error, "the folder {} is not removed", self.0.display());
-        }
-    }
+fn last_minutes(recorder: &Recorder, place: &Place) -> Result<Run, ReplayError> {
+    let failed = |error| FileError::io(&std::env::temp_dir(), "written", error);
+    let folder = TemporaryFolder::for_replay().map_err(failed)?;
+    let path = write_recent(recorder, place, folder.path())?.ok_or(ReplayError::Empty)?;
+    // The file is open from here on. It needs no name, so none is left of it whatever happens.
+    Recording::open(&path).and_then(Run::recorded)
 }
 
 #[cfg(test)]

@@ -171,3 +171,45 @@ async fn a_request_previews_first_and_takes_when_told() {
     assert!(!refused.taken && refused.problems.unwrap().contains("expected a list"));
     assert_eq!(bench.shown("b/new"), Some(State::Unknown));
 }
+
+#[tokio::test]
+async fn a_pipe_in_place_of_a_file_is_refused_and_the_next_reload_works() {
+    let bench = Bench::new("pipe");
+    let pipe = bench.path.with_file_name("pipe.yaml");
+    crate::input_file::make_pipe(&pipe);
+    let definitions = Definitions::default();
+    let again = || reload(&bench.path, &bench.loaded, &definitions, &bench.link.reloads);
+    bench.write(&format!("include: [pipe.yaml]\n{OLD}"));
+    let error = again().await.unwrap_err().to_string();
+    assert!(error.contains("pipe.yaml") && error.contains("no regular file"), "{error}");
+    std::fs::remove_file(&bench.path).unwrap();
+    crate::input_file::make_pipe(&bench.path);
+    let error = again().await.unwrap_err().to_string();
+    assert!(error.contains("vehicle.yaml") && error.contains("no regular file"), "{error}");
+    std::fs::remove_file(&bench.path).unwrap();
+    bench.write(NEW);
+    assert!(!again().await.unwrap().differences.is_empty());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_reading_that_hangs_is_given_up_and_the_next_one_works() {
+    let readings = Readings::default();
+    let (hold, held) = std::sync::mpsc::channel::<()>();
+    let held = Arc::new(std::sync::Mutex::new(held));
+    for _ in 0..READINGS_MAX {
+        let held = held.clone();
+        let hang = move || {
+            let _ = held.lock().map(|held| held.recv());
+            Ok(())
+        };
+        assert!(matches!(readings.read(hang).await, Err(ReloadError::Slow)));
+        if Arc::strong_count(&readings.0) <= READINGS_MAX {
+            // Time stands still while it is awaited: a thread is real.
+            tokio::time::resume();
+            assert_eq!(readings.read(|| Ok(7)).await.unwrap(), 7);
+            tokio::time::pause();
+        }
+    }
+    assert!(matches!(readings.read(|| Ok(())).await, Err(ReloadError::Stuck)), "they are bounded");
+    drop(hold);
+}

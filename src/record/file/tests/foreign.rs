@@ -70,6 +70,39 @@ fn recordings_of_others_are_read_whatever_their_options() {
 }
 
 #[test]
+fn a_small_file_that_unpacks_without_an_end_is_left_out() {
+    let bytes = written(WriteOptions::new().chunk_size(Some(40)).compression(Some(Compression::Zstd)), true);
+    let open = || Reader::new(Path::new("x"), Cursor::new(&bytes)).unwrap();
+    let all = entries(&mut open());
+    let mut reader = open();
+    reader.unpack_at_most(300);
+    let told = entries(&mut reader);
+    assert!((1..all.len()).contains(&told.len()) && told[..] == all[..told.len()], "{told:?}");
+    assert!(left_out(&reader).iter().any(|it| it.contains(SPENT)), "{:?}", left_out(&reader));
+    // What was unpacked once may be read again, as often as one likes.
+    for _ in 0..3 {
+        reader.seek(0);
+        assert_eq!(entries(&mut reader), told);
+    }
+    // Messages that rosbag2 compressed count as what they unpack to.
+    let mut bomb = Vec::new();
+    let mut writer = WriteOptions::new().compression(None).create(Cursor::new(&mut bomb)).unwrap();
+    let schema = writer.add_schema("std_msgs/msg/UInt8", "ros2msg", b"uint8 data\n").unwrap();
+    let id = writer.add_channel(schema, "/a", "cdr", &BTreeMap::new()).unwrap();
+    let packed = zstd::encode_all(&[&[0, 1, 0, 0][..], &[0; 100_000]].concat()[..], 1).unwrap();
+    for time in 1..=20 {
+        let header = MessageHeader { channel_id: id, sequence: 0, log_time: time, publish_time: time };
+        writer.write_to_known_channel(&header, &packed).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    let mut reader = Reader::new(Path::new("x"), Cursor::new(&bomb)).unwrap();
+    reader.unpack_at_most(bomb.len() as u64 + 250_000);
+    assert_eq!(entries(&mut reader).len(), 3);
+    assert!(left_out(&reader).iter().any(|it| it.contains(SPENT)), "{:?}", left_out(&reader));
+}
+
+#[test]
 fn a_chunk_of_lz4_is_read() {
     use std::io::Write;
     let bytes = written(WriteOptions::new().compression(None), false);

@@ -1,5 +1,7 @@
 //! The texts of ended sessions, for the login page.
 
+use std::net::IpAddr;
+
 use super::Lang;
 
 /// Why a session ended.
@@ -22,6 +24,19 @@ pub enum SessionEnd {
 }
 
 impl Lang {
+    /// That the session of a page is used from another address, too.
+    pub fn elsewhere(self, address: IpAddr) -> String {
+        match self {
+            Lang::En => format!(
+                "Your login is also used from {address}. If that is not you, log out and have your secret changed."
+            ),
+            Lang::De => format!(
+                "Ihre Anmeldung wird auch von {address} aus benutzt. Wenn Sie das nicht sind, melden Sie sich ab und \
+                 lassen Sie Ihr Zugangsgeheimnis ändern."
+            ),
+        }
+    }
+
     /// Why the login page is shown again.
     pub fn session_end(self, why: SessionEnd) -> &'static str {
         let (en, de) = match why {
