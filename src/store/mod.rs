@@ -14,6 +14,7 @@ mod incidents;
 mod outbox;
 mod private_file;
 mod queue;
+mod role;
 mod sessions;
 mod temporary_folder;
 mod unix_time;
@@ -45,10 +46,10 @@ pub use incidents::{
 #[cfg(test)]
 pub use private_file::TestFolder;
 pub use private_file::{give_to_owner_of, make_folder};
+pub use role::Role;
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use temporary_folder::TemporaryFolder;
-pub use users::role::Role;
 pub use users::secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
 pub use users::tokens::{ProgramToken, TOKEN_LIFE_DAYS};
 pub use users::{NameError, User, Verified};
@@ -56,12 +57,12 @@ pub use vehicle::VehicleMemory;
 
 use crate::clock::Clock;
 use audit::Log;
+use audit::known::Knowledge;
 use disk::health::Health;
 use disk::stall::JobWatch;
 use outbox::Outbox;
 use queue::{Job, Queue};
 use sessions::table::Sessions;
-use users::known::Knowledge;
 use users::secret::Hashing;
 
 /// How long a change by another process (`telltale user remove`) may stay unnoticed.

@@ -214,7 +214,7 @@ fn limits_are_there_and_in_order() {
     );
     wrong(
         &frequency("error_above: -1"),
-        &["53: what is measured here is never above -1 (choose a limit above 0, or remove it)"],
+        &["53: what is measured here is never below 0 (choose a limit above 0, or remove it)"],
     );
     wrong(
         &format!("latency: {{ {TOPIC}, error_above: 300 }}"),
@@ -323,7 +323,7 @@ fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
         &format!("value: {{ {TOPIC}, pose: p, error_above: 1 }}"),
         &[
             "8: a value monitor needs `field` (add `field: ...`)",
-            "36: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, unit, warning_below, error_below, warning_above, error_above, error_unless, warning_unless)",
+            "36: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, unit, warning_below, error_below, warning_above, error_above, nan, error_unless, warning_unless)",
         ],
     );
 }

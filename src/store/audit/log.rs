@@ -9,9 +9,9 @@ use rusqlite::{Connection, OptionalExtension as _, Transaction, TransactionBehav
 use super::chain::beginning;
 use super::head::{read_head, remove_leftovers, write_head};
 use super::key::{self, KEY_FILE_NAME, Key, KeyId};
+use super::known::as_they_are;
 use super::{Action, Entry, Record, TELLTALE, append, hash_of};
 use crate::store::database::files::HEAD_FILE_NAME;
-use crate::store::users::known::as_they_are;
 use crate::store::{Head, StoreError};
 
 /// The program's log gets the head after this many records, even if none of them is important.

@@ -9,6 +9,7 @@ mod action;
 pub(super) mod chain;
 pub(super) mod head;
 mod key;
+pub(super) mod known;
 pub(super) mod limit;
 mod log;
 mod write;
@@ -21,13 +22,13 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehav
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::unix_time::{from_unix_ms, to_unix_ms};
-use super::users::known::Known;
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
 use head::read_head;
 pub use key::KEY_FILE_NAME;
 pub(super) use key::Key;
+use known::Known;
 pub(super) use log::{Log, is_sealed};
 pub use write::RECORDED_WITHIN;
 

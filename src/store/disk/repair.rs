@@ -12,9 +12,9 @@ use rusqlite::Connection;
 use super::salvage;
 use crate::clock::Clock;
 use crate::store::DemoSecrets;
+use crate::store::audit::known::as_they_are;
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::database::{backup, schema};
-use crate::store::users::known::as_they_are;
 use crate::store::{Database, FILE_NAME, Store, StoreError, history_damage};
 
 /// The result of checking a data folder.

@@ -9,7 +9,8 @@ use std::time::Duration;
 use rusqlite::types::Value;
 use rusqlite::{Connection, Row, params, params_from_iter};
 
-use crate::store::audit::Log;
+use crate::store::audit::known::Known;
+use crate::store::audit::{KEY_FILE_NAME, Key, Log};
 use crate::store::database::{backup, schema};
 use crate::store::unix_time::to_unix_ms;
 use crate::store::{Database, FILE_NAME, SessionKind, StoreError};
@@ -39,12 +40,37 @@ enum Keep {
 pub(in crate::store) fn into_memory(folder: &Path) -> Result<Connection, StoreError> {
     let mut connection = schema::open_in_memory()?;
     let is_needed = |table: &str| table != "audit";
-    let salvaged = salvage(folder, &mut connection, is_needed, ROWS_IN_MEMORY_MAX)?;
+    let mut salvaged = salvage(folder, &mut connection, is_needed, ROWS_IN_MEMORY_MAX)?;
+    let foreign = leave_out_foreign(folder, &connection)?;
+    if !foreign.is_empty() {
+        salvaged.users = count_users(&connection)?;
+        salvaged
+            .losses
+            .push(format!("left out, because no record of the audit log knows it: {}", foreign.join(", ")));
+    }
     tracing::warn!("{} users can log in until the database is repaired", salvaged.users);
     for loss in &salvaged.losses {
         tracing::warn!("{loss}");
     }
     Ok(connection)
+}
+
+/// Removes users and tokens from the copy that the records in the damaged database do not know.
+fn leave_out_foreign(folder: &Path, copy: &Connection) -> Result<Vec<String>, StoreError> {
+    let key = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten();
+    let Some((from, key)) = open_broken(folder).zip(key) else { return Ok(Vec::new()) };
+    match Known::read(&from, &key) {
+        Ok(known) => known.keep_known(copy),
+        Err(error) => {
+            tracing::warn!(%error, "users cannot be compared with the audit log");
+            Ok(Vec::new())
+        }
+    }
+}
+
+fn count_users(connection: &Connection) -> Result<u64, StoreError> {
+    let count = connection.query_row("SELECT count(*) FROM users", [], |row| row.get::<_, i64>(0))?;
+    Ok(count.unsigned_abs())
 }
 
 /// The report of a server that goes on with a copy in memory.
@@ -143,10 +169,10 @@ fn salvage(
         }
     }
     drop_orphans(&transaction)?;
-    let users = transaction.query_row("SELECT count(*) FROM users", [], |row| row.get::<_, i64>(0))?;
+    let users = count_users(&transaction)?;
     transaction.commit()?;
     to.pragma_update(None, "foreign_keys", true)?;
-    Ok(Salvaged { losses, users: users.unsigned_abs() })
+    Ok(Salvaged { losses, users })
 }
 
 /// Copies all rows of a table that can be read into one of the same name.

@@ -14,9 +14,8 @@ use sha2::{Digest, Sha256};
 use tokio::sync::watch;
 
 use super::audit::Record;
+use super::audit::known::Mark;
 use super::unix_time::{from_unix_ms, to_unix_ms};
-use super::users::known::Mark;
-use super::users::role;
 use super::{Database, Role, Store, StoreError, Verified};
 use crate::engine::model::Stage;
 use crate::engine::time::{Span, Timestamp};
@@ -314,7 +313,7 @@ impl Database {
             };
             let idle = wall.duration_since(from_unix_ms(row.get(5)?)).unwrap_or_default();
             let idle = i64::try_from(idle.as_nanos()).unwrap_or(i64::MAX);
-            let (key, user, role): (Key, String, Role) = (row.get(0)?, row.get(1)?, role(row, 2)?);
+            let (key, user, role): (Key, String, Role) = (row.get(0)?, row.get(1)?, Role::read(row, 2)?);
             let is_known = {
                 let known = &self.knowledge;
                 let mark = || Mark::of_token(&key, &user, to_unix_ms(expires));

@@ -1,9 +1,7 @@
 //! Users: names, roles and secrets, and the proof of a secret.
 
-pub(super) mod known;
 pub(super) mod known_browsers;
 pub(super) mod noticed;
-pub(super) mod role;
 pub(super) mod secret;
 pub(super) mod tokens;
 
@@ -12,9 +10,10 @@ use std::time::SystemTime;
 
 use rusqlite::{Connection, OptionalExtension, params};
 
+use super::audit::known::Mark;
 use super::audit::{Action, COMMAND_LINE, Record};
 use super::{Caller, DEMO_USERS, Role, Store, StoreError};
-use known::Mark;
+
 use secret::check_policy;
 
 /// A user in a list.
@@ -111,7 +110,7 @@ impl Store {
             let sql = "SELECT name, role, created_ms, secret_hash FROM users ORDER BY name";
             let mut query = database.connection.prepare(sql)?;
             let rows = query.query_map([], |row| {
-                let (name, role): (String, Role) = (row.get(0)?, role(row, 1)?);
+                let (name, role): (String, Role) = (row.get(0)?, Role::read(row, 1)?);
                 let hash: String = row.get(3)?;
                 let is_known = database.knowledge.has_user(&name, role, &hash);
                 Ok(User { name, role, created: from_unix_ms(row.get(2)?), is_known })
@@ -271,16 +270,14 @@ impl Store {
 fn row_of(connection: &Connection, name: &str) -> Result<Option<Verified>, StoreError> {
     let sql = "SELECT id, name, role, secret_hash FROM users WHERE name = ?1";
     let user = connection.query_row(sql, [name], |row| {
-        Ok(Verified { id: row.get(0)?, name: row.get(1)?, role: role(row, 2)?, secret_hash: row.get(3)? })
+        Ok(Verified {
+            id: row.get(0)?,
+            name: row.get(1)?,
+            role: Role::read(row, 2)?,
+            secret_hash: row.get(3)?,
+        })
     });
     Ok(user.optional()?)
-}
-
-/// Reads a role; an unknown word is a fault of the database.
-pub(super) fn role(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<Role> {
-    let word: String = row.get(column)?;
-    Role::from_word(&word)
-        .ok_or_else(|| rusqlite::Error::InvalidColumnType(column, word, rusqlite::types::Type::Text))
 }
 
 fn check_name(name: &str) -> Result<(), NameError> {

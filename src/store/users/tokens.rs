@@ -4,9 +4,8 @@ use std::time::{Duration, SystemTime};
 
 use rusqlite::{OptionalExtension, params};
 
-use super::known::Mark;
 use super::noticed;
-use super::role;
+use crate::store::audit::known::Mark;
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::unix_time::{from_unix_ms, to_unix_ms};
 use crate::store::{Role, Store, StoreError, Token};
@@ -47,7 +46,7 @@ impl Store {
                 noticed::count(transaction)?;
                 let user =
                     transaction.query_row("SELECT id, role FROM users WHERE name = ?1", [&name], |row| {
-                        Ok((row.get::<_, i64>(0)?, role(row, 1)?))
+                        Ok((row.get::<_, i64>(0)?, Role::read(row, 1)?))
                     });
                 let (user, role) = user.optional()?.ok_or_else(|| StoreError::NoSuchUser(name.clone()))?;
                 if role == Role::Operator {
@@ -87,7 +86,7 @@ impl Store {
                 Ok(ProgramToken {
                     number: row.get(0)?,
                     user: row.get(1)?,
-                    role: role(row, 2)?,
+                    role: Role::read(row, 2)?,
                     label: row.get(3)?,
                     created: from_unix_ms(row.get(4)?),
                     expires: from_unix_ms(row.get(5)?),

@@ -140,7 +140,7 @@ fn latency_is_the_worst_of_the_window_and_a_doubtful_stamp_is_never_ok() {
 fn a_value_that_is_no_number_is_unknown_or_what_the_configuration_says() {
     for state in [Error, Warning, Unknown] {
         let bands = Bands { unmeasurable: Some(state), ..at_most(80.0, 90.0) };
-        let (value, other) = (field(A, 0), field(A, 0));
+        let (value, other) = (field(A, 0), field(B, 0));
         let steps =
             [(0, Do::Number(0, 1.0), Ok, ""), (10, Do::Number(0, f64::NAN), state, "/a x is not a number")];
         check(MonitorSpec::Value { source: value.clone(), rule: ValueRule::Bands(bands) }, &steps);
@@ -148,9 +148,13 @@ fn a_value_that_is_no_number_is_unknown_or_what_the_configuration_says() {
         check(
             MonitorSpec::Sequence { earlier: value, later: other, max_gap, bands },
             &[
-                (0, Do::Number(0, 1.0), Ok, ""),
-                (10, Do::Number(0, f64::NAN), state, "/a x is not a number"),
-                (20, Do::Number(0, f64::INFINITY), Unknown, "/a x is infinite"),
+                (0, Do::Number(0, 1.0), Unknown, "nothing came yet"),
+                (10, Do::Number(1, 1.0), Ok, ""),
+                (20, Do::Number(0, f64::NAN), Ok, ""),
+                (30, Do::Number(1, 1.0), state, "earlier (/a x) is not a number"),
+                (2000, Do::Number(0, 1.0), Unknown, "more than 1 s behind"),
+                (2500, Do::Number(1, f64::NAN), state, "later (/b x) is not a number"),
+                (2800, Do::Number(1, f64::INFINITY), Unknown, "later (/b x) is infinite"),
             ],
         );
     }

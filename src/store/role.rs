@@ -23,6 +23,13 @@ impl Role {
         }
     }
 
+    /// Reads a role of the database, where an unknown word is a fault.
+    pub(super) fn read(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<Role> {
+        let word: String = row.get(column)?;
+        Role::from_word(&word)
+            .ok_or_else(|| rusqlite::Error::InvalidColumnType(column, word, rusqlite::types::Type::Text))
+    }
+
     pub fn from_word(word: &str) -> Option<Role> {
         Role::ALL.into_iter().find(|role| role.as_str() == word)
     }

@@ -10,9 +10,7 @@ use std::fmt;
 use rusqlite::{Connection, params_from_iter};
 use sha2::{Digest as _, Sha256};
 
-use super::role;
 use crate::store::audit::{Action, DONE, Entry, Key, Record, TELLTALE, is_sealed};
-use crate::store::sessions::Key as TokenKey;
 use crate::store::{Database, Role, StoreError};
 
 /// Before the mark of a row in the target of a record.
@@ -39,8 +37,8 @@ impl Mark {
         Mark::of(["user", name, role.as_str(), secret_hash])
     }
 
-    pub fn of_token(key: &TokenKey, name: &str, expires_ms: i64) -> Mark {
-        let key: String = key.iter().map(|byte| format!("{byte:02x}")).collect();
+    pub fn of_token(token_hash: &[u8; 32], name: &str, expires_ms: i64) -> Mark {
+        let key: String = token_hash.iter().map(|byte| format!("{byte:02x}")).collect();
         Mark::of(["token", name, &key, &expires_ms.to_string()])
     }
 
@@ -205,6 +203,25 @@ impl Known {
         Ok(users.chain(tokens).collect())
     }
 
+    /// Removes what no record names from a copy of a damaged database. Records that know no user at all were damaged
+    /// themselves: then all stay.
+    ///
+    /// # Errors
+    /// If the copy cannot be written.
+    pub fn keep_known(&self, copy: &Connection) -> Result<Vec<String>, StoreError> {
+        if self.users.is_empty() {
+            return Ok(Vec::new());
+        }
+        let foreign = self.foreign(copy)?;
+        for row in tokens(copy)?.iter().filter(|row| !self.has_token(&row.mark)) {
+            copy.execute("DELETE FROM tokens WHERE number = ?1", [row.number])?;
+        }
+        for row in users(copy)?.iter().filter(|row| !self.knows(row)) {
+            copy.execute("DELETE FROM users WHERE name = ?1", [&row.name])?;
+        }
+        Ok(foreign)
+    }
+
     /// The records that say again what is known only by records up to this number, which are pruned.
     ///
     /// # Errors
@@ -246,7 +263,8 @@ pub(in crate::store) fn as_they_are(connection: &Connection) -> Result<Vec<Recor
 fn users(connection: &Connection) -> Result<Vec<UserRow>, StoreError> {
     let mut query = connection.prepare_cached("SELECT name, role, secret_hash FROM users ORDER BY name")?;
     let rows = query.query_map([], |row| {
-        let (name, role, secret_hash): (String, Role, String) = (row.get(0)?, role(row, 1)?, row.get(2)?);
+        let (name, role, secret_hash): (String, Role, String) =
+            (row.get(0)?, Role::read(row, 1)?, row.get(2)?);
         let mark = Mark::of_user(&name, role, &secret_hash);
         Ok(UserRow { name, role, mark })
     })?;
@@ -275,18 +293,20 @@ fn readable<T>(row: rusqlite::Result<T>) -> Result<Option<T>, StoreError> {
 }
 
 impl Database {
-    /// Reads again who is known, and records what is foreign, once. Of a copy in memory of a damaged database, and
-    /// without the key, nobody can tell: all are taken as they are.
+    /// Reads again who is known, and records what is foreign, once. Without the key nobody can tell: all are taken as
+    /// they are. A copy in memory of a damaged database has no records: what was known before stays.
     pub(in crate::store) fn read_known(&mut self) -> Result<(), StoreError> {
+        if self.health.check_keeps().is_err() {
+            return Ok(());
+        }
         // One state of the database: another program may change it meanwhile.
         let transaction = self.connection.unchecked_transaction()?;
-        let key = self.log.key().ok().filter(|_| self.health.check_keeps().is_ok());
         let read = |key| {
             let known = Known::read(&transaction, key)?;
             let foreign = known.foreign(&transaction)?;
             Ok((known, foreign))
         };
-        let read: Option<Result<_, StoreError>> = key.map(read);
+        let read: Option<Result<_, StoreError>> = self.log.key().ok().map(read);
         let read = read.transpose().unwrap_or_else(|error| {
             tracing::warn!(%error, "users cannot be compared with the audit log");
             None
