@@ -46,6 +46,7 @@ pub struct Plan {
     /// What is to be recorded beside them.
     pub watched: Watched,
     pub limits: Limits,
+    pub definitions: Definitions,
 }
 
 /// One topic and the use of its messages.
@@ -70,6 +71,8 @@ pub struct Subscription {
     recorded_every: Option<Span>,
     /// What a recording keeps of its messages.
     keeping: Keeping,
+    /// Its messages may be of megabytes.
+    may_be_large: bool,
     limits: Limits,
 }
 
@@ -175,10 +178,14 @@ impl Plan {
         };
         let subscriptions = all
             .into_iter()
-            .map(|one| Arc::new(Subscription { stamps: *stamps, keeping: keeping(&one), ..one }))
+            .map(|one| {
+                let may_be_large = definitions.may_be_large(&one.type_name);
+                Arc::new(Subscription { stamps: *stamps, keeping: keeping(&one), may_be_large, ..one })
+            })
             .collect();
         let (watched, limits) = (model.watched.clone(), model.limits.clone());
-        Ok(Plan { subscriptions, watchdogs: watched.watchdogs.clone(), watched, limits })
+        let definitions = definitions.clone();
+        Ok(Plan { subscriptions, watchdogs: watched.watchdogs.clone(), watched, limits, definitions })
     }
 
     /// Whether topics are read for recordings alone.
@@ -194,7 +201,9 @@ impl Plan {
             return None;
         }
         let mut all = Vec::with_capacity(1);
-        subscribe(&mut all, topic, type_name, &self.limits).ok()?.recorded_every = Some(recorded.every);
+        let one = subscribe(&mut all, topic, type_name, &self.limits).ok()?;
+        one.recorded_every = Some(recorded.every);
+        one.may_be_large = self.definitions.may_be_large(type_name);
         all.pop()
     }
 }
@@ -234,6 +243,7 @@ fn subscribe<'a>(
                 untyped: None,
                 recorded_every: None,
                 keeping: Keeping::Whole,
+                may_be_large: true,
                 limits: limits.clone(),
             });
             all.len() - 1
@@ -273,6 +283,11 @@ impl Subscription {
     /// The least time between two messages that are recorded, if they serve nothing else.
     pub fn recorded_every(&self) -> Option<Span> {
         self.recorded_every
+    }
+
+    /// Whether its messages may be of megabytes, as images and point clouds are.
+    pub fn may_be_large(&self) -> bool {
+        self.may_be_large
     }
 
     /// What a recording keeps of its messages.

@@ -369,6 +369,10 @@ async fn the_file_of_a_foreign_robot_passes_check_and_shows_it_ok() {
     ];
     domain.vendor = Vendor::Cyclone;
     peers.push((Peer::start(&domain, info), vec![announced]));
+    // So much that a participant which keeps 256 messages of each topic would have to be replaced.
+    let cloud = json!({"raw": format!("00010000{}", "00".repeat(1_500_000)), "times": 3});
+    let clouds = "pub --topic rt/points --type sensor_msgs::msg::dds_::PointCloud2_";
+    peers.push((Peer::start(&domain, clouds), vec![cloud]));
     peers.push((Peer::start(&domain, "pub --topic rt/driving --type Bool"), vec![json!({"bool": true})]));
     let robot = Robot::start(peers);
     let folder = TestFolder::new("first-configuration");
@@ -390,6 +394,7 @@ async fn the_file_of_a_foreign_robot_passes_check_and_shows_it_ok() {
             "node: /gripper",
             "topic: /base/odom, type: nav_msgs/msg/Odometry",
             "topic: /driving, type: std_msgs/msg/Bool",
+            "topic: /points, type: sensor_msgs/msg/PointCloud2",
         ],
     );
     let checked = Command::new(env!("CARGO_BIN_EXE_telltale")).arg("check").arg(&file).output();

@@ -44,6 +44,19 @@ pub struct Array {
 type Strides = [u64; 8];
 
 impl Shape {
+    /// Whether it holds bytes without a bound.
+    pub fn holds_bytes(&self) -> bool {
+        match &self.kind {
+            ShapeKind::Array(Array { element, fixed: None }) => {
+                matches!(element.kind, ShapeKind::Primitive(Primitive::U8 | Primitive::I8))
+                    || element.holds_bytes()
+            }
+            ShapeKind::Array(Array { element, .. }) => element.holds_bytes(),
+            ShapeKind::Message(message) => message.members.iter().any(|(_, member)| member.holds_bytes()),
+            ShapeKind::Primitive(_) | ShapeKind::Text | ShapeKind::WideText => false,
+        }
+    }
+
     pub fn primitive(primitive: Primitive) -> Shape {
         let bytes = u64::from(primitive.bytes());
         let stride = |offset: u64| offset.next_multiple_of(bytes) + bytes - offset;

@@ -443,3 +443,17 @@ fn an_event_counts_only_if_it_is_what_its_type_says() {
     assert!(check("std_msgs/msg/String", &[9, 0, 0, 0, b'a', 0]).is_err());
     assert!(Definitions::default().event("my_msgs/msg/Goal").is_none(), "its messages alone count");
 }
+
+#[test]
+fn what_holds_bytes_without_a_bound_may_be_large() {
+    let definitions = Definitions::default();
+    let large = ["sensor_msgs/msg/PointCloud2", "nav_msgs/msg/OccupancyGrid", "nobody_knows/msg/This"];
+    for type_name in large.into_iter().chain(["sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"]) {
+        assert!(definitions.may_be_large(type_name), "{type_name}");
+    }
+    for type_name in
+        ["sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "diagnostic_msgs/msg/DiagnosticArray"]
+    {
+        assert!(!definitions.may_be_large(type_name), "{type_name}");
+    }
+}

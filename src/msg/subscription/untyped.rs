@@ -57,6 +57,7 @@ impl Subscription {
             untyped: Some(Arc::new(untyped)),
             recorded_every: None,
             keeping: Keeping::Whole,
+            may_be_large: true,
             limits: limits.clone(),
         }
     }

@@ -18,11 +18,12 @@ const BATCH_BYTES_MAX: usize = RETAINED_BYTES_MAX;
 
 /// The library keeps the last `depth` samples of a topic, read or not. A flood of small messages needs a
 /// deep history; with large messages that would fill the memory. So the depth starts small, and grows where
-/// a backlog requires it and the size of the messages permits it.
+/// a backlog requires it and the size of the messages permits it. Images and point clouds start with the least: to
+/// take it back needs a new participant, during which nothing is heard of any topic.
 const DEPTH_START: usize = 256;
 const DEPTH_MAX: usize = 4096;
 const DEPTH_MIN: usize = 8;
-const DEPTH_OF_LARGE: usize = 64;
+const DEPTH_OF_RECORDED: usize = 64;
 const RETAINED_BYTES: usize = 64 << 20;
 /// With more bytes than this, a participant with a smaller depth replaces the present one, because a depth
 /// can only grow.
@@ -161,9 +162,14 @@ impl Retention {
         Retention::with_depth(DEPTH_START)
     }
 
-    /// For messages that may be large: of up to 2 MB each, so many can be kept without a new participant.
+    /// For images and point clouds.
     pub fn of_large_messages() -> Retention {
-        Retention::with_depth(DEPTH_OF_LARGE)
+        Retention::with_depth(DEPTH_MIN)
+    }
+
+    /// For what is only recorded, which may be of any size: of up to 2 MB each, so many can be kept.
+    pub fn of_recorded_messages() -> Retention {
+        Retention::with_depth(DEPTH_OF_RECORDED)
     }
 
     pub fn with_depth(depth: usize) -> Retention {
@@ -234,8 +240,8 @@ mod tests {
             }
         }
         assert!((DEPTH_MIN..100).contains(&depth), "{depth}");
-        for bytes in [10_000_000, 40_000_000] {
-            let mut retention = Retention::with_depth(DEPTH_MIN);
+        for bytes in [1_500_000, 10_000_000, 40_000_000] {
+            let mut retention = Retention::of_large_messages();
             let advices = (0..100).map(|_| observe(&mut retention, 1, bytes)).collect::<Vec<_>>();
             assert!(advices.iter().all(|advice| *advice == Advice::Fits), "{advices:?}");
         }

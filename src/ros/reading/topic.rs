@@ -66,9 +66,11 @@ pub struct Memory {
 
 impl Memory {
     pub fn new(subscription: &Subscription) -> Memory {
-        // What is only recorded may be large, and must not take a new participant to be read.
-        let is_recorded = subscription.recorded_every().is_some();
-        let retention = if is_recorded { Retention::of_large_messages() } else { Retention::new() };
+        let retention = match (subscription.may_be_large(), subscription.recorded_every()) {
+            (true, _) => Retention::of_large_messages(),
+            (false, Some(_)) => Retention::of_recorded_messages(),
+            (false, None) => Retention::new(),
+        };
         Memory { writers: Writers::default(), troubles: Troubles::default(), retention, last_value: None }
     }
 
