@@ -1,4 +1,4 @@
-"""A held vehicle stays held when the server is killed and started again: over DDS, with the simulated shuttle as a
+"""A held vehicle stays held when the server is killed, or ends as systemd asks it, and is started again: over DDS, with the simulated shuttle as a
 process of its own. Virtual time tries the other requests and ends (`src/cli/demo/tests/held.rs`)."""
 
 import contextlib
@@ -79,7 +79,8 @@ def requests_on_disk(server):
         database.close()
 
 
-def test_a_shuttle_held_by_a_deceleration_alone_stays_held_when_the_server_is_killed(tmp_path, page, trouble):
+@pytest.mark.parametrize("end", ["kill", "stop"])
+def test_a_shuttle_held_by_a_deceleration_alone_stays_held_when_the_server_ends(end, tmp_path, page, trouble):
     domain = own_domain()
     with serving(tmp_path, config=SHUTTLE) as server, contextlib.closing(Speed(domain)) as speed:
         client = Client(server, *OPERATOR)
@@ -87,7 +88,7 @@ def test_a_shuttle_held_by_a_deceleration_alone_stays_held_when_the_server_is_ki
         with shuttle(domain, tmp_path / "sim.log"):
             until(lambda: "decelerate" in [it["request"] for it in moving()], 60, lambda: f"it is slowed down: {moving()}")
             until(lambda: "decelerate" in requests_on_disk(server), 5, "the request is stored")
-            server.kill()
+            getattr(server, end)()
             killed = time.monotonic()
             until(lambda: time.monotonic() >= killed + AWAY_S, 2 * AWAY_S, "it is away")
             assert speed.since(killed + AWAY_S / 2)[-1] < speed.since(killed)[0], "it brakes although nobody asks any more"

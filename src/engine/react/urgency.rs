@@ -13,6 +13,7 @@ use crate::engine::model::wording::Urgency;
 use crate::engine::model::{ModuleId, NodeId, Stage, StageModel};
 use crate::engine::snapshot::{Alarm, Asked, Moving};
 use crate::engine::state::State;
+use crate::engine::view::views::Views;
 
 /// What the faults ask for at present. All of it follows from the own states, the stage and the alarms.
 #[derive(Debug, Clone, Default)]
@@ -30,8 +31,11 @@ pub(in crate::engine) struct Asks {
 
 impl Asks {
     /// Follows a node. A walk through the vehicle is not needed to find the faults.
-    pub(in crate::engine) fn note(&mut self, net: &Net, change: &Change) {
+    pub(in crate::engine) fn note(&mut self, net: &Net, views: &Views, change: &Change) {
         let node = change.node;
+        // A WARNING asks for something only where the configuration says so.
+        let asks_by_warning = matches!(node, NodeId::Module(id) if views.help(id).is_some());
+        let asks_at_all = change.after.own != State::Warning || asks_by_warning;
         let counts = match node {
             NodeId::Group(id) => {
                 let group = &net.groups[id.0 as usize];
@@ -39,7 +43,7 @@ impl Asks {
             }
             NodeId::Module(_) => net.node(node).parent.is_none_or(|id| !net.groups[id.0 as usize].aside),
         };
-        let asks = counts && is_fault(&change.after);
+        let asks = counts && asks_at_all && is_fault(&change.after);
         if change.before != change.after {
             self.dirty = true;
             self.changed.extend(asks.then_some(node));
@@ -68,6 +72,11 @@ impl Engine {
             return;
         }
         let may_drive = self.may_drive();
+        let asks_nothing = !may_drive || self.asks.faulty.is_empty();
+        let asked_nothing = self.asks.asked.is_none() && self.asks.asking.is_empty();
+        if asks_nothing && asked_nothing && self.alarms.list().iter().all(|alarm| alarm.asked.is_none()) {
+            return;
+        }
         let faulty = self.asks.faulty.iter().filter(|_| may_drive);
         let asking: Vec<(NodeId, Urgency)> =
             faulty.filter_map(|&node| Some((node, self.asks_for(node)?))).collect();
