@@ -399,7 +399,7 @@ impl Engine {
             self.causes.note(&self.net, change);
             self.countermeasures.note(change);
             self.vehicle_changed |= self.warnings.note(&self.net, change);
-            self.asks.note(&self.net, &self.views, change);
+            self.asks.note(&self.net, change, |id| self.views.help(id).is_some());
             self.views.follow(&self.net, change, self.now);
             if let NodeId::Module(id) = change.node {
                 self.watching.note_relevance(id, change.after.relevant);

@@ -203,10 +203,22 @@ impl FromNode for RawProbe {
             let problem = Problem::at(after.span, "only an answer of `icmp` or `tcp` takes a time");
             fields.log.push(problem.help("remove `after`, or write `answered: true` beside `icmp` or `tcp`"));
         }
+        let times: Option<Spanned<u64>> = fields.optional("times");
+        let is_node = matches!(target, Some((ProbeTarget::Node { .. }, _)));
+        if let Some(times) = times.as_ref().filter(|it| !is_node || answered != Some(true) || it.value < 1) {
+            let problem =
+                Problem::at(times.span, "only a `node` that is there is announced one or more times");
+            fields.log.push(problem.help("write `probe: { node: /planner, answered: true, times: 3 }`"));
+        }
         let impossible: Option<String> = fields.optional("impossible");
         let outcome = match (answered, impossible) {
             (None, Some(why)) => Some(ProbeOutcome::Impossible(why.into())),
-            (Some(true), None) if discovered => Some(ProbeOutcome::Announced),
+            (Some(true), None) if discovered => Some(match times {
+                Some(times) if times.value > 1 => {
+                    ProbeOutcome::Repeated { times: u32::try_from(times.value).unwrap_or(u32::MAX) }
+                }
+                _ => ProbeOutcome::Announced,
+            }),
             (Some(true), None) => {
                 let seconds = after.map_or(0.001, |after| after.value);
                 Some(ProbeOutcome::Answered { after: time::Span::from_nanos((seconds * 1e9).round() as u64) })

@@ -269,10 +269,8 @@ async fn a_node_is_there_until_it_is_announced_no_longer(vendor: Vendor) {
         }
     };
     watching.until("patience", outcome(|it| matches!(it, ProbeOutcome::Impossible(_)))).await;
-    let mut peer = Peer::start(
-        &domain,
-        "--durability transient_local pub --topic ros_discovery_info --type ParticipantEntitiesInfo",
-    );
+    let info = "--durability transient_local pub --topic ros_discovery_info --type ParticipantEntitiesInfo";
+    let mut peer = Peer::start(&domain, info);
     peer.write(&json!({"info": {"size": 16, "name": "camera"}}));
     watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
     peer.write(&json!({"info": {"size": 16}}));
@@ -281,6 +279,16 @@ async fn a_node_is_there_until_it_is_announced_no_longer(vendor: Vendor) {
     watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
     peer.end();
     watching.until("its end", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
+    // One that crashes counts until its leases end, so it is seen that it was started again.
+    let [mut crashed, mut again] = [(); 2].map(|()| Peer::start(&domain, info));
+    crashed.write(&json!({"info": {"size": 16, "name": "camera"}}));
+    watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
+    crashed.kill();
+    again.write(&json!({"info": {"size": 16, "name": "camera"}}));
+    let repeated = outcome(|it| matches!(it, ProbeOutcome::Repeated { times: 2 }));
+    watching.until("its restart", repeated).await;
+    again.end();
+    watching.until("the one that crashed", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
     watching.bridge.shutdown().await;
 }
 

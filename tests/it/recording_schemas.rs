@@ -89,6 +89,7 @@ fn inputs() -> Vec<Input> {
     let outcomes = [
         ProbeOutcome::Answered { after: Span::from_millis(3) },
         ProbeOutcome::Announced,
+        ProbeOutcome::Repeated { times: 3 },
         ProbeOutcome::Missed("refused".into()),
         ProbeOutcome::Impossible("no permission".into()),
     ];

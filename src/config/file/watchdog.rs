@@ -10,6 +10,7 @@ use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned, key, map};
 
 const EVERY_MIN: time::Span = time::Span::from_millis(100);
 const MISSES_MAX: u64 = 1000;
+const RESTARTS_MAX: u64 = 1000;
 
 const EVERY: time::Span = time::Span::from_secs(1);
 const MISSES: u32 = 3;
@@ -58,9 +59,38 @@ pub(in crate::config) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor>
         fields.log.push(problem.help(format!("the default is {MISSES}")));
     }
     let bands = limits(&mut fields, target.as_ref(), every);
+    let bands = restarts(&mut fields, target.as_ref()).unwrap_or(bands);
     fields.finish();
     let misses = misses.map_or(MISSES, |misses| misses.value as u32);
     Some(Monitor::Watchdog { target: target?, every, misses, bands })
+}
+
+/// Limits of the restarts of a node; `None` if there are none.
+fn restarts(fields: &mut Fields, target: Option<&ProbeTarget>) -> Option<Bands> {
+    let about = "With `node`: crashes after which it was started again, within the leases of DDS (10 to 30 s). More are a fault.";
+    let mut limit = |name: &'static str| {
+        let doc = key(name).about(about).rules(|| vec![least(0), most(RESTARTS_MAX)]);
+        fields.optional::<Spanned<u64>>(doc)
+    };
+    let (warning, error) = (limit("restarts_warning_above"), limit("restarts_error_above"));
+    let first = [&warning, &error].into_iter().flatten().next()?;
+    let is_node = matches!(target, Some(ProbeTarget::Node { .. }));
+    if !is_node && target.is_some() {
+        let problem = Problem::at(first.span, "only the restarts of a `node` are known");
+        fields.log.push(problem.help("remove the limit, or watch the `node`"));
+    }
+    for limit in [&warning, &error].into_iter().flatten().filter(|limit| limit.value > RESTARTS_MAX) {
+        let problem = Problem::at(limit.span, format!("{} is not between 0 and {RESTARTS_MAX}", limit.value));
+        fields.log.push(problem.help("choose `0` where each restart is a fault"));
+    }
+    if let (Some(warning), Some(error)) = (&warning, &error)
+        && error.value < warning.value
+    {
+        let problem = Problem::at(error.span, "`restarts_error_above` is below `restarts_warning_above`");
+        fields.log.push(problem.help("exchange the two, or correct one of them"));
+    }
+    let number = |limit: Option<Spanned<u64>>| limit.map(|limit| limit.value as f64);
+    Some(Bands { warning_above: number(warning), error_above: number(error), ..Bands::default() })
 }
 
 /// Limits of the response time.

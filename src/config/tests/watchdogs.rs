@@ -46,6 +46,16 @@ fn an_answer_has_limits_where_somebody_is_asked() {
         );
     }
     wrong(
+        "watchdog: { icmp: lidar, restarts_error_above: 2 }",
+        &["48: only the restarts of a `node` are known (remove the limit, or watch the `node`)"],
+    );
+    wrong(
+        "watchdog: { node: /n, restarts_warning_above: 2, restarts_error_above: 1 }",
+        &[
+            "72: `restarts_error_above` is below `restarts_warning_above` (exchange the two, or correct one of them)",
+        ],
+    );
+    wrong(
         "watchdog: { icmp: lidar, every: 1s, warning_above: 0s, error_above: 1s }",
         &[
             "37: an answer always takes longer than this (choose a duration above 0, for example `20ms`)",
@@ -65,7 +75,7 @@ fn an_answer_has_limits_where_somebody_is_asked() {
     wrong(
         "watchdog: { icmp: lidar, error_below: 20ms }",
         &[
-            "26: unknown key `error_below` in a watchdog monitor (known here: icmp, tcp, node, service, qos, every, misses, warning_above, error_above)",
+            "26: unknown key `error_below` in a watchdog monitor (known here: icmp, tcp, node, service, qos, every, misses, warning_above, error_above, restarts_warning_above, restarts_error_above)",
         ],
     );
 }

@@ -294,7 +294,7 @@ impl Engine {
         for node in groups.chain(modules) {
             let change = Change { node, before: UNSEEN, after: self.net.node(node).facts };
             self.views.follow(&self.net, &change, self.now);
-            self.asks.note(&self.net, &self.views, &change);
+            self.asks.note(&self.net, &change, |id| self.views.help(id).is_some());
         }
         self.causes.set_since(causes);
         if let Some(explained) = self.causes.explain(&self.net, self.now) {

@@ -141,6 +141,9 @@ pub enum ProbeOutcome {
     },
     /// Discovery knows it. It was not asked, so its response time is unknown.
     Announced,
+    /// A node that several participants announce at once: one that crashed counts until its leases end, so each but the
+    /// last is a restart, or the node runs more than once.
+    Repeated { times: u32 },
     /// It is not there, with the reason: refused, no answer in time, no such node or service.
     Missed(Box<str>),
     /// This machine cannot probe it, so nothing is known: no permission, or a name that does not resolve.

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 pub(in crate::engine) struct Watchdog {
     #[serde(skip)]
     misses_max: u32,
-    /// Limits of the response time, in seconds.
+    /// Limits of the response time, in seconds; of a node, of its restarts.
     #[serde(skip)]
     bands: Bands,
     /// Whether it checks the QoS of a topic.
@@ -27,6 +27,11 @@ pub(in crate::engine) struct Watchdog {
     /// In a row.
     misses: u32,
     state: Option<State>,
+}
+
+/// All announcements but the last.
+fn restarts(times: u32) -> f64 {
+    f64::from(times.saturating_sub(1))
 }
 
 impl Watchdog {
@@ -67,6 +72,9 @@ impl Watchdog {
                 (self.misses, self.state) = (0, Some(self.bands.judge(after.as_nanos() as f64 / 1e9)));
             }
             ProbeOutcome::Announced => (self.misses, self.state) = (0, Some(State::Ok)),
+            ProbeOutcome::Repeated { times } => {
+                (self.misses, self.state) = (0, Some(self.bands.judge(restarts(*times))));
+            }
             ProbeOutcome::Missed(_) => {
                 self.misses = self.misses.saturating_add(1);
                 if self.misses >= self.misses_max {
@@ -129,6 +137,14 @@ impl Watchdog {
                 Words { message, values: bands.values("answer_ms", millis) }
             }
             Some((_, ProbeOutcome::Announced)) => Words::plain(say!("is running", "läuft")),
+            Some((_, ProbeOutcome::Repeated { times })) => Words {
+                message: say!(
+                    "announced {times} times: it crashed and was started again, or runs more than once",
+                    "{times}-mal angekündigt: abgestürzt und neu gestartet, oder mehrfach gestartet",
+                    times = times.to_string()
+                ),
+                values: self.bands.values("restarts", restarts(*times)),
+            },
             Some((_, ProbeOutcome::Missed(why))) => Words {
                 message: say!(
                     "no answer, {misses} of {all} in a row: {why}",

@@ -13,7 +13,6 @@ use crate::engine::model::wording::Urgency;
 use crate::engine::model::{ModuleId, NodeId, Stage, StageModel};
 use crate::engine::snapshot::{Alarm, Asked, Moving};
 use crate::engine::state::State;
-use crate::engine::view::views::Views;
 
 /// What the faults ask for at present. All of it follows from the own states, the stage and the alarms.
 #[derive(Debug, Clone, Default)]
@@ -31,10 +30,15 @@ pub(in crate::engine) struct Asks {
 
 impl Asks {
     /// Follows a node. A walk through the vehicle is not needed to find the faults.
-    pub(in crate::engine) fn note(&mut self, net: &Net, views: &Views, change: &Change) {
+    pub(in crate::engine) fn note(
+        &mut self,
+        net: &Net,
+        change: &Change,
+        has_advice: impl Fn(ModuleId) -> bool,
+    ) {
         let node = change.node;
         // A WARNING asks for something only where the configuration says so.
-        let asks_by_warning = matches!(node, NodeId::Module(id) if views.help(id).is_some());
+        let asks_by_warning = matches!(node, NodeId::Module(id) if has_advice(id));
         let asks_at_all = change.after.own != State::Warning || asks_by_warning;
         let counts = match node {
             NodeId::Group(id) => {

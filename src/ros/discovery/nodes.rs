@@ -97,10 +97,13 @@ impl Nodes {
     pub fn ask(&self, name: &str, now: Timestamp) -> ProbeOutcome {
         let whole = format!("/{}", name.trim_start_matches('/'));
         let present = |writer: &Guid| self.present.contains(writer);
-        if self.announced.iter().any(|(writer, said)| present(writer) && said.names.contains(&*whole)) {
-            return ProbeOutcome::Announced;
+        let names =
+            self.announced.iter().filter(|(writer, said)| present(writer) && said.names.contains(&*whole));
+        match names.count() {
+            0 => self.missing(now, || format!("no node {whole} is announced")),
+            1 => ProbeOutcome::Announced,
+            times => ProbeOutcome::Repeated { times: u32::try_from(times).unwrap_or(u32::MAX) },
         }
-        self.missing(now, || format!("no node {whole} is announced"))
     }
 
     /// Whether a node serves a service, by its name with namespace, `/ns/name`.
@@ -213,6 +216,10 @@ mod tests {
         assert_eq!([nodes.ask("/camera", at(1)), nodes.ask("lidar", at(1))], [there.clone(), there.clone()]);
         assert_eq!(nodes.all(), ["/camera", "/lidar"]);
         assert_eq!(nodes.endpoints(), [([1; 16], "/camera"), ([2; 16], "/lidar")].into());
+        // Started again after a crash.
+        let again = NodeEntities { name: "camera", readers: &[], writers: &[] };
+        nodes.announce([5; 16], &encode_nodes([9; 16], &[again], GidSize::Bytes16), Endian::Little, None);
+        assert_eq!(nodes.ask("/camera", at(1)), ProbeOutcome::Repeated { times: 2 });
         nodes.update(&[9; 16], [[2; 16]].into(), BTreeSet::new());
         assert_eq!(nodes.all(), ["/lidar"]);
         assert!(matches!(nodes.ask("/camera", at(6000)), ProbeOutcome::Missed(_)));

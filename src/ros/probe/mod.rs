@@ -290,7 +290,7 @@ mod tests {
             let right = match &outcome {
                 ProbeOutcome::Answered { .. } => true,
                 ProbeOutcome::Impossible(why) => why.contains("ping_group_range"),
-                ProbeOutcome::Announced | ProbeOutcome::Missed(_) => false,
+                ProbeOutcome::Announced | ProbeOutcome::Repeated { .. } | ProbeOutcome::Missed(_) => false,
             };
             assert!(right, "{outcome:?}");
         }

@@ -37,7 +37,8 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
             let mut text =
                 format!("{} every {}: error after {misses} misses", target(&spec.target), span(spec.every));
             if *bands != Bands::default() {
-                let _ = write!(text, ", {}", limits(bands, " s"));
+                let unit = if matches!(spec.target, ProbeTarget::Node { .. }) { " restarts" } else { " s" };
+                let _ = write!(text, ", {}", limits(bands, unit));
             }
             text
         }
@@ -113,7 +114,9 @@ fn target(target: &ProbeTarget) -> String {
     match target {
         ProbeTarget::Icmp { host } => format!("an echo from {host}"),
         ProbeTarget::Tcp { address } => format!("a connection to {address}"),
-        ProbeTarget::Node { name } => format!("the node {name}"),
+        ProbeTarget::Node { name } => {
+            format!("the node {name} (one that crashed counts as running for 10 to 30 s)")
+        }
         ProbeTarget::Service { name } => format!("who serves {name}"),
         ProbeTarget::Qos { topic } => format!("matching publishers and subscribers of {topic}"),
     }

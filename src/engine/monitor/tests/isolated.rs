@@ -298,5 +298,20 @@ fn a_watchdog_judges_how_long_an_answer_takes() {
     );
     let announced = Do::Probe(ProbeOutcome::Announced);
     let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands: Bands::default() };
-    check(watchdog, &[(0, announced, Ok, "is running")]);
+    let repeated = |times| Do::Probe(ProbeOutcome::Repeated { times });
+    check(
+        watchdog,
+        &[(0, announced.clone(), Ok, "is running"), (1000, repeated(2), Ok, "announced 2 times: it crashed")],
+    );
+    let bands = Bands { warning_above: Some(0.0), error_above: Some(2.0), ..Bands::default() };
+    let watchdog = MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands };
+    check(
+        watchdog,
+        &[
+            (0, announced.clone(), Ok, "is running"),
+            (1000, repeated(2), Warning, "announced 2 times"),
+            (2000, repeated(4), Error, "announced 4 times"),
+            (3000, announced, Ok, "is running"),
+        ],
+    );
 }
