@@ -64,7 +64,8 @@ COUNT_TAPS = """addEventListener('pointerdown', () =>
 
 
 def taps(page):
-    return int(page.evaluate("() => localStorage.getItem('taps') ?? 0"))
+    # This has a limit of time, also while the page is another one.
+    return int(page.wait_for_function("() => localStorage.getItem('taps') ?? '0'").json_value())
 
 
 def enter_by_touch(page, server, name, secret):

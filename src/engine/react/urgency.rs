@@ -38,16 +38,16 @@ impl Asks {
     ) {
         let node = change.node;
         // A WARNING asks for something only where the configuration says so.
-        let asks_by_warning = matches!(node, NodeId::Module(id) if has_advice(id));
-        let asks_at_all = change.after.own != State::Warning || asks_by_warning;
-        let counts = match node {
+        let is_advised = || matches!(node, NodeId::Module(id) if has_advice(id));
+        let counts = || match node {
             NodeId::Group(id) => {
                 let group = &net.groups[id.0 as usize];
                 group.members.is_empty() && !group.aside && id != net.system_group()
             }
             NodeId::Module(_) => net.node(node).parent.is_none_or(|id| !net.groups[id.0 as usize].aside),
         };
-        let asks = counts && asks_at_all && is_fault(&change.after);
+        let asks =
+            is_fault(&change.after) && (change.after.own != State::Warning || is_advised()) && counts();
         if change.before != change.after {
             self.dirty = true;
             self.changed.extend(asks.then_some(node));
