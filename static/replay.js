@@ -4,7 +4,7 @@
   "use strict";
   const ASK_MS = 250;
   const ANSWER_MS = 3000;
-  // Between two changes of the address, of which browsers allow only some.
+  // Between two changes of the address: browsers allow only some.
   const KEEP_MS = 100;
   const KEEP_PLAYING_MS = 1000;
   // The reference display; the stylesheet has the same.

@@ -187,7 +187,7 @@ fn text(loaded: &Loaded, found: &Soundness) -> String {
     out
 }
 
-/// Of which topics a recording may have only the times and sizes of messages.
+/// Names the topics whose recordings may have only the times and sizes of messages.
 fn sizes_only(loaded: &Loaded) -> Option<String> {
     loaded.recording.as_ref()?;
     let topics: Vec<&str> = loaded.model.counted_topics().collect();

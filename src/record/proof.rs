@@ -84,7 +84,7 @@ pub fn is_changed(folder: &Path, held: &Held, logged: &BTreeMap<u64, String>) ->
     matches!(compare(&folder.join(file_name(held.id)), &expected, u64::MAX), Proof::Other(_))
 }
 
-/// A file in one state: whoever changes it changes the last of these times.
+/// A file in one state: every change of the file changes the last of these times.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct State {
     device: u64,

@@ -180,7 +180,7 @@ impl<'a> Heard<'a> {
         }
     }
 
-    /// The account of a topic of which there is something at this instant.
+    /// The account of a topic that has an entry at this instant.
     fn topic(&mut self, name: &str, at_ms: i64) -> Option<&mut ToldTopic> {
         if self.topics.len() >= TOPICS_MAX && !self.topics.contains_key(name) {
             return None;

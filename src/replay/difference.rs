@@ -11,7 +11,7 @@ use crate::record::reason::Why;
 
 /// Nodes that are listed, the worst first. Further ones are counted.
 const NODES_MAX: usize = 500;
-/// Nodes that are listed of those of which only values differ.
+/// The most nodes that are listed because they differ in values alone.
 const VALUED_MAX: usize = 100;
 /// Values of one node that are listed.
 const VALUES_MAX: usize = 24;

@@ -10,7 +10,7 @@ const GAPS_MAX: usize = 100;
 /// Gaps as close as this are one.
 const JOINED: Span = Span::from_secs(1);
 
-/// A part of the time of which inputs are missing.
+/// A span of time whose inputs are missing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Gap {
     pub from: Timestamp,

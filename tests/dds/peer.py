@@ -256,7 +256,7 @@ def swell(participant, options):
 
 
 def crowd(participant, options):
-    """Many participants in one process, each with many endpoints, of which one says twice a second that it is well:
+    """Many participants in one process, each with many endpoints; one of these says twice a second that it is well:
     `crowd 0`, `crowd 1` and so on."""
     others = [type(participant)(options) for _ in range(options.participants - 1)]
     speaking, silent = [], []

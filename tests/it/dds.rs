@@ -318,7 +318,7 @@ async fn a_new_participant_goes_on_where_the_old_one_ended(vendor: Vendor) {
     for round in 0..2 {
         reading.bridge.rebuild();
         let mut peer = Peer::start(&domain, "--durability transient_local pub");
-        // Published to whichever participant exists: messages that the old one took are not sent again.
+        // Published to the participant that exists: messages that the old one took are not sent again.
         peer.wait_matched(1);
         let name = format!("round {round}");
         peer.write(&one(&name));

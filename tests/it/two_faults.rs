@@ -23,7 +23,7 @@ const ERROR: u8 = 2;
 const LATER: Span = Span::from_secs(6);
 const SOON: Span = Span::from_secs(2);
 
-/// A shipped vehicle of which each module reports by itself: a fault is that of one module and no other. All else, the
+/// A shipped vehicle whose modules report by themselves: a fault is that of one module and no other. All else, the
 /// dependencies too, is as it is shipped.
 fn vehicle(file: &str) -> Arc<Model> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config").join(file);
@@ -121,7 +121,7 @@ fn urgency(model: &Model, id: ModuleId) -> Option<Urgency> {
 }
 
 /// Both faults reach the operator. Which one the instruction follows is decided here and nowhere else in this file:
-/// the more urgent one is shown, or behind the other, of which the instruction knows.
+/// the more urgent one is shown, or waits behind the other while the instruction asks for it.
 fn assert_nothing_urgent_is_lost(model: &Model, snapshot: &Snapshot, pair: [ModuleId; 2]) {
     let [first, second] = pair;
     let (urgent, other) =

@@ -77,7 +77,7 @@ fn later(at: &str, since: Span) -> String {
     }
 }
 
-/// Everything of which a change is told. The speed is left out: it changes all the time.
+/// The values whose changes are printed. The speed is left out: it changes all the time.
 fn facts(vehicle: &Vehicle) -> BTreeMap<String, String> {
     let mut facts = BTreeMap::new();
     let head = &vehicle.head;

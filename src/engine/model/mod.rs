@@ -349,7 +349,7 @@ impl Parts {
 }
 
 impl Model {
-    /// The topics of which nothing is read but when messages come: a recording needs no content of large ones, unless it
+    /// The topics whose messages are only counted: a recording needs no content of large ones, unless it
     /// names them.
     pub fn counted_topics(&self) -> impl Iterator<Item = &str> {
         let is_signal = |topic: &str| {

@@ -1,5 +1,5 @@
 //! The participants that announce themselves on the network, heard beside the DDS library. It takes a participant for
-//! gone after one lease, of which a single packet may be lost, and does not find it again. Here a participant lives
+//! gone after one lease, in which one lost packet is enough, and does not find it again. Here a participant lives
 //! for three leases.
 
 use std::collections::BTreeMap;

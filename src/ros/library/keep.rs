@@ -20,7 +20,7 @@ use crate::engine::time::{Span, Timestamp};
 use crate::msg::sample_bytes::Guid;
 
 const ROUND: Duration = Duration::from_secs(1);
-/// The pause between two copies: the library drops life signs of which more than eight come at once.
+/// The pause between two copies: of more than eight life signs at once the library drops the rest.
 const PAUSE: Duration = Duration::from_millis(5);
 /// A younger process is not replaced for a participant that it has lost. So one that nobody can keep, because its lease
 /// is shorter than the library's own intervals, costs little.

@@ -40,7 +40,7 @@ struct Untyped {
     tried: BTreeMap<String, (Key, Timestamp)>,
     /// When a type ended that made room for others.
     made_room: BTreeMap<String, Timestamp>,
-    /// The type of which there are messages.
+    /// The type that has messages.
     chosen: Option<String>,
 }
 
@@ -151,7 +151,7 @@ impl Learning {
 }
 
 impl Untyped {
-    /// Decides for the first type of which there is a message, as long as somebody announces it.
+    /// Decides for the first type that has a message, as long as somebody announces it.
     fn choose(&mut self, found: &BTreeSet<String>, has_data: impl Fn(&Key) -> bool, over: &mut Vec<Key>) {
         if self.chosen.as_ref().is_some_and(|chosen| !found.contains(chosen) && !found.is_empty()) {
             self.chosen = None;

@@ -115,7 +115,7 @@ impl Topics {
         typed
     }
 
-    /// Reads the topics whose type publishers have announced now, and decides for the type of which there are
+    /// Reads the topics whose type publishers have announced now, and decides for the type that has
     /// messages.
     pub fn learn(&mut self, legacy: &mut Carryover) {
         let running = &self.running;

@@ -260,7 +260,7 @@ impl Store {
         .await
     }
 
-    /// The user of this name, whoever wrote the row: a new secret or role takes a foreign one in.
+    /// The user of this name, also one that the audit log does not know: a new secret or role makes that one known.
     async fn row_of(&self, caller: Caller, name: &str) -> Result<Option<Verified>, StoreError> {
         let name = name.to_owned();
         self.call_from(caller, move |database| row_of(&database.connection, &name)).await

@@ -320,7 +320,7 @@ fn of_many_modules_in_a_group_the_worst_are_drawn() {
     let all = graph(&[("open", "all")]);
     holds(&all, &["g2/200:", "g2/299: Error", "g0/0:"]);
     assert!(!all.contains("g2/298:") && !all.contains("g0/99:"), "{all}");
-    // An address names what is open or what is not, whichever is less.
+    // An address names what is open or what is not: the shorter list.
     holds(&all, &["href=\"?open=all&amp;shut=g1\""]);
     holds(&graph(&[("open", "g1")]), &["href=\"?open=none\"", "href=\"?open=g1&amp;open=g2\""]);
     let shut = graph(&[("open", "all"), ("shut", "g1")]);

@@ -106,7 +106,7 @@ struct WholeRecording<'a> {
     messages: u64,
     /// Messages and inputs that are not in the file.
     missing: u64,
-    /// Messages that had no room, of which the file has the times and sizes, and their bytes.
+    /// Messages that had no room, and their bytes. The file has their times and sizes.
     left_out: u64,
     left_out_bytes: u64,
     /// Whether the file has the hash that the list of incidents and the audit log have, where one incident is asked

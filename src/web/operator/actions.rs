@@ -107,7 +107,7 @@ pub async fn stop(tap: Tap, form: FormOf<StopForm>) -> Response {
     }
 }
 
-/// Requests a stop, once for each tap, whichever way it came.
+/// Requests a stop, once for each tap, over the socket or by HTTP.
 pub async fn request_stop(tap: Tap, form: StopForm) -> Response {
     let validity = tap.validity_of_stop();
     let record = tap.record(Action::Stop);

@@ -74,7 +74,7 @@ pub struct ControlForm {
     play: Option<f64>,
 }
 
-/// Of which recording, and where its page leads back to.
+/// The recording of a replay, and the page that it leads back to.
 struct About {
     name: String,
     leave: String,

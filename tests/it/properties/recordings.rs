@@ -187,7 +187,7 @@ proptest! {
             let got = Snapshot::clone(&playback.snapshot().expect("it is recorded"));
             prop_assert!(&got == expected, "shown at {at:?}\n{expected:#?}\n{got:#?}");
         }
-        // By the same configuration it is judged the same, whatever no message says of itself: who came late, what was
+        // By the same configuration it is judged the same, also in what no message says of itself: that it came late, or was
         // never decoded.
         let is_one = models.len() == 1;
         let recording = Recording::open(&path).unwrap();

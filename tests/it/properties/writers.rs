@@ -23,7 +23,7 @@ pub fn said_by_one(history: Vec<(Timestamp, Input)>) -> Vec<(Timestamp, Input)> 
 }
 
 /// No module accepts its status only from certain nodes, also no discovered one: else its KeyValues wait for
-/// their node, whichever module watches them.
+/// their node, for every module that watches them.
 pub fn admit_all(parts: &mut Parts) {
     each_policy(parts, |policy| policy.writers = None);
 }

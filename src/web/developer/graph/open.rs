@@ -32,7 +32,7 @@ impl<'a> OpenGroups<'a> {
     }
 
     /// The address at which a group is open that is closed now, or the other way round: it names
-    /// those that are open or those that are not, whichever are fewer.
+    /// those that are open or those that are not: the shorter list.
     pub fn toggle(&self, layout: &Layout, path: &str) -> String {
         let groups = layout.groups.iter().map(|group| &*group.path);
         let is_open = |known: &&str| self.is(known) != (*known == path);
