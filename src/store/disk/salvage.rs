@@ -40,14 +40,7 @@ enum Keep {
 pub(in crate::store) fn into_memory(folder: &Path) -> Result<Connection, StoreError> {
     let mut connection = schema::open_in_memory()?;
     let is_needed = |table: &str| table != "audit";
-    let mut salvaged = salvage(folder, &mut connection, is_needed, ROWS_IN_MEMORY_MAX)?;
-    let foreign = leave_out_foreign(folder, &connection)?;
-    if !foreign.is_empty() {
-        salvaged.users = count_users(&connection)?;
-        salvaged
-            .losses
-            .push(format!("left out, because no record of the audit log knows it: {}", foreign.join(", ")));
-    }
+    let salvaged = salvage(folder, &mut connection, is_needed, ROWS_IN_MEMORY_MAX)?;
     tracing::warn!("{} users can log in until the database is repaired", salvaged.users);
     for loss in &salvaged.losses {
         tracing::warn!("{loss}");
@@ -55,22 +48,17 @@ pub(in crate::store) fn into_memory(folder: &Path) -> Result<Connection, StoreEr
     Ok(connection)
 }
 
-/// Removes users and tokens from the copy that the records in the damaged database do not know.
-fn leave_out_foreign(folder: &Path, copy: &Connection) -> Result<Vec<String>, StoreError> {
-    let key = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten();
-    let Some((from, key)) = open_broken(folder).zip(key) else { return Ok(Vec::new()) };
-    match Known::read(&from, &key) {
+/// Removes users and tokens from the copy that the records in the damaged database do not know. Where not all records
+/// can be read, nobody can tell: all stay.
+fn leave_out_foreign(folder: &Path, from: &Connection, copy: &Connection) -> Result<Vec<String>, StoreError> {
+    let Some(key) = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten() else { return Ok(Vec::new()) };
+    match Known::read(from, &key) {
         Ok(known) => known.keep_known(copy),
         Err(error) => {
             tracing::warn!(%error, "users cannot be compared with the audit log");
             Ok(Vec::new())
         }
     }
-}
-
-fn count_users(connection: &Connection) -> Result<u64, StoreError> {
-    let count = connection.query_row("SELECT count(*) FROM users", [], |row| row.get::<_, i64>(0))?;
-    Ok(count.unsigned_abs())
 }
 
 /// The report of a server that goes on with a copy in memory.
@@ -168,11 +156,18 @@ fn salvage(
             None => losses.push(format!("there is no backup from which {table} could be completed")),
         }
     }
+    if let Some(from) = &broken {
+        let foreign = leave_out_foreign(folder, from, &transaction)?;
+        if !foreign.is_empty() {
+            losses
+                .push(format!("no record of the audit log knows, so it is left out: {}", foreign.join(", ")));
+        }
+    }
     drop_orphans(&transaction)?;
-    let users = count_users(&transaction)?;
+    let users = transaction.query_row("SELECT count(*) FROM users", [], |row| row.get::<_, i64>(0))?;
     transaction.commit()?;
     to.pragma_update(None, "foreign_keys", true)?;
-    Ok(Salvaged { losses, users })
+    Ok(Salvaged { losses, users: users.unsigned_abs() })
 }
 
 /// Copies all rows of a table that can be read into one of the same name.

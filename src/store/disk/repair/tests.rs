@@ -30,6 +30,11 @@ impl Folder {
              SELECT 'user' || i, 'developer', (SELECT secret_hash FROM users), 0 FROM n"
         );
         Connection::open(folder.file("")).unwrap().execute_batch(&more).unwrap();
+        let store = folder.open();
+        let known =
+            |database: &mut Database| database.change(&as_they_are(&database.connection)?, |_| Ok(()));
+        store.call(known).await.unwrap();
+        store.close().await;
         folder
     }
 
@@ -172,7 +177,7 @@ async fn without_a_backup_what_can_be_read_is_used() {
     folder.zero(u64::from(index) - 1);
     let store = folder.serve();
     assert!(store.fault().borrow().is_some() && can_log_in(&store).await, "the table is whole");
-    assert_eq!(store.users().await.unwrap().len(), 1, "no record knows the others");
+    assert_eq!(store.users().await.unwrap().len() as u64, USERS);
     store.close().await;
 
     fs::write(folder.file(""), whole).unwrap();
@@ -341,5 +346,30 @@ async fn a_server_backs_up_soon_after_its_start_after_a_change_of_users_and_each
     hand.advance(Span::from_secs(25 * 3600));
     until_made().await;
     other.close().await;
+    store.close().await;
+}
+
+#[tokio::test]
+async fn a_repair_makes_no_user_known_whom_no_record_knows() {
+    let folder = Folder::new("foreign").await;
+    let connection = Connection::open(folder.file("")).unwrap();
+    connection
+        .execute_batch(
+            "INSERT INTO users (name, role, secret_hash, created_ms)
+             SELECT 'eve', 'authority', secret_hash, 0 FROM users WHERE name = 'anna'",
+        )
+        .unwrap();
+    let root = "SELECT rootpage FROM sqlite_schema WHERE name = 'incidents'";
+    let page = connection.query_row(root, [], |row| row.get::<_, u32>(0)).unwrap();
+    drop(connection);
+    folder.zero(u64::from(page) - 1);
+    let data = folder.0.to_path_buf();
+    let repaired = std::thread::spawn(move || repair(&data, Clock::start()).unwrap()).join().unwrap();
+    let store = folder.open();
+    assert!(
+        store.authenticate("eve", "135791").await.unwrap().is_none() && can_log_in(&store).await,
+        "{repaired:?}"
+    );
+    assert_eq!(store.users().await.unwrap().len() as u64, USERS);
     store.close().await;
 }
