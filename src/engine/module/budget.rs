@@ -71,30 +71,35 @@ impl Budget {
         let before = std::mem::replace(&mut self.held[index], StoredReport { bytes, is_cut, source });
         self.cut = self.cut + usize::from(is_cut) - usize::from(before.is_cut);
         self.total = self.total + u64::from(bytes) - u64::from(before.bytes);
-        let moved = before.source != source || key(id, before.bytes) != key(id, bytes);
+        let is_like_before = before.source == source && key(id, before.bytes) == key(id, bytes);
+        if is_like_before && bytes > 0 {
+            if let Some(of_source) = self.sources.get_mut(&source) {
+                of_source.total = of_source.total + u64::from(bytes) - u64::from(before.bytes);
+            }
+            return;
+        }
         if before.bytes > 0
             && let Some(old) = self.sources.get_mut(&before.source)
         {
             old.total -= u64::from(before.bytes);
-            if moved {
-                old.by_size.remove(&key(id, before.bytes));
-                if old.by_size.is_empty() {
-                    self.sources.remove(&before.source);
-                }
+            old.by_size.remove(&key(id, before.bytes));
+            if old.by_size.is_empty() {
+                self.sources.remove(&before.source);
             }
         }
         if bytes > 0 {
             let new = self.sources.entry(source).or_default();
             new.total += u64::from(bytes);
-            if moved {
-                new.by_size.insert(key(id, bytes));
-            }
+            new.by_size.insert(key(id, bytes));
         }
     }
 
     /// The module to cut, and its new size, after a report by `source`; `None`: everything fits. The caller
     /// asks until then.
     pub(in crate::engine) fn over(&self, source: WriterId) -> Option<(ModuleId, usize)> {
+        if self.total <= self.limit.min(self.source_limit) {
+            return None;
+        }
         let own = self.sources.get(&source);
         let beyond_own = own.map_or(0, |own| own.total.saturating_sub(self.source_limit));
         let beyond_all = self.total.saturating_sub(self.limit);

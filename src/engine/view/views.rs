@@ -193,9 +193,11 @@ impl Views {
         }
         let mut report = Report::of(status, limits);
         // A cut report stays as it is until there is room again.
-        let room = self.budget.room(id, source);
-        if self.reports[index].cut > 0 && report.weight() > room {
-            report = report.cut_to(room);
+        if self.reports[index].cut > 0 {
+            let room = self.budget.room(id, source);
+            if report.weight() > room {
+                report = report.cut_to(room);
+            }
         }
         if *self.reports[index] != report {
             self.keep_report(id, Arc::new(report), source);
