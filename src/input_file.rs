@@ -32,17 +32,17 @@ pub fn make_pipe(path: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::TestFolder;
 
     #[test]
     fn what_is_no_regular_file_is_refused_at_once() {
-        let folder = TestFolder::new("input-file");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let [file, link, pipe] = ["file", "link", "pipe"].map(|name| folder.join(name));
         std::fs::write(&file, "text").unwrap();
         std::os::unix::fs::symlink(&file, &link).unwrap();
         make_pipe(&pipe);
         assert!(open(&file).is_ok() && open(&link).is_ok());
-        for refused in [pipe.as_path(), Path::new("/dev/zero"), &folder] {
+        for refused in [pipe.as_path(), Path::new("/dev/zero"), folder] {
             assert_eq!(
                 open(refused).unwrap_err().kind(),
                 io::ErrorKind::InvalidInput,

@@ -75,29 +75,29 @@ pub fn read(folder: &Path, id: u64) -> Option<Beside> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::TestFolder;
 
     #[test]
     fn it_is_read_as_it_was_written_last_and_other_files_are_none() {
-        let folder = TestFolder::new("record-beside");
-        fs::create_dir_all(&*folder).unwrap();
-        assert_eq!(read(&folder, 7), None);
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        fs::create_dir_all(folder).unwrap();
+        assert_eq!(read(folder, 7), None);
         let note = |text: &str| Some(Note { text: text.into(), by: "dora".into(), at_ms: 5 });
         for (note, kept) in [(note("brake squeals"), false), (note("it was the pad"), true), (None, true)] {
             let said = Beside { note, kept: Some(kept) };
-            write(&folder, 7, &said).unwrap();
-            assert_eq!(read(&folder, 7), Some(said));
+            write(folder, 7, &said).unwrap();
+            assert_eq!(read(folder, 7), Some(said));
         }
         let mode =
-            std::os::unix::fs::PermissionsExt::mode(&fs::metadata(path(&folder, 7)).unwrap().permissions());
+            std::os::unix::fs::PermissionsExt::mode(&fs::metadata(path(folder, 7)).unwrap().permissions());
         assert_eq!(mode & 0o777, 0o600);
-        remove(&folder, 7).unwrap();
-        remove(&folder, 7).unwrap();
-        assert_eq!((read(&folder, 7), fs::read_dir(&*folder).unwrap().count()), (None, 0));
-        fs::write(path(&folder, 8), "{").unwrap();
-        fs::create_dir(path(&folder, 9)).unwrap();
-        assert_eq!((read(&folder, 8), read(&folder, 9)), (None, None));
-        fs::write(path(&folder, 8), r#"{"text":"old","by":"dora","at_ms":5}"#).unwrap();
-        assert_eq!(read(&folder, 8), Some(Beside { note: note("old"), kept: None }));
+        remove(folder, 7).unwrap();
+        remove(folder, 7).unwrap();
+        assert_eq!((read(folder, 7), fs::read_dir(folder).unwrap().count()), (None, 0));
+        fs::write(path(folder, 8), "{").unwrap();
+        fs::create_dir(path(folder, 9)).unwrap();
+        assert_eq!((read(folder, 8), read(folder, 9)), (None, None));
+        fs::write(path(folder, 8), r#"{"text":"old","by":"dora","at_ms":5}"#).unwrap();
+        assert_eq!(read(folder, 8), Some(Beside { note: note("old"), kept: None }));
     }
 }

@@ -192,7 +192,6 @@ mod tests {
     use super::*;
     use crate::msg::cdr::Endian;
     use crate::record::file::{IncidentFile, MessageStamps};
-    use crate::store::TestFolder;
 
     const START_MS: i64 = 1_790_000_000_000;
 
@@ -202,7 +201,8 @@ mod tests {
 
     #[test]
     fn a_file_tells_when_and_why_as_far_as_it_has_it() {
-        let folder = TestFolder::new("record-found");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let path = folder.join("a.mcap");
         let facts = [
             ("incident", "7"),
@@ -252,7 +252,8 @@ mod tests {
 
     #[test]
     fn a_file_that_tells_nothing_has_times_that_can_be_and_one_of_others_is_none() {
-        let folder = TestFolder::new("record-found-bare");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let (path, other) = (folder.join("a.mcap"), folder.join("b.mcap"));
         let lies = [("start_of_clock_ns", u64::MAX.to_string()), ("shown_from_ns", "-1".to_owned())];
         let mut file =

@@ -130,12 +130,12 @@ fn hash(path: &Path, meta: &Metadata) -> io::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::TestFolder;
 
     #[test]
     fn a_changed_file_is_another_one_whatever_its_times_say() {
-        let folder = TestFolder::new("record-proof");
-        std::fs::create_dir_all(&*folder).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        std::fs::create_dir_all(folder).unwrap();
         let path = folder.join("a.mcap");
         let none = Expected::default();
         let stored = Some("00".repeat(32));

@@ -193,7 +193,6 @@ fn folder_bytes(folder: &Path) -> io::Result<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::TestFolder;
 
     const MB: u64 = 1_000_000;
 
@@ -213,8 +212,9 @@ mod tests {
 
     #[test]
     fn a_file_grows_within_its_part_and_says_when_room_is_short() {
-        let folder = TestFolder::new("record-room");
-        std::fs::create_dir_all(&*folder).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        std::fs::create_dir_all(folder).unwrap();
         std::fs::write(folder.join("incident-1.mcap"), vec![0; 60_000]).unwrap();
         let room = Room::new(&policy(100_000));
         let mut part = Part::of(room.clone());
@@ -224,17 +224,17 @@ mod tests {
             std::future::Future::poll(waits, &mut context).is_ready()
         };
         let at = |seconds: u64| Timestamp::from_millis(1000 * seconds);
-        assert_eq!(part.most(&folder, 0, at(0)).unwrap(), 40_000);
+        assert_eq!(part.most(folder, 0, at(0)).unwrap(), 40_000);
         assert!(!is_short());
         std::fs::write(folder.join("incident-2.mcap"), vec![0; 39_000]).unwrap();
-        assert_eq!(part.most(&folder, 39_000, at(10)).unwrap(), 40_000);
+        assert_eq!(part.most(folder, 39_000, at(10)).unwrap(), 40_000);
         assert!(is_short());
         std::fs::remove_file(folder.join("incident-1.mcap")).unwrap();
         room.tidied(false);
-        assert_eq!(part.most(&folder, 39_000, at(10)).unwrap(), 50_000, "half of all");
+        assert_eq!(part.most(folder, 39_000, at(10)).unwrap(), 50_000, "half of all");
         // Kept recordings leave a tenth.
         std::fs::write(folder.join("incident-3.mcap"), vec![0; 99_000]).unwrap();
         room.tidied(true);
-        assert_eq!(part.most(&folder, 0, at(20)).unwrap(), 10_000);
+        assert_eq!(part.most(folder, 0, at(20)).unwrap(), 10_000);
     }
 }

@@ -292,6 +292,3 @@ impl Writer {
 
 #[cfg(test)]
 mod tests;
-
-#[cfg(test)]
-use crate::store::TestFolder;

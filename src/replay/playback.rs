@@ -211,15 +211,15 @@ mod tests {
     use crate::record::file::{IncidentFile, JOURNAL, KEYFRAMES};
     use crate::record::journal::{Line, Took};
     use crate::replay::Recording;
-    use crate::store::TestFolder;
 
     const ZERO_NS: u64 = 1_800_000_000_000_000_000;
     const CONFIGURATION: &str =
         "vehicle: { id: v, stages: none }\ngroups: [{ id: a, modules: [{ id: m, status: m }] }]\n";
 
     /// A recording in which the module says these levels at these microseconds.
-    fn playback(name: &str, said: &[(u64, u8)]) -> Playback {
-        let folder = TestFolder::new(name);
+    fn playback(said: &[(u64, u8)]) -> Playback {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let path = folder.join("incident-1.mcap");
         let about = BTreeMap::from([("start_of_clock_ns".to_owned(), ZERO_NS.to_string())]);
         let mut file = IncidentFile::create(&path, about).unwrap();
@@ -239,8 +239,7 @@ mod tests {
 
     #[test]
     fn a_millisecond_is_that_of_its_last_change() {
-        let mut playback =
-            playback("replay-millisecond", &[(1_000_100, 0), (1_000_400, 2), (1_000_900, 0), (1_002_300, 2)]);
+        let mut playback = playback(&[(1_000_100, 0), (1_000_400, 2), (1_000_900, 0), (1_002_300, 2)]);
         let ms = |ms: u64| ZERO_NS + 1_000_000 * ms;
         let us = |us: u64| Timestamp::from_nanos(1000 * us);
         for (asked, found) in [

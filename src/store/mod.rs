@@ -43,8 +43,6 @@ pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,
     OnDisk, StoredIncident, clean_note,
 };
-#[cfg(test)]
-pub use private_file::TestFolder;
 pub use private_file::{give_to_owner_of, make_folder};
 pub use role::Role;
 pub use sessions::operator_change::{Entering, Written};

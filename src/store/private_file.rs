@@ -46,38 +46,3 @@ pub fn give_to_owner_of(beside: &Path, new: &File) {
         let _ = fchown(new, Some(theirs.uid()), Some(theirs.gid()));
     }
 }
-
-/// An empty folder for a test, which is removed with the test.
-#[cfg(test)]
-#[derive(Debug)]
-pub struct TestFolder(std::path::PathBuf);
-
-#[cfg(test)]
-impl TestFolder {
-    pub fn new(name: &str) -> TestFolder {
-        // Tests run side by side, and two may choose the same name.
-        static NEXT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(0);
-        let (process, number) = (std::process::id(), NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed));
-        let folder = std::env::temp_dir().join(format!("telltale-{name}-{process}-{number}"));
-        let _ = std::fs::remove_dir_all(&folder);
-        make_folder(&folder).unwrap();
-        TestFolder(folder)
-    }
-}
-
-#[cfg(test)]
-impl std::ops::Deref for TestFolder {
-    type Target = Path;
-
-    fn deref(&self) -> &Path {
-        &self.0
-    }
-}
-
-#[cfg(test)]
-impl Drop for TestFolder {
-    fn drop(&mut self) {
-        // If this fails, the folder stays among the temporary files.
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}

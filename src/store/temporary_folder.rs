@@ -92,19 +92,19 @@ fn remove(path: &Path) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::TestFolder;
 
     #[test]
     fn what_a_killed_process_left_is_removed_and_nothing_else() {
-        let folder = TestFolder::new("temporary-folder");
-        make_folder(&folder).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        make_folder(folder).unwrap();
         let [left, other, target] = ["telltale-replay-0011223344556677", "telltale-replay-data", "elsewhere"]
             .map(|name| folder.join(name));
         [&left, &other, &target].into_iter().for_each(|path| fs::create_dir(path).unwrap());
         fs::write(left.join("incident-1.mcap"), "a recording").unwrap();
         std::os::unix::fs::symlink(&target, folder.join("telltale-demo-8899aabbccddeeff")).unwrap();
-        let used = TemporaryFolder::make(&folder, KINDS[1]).unwrap();
-        remove_left_over(&folder);
+        let used = TemporaryFolder::make(folder, KINDS[1]).unwrap();
+        remove_left_over(folder);
         assert!(!left.exists() && other.exists() && target.exists() && used.path().exists());
         let path = used.path().to_owned();
         drop(used);

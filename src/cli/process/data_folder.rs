@@ -90,26 +90,26 @@ mod tests {
     use std::sync::atomic::{AtomicBool, Ordering};
 
     use super::*;
-    use crate::store::TestFolder;
 
     #[test]
     fn a_server_starts_while_others_look_whether_one_runs() {
-        let folder = TestFolder::new("lock");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let is_over = AtomicBool::new(false);
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 while !is_over.load(Ordering::Relaxed) {
-                    is_locked(&folder).unwrap();
+                    is_locked(folder).unwrap();
                 }
             });
-            let were_locked = (0..20).all(|_| lock(&folder).is_ok_and(|lock| lock.is_some()));
+            let were_locked = (0..20).all(|_| lock(folder).is_ok_and(|lock| lock.is_some()));
             is_over.store(true, Ordering::Relaxed);
             assert!(were_locked);
         });
-        let lock = lock(&folder).unwrap();
-        assert!(is_locked(&folder).unwrap());
+        let lock = lock(folder).unwrap();
+        assert!(is_locked(folder).unwrap());
         drop(lock);
-        assert!(!is_locked(&folder).unwrap());
+        assert!(!is_locked(folder).unwrap());
         assert!(is_locked(&folder.join("none")).is_err());
     }
 }

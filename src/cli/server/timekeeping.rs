@@ -228,7 +228,6 @@ mod tests {
     use crate::record::incident::Margins;
     use crate::record::recorder::Settings;
     use crate::record::ring::Held;
-    use crate::store::TestFolder;
 
     #[test]
     fn a_clock_is_wrong_if_it_is_more_than_a_day_behind_what_was_written() {
@@ -268,7 +267,8 @@ mod tests {
 
     #[test]
     fn a_certificate_is_told_of_thirty_days_before_its_end_and_after_it() {
-        let folder = TestFolder::new("time");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let [path, key] = ["cert.pem", "key.pem"].map(|name| folder.join(name));
         let (begins, ends) = (rcgen::date_time_ymd(2026, 1, 1), rcgen::date_time_ymd(2026, 7, 1));
         let mut params = rcgen::CertificateParams::new(vec!["display".to_owned()]).unwrap();

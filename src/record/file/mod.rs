@@ -42,6 +42,3 @@ const UNDEFINED: &str = "# The definition of this type was not known where it wa
 
 #[cfg(test)]
 mod tests;
-
-#[cfg(test)]
-use crate::store::TestFolder;

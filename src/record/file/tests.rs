@@ -37,7 +37,8 @@ fn read(bytes: &[u8]) -> Vec<(String, String, u64, u32, Vec<u8>)> {
 
 #[test]
 fn messages_and_documents_are_written_byte_for_byte() {
-    let folder = TestFolder::new("record-bytes");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join("a.mcap");
     let definitions = Definitions::default();
     let mut file = IncidentFile::create(&path, about()).unwrap();
@@ -108,7 +109,8 @@ fn left_out<R: std::io::Read + std::io::Seek>(reader: &Reader<R>) -> Vec<String>
 
 #[test]
 fn what_is_written_is_read_and_found_right() {
-    let folder = TestFolder::new("record-read");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join("a.mcap");
     let mut file = IncidentFile::create(&path, about()).unwrap();
     let thing = file.topic("/thing", "my_msgs/msg/Thing", || None).unwrap();
@@ -160,7 +162,8 @@ fn what_is_written_is_read_and_found_right() {
 
 #[test]
 fn an_unfinished_file_has_everything_up_to_its_last_ended_chunk() {
-    let folder = TestFolder::new("record-unfinished");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join("a.mcap");
     let mut file = IncidentFile::create(&path, about()).unwrap();
     assert!(
@@ -190,7 +193,8 @@ fn an_unfinished_file_has_everything_up_to_its_last_ended_chunk() {
 
 #[test]
 fn a_chunk_ends_by_itself_when_it_is_large() {
-    let folder = TestFolder::new("record-large");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let mut file = IncidentFile::create(&folder.join("a.mcap"), about()).unwrap();
     let topic = file.topic("/a", "std_msgs/msg/Empty", || Some(String::new())).unwrap();
     let before = file.len();

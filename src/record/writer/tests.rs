@@ -36,7 +36,7 @@ struct Recorded {
     recorder: Recorder,
     news: mpsc::Receiver<News>,
     fault: watch::Receiver<Fault>,
-    folder: TestFolder,
+    folder: tempfile::TempDir,
     room: Room,
     sequence: i64,
     /// Everything that was shown.
@@ -44,8 +44,8 @@ struct Recorded {
 }
 
 impl Recorded {
-    fn new(name: &str) -> Recorded {
-        let folder = TestFolder::new(&format!("incidents-{name}"));
+    fn new() -> Recorded {
+        let folder = tempfile::tempdir().unwrap();
         let (clock, hand) = Clock::with_hand();
         let parts = Parts { other: Other::Counted, ..Parts::empty("v", StageModel::None) };
         let model = Arc::new(Model::new(parts).unwrap());
@@ -63,7 +63,7 @@ impl Recorded {
         let room = Room::new(&Policy::default());
         let (tell, news) = mpsc::channel(NEWS_MAX);
         let place = Place {
-            folder: folder.to_path_buf(),
+            folder: folder.path().to_path_buf(),
             definitions: Definitions::new(Vec::new()),
             about: BTreeMap::from([(VEHICLE.to_owned(), "shuttle-1".to_owned())]),
         };
@@ -159,7 +159,7 @@ impl Recorded {
 
     /// The messages of a file, by topic.
     fn messages(&self, summary: &Summary) -> HashMap<String, usize> {
-        let mut reader = Reader::open(&self.folder.join(&summary.recording.file)).unwrap();
+        let mut reader = Reader::open(&self.folder.path().join(&summary.recording.file)).unwrap();
         let mut found = HashMap::new();
         while let Some(Entry::Message { channel, .. } | Entry::Json { channel, .. }) = reader.next_entry() {
             *found.entry(channel.topic.to_string()).or_insert(0) += 1;
@@ -170,7 +170,7 @@ impl Recorded {
 
 #[test]
 fn an_error_is_recorded_with_its_past_and_what_follows() {
-    let mut recorded = Recorded::new("error");
+    let mut recorded = Recorded::new();
     for _ in 0..50 {
         recorded.say("pump", 0, 1);
     }
@@ -184,7 +184,7 @@ fn an_error_is_recorded_with_its_past_and_what_follows() {
     assert!(summary.freeze.iter().any(|it| it.node == "other/pump" && it.message == "as it is"));
     let Recording { pre_roll_s, finished, missing, .. } = summary.recording;
     assert!(finished && missing == 0 && (30.0..30.1).contains(&pre_roll_s), "{summary:?}");
-    let path = recorded.folder.join(&summary.recording.file);
+    let path = recorded.folder.path().join(&summary.recording.file);
     assert_eq!(summary.recording.sha256, Some(hash_file(&path).unwrap()));
     assert_eq!(summary.recording.bytes, std::fs::metadata(&path).unwrap().len());
     let messages = recorded.messages(&summary);
@@ -197,7 +197,7 @@ fn an_error_is_recorded_with_its_past_and_what_follows() {
 
 #[test]
 fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
-    let mut recorded = Recorded::new("mark");
+    let mut recorded = Recorded::new();
     recorded.say("pump", 0, 1);
     while recorded.recorder.meter().topics.is_empty() {
         std::thread::yield_now();
@@ -207,7 +207,7 @@ fn a_mark_is_an_incident_and_the_end_of_the_program_ends_it() {
     let Some(News::Begun(begun)) = recorded.news.blocking_recv() else { panic!("it begins") };
     assert_eq!(begun.trigger_count(), 1);
     // As after a kill in that instant.
-    let path = recorded.folder.join(&begun.recording.file);
+    let path = recorded.folder.path().join(&begun.recording.file);
     let found = crate::record::found::summary(&path, 7).unwrap().unwrap();
     assert_eq!(found.triggers, begun.triggers);
     assert_eq!(recorded.recorder.mark("anna", "again"), mark(2));
@@ -247,7 +247,7 @@ fn changes(path: &Path) -> (Vec<Transition<'static>>, Vec<u64>) {
 
 #[test]
 fn a_clock_that_is_set_is_told_and_the_times_go_on() {
-    let mut recorded = Recorded::new("stepped");
+    let mut recorded = Recorded::new();
     let begin = unix_ms(recorded.clock.wall());
     recorded.say("pump", 0, 1);
     recorded.say("pump", 2, 1);
@@ -269,7 +269,7 @@ fn a_clock_that_is_set_is_told_and_the_times_go_on() {
     }
     recorded.say("pump", 2, 10);
     let summary = recorded.ended();
-    let path = recorded.folder.join(&summary.recording.file);
+    let path = recorded.folder.path().join(&summary.recording.file);
     let (changes, times) = changes(&path);
     assert!(times.is_sorted(), "{times:?}");
     let spans_ms = (times[times.len() - 1] - times[0]) / 1_000_000;
@@ -301,7 +301,7 @@ fn a_clock_that_is_set_is_told_and_the_times_go_on() {
 
 #[test]
 fn a_file_alone_has_the_marks_the_requests_and_the_values() {
-    let mut recorded = Recorded::new("alone");
+    let mut recorded = Recorded::new();
     recorded.say("pump", 0, 1);
     recorded.say("pump", 2, 1);
     while recorded.recorder.present().is_none() {
@@ -318,7 +318,7 @@ fn a_file_alone_has_the_marks_the_requests_and_the_values() {
     recorded.say("valve", 2, 3);
     recorded.say("pump", 2, 30);
     let summary = recorded.ended();
-    let path = recorded.folder.join(&summary.recording.file);
+    let path = recorded.folder.path().join(&summary.recording.file);
     let found = crate::record::found::summary(&path, summary.id).unwrap().unwrap();
     assert_eq!(found.triggers, summary.triggers);
     assert_eq!((&found.roots, &found.stage), (&summary.roots, &summary.stage));
@@ -335,7 +335,7 @@ fn a_file_alone_has_the_marks_the_requests_and_the_values() {
 
 #[test]
 fn a_mark_before_the_first_state_of_the_engine_is_recorded_as_soon_as_there_is_one() {
-    let mut recorded = Recorded::new("early");
+    let mut recorded = Recorded::new();
     assert_eq!(
         recorded.recorder.mark("anna", "early"),
         Err(crate::record::recorder::Unmarked::Off),
@@ -350,16 +350,17 @@ fn a_mark_before_the_first_state_of_the_engine_is_recorded_as_soon_as_there_is_o
 
 #[test]
 fn the_last_minutes_have_the_configuration_by_which_they_were_judged() {
-    let mut recorded = Recorded::new("recent");
-    let folder = TestFolder::new("recent-of");
+    let mut recorded = Recorded::new();
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let place = Place {
-        folder: recorded.folder.to_path_buf(),
+        folder: recorded.folder.path().to_path_buf(),
         definitions: Definitions::new(Vec::new()),
         about: BTreeMap::new(),
     };
     let recorder = recorded.recorder.clone();
     let recent = || {
-        let path = write_recent(&recorder, &place, &folder).unwrap().expect("it has a beginning");
+        let path = write_recent(&recorder, &place, folder).unwrap().expect("it has a beginning");
         let mut reader = Reader::open(&path).unwrap();
         let text = reader.attachment("configuration/v.yaml").unwrap();
         let times = std::iter::from_fn(|| reader.next_entry()).count();
@@ -395,8 +396,8 @@ fn remove(folder: &Path) {
 
 #[test]
 fn a_disk_that_refuses_is_a_fault_until_it_takes_recordings_again() {
-    let mut recorded = Recorded::new("refused");
-    let folder = recorded.folder.to_path_buf();
+    let mut recorded = Recorded::new();
+    let folder = recorded.folder.path().to_path_buf();
     recorded.say("pump", 0, 1);
     remove(&folder);
     recorded.say("pump", 2, 1);
@@ -419,19 +420,19 @@ fn a_disk_that_refuses_is_a_fault_until_it_takes_recordings_again() {
 
 #[test]
 fn a_folder_that_becomes_useless_is_told_before_an_incident() {
-    let mut recorded = Recorded::new("useless");
-    remove(&recorded.folder);
+    let mut recorded = Recorded::new();
+    remove(recorded.folder.path());
     recorded.hand.advance(LOOK_AFTER_DISK_EVERY);
     // The trial at the start may have been interrupted by the removal.
     recorded.fault(|fault| fault.as_ref().is_some_and(|it| it.contains("trial.mcap cannot be created")));
-    std::fs::create_dir_all(&*recorded.folder).unwrap();
+    std::fs::create_dir_all(recorded.folder.path()).unwrap();
     recorded.hand.advance(TRY_EVERY);
     recorded.fault(Option::is_none);
 }
 
 #[test]
 fn how_long_the_disk_takes_is_known_meanwhile() {
-    let recorded = Recorded::new("waits");
+    let recorded = Recorded::new();
     let (recorder, hand) = (&recorded.recorder, recorded.hand);
     let waits = recorder.0.on_disk(|| {
         hand.advance(Span::from_secs(3));

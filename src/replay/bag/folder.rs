@@ -151,31 +151,31 @@ fn padded(digits: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::TestFolder;
 
-    fn names(folder: &TestFolder) -> Vec<String> {
+    fn names(folder: &Path) -> Vec<String> {
         let parts = files(folder).unwrap().parts;
         parts.iter().map(|part| part.path.file_name().unwrap().to_string_lossy().into_owned()).collect()
     }
 
     #[test]
     fn files_follow_the_metadata_and_without_it_the_numbers_in_their_names() {
-        let folder = TestFolder::new("bag-folder");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
-        assert!(files(&folder).err().unwrap().to_string().contains("it has no recording"));
+        assert!(files(folder).err().unwrap().to_string().contains("it has no recording"));
         for name in ["b_10.mcap", "b_9.mcap", "b_0.db3", "b_11.mcap.zstd", "note.txt"] {
             write(name, "");
         }
-        assert_eq!(names(&folder), ["b_9.mcap", "b_10.mcap", "b_11.mcap.zstd"]);
+        assert_eq!(names(folder), ["b_9.mcap", "b_10.mcap", "b_11.mcap.zstd"]);
         // Somebody decompressed the last one.
         write("b_11.mcap", "");
-        assert_eq!(names(&folder), ["b_9.mcap", "b_10.mcap", "b_11.mcap"]);
+        assert_eq!(names(folder), ["b_9.mcap", "b_10.mcap", "b_11.mcap"]);
         write(
             METADATA,
             "rosbag2_bagfile_information:\n  version: 3\n  relative_file_paths: [b/b_1.mcap, ../../b_0.mcap, b_11.mcap.zstd]\n",
         );
-        assert_eq!(names(&folder), ["b_1.mcap", "b_0.mcap", "b_11.mcap"]);
-        let old = files(&folder).unwrap().parts;
+        assert_eq!(names(folder), ["b_1.mcap", "b_0.mcap", "b_11.mcap"]);
+        let old = files(folder).unwrap().parts;
         assert!(old.iter().all(|part| part.span_ns.is_none()));
         let file = "{ path: b/b_1.mcap, starting_time: { nanoseconds_since_epoch: 1000 }, duration: { nanoseconds: 500 } }";
         write(
@@ -184,10 +184,10 @@ mod tests {
                 "rosbag2_bagfile_information:\n  relative_file_paths: [b_0.mcap, b_1.mcap]\n  files: [{file}]\n"
             ),
         );
-        let spans: Vec<_> = files(&folder).unwrap().parts.iter().map(|part| part.span_ns).collect();
+        let spans: Vec<_> = files(folder).unwrap().parts.iter().map(|part| part.span_ns).collect();
         assert_eq!(spans, [None, Some((1000, 1500))]);
         write(METADATA, "rosbag2_bagfile_information: [");
-        assert_eq!(names(&folder), ["b_9.mcap", "b_10.mcap", "b_11.mcap"]);
-        assert_eq!(files(&folder).unwrap().said.len(), 1);
+        assert_eq!(names(folder), ["b_9.mcap", "b_10.mcap", "b_11.mcap"]);
+        assert_eq!(files(folder).unwrap().said.len(), 1);
     }
 }

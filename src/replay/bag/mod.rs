@@ -274,6 +274,3 @@ fn together(first: Missing, second: Missing) -> Missing {
 
 #[cfg(test)]
 mod tests;
-
-#[cfg(test)]
-use crate::store::TestFolder;

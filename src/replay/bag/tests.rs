@@ -68,7 +68,8 @@ fn wrong(path: &Path) -> String {
 
 #[test]
 fn rows_of_a_database_come_by_their_time_and_what_cannot_be_used_is_said() {
-    let folder = TestFolder::new("bag-database");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join("odd name?#%41.db3");
     database(
         &path,
@@ -101,7 +102,8 @@ fn rows_of_a_database_come_by_their_time_and_what_cannot_be_used_is_said() {
 #[test]
 fn a_long_database_is_read_to_its_end_with_and_without_an_index() {
     for index in [INDEX, ""] {
-        let folder = TestFolder::new("bag-long");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let path = folder.join("a.db3");
         database(&path, index, &[(1, 7)]);
         let fill = "INSERT INTO messages SELECT value, 1, value / 5000, x'0001000005' FROM generate";
@@ -116,7 +118,8 @@ fn a_long_database_is_read_to_its_end_with_and_without_an_index() {
 
 #[test]
 fn a_damaged_database_is_an_error_or_an_omission_and_always_ends() {
-    let folder = TestFolder::new("bag-damaged");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let (path, damaged) = (folder.join("a.db3"), folder.join("b.db3"));
     let times: Vec<(i64, i64)> = (0..500).map(|time| (1 + time % 3, time)).collect();
     database(&path, &format!("{INDEX}{DEFINITIONS}"), &times);
@@ -146,7 +149,8 @@ fn a_damaged_database_is_an_error_or_an_omission_and_always_ends() {
 
 #[test]
 fn what_is_no_recording_is_said() {
-    let folder = TestFolder::new("bag-wrong");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join("a.db3");
     let tables = |text: &str| {
         let _ = fs::remove_file(&path);
@@ -160,7 +164,7 @@ fn what_is_no_recording_is_said() {
     assert!(tables("CREATE TABLE topics(id, name); CREATE TABLE messages(a)").contains("no such column"));
     fs::write(&path, "text").unwrap();
     assert!(wrong(&path).contains("neither an MCAP file nor a database"));
-    assert!(wrong(&folder).contains("neither an MCAP file nor a database"), "the only file of the folder");
+    assert!(wrong(folder).contains("neither an MCAP file nor a database"), "the only file of the folder");
     assert!(wrong(&folder.join("none")).contains("cannot be opened"));
     let packed = folder.join("a.mcap.zstd");
     fs::write(&packed, zstd::encode_all(&b"x"[..], 1).unwrap()).unwrap();
@@ -170,14 +174,15 @@ fn what_is_no_recording_is_said() {
 
 #[test]
 fn the_files_of_a_folder_follow_one_another_and_bad_ones_are_said() {
-    let folder = TestFolder::new("bag-files");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     for (name, times) in [("b_2.mcap", 10..15), ("b_10.mcap", 15..20)] {
         mcap_file(&folder.join(name), None, times);
     }
     fs::write(folder.join("b_3.mcap"), "").unwrap();
     let whole = fs::read(folder.join("b_10.mcap")).unwrap();
     fs::write(folder.join("b_11.mcap"), &whole[..whole.len() - 300]).unwrap();
-    let mut bag = Bag::open(&folder).unwrap();
+    let mut bag = Bag::open(folder).unwrap();
     assert_eq!(bag.first_ns(), Some(10));
     let times: Vec<u64> = read(&mut bag).into_iter().map(|(_, time, _)| time).collect();
     assert_eq!(times[..10], (10..20).collect::<Vec<_>>());
@@ -186,7 +191,7 @@ fn the_files_of_a_folder_follow_one_another_and_bad_ones_are_said() {
     assert!(said.iter().any(|sentence| sentence.starts_with("b_11.mcap: ")), "{said:?}");
 
     mcap_file(&folder.join("b_1.mcap"), Some(ABOUT), 1..2);
-    assert!(wrong(&folder).contains("recordings of Telltale, which do not follow one another"));
+    assert!(wrong(folder).contains("recordings of Telltale, which do not follow one another"));
     assert_eq!(
         Bag::open(&folder.join("b_1.mcap")).unwrap().single().map(|file| file.is_complete()),
         Some(true)
@@ -195,7 +200,8 @@ fn the_files_of_a_folder_follow_one_another_and_bad_ones_are_said() {
 
 #[test]
 fn files_that_are_gone_are_missing_where_they_were() {
-    let folder = TestFolder::new("bag-gone");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     for (name, times) in [("b_1.mcap", 10..12), ("b_4.mcap", 40..42)] {
         mcap_file(&folder.join(name), None, times);
     }
@@ -208,7 +214,7 @@ fn files_that_are_gone_are_missing_where_they_were() {
         [0, 1, 2, 3, 4].map(file).join(", ")
     );
     fs::write(folder.join("metadata.yaml"), metadata.replace("epoch: 0", "epoch: 1")).unwrap();
-    let mut bag = Bag::open(&folder).unwrap();
+    let mut bag = Bag::open(folder).unwrap();
     let all = |bag: &mut Bag| {
         let mut all = Vec::new();
         while let Some(entry) = bag.next_entry() {
@@ -232,7 +238,8 @@ fn files_that_are_gone_are_missing_where_they_were() {
 
 #[test]
 fn a_message_that_rosbag2_compressed_by_itself_is_read() {
-    let folder = TestFolder::new("bag-packed");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join("a.db3");
     database(&path, INDEX, &[]);
     let packed = zstd::encode_all(&[0, 1, 0, 0, 42][..], 1).unwrap();
@@ -247,12 +254,13 @@ fn a_message_that_rosbag2_compressed_by_itself_is_read() {
 
 #[test]
 fn one_can_go_back_to_any_place() {
-    let folder = TestFolder::new("bag-places");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     mcap_file(&folder.join("b_1.mcap"), None, 10..15);
     mcap_file(&folder.join("b_2.mcap"), None, 15..20);
     let rows = folder.join("rows.db3");
     database(&rows, INDEX, &[(1, 30), (2, 10), (1, 10), (1, 20), (1, 40)]);
-    for path in [&*folder, &rows] {
+    for path in [folder, &rows] {
         let whole = read(&mut Bag::open(path).unwrap());
         let mut bag = Bag::open(path).unwrap();
         let mut places = vec![bag.place()];
@@ -278,7 +286,8 @@ proptest::proptest! {
         is_indexed in proptest::prelude::any::<bool>(),
     ) {
         static SAMPLES: std::sync::LazyLock<[Vec<u8>; 2]> = std::sync::LazyLock::new(|| {
-            let folder = TestFolder::new("bag-sample");
+            let temporary = tempfile::tempdir().unwrap();
+            let folder = temporary.path();
             ["", INDEX].map(|index| {
                 let path = folder.join(format!("{}.db3", index.len()));
                 database(&path, &format!("{index}{DEFINITIONS}"), &[]);
@@ -290,7 +299,8 @@ proptest::proptest! {
                 fs::read(&path).unwrap()
             })
         });
-        let folder = TestFolder::new("bag-any");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let path = folder.join("any.db3");
         let mut bytes = SAMPLES[usize::from(is_indexed)].clone();
         for (at, value) in edits {

@@ -1,14 +1,14 @@
 use super::*;
 use crate::clock::Clock;
 use crate::engine::time::Span;
-use crate::store::{Breach, DemoSecrets, FILE_NAME, Head, TestFolder};
+use crate::store::{Breach, DemoSecrets, FILE_NAME, Head};
 
 /// A data folder with some records; the store that wrote them is closed.
-struct Folder(TestFolder);
+struct Folder(tempfile::TempDir);
 
 impl Folder {
-    async fn with_records(name: &str, count: u64) -> Folder {
-        let folder = Folder(TestFolder::new(&format!("audit-{name}")));
+    async fn with_records(count: u64) -> Folder {
+        let folder = Folder(tempfile::tempdir().unwrap());
         let store = folder.store();
         for number in 1..=count {
             let record = Record::of(Action::Login, "127.0.0.1").by("anna", Role::Operator);
@@ -19,11 +19,11 @@ impl Folder {
     }
 
     fn store(&self) -> Store {
-        Store::open(&self.0, Clock::start(), DemoSecrets::Refused).unwrap()
+        Store::open(self.0.path(), Clock::start(), DemoSecrets::Refused).unwrap()
     }
 
     fn database<T>(&self, use_it: impl FnOnce(&Connection) -> T) -> T {
-        let connection = Connection::open(self.0.join(FILE_NAME)).unwrap();
+        let connection = Connection::open(self.0.path().join(FILE_NAME)).unwrap();
         connection.busy_timeout(std::time::Duration::from_secs(5)).unwrap();
         use_it(&connection)
     }
@@ -33,11 +33,11 @@ impl Folder {
     }
 
     fn verdict(&self) -> Verdict {
-        verify_audit_in(&self.0, &[], None).unwrap()
+        verify_audit_in(self.0.path(), &[], None).unwrap()
     }
 
     fn key(&self) -> Key {
-        Key::read(&self.0.join(KEY_FILE_NAME)).unwrap().unwrap()
+        Key::read(&self.0.path().join(KEY_FILE_NAME)).unwrap().unwrap()
     }
 
     /// Rebuilds the chain with other people in it, without the key.
@@ -56,7 +56,7 @@ impl Folder {
     /// Writes the present end of the chain into the file beside the database.
     fn note(&self) {
         let head = self.database(|connection| Head::of(connection).unwrap());
-        std::fs::write(self.0.join(HEAD_FILE_NAME), head.to_string()).unwrap();
+        std::fs::write(self.0.path().join(HEAD_FILE_NAME), head.to_string()).unwrap();
     }
 
     fn breach(&self) -> Option<Breach> {
@@ -90,7 +90,7 @@ async fn the_verifier_names_the_first_record_that_was_tampered_with() {
         ),
     ];
     for (sql, expected) in cases {
-        let folder = Folder::with_records("tampered", 20).await;
+        let folder = Folder::with_records(20).await;
         folder.run(sql);
         let breach = folder.breach();
         assert_eq!(breach.as_ref().map(|breach| breach.number), expected, "{sql}: {breach:?}");
@@ -99,7 +99,7 @@ async fn the_verifier_names_the_first_record_that_was_tampered_with() {
 
 #[tokio::test]
 async fn a_log_that_was_cut_stays_found_out_when_it_goes_on() {
-    let folder = Folder::with_records("cut", 20).await;
+    let folder = Folder::with_records(20).await;
     folder.run("DELETE FROM audit WHERE number > 10");
     let store = folder.store();
     for _ in 0..30 {
@@ -112,12 +112,12 @@ async fn a_log_that_was_cut_stays_found_out_when_it_goes_on() {
 
 #[tokio::test]
 async fn a_head_that_was_noted_elsewhere_finds_a_chain_that_was_written_anew() {
-    let folder = Folder::with_records("elsewhere", 5).await;
+    let folder = Folder::with_records(5).await;
     let head = folder.verdict().head;
-    let verdict = verify_audit_in(&folder.0, &[Head::parse(&head.to_string()).unwrap()], None).unwrap();
+    let verdict = verify_audit_in(folder.0.path(), &[Head::parse(&head.to_string()).unwrap()], None).unwrap();
     assert_eq!((verdict.records, verdict.breach), (5, None));
-    let other = Folder::with_records("anew", 5).await;
-    let breach = verify_audit_in(&other.0, &[head], None).unwrap().breach.unwrap();
+    let other = Folder::with_records(5).await;
+    let breach = verify_audit_in(other.0.path(), &[head], None).unwrap().breach.unwrap();
     assert_eq!(breach.number, 5);
     for text in ["", "5", "5:", "x:00", &format!("5:{}", "0".repeat(63)), &format!("-1:{}", "0".repeat(64))] {
         assert_eq!(Head::parse(text), None, "{text}");
@@ -142,9 +142,9 @@ async fn the_store_itself_shows_and_verifies_its_log() {
 #[tokio::test]
 async fn the_oldest_records_are_taken_away_and_the_chain_still_holds() {
     const KEPT: u64 = 500;
-    let folder = Folder::with_records("pruned", 1).await;
+    let folder = Folder::with_records(1).await;
     let key = folder.key();
-    let mut connection = Connection::open(folder.0.join(FILE_NAME)).unwrap();
+    let mut connection = Connection::open(folder.0.path().join(FILE_NAME)).unwrap();
     let transaction = connection.transaction().unwrap();
     for _ in 0..3 * PRUNE_AT_ONCE {
         let (stop, wall) = (Record::of(Action::Stop, TELLTALE), SystemTime::UNIX_EPOCH);
@@ -175,8 +175,8 @@ async fn the_oldest_records_are_taken_away_and_the_chain_still_holds() {
 
 #[tokio::test]
 async fn a_head_that_cannot_be_read_is_not_called_missing() {
-    let folder = Folder::with_records("unreadable", 3).await;
-    let head = folder.0.join(HEAD_FILE_NAME);
+    let folder = Folder::with_records(3).await;
+    let head = folder.0.path().join(HEAD_FILE_NAME);
     let noted = std::fs::read(&head).unwrap();
     // Like a file of somebody else; tests may run as root.
     std::fs::remove_file(&head).unwrap();
@@ -185,11 +185,11 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
         assert!(error.contains(head.to_str().unwrap()) && error.contains("which cannot be read"), "{error}");
         assert!(error.contains("it belongs to the user") && error.contains("Give it to"), "{error}");
     };
-    names(Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string());
-    names(verify_audit_in(&folder.0, &[], None).unwrap_err().to_string());
+    names(Store::open(folder.0.path(), Clock::start(), DemoSecrets::Refused).unwrap_err().to_string());
+    names(verify_audit_in(folder.0.path(), &[], None).unwrap_err().to_string());
     // The display starts, says so, and writes nothing until it can.
     let (clock, hand) = Clock::with_hand();
-    let store = Store::open_or_read(&folder.0, clock, DemoSecrets::Refused).unwrap();
+    let store = Store::open_or_read(folder.0.path(), clock, DemoSecrets::Refused).unwrap();
     names(store.fault().borrow().as_deref().unwrap().to_owned());
     // In between it looked once more.
     for _ in 0..2 {
@@ -209,8 +209,8 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
 #[tokio::test]
 async fn a_file_that_holds_no_head_is_as_good_as_none() {
     for text in [b"".as_slice(), b"\xff\xfe", b"4:00\n"] {
-        let folder = Folder::with_records("none", 3).await;
-        std::fs::write(folder.0.join(HEAD_FILE_NAME), text).unwrap();
+        let folder = Folder::with_records(3).await;
+        std::fs::write(folder.0.path().join(HEAD_FILE_NAME), text).unwrap();
         folder.store().close().await;
         let verdict = folder.verdict();
         let breach = verdict.breach.map(|breach| breach.number);
@@ -226,7 +226,7 @@ async fn what_is_done_to_the_log_while_it_is_written_is_found_with_the_next_reco
         ("emptied", |folder| folder.run("DELETE FROM audit"), 1),
         ("rebuilt", |folder| folder.forge(10), 11),
         ("rebuilt and noted", |folder| (folder.forge(10), folder.note()).1, 11),
-        ("head removed", |folder| std::fs::remove_file(folder.0.join(HEAD_FILE_NAME)).unwrap(), 11),
+        ("head removed", |folder| std::fs::remove_file(folder.0.path().join(HEAD_FILE_NAME)).unwrap(), 11),
         (
             "went on without the key",
             |folder| {
@@ -240,7 +240,7 @@ async fn what_is_done_to_the_log_while_it_is_written_is_found_with_the_next_reco
         ),
     ];
     for (how, attack, expected) in attacks {
-        let folder = Folder::with_records("running", 10).await;
+        let folder = Folder::with_records(10).await;
         let store = folder.store();
         let record = || Record::of(Action::Stop, "127.0.0.1");
         // An ordinary record, and the head after it.
@@ -265,7 +265,7 @@ async fn what_is_done_to_the_log_while_it_is_written_is_found_with_the_next_reco
 
 #[tokio::test]
 async fn what_another_program_of_ours_writes_is_no_breach() {
-    let folder = Folder::with_records("beside", 3).await;
+    let folder = Folder::with_records(3).await;
     let [server, command] = [folder.store(), folder.store()];
     for _ in 0..3 {
         server.record_in_time(Record::of(Action::Stop, "127.0.0.1")).await;
@@ -280,9 +280,9 @@ async fn what_another_program_of_ours_writes_is_no_breach() {
 
 #[tokio::test]
 async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
-    let folder = Folder::with_records("anew", 10).await;
-    let copy = folder.0.join("copy of the key");
-    std::fs::copy(folder.0.join(KEY_FILE_NAME), &copy).unwrap();
+    let folder = Folder::with_records(10).await;
+    let copy = folder.0.path().join("copy of the key");
+    std::fs::copy(folder.0.path().join(KEY_FILE_NAME), &copy).unwrap();
     folder.forge(10);
     folder.note();
     let breach = folder.breach().unwrap();
@@ -292,8 +292,8 @@ async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
     assert_eq!(breach.number, 11, "{breach:?}");
     // Without the key nothing of it can be proven, and every later start says so.
     for gone in [true, false] {
-        let folder = Folder::with_records("keyless", 10).await;
-        let key = folder.0.join(KEY_FILE_NAME);
+        let folder = Folder::with_records(10).await;
+        let key = folder.0.path().join(KEY_FILE_NAME);
         match gone {
             true => std::fs::remove_file(&key).unwrap(),
             false => std::fs::write(&key, format!("{}\n", "ab".repeat(32))).unwrap(),
@@ -309,10 +309,10 @@ async fn a_chain_that_was_written_anew_while_nobody_served_needs_the_key() {
 
 #[tokio::test]
 async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
-    let folder = Folder::with_records("earlier", 5).await;
+    let folder = Folder::with_records(5).await;
     folder.forge(5);
     folder.run("DROP TABLE incidents; DROP TABLE incident_number; DROP TABLE devices; DROP TABLE audit_key; PRAGMA user_version = 4");
-    std::fs::remove_file(folder.0.join(KEY_FILE_NAME)).unwrap();
+    std::fs::remove_file(folder.0.path().join(KEY_FILE_NAME)).unwrap();
     folder.note();
     assert_eq!(folder.breach(), None, "it can be verified as before");
     let store = folder.store();
@@ -321,7 +321,7 @@ async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
     let verdict = folder.verdict();
     assert_eq!((verdict.records, verdict.breach), (7, None));
     let mode = std::os::unix::fs::PermissionsExt::mode(
-        &std::fs::metadata(folder.0.join(KEY_FILE_NAME)).unwrap().permissions(),
+        &std::fs::metadata(folder.0.path().join(KEY_FILE_NAME)).unwrap().permissions(),
     );
     assert_eq!(mode & 0o777, 0o600);
     folder.run("UPDATE audit SET who = 'anna' WHERE number = 2");
@@ -334,7 +334,7 @@ async fn the_log_of_an_earlier_version_is_kept_and_goes_on_with_a_key() {
 
 #[tokio::test]
 async fn a_breach_is_one_until_an_authority_acknowledges_it_and_another_is_another() {
-    let folder = Folder::with_records("acknowledged", 10).await;
+    let folder = Folder::with_records(10).await;
     let store = folder.store();
     store.add_user("carl", Role::Authority, "a long password").await.unwrap();
     store.add_user("dora", Role::Developer, "a long password").await.unwrap();
@@ -342,7 +342,7 @@ async fn a_breach_is_one_until_an_authority_acknowledges_it_and_another_is_anoth
     let dora = store.authenticate("dora", "a long password").await.unwrap().unwrap();
     assert_eq!(store.acknowledge_breaches(&carl, "nothing").await.unwrap(), 0);
     folder.run("UPDATE audit SET who = 'eve' WHERE number = 3; DELETE FROM audit WHERE number = 6");
-    std::fs::remove_file(folder.0.join(HEAD_FILE_NAME)).unwrap();
+    std::fs::remove_file(folder.0.path().join(HEAD_FILE_NAME)).unwrap();
     store.record_in_time(Record::of(Action::Stop, "127.0.0.1")).await;
     let refused = store.acknowledge_breaches(&dora, "mine").await.unwrap_err().to_string();
     assert!(refused.contains("dora is no authority"), "{refused}");
@@ -364,9 +364,9 @@ async fn a_breach_is_one_until_an_authority_acknowledges_it_and_another_is_anoth
 
 #[tokio::test]
 async fn what_a_process_left_behind_that_was_killed_is_removed() {
-    let folder = Folder::with_records("leftover", 3).await;
+    let folder = Folder::with_records(3).await;
     // No process has this number.
-    let (left, mine) = (folder.0.join("audit.head.4194305"), folder.0.join("audit.head.old"));
+    let (left, mine) = (folder.0.path().join("audit.head.4194305"), folder.0.path().join("audit.head.old"));
     for file in [&left, &mine] {
         std::fs::write(file, "3:").unwrap();
     }
@@ -376,7 +376,7 @@ async fn what_a_process_left_behind_that_was_killed_is_removed() {
 
 #[test]
 fn what_is_not_there_is_not_made() {
-    let folder = TestFolder::new("audit-none").join("none");
+    let folder = tempfile::tempdir().unwrap().path().join("none");
     let error = verify_audit_in(&folder, &[], None).unwrap_err().to_string();
     assert!(error.contains("there is no database") && error.contains("--data"), "{error}");
     assert!(!folder.exists());
@@ -384,8 +384,8 @@ fn what_is_not_there_is_not_made() {
 
 #[tokio::test]
 async fn an_older_database_with_its_head_is_found_with_a_head_from_elsewhere_alone() {
-    let folder = Folder::with_records("older", 5).await;
-    let files = [FILE_NAME, HEAD_FILE_NAME].map(|name| folder.0.join(name));
+    let folder = Folder::with_records(5).await;
+    let files = [FILE_NAME, HEAD_FILE_NAME].map(|name| folder.0.path().join(name));
     let old = files.each_ref().map(|file| std::fs::read(file).unwrap());
     let store = folder.store();
     store.record_in_time(Record::of(Action::UserRemoved, COMMAND_LINE).on("olga")).await;
@@ -397,6 +397,6 @@ async fn an_older_database_with_its_head_is_found_with_a_head_from_elsewhere_alo
     assert_eq!(folder.breach(), None, "nothing in the folder shows it");
     folder.store().close().await;
     assert_eq!(folder.breach(), None);
-    let breach = verify_audit_in(&folder.0, &[head], None).unwrap().breach.unwrap();
+    let breach = verify_audit_in(folder.0.path(), &[head], None).unwrap().breach.unwrap();
     assert_eq!(breach.number, 6, "{breach:?}");
 }

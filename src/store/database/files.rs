@@ -164,14 +164,13 @@ fn size(path: &Path) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::TestFolder;
 
     /// A data folder with the files of a database.
-    struct Files(TestFolder);
+    struct Files(tempfile::TempDir);
 
     impl Files {
-        fn new(name: &str) -> Files {
-            let files = Files(TestFolder::new(&format!("files-{name}")));
+        fn new() -> Files {
+            let files = Files(tempfile::tempdir().unwrap());
             files.write("", &[DATABASE_STARTS_WITH.as_slice(), &[0; 100]].concat());
             files.write("-wal", &[&[0x37, 0x7f, 0x06, 0x83], [0; 100].as_slice()].concat());
             files.write("-shm", &[0; 100]);
@@ -179,7 +178,7 @@ mod tests {
         }
 
         fn path(&self, suffix: &str) -> PathBuf {
-            self.0.join(format!("{FILE_NAME}{suffix}"))
+            self.0.path().join(format!("{FILE_NAME}{suffix}"))
         }
 
         fn write(&self, suffix: &str, bytes: &[u8]) {
@@ -194,10 +193,10 @@ mod tests {
     #[test]
     fn a_file_that_is_gone_or_another_one_is_told() {
         for suffix in ["", "-wal", "-shm"] {
-            let folder = Files::new(&format!("gone{suffix}"));
-            let files = OpenFiles::new(&folder.0);
+            let folder = Files::new();
+            let files = OpenFiles::new(folder.0.path());
             assert_eq!(files.check_files(false), Ok(()));
-            let (path, kept) = (folder.path(suffix), folder.0.join("kept"));
+            let (path, kept) = (folder.path(suffix), folder.0.path().join("kept"));
             std::fs::rename(&path, &kept).unwrap();
             assert!(fault(&files).contains("was removed or replaced"), "{suffix}");
             assert_eq!(files.can_be_saved(), !suffix.is_empty(), "{suffix}");
@@ -212,8 +211,8 @@ mod tests {
 
     #[test]
     fn a_file_that_is_overwritten_or_cut_is_told() {
-        let folder = Files::new("overwritten");
-        let mut files = OpenFiles::new(&folder.0);
+        let folder = Files::new();
+        let mut files = OpenFiles::new(folder.0.path());
         for (suffix, good) in [("", DATABASE_STARTS_WITH.as_slice()), ("-wal", &[0x37, 0x7f, 0x06, 0x82])] {
             folder.write(suffix, &[b'x'; 100]);
             assert!(fault(&files).contains("was overwritten") && !files.can_be_saved(), "{suffix}");

@@ -338,19 +338,20 @@ fn migrate(connection: &mut Connection, path: &Path, trace: Option<&str>) -> Res
 mod tests {
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, Role, Store, TestFolder};
+    use crate::store::{DemoSecrets, Role, Store};
 
     #[tokio::test]
     async fn users_sessions_and_the_operator_in_charge_outlive_a_restart() {
-        let folder = TestFolder::new("schema-restart");
-        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
         let (token, before) = store.open_session(&user).await.unwrap();
         store.put_in_charge("anna").await.unwrap();
         drop(store);
 
-        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         let session = store.session(&token).unwrap();
         assert_eq!((&*session.user, session.role), ("anna", Role::Operator));
         assert!(session.expires <= before.expires, "a restart makes no session longer");
@@ -366,13 +367,14 @@ mod tests {
 
     #[tokio::test]
     async fn a_database_that_cannot_be_written_is_read_until_it_can() {
-        let folder = TestFolder::new("schema-reading # 100%");
-        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
         let (token, _) = store.open_session(&user).await.unwrap();
         store.put_in_charge("anna").await.unwrap();
-        let reading = Store::read(&folder, "no room", Clock::start(), DemoSecrets::Refused).unwrap();
+        let reading = Store::read(folder, "no room", Clock::start(), DemoSecrets::Refused).unwrap();
         assert_eq!(reading.fault().borrow().as_deref(), Some("no room"));
         assert!(reading.session(&token).is_some());
         assert_eq!(reading.operator_in_charge().await.unwrap().as_deref(), Some("anna"));
@@ -384,9 +386,10 @@ mod tests {
 
     #[test]
     fn a_folder_or_file_that_cannot_be_used_says_which_and_what_to_do() {
-        let folder = TestFolder::new("schema-wrong");
-        let open = || Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
-        drop(super::open(&folder).unwrap());
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let open = || Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        drop(super::open(folder).unwrap());
         let path = folder.join(FILE_NAME);
         let newer = Connection::open(&path).unwrap();
         newer.pragma_update(None, "user_version", MIGRATIONS.len() as u32 + 1).unwrap();

@@ -50,7 +50,7 @@ mod tests {
     use super::*;
     use crate::clock::Clock;
     use crate::store::audit::{Action, Record, TELLTALE};
-    use crate::store::{DemoSecrets, Role, TestFolder};
+    use crate::store::{DemoSecrets, Role};
 
     const DAY: Duration = Duration::from_secs(24 * 3600);
 
@@ -60,21 +60,22 @@ mod tests {
 
     #[tokio::test]
     async fn what_has_expired_stays_so_when_the_clock_starts_too_early_and_people_log_in() {
-        let folder = TestFolder::new("floor");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let today = earliest() + 200 * DAY;
-        let store = open(&folder, today);
+        let store = open(folder, today);
         store.add_user("dora", Role::Developer, "correct horse battery").await.unwrap();
         let token = store.add_token("dora", "", 30).await.unwrap();
         let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
         let (session, _) = store.open_session(&user).await.unwrap();
         store.close().await;
-        let store = open(&folder, today + 40 * DAY);
+        let store = open(folder, today + 40 * DAY);
         assert!(store.session(&token).is_none(), "its 30 days are over");
         store.record_in_time(Record::of(Action::Start, TELLTALE)).await;
         store.close().await;
 
         for wrong in [UNIX_EPOCH, earliest() - DAY, today, today + 20 * DAY] {
-            let store = open(&folder, wrong);
+            let store = open(folder, wrong);
             assert!(store.session(&token).is_none(), "{wrong:?}");
             let over = store.session(&session).is_none_or(|it| it.expires <= store.clock.now());
             assert!(over, "{wrong:?}: a session of forty days ago");
@@ -82,7 +83,7 @@ mod tests {
             let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
             let (fresh, _) = store.open_session(&user).await.unwrap();
             store.close().await;
-            let store = open(&folder, wrong);
+            let store = open(folder, wrong);
             assert!(
                 store.session(&fresh).is_some_and(|it| it.expires > store.clock.now()),
                 "{wrong:?}: a new one"
@@ -91,14 +92,14 @@ mod tests {
         }
 
         // A start fifty years ahead keeps nobody out once the clock is right again.
-        let store = open(&folder, today + 50 * 365 * DAY);
+        let store = open(folder, today + 50 * 365 * DAY);
         store.record_in_time(Record::of(Action::Start, TELLTALE)).await;
         store.close().await;
-        let store = open(&folder, today + 41 * DAY);
+        let store = open(folder, today + 41 * DAY);
         assert!(store.floor() < today + 50 * DAY, "{:?}", store.floor());
         let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
         let (fresh, _) = store.open_session(&user).await.unwrap();
         store.close().await;
-        assert!(open(&folder, today + 41 * DAY).session(&fresh).is_some());
+        assert!(open(folder, today + 41 * DAY).session(&fresh).is_some());
     }
 }

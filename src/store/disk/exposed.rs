@@ -62,11 +62,11 @@ mod tests {
     use std::os::unix::fs::symlink;
 
     use super::*;
-    use crate::store::TestFolder;
 
     #[test]
     fn what_everybody_can_read_or_change_is_named_with_its_remedy() {
-        let root = TestFolder::new("exposed");
+        let temporary = tempfile::tempdir().unwrap();
+        let root = temporary.path();
         let (folder, elsewhere) = (root.join("data"), root.join("key.pem"));
         fs::create_dir_all(folder.join("backups")).unwrap();
         let set =

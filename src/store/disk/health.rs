@@ -272,7 +272,7 @@ mod tests {
 
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, FILE_NAME, Role, TestFolder};
+    use crate::store::{DemoSecrets, FILE_NAME, Role};
 
     async fn probe(store: &Store) -> Option<String> {
         let probe = |database: &mut Database| {
@@ -295,15 +295,16 @@ mod tests {
 
     #[tokio::test]
     async fn no_probe_and_no_second_start_gives_up_the_lock_of_the_database() {
-        let folder = TestFolder::new("health-lock");
-        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         let path = folder.join(FILE_NAME);
         for _ in 0..3 {
             assert_eq!(probe(&store).await, None);
             assert!(locks(&path) > 0, "another program may delete the log now");
         }
         crate::store::private_file::make_private_file(&path).unwrap();
-        let other = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let other = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         assert_eq!(probe(&other).await, None);
         other.close().await;
         assert!(locks(&path) > 0, "the first is still open");
@@ -314,15 +315,16 @@ mod tests {
 
     #[tokio::test]
     async fn a_log_without_a_name_is_saved_whole_although_the_database_is_being_read() {
-        let folder = TestFolder::new("health-read");
-        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         let reader = Connection::open(folder.join(FILE_NAME)).unwrap();
         reader.execute_batch("BEGIN; SELECT 1 FROM users LIMIT 1").unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let log = folder.join(format!("{FILE_NAME}-wal"));
         std::fs::remove_file(&log).unwrap();
         // A program that opens the database only to read it leaves an empty log there.
-        drop(schema::read_only(&folder));
+        drop(schema::read_only(folder));
         assert_eq!(std::fs::metadata(&log).unwrap().len(), 0);
         let (refused, ()) = tokio::join!(store.add_user("bert", Role::Operator, "135791"), async {
             tokio::time::sleep(Duration::from_millis(200)).await;
@@ -340,8 +342,9 @@ mod tests {
     #[tokio::test]
     async fn what_is_written_into_files_without_a_name_is_not_acknowledged() {
         for suffix in ["-wal", "-shm"] {
-            let folder = TestFolder::new(&format!("health-nameless{suffix}"));
-            let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+            let temporary = tempfile::tempdir().unwrap();
+            let folder = temporary.path();
+            let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
             store.add_user("anna", Role::Operator, "135791").await.unwrap();
             std::fs::remove_file(folder.join(format!("{FILE_NAME}{suffix}"))).unwrap();
             let refused = store.add_user("bert", Role::Operator, "135791").await;
@@ -349,12 +352,13 @@ mod tests {
             let said = store.fault.borrow().clone().expect("at once, not at the next probe");
             assert!(said.contains("removed or replaced") && said.contains("restart"), "{said}");
             // Opens the database file without its log, as a restart after a loss of power does.
-            let copy = TestFolder::new(&format!("health-copy{suffix}"));
+            let temporary = tempfile::tempdir().unwrap();
+            let copy = temporary.path();
             let taken = std::process::Command::new("cp")
                 .args([folder.join(FILE_NAME), copy.join(FILE_NAME)])
                 .status();
             assert!(taken.unwrap().success());
-            let copied = Store::open(&copy, Clock::start(), DemoSecrets::Refused).unwrap();
+            let copied = Store::open(copy, Clock::start(), DemoSecrets::Refused).unwrap();
             let names: Vec<_> = copied.users().await.unwrap().into_iter().map(|user| user.name).collect();
             assert_eq!(names, ["anna"], "what was acknowledged is in the database itself, before it is said");
             assert_eq!(probe(&store).await.as_deref(), Some(&*said));
@@ -363,8 +367,9 @@ mod tests {
 
     #[tokio::test]
     async fn a_damaged_database_is_a_fault_until_it_is_whole() {
-        let folder = TestFolder::new("health-damaged");
-        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         let damage = || {
             let code = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_CORRUPT);
             Err::<(), _>(StoreError::Database(rusqlite::Error::SqliteFailure(code, None)))

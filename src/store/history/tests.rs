@@ -7,7 +7,6 @@ use crate::engine::model::Stage;
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
 use crate::engine::view::record::Recorded;
-use crate::store::TestFolder;
 
 /// The wall clock at the start of the tests' time.
 const START_MS: i64 = 1_000_000;
@@ -176,14 +175,15 @@ async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
     assert_eq!(disk.past(&[], 0, 20).events, [(START_MS + 10, PastEvent::Lost(1))]);
     assert_eq!(disk.stretches("a", 0, 20), [(10, 20, State::Error)]);
 
-    let folder = TestFolder::new("history");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     std::fs::write(folder.join(HISTORY_FILE), [b'x'; 4096]).unwrap();
-    assert!(history_damage(&folder).is_some());
-    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+    assert!(history_damage(folder).is_some());
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
     drop(queue);
     history.written().await;
-    assert_eq!(history_damage(&folder), None, "another one begins beside it");
-    let kept: Vec<_> = std::fs::read_dir(&*folder).unwrap().map(|it| it.unwrap().path()).collect();
+    assert_eq!(history_damage(folder), None, "another one begins beside it");
+    let kept: Vec<_> = std::fs::read_dir(folder).unwrap().map(|it| it.unwrap().path()).collect();
     let kept = kept.iter().find(|it| it.is_dir()).expect("the old one is kept").join(HISTORY_FILE);
     assert_eq!(std::fs::read(kept).unwrap(), [b'x'; 4096]);
 }
@@ -252,7 +252,8 @@ fn a_long_message_is_cut_between_letters() {
 
 #[test]
 fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
-    let folder = TestFolder::new("history-before");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join(HISTORY_FILE);
     Connection::open(&path).unwrap().execute_batch(WITHOUT_WORDS).unwrap();
     let nodes = vec!["a".to_owned()];
@@ -260,7 +261,7 @@ fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
 
     // Read beside its writer, the file does not change.
     let before = std::fs::read(&path).unwrap();
-    let past = past_in(&folder, &query).unwrap();
+    let past = past_in(folder, &query).unwrap();
     assert_eq!((past.nodes[0].stretches.len(), words(&past)), (1, vec![None]));
     assert_eq!(std::fs::read(&path).unwrap(), before);
 
@@ -274,15 +275,16 @@ fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
     let wall = UNIX_EPOCH + Duration::from_millis(START_MS as u64 + 5000);
     let batch = [Record { at, what: said("a", State::Error, "no picture", None) }];
     writer.write(&mut connection, &batch, (wall, at)).unwrap();
-    let past = past_in(&folder, &query).unwrap();
+    let past = past_in(folder, &query).unwrap();
     assert_eq!(words(&past), [None, Some("no picture".to_owned())]);
 }
 
 #[tokio::test]
 async fn a_long_look_into_the_past_keeps_nothing_from_being_recorded() {
-    let folder = TestFolder::new("history-beside");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let clock = Clock::start();
-    let (history, queue) = History::open(&folder, clock).unwrap();
+    let (history, queue) = History::open(folder, clock).unwrap();
     let (began, begins) = std::sync::mpsc::channel();
     let (end, ends) = std::sync::mpsc::channel::<()>();
     let reader = history.reader.clone();
@@ -314,9 +316,10 @@ async fn a_long_look_into_the_past_keeps_nothing_from_being_recorded() {
 
 #[tokio::test]
 async fn all_that_came_through_the_queue_is_written_before_the_end() {
-    let folder = TestFolder::new("history-end");
-    std::fs::create_dir_all(&*folder).unwrap();
-    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    std::fs::create_dir_all(folder).unwrap();
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
     let record = |ms| Record { at: Timestamp::from_millis(ms), what: Recorded::Stage(Stage::Standby) };
     for ms in 1..=3 {
         queue.send(vec![record(ms)]).unwrap();
@@ -330,9 +333,10 @@ async fn all_that_came_through_the_queue_is_written_before_the_end() {
 }
 
 /// A history with this many records, in a file.
-async fn with_records(name: &str, count: u64) -> TestFolder {
-    let folder = TestFolder::new(name);
-    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+async fn with_records(count: u64) -> tempfile::TempDir {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
     let record = |number| Record {
         at: Timestamp::from_millis(number),
         what: shown("pump", if number % 2 == 0 { State::Ok } else { State::Error }, None),
@@ -340,25 +344,27 @@ async fn with_records(name: &str, count: u64) -> TestFolder {
     queue.send((0..count).map(record).collect()).unwrap();
     drop(queue);
     history.written().await;
-    folder
+    temporary
 }
 
 #[tokio::test]
 async fn records_that_somebody_removed_are_missed() {
-    let folder = with_records("history-removed", 1000).await;
-    assert_eq!(history_damage(&folder), None);
+    let temporary = with_records(1000).await;
+    let folder = temporary.path();
+    assert_eq!(history_damage(folder), None);
     let beside = Connection::open(folder.join(HISTORY_FILE)).unwrap();
     beside.execute("DELETE FROM records WHERE id % 2 = 0", []).unwrap();
     drop(beside);
-    assert_eq!(history_damage(&folder).as_deref(), Some("500 of its records were removed"));
-    let saved = repair_history(&folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is not whole");
-    assert_eq!((saved.records, history_damage(&folder)), (500, None));
-    assert_eq!(repair_history(&folder, SystemTime::UNIX_EPOCH).unwrap(), None);
+    assert_eq!(history_damage(folder).as_deref(), Some("500 of its records were removed"));
+    let saved = repair_history(folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is not whole");
+    assert_eq!((saved.records, history_damage(folder)), (500, None));
+    assert_eq!(repair_history(folder, SystemTime::UNIX_EPOCH).unwrap(), None);
 }
 
 #[tokio::test]
 async fn a_history_with_zeroed_pages_is_repaired_or_begun_anew_while_it_is_written() {
-    let folder = with_records("history-zeroed", 5000).await;
+    let temporary = with_records(5000).await;
+    let folder = temporary.path();
     let path = folder.join(HISTORY_FILE);
     let beside = Connection::open(&path).unwrap();
     beside.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(())).unwrap();
@@ -370,18 +376,18 @@ async fn a_history_with_zeroed_pages_is_repaired_or_begun_anew_while_it_is_writt
     let pages = bytes.len() / 4096;
     bytes[4096 * pages / 2..].fill(0);
     std::fs::write(&path, &bytes).unwrap();
-    assert!(history_damage(&folder).is_some());
+    assert!(history_damage(folder).is_some());
     // What fails while it is written begins another one, which is then whole.
-    let (history, queue) = History::open(&folder, Clock::start()).unwrap();
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
     for _ in 0..3 {
         queue.send(vec![Record { at: Timestamp::ZERO, what: shown("fan", State::Error, None) }]).unwrap();
     }
     drop(queue);
     history.written().await;
     drop(history);
-    if let Some(damage) = history_damage(&folder) {
+    if let Some(damage) = history_damage(folder) {
         assert!(!damage.is_empty());
-        repair_history(&folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is damaged");
-        assert_eq!(history_damage(&folder), None);
+        repair_history(folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is damaged");
+        assert_eq!(history_damage(folder), None);
     }
 }

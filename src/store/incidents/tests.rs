@@ -9,9 +9,7 @@ use crate::clock::Clock;
 use crate::record::folder::file_name;
 use crate::record::summary::{FrozenNode, Recording, TriggerLine, kind};
 use crate::store::audit::{Action, COMMAND_LINE, Record, verify_audit_in};
-use crate::store::{
-    DemoSecrets, FILE_NAME, Role, Store, StoreError, TestFolder, check_data, repair, restore,
-};
+use crate::store::{DemoSecrets, FILE_NAME, Role, Store, StoreError, check_data, repair, restore};
 
 fn line(kind: &str, what: &str, alarm: Option<u64>) -> TriggerLine {
     TriggerLine { at_ms: 1000, kind: kind.to_owned(), what: what.to_owned(), alarm, note: String::new() }
@@ -49,8 +47,9 @@ async fn ids(store: &Store, filter: IncidentFilter) -> Vec<u64> {
 
 #[tokio::test]
 async fn a_number_is_never_used_twice() {
-    let folder = TestFolder::new("incident-numbers");
-    let store = open(&folder);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let store = open(folder);
     assert_eq!(store.next_incident_number(0).await.unwrap(), 1);
     assert_eq!(store.next_incident_number(0).await.unwrap(), 2, "also if nothing was recorded with it");
     let three = finished(summary(3, Vec::new()));
@@ -58,7 +57,7 @@ async fn a_number_is_never_used_twice() {
     assert_eq!(store.next_incident_number(2).await.unwrap(), 4);
     assert_eq!(store.forget_incidents(vec![3], by_hand(Action::IncidentRemoved)).await.unwrap()[0].id, 3);
     store.close().await;
-    let store = open(&folder);
+    let store = open(folder);
     assert_eq!(store.next_incident_number(0).await.unwrap(), 5, "after a restart and pruning");
     let later = finished(summary(9, Vec::new()));
     store.incident_finished(&later).await.unwrap();
@@ -226,13 +225,14 @@ async fn too_many_incidents_are_told_and_those_that_are_known_go_on() {
 
 #[tokio::test]
 async fn a_data_folder_is_read_beside_a_server_and_the_audit_log_proves_each_hash() {
-    let folder = TestFolder::new("incident-reading");
-    let store = open(&folder);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let store = open(folder);
     for id in [1, 2] {
         store.incident_finished(&finished(summary(id, Vec::new()))).await.unwrap();
     }
     store.forget_incidents(vec![1], by_hand(Action::IncidentRemoved)).await.unwrap();
-    let incidents = Incidents::open(&folder).unwrap();
+    let incidents = Incidents::open(folder).unwrap();
     assert_eq!(incidents.list(&IncidentFilter::default()).unwrap().len(), 1);
     assert_eq!(incidents.one(2).unwrap().unwrap().summary.id, 2);
     assert_eq!(incidents.held().unwrap().len(), 1);
@@ -240,18 +240,18 @@ async fn a_data_folder_is_read_beside_a_server_and_the_audit_log_proves_each_has
     assert_eq!((records.hashes[&2].clone(), records.removed), (format!("{:064x}", 2), vec![1]));
     drop(incidents);
     store.close().await;
-    assert_eq!(verify_audit_in(&folder, &[], None).unwrap().breach, None);
+    assert_eq!(verify_audit_in(folder, &[], None).unwrap().breach, None);
     // A database of an earlier version has none.
     let earlier = Connection::open(folder.join(FILE_NAME)).unwrap();
     earlier
         .execute_batch("DROP TABLE incidents; DROP TABLE incident_number; PRAGMA user_version = 6")
         .unwrap();
     drop(earlier);
-    let incidents = Incidents::open(&folder).unwrap();
+    let incidents = Incidents::open(folder).unwrap();
     assert_eq!(incidents.list(&IncidentFilter::default()).unwrap(), []);
     assert_eq!(incidents.one(2).unwrap(), None);
     drop(incidents);
-    let store = open(&folder);
+    let store = open(folder);
     store.incident_opened(&summary(3, Vec::new())).await.unwrap();
     assert_eq!(ids(&store, IncidentFilter::default()).await, [3], "it is migrated");
 }
@@ -261,8 +261,9 @@ type Forgery = (&'static str, Option<&'static str>);
 
 #[tokio::test]
 async fn the_audit_log_proves_what_the_database_says_of_an_incident() {
-    let folder = TestFolder::new("incident-forged");
-    let store = open(&folder);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let store = open(folder);
     let marked =
         || finished(summary(1, vec![line(kind::ROOT, "a/b", Some(4)), line(kind::MARK, "anna", None)]));
     store.incident_finished(&marked()).await.unwrap();
@@ -298,16 +299,17 @@ async fn the_audit_log_proves_what_the_database_says_of_an_incident() {
 
 #[tokio::test]
 async fn incidents_outlive_a_repair_and_a_backup_and_are_listed_while_the_database_is_damaged() {
-    let folder = TestFolder::new("incident-repair");
-    let store = open(&folder);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let store = open(folder);
     store.add_user("anna", Role::Operator, "135791").await.unwrap();
     store.incident_finished(&finished(summary(1, Vec::new()))).await.unwrap();
     assert_eq!(store.next_incident_number(1).await.unwrap(), 2);
     store.close().await;
-    let backup = crate::store::database::backup::make(&folder, std::time::UNIX_EPOCH).unwrap();
-    damage(&folder);
-    assert!(check_data(&folder).unwrap().damage.is_some());
-    let serving = Store::open_or_read(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+    let backup = crate::store::database::backup::make(folder, std::time::UNIX_EPOCH).unwrap();
+    damage(folder);
+    assert!(check_data(folder).unwrap().damage.is_some());
+    let serving = Store::open_or_read(folder, Clock::start(), DemoSecrets::Refused).unwrap();
     assert!(serving.fault().borrow().is_some());
     assert_eq!(ids(&serving, IncidentFilter::default()).await, [1]);
     let next = serving.next_incident_number(1).await.unwrap();
@@ -318,13 +320,13 @@ async fn incidents_outlive_a_repair_and_a_backup_and_are_listed_while_the_databa
     let refused = serving.forget_incidents(vec![1], by_hand(Action::IncidentRemoved)).await;
     assert!(refused.is_err(), "nothing is removed without its record");
     drop(serving);
-    aside(|| repair(&folder, Clock::start()).unwrap());
-    let repaired = open(&folder);
+    aside(|| repair(folder, Clock::start()).unwrap());
+    let repaired = open(folder);
     assert_eq!(ids(&repaired, IncidentFilter::default()).await, [1]);
     assert_eq!(repaired.next_incident_number(3).await.unwrap(), 4);
     repaired.close().await;
-    aside(|| restore(&folder, Some(&backup), Clock::start()).unwrap());
-    let restored = open(&folder);
+    aside(|| restore(folder, Some(&backup), Clock::start()).unwrap());
+    let restored = open(folder);
     assert_eq!(ids(&restored, IncidentFilter::default()).await, [1]);
 }
 

@@ -63,19 +63,20 @@ impl Database {
 mod tests {
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, Role, TestFolder};
+    use crate::store::{DemoSecrets, Role};
 
     #[tokio::test]
     async fn the_server_alone_notes_what_it_has_taken_in() {
-        let folder = TestFolder::new("noticed");
-        let command = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let command = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         command.add_user("dora", Role::Developer, "a long password").await.unwrap();
         let first = command.last_user_change().await.unwrap();
-        let other = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let other = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         other.call(Database::notice_foreign_changes).await.unwrap();
         assert!(!command.is_taken_in(first).await.unwrap(), "nobody serves");
 
-        let server = Store::open_or_read(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let server = Store::open_or_read(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         assert!(command.is_taken_in(first).await.unwrap(), "it has read all of it at its start");
         let user = server.authenticate("dora", "a long password").await.unwrap().unwrap();
         let (token, _) = server.open_session(&user).await.unwrap();

@@ -85,11 +85,11 @@ mod tests {
     use tracing_subscriber::layer::SubscriberExt as _;
 
     use super::*;
-    use crate::store::TestFolder;
 
     #[test]
     fn an_entry_has_its_message_its_priority_and_its_fields() {
-        let folder = TestFolder::new("journal");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
         let path = folder.join("socket");
         let journal = UnixDatagram::bind(&path).unwrap();
         let socket = Socket::at(path.to_str().unwrap()).unwrap();

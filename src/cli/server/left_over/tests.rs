@@ -11,23 +11,23 @@ use crate::record::file::{IncidentFile, TRANSITIONS, check};
 use crate::record::folder::{file_name, folder_in};
 use crate::record::retention::{Policy, surplus};
 use crate::record::summary::Recording;
-use crate::store::{DemoSecrets, Incident, IncidentFilter, Note, TestFolder};
+use crate::store::{DemoSecrets, Incident, IncidentFilter, Note};
 
 struct Place {
-    data: TestFolder,
+    data: tempfile::TempDir,
     folder: PathBuf,
 }
 
 impl Place {
-    fn new(name: &str) -> Place {
-        let data = TestFolder::new(name);
-        let folder = folder_in(&data);
+    fn new() -> Place {
+        let data = tempfile::tempdir().unwrap();
+        let folder = folder_in(data.path());
         std::fs::create_dir_all(&folder).unwrap();
         Place { data, folder }
     }
 
     fn store(&self) -> Store {
-        Store::open(&self.data, Clock::start(), DemoSecrets::Refused).unwrap()
+        Store::open(self.data.path(), Clock::start(), DemoSecrets::Refused).unwrap()
     }
 
     fn path(&self, id: u64) -> PathBuf {
@@ -67,7 +67,7 @@ async fn told(store: &Store) -> Vec<(String, String)> {
 
 #[tokio::test]
 async fn a_recording_that_the_store_lost_is_listed_counted_and_removed_again() {
-    let place = Place::new("left-over-lost");
+    let place = Place::new();
     place.record(3, true);
     let note = Note { text: "brake squeals".into(), by: "dora".into(), at_ms: 5 };
     let said = Beside { note: Some(note.clone()), kept: Some(true) };
@@ -119,7 +119,7 @@ async fn a_recording_that_the_store_lost_is_listed_counted_and_removed_again() {
 
 #[tokio::test]
 async fn a_file_that_is_not_as_the_audit_log_says_is_left_as_it_is() {
-    let place = Place::new("left-over-forged");
+    let place = Place::new();
     let store = place.store();
     for id in [1, 2] {
         place.record(id, true);
@@ -146,7 +146,7 @@ async fn a_file_that_is_not_as_the_audit_log_says_is_left_as_it_is() {
 
 #[tokio::test]
 async fn a_changed_row_is_not_recorded_anew_and_neither_is_its_file() {
-    let place = Place::new("left-over-changed");
+    let place = Place::new();
     let store = place.store();
     place.record(1, true);
     let (bytes, hash) = complete(&place.path(1)).unwrap();
@@ -176,7 +176,7 @@ async fn a_changed_row_is_not_recorded_anew_and_neither_is_its_file() {
 
 #[tokio::test]
 async fn what_lies_beside_a_known_recording_is_taken_as_the_log_has_it() {
-    let place = Place::new("left-over-beside");
+    let place = Place::new();
     let store = place.store();
     place.record(1, true);
     place.start(&store).await;
@@ -184,7 +184,7 @@ async fn what_lies_beside_a_known_recording_is_taken_as_the_log_has_it() {
     let forged = Note { text: "it was fine".into(), by: "dora".into(), at_ms: 5 };
     beside::write(&place.folder, 1, &Beside { note: Some(forged), kept: Some(false) }).unwrap();
     store.close().await;
-    let database = rusqlite::Connection::open(place.data.join(crate::store::FILE_NAME)).unwrap();
+    let database = rusqlite::Connection::open(place.data.path().join(crate::store::FILE_NAME)).unwrap();
     database.execute("DELETE FROM incidents", []).unwrap();
     drop(database);
     let store = place.store();
@@ -195,7 +195,7 @@ async fn what_lies_beside_a_known_recording_is_taken_as_the_log_has_it() {
 
 #[tokio::test]
 async fn an_empty_file_that_a_record_names_stays() {
-    let place = Place::new("left-over-emptied");
+    let place = Place::new();
     let store = place.store();
     let recording = Recording { file: file_name(1), finished: true, ..Recording::default() };
     let summary = Summary { id: 1, recording, ..Summary::default() };
@@ -213,7 +213,7 @@ async fn an_empty_file_that_a_record_names_stays() {
 
 #[tokio::test]
 async fn a_file_that_cannot_be_completed_is_an_interrupted_incident() {
-    let place = Place::new("left-over-damaged");
+    let place = Place::new();
     let store = place.store();
     let recording = Recording { file: file_name(4), ..Recording::default() };
     store.incident_opened(&Summary { id: 4, recording, ..Summary::default() }).await.unwrap();
@@ -228,12 +228,12 @@ async fn a_file_that_cannot_be_completed_is_an_interrupted_incident() {
 
 #[tokio::test]
 async fn a_recording_that_is_gone_is_told_once_and_taken_when_it_is_back() {
-    let place = Place::new("left-over-gone");
+    let place = Place::new();
     let store = place.store();
     let recording = Recording { file: file_name(4), bytes: 100, ..Recording::default() };
     let summary = Summary { id: 4, since_ms: 7, stage: "active".into(), recording, ..Summary::default() };
     store.incident_opened(&summary).await.unwrap();
-    make_whole(&store, &place.data.join("another folder"), &Policy::default(), |_| false).await;
+    make_whole(&store, &place.data.path().join("another folder"), &Policy::default(), |_| false).await;
     assert!(known(&store).await[0].1.is_open(), "an unreadable folder says nothing");
     for _ in 0..2 {
         place.start(&store).await;

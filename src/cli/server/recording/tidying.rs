@@ -226,15 +226,16 @@ mod tests {
     use super::*;
     use crate::record::summary;
     use crate::record::writer::hash_file;
-    use crate::store::{DemoSecrets, TestFolder};
+    use crate::store::DemoSecrets;
 
     #[tokio::test]
     async fn old_recordings_are_removed_but_not_those_that_were_changed() {
-        let data = TestFolder::new("recording-changed");
-        let folder = folder::folder_in(&data);
+        let temporary = tempfile::tempdir().unwrap();
+        let data = temporary.path();
+        let folder = folder::folder_in(data);
         std::fs::create_dir_all(&folder).unwrap();
         let clock = Clock::start();
-        let store = Store::open(&data, clock, DemoSecrets::Refused).unwrap();
+        let store = Store::open(data, clock, DemoSecrets::Refused).unwrap();
         for id in [1, 2, 3] {
             let path = folder.join(folder::file_name(id));
             std::fs::write(&path, "recorded").unwrap();
@@ -290,8 +291,9 @@ mod tests {
 
     #[tokio::test]
     async fn room_is_made_also_where_the_database_takes_nothing_and_recorded_when_it_does() {
-        let data = TestFolder::new("recording-no-record");
-        let (store, folder, clock) = recorded(&data, &[1, 2, 3]).await;
+        let temporary = tempfile::tempdir().unwrap();
+        let data = temporary.path();
+        let (store, folder, clock) = recorded(data, &[1, 2, 3]).await;
         let record = Record::of(Action::IncidentKept, TELLTALE);
         store.keep_incident(1, true, record).await.unwrap();
         let beside = rusqlite::Connection::open(data.join(crate::store::FILE_NAME)).unwrap();
@@ -310,8 +312,9 @@ mod tests {
 
     #[tokio::test]
     async fn a_recording_that_is_written_makes_older_ones_go_and_files_alone_say_what_is_kept() {
-        let data = TestFolder::new("recording-grows");
-        let (store, folder, clock) = recorded(&data, &[1, 2]).await;
+        let temporary = tempfile::tempdir().unwrap();
+        let data = temporary.path();
+        let (store, folder, clock) = recorded(data, &[1, 2]).await;
         // No row knows how long it is by now.
         std::fs::write(folder.join(folder::file_name(3)), [0; 20]).unwrap();
         let (policy, mut told) = (Policy { disk: 32, reserved: 0, ..Policy::default() }, BTreeSet::new());

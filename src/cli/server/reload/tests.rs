@@ -5,7 +5,6 @@ use crate::engine::snapshot::Snapshot;
 use crate::engine::state::State;
 use crate::runtime::Stamped;
 use crate::runtime::{self, Link};
-use crate::store::TestFolder;
 
 const OLD: &str = "vehicle: { stages: none }
 groups:
@@ -20,7 +19,7 @@ groups:
 
 /// A configuration file that is removed with the test, and an engine that runs by it.
 struct Bench {
-    _folder: TestFolder,
+    _folder: tempfile::TempDir,
     path: PathBuf,
     loaded: Loaded,
     link: Link,
@@ -28,9 +27,9 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(name: &str) -> Bench {
-        let folder = TestFolder::new(&format!("reload-{name}"));
-        let path = folder.join("vehicle.yaml");
+    fn new() -> Bench {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("vehicle.yaml");
         std::fs::write(&path, OLD).unwrap();
         let loaded = config::load(&path).unwrap();
         let clock = Clock::start();
@@ -67,7 +66,7 @@ fn sentences(differences: &[Difference]) -> Vec<String> {
 
 #[tokio::test]
 async fn what_stays_keeps_its_state_and_the_rest_comes_and_goes() {
-    let mut bench = Bench::new("taken");
+    let mut bench = Bench::new();
     bench.break_both().await;
     bench.write(NEW);
     let outcome =
@@ -91,7 +90,7 @@ async fn what_stays_keeps_its_state_and_the_rest_comes_and_goes() {
 
 #[tokio::test]
 async fn a_file_with_an_error_changes_nothing_and_says_everything() {
-    let mut bench = Bench::new("refused");
+    let mut bench = Bench::new();
     bench.break_both().await;
     let seq = bench.link.snapshots.borrow().snapshot.seq;
     bench.write("groups: [{ id: b, depends_on: [c] }, { id: b }]\n");
@@ -105,7 +104,7 @@ async fn a_file_with_an_error_changes_nothing_and_says_everything() {
 
 #[tokio::test]
 async fn the_same_again_is_not_taken() {
-    let bench = Bench::new("same");
+    let bench = Bench::new();
     let seq = bench.link.snapshots.borrow().snapshot.seq;
     bench.write(&format!("# A comment.\n{OLD}"));
     let outcome =
@@ -116,7 +115,7 @@ async fn the_same_again_is_not_taken() {
 
 #[tokio::test]
 async fn a_request_previews_first_and_takes_when_told() {
-    let bench = Bench::new("requests");
+    let bench = Bench::new();
     let mut reloads =
         start(bench.path.clone(), bench.loaded.clone(), Definitions::default(), bench.link.reloads.clone())
             .unwrap();
@@ -174,7 +173,7 @@ async fn a_request_previews_first_and_takes_when_told() {
 
 #[tokio::test]
 async fn a_pipe_in_place_of_a_file_is_refused_and_the_next_reload_works() {
-    let bench = Bench::new("pipe");
+    let bench = Bench::new();
     let pipe = bench.path.with_file_name("pipe.yaml");
     crate::input_file::make_pipe(&pipe);
     let definitions = Definitions::default();

@@ -41,8 +41,9 @@ fn of(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>, FileError> {
 
 #[test]
 fn where_a_chunk_is_damaged_its_times_are_told() {
-    let folder = TestFolder::new("record-gap");
-    let (path, ended) = sample(&folder, true);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (path, ended) = sample(folder, true);
     let whole = fs::read(&path).unwrap();
     let places = |bytes: &[u8]| {
         let mut reader = of(bytes).unwrap();
@@ -74,8 +75,9 @@ fn where_a_chunk_is_damaged_its_times_are_told() {
 
 #[test]
 fn a_file_cut_anywhere_is_read_up_to_its_last_whole_chunk() {
-    let folder = TestFolder::new("record-cut");
-    let (path, ended) = sample(&folder, true);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (path, ended) = sample(folder, true);
     let bytes = fs::read(&path).unwrap();
     let whole = entries(&mut of(&bytes).unwrap());
     assert_eq!(whole.len(), 18);
@@ -96,8 +98,9 @@ fn a_file_cut_anywhere_is_read_up_to_its_last_whole_chunk() {
 
 #[test]
 fn a_file_that_ends_in_the_middle_is_made_whole() {
-    let folder = TestFolder::new("record-repair");
-    let (path, ended) = sample(&folder, false);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (path, ended) = sample(folder, false);
     let bytes = fs::read(&path).unwrap();
     let all = entries(&mut of(&bytes).unwrap());
     let middles = (1..12).map(|step| bytes.len() * step / 12);
@@ -127,8 +130,9 @@ fn a_file_that_ends_in_the_middle_is_made_whole() {
 
 #[test]
 fn a_wrong_byte_is_found_and_what_it_costs_is_said() {
-    let folder = TestFolder::new("record-flip");
-    let (path, _) = sample(&folder, true);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (path, _) = sample(folder, true);
     let bytes = fs::read(&path).unwrap();
     let whole = entries(&mut of(&bytes).unwrap());
     for at in 0..bytes.len() {
@@ -145,8 +149,9 @@ fn a_wrong_byte_is_found_and_what_it_costs_is_said() {
 
 #[test]
 fn a_part_without_definitions_is_left_out_and_the_rest_is_read() {
-    let folder = TestFolder::new("record-undefined");
-    let (path, _) = sample(&folder, false);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (path, _) = sample(folder, false);
     let mut bytes = fs::read(&path).unwrap();
     // In the data of the first chunk, which defines the channels.
     let mut reader = of(&bytes).unwrap();
@@ -216,7 +221,8 @@ fn lengths_that_lie_cost_no_memory() {
 
 #[test]
 fn a_document_that_is_too_large_is_left_out() {
-    let folder = TestFolder::new("record-document");
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
     let path = folder.join("a.mcap");
     let mut file = IncidentFile::create(&path, about()).unwrap();
     let unbounded = JsonChannel { bytes_max: usize::MAX, ..JOURNAL };
@@ -243,8 +249,9 @@ fn a_document_that_is_too_large_is_left_out() {
 
 #[test]
 fn an_end_in_the_middle_does_not_hide_what_follows() {
-    let folder = TestFolder::new("record-end");
-    let (path, _) = sample(&folder, false);
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (path, _) = sample(folder, false);
     let bytes = fs::read(&path).unwrap();
     let header = MAGIC.len() + 9 + usize::from(bytes[MAGIC.len() + 1]);
     let ends = [record(op::DATA_END, &[0; 4]), record(op::FOOTER, &[0; 20])].concat();
@@ -267,8 +274,9 @@ proptest::proptest! {
         edits in proptest::collection::vec((proptest::prelude::any::<proptest::sample::Index>(), 0..9_usize, proptest::prelude::any::<u64>()), 1..8),
     ) {
         static SAMPLE: std::sync::LazyLock<Vec<u8>> = std::sync::LazyLock::new(|| {
-            let folder = TestFolder::new("record-any");
-            fs::read(sample(&folder, true).0).unwrap()
+            let temporary = tempfile::tempdir().unwrap();
+            let folder = temporary.path();
+            fs::read(sample(folder, true).0).unwrap()
         });
         let mut bytes = SAMPLE.clone();
         for (at, length, value) in edits {

@@ -25,7 +25,7 @@ impl Recorded {
 
 #[test]
 fn what_latched_topics_said_last_stands_before_the_recording_with_its_own_time() {
-    let mut recorded = Recorded::new("latched");
+    let mut recorded = Recorded::new();
     recorded.latch("/old", 0);
     recorded.latch("/map", 1);
     let said = recorded.clock.now();
@@ -39,7 +39,7 @@ fn what_latched_topics_said_last_stands_before_the_recording_with_its_own_time()
     recorded.say("pump", 2, 1);
     recorded.say("pump", 2, 20);
     let summary = recorded.ended();
-    let path = recorded.folder.join(&summary.recording.file);
+    let path = recorded.folder.path().join(&summary.recording.file);
     let mut reader = Reader::open(&path).unwrap();
     let about = reader.metadata().find(|(name, _)| *name == ABOUT).unwrap().1;
     let zero_ns: u64 = about["start_of_clock_ns"].parse().unwrap();

@@ -65,7 +65,7 @@ fn lines(path: &Path) -> (usize, usize, u64) {
 
 #[test]
 fn an_incident_grows_no_further_than_its_room_and_says_what_it_lacks() {
-    let mut recorded = Recorded::new("room");
+    let mut recorded = Recorded::new();
     recorded.room.follow(&Policy::new(DISK, Span::from_secs(3600)));
     recorded.say("pump", 0, 1);
     for _ in 0..80 {
@@ -81,7 +81,7 @@ fn an_incident_grows_no_further_than_its_room_and_says_what_it_lacks() {
     }
     recorded.say("pump", 2, 20);
     let summary = recorded.ended();
-    let path = recorded.folder.join(&summary.recording.file);
+    let path = recorded.folder.path().join(&summary.recording.file);
     let length = path.metadata().unwrap().len();
     assert!(length <= DISK / 2, "{length} bytes");
     assert!(length > DISK / 4, "there was room for more: {length} bytes");
@@ -103,7 +103,7 @@ fn an_incident_grows_no_further_than_its_room_and_says_what_it_lacks() {
 
 #[test]
 fn without_any_room_the_journal_says_that_it_lacks_something_and_the_file_is_whole() {
-    let mut recorded = Recorded::new("no-room");
+    let mut recorded = Recorded::new();
     recorded.room.follow(&Policy::new(200_000, Span::from_secs(3600)));
     recorded.say("pump", 0, 1);
     recorded.say("pump", 2, 1);
@@ -113,14 +113,14 @@ fn without_any_room_the_journal_says_that_it_lacks_something_and_the_file_is_who
     recorded.say("pump", 2, 20);
     let summary = recorded.ended();
     assert!(summary.recording.finished && summary.recording.missing > 0, "{summary:?}");
-    let path = recorded.folder.join(&summary.recording.file);
+    let path = recorded.folder.path().join(&summary.recording.file);
     assert!(path.metadata().unwrap().len() <= 100_000 && lines(&path).2 > 0);
     assert_eq!(crate::record::file::check(&path).unwrap(), Vec::<String>::new());
 }
 
 #[test]
 fn a_message_without_its_content_stands_in_the_journal_with_its_times_and_its_size() {
-    let mut recorded = Recorded::new("sizes");
+    let mut recorded = Recorded::new();
     recorded.say("pump", 0, 1);
     let message = Message {
         topic: "/points".into(),
@@ -139,7 +139,7 @@ fn a_message_without_its_content_stands_in_the_journal_with_its_times_and_its_si
     assert!(recorded.recorder.meter().topics.iter().all(|it| &*it.topic != "/points" || it.is_sizes_only));
     recorded.say("pump", 2, 20);
     let summary = recorded.ended();
-    let path = recorded.folder.join(&summary.recording.file);
+    let path = recorded.folder.path().join(&summary.recording.file);
     assert_eq!((lines(&path).1, summary.recording.left_out, summary.recording.missing), (1, 0, 0));
     assert!(!recorded.messages(&summary).contains_key("/points"));
     let reader = Reader::open(&path).unwrap();

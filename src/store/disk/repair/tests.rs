@@ -4,7 +4,7 @@ use std::time::UNIX_EPOCH;
 use super::*;
 use crate::engine::restart::resume::Restored;
 use crate::engine::time::Timestamp;
-use crate::store::{Database, Entering, Role, TestFolder, VehicleMemory};
+use crate::store::{Database, Entering, Role, VehicleMemory};
 
 /// No wait is longer, even for a slow disk.
 const WITHIN: std::time::Duration = std::time::Duration::from_secs(60);
@@ -12,11 +12,11 @@ const USERS: u64 = 300;
 const LATE: Timestamp = Timestamp::from_millis(u32::MAX as u64);
 
 /// A data folder with users, a vehicle and some pages of audit log; no process has it open.
-struct Folder(TestFolder);
+struct Folder(tempfile::TempDir);
 
 impl Folder {
-    async fn new(name: &str) -> Folder {
-        let folder = Folder(TestFolder::new(&format!("repair-{name}")));
+    async fn new() -> Folder {
+        let folder = Folder(tempfile::tempdir().unwrap());
         let store = folder.open();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
         let memory = VehicleMemory { seq: 1, at: UNIX_EPOCH, vehicle: Restored::default() };
@@ -39,20 +39,20 @@ impl Folder {
     }
 
     fn open(&self) -> Store {
-        Store::open(&self.0, Clock::start(), DemoSecrets::Refused).unwrap()
+        Store::open(self.0.path(), Clock::start(), DemoSecrets::Refused).unwrap()
     }
 
     fn serve(&self) -> Store {
-        Store::open_or_read(&self.0, Clock::start(), DemoSecrets::Refused)
+        Store::open_or_read(self.0.path(), Clock::start(), DemoSecrets::Refused)
             .unwrap_or_else(|error| panic!("no display: {error}"))
     }
 
     fn file(&self, suffix: &str) -> PathBuf {
-        self.0.join(format!("{FILE_NAME}{suffix}"))
+        self.0.path().join(format!("{FILE_NAME}{suffix}"))
     }
 
     fn back_up(&self) -> PathBuf {
-        backup::make(&self.0, UNIX_EPOCH).unwrap()
+        backup::make(self.0.path(), UNIX_EPOCH).unwrap()
     }
 
     /// Overwrites a page with zeroes.
@@ -88,7 +88,7 @@ async fn look_after(store: &Store) {
 
 #[tokio::test]
 async fn whatever_page_is_zeroed_there_is_a_display_with_a_login() {
-    let folder = Folder::new("pages").await;
+    let folder = Folder::new().await;
     folder.back_up();
     let whole = fs::read(folder.file("")).unwrap();
     let (mut degraded, pages) = (0, folder.pages());
@@ -118,7 +118,7 @@ async fn whatever_page_is_zeroed_there_is_a_display_with_a_login() {
 
 #[tokio::test]
 async fn a_file_that_is_cut_overwritten_empty_or_gone_is_no_new_database() {
-    let folder = Folder::new("files").await;
+    let folder = Folder::new().await;
     folder.back_up();
     let whole = fs::read(folder.file("")).unwrap();
     let broken: [(&str, Option<Vec<u8>>); 6] = [
@@ -134,7 +134,8 @@ async fn a_file_that_is_cut_overwritten_empty_or_gone_is_no_new_database() {
         if let Some(bytes) = &bytes {
             fs::write(folder.file(""), bytes).unwrap();
         }
-        let error = Store::open(&folder.0, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        let error =
+            Store::open(folder.0.path(), Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
         assert!(error.contains("data repair") || error.contains("data check"), "{how}: {error}");
         let store = folder.serve();
         let fault = store.fault().borrow().clone();
@@ -142,14 +143,14 @@ async fn a_file_that_is_cut_overwritten_empty_or_gone_is_no_new_database() {
         assert!(can_log_in(&store).await, "{how}");
         store.close().await;
         assert_eq!(fs::read(folder.file("")).ok(), bytes, "{how}: what is left was changed");
-        assert!(check_data(&folder.0).unwrap().damage.is_some(), "{how}");
+        assert!(check_data(folder.0.path()).unwrap().damage.is_some(), "{how}");
     }
 }
 
 #[tokio::test]
 async fn a_log_that_is_garbage_or_gone_leaves_a_display() {
     for how in ["garbage", "gone"] {
-        let folder = Folder::new(how).await;
+        let folder = Folder::new().await;
         folder.back_up();
         let store = folder.open();
         store.add_user("bert", Role::Operator, "135791").await.unwrap();
@@ -167,7 +168,7 @@ async fn a_log_that_is_garbage_or_gone_leaves_a_display() {
 
 #[tokio::test]
 async fn without_a_backup_what_can_be_read_is_used() {
-    let folder = Folder::new("alone").await;
+    let folder = Folder::new().await;
     let connection = Connection::open(folder.file("")).unwrap();
     let sql = "SELECT rootpage FROM sqlite_schema WHERE name = ?1";
     let root = |name: &str| connection.query_row(sql, [name], |row| row.get::<_, u32>(0)).unwrap();
@@ -187,27 +188,27 @@ async fn without_a_backup_what_can_be_read_is_used() {
     let asked = store.has_users().await.unwrap_err();
     assert!(asked.is_of_storage(), "nobody is told to add a user: {asked}");
     store.close().await;
-    assert!(matches!(repair(&folder.0, Clock::start()), Err(StoreError::NothingToSave { .. })));
+    assert!(matches!(repair(folder.0.path(), Clock::start()), Err(StoreError::NothingToSave { .. })));
     assert!(!folder.file(".new").exists() && folder.file("").exists());
 }
 
 #[test]
 fn a_repair_saves_what_can_be_read_and_takes_the_rest_from_the_backup() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let folder = runtime.block_on(Folder::new("repair"));
-    assert_eq!(check_data(&folder.0).unwrap().damage, None);
+    let folder = runtime.block_on(Folder::new());
+    assert_eq!(check_data(folder.0.path()).unwrap().damage, None);
     folder.back_up();
     let whole = fs::read(folder.file("")).unwrap();
     for page in 0..folder.pages() {
         fs::write(folder.file(""), &whole).unwrap();
         folder.zero(page);
-        if check_data(&folder.0).unwrap().damage.is_none() {
+        if check_data(folder.0.path()).unwrap().damage.is_none() {
             continue;
         }
-        let repaired = repair(&folder.0, Clock::start()).unwrap();
+        let repaired = repair(folder.0.path(), Clock::start()).unwrap();
         assert_eq!(repaired.users, USERS, "page {page}: {repaired:?}");
         assert!(repaired.kept.join(FILE_NAME).exists());
-        assert_eq!(check_data(&folder.0).unwrap().damage, None, "page {page}");
+        assert_eq!(check_data(folder.0.path()).unwrap().damage, None, "page {page}");
         let store = folder.serve();
         assert_eq!(*store.fault().borrow(), None, "page {page}");
         // All users are recorded as they are.
@@ -216,7 +217,7 @@ fn a_repair_saves_what_can_be_read_and_takes_the_rest_from_the_backup() {
         assert!(records.iter().any(|it| it.action == Action::DataRepaired.as_str()), "page {page}");
         assert!(runtime.block_on(can_log_in(&store)), "page {page}");
         runtime.block_on(store.close());
-        let _ = fs::remove_file(folder.0.join("audit.head"));
+        let _ = fs::remove_file(folder.0.path().join("audit.head"));
         fs::remove_dir_all(&repaired.kept).unwrap();
     }
 }
@@ -224,7 +225,7 @@ fn a_repair_saves_what_can_be_read_and_takes_the_rest_from_the_backup() {
 #[test]
 fn a_backup_is_whole_private_and_no_session_comes_back_with_it() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    let folder = runtime.block_on(Folder::new("backup"));
+    let folder = runtime.block_on(Folder::new());
     let store = folder.open();
     assert!(runtime.block_on(can_log_in(&store)));
     let file = folder.back_up();
@@ -233,7 +234,7 @@ fn a_backup_is_whole_private_and_no_session_comes_back_with_it() {
     runtime.block_on(store.remove_user("user7")).unwrap();
     runtime.block_on(store.close());
 
-    let (taken, repaired) = restore(&folder.0, None, Clock::start()).unwrap();
+    let (taken, repaired) = restore(folder.0.path(), None, Clock::start()).unwrap();
     assert_eq!((&taken, repaired.users), (&file, USERS));
     let store = folder.serve();
     assert!(store.sessions().is_empty());
@@ -246,14 +247,14 @@ fn a_backup_is_whole_private_and_no_session_comes_back_with_it() {
 
     // A copy that is not whole does not count.
     fs::write(&file, vec![0; 9000]).unwrap();
-    assert!(check_data(&folder.0).unwrap().backups[0].damage.is_some());
-    assert!(matches!(restore(&folder.0, None, Clock::start()), Err(StoreError::NoBackup { .. })));
-    assert!(matches!(restore(&folder.0, Some(&file), Clock::start()), Err(StoreError::Backup { .. })));
+    assert!(check_data(folder.0.path()).unwrap().backups[0].damage.is_some());
+    assert!(matches!(restore(folder.0.path(), None, Clock::start()), Err(StoreError::NoBackup { .. })));
+    assert!(matches!(restore(folder.0.path(), Some(&file), Clock::start()), Err(StoreError::Backup { .. })));
 }
 
 #[tokio::test]
 async fn a_database_that_breaks_while_it_is_served_lets_people_log_in_and_stay() {
-    let folder = Folder::new("later").await;
+    let folder = Folder::new().await;
     let store = folder.serve();
     let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
     let (token, session) = store.open_session(&user).await.unwrap();
@@ -292,29 +293,29 @@ async fn a_database_that_breaks_while_it_is_served_lets_people_log_in_and_stay()
 
 #[tokio::test]
 async fn seven_backups_are_kept_and_none_is_made_of_what_is_damaged() {
-    let folder = Folder::new("seven").await;
+    let folder = Folder::new().await;
     let day = |day: u64| UNIX_EPOCH + std::time::Duration::from_secs(day * 24 * 3600);
     for number in 0..9 {
-        let file = backup::make(&folder.0, day(number)).unwrap();
-        assert_eq!(backup::make(&folder.0, day(number)).unwrap(), file, "one a day");
+        let file = backup::make(folder.0.path(), day(number)).unwrap();
+        assert_eq!(backup::make(folder.0.path(), day(number)).unwrap(), file, "one a day");
     }
-    let kept = backup::list(&folder.0);
+    let kept = backup::list(folder.0.path());
     assert_eq!(kept.len(), 7);
     assert!(kept[0].ends_with("telltale-1970-01-09.db") && kept[6].ends_with("telltale-1970-01-03.db"));
     let last = folder.pages() - 1;
     folder.zero(last);
-    let refused = backup::make(&folder.0, day(20)).unwrap_err();
+    let refused = backup::make(folder.0.path(), day(20)).unwrap_err();
     assert!(matches!(refused, backup::BackupError::Database(_)), "{refused}");
-    assert_eq!(backup::list(&folder.0), kept, "those that are whole stay");
+    assert_eq!(backup::list(folder.0.path()), kept, "those that are whole stay");
 }
 
 #[tokio::test]
 async fn a_server_backs_up_soon_after_its_start_after_a_change_of_users_and_each_day() {
     use crate::engine::time::Span;
-    let folder = Folder::new("daily").await;
+    let folder = Folder::new().await;
     let (clock, hand) = Clock::with_hand();
-    let store = Store::open_or_read(&folder.0, clock, DemoSecrets::Refused).unwrap();
-    let backup = || backup::list(&folder.0).pop();
+    let store = Store::open_or_read(folder.0.path(), clock, DemoSecrets::Refused).unwrap();
+    let backup = || backup::list(folder.0.path()).pop();
     // A job is one turn of the store's thread.
     let until_made = async || {
         let made = async {
@@ -351,7 +352,7 @@ async fn a_server_backs_up_soon_after_its_start_after_a_change_of_users_and_each
 
 #[tokio::test]
 async fn a_repair_makes_no_user_known_whom_no_record_knows() {
-    let folder = Folder::new("foreign").await;
+    let folder = Folder::new().await;
     let connection = Connection::open(folder.file("")).unwrap();
     connection
         .execute_batch(
@@ -363,7 +364,7 @@ async fn a_repair_makes_no_user_known_whom_no_record_knows() {
     let page = connection.query_row(root, [], |row| row.get::<_, u32>(0)).unwrap();
     drop(connection);
     folder.zero(u64::from(page) - 1);
-    let data = folder.0.to_path_buf();
+    let data = folder.0.path().to_path_buf();
     let repaired = std::thread::spawn(move || repair(&data, Clock::start()).unwrap()).join().unwrap();
     let store = folder.open();
     assert!(
