@@ -1,8 +1,10 @@
 //! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found in one pass,
 //! with file, line and a help.
 
+pub mod decode;
 pub mod describe;
 pub mod expression;
+pub mod fields;
 mod file;
 mod glob;
 pub mod patience;
@@ -24,8 +26,9 @@ use self::publishing::Publishing;
 use self::recording::Recording;
 use self::services::Services;
 use self::soundness::Soundness;
+use crate::config::decode::{FromNode, Spanned};
 use crate::engine::model::{Model, NodeId};
-use crate::yaml::{FromNode, Log, Node, Problem, Problems, Schema, Sources, Span, Spanned, tree};
+use crate::yaml::{Log, Node, Problem, Problems, Schema, Sources, Span, tree};
 use describe::places::Places;
 
 /// The largest number of included files.
@@ -33,7 +36,7 @@ const FILES_MAX: usize = 64;
 
 /// The JSON Schema of a configuration, for editors.
 pub fn schema() -> String {
-    Schema::of::<file::File>()
+    Schema::document(file::File::from_node)
 }
 
 /// A configuration that was checked.

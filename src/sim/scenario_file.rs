@@ -7,11 +7,12 @@ use std::sync::Arc;
 use super::scenario::{Expectation, Expected, Figure, Repeat, Scenario, Step};
 use super::scenario_raw::{Action, Raw, RawExpect, RawFigure, RawStatus, RawStep};
 use super::scenario_sample;
+use crate::config::decode::{Entries, FromNode};
 use crate::engine::input::{AlarmRef, Input, NodeOf, OperatorAction, StatusArray, WriterId, WriterList};
 use crate::engine::model::Model;
 use crate::engine::time::Timestamp;
-use crate::yaml::decode::{Entries, did_you_mean};
-use crate::yaml::{FromNode, Kind, Log, Node, Problem, Problems, Sources, Span, suggest, tree};
+use crate::yaml::decode::did_you_mean;
+use crate::yaml::{Kind, Log, Node, Problem, Problems, Sources, Span, suggest, tree};
 
 /// Repetitions of all steps together: more are certainly a mistake.
 const INPUTS_MAX: u64 = 10_000_000;

@@ -1,8 +1,10 @@
 //! The operator's actions in scenario files.
 
+use crate::config::decode::FromNode;
+use crate::config::fields::Fields;
 use crate::engine::input::{AlarmRef, OperatorAction, Place};
 use crate::yaml::decode::{scalar, word};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem};
+use crate::yaml::{Kind, Log, Node, Problem};
 
 const CLEAR: OperatorAction = OperatorAction::Clear { display_live: true, storage_ok: true };
 const RELEASE: OperatorAction = OperatorAction::Release { display_live: true, storage_ok: true };

@@ -5,14 +5,16 @@ use std::collections::HashSet;
 use super::scenario::{Expected, IgnoreReason, why_word};
 use super::scenario_operator::operator;
 use super::scenario_sample::{RawListeners, RawProbe, RawPublishers, RawSample, Stamp};
+use crate::config::decode::{Entries, FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::input::OperatorAction;
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::snapshot::Moving;
 use crate::engine::state::State;
 use crate::engine::time::{self, Timestamp};
-use crate::yaml::decode::{Entries, scalar, scaled, word};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Span, Spanned};
+use crate::yaml::decode::{scalar, scaled, word};
+use crate::yaml::{Kind, Log, Node, Problem, Span};
 
 #[derive(Debug)]
 pub(super) struct Raw {

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use crate::config::decode::{Entries, FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::input::{Input, ListenerReport};
 use crate::engine::model::Model;
 use crate::engine::model::countermeasure::RequestKind;
@@ -11,8 +13,8 @@ use crate::engine::model::sample::{
     FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use crate::engine::time;
-use crate::yaml::decode::{Entries, did_you_mean, word};
-use crate::yaml::{Fields, FromNode, Kind, Log, Node, Problem, Spanned, suggest};
+use crate::yaml::decode::{did_you_mean, word};
+use crate::yaml::{Kind, Log, Node, Problem, suggest};
 
 /// The stamp in the header of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

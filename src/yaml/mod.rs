@@ -4,7 +4,6 @@
 //! stops at the first error, so the tree is built from the parser's events.
 
 pub mod decode;
-mod fields;
 pub mod plain;
 pub mod problem;
 pub mod schema;
@@ -12,8 +11,7 @@ mod slips;
 pub mod source;
 pub mod tree;
 
-pub use decode::{FromNode, Log, Spanned, suggest};
-pub use fields::Fields;
+pub use decode::{Log, suggest};
 pub use problem::{Problem, Problems};
 pub use schema::{KeyDoc, MapDoc, Members, Schema, key, map};
 pub use source::{Sources, Span};

@@ -4,7 +4,7 @@
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;
 
-use super::decode::{FromNode, Log};
+use super::decode::Log;
 use super::source::Span;
 use super::tree::{Kind, Node};
 
@@ -44,9 +44,9 @@ impl Serialize for Json {
 /// A key of a map with its documentation. The schema has the type of the key from the decoder of its value.
 #[derive(Debug, Clone, Copy)]
 pub struct KeyDoc {
-    pub(super) name: &'static str,
+    name: &'static str,
     about: &'static str,
-    pub(super) form: Option<fn(&mut Schema) -> Members>,
+    form: Option<fn(&mut Schema) -> Members>,
     rules: fn() -> Members,
 }
 
@@ -62,6 +62,10 @@ impl KeyDoc {
     /// What the key means, in sentences.
     pub const fn about(self, about: &'static str) -> KeyDoc {
         KeyDoc { about, ..self }
+    }
+
+    pub fn own_form(&self) -> Option<fn(&mut Schema) -> Members> {
+        self.form
     }
 
     /// The form of the value, if its Rust type is not enough.
@@ -87,7 +91,7 @@ pub struct MapDoc {
     /// Names its definition in the schema.
     name: &'static str,
     /// With its article, for messages: `a group`.
-    pub(super) title: &'static str,
+    title: &'static str,
     about: &'static str,
     rules: fn() -> Members,
 }
@@ -97,6 +101,10 @@ pub const fn map(name: &'static str, title: &'static str) -> MapDoc {
 }
 
 impl MapDoc {
+    pub const fn title(&self) -> &'static str {
+        self.title
+    }
+
     pub const fn about(self, about: &'static str) -> MapDoc {
         MapDoc { about, ..self }
     }
@@ -153,7 +161,7 @@ impl Schema {
     }
 
     /// Whether the map is new; a known one is not described again.
-    pub(super) fn open(&mut self, doc: MapDoc) -> bool {
+    pub fn open(&mut self, doc: MapDoc) -> bool {
         self.opened.get_or_insert(doc.name);
         let is_new = !self.maps.iter().any(|map| map.doc.name == doc.name);
         if is_new {
@@ -163,7 +171,7 @@ impl Schema {
         is_new
     }
 
-    pub(super) fn property(&mut self, of: MapDoc, key: &KeyDoc, form: Members, is_required: bool) {
+    pub fn property(&mut self, of: MapDoc, key: &KeyDoc, form: Members, is_required: bool) {
         let map = self.map(of);
         if is_required {
             map.required.push(key.name);
@@ -176,7 +184,7 @@ impl Schema {
         map.properties.push((key.name, Json::Object(members)));
     }
 
-    pub(super) fn rule(&mut self, of: MapDoc, rule: (&'static str, Json)) {
+    pub fn rule(&mut self, of: MapDoc, rule: (&'static str, Json)) {
         self.map(of).rules.push(rule);
     }
 
@@ -185,10 +193,10 @@ impl Schema {
         map.expect("its decoder opened it before it asked for keys")
     }
 
-    /// The whole schema of a file.
-    pub fn of<T: FromNode>() -> String {
+    /// The whole schema of a file, by the decoder of its map.
+    pub fn document<T>(read: impl FnOnce(&Node, &mut Log) -> Option<T>) -> String {
         let mut schema = Schema::default();
-        schema.decoder(T::from_node);
+        schema.decoder(read);
         let mut maps = schema.maps.into_iter();
         let mut members = vec![("$schema", "https://json-schema.org/draft/2020-12/schema".into())];
         members.extend(maps.next().into_iter().flat_map(Map::members));

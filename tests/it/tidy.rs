@@ -11,7 +11,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("engine", &[]),
     ("input_file", &[]),
     ("yaml", &["input_file"]),
-    ("config", &["engine", "clock", "yaml"]),
+    ("config", &["engine", "yaml"]),
     ("import", &["engine", "yaml", "config"]),
     ("clock", &["engine"]),
     ("init", &["engine", "yaml"]),
@@ -23,7 +23,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("ros", &["engine", "clock", "msg"]),
     ("store", &["engine", "clock", "latency", "record", "yaml"]),
     ("picture", &["engine", "yaml"]),
-    ("sim", &["engine", "clock", "yaml", "picture"]),
+    ("sim", &["engine", "yaml", "config", "picture"]),
     ("web", &["engine", "clock", "latency", "runtime", "store", "picture", "record", "replay"]),
     ("metrics", &["engine", "latency", "record", "runtime", "web"]),
 ];

@@ -3,9 +3,10 @@
 use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, SourceInfo, operators};
 use cel::common::types::CelDouble;
 
+use crate::config::decode::Spanned;
 use crate::engine::model::monitors::ScalarKind;
 use crate::yaml::decode::did_you_mean;
-use crate::yaml::{Log, Problem, Span, Spanned, suggest};
+use crate::yaml::{Log, Problem, Span, suggest};
 
 /// The operators and functions that a condition may use.
 const OPERATORS: [&str; 16] = [

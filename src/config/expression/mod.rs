@@ -16,9 +16,10 @@ use cel::common::value::CowVal;
 use cel::context::VariableResolver;
 use cel::{Context, Env, Value, extensions};
 
+use crate::config::decode::Spanned;
 use crate::engine::model::monitors::{Condition, ScalarKind};
 use crate::engine::model::sample::FieldValue;
-use crate::yaml::{Log, Problem, Span, Spanned};
+use crate::yaml::{Log, Problem, Span};
 use check::{Check, PartType, offset, point};
 use compare::ComparedWith;
 

@@ -4,9 +4,10 @@ use super::bands;
 use super::bands::{Unit, bands};
 use super::monitors::{MAX_AGE, Monitor, Source, WINDOW_MAX, age, span};
 use super::sources::AnySource;
+use crate::config::fields::Fields;
 use crate::engine::model::monitors::{AgreementRule, Bands, FieldKind};
 use crate::engine::time;
-use crate::yaml::{Fields, KeyDoc, Log, MapDoc, Node, Problem, Span, key, map};
+use crate::yaml::{KeyDoc, Log, MapDoc, Node, Problem, Span, key, map};
 
 /// The written limits, before the kind of the sources is known.
 struct AgreementLimits {

@@ -1,13 +1,13 @@
 //! Limits as they are written: up to four, in an order that makes sense.
 
 use super::{forms, units};
+use crate::config::decode::{FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::monitors::Bands;
 use crate::engine::state::State;
 use crate::yaml::decode::scalar;
 use crate::yaml::schema::{least, most, needs_any, of_type};
-use crate::yaml::{
-    Fields, FromNode, KeyDoc, Log, MapDoc, Members, Node, Problem, Schema, Span, Spanned, key,
-};
+use crate::yaml::{KeyDoc, Log, MapDoc, Members, Node, Problem, Schema, Span, key};
 
 const KEYS: [&str; 4] = ["warning_below", "error_below", "warning_above", "error_above"];
 

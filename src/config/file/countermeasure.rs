@@ -2,14 +2,16 @@
 
 use super::forms;
 use super::forms::default_span;
+use crate::config::decode::{All, FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::Stage;
 use crate::engine::model::countermeasure::Request;
 use crate::engine::model::countermeasure::RequestKind;
 use crate::engine::state::State;
 use crate::engine::time;
-use crate::yaml::decode::{All, scalar, word};
+use crate::yaml::decode::{scalar, word};
 use crate::yaml::schema::{default, most, needs_one, not_empty, words};
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Span, Spanned, key, map};
+use crate::yaml::{Log, Node, Problem, Span, key, map};
 
 /// The strongest deceleration for standing passengers.
 const MPS2_MAX: f64 = 3.0;

@@ -2,13 +2,13 @@
 
 use super::forms::WRITERS;
 use super::policy::Policy;
+use crate::config::decode::{All, FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::config::glob;
 use crate::config::glob::is_glob;
-use crate::yaml::decode::{All, did_you_mean, scalar};
+use crate::yaml::decode::{did_you_mean, scalar};
 use crate::yaml::schema::{needs_any, needs_one, not_empty, of_type, one_of};
-use crate::yaml::{
-    Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map, suggest,
-};
+use crate::yaml::{Kind, Log, Members, Node, Problem, Schema, Span, key, map, suggest};
 
 #[derive(Debug)]
 pub(in crate::config) struct Filter {

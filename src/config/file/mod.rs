@@ -23,13 +23,15 @@ pub(super) mod wording;
 
 use std::ops::RangeInclusive;
 
+use crate::config::decode::{Entries, FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::monitors::StampClock;
 use crate::engine::model::{DISPLAY_DPI, Driving, Limits as Bounds, Other, StageModel, Within};
 use crate::engine::text::Text;
 use crate::engine::time;
-use crate::yaml::decode::{Entries, scalar, word};
+use crate::yaml::decode::{scalar, word};
 use crate::yaml::schema::{Json, default, least, most, one_of, words};
-use crate::yaml::{Fields, FromNode, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
+use crate::yaml::{Kind, Log, Members, Node, Problem, Schema, Span, key, map};
 use countermeasure::RawRule;
 pub(super) use filters::{Filter, FilterKind, Pattern, Writers};
 use forms::{ID, default_span, with_about};

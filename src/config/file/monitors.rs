@@ -7,17 +7,17 @@ use super::forms::default_span;
 use super::sources::ScalarSource;
 pub(in crate::config) use super::sources::{Source, Topic};
 use super::watchdog;
+use crate::config::decode::{AllEntries, FromNode, Spanned};
 use crate::config::expression::TEXT_BYTES_MAX;
+use crate::config::fields::Fields;
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{AgreementRule, Bands, ProbeTarget, ValueRule};
 use crate::engine::model::sample::FieldValue;
 use crate::engine::state::State;
 use crate::engine::time;
-use crate::yaml::decode::{AllEntries, did_you_mean};
+use crate::yaml::decode::did_you_mean;
 use crate::yaml::schema::{Json, needs_any};
-use crate::yaml::{
-    Fields, FromNode, KeyDoc, Kind, Log, Members, Node, Problem, Schema, Spanned, key, map, suggest,
-};
+use crate::yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, key, map, suggest};
 
 pub(in crate::config) type Decoder = fn(&Node, &mut Log) -> Option<Monitor>;
 

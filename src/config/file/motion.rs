@@ -2,10 +2,12 @@
 
 use super::forms::{FIELD, default_span};
 use super::sources::Topic;
+use crate::config::decode::{FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::motion::{SPEED_TIMEOUT, STANDING_BELOW_MPS};
 use crate::engine::time;
 use crate::yaml::schema::{default, most};
-use crate::yaml::{Fields, FromNode, Log, Node, Spanned, key, map};
+use crate::yaml::{Log, Node, key, map};
 
 /// The largest timeout of a speed: an older one says nothing about the present motion.
 pub(in crate::config) const TIMEOUT_MAX: time::Span = time::Span::from_secs(10);

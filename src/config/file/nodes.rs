@@ -6,15 +6,15 @@ use super::forms::{ID, WRITERS};
 use super::monitors::Monitor;
 use super::policy::Policy;
 use super::wording::RawWording;
+use crate::config::decode::{All, Entries, FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::wording::Advice;
 use crate::engine::model::{Combine, Stage, Within};
 use crate::engine::state::State;
 use crate::engine::text::Text;
-use crate::yaml::decode::{All, Entries, word};
+use crate::yaml::decode::word;
 use crate::yaml::schema::{Json, default, least, most, needs_any, needs_one, not_empty, one_of, words};
-use crate::yaml::{
-    Fields, FromNode, KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, Spanned, key, map,
-};
+use crate::yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, key, map};
 
 #[derive(Debug)]
 pub(in crate::config) struct Group {

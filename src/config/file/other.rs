@@ -2,11 +2,13 @@
 
 use super::filters::Pattern;
 use super::policy::Policy;
+use crate::config::decode::FromNode;
+use crate::config::fields::Fields;
 use crate::engine::model::Other;
 use crate::engine::state::State;
 use crate::yaml::decode::{scalar, word};
 use crate::yaml::schema::{default, one_of, words};
-use crate::yaml::{Fields, FromNode, Log, Members, Node, Schema, key, map};
+use crate::yaml::{Log, Members, Node, Schema, key, map};
 
 #[derive(Debug, Default)]
 pub(in crate::config) struct RawOther {

@@ -1,11 +1,13 @@
 //! How reports become states, as it is written: timeouts, delays, latches.
 
 use super::forms::{FORGET_AFTER, default_span};
+use crate::config::decode::Spanned;
+use crate::config::fields::Fields;
 use crate::engine::model::{CountsAs, Policy as Resolved};
 use crate::engine::state::State;
 use crate::engine::time;
+use crate::yaml::key;
 use crate::yaml::schema::default;
-use crate::yaml::{Fields, Spanned, key};
 
 /// The written parts of a policy; the rest comes from the defaults.
 #[derive(Debug, Default, Clone, Copy)]

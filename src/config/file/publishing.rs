@@ -3,10 +3,12 @@
 use super::bands::hertz;
 use super::forms;
 use super::forms::TOPIC;
+use crate::config::decode::{FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::output::LogLevel;
 use crate::yaml::decode::{scalar, word};
 use crate::yaml::schema::{default, of_type, words};
-use crate::yaml::{Fields, FromNode, KeyDoc, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
+use crate::yaml::{KeyDoc, Log, Members, Node, Problem, Schema, Span, key, map};
 
 /// The permitted rates of a topic.
 const RATE_HZ: std::ops::RangeInclusive<f64> = 0.1..=100.0;

@@ -2,12 +2,14 @@
 //! topics: [{ topic: /points, every: 500ms }] }`.
 
 use super::forms::{default_span, example, with_about};
+use crate::config::decode::{All, FromNode, Spanned};
 use crate::config::describe::words;
+use crate::config::fields::Fields;
 use crate::config::recording::Recording;
 use crate::engine::time;
-use crate::yaml::decode::{All, scalar, scaled};
+use crate::yaml::decode::{scalar, scaled};
 use crate::yaml::schema::{default, pattern};
-use crate::yaml::{Fields, FromNode, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
+use crate::yaml::{Log, Members, Node, Problem, Schema, Span, key, map};
 
 /// The bounds of its keys.
 pub(in crate::config) const BEFORE: (time::Span, time::Span) =

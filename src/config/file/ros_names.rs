@@ -1,6 +1,7 @@
 //! Checks names in the form of ROS 2: topics, message types and paths of fields.
 
-use crate::yaml::{Log, Problem, Spanned};
+use crate::config::decode::Spanned;
+use crate::yaml::{Log, Problem};
 
 /// A longer path names no field of a message.
 pub(super) const PATH_BYTES_MAX: usize = 512;

@@ -1,9 +1,11 @@
 //! The offered services as they are written: `services: { acknowledge: true, reset: { while_driving: true } }`.
 
 use super::forms::with_about;
+use crate::config::decode::{FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::yaml::decode::scalar;
 use crate::yaml::schema::{default, one_of};
-use crate::yaml::{Fields, FromNode, Log, Members, Node, Schema, Spanned, key, map};
+use crate::yaml::{Log, Members, Node, Schema, key, map};
 
 /// Each service that is named; without the key, none is offered.
 #[derive(Debug, Default)]

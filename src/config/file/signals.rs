@@ -4,13 +4,15 @@ use super::forms;
 use super::forms::{KEY, STATUS, TOPIC, TYPE, UNIT};
 use super::monitors::{INPUTS_MAX, input_rules};
 use super::sources::{ScalarSource, Source, Topic};
+use crate::config::decode::AllEntries;
+use crate::config::decode::{FromNode, Spanned};
 use crate::config::describe::words::counted;
+use crate::config::fields::Fields;
 use crate::engine::model::monitors::FieldKind;
 use crate::engine::text::Text;
 use crate::engine::time;
-use crate::yaml::decode::AllEntries;
 use crate::yaml::schema::needs_any;
-use crate::yaml::{Fields, FromNode, KeyDoc, Log, Node, Problem, Span, Spanned, key, map};
+use crate::yaml::{KeyDoc, Log, Node, Problem, Span, key, map};
 
 /// The name of the value in a condition without `inputs`.
 const VALUE: &str = "value";

@@ -2,12 +2,14 @@
 
 use super::forms;
 use super::forms::{FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
+use crate::config::decode::{All, FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::monitors::Class;
 use crate::engine::model::monitors::{FieldKind, StampClock};
 use crate::engine::model::sample::POSITIONS_MAX;
-use crate::yaml::decode::{All, scalar, word};
+use crate::yaml::decode::{scalar, word};
 use crate::yaml::schema::{default, needs_one, not_empty, one_of, words};
-use crate::yaml::{Fields, FromNode, KeyDoc, Log, Members, Node, Problem, Schema, Span, Spanned, key, map};
+use crate::yaml::{KeyDoc, Log, Members, Node, Problem, Schema, Span, key, map};
 
 /// Topics of diagnostics; each has readers of its own.
 pub(in crate::config) const DIAGNOSTICS_MAX: usize = 32;

@@ -1,10 +1,11 @@
 //! Durations as they are written: a number with its unit.
 
+use crate::config::decode::FromNode;
 use crate::engine::model::Within;
 use crate::engine::time::Span;
 use crate::yaml::decode::{scalar, scaled};
 use crate::yaml::schema::one_of;
-use crate::yaml::{FromNode, Log, Members, Node, Problem, Schema};
+use crate::yaml::{Log, Members, Node, Problem, Schema};
 
 /// A unit that ends with another one comes before it.
 const UNITS: [(&str, u64); 8] = [

@@ -3,10 +3,12 @@
 use super::bands;
 use super::forms::{default_span, topic_name};
 use super::monitors::{AGE_MAX, Monitor, span};
+use crate::config::decode::{FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::monitors::{Bands, ProbeTarget};
 use crate::engine::time;
 use crate::yaml::schema::{default, least, most, needs_one, of_type, pattern};
-use crate::yaml::{Fields, FromNode, Log, Node, Problem, Spanned, key, map};
+use crate::yaml::{Log, Node, Problem, key, map};
 
 const EVERY_MIN: time::Span = time::Span::from_millis(100);
 const MISSES_MAX: u64 = 1000;

@@ -2,15 +2,15 @@
 
 use super::forms::with_about;
 use super::languages;
+use crate::config::decode::{FromNode, Spanned};
+use crate::config::fields::Fields;
 use crate::engine::model::Stage;
 use crate::engine::model::wording::{Advice, ByStage, Urgency, Wording};
 use crate::engine::state::State;
 use crate::engine::text::Text;
 use crate::yaml::decode::word;
 use crate::yaml::schema::{one_of, words};
-use crate::yaml::{
-    Fields, FromNode, KeyDoc, Kind, Log, MapDoc, Members, Node, Problem, Schema, Span, Spanned, key, map,
-};
+use crate::yaml::{KeyDoc, Kind, Log, MapDoc, Members, Node, Problem, Schema, Span, key, map};
 
 /// The texts of a key with levels and stages.
 pub(in crate::config) trait Said: FromNode + Clone + PartialEq {

@@ -24,6 +24,8 @@ use super::describe::words;
 use super::file;
 use super::file::other::RawOther;
 use super::file::publishing::RawPublishing;
+use crate::config::decode::All;
+use crate::config::decode::Spanned;
 use crate::engine::model::wording::Wording;
 use crate::engine::model::{
     Combine, CountsAs, DISPLAY_DPI, Driving, GroupSpec, Limits, Model, ModuleMonitor, ModuleSpec, NodeId,
@@ -31,8 +33,7 @@ use crate::engine::model::{
 };
 use crate::engine::state::State;
 use crate::engine::text::Text;
-use crate::yaml::decode::All;
-use crate::yaml::{Log, Problem, Sources, Span, Spanned};
+use crate::yaml::{Log, Problem, Sources, Span};
 use names::{Names, check_id};
 use relations::Signals;
 use topics::Topics;

@@ -1,13 +1,14 @@
 //! Converts the sources of the vehicle's motion: its speed, and the pose of its goal.
 
 use super::topics::Topics;
+use crate::config::decode::Spanned;
 use crate::config::describe::words;
 use crate::config::file::motion::{RawMotion, STANDING_MPS_MAX, TIMEOUT_MAX};
 use crate::config::file::sources::Topic;
 use crate::engine::model::monitors::{FieldKind, MonitorSpec, ValueSource};
 use crate::engine::model::motion::{SPEED_TIMEOUT, STANDING_BELOW_MPS, SpeedSource, WatchedField};
 use crate::engine::model::{GOAL_SIGNAL, SignalSource, SignalSpec};
-use crate::yaml::{Log, Problem, Spanned};
+use crate::yaml::{Log, Problem};
 
 /// The type of goals whose place is known.
 const GOAL_TYPE: &str = "geometry_msgs/msg/PoseStamped";

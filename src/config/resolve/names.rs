@@ -4,10 +4,11 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::twice;
+use crate::config::decode::Spanned;
 use crate::config::file;
 use crate::config::file::monitors::Monitor;
 use crate::engine::model::{GroupId, ModuleId, NodeId};
-use crate::yaml::{Log, Problem, Span, Spanned, suggest};
+use crate::yaml::{Log, Problem, Span, suggest};
 
 /// The built-in groups of the engine.
 const RESERVED: [&str; 2] = ["other", "telltale"];

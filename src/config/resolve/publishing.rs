@@ -1,6 +1,7 @@
 //! Converts the written publications into topics. No topic is read or published twice.
 
 use super::topics::Topics;
+use crate::config::decode::Spanned;
 use crate::config::file::publishing::{
     Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, RawRosout, Switch, TreePath, off,
 };
@@ -10,7 +11,7 @@ use crate::engine::model::StageModel;
 use crate::engine::model::countermeasure::{Request, Rule};
 use crate::engine::model::output::{Output, Publication};
 use crate::engine::time;
-use crate::yaml::{Log, Problem, Span, Spanned};
+use crate::yaml::{Log, Problem, Span};
 
 /// The publications. Outputs that the vehicle needs must not be switched off, and no published topic may be one
 /// that is read.

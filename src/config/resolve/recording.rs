@@ -1,5 +1,6 @@
 //! Converts the settings of the recording, within their bounds.
 
+use crate::config::decode::Spanned;
 use crate::config::describe::words;
 use crate::config::file::publishing::Switch;
 use crate::config::file::recording::{
@@ -9,7 +10,7 @@ use crate::config::file::ros_names::check_topic_pattern;
 use crate::config::recording::Recording;
 use crate::engine::model::monitors::RecordedTopic;
 use crate::engine::time::Span;
-use crate::yaml::{Log, Problem, Spanned};
+use crate::yaml::{Log, Problem};
 
 /// `None`: it is switched off.
 pub(in crate::config) fn recording(raw: Option<&Switch<RawRecording>>, log: &mut Log) -> Option<Recording> {

@@ -3,10 +3,11 @@
 use std::collections::HashMap;
 
 use super::names::Names;
+use crate::config::decode::Spanned;
 use crate::config::file;
 use crate::engine::model::order::{Cycle, CycleEdge, CycleStep};
 use crate::engine::model::{Dependency, DependsOn, NodeId, POSED_SIGNAL, When, Within};
-use crate::yaml::{Log, Problem, Span, Spanned, suggest};
+use crate::yaml::{Log, Problem, Span, suggest};
 
 /// Indices of the signals by name.
 pub(in crate::config) type Signals<'a> = HashMap<&'a str, usize>;

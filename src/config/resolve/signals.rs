@@ -6,6 +6,7 @@ use super::monitors;
 use super::names::check_id;
 use super::topics::Topics;
 use super::twice;
+use crate::config::decode::Spanned;
 use crate::config::expression;
 use crate::config::file::ros_names::check_path;
 use crate::config::file::sources::Source;
@@ -14,7 +15,7 @@ use crate::engine::model::monitors::Class;
 use crate::engine::model::{FieldSource, MonitorSpec, POSED_SIGNAL, SignalSource, SignalSpec};
 use crate::engine::time;
 use crate::yaml::tree::Key;
-use crate::yaml::{Log, Problem, Span, Spanned};
+use crate::yaml::{Log, Problem, Span};
 
 /// The signals, and for each the places of its type and its field, or of its condition.
 pub(in crate::config) fn signals(

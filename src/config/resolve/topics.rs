@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use crate::config::decode::Spanned;
 use crate::config::describe::places::TopicPlace;
 use crate::config::file::ros_names::{check_list, check_path, check_topic, check_type};
 use crate::config::file::sources::{
@@ -11,7 +12,7 @@ use crate::config::file::sources::{
 use crate::engine::model::monitors::{
     DiagnosticsTopic, FieldKind, FieldSpec, StampClock, TopicId, TopicSpec, WatchdogId, WatchdogSpec, Watched,
 };
-use crate::yaml::{Log, Problem, Span, Spanned};
+use crate::yaml::{Log, Problem, Span};
 
 /// The topic of diagnostics without a configuration.
 const DIAGNOSTICS: &str = "/diagnostics";

@@ -1,11 +1,9 @@
 //! Reads a map of given keys, and describes it for the schema.
 
-use super::decode::{FromNode, Log, did_you_mean, mapping, suggest, word};
-use super::problem::Problem;
-use super::schema;
-use super::schema::{KeyDoc, MapDoc, Members, Schema};
-use super::source::Span;
-use super::tree::{Key, Node};
+use super::decode::FromNode;
+use crate::yaml::decode::{did_you_mean, mapping, suggest, word};
+use crate::yaml::tree::Key;
+use crate::yaml::{KeyDoc, Log, MapDoc, Members, Node, Problem, Schema, Span, schema};
 
 /// A map with given keys. Keys that the decoder has not asked for by the end are unknown keys.
 #[derive(Debug)]
@@ -21,7 +19,7 @@ impl<'n, 'l> Fields<'n, 'l> {
     /// `None`: it is no map, or its schema is known already.
     pub fn of(node: &'n Node, map: impl Into<MapDoc>, log: &'l mut Log) -> Option<Self> {
         let map = map.into();
-        let entries = mapping(node, map.title, log)?;
+        let entries = mapping(node, map.title(), log)?;
         if log.schema.as_mut().is_some_and(|schema| !schema.open(map)) {
             return None;
         }
@@ -30,12 +28,12 @@ impl<'n, 'l> Fields<'n, 'l> {
 
     /// Notes that a key may be there; the first note of a key goes into the schema.
     fn ask(&mut self, key: KeyDoc, form: impl FnOnce(&mut Schema) -> Members, is_required: bool) {
-        if self.asked.contains(&key.name) {
+        if self.asked.contains(&key.name()) {
             return;
         }
-        self.asked.push(key.name);
+        self.asked.push(key.name());
         if let Some(schema) = &mut self.log.schema {
-            let form = match key.form {
+            let form = match key.own_form() {
                 Some(form) => form(schema),
                 None => form(schema),
             };
@@ -56,7 +54,7 @@ impl<'n, 'l> Fields<'n, 'l> {
     pub fn node(&mut self, key: impl Into<KeyDoc>) -> Option<&'n Node> {
         let key = key.into();
         self.ask(key, |_| Members::new(), false);
-        self.find(key.name).map(|(_, value)| value)
+        self.find(key.name()).map(|(_, value)| value)
     }
 
     pub fn optional<T: FromNode>(&mut self, key: impl Into<KeyDoc>) -> Option<T> {
@@ -72,7 +70,7 @@ impl<'n, 'l> Fields<'n, 'l> {
     ) -> Option<T> {
         let key = key.into();
         self.ask(key, form, false);
-        let (_, node) = self.find(key.name)?;
+        let (_, node) = self.find(key.name())?;
         read(node, self.log)
     }
 
@@ -89,9 +87,9 @@ impl<'n, 'l> Fields<'n, 'l> {
     pub fn required<T: FromNode>(&mut self, key: impl Into<KeyDoc>) -> Option<T> {
         let key = key.into();
         self.ask(key, T::form, true);
-        let Some((_, node)) = self.find(key.name) else {
-            let problem = Problem::at(self.span, format!("{} needs `{}`", self.map.title, key.name));
-            self.log.push(problem.help(format!("add `{}: ...`", key.name)));
+        let Some((_, node)) = self.find(key.name()) else {
+            let problem = Problem::at(self.span, format!("{} needs `{}`", self.map.title(), key.name()));
+            self.log.push(problem.help(format!("add `{}: ...`", key.name())));
             return None;
         };
         T::from_node(node, self.log)
@@ -121,7 +119,8 @@ impl<'n, 'l> Fields<'n, 'l> {
     /// Logs every key that the decoder did not ask for.
     pub fn finish(self) {
         for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
-            let problem = Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.map.title));
+            let problem =
+                Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.map.title()));
             let help = suggest(&key.text, self.asked.iter().copied())
                 .map_or_else(|| format!("known here: {}", self.asked.join(", ")), did_you_mean);
             self.log.push(problem.help(help));
