@@ -1,25 +1,21 @@
 //! Telltale: the operator HMI of an autonomous shuttle bus.
 
-#![forbid(unsafe_code)]
-// `expect` states why a call cannot fail.
-#![cfg_attr(not(test), deny(clippy::unwrap_used))]
-
 pub mod cli;
-pub mod clock;
-pub mod config;
-pub mod engine;
-pub mod import;
-pub mod init;
-pub mod input_file;
-pub mod latency;
+pub use telltale_clock as clock;
+pub use telltale_clock::latency;
+pub use telltale_config as config;
+pub use telltale_engine as engine;
+pub use telltale_onboarding::import;
+pub use telltale_onboarding::init;
+pub use telltale_yaml::input_file;
 pub mod metrics;
-pub mod msg;
-pub mod picture;
-pub mod record;
-pub mod replay;
-pub mod ros;
-pub mod runtime;
-pub mod sim;
-pub mod store;
-pub mod web;
-pub mod yaml;
+pub use telltale_msg as msg;
+pub use telltale_picture as picture;
+pub use telltale_record as record;
+pub use telltale_replay as replay;
+pub use telltale_ros as ros;
+pub use telltale_runtime as runtime;
+pub use telltale_sim as sim;
+pub use telltale_store as store;
+pub use telltale_web as web;
+pub use telltale_yaml as yaml;

@@ -39,7 +39,7 @@ pub const EXIT_NO: u8 = 1;
 pub const EXIT_USAGE: u8 = 2;
 
 #[derive(Debug, Parser)]
-#[command(name = "telltale", version = env!("TELLTALE_VERSION"), about, max_term_width = 100)]
+#[command(name = "telltale", version = crate::record::VERSION, about, max_term_width = 100)]
 struct Cli {
     /// The form of the log of programs that run on, on standard error
     #[arg(long, value_name = "FORM", value_enum, default_value_t, global = true)]

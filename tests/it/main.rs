@@ -1,5 +1,8 @@
 //! The integration tests, in one binary: it links once.
 
+// Helpers of tests are outside of tests for clippy.
+#![allow(clippy::unwrap_used)]
+
 /// A test for each of these functions with each vendor's peer.
 macro_rules! with_each_peer {
     ($($test:ident),* $(,)?) => {

@@ -165,7 +165,7 @@ impl Server {
             recording: recording.as_ref().map(Recording::state),
             replayed: None,
         };
-        let start = Record::of(Action::Start, TELLTALE).on(env!("TELLTALE_VERSION"));
+        let start = Record::of(Action::Start, TELLTALE).on(crate::record::VERSION);
         store.record(start, None).await;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         let watched = recording.as_ref().map(Recording::watched);

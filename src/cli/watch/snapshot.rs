@@ -262,7 +262,7 @@ pub mod tests {
     use super::*;
 
     /// The frame that the server's own tests write, so that neither side changes alone.
-    pub const GOLDEN: &str = include_str!("../../web/live/frame/golden.json");
+    pub const GOLDEN: &str = include_str!("../../../crates/web/src/live/frame/golden.json");
 
     pub fn golden() -> Vehicle {
         let mut vehicle = None;

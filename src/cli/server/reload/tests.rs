@@ -175,14 +175,18 @@ async fn a_request_previews_first_and_takes_when_told() {
 async fn a_pipe_in_place_of_a_file_is_refused_and_the_next_reload_works() {
     let bench = Bench::new();
     let pipe = bench.path.with_file_name("pipe.yaml");
-    crate::input_file::make_pipe(&pipe);
+    let make_pipe = |path: &Path| {
+        use rustix::fs::{CWD, FileType, Mode, mknodat};
+        mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    };
+    make_pipe(&pipe);
     let definitions = Definitions::default();
     let again = || reload(&bench.path, &bench.loaded, &definitions, &bench.link.reloads);
     bench.write(&format!("include: [pipe.yaml]\n{OLD}"));
     let error = again().await.unwrap_err().to_string();
     assert!(error.contains("pipe.yaml") && error.contains("no regular file"), "{error}");
     std::fs::remove_file(&bench.path).unwrap();
-    crate::input_file::make_pipe(&bench.path);
+    make_pipe(&bench.path);
     let error = again().await.unwrap_err().to_string();
     assert!(error.contains("vehicle.yaml") && error.contains("no regular file"), "{error}");
     std::fs::remove_file(&bench.path).unwrap();

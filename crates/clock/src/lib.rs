@@ -1,0 +1,115 @@
+//! The only place that reads a clock.
+
+pub mod latency;
+
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use telltale_engine::time::{Span, Timestamp};
+
+/// The first of May 2026; this version is newer. A constant, so that two builds of the same source are equal.
+const EARLIEST_UNIX_S: u64 = 1_777_593_600;
+
+/// A wall clock that shows less than this is wrong.
+pub fn earliest() -> SystemTime {
+    UNIX_EPOCH + Duration::from_secs(EARLIEST_UNIX_S)
+}
+
+/// The monotonic clock of receipt, counted from the start of the process, and the wall clock for times that
+/// people read. Copies agree.
+#[derive(Debug, Clone, Copy)]
+pub struct Clock {
+    start: Instant,
+    /// The offset by which it was set ahead, in nanoseconds; only a test's clock has one.
+    ahead: Option<&'static Ahead>,
+    /// It moves only when it is set ahead.
+    stands: bool,
+    /// The wall time at the start, if it is not that of the system.
+    wall: Option<SystemTime>,
+}
+
+/// What a test has done to its clock, in nanoseconds.
+#[derive(Debug, Default)]
+struct Ahead {
+    both: AtomicU64,
+    wall: AtomicI64,
+}
+
+/// Sets a clock ahead, so that a test need not wait.
+#[derive(Debug, Clone, Copy)]
+pub struct ClockHand(&'static Ahead);
+
+impl ClockHand {
+    /// Time passes.
+    pub fn advance(&self, span: Span) {
+        self.0.both.fetch_add(span.as_nanos(), Ordering::Relaxed);
+    }
+
+    /// Somebody sets the wall clock by so many seconds.
+    pub fn step_wall(&self, seconds: i64) {
+        self.0.wall.fetch_add(seconds * 1_000_000_000, Ordering::Relaxed);
+    }
+}
+
+impl Clock {
+    #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
+    pub fn start() -> Clock {
+        Clock { start: Instant::now(), ahead: None, stands: false, wall: None }
+    }
+
+    /// A clock that can be set ahead, for tests. Its offset lives as long as the process.
+    pub fn with_hand() -> (Clock, ClockHand) {
+        let ahead: &'static Ahead = Box::leak(Box::default());
+        (Clock { ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
+    }
+
+    /// A clock that moves only when it is set ahead.
+    pub fn standing() -> (Clock, ClockHand) {
+        let (clock, hand) = Clock::with_hand();
+        (Clock { stands: true, ..clock }, hand)
+    }
+
+    /// A clock that began with this wall time: for tests.
+    pub fn with_wall(wall: SystemTime) -> Clock {
+        Clock { wall: Some(wall), ..Clock::start() }
+    }
+
+    /// Monotonic: it is never stepped and never runs backwards.
+    pub fn now(&self) -> Timestamp {
+        let elapsed = if self.stands { Duration::ZERO } else { self.start.elapsed() };
+        let elapsed = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);
+        Timestamp::from_nanos(elapsed.saturating_add(self.ahead()))
+    }
+
+    /// The present wall time. It may be stepped at any time: for display only.
+    #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
+    pub fn wall(&self) -> SystemTime {
+        let wall = match self.wall {
+            Some(wall) => wall + Duration::from_nanos(self.now().as_nanos()),
+            None => SystemTime::now() + Duration::from_nanos(self.ahead()),
+        };
+        let stepped = self.ahead.map_or(0, |ahead| ahead.wall.load(Ordering::Relaxed));
+        let by = Duration::from_nanos(stepped.unsigned_abs());
+        if stepped < 0 { wall - by } else { wall + by }
+    }
+
+    /// The monotonic instant as a tokio instant.
+    pub fn instant(&self, at: Timestamp) -> Instant {
+        self.start + Duration::from_nanos(at.as_nanos().saturating_sub(self.ahead()))
+    }
+
+    /// The result of a future, unless it comes after `until`.
+    pub async fn by<T>(&self, until: Timestamp, future: impl Future<Output = T>) -> Option<T> {
+        tokio::time::timeout_at(self.instant(until).into(), future).await.ok()
+    }
+
+    fn ahead(&self) -> u64 {
+        self.ahead.map_or(0, |ahead| ahead.both.load(Ordering::Relaxed))
+    }
+}
+
+/// The wall time at `then`, seen from now: a step of the clock shifts past and present alike.
+pub fn wall_at(wall_now: SystemTime, now: Timestamp, then: Timestamp) -> SystemTime {
+    let ago: Span = now.since(then);
+    wall_now.checked_sub(Duration::from_nanos(ago.as_nanos())).unwrap_or(SystemTime::UNIX_EPOCH)
+}

@@ -1,0 +1,63 @@
+//! The vehicle's motion as it is written: where its speed comes from, and when it stands.
+
+use super::forms::{FIELD, default_span};
+use super::sources::Topic;
+use crate::decode::{FromNode, Spanned};
+use crate::fields::Fields;
+use telltale_engine::model::motion::{SPEED_TIMEOUT, STANDING_BELOW_MPS};
+use telltale_engine::time;
+use telltale_yaml::schema::{default, most};
+use telltale_yaml::{Log, Node, key, map};
+
+/// The largest timeout of a speed: an older one says nothing about the present motion.
+pub(crate) const TIMEOUT_MAX: time::Span = time::Span::from_secs(10);
+/// The largest speed at which a vehicle may count as standing.
+pub(crate) const STANDING_MPS_MAX: f64 = 1.0;
+
+/// `motion: { speed: { topic: /t, type: T, field: PATH, timeout: 1s }, standing_below: 0.1 }`
+#[derive(Debug)]
+pub(crate) struct RawMotion {
+    pub speed: Option<RawSpeed>,
+    pub standing_below: Option<Spanned<f64>>,
+}
+
+#[derive(Debug)]
+pub(crate) struct RawSpeed {
+    pub topic: Topic,
+    pub field: Option<Spanned<String>>,
+    pub timeout: Option<Spanned<time::Span>>,
+}
+
+impl FromNode for RawMotion {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let about =
+            "Whether the vehicle moves, and how fast. Without it the page says that it does not know.";
+        let mut fields = Fields::of(node, map("motion", "the motion").about(about), log)?;
+        let motion = RawMotion {
+            speed: fields.required(key("speed").about("In m/s; its sign does not count.")),
+            standing_below: fields.optional(
+                key("standing_below")
+                    .about("In m/s. Slower than this for half a second, the vehicle stands; at this speed it moves at once.")
+                    .rules(|| vec![("exclusiveMinimum", 0.into()), most(STANDING_MPS_MAX), default(STANDING_BELOW_MPS)]),
+            ),
+        };
+        fields.finish();
+        Some(motion)
+    }
+}
+
+impl FromNode for RawSpeed {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let about = "A number in a topic.";
+        let mut fields = Fields::of(node, map("speed", "a speed").about(about), log)?;
+        let topic = Topic::of(&mut fields);
+        let field = fields.optional(FIELD.about("Path of the number; `data` for std_msgs."));
+        let timeout = fields.optional(
+            key("timeout")
+                .about("Older than this, the speed is unknown. At most 10s.")
+                .rules(|| vec![default_span(SPEED_TIMEOUT)]),
+        );
+        fields.finish();
+        Some(RawSpeed { topic: topic?, field, timeout })
+    }
+}

@@ -1,0 +1,107 @@
+//! Converts monitors from the file into monitors of the model.
+
+use super::topics::Topics;
+use crate::expression;
+use crate::file::monitors::{Expression, Monitor, Source};
+use telltale_engine::model::monitors::{ModuleMonitor, MonitorSpec, ValueSource, WatchdogSpec};
+use telltale_yaml::{Log, Problem, Span};
+
+/// The monitor of the model; `None` if the log has the reason.
+pub(crate) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> Option<ModuleMonitor> {
+    let spec = match monitor {
+        Monitor::SelfState { status } => {
+            return Some(ModuleMonitor::SelfState(status.as_ref()?.value.as_str().into()));
+        }
+        Monitor::External { status, class } => {
+            MonitorSpec::External { status: status.as_ref()?.value.as_str().into(), class: *class }
+        }
+        Monitor::Frequency { topic, window, bands } => {
+            let topic = topics.watch(topic, false, log);
+            MonitorSpec::Frequency { topic, window: *window, bands: *bands }
+        }
+        Monitor::Latency { topic, window, bands } => {
+            let topic = topics.watch(topic, true, log);
+            MonitorSpec::Latency { topic, window: *window, bands: *bands }
+        }
+        Monitor::Value { source: from, rule } => {
+            MonitorSpec::Value { source: source(from, topics, log), rule: rule.clone() }
+        }
+        Monitor::Watchdog { target, every, misses, bands } => {
+            let spec = WatchdogSpec { target: target.clone(), every: *every };
+            MonitorSpec::Watchdog { watchdog: topics.watchdog(spec), misses: *misses, bands: *bands }
+        }
+        Monitor::RateRatio { input, output, window, bands } => {
+            let (input, output) = (topics.watch(input, false, log), topics.watch(output, false, log));
+            MonitorSpec::RateRatio { input, output, window: *window, bands: *bands }
+        }
+        Monitor::Sequence { earlier, later, max_gap, bands } => {
+            let (earlier, later) = (source(earlier, topics, log), source(later, topics, log));
+            MonitorSpec::Sequence { earlier, later, max_gap: *max_gap, bands: *bands }
+        }
+        Monitor::Agreement { a, b, max_age, motion_over, rule } => {
+            let span = span_of(b);
+            let (a, b) = (source(a, topics, log), source(b, topics, log));
+            if a == b {
+                let problem = Problem::at(span, "this is the same value as the other");
+                log.push(problem.help("name a second, independent source"));
+            }
+            let (max_age, motion_over, rule) = (*max_age, *motion_over, rule.clone());
+            MonitorSpec::Agreement { a, b, max_age, motion_over, rule }
+        }
+        Monitor::Constant(state) => MonitorSpec::Constant { state: *state },
+        Monitor::Expression(expression) => resolve_expression(expression, topics, log)?,
+    };
+    Some(spec.into())
+}
+
+fn span_of(source: &Source) -> Span {
+    match source {
+        Source::Field { path, .. } => path.span,
+        Source::Key { key, .. } => key.span,
+    }
+}
+
+pub(crate) fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> ValueSource {
+    match source {
+        Source::Field { topic, path, kind } => {
+            let (topic, field) = topics.field(topic, path, *kind, log);
+            ValueSource::Field { topic, field }
+        }
+        Source::Key { status, key, unit } => ValueSource::Key {
+            status: status.value.as_str().into(),
+            key: key.value.as_str().into(),
+            unit: unit.as_ref().map(|unit| unit.value.as_str().into()),
+        },
+    }
+}
+
+fn resolve_expression(raw: &Expression, topics: &mut Topics, log: &mut Log) -> Option<MonitorSpec> {
+    for (name, _) in &raw.inputs {
+        expression::check_name(name, log);
+    }
+    let names: Vec<&str> = raw.inputs.iter().map(|(name, _)| name.value.as_str()).collect();
+    let inputs = raw.inputs.iter();
+    let inputs = inputs.map(|(name, from)| (name.value.as_str().into(), source(from, topics, log))).collect();
+    let mut condition = |text: &Option<_>| match text {
+        Some(text) => expression::condition(text, &names, log).map(Some),
+        None => Some(None),
+    };
+    let (warning, error) = (condition(&raw.warning), condition(&raw.error));
+    if let (Some(Some(a)), Some(Some(b)), Some(text)) = (&warning, &error, &raw.error)
+        && let Some(said) = expression::conflict(&names, a, b)
+    {
+        log.push(Problem::at(text.span, said).help("give each its own input"));
+    } else if let (Some(Some(a)), Some(Some(b)), Some(text)) = (&warning, &error, &raw.warning)
+        && expression::is_covered(a, b)
+    {
+        let problem =
+            Problem::at(text.span, "wherever this WARNING holds, `error` holds too: it never shows");
+        let problem = match &raw.error {
+            Some(error) => problem.also(error.span, "the ERROR"),
+            None => problem,
+        };
+        log.push(problem.help("let the WARNING begin before the ERROR does, or remove it"));
+    }
+    let (max_age, class) = (raw.max_age, raw.class);
+    Some(MonitorSpec::Expression { inputs, max_age, warning: warning?, error: error?, class })
+}

@@ -1,0 +1,85 @@
+//! Finds modules that may be noticed later than a dependency waits: what fails together with them is shown as a
+//! fault of its own.
+
+use super::{Finding, FindingKind};
+use telltale_engine::model::monitors::ProbeTarget;
+use telltale_engine::model::{GroupId, Model, ModuleId, ModuleSpec, MonitorSpec, NodeId, Within};
+use telltale_engine::state::State;
+use telltale_engine::time::Span;
+
+/// The lease of a ROS 2 node (CycloneDDS; others have longer ones). One that was killed counts as running for at least
+/// this long, and for up to three leases where its loss has to be confirmed.
+const LEASE: Span = Span::from_secs(10);
+
+/// One finding for a module: the dependency with the shortest limit.
+pub(super) fn look(model: &Model) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for (id, module) in (0..).map(ModuleId).zip(&model.modules) {
+        let after = noticed_after(model, module);
+        let near = dependencies(model)
+            .filter(|(holder, index)| concerns(model, id, (*holder, *index)))
+            .filter_map(|(holder, index)| match depends_on(model, holder)[index].within {
+                Within::Limit(limit) if limit < after => Some((limit, holder, index)),
+                Within::Limit(_) | Within::Always => None,
+            });
+        if let Some((limit, holder, dependency)) = near.min_by_key(|(limit, ..)| *limit) {
+            let late = NodeId::Module(id);
+            let what = FindingKind::LateCause { late, after, limit, dependency };
+            found.push(Finding { node: holder, what, example: None });
+        }
+    }
+    found
+}
+
+/// The longest time from a fault to the ERROR of this module, as far as the configuration tells.
+fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
+    let judged = match module.monitor.other() {
+        Some(MonitorSpec::Frequency { window, .. } | MonitorSpec::RateRatio { window, .. }) => *window,
+        Some(MonitorSpec::Watchdog { watchdog, misses, .. }) => {
+            let spec = &model.watched.watchdogs[watchdog.0 as usize];
+            let rounds = Span::from_nanos(spec.every.as_nanos().saturating_mul(u64::from(*misses)));
+            match spec.target {
+                ProbeTarget::Node { .. } | ProbeTarget::Service { .. } => sum(LEASE, rounds),
+                ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } | ProbeTarget::Qos { .. } => rounds,
+            }
+        }
+        _ => Span::ZERO,
+    };
+    let by_the_clock = module.monitor.by_the_clock();
+    let silent = module.policy.stale == State::Error && !by_the_clock;
+    let silence = if silent { module.policy.timeout } else { Span::ZERO };
+    sum(judged.max(silence), module.policy.raise_after)
+}
+
+fn sum(one: Span, other: Span) -> Span {
+    Span::from_nanos(one.as_nanos().saturating_add(other.as_nanos()))
+}
+
+/// Each dependency by its holder and its index.
+pub(super) fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, usize)> + '_ {
+    let groups = (0..model.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
+    let modules = (0..model.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
+    groups.chain(modules).flat_map(|node| (0..depends_on(model, node).len()).map(move |index| (node, index)))
+}
+
+pub(super) fn depends_on(model: &Model, node: NodeId) -> &[telltale_engine::model::Dependency] {
+    match node {
+        NodeId::Group(id) => &model.groups[id.0 as usize].depends_on,
+        NodeId::Module(id) => &model.modules[id.0 as usize].depends_on,
+    }
+}
+
+/// Whether a dependency is one of the module itself, or one on it.
+fn concerns(model: &Model, id: ModuleId, (holder, index): (NodeId, usize)) -> bool {
+    holder == NodeId::Module(id)
+        || depends_on(model, holder)[index].targets().iter().any(|&target| is_inside(model, id, target))
+}
+
+pub(super) fn is_inside(model: &Model, id: ModuleId, node: NodeId) -> bool {
+    let group = Some(model.modules[id.0 as usize].group);
+    let mut around = std::iter::successors(group, |&id| model.groups[id.0 as usize].parent);
+    match node {
+        NodeId::Module(other) => other == id,
+        NodeId::Group(group) => around.any(|id| id == group),
+    }
+}

@@ -1,0 +1,151 @@
+//! The received values of topics and probes that monitors watch.
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
+use std::sync::Arc;
+
+use super::monitors::{TopicSpec, WatchdogSpec};
+use crate::files::float;
+use crate::time::Span;
+
+/// One message of a watched topic.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Sample {
+    /// The topic for which it was read. A sample of another configuration is not taken.
+    pub source: Arc<TopicSpec>,
+    /// The stamp of its header in nanoseconds since 1970, on the publisher's clock; `None` if there is none, it
+    /// was not requested, or it cannot be read.
+    pub stamp_ns: Option<i64>,
+    /// The time of receipt by this machine's wall clock, in nanoseconds since 1970. Only for comparison with
+    /// stamps; ages follow the monotonic clock. With `clock: ros` it is the time on `/clock`, and
+    /// [`NO_CLOCK`](Sample::NO_CLOCK) before the first one.
+    pub received_wall_ns: i64,
+    /// It was published before Telltale listened, and arrived later: its value holds, but it is neither counted
+    /// nor timed.
+    pub late: bool,
+    /// By position in [`TopicSpec::fields`].
+    pub values: Box<[FieldValue]>,
+}
+
+impl Sample {
+    /// Replaces an unknown time.
+    pub const NO_CLOCK: i64 = i64::MIN;
+
+    /// About the bytes of its values.
+    pub fn value_bytes(&self) -> usize {
+        let held = |value: &FieldValue| match value {
+            FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
+            FieldValue::Positions(list) => size_of_val(&*list.taken) + size_of::<Positions>(),
+            FieldValue::Number(_) | FieldValue::Bool(_) | FieldValue::Pose(_) | FieldValue::Absent => 0,
+        };
+        size_of_val(&*self.values) + self.values.iter().map(held).sum::<usize>()
+    }
+}
+
+/// The value of a field.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FieldValue {
+    Number(#[serde(with = "float")] f64),
+    Bool(bool),
+    Text(Box<str>),
+    Pose(Pose),
+    Positions(Arc<Positions>),
+    /// The message does not contain it: no element has the requested property. The last value stays and ages.
+    Absent,
+    /// The reason why it cannot be read, for a developer: the message ends early, or the element is missing.
+    Unreadable(Box<str>),
+}
+
+/// Metres, and a rotation as a quaternion that need not be normalized.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Pose {
+    #[serde(with = "float")]
+    pub x_m: f64,
+    #[serde(with = "float")]
+    pub y_m: f64,
+    #[serde(with = "float")]
+    pub z_m: f64,
+    #[serde(with = "float")]
+    pub qx: f64,
+    #[serde(with = "float")]
+    pub qy: f64,
+    #[serde(with = "float")]
+    pub qz: f64,
+    #[serde(with = "float")]
+    pub qw: f64,
+}
+
+/// Positions of one list that are kept; further ones are only counted.
+pub const POSITIONS_MAX: usize = 256;
+
+/// The positions of the objects in a list.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Positions {
+    /// At most [`POSITIONS_MAX`], the first ones.
+    #[serde(deserialize_with = "few")]
+    pub taken: Box<[Position]>,
+    /// The length of the list.
+    pub count: u32,
+}
+
+/// On the ground, in metres.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Position {
+    #[serde(with = "float")]
+    pub x_m: f64,
+    #[serde(with = "float")]
+    pub y_m: f64,
+}
+
+/// Reads a list of positions, which costs the square of its length to compare.
+fn few<'de, D: Deserializer<'de>>(from: D) -> Result<Box<[Position]>, D::Error> {
+    let taken = Box::<[Position]>::deserialize(from)?;
+    let count = taken.len();
+    if count > POSITIONS_MAX {
+        return Err(D::Error::invalid_length(count, &"at most 256 positions"));
+    }
+    Ok(taken)
+}
+
+impl Positions {
+    /// Whether the list has more positions than were kept.
+    pub fn is_cut(&self) -> bool {
+        self.count as usize > self.taken.len()
+    }
+}
+
+/// The publishers of a watched topic, from discovery.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PublisherReport {
+    pub source: Arc<TopicSpec>,
+    /// Publishers of the configured type.
+    pub publishers: u32,
+    /// Another type under which the topic is published: `package/msg/Name`.
+    pub other_type: Option<Box<str>>,
+}
+
+/// The result of a probe.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Probe {
+    pub source: Arc<WatchdogSpec>,
+    pub outcome: ProbeOutcome,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProbeOutcome {
+    Answered {
+        /// The response time.
+        after: Span,
+    },
+    /// Discovery knows it. It was not asked, so its response time is unknown.
+    Announced,
+    /// A node that several participants announce at once: one that crashed counts until its leases end, so each but the
+    /// last is a restart, or the node runs more than once.
+    Repeated { times: u32 },
+    /// It is not there, with the reason: refused, no answer in time, no such node or service.
+    Missed(Box<str>),
+    /// This machine cannot probe it, so nothing is known: no permission, or a name that does not resolve.
+    Impossible(Box<str>),
+}

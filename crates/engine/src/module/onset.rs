@@ -1,0 +1,139 @@
+//! When the present fault of a module began, and since when it is shown: the times by which a cause explains an
+//! ERROR.
+
+use serde::{Deserialize, Serialize};
+
+use crate::model::Within;
+use crate::state::State;
+use crate::time::{Span, Timestamp};
+
+/// Ends of times in which a module was well that are remembered. Each is shorter than the one before it, so few are
+/// needed.
+const WELL_MAX: usize = 8;
+
+/// The beginnings of a module's fault. The caller passes every change of the own state at its instant.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Onset {
+    /// When the module was made.
+    made: Timestamp,
+    /// Since when it is well, if it is.
+    well_since: Option<Timestamp>,
+    /// Whether it was in ERROR when it last became relevant, and was not well since.
+    was_error: bool,
+    /// Only modules that had a fault have it.
+    fault: Option<Box<Fault>>,
+}
+
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct Fault {
+    /// Since when it is in ERROR, if it is.
+    error: Option<Timestamp>,
+    /// When it was well, the latest last. One that is followed by a longer one is forgotten.
+    well: Vec<Well>,
+    /// Since when this ERROR is shown, if it is. After a restart, since its alarm was raised.
+    shown_since: Option<Timestamp>,
+    /// The longest time for which this ERROR was shown before.
+    shown: Span,
+}
+
+/// A time in which a module was well.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Well {
+    until: Timestamp,
+    lasted: Span,
+}
+
+/// OK and WARNING: the module does its work.
+pub(crate) fn is_well(state: State) -> bool {
+    matches!(state, State::Ok | State::Warning)
+}
+
+impl Onset {
+    pub(crate) fn new(made: Timestamp) -> Onset {
+        Onset { made, well_since: None, was_error: false, fault: None }
+    }
+
+    /// Takes the own state at an instant; an unchanged one changes nothing.
+    pub(crate) fn follow(&mut self, state: State, at: Timestamp) {
+        if is_well(state) {
+            self.well_since.get_or_insert(at);
+            self.was_error = false;
+            if let Some(fault) = &mut self.fault {
+                fault.error = None;
+            }
+            return;
+        }
+        if let Some(since) = self.well_since.take() {
+            let lasted = at.since(since);
+            let fault = self.fault.get_or_insert_default();
+            fault.well.retain(|before| before.lasted > lasted);
+            if fault.well.len() == WELL_MAX {
+                fault.well.remove(0);
+            }
+            fault.well.push(Well { until: at, lasted });
+        }
+        if state == State::Error {
+            self.fault.get_or_insert_default().error.get_or_insert(at);
+        } else if let Some(fault) = &mut self.fault {
+            fault.error = None;
+        }
+    }
+
+    /// The module became relevant in this state.
+    pub(crate) fn became_relevant(&mut self, state: State) {
+        self.was_error = state == State::Error;
+    }
+
+    /// When the ERROR of this module began, as what a cause may explain: when it became ERROR, and when the module
+    /// was last well for longer than the limit.
+    pub(crate) fn as_effect(&self, limit: Span) -> [Option<Timestamp>; 2] {
+        let fault = self.fault.as_deref();
+        let well = fault.and_then(|fault| fault.well.iter().rev().find(|well| well.lasted > limit));
+        [fault.and_then(|fault| fault.error), Some(well.map_or(self.made, |well| well.until))]
+    }
+
+    /// When the fault of this module began, as what explains others: when it became ERROR, when the module was last
+    /// well at all, and when it became relevant while failing. UNKNOWN is a failure if it masks.
+    pub(crate) fn as_cause(
+        &self,
+        relevant_since: Option<Timestamp>,
+        masks_unknown: bool,
+    ) -> [Option<Timestamp>; 3] {
+        let fault = self.fault.as_deref();
+        let error = fault.and_then(|fault| fault.error);
+        let well = fault.and_then(|fault| fault.well.last()).map(|well| well.until);
+        let stood = relevant_since.filter(|&since| well.is_none_or(|until| until <= since));
+        [error, well, stood.filter(|_| masks_unknown || self.was_error)]
+    }
+
+    /// Whether this ERROR was shown for so long that a dependency with this limit masks it no more.
+    pub(crate) fn was_shown_for(&self, limit: Within, now: Timestamp) -> bool {
+        let (Within::Limit(limit), Some(fault)) = (limit, &self.fault) else { return false };
+        let shown = fault.shown_since.map_or(Span::ZERO, |since| now.since(since));
+        fault.shown.max(shown) > limit
+    }
+
+    /// Takes what the module shows. `known`: it has reported since the start of the program; until then, a time from
+    /// before the start stays.
+    pub(crate) fn note_shown(&mut self, own: State, shown: State, known: bool, now: Timestamp) {
+        match (own, shown) {
+            (State::Error, State::Error) => {
+                self.fault.get_or_insert_default().shown_since.get_or_insert(now);
+            }
+            _ => {
+                let Some(fault) = &mut self.fault else { return };
+                if own == State::Error {
+                    let shown = fault.shown_since.take().map_or(Span::ZERO, |since| now.since(since));
+                    fault.shown = fault.shown.max(shown);
+                } else if known {
+                    (fault.shown_since, fault.shown) = (None, Span::ZERO);
+                }
+            }
+        }
+    }
+
+    /// Before the start of the program, an ERROR was shown since this instant.
+    pub(crate) fn restore_shown(&mut self, since: Timestamp) {
+        self.fault.get_or_insert_default().shown_since = Some(since);
+    }
+}

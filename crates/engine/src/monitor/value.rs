@@ -1,0 +1,116 @@
+//! One field of a topic, or one KeyValue of a status.
+
+use super::inputs::{InputFault, Inputs, UnusableInput};
+use super::words::{Words, numeral_in, quoted};
+use crate::files::KeyframeError;
+use crate::model::monitors::ValueRule;
+use crate::model::quantity::{Quantity, number};
+use crate::model::sample::FieldValue;
+use crate::state::State;
+use crate::text::Text;
+use crate::text::say;
+use crate::time::Timestamp;
+use serde::{Deserialize, Serialize};
+
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Value {
+    pub(super) inputs: Inputs,
+    #[serde(skip)]
+    rule: ValueRule,
+}
+
+impl Value {
+    pub(super) fn new(inputs: Inputs, rule: ValueRule) -> Value {
+        Value { inputs, rule }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
+        let Value { inputs, rule: _ } = kept;
+        self.inputs.resume(inputs)
+    }
+
+    /// Whether texts are compared, so that "12" is a text too.
+    pub(super) fn wants_words(&self) -> bool {
+        let ValueRule::Unless { error, warning } = &self.rule else { return false };
+        [error, warning].into_iter().any(|wanted| matches!(wanted, Some(FieldValue::Text(_))))
+    }
+
+    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
+        self.inputs.any().then(|| match (self.look(now), &self.rule) {
+            (Ok((_, state)), _) => state,
+            (Err(unusable), ValueRule::Bands(bands)) if unusable.fault == InputFault::NotANumber => {
+                bands.unmeasurable()
+            }
+            (Err(_), _) => State::Unknown,
+        })
+    }
+
+    pub(super) fn words(&self, now: Timestamp) -> Words {
+        if !self.inputs.any() {
+            return Words::default();
+        }
+        self.measured(now).unwrap_or_else(|unusable| Words::plain(self.inputs.say(unusable)))
+    }
+
+    fn measured(&self, now: Timestamp) -> Result<Words, UnusableInput> {
+        Ok(match &self.rule {
+            ValueRule::Bands(bands) => {
+                let value = self.inputs.number(0, now)?;
+                Words {
+                    message: bands.say_in(value, self.inputs.quantity(0)),
+                    values: bands.values("value", value),
+                }
+            }
+            ValueRule::Unless { error, warning } => {
+                let (value, state) = self.look(now)?;
+                let quantity = self.inputs.quantity(0);
+                let missed = if state == State::Error { error } else { warning };
+                let message = match missed.as_ref().filter(|_| state != State::Ok) {
+                    Some(wanted) => say!(
+                        "{value}, {wanted} wanted",
+                        "{value}, erwartet {wanted}",
+                        value = words_of(value, quantity),
+                        wanted = words_of(wanted, quantity)
+                    ),
+                    None => words_of(value, quantity),
+                };
+                Words { message, values: vec![("value", bare(value))] }
+            }
+        })
+    }
+
+    fn look(&self, now: Timestamp) -> Result<(&FieldValue, State), UnusableInput> {
+        let value = self.inputs.value(0, now)?;
+        let state = match &self.rule {
+            ValueRule::Bands(bands) => bands.judge(self.inputs.number(0, now)?),
+            ValueRule::Unless { error: Some(wanted), .. } if value != wanted => State::Error,
+            ValueRule::Unless { warning: Some(wanted), .. } if value != wanted => State::Warning,
+            ValueRule::Unless { .. } => State::Ok,
+        };
+        Ok((value, state))
+    }
+}
+
+fn words_of(value: &FieldValue, quantity: Option<&Quantity>) -> Text {
+    match value {
+        FieldValue::Text(text) => quoted(text).into(),
+        FieldValue::Number(value) => numeral_in(*value, quantity),
+        FieldValue::Bool(true) => say!("true", "wahr"),
+        FieldValue::Bool(false) => say!("false", "falsch"),
+        FieldValue::Pose(_) => say!("a pose", "eine Pose"),
+        FieldValue::Positions(_) => say!("a list", "eine Liste"),
+        FieldValue::Absent | FieldValue::Unreadable(_) => say!("unreadable", "nicht lesbar"),
+    }
+}
+
+fn bare(value: &FieldValue) -> String {
+    match value {
+        FieldValue::Number(value) => number(*value),
+        FieldValue::Bool(is) => is.to_string(),
+        FieldValue::Text(text) => super::words::cut(text).to_owned(),
+        FieldValue::Pose(_) => "a pose".into(),
+        FieldValue::Positions(_) => "a list".into(),
+        FieldValue::Absent | FieldValue::Unreadable(_) => "unreadable".into(),
+    }
+}

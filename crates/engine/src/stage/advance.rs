@@ -1,0 +1,257 @@
+//! Transitions of the stage that follow from the vehicle's state, and their effect on requests.
+
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+use super::machine::Event;
+use crate::Engine;
+use crate::event::EventKind;
+use crate::input::{OutputReport, Refusal};
+use crate::model::output::Output;
+use crate::model::wording::Urgency;
+use crate::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
+use crate::module::system::SystemCheck;
+use crate::signals::driving_word::ARRIVAL;
+use crate::snapshot::{Asked, Countermeasure, Localization, Moving, Unreached};
+use crate::state::State;
+use crate::text::Text;
+use crate::text::say;
+use crate::timers::TimerKey;
+
+/// The last reports of Telltale's own modules about the vehicle.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct VehicleFaults {
+    /// `None` while a component reports whether the vehicle drives, or need not.
+    active_unknown: Option<State>,
+    contradicts_itself: bool,
+    countermeasures: Option<Text>,
+    outputs: Option<Text>,
+    unheard: Option<Text>,
+}
+
+/// The part of the snapshot about stages, requests and outputs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct VehicleView {
+    pub(crate) last_alarm: u64,
+    pub(crate) asking: Arc<[(NodeId, Urgency)]>,
+    pub(crate) asked: Option<Asked>,
+    pub(crate) accepted: Arc<[NodeId]>,
+    pub(crate) countermeasures: Arc<[Countermeasure]>,
+    pub(crate) localization: Localization,
+    pub(crate) clearance: bool,
+    pub(crate) hold: Option<bool>,
+    pub(crate) clearance_refusals: Arc<[Refusal]>,
+    pub(crate) release_refusals: Arc<[Refusal]>,
+    pub(crate) unreached: Arc<[(Output, Unreached)]>,
+    pub(crate) listened: Arc<[Output]>,
+}
+
+impl Engine {
+    /// Raises an event; the stage changes if the table has a row for it.
+    pub(crate) fn step(&mut self, event: Event) -> bool {
+        let from = self.vehicle.stage;
+        if !self.vehicle.raise(event) {
+            return false;
+        }
+        let to = self.vehicle.stage;
+        self.events.push(self.now, EventKind::Stage { from, to });
+        match from {
+            Stage::Active => self.arrived(),
+            // The vehicle may have set off already.
+            Stage::Cleared => self.countermeasures.arrive(self.now + ARRIVAL),
+            Stage::Locked | Stage::Localizing | Stage::Standby => {}
+        }
+        self.stage_changed();
+        true
+    }
+
+    /// Marks everything that depends on the stage.
+    pub(crate) fn stage_changed(&mut self) {
+        self.vehicle_changed = true;
+        self.countermeasures.mark_all();
+        self.signals.posed = self.vehicle.posed();
+        self.net.mark_conditions(self.vehicle.stage);
+    }
+
+    /// The operator gave a pose.
+    pub(crate) fn set_posed(&mut self) {
+        self.vehicle_changed = true;
+        self.signals.posed = self.vehicle.posed();
+        self.net.mark_conditions(self.vehicle.stage);
+    }
+
+    /// The goal is used up: the next drive needs its own. Requests stay until the end of the drive is certain.
+    fn arrived(&mut self) {
+        self.countermeasures.arrive(self.now + ARRIVAL);
+        self.forget_destination();
+        let Some(goal) = self.goal_signal else { return };
+        if self.signals.forget(goal) {
+            self.events.push(self.now, EventKind::Signal { index: goal, value: self.signals.value(goal) });
+            self.views.set_signals(&self.signals);
+        }
+    }
+
+    /// Takes the signal that the vehicle drives. An unknown value changes no stage.
+    pub(crate) fn take_active(&mut self, value: Option<bool>) {
+        match value {
+            Some(true) => self.step(Event::ActiveTrue),
+            Some(false) => self.step(Event::ActiveFalse),
+            None => false,
+        };
+        self.vehicle_changed = true;
+    }
+
+    /// Takes whether an output could be sent.
+    pub(crate) fn take_output(&mut self, news: &OutputReport) {
+        self.countermeasures.take_news(news);
+        self.vehicle_changed = true;
+    }
+
+    /// Advances localization, countermeasures and stage to the present states. Returns whether that changes
+    /// states in turn.
+    pub(crate) fn follow_vehicle(&mut self) -> bool {
+        self.follow_localization();
+        if !self.countermeasures.knows_all && self.stands_at_a_stop() {
+            self.countermeasures.knows_all = true;
+            self.vehicle_changed = true;
+        }
+        if !self.countermeasures.is_idle() {
+            self.vehicle_changed = true;
+            self.follow_measures();
+        }
+        if self.vehicle.stage == Stage::Cleared {
+            if !self.has_goal() {
+                self.step(Event::GoalGone);
+            } else if self.countermeasures.moving().next().is_some() {
+                self.step(Event::Countermeasure);
+            }
+        }
+        if self.vehicle_changed {
+            let (net, names, signals) = (&self.net, &self.names, &self.signals);
+            if let Some(due) = self.countermeasures.confirm(&self.model, net, names, signals, self.now) {
+                self.timers.arm(TimerKey::Countermeasures, due);
+            }
+            self.report_on_vehicle();
+        }
+        !self.net.is_settled()
+    }
+
+    /// Whether the vehicle is known not to be on a drive. What was asked of it before ends here, or is asked again.
+    fn stands_at_a_stop(&self) -> bool {
+        let drives = self.active_signal.is_some_and(|index| self.signals.value(index) != Some(false));
+        self.vehicle.model == StageModel::Shuttle
+            && self.vehicle.stage != Stage::Active
+            && !drives
+            && self.motion.shown().moving != Moving::Yes
+    }
+
+    fn follow_localization(&mut self) {
+        let Localization { given: Some(given), ok_since, done: false, .. } = self.vehicle.localization else {
+            return;
+        };
+        let since = match self.localization_group {
+            None => Some(given),
+            Some(id) if self.net.groups[id.0 as usize].node.facts.shown == State::Ok => {
+                Some(ok_since.unwrap_or(self.now))
+            }
+            Some(_) => None,
+        };
+        self.vehicle_changed |= since != ok_since;
+        self.vehicle.localization.ok_since = since;
+        let Some(due) = since.map(|since| since + self.model.driving.localized_after) else { return };
+        if due > self.now {
+            self.timers.arm(TimerKey::Localization, due);
+            return;
+        }
+        self.vehicle.localization.done = true;
+        self.vehicle.localization.skipped = false;
+        self.vehicle_changed = true;
+        self.step(Event::Localized);
+    }
+
+    /// Reports faults of the vehicle's side in the group `telltale`.
+    fn report_on_vehicle(&mut self) {
+        let shuttle = self.vehicle.model == StageModel::Shuttle;
+        let known = self.active_signal.and_then(|index| self.signals.value(index));
+        let vehicle_faults = VehicleFaults {
+            active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
+                .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),
+            contradicts_itself: self.signals.drive.is_doubted(self.now),
+            countermeasures: self.countermeasures.trouble(&self.model),
+            outputs: unsent(&self.countermeasures.unsent()).map(Text::from),
+            unheard: self.unheard(),
+        };
+        if vehicle_faults == self.vehicle_faults {
+            return;
+        }
+        let (state, words) = match vehicle_faults.active_unknown {
+            _ if vehicle_faults.contradicts_itself => (
+                State::Error,
+                say!(
+                    "says in turn that the vehicle drives and that it does not",
+                    "meldet abwechselnd, dass das Fahrzeug fährt und nicht fährt"
+                ),
+            ),
+            Some(state) => (
+                state,
+                say!("nothing says whether the vehicle drives", "niemand meldet, ob das Fahrzeug fährt"),
+            ),
+            None => (State::Ok, Text::default()),
+        };
+        self.report_on_self(SystemCheck::Active, state, words);
+        let worse = |words: &Option<Text>, state| if words.is_some() { state } else { State::Ok };
+        let words = |words: &Option<Text>| words.clone().unwrap_or_default();
+        let measures =
+            (worse(&vehicle_faults.countermeasures, State::Error), words(&vehicle_faults.countermeasures));
+        self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
+        let outputs = match &vehicle_faults.unheard {
+            Some(unheard) => (State::Error, unheard.clone()),
+            None => (worse(&vehicle_faults.outputs, State::Warning), words(&vehicle_faults.outputs)),
+        };
+        self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
+        self.vehicle_faults = vehicle_faults;
+    }
+
+    /// Updates the part of the snapshot about stages and requests, if it may have changed.
+    pub(crate) fn show_vehicle(&mut self) {
+        if !std::mem::take(&mut self.vehicle_changed) && !self.views.is_changed() {
+            return;
+        }
+        self.views.set_vehicle(VehicleView {
+            last_alarm: self.alarms.last_id(),
+            asking: self.asks.asking.clone(),
+            asked: self.asks.asked,
+            accepted: self.warnings.accepted().map(NodeId::Module).collect(),
+            countermeasures: self.countermeasures.list(self.net.nobody()),
+            localization: self.vehicle.localization,
+            clearance: self.vehicle.stage == Stage::Cleared,
+            hold: self.countermeasures.hold(),
+            clearance_refusals: self.clearance_refusals().into(),
+            release_refusals: self.release_refusals().into(),
+            unreached: self.unreached().into(),
+            listened: self.countermeasures.listened.iter().copied().collect(),
+        });
+    }
+}
+
+fn unsent(all: &[&OutputReport]) -> Option<String> {
+    let about = |output| match output {
+        Output::Stage => "the stage",
+        Output::Clearance => "the clearance",
+        Output::Pose => "the operator's pose",
+        Output::Deceleration => "decelerations",
+        Output::ManeuverStop => "stops",
+        Output::Hold => "whether the vehicle is held",
+    };
+    let words = |news: &&OutputReport| {
+        let error = news.error.as_deref().unwrap_or_default();
+        format!("{} cannot be sent on {}: {error}", about(news.output), news.topic)
+    };
+    (!all.is_empty()).then(|| all.iter().map(words).collect::<Vec<_>>().join("; "))
+}
+
+/// The group that tells whether the vehicle is localized.
+pub(crate) fn localization_group(model: &Model) -> Option<GroupId> {
+    let position = model.groups.iter().position(|group| &*group.path == LOCALIZATION_GROUP)?;
+    Some(GroupId(position as u32))
+}

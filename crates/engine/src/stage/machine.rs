@@ -1,0 +1,264 @@
+//! The vehicle's stages and the transitions between them (paper, Sec. IV-B).
+
+use std::sync::Arc;
+
+use crate::model::{Stage, StageModel};
+use crate::snapshot::{Localization, MapPose};
+use crate::time::Timestamp;
+use Stage::{Active, Cleared, Localizing, Locked, Standby};
+
+/// A transition between two stages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Transition {
+    pub from: &'static [Stage],
+    pub event: Event,
+    pub guard: Guard,
+    pub to: Stage,
+}
+
+const fn row(from: &'static [Stage], event: Event, guard: Guard, to: Stage) -> Transition {
+    Transition { from, event, guard, to }
+}
+
+/// All transitions. Every other one is impossible.
+pub const TRANSITIONS: &[Transition] = &[
+    row(&[Locked], Event::Login, Guard::None, Localizing),
+    row(&[Localizing], Event::Localized, Guard::Localized, Standby),
+    row(&[Standby], Event::Clearance, Guard::Checks, Cleared),
+    row(&[Cleared], Event::Withdrawn, Guard::None, Standby),
+    row(&[Cleared], Event::GoalGone, Guard::None, Standby),
+    row(&[Cleared], Event::Countermeasure, Guard::None, Standby),
+    row(&[Cleared], Event::Reloaded, Guard::None, Standby),
+    row(&[Cleared], Event::HandOver, Guard::None, Standby),
+    row(&[Locked, Localizing, Standby, Cleared], Event::ActiveTrue, Guard::None, Active),
+    row(&[Active], Event::ActiveFalse, Guard::Operator, Standby),
+    row(&[Active], Event::ActiveFalse, Guard::Nobody, Locked),
+    row(&[Localizing, Standby, Cleared], Event::Logout, Guard::None, Locked),
+    row(&[Localizing, Standby, Cleared], Event::Shutdown, Guard::None, Locked),
+];
+
+/// An event that may lead to another stage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    Login,
+    Localized,
+    Clearance,
+    Withdrawn,
+    GoalGone,
+    Countermeasure,
+    Reloaded,
+    HandOver,
+    ActiveTrue,
+    ActiveFalse,
+    Logout,
+    Shutdown,
+}
+
+impl Event {
+    /// The event as text, for people.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Event::Login => "login",
+            Event::Localized => "localized",
+            Event::Clearance => "clearance",
+            Event::Withdrawn => "clearance withdrawn",
+            Event::GoalGone => "goal gone",
+            Event::Countermeasure => "countermeasure engaged",
+            Event::Reloaded => "another configuration",
+            Event::HandOver => "another operator",
+            Event::ActiveTrue => "Active true",
+            Event::ActiveFalse => "Active false",
+            Event::Logout => "logout",
+            Event::Shutdown => "shutdown",
+        }
+    }
+}
+
+/// A further condition of a transition.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Guard {
+    None,
+    Localized,
+    Checks,
+    Operator,
+    Nobody,
+}
+
+impl Guard {
+    /// The condition as text, for people.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Guard::None => "",
+            Guard::Localized => "pose given, localization OK since then for long enough",
+            Guard::Checks => {
+                "goal set, groups OK or WARNINGs accepted, no countermeasure, display live, storage writable"
+            }
+            Guard::Operator => "an operator is logged in",
+            Guard::Nobody => "nobody is logged in",
+        }
+    }
+}
+
+/// The operator and the stage.
+#[derive(Debug, Clone)]
+pub(crate) struct Vehicle {
+    pub(crate) model: StageModel,
+    pub(crate) stage: Stage,
+    pub(crate) operator: Option<Arc<str>>,
+    pub(crate) localization: Localization,
+}
+
+impl Vehicle {
+    pub(crate) fn new(model: StageModel) -> Vehicle {
+        let stage = match model {
+            StageModel::Shuttle => Locked,
+            StageModel::None => Active,
+        };
+        Vehicle { model, stage, operator: None, localization: Localization::default() }
+    }
+
+    /// Raises an event. Returns whether the stage changed.
+    pub(crate) fn raise(&mut self, event: Event) -> bool {
+        if self.model == StageModel::None {
+            return false;
+        }
+        let holds = |guard| match guard {
+            // The caller of `Clear` has just made its checks.
+            Guard::None | Guard::Checks => true,
+            Guard::Localized => self.localization.done,
+            Guard::Operator => self.operator.is_some(),
+            Guard::Nobody => self.operator.is_none(),
+        };
+        let mut rows = TRANSITIONS.iter();
+        let taken = rows.find(|row| row.event == event && row.from.contains(&self.stage) && holds(row.guard));
+        let Some(row) = taken else { return false };
+        if row.to == Active {
+            self.localization.skipped |= matches!(self.stage, Locked | Localizing) && !self.localization.done;
+        }
+        if matches!(row.to, Locked | Localizing) {
+            self.localization = Localization {
+                given: None,
+                ok_since: None,
+                done: false,
+                skipped: false,
+                ..self.localization
+            };
+        }
+        self.stage = row.to;
+        true
+    }
+
+    /// An operator logs in. Returns the event of that login.
+    pub(crate) fn put_in_charge(&mut self, name: &str) -> Event {
+        let before = self.operator.replace(Arc::from(name));
+        if before.is_some_and(|before| *before != *name) { Event::HandOver } else { Event::Login }
+    }
+
+    /// Takes the operator's pose, which must be confirmed from now on.
+    pub(crate) fn localize(&mut self, pose: MapPose, now: Timestamp) {
+        let number = self.localization.number + 1;
+        self.localization = Localization {
+            number,
+            pose: Some(pose),
+            given: Some(now),
+            ok_since: None,
+            done: false,
+            ..self.localization
+        };
+    }
+
+    /// The built-in signal `posed`: true in every stage after localizing.
+    pub(crate) fn posed(&self) -> bool {
+        match self.stage {
+            Locked => false,
+            Localizing => self.localization.given.is_some(),
+            Standby | Cleared | Active => true,
+        }
+    }
+
+    /// The stage under another model of stages, in which only `active` tells whether it drives; `None`: that is
+    /// not known.
+    pub(crate) fn reload(&mut self, model: StageModel, active: Option<Option<bool>>) {
+        let before = std::mem::replace(&mut self.model, model);
+        let parked = if self.operator.is_some() { Standby } else { Locked };
+        self.stage = match (model, before) {
+            (StageModel::None, _) => Active,
+            (StageModel::Shuttle, StageModel::None) if active == Some(Some(true)) => Active,
+            (StageModel::Shuttle, StageModel::None) => parked,
+            (StageModel::Shuttle, StageModel::Shuttle) => match self.stage {
+                Active if active.is_none() => parked,
+                stage => stage,
+            },
+        };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Raises events in order and compares the stage after each.
+    fn check(vehicle: &mut Vehicle, steps: &[(Event, Stage)]) {
+        for (index, (event, stage)) in steps.iter().enumerate() {
+            vehicle.raise(*event);
+            assert_eq!(vehicle.stage, *stage, "after event {index}, {event:?}");
+        }
+    }
+
+    fn vehicle() -> Vehicle {
+        Vehicle { operator: Some("anna".into()), ..Vehicle::new(StageModel::Shuttle) }
+    }
+
+    #[test]
+    fn the_story_from_login_to_arrival_and_again() {
+        let mut vehicle = vehicle();
+        check(&mut vehicle, &[(Event::Login, Localizing), (Event::Localized, Localizing)]);
+        vehicle.localization.done = true;
+        check(
+            &mut vehicle,
+            &[
+                (Event::Localized, Standby),
+                (Event::Clearance, Cleared),
+                (Event::ActiveTrue, Active),
+                (Event::Clearance, Active),
+                (Event::Logout, Active),
+                (Event::Shutdown, Active),
+                (Event::ActiveFalse, Standby),
+                (Event::Clearance, Cleared),
+                (Event::GoalGone, Standby),
+                (Event::Logout, Locked),
+            ],
+        );
+    }
+
+    #[test]
+    fn active_is_the_truth_in_every_stage_and_flapping_never_brings_a_clearance_back() {
+        for stage in [Locked, Localizing, Standby, Cleared] {
+            let mut vehicle = Vehicle { stage, ..vehicle() };
+            check(
+                &mut vehicle,
+                &[(Event::ActiveTrue, Active), (Event::ActiveFalse, Standby), (Event::ActiveTrue, Active)],
+            );
+            vehicle.operator = None;
+            check(&mut vehicle, &[(Event::ActiveFalse, Locked), (Event::ActiveFalse, Locked)]);
+        }
+    }
+
+    #[test]
+    fn only_one_row_of_the_table_answers() {
+        for stage in Stage::ALL {
+            for row in TRANSITIONS.iter().filter(|row| row.from.contains(&stage)) {
+                let alike = TRANSITIONS
+                    .iter()
+                    .filter(|it| it.event == row.event && it.guard == row.guard && it.from.contains(&stage));
+                assert_eq!(alike.count(), 1, "{row:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_machine_without_stages_is_always_active() {
+        let mut vehicle = Vehicle::new(StageModel::None);
+        check(&mut vehicle, &[(Event::Login, Active), (Event::ActiveFalse, Active), (Event::Logout, Active)]);
+    }
+}

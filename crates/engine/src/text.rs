@@ -1,0 +1,50 @@
+//! A text in each language of the display.
+
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+/// A text in the languages of the HMI.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Text {
+    pub en: Arc<str>,
+    pub de: Arc<str>,
+}
+
+impl Default for Text {
+    fn default() -> Text {
+        Text::plain("")
+    }
+}
+
+impl From<&str> for Text {
+    fn from(text: &str) -> Text {
+        Text::plain(text)
+    }
+}
+
+impl From<String> for Text {
+    fn from(text: String) -> Text {
+        Text::plain(&text)
+    }
+}
+
+impl Text {
+    /// The same text in every language.
+    pub fn plain(text: &str) -> Text {
+        let text: Arc<str> = Arc::from(text);
+        Text { en: text.clone(), de: text }
+    }
+}
+
+/// One sentence in both languages. Each argument is inserted by its name, in its own language if it is a
+/// [`Text`]: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`.
+macro_rules! say {
+    ($en:literal, $de:literal $(, $name:ident = $value:expr)*) => {{
+        $(let $name = $crate::text::Text::from($value);)*
+        let en = { $(let $name = &*$name.en;)* std::fmt::format(format_args!($en)) };
+        let de = { $(let $name = &*$name.de;)* std::fmt::format(format_args!($de)) };
+        $crate::text::Text { en: en.into(), de: de.into() }
+    }};
+}
+
+pub(super) use say;

@@ -1,0 +1,126 @@
+//! Configurations of other diagnostics as Telltale's: diagnostic_aggregator's analyzers.yaml and Autoware's
+//! diagnostic graphs. Text in, text and findings out; files are read through [`Sources`] alone.
+
+mod aggregator;
+mod autoware;
+mod findings;
+mod write;
+
+use std::path::PathBuf;
+
+use findings::Findings;
+use telltale_yaml::{Kind, Log, Node, Problem, Problems, Sources, Span, tree};
+
+/// What a graph's paths of files may refer to.
+#[derive(Debug, Clone, Default)]
+pub struct Lookup {
+    /// The folders of packages, for `$(find-pkg-share NAME)`.
+    pub packages: Vec<(String, PathBuf)>,
+    /// Where packages are installed, as in AMENT_PREFIX_PATH.
+    pub prefixes: Vec<PathBuf>,
+    /// The values of `$(var NAME)`.
+    pub variables: Vec<(String, String)>,
+}
+
+/// A configuration of Telltale, and what differs in it.
+#[derive(Debug)]
+pub struct Imported {
+    pub format: &'static str,
+    pub text: String,
+    /// Errors are what could not be carried over, warnings what has another meaning.
+    pub findings: Option<Problems>,
+    /// How many things could not be carried over.
+    pub lost: usize,
+}
+
+/// Imports one of the sources.
+///
+/// # Errors
+///
+/// The file is no YAML, has neither format, or contains nothing to import.
+pub fn import(mut sources: Sources, file: u16, lookup: &Lookup) -> Result<Imported, Problems> {
+    let mut log = Log::default();
+    let root = tree::parse(&sources, file, &mut log);
+    let Some(root) = root else { return Err(Problems::new(sources, log.into_problems())) };
+    let mut findings = Findings::default();
+    log.into_problems().into_iter().for_each(|problem| findings.lost(problem));
+    let made = match format_of(&root) {
+        Ok(Format::Analyzers) => aggregator::import(sources.name(file), &root, &mut findings)
+            .map(|text| ("diagnostic_aggregator's analyzers", text)),
+        Ok(Format::Graph) => autoware::import(&mut sources, file, root, lookup, &mut findings)
+            .map(|text| ("an Autoware diagnostic graph", text)),
+        Err(problem) => Err(problem),
+    };
+    let lost = findings.count();
+    let mut problems = findings.into_problems();
+    match made {
+        Ok((format, text)) => {
+            let text = write::with_list(&text, &list(&sources, &problems));
+            let findings = (!problems.is_empty()).then(|| Problems::new(sources, problems));
+            Ok(Imported { format, text, findings, lost })
+        }
+        Err(problem) => {
+            problems.push(problem);
+            Err(Problems::new(sources, problems))
+        }
+    }
+}
+
+enum Format {
+    Analyzers,
+    Graph,
+}
+
+/// By the keys at the top.
+fn format_of(root: &Node) -> Result<Format, Problem> {
+    let help = "give it the parameters of diagnostic_aggregator (`ros__parameters:` with analyzers in it), or a diagnostic graph of Autoware (`units:`, `files:`)";
+    let Kind::Mapping(entries) = &root.kind else {
+        return Err(
+            Problem::at(root.span, format!("expected a map of keys, found {}", root.describe())).help(help)
+        );
+    };
+    let has = |key: &str| entries.iter().find(|(found, _)| found.text == key);
+    let is_list = |key: &str| has(key).is_some_and(|(_, value)| matches!(value.kind, Kind::Sequence(_)));
+    if aggregator::parameters(root).is_some() {
+        return Ok(Format::Analyzers);
+    }
+    if ["units", "files", "edits"].into_iter().any(is_list) {
+        return Ok(Format::Graph);
+    }
+    if let Some((key, _)) = has("groups").filter(|_| is_list("groups")) {
+        let problem = Problem::at(key.span, "this is a configuration of Telltale already");
+        return Err(problem.help("try `telltale check` with it"));
+    }
+    let place = entries.first().map_or(root.span, |(key, _)| key.span);
+    Err(Problem::at(place, "these are neither analyzers nor a diagnostic graph").help(help))
+}
+
+/// The findings as lines of a comment.
+fn list(sources: &Sources, problems: &[Problem]) -> Vec<String> {
+    let mut sorted: Vec<&Problem> = problems.iter().collect();
+    sorted.sort_by_key(|problem| problem.span);
+    let mut lines = Vec::new();
+    for (title, warning) in [("Not carried over:", false), ("With another meaning, or worth a look:", true)] {
+        let of_kind = sorted.iter().filter(|problem| problem.warning == warning);
+        let all: Vec<String> = of_kind
+            .map(|problem| match problem.span {
+                Some(span) => format!("  {}: {}", sources.place(span), problem.message),
+                None => format!("  {}", problem.message),
+            })
+            .collect();
+        if !all.is_empty() {
+            lines.push(String::new());
+            lines.push(title.to_owned());
+            lines.extend(all);
+        }
+    }
+    lines
+}
+
+/// `analyzers.yaml:12`: where the source says something, for comments in the result.
+fn line(sources: &Sources, span: Span) -> String {
+    sources.place(span)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,345 @@
+//! From observations to a draft of a configuration.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::grouping::Grouping;
+use super::names::{self, comment, is_full_name, is_tool, prefix};
+use super::observations::{Messages, Observations, STATUSES_MAX, Status, is_of_components, measured_type};
+use super::proposals::{Proposal, propose};
+use super::rhythm::{RateLimits, at_least_ms};
+use telltale_engine::discovery::TopicSeen;
+use telltale_engine::time::Timestamp;
+
+/// Modules that are written out in one group; further statuses join it by their names.
+const MODULES_MAX: usize = 100;
+/// Nodes of one group that are watched.
+const NODES_MAX: usize = 20;
+/// Lines on one subject.
+const LINES_MAX: usize = 10;
+/// How a remark on what is left out begins.
+const FURTHER: &str = "further ";
+/// Ages outside of these seconds come from another clock. A transform may be dated ahead.
+const AGES_S: (f64, f64) = (-5.0, 60.0);
+
+#[derive(Debug, Default)]
+pub struct Draft {
+    pub groups: Vec<Group>,
+    /// What a reader should know first.
+    pub notes: Vec<String>,
+    /// Topics of diagnostics beside `/diagnostics`.
+    pub diagnostics: Vec<String>,
+    /// Nodes that publish nothing that can be judged.
+    pub quiet: Vec<String>,
+    pub observed_s: u64,
+}
+
+#[derive(Debug, Default)]
+pub struct Group {
+    pub id: String,
+    /// What people read.
+    pub title: String,
+    /// What is in it, for a comment.
+    pub about: String,
+    /// Namespaces of statuses that join it.
+    pub namespaces: Vec<String>,
+    /// Statuses that join it by their whole names.
+    pub names: Vec<String>,
+    pub modules: Vec<Module>,
+    /// What was seen and not made a module.
+    pub remarks: Vec<String>,
+    /// Further ones, which are only counted.
+    pub more_remarks: usize,
+}
+
+#[derive(Debug)]
+pub struct Module {
+    pub id: String,
+    pub kind: ModuleKind,
+    /// The evidence, for a comment.
+    pub about: String,
+    /// The nodes that it tells about.
+    pub nodes: Vec<String>,
+    pub proposals: Vec<Proposal>,
+}
+
+#[derive(Debug)]
+pub enum ModuleKind {
+    Status { name: String, timeout_ms: u64 },
+    Rate { topic: String, type_name: String, limits: RateLimits },
+    Age { topic: String, type_name: String, warning_ms: u64 },
+    Node { name: String },
+}
+
+/// What may be concluded from observations that began and ended then.
+pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
+    let grouping = Grouping::of(seen);
+    let mut parts: BTreeMap<&str, Parts> = BTreeMap::new();
+    for (name, key) in &grouping.of_status {
+        let Some(status) = seen.statuses.get(name) else { continue };
+        parts.entry(key).or_default().statuses.push((name, status));
+    }
+    for (node, key) in grouping.of_node.iter().filter(|(node, _)| is_full_name(node)) {
+        parts.entry(key).or_default().nodes.push(node);
+    }
+    for topic in seen.discovery.topics.iter().filter(|topic| is_of_components(topic)) {
+        if let Some(key) = owner(topic, &grouping) {
+            parts.entry(key).or_default().topics.push(topic);
+        }
+    }
+    let mut taken = BTreeSet::new();
+    let groups = parts.iter().map(|(key, parts)| group(key, parts, seen, &grouping, end, &mut taken));
+    let mut groups: Vec<Group> = groups.collect();
+    let keys: Vec<&str> = parts.keys().copied().collect();
+    let order = propose(&mut groups, &keys, seen, &grouping);
+    let mut by_place: Vec<Option<Group>> = groups.into_iter().map(Some).collect();
+    let groups = order.into_iter().filter_map(|place| by_place[place].take());
+    let is_judged =
+        |group: &Group| !group.modules.is_empty() || !group.namespaces.is_empty() || !group.names.is_empty();
+    let mut groups: Vec<Group> = groups.filter(is_judged).collect();
+    let ids: BTreeSet<String> = groups.iter().map(|group| group.id.clone()).collect();
+    for module in groups.iter_mut().flat_map(|group| &mut group.modules) {
+        module.proposals.retain(|proposal| ids.contains(&proposal.group));
+    }
+    let quiet =
+        seen.discovery.nodes.iter().filter(|node| !is_tool(node) && !grouping.of_node.contains_key(*node));
+    let mut notes = notes(seen);
+    if groups.iter().any(Group::is_cut) {
+        notes.push(format!(
+            "It is a start, not all that was heard: a group has up to {MODULES_MAX} statuses with modules of their own and \
+             {NODES_MAX} nodes. \"Not judged\" says what each leaves out."
+        ));
+    }
+    Draft {
+        groups,
+        notes,
+        diagnostics: seen.more_diagnostics(),
+        quiet: quiet.cloned().collect(),
+        observed_s: (end.since(start).as_millis() + 500) / 1000,
+    }
+}
+
+impl Group {
+    fn is_cut(&self) -> bool {
+        self.remarks.iter().any(|remark| remark.starts_with(FURTHER)) || self.more_remarks > 0
+    }
+}
+
+/// What belongs to one group.
+#[derive(Default)]
+struct Parts<'a> {
+    nodes: Vec<&'a str>,
+    statuses: Vec<(&'a str, &'a Status)>,
+    topics: Vec<&'a TopicSeen>,
+}
+
+/// The group of the first publisher.
+fn owner<'a>(topic: &TopicSeen, grouping: &'a Grouping) -> Option<&'a str> {
+    let mut publishers = topic.publishers.iter().filter(|it| !it.ours);
+    let of_node = publishers.find_map(|it| grouping.of_endpoint(it));
+    of_node.or_else(|| grouping.of_topic.get(&topic.name).map(|key| &**key))
+}
+
+fn notes(seen: &Observations) -> Vec<String> {
+    let mut notes = Vec::new();
+    if seen.statuses.is_empty() {
+        notes.push(
+            "No status was heard on /diagnostics: the modules below are what can be measured from outside."
+                .to_owned(),
+        );
+    }
+    if seen.refused > 0 {
+        notes.push(format!(
+            "{} reports are left out: their names are empty or longer than 256 bytes, or there are more than {STATUSES_MAX} names.",
+            seen.refused
+        ));
+    }
+    if seen.discovery.more > 0 {
+        notes.push(format!("{} further topics were not looked at.", seen.discovery.more));
+    }
+    if seen.discovery.topics.iter().any(|topic| topic.name == "/clock" && !topic.publishers.is_empty()) {
+        notes.push(
+            "/clock is published, perhaps by a simulation. If the messages are stamped by it, write: clock: ros".to_owned(),
+        );
+    }
+    notes
+}
+
+fn group(
+    key: &str,
+    parts: &Parts,
+    seen: &Observations,
+    grouping: &Grouping,
+    end: Timestamp,
+    ids: &mut BTreeSet<String>,
+) -> Group {
+    let id = names::id(key, "group", ids);
+    let title = Some(names::title(key)).filter(|title| !title.is_empty()).unwrap_or_else(|| id.clone());
+    let mut group = Group { id, title, ..Group::default() };
+    group.about = about(&parts.nodes);
+    let mut taken = BTreeSet::new();
+    for (name, status) in &parts.statuses {
+        let namespace = prefix(name).map(|it| it.trim_start_matches('/'));
+        match namespace.filter(|namespace| is_of_one_group(namespace, key, grouping)) {
+            Some(namespace) if !group.namespaces.iter().any(|known| known == namespace) => {
+                group.namespaces.push(namespace.to_owned());
+            }
+            Some(_) => {}
+            None => group.names.push((*name).to_owned()),
+        }
+        if group.modules.len() < MODULES_MAX {
+            let node = grouping.node_of_status.get(*name).cloned();
+            let module = status_module(name, status, end, &mut taken);
+            group.modules.push(Module { nodes: node.into_iter().collect(), ..module });
+        }
+    }
+    for topic in &parts.topics {
+        match (measured_type(topic), seen.topics.get(&*topic.name)) {
+            (Some(type_name), Some(messages)) => {
+                measure(&mut group, topic, (type_name, messages), end, &mut taken);
+            }
+            (Some(type_name), None) => remark(&mut group, topic, type_name, "no message was received"),
+            (None, _) => {
+                let types = topic.types().join(", ");
+                remark(
+                    &mut group,
+                    topic,
+                    &types,
+                    "published with several types, or none that Telltale reads",
+                );
+            }
+        }
+    }
+    let announced: BTreeSet<&str> = seen.discovery.nodes.iter().map(|node| &**node).collect();
+    let nodes: Vec<&str> = parts.nodes.iter().copied().filter(|node| announced.contains(node)).collect();
+    let left_out = [
+        (
+            nodes.len(),
+            NODES_MAX,
+            "nodes: whether they run is not watched; add `node: NAME` for those that matter.",
+        ),
+        (
+            parts.statuses.len(),
+            MODULES_MAX,
+            "statuses: they join the group by `match` or `other`; add a module for those that must be there.",
+        ),
+    ];
+    for (count, kept, what) in left_out.into_iter().filter(|(count, kept, _)| count > kept) {
+        group.remarks.insert(0, format!("{FURTHER}{} {what}", count - kept));
+    }
+    for node in nodes.iter().take(NODES_MAX) {
+        let last = node.rsplit('/').next().unwrap_or(node);
+        let id = names::id(&format!("{last}_runs"), "node_runs", &mut taken);
+        let about = "It was announced.".to_owned();
+        let (name, nodes) = ((*node).to_owned(), vec![(*node).to_owned()]);
+        group.modules.push(Module {
+            id,
+            kind: ModuleKind::Node { name },
+            about,
+            nodes,
+            proposals: Vec::new(),
+        });
+    }
+    group
+}
+
+fn about(nodes: &[&str]) -> String {
+    let more = nodes.len().saturating_sub(LINES_MAX);
+    let listed: Vec<String> = nodes.iter().take(LINES_MAX).map(|node| comment(node)).collect();
+    match (listed.is_empty(), more) {
+        (true, _) => "No node is announced for it; its names say that it belongs together.".to_owned(),
+        (false, 0) => format!("Of {}.", listed.join(", ")),
+        (false, more) => format!("Of {}, and {more} further nodes.", listed.join(", ")),
+    }
+}
+
+/// Whether all statuses with this prefix are in this group.
+fn is_of_one_group(namespace: &str, key: &str, grouping: &Grouping) -> bool {
+    let within = |name: &str| {
+        let rest = name.trim_start_matches('/').strip_prefix(namespace);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(['/', ':']))
+    };
+    grouping.of_status.iter().all(|(name, of)| of == key || !within(name))
+}
+
+fn status_module(name: &str, status: &Status, end: Timestamp, taken: &mut BTreeSet<String>) -> Module {
+    let rest = prefix(name).and_then(|prefix| name.split_once(prefix)).map_or(name, |(_, rest)| rest);
+    let words = if rest.chars().any(char::is_alphanumeric) { rest } else { name };
+    let id = names::id(words, "status", taken);
+    let longest_s = status.rhythm.longest_s(end);
+    let (timeout_ms, rate) = match status.rhythm.rate_hz() {
+        Some(rate) => {
+            (at_least_ms((3.0 * longest_s).max(1.0)), format!("{rate:.1} Hz, longest pause {longest_s:.1} s"))
+        }
+        None => (600_000, "heard once, so its timeout is a guess".to_owned()),
+    };
+    let state = match (status.last, status.worst) {
+        (last, worst) if last == worst => last.as_str().to_uppercase(),
+        (last, worst) => {
+            format!("{}, meanwhile {}", last.as_str().to_uppercase(), worst.as_str().to_uppercase())
+        }
+    };
+    let kind = ModuleKind::Status { name: name.to_owned(), timeout_ms };
+    let about = format!("{state}, {rate}.");
+    Module { id, kind, about, nodes: Vec::new(), proposals: Vec::new() }
+}
+
+fn remark(group: &mut Group, topic: &TopicSeen, type_name: &str, why: &str) {
+    if group.remarks.len() >= LINES_MAX {
+        group.more_remarks += 1;
+        return;
+    }
+    group.remarks.push(format!("{} ({}): {why}.", comment(&topic.name), comment(type_name)));
+}
+
+/// The monitors that the messages of a topic permit.
+fn measure(
+    group: &mut Group,
+    topic: &TopicSeen,
+    (type_name, messages): (&str, &Messages),
+    end: Timestamp,
+    taken: &mut BTreeSet<String>,
+) {
+    let count = messages.rhythm.count;
+    let Some(rate) = messages.rhythm.steady_hz(end) else {
+        let why = match count {
+            1 => "one message, no rhythm".to_owned(),
+            _ => format!("{count} messages, no steady rhythm"),
+        };
+        return remark(group, topic, type_name, &why);
+    };
+    if group.modules.len() >= MODULES_MAX {
+        return remark(group, topic, type_name, "the group has enough modules");
+    }
+    let (of_topic, of_type) = (topic.name.clone(), type_name.to_owned());
+    let longest_s = messages.rhythm.longest_s(end);
+    let nodes: Vec<String> = topic.publishers.iter().filter_map(|it| it.node.clone()).collect();
+    let publishers = topic.publishers.iter().filter(|it| !it.ours).count();
+    let several = if publishers > 1 { format!(" from {publishers} publishers") } else { String::new() };
+    let about = format!("{rate:.1} Hz{several}, longest pause {longest_s:.2} s.");
+    let id = names::id(&format!("{}_rate", topic.name), "topic_rate", taken);
+    let limits = RateLimits::of(rate);
+    let kind = ModuleKind::Rate { topic: of_topic.clone(), type_name: of_type.clone(), limits };
+    group.modules.push(Module { id, kind, about, nodes: nodes.clone(), proposals: Vec::new() });
+    let Some((least, most)) = messages.age_ns.map(|(least, most)| (least as f64 / 1e9, most as f64 / 1e9))
+    else {
+        return;
+    };
+    if least < AGES_S.0 || most > AGES_S.1 {
+        return remark(
+            group,
+            topic,
+            type_name,
+            "its stamps are not of this computer's clock, so no age is judged",
+        );
+    }
+    let warning_ms = at_least_ms((3.0 * most).max(0.2));
+    let about = format!("At most {:.0} ms old on arrival.", (most * 1000.0).max(0.0));
+    let id = names::id(&format!("{}_age", topic.name), "topic_age", taken);
+    group.modules.push(Module {
+        id,
+        kind: ModuleKind::Age { topic: of_topic, type_name: of_type, warning_ms },
+        about,
+        nodes,
+        proposals: Vec::new(),
+    });
+}

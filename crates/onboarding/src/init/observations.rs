@@ -1,0 +1,165 @@
+//! What was heard of a system and what discovery says of it. Everything that others can make grow has a bound.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use super::names::{is_full_name, is_tool, is_type};
+use super::rhythm::Rhythm;
+use telltale_engine::discovery::{Discovery, TopicSeen};
+use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId};
+use telltale_engine::model::sample::Sample;
+use telltale_engine::state::State;
+use telltale_engine::time::Timestamp;
+
+/// Statuses that are told apart, as many as a configuration discovers without more ado.
+pub const STATUSES_MAX: usize = 4096;
+/// Topics that are measured at a time: each has a reader.
+pub const TOPICS_MAX: usize = 300;
+/// Nodes that are remembered.
+const NODES_MAX: usize = 20_000;
+/// Writers of one status that are remembered.
+const WRITERS_MAX: usize = 8;
+const NAME_BYTES_MAX: usize = 256;
+
+/// The topic of diagnostics and its type.
+pub const DIAGNOSTICS: (&str, &str) = ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray");
+
+/// Topics that belong to ROS itself, or repeat what others said.
+const INFRASTRUCTURE: [&str; 6] = [
+    "/rosout",
+    "/parameter_events",
+    "/clock",
+    "/diagnostics",
+    "/diagnostics_agg",
+    "/diagnostics_toplevel_state",
+];
+
+#[derive(Debug, Clone, Default)]
+pub struct Observations {
+    pub discovery: Arc<Discovery>,
+    pub statuses: BTreeMap<Box<str>, Status>,
+    /// Reports under names beyond the bound, without a name, or with one that is too long.
+    pub refused: u64,
+    pub topics: BTreeMap<Box<str>, Messages>,
+    /// The nodes of writers of diagnostics.
+    pub nodes: BTreeMap<WriterId, Arc<str>>,
+    /// Every node that was ever announced: one that ended keeps its group.
+    pub announced: BTreeSet<Box<str>>,
+}
+
+#[derive(Debug, Clone)]
+pub struct Status {
+    pub rhythm: Rhythm,
+    pub last: State,
+    pub worst: State,
+    pub writers: BTreeSet<WriterId>,
+}
+
+/// The messages of a topic that was measured.
+#[derive(Debug, Clone, Default)]
+pub struct Messages {
+    pub rhythm: Rhythm,
+    /// The least and greatest time from the stamp to the receipt.
+    pub age_ns: Option<(i64, i64)>,
+}
+
+impl Observations {
+    /// Takes what discovery says now.
+    pub fn see(&mut self, discovery: Arc<Discovery>) {
+        let new = discovery.nodes.iter().map(|node| Box::from(&**node));
+        let room = NODES_MAX.saturating_sub(self.announced.len());
+        let new: Vec<Box<str>> = new.filter(|node| !self.announced.contains(node)).take(room).collect();
+        self.announced.extend(new);
+        self.discovery = discovery;
+    }
+
+    /// Takes an input of the bridge.
+    pub fn take(&mut self, input: &Input, at: Timestamp) {
+        match input {
+            Input::Diagnostics(array) => self.hear(array, at),
+            Input::Sample(sample) => self.measure(sample, at),
+            Input::Writers(list) => {
+                let named = list.writers.iter().filter_map(|(writer, node)| match node {
+                    NodeOf::Named(name) => Some((*writer, name.clone())),
+                    NodeOf::Pending | NodeOf::Unannounced => None,
+                });
+                self.nodes.extend(named.take(STATUSES_MAX.saturating_sub(self.nodes.len())));
+            }
+            _ => {}
+        }
+    }
+
+    fn hear(&mut self, array: &StatusArray, at: Timestamp) {
+        for status in array.iter() {
+            let name = status.name();
+            let has_room = self.statuses.len() < STATUSES_MAX || self.statuses.contains_key(name);
+            if name.trim().is_empty() || name.len() > NAME_BYTES_MAX || !has_room {
+                self.refused += 1;
+                continue;
+            }
+            let state = status.state();
+            let seen = self.statuses.entry(name.into()).or_insert_with(|| Status {
+                rhythm: Rhythm::default(),
+                last: state,
+                worst: state,
+                writers: BTreeSet::new(),
+            });
+            seen.rhythm.beat(at);
+            (seen.last, seen.worst) = (state, seen.worst.max(state));
+            if seen.writers.len() < WRITERS_MAX {
+                seen.writers.insert(array.writer());
+            }
+        }
+    }
+
+    fn measure(&mut self, sample: &Sample, at: Timestamp) {
+        let topic = &sample.source.topic;
+        if sample.late || self.topics.len() >= 2 * TOPICS_MAX && !self.topics.contains_key(topic) {
+            return;
+        }
+        let messages = self.topics.entry(topic.clone()).or_default();
+        messages.rhythm.beat(at);
+        if let Some(stamp_ns) = sample.stamp_ns {
+            let age = sample.received_wall_ns.saturating_sub(stamp_ns);
+            let (least, most) = messages.age_ns.unwrap_or((age, age));
+            messages.age_ns = Some((least.min(age), most.max(age)));
+        }
+    }
+
+    /// The topics whose messages can be measured, with their types.
+    pub fn measurable(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.discovery.topics.iter().filter_map(|topic| Some((&*topic.name, measured_type(topic)?)))
+    }
+
+    /// Topics of diagnostics beside `/diagnostics`, as robots with a namespace have them.
+    pub fn more_diagnostics(&self) -> Vec<String> {
+        let is_one = |topic: &&TopicSeen| {
+            let published = topic.publishers.iter().any(|it| !it.ours && it.type_name == DIAGNOSTICS.1);
+            published && is_full_name(&topic.name) && topic.name.ends_with("/diagnostics")
+        };
+        let names = self.discovery.topics.iter().filter(is_one).map(|topic| topic.name.clone());
+        names.filter(|name| name != DIAGNOSTICS.0).take(30).collect()
+    }
+
+    /// Whether anybody else was found in the domain.
+    pub fn is_empty(&self) -> bool {
+        self.discovery.participants == 0 && self.statuses.is_empty() && self.topics.is_empty()
+    }
+}
+
+/// Whether a topic connects components, rather than to serve ROS itself.
+pub fn is_of_components(topic: &TopicSeen) -> bool {
+    let name = &*topic.name;
+    let is_hidden = name.split('/').any(|part| part.starts_with('_')) || name.starts_with("/telltale/");
+    is_full_name(name) && !is_hidden && !INFRASTRUCTURE.contains(&name)
+}
+
+/// The type of a topic, if its messages can be measured: one type that is one of ROS.
+pub fn measured_type(topic: &TopicSeen) -> Option<&str> {
+    let publishers = || topic.publishers.iter().filter(|it| !it.ours);
+    let first = &*publishers().next()?.type_name;
+    let only = publishers().all(|it| it.type_name == first);
+    let aggregated = first.starts_with("diagnostic_msgs/msg/Diagnostic");
+    let by_tools = publishers().all(|it| it.node.as_deref().is_some_and(is_tool));
+    (only && is_type(first) && !aggregated && !by_tools && is_of_components(topic)).then_some(first)
+}

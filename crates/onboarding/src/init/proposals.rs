@@ -1,0 +1,138 @@
+//! Proposes dependencies as the graph has them: what a node tells waits for the topics to which the node is
+//! subscribed.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::dependencies::{self, Edges};
+use super::draft::{Group, ModuleKind};
+use super::grouping::Grouping;
+use super::names::comment;
+use super::observations::{Observations, is_of_components};
+use telltale_engine::discovery::{Endpoint, TopicSeen};
+
+/// Reasons that are given for one dependency.
+const EVIDENCE_MAX: usize = 3;
+/// Modules on which one module depends.
+const TARGETS_MAX: usize = 20;
+
+/// A dependency of a module that the graph suggests.
+#[derive(Debug, Default)]
+pub struct Proposal {
+    /// The id of the other group.
+    pub group: String,
+    /// The whole names of its modules that are concerned.
+    pub on: Vec<String>,
+    pub evidence: Vec<String>,
+    /// It would close a circle.
+    pub circular: bool,
+}
+
+/// The nodes of each participant that belong to a group: they stand for its endpoints without a node.
+type OfParticipant<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
+
+/// Adds what the graph suggests to the modules of the groups with these keys; returns the order of the groups.
+pub fn propose(groups: &mut [Group], keys: &[&str], seen: &Observations, grouping: &Grouping) -> Vec<usize> {
+    let topics = || seen.discovery.topics.iter().filter(|topic| is_of_components(topic));
+    let mut of_participant = OfParticipant::new();
+    for it in topics().flat_map(|topic| topic.publishers.iter().chain(&topic.subscribers)) {
+        if let Some((node, _)) = it.node.as_ref().and_then(|node| grouping.of_node.get_key_value(node)) {
+            of_participant.entry(&it.participant).or_default().insert(node);
+        }
+    }
+    let ends = |endpoints| by_group(endpoints, keys, grouping, &of_participant);
+    let mut found: BTreeMap<(usize, usize, usize), Proposal> = BTreeMap::new();
+    for topic in topics() {
+        let (publishers, subscribers) = (ends(&topic.publishers), ends(&topic.subscribers));
+        for (&user, subscriber) in &subscribers {
+            let waiting: Vec<usize> = waiting(&groups[user], &subscriber.nodes).collect();
+            for (&provider, publisher) in publishers.iter().filter(|(provider, _)| **provider != user) {
+                let concerned = concerned(&groups[provider], topic, &publisher.nodes);
+                if concerned.is_empty() {
+                    continue;
+                }
+                let names = [&subscriber.name, &topic.name, &publisher.name].map(|it| comment(it));
+                let [subscriber, name, publisher] = names;
+                let evidence = format!("{subscriber} subscribes to {name}, published by {publisher}");
+                for &module in &waiting {
+                    let proposal = found.entry((user, module, provider)).or_default();
+                    proposal.add(&groups[provider].id, &concerned, &evidence);
+                }
+            }
+        }
+    }
+    let edges: Edges<()> = found.keys().map(|&(user, _, provider)| ((user, provider), ())).collect();
+    let order = dependencies::order(groups.len(), &edges);
+    let rank: BTreeMap<usize, usize> = order.iter().enumerate().map(|(rank, &group)| (group, rank)).collect();
+    for ((user, module, provider), proposal) in found {
+        let circular = rank[&provider] > rank[&user];
+        groups[user].modules[module].proposals.push(Proposal { circular, ..proposal });
+    }
+    order
+}
+
+impl Proposal {
+    fn add(&mut self, group: &str, modules: &[String], evidence: &str) {
+        group.clone_into(&mut self.group);
+        for module in modules {
+            if self.on.len() < TARGETS_MAX && !self.on.contains(module) {
+                self.on.push(module.clone());
+            }
+        }
+        if self.evidence.len() < EVIDENCE_MAX && !self.evidence.iter().any(|known| known == evidence) {
+            self.evidence.push(evidence.to_owned());
+        }
+    }
+}
+
+/// The endpoints of a topic in one group.
+struct Ends<'a> {
+    /// Of the first of them, for the evidence.
+    name: String,
+    nodes: BTreeSet<&'a str>,
+}
+
+fn by_group<'a>(
+    endpoints: &'a [Endpoint],
+    keys: &[&str],
+    grouping: &'a Grouping,
+    of_participant: &OfParticipant<'a>,
+) -> BTreeMap<usize, Ends<'a>> {
+    let mut found: BTreeMap<usize, Ends<'a>> = BTreeMap::new();
+    for it in endpoints.iter().filter(|it| !it.ours) {
+        let place = grouping.of_endpoint(it).and_then(|key| keys.binary_search(&key).ok());
+        let Some(place) = place else { continue };
+        let name = it.node.clone().unwrap_or_else(|| "a program".to_owned());
+        let ends = found.entry(place).or_insert(Ends { name, nodes: BTreeSet::new() });
+        match it.node.as_deref().filter(|&node| grouping.of_node.contains_key(node)) {
+            Some(node) => drop(ends.nodes.insert(node)),
+            None => ends.nodes.extend(of_participant.get(&*it.participant).into_iter().flatten()),
+        }
+    }
+    found
+}
+
+/// The modules that wait for what these nodes receive: their statuses and what they publish. Whether a node runs
+/// does not depend on it.
+fn waiting<'a>(group: &'a Group, nodes: &'a BTreeSet<&str>) -> impl Iterator<Item = usize> + 'a {
+    let modules = group.modules.iter().enumerate();
+    let waits = |module: &super::draft::Module| !matches!(module.kind, ModuleKind::Node { .. });
+    let of_them = |it: &super::draft::Module| it.nodes.iter().any(|node| nodes.contains(&**node));
+    modules.filter(move |(_, it)| waits(it) && of_them(it)).map(|(place, _)| place)
+}
+
+/// The whole names of the modules that judge a topic; where none does, of those that tell whether its publishers
+/// run; else of their statuses.
+fn concerned(group: &Group, topic: &TopicSeen, publishers: &BTreeSet<&str>) -> Vec<String> {
+    let of_publishers = |nodes: &[String]| nodes.iter().any(|node| publishers.contains(&**node));
+    let names = |wanted: &dyn Fn(&ModuleKind, &[String]) -> bool| -> Vec<String> {
+        let modules = group.modules.iter().filter(|module| wanted(&module.kind, &module.nodes));
+        modules.map(|module| format!("{}/{}", group.id, module.id)).collect()
+    };
+    let judging = names(&|kind, _| match kind {
+        ModuleKind::Rate { topic: of, .. } | ModuleKind::Age { topic: of, .. } => *of == topic.name,
+        ModuleKind::Status { .. } | ModuleKind::Node { .. } => false,
+    });
+    let running = || names(&|kind, nodes| matches!(kind, ModuleKind::Node { .. }) && of_publishers(nodes));
+    let saying = || names(&|kind, nodes| matches!(kind, ModuleKind::Status { .. }) && of_publishers(nodes));
+    [judging].into_iter().chain([running(), saying()]).find(|found| !found.is_empty()).unwrap_or_default()
+}

@@ -1,0 +1,120 @@
+//! How often something came, and the limits that follow from it.
+
+use telltale_engine::time::{Span, Timestamp};
+
+/// Fewer messages have no rhythm.
+const BEATS_MIN: u64 = 5;
+
+#[derive(Debug, Clone, Default)]
+pub struct Rhythm {
+    pub count: u64,
+    first: Option<Timestamp>,
+    last: Option<Timestamp>,
+    longest: Option<Span>,
+}
+
+impl Rhythm {
+    pub fn beat(&mut self, at: Timestamp) {
+        let pause = self.last.map(|last| at.since(last));
+        self.longest = self.longest.max(pause);
+        self.first = self.first.or(Some(at));
+        self.last = Some(at);
+        self.count += 1;
+    }
+
+    /// Messages a second from the first to the last; `None` of fewer than two.
+    pub fn rate_hz(&self) -> Option<f64> {
+        let span_s = self.last?.since(self.first?).as_nanos() as f64 / 1e9;
+        (self.count > 1 && span_s > 0.0).then(|| (self.count - 1) as f64 / span_s)
+    }
+
+    /// The longest time without a message, up to the end of the observation.
+    pub fn longest_s(&self, end: Timestamp) -> f64 {
+        let open = self.last.map(|last| end.since(last));
+        self.longest.max(open).unwrap_or_default().as_nanos() as f64 / 1e9
+    }
+
+    /// The rate, if it comes so evenly that a limit below it means something.
+    pub fn steady_hz(&self, end: Timestamp) -> Option<f64> {
+        let rate = self.rate_hz().filter(|_| self.count >= BEATS_MIN)?;
+        (self.longest_s(end) * rate <= 4.0).then_some(rate)
+    }
+}
+
+/// Limits of a rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateLimits {
+    pub window_s: u64,
+    pub warning_below: f64,
+    pub error_below: f64,
+}
+
+impl RateLimits {
+    /// A window holds at least ten messages; a WARNING is for 70 % of them, an ERROR for 40 %.
+    pub fn of(rate_hz: f64) -> RateLimits {
+        let window_s = (10.0 / rate_hz).ceil().clamp(2.0, 60.0) as u64;
+        let (warning_below, error_below) = (floor(rate_hz * 0.7), floor(rate_hz * 0.4));
+        RateLimits { window_s, warning_below, error_below }
+    }
+}
+
+/// Rounded down to two digits.
+fn floor(value: f64) -> f64 {
+    let scale = 10f64.powf(value.log10().floor() - 1.0);
+    let digits = (value / scale + 1e-9).floor();
+    if scale >= 1.0 { digits * scale } else { digits / (1.0 / scale).round() }
+}
+
+/// Durations as people write them.
+const STEPS_MS: [u64; 15] =
+    [100, 200, 300, 500, 1000, 2000, 3000, 5000, 10_000, 15_000, 20_000, 30_000, 60_000, 120_000, 300_000];
+
+/// The next such duration from these seconds on.
+pub fn at_least_ms(seconds: f64) -> u64 {
+    let step = STEPS_MS.into_iter().find(|&step| step as f64 >= seconds * 1000.0 - 1e-6);
+    step.unwrap_or(600_000)
+}
+
+/// As the configuration has it.
+pub fn duration(ms: u64) -> String {
+    if ms.is_multiple_of(1000) { format!("{}s", ms / 1000) } else { format!("{ms}ms") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_lie_below_what_was_measured_and_have_two_digits() {
+        for (rate, window_s, warning_below, error_below) in [
+            (10.0, 2, 7.0, 4.0),
+            (19.97, 2, 13.0, 7.9),
+            (0.5, 20, 0.35, 0.2),
+            (1234.0, 2, 860.0, 490.0),
+            (1.01, 10, 0.7, 0.4),
+        ] {
+            assert_eq!(RateLimits::of(rate), RateLimits { window_s, warning_below, error_below }, "{rate}");
+        }
+    }
+
+    #[test]
+    fn only_what_comes_evenly_has_a_rate() {
+        let rhythm = |beats_ms: &[u64]| {
+            let mut rhythm = Rhythm::default();
+            beats_ms.iter().for_each(|&at| rhythm.beat(Timestamp::from_millis(at)));
+            rhythm.steady_hz(Timestamp::from_millis(1000)).map(f64::round)
+        };
+        assert_eq!(rhythm(&[0, 200, 400, 600, 800, 1000]), Some(5.0));
+        assert_eq!(rhythm(&[0, 200, 400, 600]), None, "too few");
+        assert_eq!(rhythm(&[0, 50, 100, 150, 200, 250]), None, "it has ended");
+        assert_eq!(rhythm(&[0, 1, 2, 3, 4, 1000]), None, "bursts");
+    }
+
+    #[test]
+    fn durations_are_round() {
+        let cases = [(0.0, "100ms"), (0.11, "200ms"), (1.0, "1s"), (3.01, "5s"), (400.0, "600s")];
+        for (seconds, text) in cases {
+            assert_eq!(duration(at_least_ms(seconds)), text);
+        }
+    }
+}

@@ -1,0 +1,261 @@
+//! The nodes and services of the ROS 2 graph. Each participant announces its nodes on `ros_discovery_info`;
+//! they count while discovery knows the participant. A participant serves a service if it reads the
+//! requests and writes the replies.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use telltale_engine::model::sample::ProbeOutcome;
+use telltale_engine::time::{Span, Timestamp};
+use telltale_msg::cdr::{Endian, Fault, Reader};
+use telltale_msg::messages::GidSize;
+use telltale_msg::sample_bytes::Guid;
+
+/// Participants that are remembered; no vehicle has more.
+const PARTICIPANTS_MAX: usize = 1024;
+/// Nodes of one participant.
+const NODES_MAX: usize = 1024;
+const NAME_BYTES_MAX: usize = 1024;
+/// Services that are remembered.
+const SERVICES_MAX: usize = 8192;
+
+/// Readers and writers of one participant whose node is remembered.
+const ENDPOINTS_MAX: usize = 4096;
+/// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
+const PREFIX: usize = 12;
+
+/// A node is reported as missing only after discovery had this time to find it.
+const DISCOVERY: Span = Span::from_secs(5);
+
+#[derive(Debug, Clone, Default)]
+pub struct Nodes {
+    /// The start of the search; `None` while there is no participant.
+    since: Option<Timestamp>,
+    /// Announcements by the writer that sent them.
+    announced: BTreeMap<Guid, Announcement>,
+    /// The writers that exist now. A writer that comes back may not announce again.
+    present: BTreeSet<Guid>,
+    /// Full names of the services that a node serves.
+    services: BTreeSet<Box<str>>,
+}
+
+/// The announcement of one participant.
+#[derive(Debug, Clone, Default)]
+struct Announcement {
+    /// Whole names.
+    names: BTreeSet<Box<str>>,
+    /// The node to which a reader or writer belongs.
+    endpoints: BTreeMap<Guid, Box<str>>,
+}
+
+impl Nodes {
+    pub fn new(since: Timestamp) -> Nodes {
+        Nodes { since: Some(since), ..Nodes::default() }
+    }
+
+    /// Takes an announcement. `size` decides if both sizes of a gid would fit.
+    pub fn announce(&mut self, writer: Guid, body: &[u8], endian: Endian, size: Option<GidSize>) {
+        let Some(announcement) = announcement(body, endian, size, &writer) else { return };
+        if self.announced.len() >= PARTICIPANTS_MAX {
+            self.announced.retain(|writer, _| self.present.contains(writer));
+        }
+        if self.announced.contains_key(&writer) || self.announced.len() < PARTICIPANTS_MAX {
+            self.announced.insert(writer, announcement);
+            self.present.insert(writer);
+        }
+    }
+
+    /// Takes the writers that discovery knows; announcements of other writers no longer count. Discovery
+    /// does not know the writers of the participant that asks, which certainly exist.
+    pub fn update(&mut self, own: &Guid, mut writers: BTreeSet<Guid>, services: BTreeSet<Box<str>>) {
+        let announced = self.announced.keys().copied();
+        writers.extend(announced.filter(|writer| writer[..PREFIX] == own[..PREFIX]));
+        self.present = writers;
+        self.services = services;
+    }
+
+    /// Some that live are not found yet: none is missing before they are.
+    pub fn search_on(&mut self, now: Timestamp) {
+        self.since = Some(now);
+    }
+
+    /// Full names of the existing nodes, in order.
+    pub fn all(&self) -> Vec<String> {
+        let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
+        let names = present.flat_map(|(_, announcement)| &announcement.names).map(|name| &**name);
+        let names: BTreeSet<&str> = names.collect();
+        names.into_iter().map(str::to_owned).collect()
+    }
+
+    /// The nodes of the readers and writers that are announced.
+    pub fn endpoints(&self) -> BTreeMap<Guid, &str> {
+        let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
+        let endpoints = present.flat_map(|(_, announcement)| &announcement.endpoints);
+        endpoints.map(|(guid, name)| (*guid, &**name)).collect()
+    }
+
+    /// Whether a node exists, by its name with namespace, `/ns/name`.
+    pub fn ask(&self, name: &str, now: Timestamp) -> ProbeOutcome {
+        let whole = format!("/{}", name.trim_start_matches('/'));
+        let present = |writer: &Guid| self.present.contains(writer);
+        let names =
+            self.announced.iter().filter(|(writer, said)| present(writer) && said.names.contains(&*whole));
+        match names.count() {
+            0 => self.missing(now, || format!("no node {whole} is announced")),
+            1 => ProbeOutcome::Announced,
+            times => ProbeOutcome::Repeated { times: u32::try_from(times).unwrap_or(u32::MAX) },
+        }
+    }
+
+    /// Whether a node serves a service, by its name with namespace, `/ns/name`.
+    pub fn ask_service(&self, name: &str, now: Timestamp) -> ProbeOutcome {
+        let whole = format!("/{}", name.trim_start_matches('/'));
+        if self.services.contains(&*whole) {
+            return ProbeOutcome::Announced;
+        }
+        self.missing(now, || format!("nobody serves {whole}"))
+    }
+
+    fn missing(&self, now: Timestamp, what: impl FnOnce() -> String) -> ProbeOutcome {
+        match self.since {
+            None => ProbeOutcome::Impossible("there is no DDS now".into()),
+            Some(since) if now.since(since) < DISCOVERY => {
+                ProbeOutcome::Impossible("the nodes are being discovered still".into())
+            }
+            Some(_) => ProbeOutcome::Missed(what().into()),
+        }
+    }
+}
+
+/// The services that a node serves, from the topics of the readers and writers that discovery knows. A client
+/// has reader and writer the other way round, and one of both alone serves nothing.
+pub fn services<'a>(
+    readers: impl Iterator<Item = (&'a str, Guid)>,
+    writers: impl Iterator<Item = (&'a str, Guid)>,
+) -> BTreeSet<Box<str>> {
+    let name = |topic: &'a str, before: &str, behind: &str| {
+        topic.strip_prefix(before)?.strip_suffix(behind).filter(|name| name.len() < NAME_BYTES_MAX)
+    };
+    let participant = |guid: Guid| -> [u8; PREFIX] { std::array::from_fn(|index| guid[index]) };
+    let replying: BTreeSet<_> = writers
+        .filter_map(|(topic, guid)| Some((name(topic, "rr/", "Reply")?, participant(guid))))
+        .take(SERVICES_MAX)
+        .collect();
+    let asked = readers.filter_map(|(topic, guid)| Some((name(topic, "rq/", "Request")?, participant(guid))));
+    let served = asked.filter(|service| replying.contains(service));
+    served.map(|(name, _)| format!("/{name}").into()).take(SERVICES_MAX).collect()
+}
+
+/// The nodes in a `rmw_dds_common/ParticipantEntitiesInfo`.
+fn announcement(body: &[u8], endian: Endian, size: Option<GidSize>, by: &Guid) -> Option<Announcement> {
+    let read = |size: GidSize| {
+        let mut reader = Reader::new(body, endian);
+        let found = read_nodes(&mut reader, size.bytes(), by).ok()?;
+        (reader.remaining() < 4).then_some(found)
+    };
+    match (read(GidSize::Bytes16), read(GidSize::Bytes24)) {
+        (Some(found), None) | (None, Some(found)) => Some(found),
+        (Some(_), Some(_)) => size.and_then(read),
+        (None, None) => None,
+    }
+}
+
+fn read_nodes(reader: &mut Reader<'_>, gid_bytes: usize, by: &Guid) -> Result<Announcement, Fault> {
+    let mut found = Announcement::default();
+    reader.octets(gid_bytes)?;
+    for _ in 0..reader.u32()? {
+        let whole = whole_name(reader.string()?, reader.string()?);
+        for _readers_then_writers in 0..2 {
+            for _ in 0..reader.u32()? {
+                let gid = reader.octets(gid_bytes)?;
+                // A participant speaks only for itself.
+                if let Some(name) = whole.as_ref()
+                    && gid.starts_with(&by[..PREFIX])
+                    && found.endpoints.len() < ENDPOINTS_MAX
+                    && let Some(guid) = gid.first_chunk::<16>()
+                {
+                    found.endpoints.insert(*guid, name.clone());
+                }
+            }
+        }
+        if let Some(name) = whole.filter(|_| found.names.len() < NODES_MAX) {
+            found.names.insert(name);
+        }
+    }
+    Ok(found)
+}
+
+/// `/ns/name`, unless that is too long.
+fn whole_name(namespace: &[u8], name: &[u8]) -> Option<Box<str>> {
+    if namespace.len() + name.len() >= NAME_BYTES_MAX {
+        return None;
+    }
+    let (namespace, name) = (String::from_utf8_lossy(namespace), String::from_utf8_lossy(name));
+    let namespace = namespace.trim_matches('/');
+    Some(if namespace.is_empty() { format!("/{name}") } else { format!("/{namespace}/{name}") }.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use telltale_msg::messages::{NodeEntities, encode_nodes};
+
+    #[test]
+    fn a_node_is_there_while_its_participant_is() {
+        let at = Timestamp::from_millis;
+        let mut nodes = Nodes::new(at(1000));
+        assert!(matches!(nodes.ask("/camera", at(2000)), ProbeOutcome::Impossible(_)));
+        assert!(matches!(nodes.ask("/camera", at(6000)), ProbeOutcome::Missed(_)));
+        for (writer, size) in [([1; 16], GidSize::Bytes16), ([2; 16], GidSize::Bytes24)] {
+            let name = if writer[0] == 1 { "camera" } else { "/lidar" };
+            // The second gid belongs to another participant.
+            let node = NodeEntities { name, readers: &[writer], writers: &[[3 + writer[0]; 16]] };
+            let body = encode_nodes([9; 16], &[node], size);
+            nodes.announce(writer, &body, Endian::Little, None);
+        }
+        let there = ProbeOutcome::Announced;
+        assert_eq!([nodes.ask("/camera", at(1)), nodes.ask("lidar", at(1))], [there.clone(), there.clone()]);
+        assert_eq!(nodes.all(), ["/camera", "/lidar"]);
+        assert_eq!(nodes.endpoints(), [([1; 16], "/camera"), ([2; 16], "/lidar")].into());
+        // Started again after a crash.
+        let again = NodeEntities { name: "camera", readers: &[], writers: &[] };
+        nodes.announce([5; 16], &encode_nodes([9; 16], &[again], GidSize::Bytes16), Endian::Little, None);
+        assert_eq!(nodes.ask("/camera", at(1)), ProbeOutcome::Repeated { times: 2 });
+        nodes.update(&[9; 16], [[2; 16]].into(), BTreeSet::new());
+        assert_eq!(nodes.all(), ["/lidar"]);
+        assert!(matches!(nodes.ask("/camera", at(6000)), ProbeOutcome::Missed(_)));
+        // A cut message, noise, wrong lengths: the earlier announcement stays.
+        for body in [&[0xff; 64][..], &[], &[1; 20]] {
+            nodes.announce([2; 16], body, Endian::Little, Some(GidSize::Bytes16));
+        }
+        assert_eq!(nodes.ask("/lidar", at(6000)), there);
+        assert!(matches!(Nodes::default().ask("/lidar", at(6000)), ProbeOutcome::Impossible(_)));
+    }
+
+    #[test]
+    fn a_service_is_there_where_one_participant_reads_requests_and_writes_replies() {
+        let guid = |participant: u8, entity: u8| -> Guid {
+            std::array::from_fn(|index| if index < PREFIX { participant } else { entity })
+        };
+        let (server, client, half) = (1, 2, 3);
+        let readers = [
+            ("rq/planning/planRequest", guid(server, 1)),
+            ("rr/planning/planReply", guid(client, 2)),
+            ("rq/mapRequest", guid(half, 3)),
+            ("rt/planRequest", guid(server, 4)),
+        ];
+        let writers = [
+            ("rr/planning/planReply", guid(server, 5)),
+            ("rq/planning/planRequest", guid(client, 6)),
+            ("rr/mapReply", guid(client, 7)),
+        ];
+        let found = services(readers.into_iter(), writers.into_iter());
+        assert_eq!(found, BTreeSet::from(["/planning/plan".into()]));
+        let at = Timestamp::from_millis;
+        let mut nodes = Nodes::new(at(0));
+        assert!(matches!(nodes.ask_service("/planning/plan", at(4000)), ProbeOutcome::Impossible(_)));
+        nodes.update(&[9; 16], BTreeSet::new(), found);
+        assert_eq!(nodes.ask_service("/planning/plan", at(4000)), ProbeOutcome::Announced);
+        let missed = ProbeOutcome::Missed("nobody serves /map".into());
+        assert_eq!(nodes.ask_service("map", at(6000)), missed);
+    }
+}

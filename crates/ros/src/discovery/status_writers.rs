@@ -1,0 +1,158 @@
+//! The writers of diagnostics that discovery knows, with their nodes. None of it is proven: without DDS
+//! Security, the announcements of participants are believed.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::{mpsc, watch};
+
+use super::nodes::Nodes;
+use crate::library::Participant;
+use crate::outbox::stopped;
+use telltale_clock::Clock;
+use telltale_engine::input::{Input, NodeOf, WriterId, WriterList};
+use telltale_engine::time::{Span, Timestamp};
+use telltale_msg::messages;
+use telltale_msg::messages::DIAGNOSTIC_ARRAY;
+use telltale_msg::received::Stamped;
+use telltale_msg::sample_bytes::Guid;
+
+const LOOK: Duration = Duration::from_secs(1);
+/// An unchanged list is sent again after so many looks, so that statuses of a writer that arrived after its
+/// end are removed, too.
+const REPEAT_LOOKS: u32 = 5;
+/// Writers that are distinguished; no vehicle has more.
+const WRITERS_MAX: usize = 1024;
+/// The time that discovery has to find everybody.
+const DISCOVERY: Span = Span::from_secs(5);
+/// A participant announces its nodes within this time of being found, or is not a ROS 2 participant.
+const ANNOUNCED: Span = Span::from_secs(10);
+
+/// Follows discovery from one look to the next.
+#[derive(Debug)]
+struct StatusWriters {
+    since: Timestamp,
+    found: BTreeMap<Guid, Timestamp>,
+    said: Option<WriterList>,
+    looks: u32,
+}
+
+impl StatusWriters {
+    fn new(since: Timestamp) -> StatusWriters {
+        StatusWriters { since, found: BTreeMap::new(), said: None, looks: 0 }
+    }
+
+    /// Takes the present writers; returns the input for the engine.
+    fn look(
+        &mut self,
+        writers: &BTreeSet<Guid>,
+        nodes: &BTreeMap<Guid, &str>,
+        (now, is_searching): (Timestamp, bool),
+    ) -> Option<WriterList> {
+        self.found.retain(|guid, _| writers.contains(guid));
+        for guid in writers {
+            if self.found.len() < WRITERS_MAX {
+                self.found.entry(*guid).or_insert(now);
+            }
+        }
+        let node = |(guid, found): (&Guid, &Timestamp)| {
+            let node = match nodes.get(guid) {
+                Some(name) => NodeOf::Named((*name).into()),
+                None if now.since(*found) < ANNOUNCED => NodeOf::Pending,
+                None => NodeOf::Unannounced,
+            };
+            (WriterId(*guid), node)
+        };
+        let known = self.found.iter().map(node).collect();
+        // If there are more writers than can be distinguished, none is known to have left.
+        let complete = now.since(self.since) >= DISCOVERY && !is_searching && writers.len() <= WRITERS_MAX;
+        let list = WriterList { as_of: now, complete, writers: known };
+        self.looks += 1;
+        let same = |said: &WriterList| said.complete == list.complete && said.writers == list.writers;
+        if self.said.as_ref().is_some_and(same) && self.looks < REPEAT_LOOKS {
+            return None;
+        }
+        self.looks = 0;
+        self.said = Some(list.clone());
+        Some(list)
+    }
+}
+
+/// Runs until it is stopped, or nobody takes the inputs any more.
+pub async fn run(
+    participant: Participant,
+    nodes: watch::Receiver<Nodes>,
+    inputs: mpsc::Sender<Stamped>,
+    clock: Clock,
+    mut stop: watch::Receiver<bool>,
+) {
+    let mut looks = tokio::time::interval(LOOK);
+    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut speakers = StatusWriters::new(clock.now());
+    loop {
+        tokio::select! {
+            () = stopped(&mut stop) => return,
+            _ = looks.tick() => {}
+        }
+        // Taken before discovery is asked: messages that come meanwhile are newer than its answer.
+        let now = clock.now();
+        let is_searching = participant.is_searching();
+        let list = speakers.look(&writers(&participant), &nodes.borrow().endpoints(), (now, is_searching));
+        let Some(list) = list else { continue };
+        let input = Stamped::new(Input::Writers(Arc::new(list)), now);
+        tokio::select! {
+            () = stopped(&mut stop) => return,
+            sent = inputs.send(input) => if sent.is_err() { return },
+        }
+    }
+}
+
+fn writers(participant: &Participant) -> BTreeSet<Guid> {
+    let seen = participant.seen();
+    let speak = seen.writers().filter(|found| messages::ros_type_name(&found.type_name) == DIAGNOSTIC_ARRAY);
+    speak.map(|found| found.guid).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: Guid = [1; 16];
+    const B: Guid = [2; 16];
+
+    fn node(list: &WriterList, guid: Guid) -> Option<&NodeOf> {
+        list.writers.get(&WriterId(guid))
+    }
+
+    #[test]
+    fn a_writer_without_a_node_has_time_to_be_announced() {
+        let at = Timestamp::from_millis;
+        let mut speakers = StatusWriters::new(at(0));
+        let named = BTreeMap::from([(A, "/lidar")]);
+        let list = speakers.look(&[A, B].into(), &named, (at(1000), false)).unwrap();
+        assert!(!list.complete, "others may be found still");
+        assert_eq!(node(&list, A), Some(&NodeOf::Named("/lidar".into())));
+        assert_eq!(node(&list, B), Some(&NodeOf::Pending));
+        assert_eq!(speakers.look(&[A, B].into(), &named, (at(2000), false)), None, "nothing is new");
+        assert!(speakers.look(&[A, B].into(), &named, (at(5000), false)).unwrap().complete);
+        let list = speakers.look(&[A, B].into(), &named, (at(11_000), false)).unwrap();
+        assert_eq!(node(&list, B), Some(&NodeOf::Unannounced));
+        let list = speakers.look(&[B].into(), &named, (at(12_000), false)).unwrap();
+        assert_eq!((node(&list, A), list.as_of), (None, at(12_000)));
+    }
+
+    #[test]
+    fn what_did_not_change_is_said_again_and_the_list_is_bounded() {
+        let mut speakers = StatusWriters::new(Timestamp::ZERO);
+        let at = |look: u64| Timestamp::from_millis(60_000 + 1000 * look);
+        let named = BTreeMap::from([(A, "/a")]);
+        let said: Vec<u64> =
+            (0..11).filter(|&look| speakers.look(&[A].into(), &named, (at(look), false)).is_some()).collect();
+        assert_eq!(said, [0, 5, 10]);
+        let many: BTreeSet<Guid> =
+            (0..2000_u32).map(|it| std::array::from_fn(|n| it.to_le_bytes()[n % 4])).collect();
+        let list = speakers.look(&many, &BTreeMap::new(), (at(20), false)).unwrap();
+        assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
+    }
+}

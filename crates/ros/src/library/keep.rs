@@ -1,0 +1,125 @@
+//! Keeps the participants that live known to the DDS library, and replaces a process that has lost one of them.
+//!
+//! The library takes a participant for gone after one lease without an announcement, drops announcements where many
+//! come at once, and matches nothing of a participant that comes back. So it is told once a second of each that lives,
+//! by what was heard beside it (`announced`).
+
+use std::net::Ipv4Addr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::net::UdpSocket;
+use tokio::sync::mpsc;
+use tokio::time::MissedTickBehavior;
+
+use super::announced::Life;
+use super::inbox::{Loss, Shared};
+use super::spdp::{self, Prefix};
+use super::wire::Order;
+use telltale_engine::time::{Span, Timestamp};
+use telltale_msg::sample_bytes::Guid;
+
+const ROUND: Duration = Duration::from_secs(1);
+/// The pause between two copies: of more than eight life signs at once the library drops the rest.
+const PAUSE: Duration = Duration::from_millis(5);
+/// A younger process is not replaced for a participant that it has lost. So one that nobody can keep, because its lease
+/// is shorter than the library's own intervals, costs little.
+const AGE_MIN: Span = Span::from_secs(5);
+
+/// Runs until the process has ended. `port` is where it listens for announcements.
+pub async fn run(own: Guid, port: u16, shared: Arc<Shared>, orders: mpsc::WeakSender<Order>) {
+    let own = spdp::prefix(&own);
+    tokio::select! {
+        _ = shared.ended() => {}
+        () = keep(own, port, &shared, orders) => {}
+    }
+    shared.announced.has_left(&own);
+}
+
+async fn keep(own: Prefix, port: u16, shared: &Shared, orders: mpsc::WeakSender<Order>) {
+    let announced = &*shared.announced;
+    let socket = match UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await {
+        Ok(socket) => socket,
+        Err(error) => {
+            tracing::error!("the DDS library cannot be told who lives: {error}");
+            return std::future::pending().await;
+        }
+    };
+    let started = announced.now();
+    let mut rounds = tokio::time::interval(ROUND);
+    rounds.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        rounds.tick().await;
+        announced.note_met(&shared.seen());
+        let is_old = announced.now().since(started) >= AGE_MIN;
+        for (participant, loss) in shared.lost() {
+            match judge(loss, announced.life(&participant), shared.seen().has_any_of(&participant)) {
+                Judgement::Over => {
+                    shared.is_judged(&participant);
+                    let Some(orders) = orders.upgrade() else { return };
+                    // If there are too many orders, the process is ended anyway.
+                    let _ = orders.try_send(Order::Forget { participant });
+                }
+                Judgement::Replace(why) if is_old => shared.end(why, false),
+                Judgement::Replace(_) | Judgement::Wait => {}
+            }
+        }
+        repeat(shared, &own, &socket, port).await;
+    }
+}
+
+/// Repeats who lives to the library.
+async fn repeat(shared: &Shared, own: &Prefix, socket: &UdpSocket, port: u16) {
+    let announced = &*shared.announced;
+    for participant in announced.to_repeat(|it| shared.has_discovered(it)).iter().filter(|it| *it != own) {
+        if let Some(copy) = announced.copy(participant) {
+            // The next round tries again.
+            let _ = socket.send_to(&copy, (Ipv4Addr::LOCALHOST, port)).await;
+            tokio::time::sleep(PAUSE).await;
+        }
+    }
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Judgement {
+    /// It is gone.
+    Over,
+    Wait,
+    /// Only another process can hear it.
+    Replace(&'static str),
+}
+
+/// Judges a loss by the lease, where `has_endpoints` is whether the library had found any of it.
+fn judge(loss: Loss, life: Life, has_endpoints: bool) -> Judgement {
+    let heard_again = |heard: Timestamp| heard > loss.at;
+    match life {
+        _ if loss.is_back => Judgement::Replace("a participant is back that the DDS library had lost"),
+        Life::Heard(heard) if heard_again(heard) => {
+            Judgement::Replace("a participant lives that the DDS library has lost")
+        }
+        Life::Heard(_) => Judgement::Wait,
+        Life::Over => Judgement::Over,
+        Life::Unheard if has_endpoints => Judgement::Replace(
+            "whether a participant lives that was lost shows only when it is looked for anew",
+        ),
+        Life::Unheard => Judgement::Over,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_gone_who_lives_or_may_live() {
+        let at = Timestamp::from_millis;
+        let lost = Loss { at: at(5000), is_back: false };
+        let is_replaced = |judgement| matches!(judgement, Judgement::Replace(_));
+        assert_eq!(judge(lost, Life::Heard(at(4000)), true), Judgement::Wait);
+        assert!(is_replaced(judge(lost, Life::Heard(at(5001)), false)));
+        assert_eq!(judge(lost, Life::Over, true), Judgement::Over);
+        assert!(is_replaced(judge(lost, Life::Unheard, true)), "the library alone hears it");
+        assert_eq!(judge(lost, Life::Unheard, false), Judgement::Over);
+        assert!(is_replaced(judge(Loss { is_back: true, ..lost }, Life::Heard(at(4000)), true)));
+    }
+}

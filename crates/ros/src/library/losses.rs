@@ -1,0 +1,140 @@
+//! The participants that the DDS library has lost because it did not hear them for a lease: their endpoints count until
+//! they are surely gone.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rustdds::DomainParticipantStatusEvent as Event;
+use rustdds::LostReason;
+
+use super::spdp::{self, Prefix};
+use super::wire::Change;
+use super::{ENDPOINTS_MAX, Found};
+use telltale_msg::sample_bytes::Guid;
+
+/// Participants that are remembered. Discovery is given up before it has lost so many.
+const PARTICIPANTS_MAX: usize = 4096;
+
+#[derive(Debug, Default)]
+pub struct Losses {
+    /// Those whose endpoints still count.
+    doubtful: BTreeSet<Prefix>,
+    /// All that were lost or left once: of one that comes back the library matches nothing.
+    once: BTreeSet<Prefix>,
+    /// Endpoints that were missing at the last look. The event that says why may come after it.
+    missing: BTreeSet<Guid>,
+}
+
+impl Losses {
+    /// Takes an event of the library. Returns what has become of a participant.
+    pub fn hear(&mut self, event: &Event) -> Option<(Prefix, Change)> {
+        let (participant, change) = match event {
+            Event::ParticipantLost { id, reason } => {
+                let participant = id.as_ref().try_into().ok()?;
+                if self.once.len() < PARTICIPANTS_MAX {
+                    self.once.insert(participant);
+                }
+                let change = match reason {
+                    LostReason::Disposed => Change::Left,
+                    LostReason::Timeout { .. } => Change::Lost,
+                };
+                (participant, change)
+            }
+            Event::ParticipantDiscovered { dpd } => {
+                let participant = spdp::prefix(&dpd.guid.to_bytes());
+                let is_copy =
+                    dpd.lease_duration.is_some_and(|lease| spdp::is_of_copy(lease.to_nanoseconds()));
+                match self.once.contains(&participant) {
+                    true => (participant, Change::Back),
+                    false if is_copy => return None,
+                    false => (participant, Change::Here),
+                }
+            }
+            _ => return None,
+        };
+        match change {
+            Change::Left => drop(self.doubtful.remove(&participant)),
+            Change::Lost if self.doubtful.len() < PARTICIPANTS_MAX => drop(self.doubtful.insert(participant)),
+            Change::Here | Change::Lost | Change::Back => {}
+        }
+        Some((participant, change))
+    }
+
+    /// A lost participant is gone.
+    pub fn forget(&mut self, participant: &Prefix) {
+        self.doubtful.remove(participant);
+    }
+
+    /// Whether the next look may tell that endpoints are gone.
+    pub fn is_looking(&self) -> bool {
+        !self.missing.is_empty()
+    }
+
+    /// Returns the endpoints that are gone. Others that `now` lacks are added to it.
+    pub fn look(&mut self, before: &BTreeMap<Guid, Found>, now: &mut BTreeMap<Guid, Found>) -> Vec<Guid> {
+        let mut gone = Vec::new();
+        let mut missing = BTreeSet::new();
+        for (guid, found) in before {
+            if now.contains_key(guid) {
+                continue;
+            }
+            let is_doubtful = self.doubtful.contains(&spdp::prefix(guid));
+            if now.len() >= ENDPOINTS_MAX || !is_doubtful && self.missing.contains(guid) {
+                gone.push(*guid);
+                continue;
+            }
+            if !is_doubtful {
+                missing.insert(*guid);
+            }
+            now.insert(*guid, found.clone());
+        }
+        self.missing = missing;
+        gone
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::seen::tests::found;
+    use super::*;
+
+    fn all(guids: &[u8]) -> BTreeMap<Guid, Found> {
+        guids.iter().map(|&guid| ([guid; 16], found(guid, "a"))).collect()
+    }
+
+    fn lost(participant: u8, reason: LostReason) -> Event {
+        Event::ParticipantLost { id: rustdds::GUID::from_bytes([participant; 16]).prefix, reason }
+    }
+
+    fn timeout() -> LostReason {
+        let lease = rustdds::Duration::from_secs(10);
+        LostReason::Timeout { lease, elapsed: lease }
+    }
+
+    #[test]
+    fn what_a_silent_participant_had_counts_until_it_is_forgotten() {
+        let mut losses = Losses::default();
+        // The library drops the endpoints before it says why.
+        let mut now = all(&[1]);
+        assert_eq!(losses.look(&all(&[1, 2]), &mut now), [[0; 16]; 0]);
+        assert!(now == all(&[1, 2]) && losses.is_looking());
+        assert_eq!(losses.hear(&lost(2, timeout())), Some(([2; 12], Change::Lost)));
+        for _ in 0..3 {
+            let mut now = all(&[1]);
+            assert!(losses.look(&all(&[1, 2]), &mut now).is_empty() && now == all(&[1, 2]));
+        }
+        assert!(!losses.is_looking());
+        losses.forget(&[2; 12]);
+        losses.look(&all(&[1, 2]), &mut all(&[1]));
+        assert_eq!(losses.look(&all(&[1, 2]), &mut all(&[1])), [[2; 16]]);
+    }
+
+    #[test]
+    fn an_endpoint_that_ends_is_gone_at_the_second_look() {
+        let mut losses = Losses::default();
+        assert_eq!(losses.hear(&lost(2, LostReason::Disposed)), Some(([2; 12], Change::Left)));
+        assert!(losses.look(&all(&[1, 2]), &mut all(&[1])).is_empty());
+        let mut now = all(&[1]);
+        assert_eq!(losses.look(&all(&[1, 2]), &mut now), [[2; 16]]);
+        assert!(now == all(&[1]) && !losses.is_looking());
+    }
+}

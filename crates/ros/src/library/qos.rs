@@ -1,0 +1,118 @@
+//! Topics, readers and writers of the DDS library, with the quality of service that Telltale uses.
+
+use rustdds::bytes::Bytes;
+use rustdds::dds::CreateResult;
+use rustdds::no_key::{DataWriter, SimpleDataReader};
+use rustdds::policy::{Durability, History, Lifespan, Reliability, ResourceLimits};
+use rustdds::{DomainParticipant, QosPolicies, QosPolicyBuilder, Subscriber, Topic, TopicKind};
+
+use super::raw_bytes::RawAdapter;
+use telltale_msg::sample_bytes::RawBody;
+
+/// How a topic is offered to its readers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quality {
+    /// Reliable, volatile.
+    Reliable,
+    /// Best effort, volatile: as sensors publish.
+    BestEffort,
+    /// Reliable, transient local: late joiners get the last value.
+    LastValue,
+    /// Reliable, volatile: replies of a service to many clients at once.
+    Reply,
+    /// As rcl offers `/rosout`: late joiners get the lines of the last ten seconds.
+    Log,
+}
+
+impl Quality {
+    pub const ALL: [Quality; 5] =
+        [Quality::Reliable, Quality::BestEffort, Quality::LastValue, Quality::Reply, Quality::Log];
+    pub const COUNT: u8 = Quality::ALL.len() as u8;
+
+    /// Its index in [`Quality::ALL`].
+    pub const fn number(self) -> u8 {
+        self as u8
+    }
+}
+
+/// The reader through which a sample came. The readers of a topic share one cache in the library, so each
+/// may see samples for another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Via {
+    Reliable,
+    /// Reliable, and asks for the last value from before its start.
+    LastValue,
+    BestEffort,
+}
+
+pub type RawWriter = DataWriter<Bytes, RawAdapter>;
+
+/// Also tells the library how many samples of the topic it keeps, which can only grow.
+pub fn create_topic(
+    participant: &DomainParticipant,
+    name: &str,
+    type_name: &str,
+    depth: usize,
+) -> CreateResult<Topic> {
+    let depth = i32::try_from(depth).unwrap_or(i32::MAX);
+    let limits = ResourceLimits { max_samples: depth, max_instances: 1, max_samples_per_instance: depth };
+    let qos = QosPolicyBuilder::new().history(History::KeepLast { depth }).resource_limits(limits).build();
+    participant.create_topic(name.to_owned(), type_name.to_owned(), &qos, TopicKind::NoKey)
+}
+
+pub fn reader(
+    subscriber: &Subscriber,
+    topic: &Topic,
+    via: Via,
+) -> CreateResult<SimpleDataReader<RawBody, RawAdapter>> {
+    subscriber.create_simple_datareader_no_key(topic, Some(asked(via)))
+}
+
+/// A topic that is published.
+pub fn offered_topic(
+    participant: &DomainParticipant,
+    name: &str,
+    type_name: &str,
+    quality: Quality,
+) -> CreateResult<Topic> {
+    participant.create_topic(name.to_owned(), type_name.to_owned(), &offered(quality), TopicKind::NoKey)
+}
+
+pub fn writer(participant: &DomainParticipant, topic: &Topic, quality: Quality) -> CreateResult<RawWriter> {
+    let qos = offered(quality);
+    participant.create_publisher(&qos)?.create_datawriter_no_key(topic, Some(qos))
+}
+
+/// No deadline and no lifespan: each setting beyond a writer's offer prevents the match.
+fn asked(via: Via) -> QosPolicies {
+    let qos = QosPolicyBuilder::new();
+    match via {
+        Via::Reliable => qos.reliability(reliable()).durability(Durability::Volatile),
+        Via::LastValue => qos.reliability(reliable()).durability(Durability::TransientLocal),
+        Via::BestEffort => qos.best_effort().durability(Durability::Volatile),
+    }
+    .build()
+}
+
+pub fn offered(quality: Quality) -> QosPolicies {
+    let (reliability, durability, depth) = match quality {
+        Quality::Reliable => (reliable(), Durability::Volatile, 10),
+        Quality::BestEffort => (Reliability::BestEffort, Durability::Volatile, 10),
+        Quality::LastValue => (reliable(), Durability::TransientLocal, 1),
+        Quality::Reply => (reliable(), Durability::Volatile, 128),
+        Quality::Log => (reliable(), Durability::TransientLocal, 100),
+    };
+    let qos = QosPolicyBuilder::new()
+        .reliability(reliability)
+        .durability(durability)
+        .history(History::KeepLast { depth });
+    match quality {
+        Quality::Log => qos.lifespan(Lifespan { duration: rustdds::Duration::from_secs(10) }),
+        _ => qos,
+    }
+    .build()
+}
+
+fn reliable() -> Reliability {
+    Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) }
+}

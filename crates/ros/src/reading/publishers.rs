@@ -1,0 +1,423 @@
+//! The publishers of one topic: which of them are heard, through which reader, and how many of their
+//! messages were lost.
+
+use crate::library::qos::Via;
+use std::collections::BTreeMap;
+use std::time::{Duration, SystemTime};
+use telltale_msg::sample_bytes::Guid;
+
+use telltale_engine::time::{Span, Timestamp};
+
+/// Writers whose last sequence number is remembered. More of them come only from publishers that come and
+/// go; then writers that are gone are forgotten.
+const REMEMBERED_MAX: usize = 1024;
+
+/// A sample that arrives within this time after its writer was discovered may be from before our start.
+const HISTORY: Span = Span::from_secs(3);
+/// A publisher of another quality is expected back for this long after it has gone, such as a restarted
+/// driver: until then the reader stays one that fits it too.
+const QUALITY_REMEMBERED: Span = Span::from_secs(600);
+/// Publishers that exist already are found within this time after the first one: only then is it known
+/// which reader fits all of them.
+const SETTLING: Span = Span::from_secs(1);
+/// Clocks of synchronized machines differ by less, and a message takes less time on its way.
+const CLOCKS_DIFFER: Duration = Duration::from_millis(50);
+/// History is handed over at once. If a publisher gives no source stamps, or its messages come no faster
+/// than they were published (so its clock is behind ours), a message that arrives later than this after its
+/// first one is current.
+const HISTORY_BURST: Span = Span::from_millis(300);
+
+/// When a message was published, as far as that matters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Published {
+    /// Before our reader existed: it was not published to us.
+    Before,
+    /// While our reader existed, but before we knew its writer: it may be meant for us, but comes late.
+    Unfound,
+    Now,
+}
+
+/// A writer as discovery describes it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Offer {
+    /// As it stands on the wire.
+    pub type_name: String,
+    pub reliable: bool,
+    pub transient_local: bool,
+}
+
+impl Offer {
+    fn keeps_last_value(&self) -> bool {
+        self.reliable && self.transient_local
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// The sample is new; `lost` are missing before it.
+    Take { lost: u64 },
+    /// Received before, or to be received through another reader.
+    Skip,
+    /// Not of our type.
+    WrongType,
+}
+
+#[derive(Debug, Default)]
+pub struct Writers {
+    /// When our reader was made, by our wall clock.
+    listening: Option<SystemTime>,
+    known: BTreeMap<Guid, Known>,
+    /// The last sequence number of each writer: samples up to it were received before.
+    last: BTreeMap<Guid, i64>,
+    /// When the initial writers are known.
+    settled_at: Option<Timestamp>,
+    /// Until when the reader must fit a best-effort writer, and one that keeps no last value.
+    best_effort_until: Option<Timestamp>,
+    volatile_until: Option<Timestamp>,
+}
+
+#[derive(Debug)]
+struct Known {
+    offer: Offer,
+    since: Timestamp,
+    since_wall: SystemTime,
+    /// It was heard before, through an earlier reader.
+    heard: bool,
+    /// A reliable reader hears it.
+    reliably: bool,
+    /// When its first message was received, and when that was published by its source stamp.
+    first: Option<(Timestamp, Option<SystemTime>)>,
+}
+
+impl Writers {
+    /// A new reader exists.
+    pub fn listen(&mut self, wall: SystemTime) {
+        self.listening = Some(wall);
+    }
+
+    /// Takes the news of discovery at `now`. Returns the wrong types of writers that were not known before.
+    pub fn update(
+        &mut self,
+        offers: BTreeMap<Guid, Offer>,
+        dds_type: &str,
+        (now, wall): (Timestamp, SystemTime),
+    ) -> Vec<String> {
+        let mut before = std::mem::take(&mut self.known);
+        let mut wrong = Vec::new();
+        for (guid, offer) in offers {
+            let known = before.remove(&guid).unwrap_or_else(|| {
+                if offer.type_name != dds_type {
+                    wrong.push(offer.type_name.clone());
+                }
+                let heard = self.last.contains_key(&guid);
+                Known {
+                    offer: offer.clone(),
+                    since: now,
+                    since_wall: wall,
+                    heard,
+                    reliably: false,
+                    first: None,
+                }
+            });
+            self.known.insert(guid, Known { offer, ..known });
+        }
+        if self.last.len() > REMEMBERED_MAX {
+            self.last.retain(|guid, _| self.known.contains_key(guid));
+        }
+        wrong
+    }
+
+    /// Whether a sample of any was received.
+    pub fn any_heard(&self) -> bool {
+        !self.last.is_empty()
+    }
+
+    pub fn knows(&self, writer: &Guid) -> bool {
+        self.known.contains_key(writer)
+    }
+
+    /// The type that a writer offers, as it stands on the wire.
+    pub fn type_name(&self, writer: &Guid) -> Option<&str> {
+        self.known.get(writer).map(|known| &*known.offer.type_name)
+    }
+
+    /// The number of writers of our type, and another type that is offered.
+    pub fn publishers(&self, dds_type: &str) -> (u32, Option<&str>) {
+        let types = || self.known.values().map(|known| &*known.offer.type_name);
+        let ours = types().filter(|theirs| *theirs == dds_type).count();
+        (u32::try_from(ours).unwrap_or(u32::MAX), types().find(|theirs| *theirs != dds_type))
+    }
+
+    /// Whether a writer of our type keeps its last message for readers that come later.
+    pub fn keeps_last_value(&self, writer: &Guid, dds_type: &str) -> bool {
+        let ours = |known: &Known| known.offer.transient_local && known.offer.type_name == dds_type;
+        self.known.get(writer).is_some_and(ours)
+    }
+
+    /// Judges when a message was published. The library asks every writer for its history, even for a
+    /// reader that wants none: a transient-local writer has its last messages, a volatile one those that a
+    /// killed reader did not acknowledge. The writer's clock decides, as long as it is plausible.
+    pub fn published(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> Published {
+        let listening = self.listening;
+        let Some(known) = self.known.get_mut(writer) else { return Published::Now };
+        let (first, first_source) = *known.first.get_or_insert((now, source));
+        let burst = now.since(first) < HISTORY_BURST;
+        if now.since(known.since) >= HISTORY {
+            return Published::Now;
+        }
+        let Some(source) = source else {
+            let kept = known.offer.transient_local && burst;
+            return if kept { Published::Before } else { Published::Now };
+        };
+        let of_now = source + CLOCKS_DIFFER >= known.since_wall;
+        if of_now || !burst && !is_faster(first_source, source, now.since(first)) {
+            return Published::Now;
+        }
+        let before = listening.is_some_and(|since| source + CLOCKS_DIFFER < since);
+        if before && !known.heard { Published::Before } else { Published::Unfound }
+    }
+
+    /// The one reader that fits every writer of our type: a writer that is asked for more than it offers
+    /// complains in its own log. `None` if there is no writer yet, or none any more.
+    pub fn fitting(&mut self, wants_last_value: bool, dds_type: &str, now: Timestamp) -> Option<Via> {
+        let offers = || self.known.values().map(|known| &known.offer).filter(|it| it.type_name == dds_type);
+        let found = offers().next().is_some();
+        let best_effort = offers().any(|offer| !offer.reliable);
+        let volatile = offers().any(|offer| !offer.keeps_last_value());
+        let remember = |until: &mut Option<Timestamp>, seen: bool| {
+            if seen {
+                *until = Some(now + QUALITY_REMEMBERED);
+            }
+            until.is_some_and(|until| now < until)
+        };
+        let best_effort = remember(&mut self.best_effort_until, best_effort);
+        let volatile = remember(&mut self.volatile_until, volatile);
+        let settling = found && now < *self.settled_at.get_or_insert(now + SETTLING);
+        found.then_some(match (best_effort || settling, wants_last_value && !volatile) {
+            (true, _) => Via::BestEffort,
+            (false, true) => Via::LastValue,
+            (false, false) => Via::Reliable,
+        })
+    }
+
+    /// When to ask again which reader fits.
+    pub fn settles_at(&self, now: Timestamp) -> Option<Timestamp> {
+        self.settled_at.filter(|at| now < *at)
+    }
+
+    /// Whether a writer of our type keeps a last value.
+    pub fn any_keeps_last_value(&self, dds_type: &str) -> bool {
+        let mut offers = self.known.values().map(|known| &known.offer);
+        offers.any(|offer| offer.type_name == dds_type && offer.keeps_last_value())
+    }
+
+    /// No reliable reader is left: samples are taken in the order of their arrival.
+    pub fn heard_by_best_effort_alone(&mut self) {
+        self.known.values_mut().for_each(|known| known.reliably = false);
+    }
+
+    /// Judges one sample.
+    pub fn judge(&mut self, writer: &Guid, sequence: i64, via: Via, dds_type: &str) -> Verdict {
+        if let Some(Known { offer, reliably, .. }) = self.known.get_mut(writer) {
+            if offer.type_name != dds_type {
+                return Verdict::WrongType;
+            }
+            *reliably |= via != Via::BestEffort;
+            // A best-effort reader hands samples over in the order of arrival: one of them would overtake a
+            // repair.
+            if *reliably && via == Via::BestEffort {
+                return Verdict::Skip;
+            }
+        }
+        match self.last.insert(*writer, sequence) {
+            None => Verdict::Take { lost: 0 },
+            Some(last) if sequence > last => {
+                Verdict::Take { lost: u64::try_from(sequence - last - 1).unwrap_or(0) }
+            }
+            Some(last) => {
+                self.last.insert(*writer, last);
+                Verdict::Skip
+            }
+        }
+    }
+}
+
+/// Whether messages came much faster than they were published, since the first.
+fn is_faster(first: Option<SystemTime>, source: SystemTime, took: Span) -> bool {
+    let published = first.and_then(|first| source.duration_since(first).ok()).unwrap_or_default();
+    published.as_nanos() > 2 * u128::from(took.as_nanos())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const START: (Timestamp, SystemTime) = (Timestamp::from_millis(5000), SystemTime::UNIX_EPOCH);
+    const OURS: &str = "ours";
+    const A: Guid = [1; 16];
+    const B: Guid = [2; 16];
+
+    fn offer(type_name: &str, reliable: bool, transient_local: bool) -> Offer {
+        Offer { type_name: type_name.to_owned(), reliable, transient_local }
+    }
+
+    fn writers(offers: &[(Guid, Offer)]) -> Writers {
+        let mut writers = Writers::default();
+        writers.update(offers.iter().cloned().collect(), OURS, START);
+        writers
+    }
+
+    #[test]
+    fn gaps_are_counted_for_each_writer() {
+        let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, true, false))]);
+        let samples = [
+            (A, 5, Verdict::Take { lost: 0 }),
+            (B, 9, Verdict::Take { lost: 0 }),
+            (A, 6, Verdict::Take { lost: 0 }),
+            (A, 9, Verdict::Take { lost: 2 }),
+            (B, 10, Verdict::Take { lost: 0 }),
+            (A, 9, Verdict::Skip),
+            (A, 7, Verdict::Skip),
+            (A, 10, Verdict::Take { lost: 0 }),
+        ];
+        for (writer, sequence, expected) in samples {
+            assert_eq!(writers.judge(&writer, sequence, Via::Reliable, OURS), expected, "{sequence}");
+        }
+    }
+
+    #[test]
+    fn a_writer_is_not_read_out_of_order_once_a_reliable_reader_hears_it() {
+        let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
+        assert_eq!(writers.judge(&A, 5, Via::BestEffort, OURS), Verdict::Take { lost: 0 }, "the first alone");
+        assert_eq!(writers.judge(&A, 5, Via::Reliable, OURS), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 7, Via::BestEffort, OURS), Verdict::Skip);
+        assert_eq!(writers.judge(&A, 6, Via::Reliable, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 7, Via::LastValue, OURS), Verdict::Take { lost: 0 });
+        writers.heard_by_best_effort_alone();
+        assert_eq!(writers.judge(&A, 9, Via::BestEffort, OURS), Verdict::Take { lost: 1 });
+        assert_eq!(writers.judge(&B, 7, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
+    }
+
+    #[test]
+    fn another_type_is_told_once_and_never_taken() {
+        let mut writers = Writers::default();
+        let offers: BTreeMap<_, _> =
+            [(A, offer("theirs", true, false)), (B, offer(OURS, true, false))].into();
+        assert_eq!(writers.update(offers.clone(), OURS, START), ["theirs"]);
+        assert_eq!(writers.update(offers, OURS, START), [""; 0]);
+        assert_eq!(writers.publishers(OURS), (1, Some("theirs")));
+        assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS), Verdict::WrongType);
+        assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS), Verdict::Take { lost: 0 });
+    }
+
+    #[test]
+    fn the_reader_asks_no_writer_for_more_than_it_offers() {
+        let (reliable, keeps, best_effort) =
+            (offer(OURS, true, false), offer(OURS, true, true), offer(OURS, false, true));
+        let theirs = offer("theirs", false, false);
+        let cases: [(&[&Offer], [Option<Via>; 2]); 7] = [
+            (&[], [None, None]),
+            (&[&theirs], [None, None]),
+            (&[&reliable], [Some(Via::Reliable), Some(Via::Reliable)]),
+            (&[&keeps, &theirs], [Some(Via::Reliable), Some(Via::LastValue)]),
+            (&[&keeps, &reliable], [Some(Via::Reliable), Some(Via::Reliable)]),
+            (&[&best_effort], [Some(Via::BestEffort), Some(Via::BestEffort)]),
+            (&[&best_effort, &keeps, &reliable], [Some(Via::BestEffort), Some(Via::BestEffort)]),
+        ];
+        for (offers, expected) in cases {
+            let offers: Vec<_> = (0..).zip(offers).map(|(id, &it)| ([id; 16], it.clone())).collect();
+            let fitting = [false, true].map(|last| {
+                let mut writers = writers(&offers);
+                let early = writers.fitting(last, OURS, START.0);
+                assert_eq!(early, expected[0].map(|_| Via::BestEffort), "others may be found still");
+                writers.fitting(last, OURS, START.0 + SETTLING)
+            });
+            assert_eq!(fitting, expected, "{offers:?}");
+        }
+    }
+
+    #[test]
+    fn a_publisher_that_was_there_finds_a_reader_that_fits_it_when_it_comes_back() {
+        let at = Timestamp::from_millis;
+        let mut writers = writers(&[(A, offer(OURS, true, true)), (B, offer(OURS, false, false))]);
+        assert_eq!(writers.fitting(true, OURS, at(5000)), Some(Via::BestEffort));
+        writers.update([(A, offer(OURS, true, true))].into(), OURS, START);
+        assert_eq!(writers.fitting(true, OURS, at(604_999)), Some(Via::BestEffort));
+        assert_eq!(writers.fitting(true, OURS, at(605_000)), Some(Via::LastValue));
+    }
+
+    /// Listens from 98 s on the wall clock; knows the writers from 100 s there and 5 s here.
+    fn found(offers: &[(Guid, Offer)], heard: &[Guid]) -> Writers {
+        let wall = |seconds| SystemTime::UNIX_EPOCH + Duration::from_secs(seconds);
+        let mut writers = Writers::default();
+        writers.listen(wall(98));
+        for guid in heard {
+            writers.judge(guid, 1, Via::Reliable, OURS);
+        }
+        writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(5000), wall(100)));
+        // Discovery has news of others; the age of these does not change.
+        writers.update(offers.iter().cloned().collect(), OURS, (Timestamp::from_millis(60_000), wall(100)));
+        writers
+    }
+
+    fn check(writers: &mut Writers, cases: &[(Guid, Option<u64>, u64, Published)]) {
+        for &(writer, source, now, expected) in cases {
+            let wall = source.map(|millis| SystemTime::UNIX_EPOCH + Duration::from_millis(millis));
+            let published = writers.published(&writer, wall, Timestamp::from_millis(now));
+            assert_eq!(published, expected, "{source:?} at {now}");
+        }
+    }
+
+    #[test]
+    fn what_a_new_writer_published_before_we_listened_is_history_whatever_it_offers() {
+        use Published::{Before, Now, Unfound};
+        for transient_local in [false, true] {
+            let mut writers = found(&[(A, offer(OURS, true, transient_local))], &[]);
+            let cases = [
+                (A, Some(90_000), 5100, Before),
+                (A, Some(97_940), 5100, Before),
+                (A, Some(97_960), 5110, Unfound),
+                (A, Some(99_940), 5110, Unfound),
+                (A, Some(99_960), 5120, Now),
+                // It comes late, and no faster than a burst can: a repair.
+                (A, Some(97_000), 6000, Before),
+                (A, Some(97_000), 8000, Now),
+                ([3; 16], Some(97_000), 5100, Now),
+            ];
+            check(&mut writers, &cases);
+        }
+        // A writer that was heard before its participant was replaced is not new.
+        check(&mut found(&[(A, offer(OURS, true, false))], &[A]), &[(A, Some(97_000), 5100, Unfound)]);
+    }
+
+    #[test]
+    fn a_writer_without_a_clock_hands_over_at_once_what_it_keeps() {
+        use Published::{Before, Now};
+        let mut writers = found(&[(A, offer(OURS, true, true)), (B, offer(OURS, true, false))], &[]);
+        let cases =
+            [(A, None, 5100, Before), (A, None, 5399, Before), (A, None, 5400, Now), (B, None, 5100, Now)];
+        check(&mut writers, &cases);
+    }
+
+    #[test]
+    fn what_comes_as_it_was_published_is_of_now_though_its_clock_is_behind() {
+        use Published::{Before, Now};
+        let mut writers = found(&[(A, offer(OURS, true, false))], &[]);
+        let cases: Vec<_> = (0..20)
+            .map(|step| (A, Some(10_000 + step * 50), 5100 + step * 50, if step < 6 { Before } else { Now }))
+            .collect();
+        check(&mut writers, &cases);
+    }
+
+    #[test]
+    fn what_is_remembered_is_bounded() {
+        let mut writers = Writers::default();
+        for index in 0..3 * REMEMBERED_MAX as u32 {
+            let mut guid = [0; 16];
+            guid[..4].copy_from_slice(&index.to_le_bytes());
+            writers.update([(guid, offer(OURS, true, false))].into(), OURS, START);
+            writers.judge(&guid, 1, Via::Reliable, OURS);
+        }
+        assert!(writers.last.len() <= REMEMBERED_MAX + 1);
+    }
+}

@@ -1,0 +1,463 @@
+//! One topic in a task of its own: turns the samples of its readers into inputs.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::future::poll_fn;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::UNIX_EPOCH;
+
+use bytes::Bytes;
+use tokio::sync::{mpsc, watch};
+
+use super::keeping::Kept;
+use super::publishers::{Offer, Published, Verdict, Writers};
+use super::readers::{Advice, Readers, Retention, Sample};
+use super::trouble::Troubles;
+use crate::discovery::graph::MessageCounts;
+use crate::library::qos::Via;
+use crate::library::{Found, Participant};
+use crate::outbox::{End, Outbox, stopped, waiting_bytes};
+use telltale_clock::Clock;
+use telltale_engine::input::{Input, TroubleKind};
+use telltale_engine::model::sample::PublisherReport;
+use telltale_engine::time::{Span, Timestamp};
+use telltale_msg::fields::NoValue;
+use telltale_msg::messages;
+use telltale_msg::received::{Message, Stamped};
+use telltale_msg::ros_clock::RosClock;
+use telltale_msg::sample_bytes::Guid;
+use telltale_msg::subscription::{PublicationTime, Received, Subscription};
+
+/// Writers that discovery does not know are asked for again only after it has news.
+const UNKNOWN_MAX: usize = 1024;
+
+/// A topic is reported to have no publisher only after discovery had this time.
+const DISCOVERY: Span = Span::from_secs(5);
+
+/// While some that live are not found yet, it is looked again after this time.
+const SEARCHED_AGAIN: Span = Span::from_secs(1);
+
+/// A larger last value is not kept for monitors that are configured later.
+const KEPT_BYTES_MAX: usize = 64 << 10;
+
+/// State shared by all topics of a participant.
+#[derive(Clone)]
+pub struct TopicContext {
+    pub participant: Participant,
+    pub inputs: mpsc::Sender<Stamped>,
+    pub clock: Clock,
+    /// Counts received messages.
+    pub tallies: MessageCounts,
+    pub ros_clock: RosClock,
+    pub stop: watch::Receiver<bool>,
+}
+
+/// State that outlives a participant: gaps are counted across a replacement, and samples are not taken
+/// twice.
+#[derive(Debug)]
+pub struct Memory {
+    writers: Writers,
+    troubles: Troubles,
+    retention: Retention,
+    /// The last message of a publisher that keeps it for late readers, because a new configuration counts
+    /// as one.
+    last_value: Option<Arc<Message>>,
+}
+
+impl Memory {
+    pub fn new(subscription: &Subscription) -> Memory {
+        let retention = match (subscription.may_be_large(), subscription.recorded_every()) {
+            (true, _) => Retention::of_large_messages(),
+            (false, Some(_)) => Retention::of_recorded_messages(),
+            (false, None) => Retention::new(),
+        };
+        Memory { writers: Writers::default(), troubles: Troubles::default(), retention, last_value: None }
+    }
+
+    /// Whether a message has come.
+    pub fn is_of_messages(&self) -> bool {
+        self.writers.any_heard()
+    }
+}
+
+/// What a topic has shown so far.
+#[derive(Debug, Default)]
+pub struct Trial {
+    has_data: AtomicBool,
+    /// One of several types that are announced: nothing is said of it before its first message.
+    is_quiet: AtomicBool,
+}
+
+impl Trial {
+    pub fn new(is_quiet: bool) -> Trial {
+        Trial { is_quiet: is_quiet.into(), ..Trial::default() }
+    }
+
+    /// Whether a message of its type has come.
+    pub fn has_data(&self) -> bool {
+        self.has_data.load(Ordering::Relaxed)
+    }
+
+    fn is_quiet(&self) -> bool {
+        self.is_quiet.load(Ordering::Relaxed)
+    }
+
+    fn note_data(&self) {
+        self.has_data.store(true, Ordering::Relaxed);
+        self.is_quiet.store(false, Ordering::Relaxed);
+    }
+}
+
+/// Orders to the task of a topic.
+pub struct Orders {
+    /// Changes when discovery has news of this topic.
+    pub discovered: watch::Receiver<u64>,
+    /// The fields to read; marked as changed at every new configuration, even if they are the same.
+    pub subscription: watch::Receiver<Arc<Subscription>>,
+}
+
+pub struct Topic {
+    subscription: Arc<Subscription>,
+    /// Until then discovery may not have found everybody.
+    searching_until: Timestamp,
+    /// The publishers and the other type that were reported last.
+    said: Option<(u32, Option<Box<str>>)>,
+    /// It was reported that last values are not asked for.
+    told_of_mix: bool,
+    trial: Arc<Trial>,
+    around: TopicContext,
+    readers: Readers,
+    memory: Memory,
+    outbox: Outbox,
+    unknown: BTreeSet<Guid>,
+    /// Of a topic that is only recorded: when the next message may be.
+    recorded_from: Timestamp,
+    /// Of another one: what is recorded whole.
+    kept: Kept,
+}
+
+impl Topic {
+    pub fn new(
+        subscription: Arc<Subscription>,
+        around: TopicContext,
+        mut memory: Memory,
+        trial: Arc<Trial>,
+    ) -> Topic {
+        memory.writers.listen(around.clock.wall());
+        let depth = memory.retention.depth();
+        let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
+        let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
+        let topic = Topic {
+            subscription,
+            searching_until: around.clock.now() + DISCOVERY,
+            said: None,
+            told_of_mix: false,
+            trial,
+            around,
+            readers,
+            memory,
+            outbox,
+            unknown: BTreeSet::new(),
+            recorded_from: Timestamp::ZERO,
+            kept: Kept::default(),
+        };
+        // Nothing yet is a rate too.
+        topic.around.tallies.add(&topic.subscription.dds_topic, 0);
+        topic
+    }
+
+    /// Reads until the end, or until nobody gives orders any more.
+    pub async fn run(mut self, mut orders: Orders) -> (Memory, End) {
+        let end = match self.read(&mut orders).await {
+            Ok(never) => match never {},
+            Err(end) => end,
+        };
+        (self.memory, end)
+    }
+
+    async fn read(&mut self, orders: &mut Orders) -> Result<std::convert::Infallible, End> {
+        let (mut batch, mut faults) = (Vec::new(), Vec::new());
+        let mut stop = self.around.stop.clone();
+        self.follow_discovery();
+        loop {
+            let follow = self.follow_due();
+            let due = [self.memory.troubles.due(), self.news_due(), follow].into_iter().flatten().min();
+            let due = due.map(|due| self.around.clock.instant(due));
+            tokio::select! {
+                biased;
+                () = stopped(&mut stop) => return Err(End::Stopped),
+                changed = orders.subscription.changed() => {
+                    changed.map_err(|_| End::Stopped)?;
+                    let next = orders.subscription.borrow_and_update().clone();
+                    self.follow_configuration(next).await?;
+                }
+                news = orders.discovered.changed() => {
+                    news.map_err(|_| End::Stopped)?;
+                    self.follow_discovery();
+                }
+                () = until(due) => {}
+                () = poll_fn(|context| self.readers.poll(context, &mut batch, &mut faults)) => {
+                    let received = self.around.clock.now();
+                    self.take_faults(&mut faults);
+                    self.take_batch(&mut batch, received).await?;
+                }
+            }
+            if follow.is_some_and(|due| due <= self.around.clock.now()) {
+                self.follow_discovery();
+            }
+            self.tell_troubles().await?;
+            self.tell_news().await?;
+        }
+    }
+
+    /// Reads by another configuration from now on. It gets the last value as a late joiner does, and the
+    /// publishers are reported again.
+    async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
+        self.subscription = next;
+        self.said = None;
+        self.follow_discovery();
+        self.tell_news().await?;
+        if !self.subscription.wants_last_value() {
+            return Ok(());
+        }
+        let Some(message) = self.memory.last_value.take() else { return Ok(()) };
+        if self.memory.writers.keeps_last_value(&message.writer, &self.subscription.dds_type) {
+            self.hand_over(&message, PublicationTime::Kept, self.around.clock.now()).await?;
+            self.memory.last_value = Some(message);
+        }
+        Ok(())
+    }
+
+    async fn take_batch(&mut self, batch: &mut Vec<Sample>, received: Timestamp) -> Result<(), End> {
+        let sizes = batch.iter().map(|sample| sample.body.as_ref().map_or(0, |(body, _)| body.len()));
+        match self.memory.retention.observe(sizes) {
+            Advice::Fits => {}
+            Advice::Deepen(depth) => self.readers.deepen(depth),
+            Advice::Rebuild(depth) => {
+                self.memory.retention = Retention::with_depth(depth);
+                return Err(End::Rebuild(format!(
+                    "messages on {} are so large that only {depth} can be kept",
+                    self.subscription.topic
+                )));
+            }
+        }
+        self.around.tallies.add(&self.subscription.dds_topic, batch.len());
+        for sample in batch.drain(..) {
+            self.take_sample(sample, received).await?;
+            // A slow engine takes a large batch for seconds: a loss is told at once, not after it.
+            self.tell_troubles().await?;
+        }
+        Ok(())
+    }
+
+    async fn take_sample(&mut self, sample: Sample, received: Timestamp) -> Result<(), End> {
+        if !self.memory.writers.knows(&sample.writer) && !self.unknown.contains(&sample.writer) {
+            self.follow_discovery();
+            if !self.memory.writers.knows(&sample.writer) && self.unknown.len() < UNKNOWN_MAX {
+                self.unknown.insert(sample.writer);
+            }
+        }
+        let dds_type = &self.subscription.dds_type;
+        let published = self.memory.writers.published(&sample.writer, sample.source, received);
+        let troubles = &mut self.memory.troubles;
+        match self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type) {
+            Verdict::Skip => return Ok(()),
+            Verdict::WrongType => {
+                let theirs = self.memory.writers.type_name(&sample.writer).unwrap_or_default();
+                troubles.add(TroubleKind::WrongType, 1, || wrong_type(theirs, &self.subscription));
+                return Ok(());
+            }
+            Verdict::Take { lost: 0 } => {}
+            Verdict::Take { lost } => troubles.add(TroubleKind::Lost, lost, || {
+                format!("{lost} missing before number {} of a publisher", sample.sequence)
+            }),
+        }
+        self.trial.note_data();
+        if let Some(every) = self.subscription.recorded_every() {
+            if received < self.recorded_from {
+                return Ok(());
+            }
+            self.recorded_from = received + every;
+        }
+        let keeps = self.memory.writers.keeps_last_value(&sample.writer, dds_type);
+        let message = Arc::new(Message {
+            topic: self.subscription.topic.clone(),
+            type_name: self.subscription.type_name.clone(),
+            writer: sample.writer,
+            sequence: sample.sequence,
+            source: sample.source,
+            received: self.around.clock.wall(),
+            body: sample.body,
+            left_out: 0,
+            kept: keeps,
+        });
+        if keeps {
+            let small = message.body.is_ok() && message.len() <= KEPT_BYTES_MAX;
+            self.memory.last_value = small.then(|| message.clone());
+        }
+        let when = match published {
+            Published::Now => PublicationTime::Now,
+            Published::Unfound => PublicationTime::Late,
+            Published::Before if keeps => PublicationTime::Kept,
+            Published::Before => PublicationTime::Past,
+        };
+        self.hand_over(&message, when, received).await
+    }
+
+    /// Sends the inputs that a message means.
+    async fn hand_over(
+        &mut self,
+        message: &Arc<Message>,
+        when: PublicationTime,
+        received: Timestamp,
+    ) -> Result<(), End> {
+        let Message { body, writer, .. } = &**message;
+        let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
+        let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
+        let received_message = Received { body, writer: *writer, wall_ns, when };
+        let (mut inputs, wrong) = self.subscription.decode_by(received_message, &self.around.ros_clock);
+        let bytes = message.len();
+        if let Some(wrong) = wrong {
+            let text = || match (&wrong, body) {
+                (NoValue::Fault(fault), Ok(_)) => format!("{fault}, of {bytes} in all"),
+                _ => wrong.to_string(),
+            };
+            self.memory.troubles.add(TroubleKind::Malformed, 1, text);
+        }
+        if inputs.is_empty() {
+            inputs.push(Input::Tick);
+        }
+        let message = self.recorded(message, received);
+        // The first of them accounts for the size of the message.
+        let mut body_bytes = message.len();
+        for input in inputs {
+            let waiting = waiting_bytes(&input, bytes) + std::mem::take(&mut body_bytes);
+            let stamped = Stamped { input, received, message: Some(message.clone()) };
+            self.outbox.send(stamped, waiting).await?;
+        }
+        Ok(())
+    }
+
+    /// The message as a recording has it: whole, or its times and its size.
+    fn recorded(&mut self, message: &Arc<Message>, received: Timestamp) -> Arc<Message> {
+        let bytes = message.len();
+        match &message.body {
+            Ok((_, endian)) if !self.kept.is_whole(self.subscription.keeping(), bytes, received) => {
+                let body = Ok((Bytes::new(), *endian));
+                Arc::new(Message { body, left_out: bytes, ..Message::clone(message) })
+            }
+            _ => message.clone(),
+        }
+    }
+
+    fn take_faults(&mut self, faults: &mut Vec<String>) {
+        for reason in faults.drain(..) {
+            self.memory.troubles.add(TroubleKind::Malformed, 1, || reason);
+        }
+    }
+
+    async fn tell_troubles(&mut self) -> Result<(), End> {
+        if self.memory.troubles.due().is_none() {
+            return Ok(());
+        }
+        let now = self.around.clock.now();
+        for trouble in self.memory.troubles.take(&self.subscription.topic, now) {
+            // The numbers of the messages in a recording show what is missing; the operator has no use for it.
+            if self.subscription.recorded_every().is_some() || self.trial.is_quiet() {
+                continue;
+            }
+            self.outbox.send(Stamped::new(Input::Reception(trouble), now), 0).await?;
+        }
+        Ok(())
+    }
+
+    /// When it is due to be reported that there is no publisher.
+    fn news_due(&self) -> Option<Timestamp> {
+        let silent = self.said.is_none() && self.subscription.watched().is_some() && !self.trial.is_quiet();
+        silent.then_some(self.searching_until)
+    }
+
+    /// When another reader may fit, without any news of discovery.
+    fn follow_due(&self) -> Option<Timestamp> {
+        let settled = self.memory.writers.settles_at(self.around.clock.now());
+        [settled, self.readers.overlap_ends()].into_iter().flatten().min()
+    }
+
+    /// Reports the publishers, if monitors watch the topic and they have changed.
+    async fn tell_news(&mut self) -> Result<(), End> {
+        let Some(source) = self.subscription.watched().filter(|_| !self.trial.is_quiet()) else {
+            return Ok(());
+        };
+        let (publishers, other) = self.memory.writers.publishers(&self.subscription.dds_type);
+        let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
+        let now = self.around.clock.now();
+        let found = publishers > 0 || other_type.is_some();
+        let news = (publishers, other_type);
+        if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
+            return Ok(());
+        }
+        if self.said.is_none() && !found && self.around.participant.is_searching() {
+            self.searching_until = now + SEARCHED_AGAIN;
+            return Ok(());
+        }
+        let input = PublisherReport { source: source.clone(), publishers, other_type: news.1.clone() };
+        self.said = Some(news);
+        self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
+    }
+
+    /// Takes the present writers, and chooses the reader that fits all of them.
+    fn follow_discovery(&mut self) {
+        let offers = offers(&self.around.participant, &self.subscription.dds_topic);
+        let dds_type = &self.subscription.dds_type;
+        self.unknown.clear();
+        let now = (self.around.clock.now(), self.around.clock.wall());
+        for theirs in self.memory.writers.update(offers, dds_type, now) {
+            let text = || wrong_type(&theirs, &self.subscription);
+            self.memory.troubles.add(TroubleKind::WrongType, 1, text);
+        }
+        let wants_last_value = self.subscription.wants_last_value();
+        // While there is no publisher, the reader does not change.
+        let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
+        let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return };
+        if self.readers.follow(via, now.0) && !self.readers.any_reliable() {
+            self.memory.writers.heard_by_best_effort_alone();
+        }
+        if wants_last_value && via != Via::LastValue && self.memory.writers.any_keeps_last_value(dds_type) {
+            self.tell_of_mix();
+        }
+    }
+
+    /// Reported once: it can be the reason for a signal that stays unknown.
+    fn tell_of_mix(&mut self) {
+        if !std::mem::replace(&mut self.told_of_mix, true) {
+            tracing::info!(
+                "{}: not all of its publishers keep their last value, so none is asked for it; what was \
+                 published before Telltale listened counts with the next message",
+                self.subscription.topic
+            );
+        }
+    }
+}
+
+async fn until(due: Option<std::time::Instant>) {
+    match due {
+        Some(due) => tokio::time::sleep_until(due.into()).await,
+        None => std::future::pending().await,
+    }
+}
+
+/// The writers of a topic as discovery knows them.
+fn offers(participant: &Participant, dds_topic: &str) -> BTreeMap<Guid, Offer> {
+    let seen = participant.seen();
+    let offers = seen.writers_of(dds_topic).map(|writer| {
+        let Found { type_name, reliable, transient_local, .. } = writer;
+        let (type_name, reliable, transient_local) = (type_name.clone(), *reliable, *transient_local);
+        (writer.guid, Offer { type_name, reliable, transient_local })
+    });
+    offers.collect()
+}
+
+fn wrong_type(theirs: &str, subscription: &Subscription) -> String {
+    let theirs = messages::ros_type_name(theirs);
+    format!("topic has type {theirs}, configuration says {}", subscription.type_name)
+}

@@ -1,0 +1,337 @@
+//! The topics that one participant reads: those of the configuration, and those that are only recorded.
+//!
+//! Anybody can announce a topic. One without a message takes nothing from others: no type, and no place in a recording.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use tokio::sync::watch;
+use tokio::task::{JoinError, JoinSet};
+
+use super::learning::Learning;
+use super::topic::{Memory, Orders, Topic, TopicContext, Trial};
+use crate::discovery::graph::OwnParticipants;
+use crate::library::Found;
+use crate::library::discovered::PREFIX;
+use crate::outbox::End;
+use telltale_engine::time::{Span, Timestamp};
+use telltale_msg::messages;
+use telltale_msg::subscription::{Plan, Subscription};
+
+/// Topics that are read for recordings alone, at most.
+const RECORDED_MAX: usize = 256;
+/// A topic without a message keeps its place for so long where others wait for one.
+const TRIAL: Span = Span::from_secs(5);
+/// So many topics get a place at once: the DDS process makes a reader for each, and does nothing else meanwhile.
+const ADDED_MAX: usize = 64;
+
+/// A topic and its type, by their names on the wire.
+pub type Key = (String, String);
+
+/// What a task that reads a topic leaves.
+pub type Ended = Result<(Key, Memory, End), JoinError>;
+
+/// State that a participant leaves to the next one.
+#[derive(Default)]
+pub struct Carryover {
+    memories: BTreeMap<Key, Memory>,
+}
+
+impl Carryover {
+    /// Forgets what the plan does not read any more.
+    pub fn keep_what_is_read(&mut self, plan: &Plan) {
+        let is_wanted = |known: &Key| {
+            let same = |it: &Subscription| key(it) == *known || it.is_untyped() && it.dds_topic == known.0;
+            plan.subscriptions.iter().any(|wanted| same(wanted))
+        };
+        let mut room = RECORDED_MAX;
+        let mut is_recorded = |(topic, type_name): &Key| {
+            let is_recorded = room > 0 && only_recorded(plan, topic, type_name).is_some();
+            room -= usize::from(is_recorded);
+            is_recorded
+        };
+        self.memories.retain(|known, _| is_wanted(known) || is_recorded(known));
+    }
+}
+
+/// The tasks that read, and the channels for their orders.
+pub struct Topics {
+    pub tasks: JoinSet<(Key, Memory, End)>,
+    running: BTreeMap<Key, Running>,
+    /// Those that were told to end.
+    ending: BTreeSet<Key>,
+    /// Topics whose type the configuration leaves out.
+    learning: Learning,
+    around: TopicContext,
+    /// Topics that had a place in the recording and no message, and when that ended.
+    tried: BTreeMap<Key, Timestamp>,
+    /// It was said that more topics are to be recorded than are read.
+    is_full: bool,
+}
+
+struct Running {
+    news: watch::Sender<u64>,
+    subscription: watch::Sender<Arc<Subscription>>,
+    trial: Arc<Trial>,
+    since: Timestamp,
+}
+
+impl Topics {
+    pub fn start(around: TopicContext, plan: &Plan, legacy: &mut Carryover) -> Topics {
+        let learning = Learning::new(around.inputs.clone(), around.clock);
+        let mut topics = Topics {
+            tasks: JoinSet::new(),
+            running: BTreeMap::new(),
+            ending: BTreeSet::new(),
+            learning,
+            around,
+            tried: BTreeMap::new(),
+            is_full: false,
+        };
+        for subscription in &topics.typed(plan) {
+            topics.add(subscription, Arc::default(), legacy);
+        }
+        topics
+    }
+
+    /// The topics of a plan that can be read at once. The types of the others must be learned; types that
+    /// were learned before stay.
+    fn typed(&mut self, plan: &Plan) -> Vec<Arc<Subscription>> {
+        let (untyped, mut typed): (Vec<_>, Vec<_>) =
+            plan.subscriptions.iter().cloned().partition(|subscription| subscription.is_untyped());
+        for subscription in &untyped {
+            for (_, dds_type) in self.running.keys().filter(|(topic, _)| *topic == subscription.dds_topic) {
+                let learned = subscription.learn(&messages::ros_type_name(dds_type));
+                // A missing definition is reported where the type is learned, so that is done again.
+                if let Ok(learned) = learned.map_err(drop)
+                    && learned.missing.is_empty()
+                {
+                    typed.push(Arc::new(learned.subscription));
+                }
+            }
+        }
+        let kept: BTreeSet<Key> = typed.iter().map(|subscription| key(subscription)).collect();
+        self.learning.follow(untyped, &kept);
+        typed
+    }
+
+    /// Reads the topics whose type publishers have announced now, and decides for the type that has
+    /// messages.
+    pub fn learn(&mut self, legacy: &mut Carryover) {
+        let running = &self.running;
+        let has_data = |key: &Key| running.get(key).is_some_and(|it| it.trial.has_data());
+        let learned = self.learning.look(&self.around.participant, has_data);
+        for key in &learned.over {
+            self.end(key);
+        }
+        for (subscription, is_quiet) in &learned.new {
+            self.add(subscription, Arc::new(Trial::new(*is_quiet)), legacy);
+        }
+    }
+
+    /// Reads the topics that are published now and that the plan only records. Telltale's own participants are
+    /// left out: a reader of its outputs would count as a listener.
+    pub fn record(&mut self, plan: &Plan, siblings: &OwnParticipants, legacy: &mut Carryover) {
+        if !plan.records_more() {
+            return;
+        }
+        let mut found = self.to_record(plan, siblings);
+        let is_recorded = |it: &Running| it.subscription.borrow().recorded_every().is_some();
+        let recorded: Vec<(&Key, &Running)> = self.running.iter().filter(|(_, it)| is_recorded(it)).collect();
+        let mut room = RECORDED_MAX.saturating_sub(recorded.len());
+        if found.len() > room {
+            let now = self.around.clock.now();
+            let mut silent: Vec<(Timestamp, Key)> = recorded
+                .iter()
+                .filter(|(_, it)| !it.trial.has_data() && now.since(it.since) >= TRIAL)
+                .map(|(key, it)| (it.since, (*key).clone()))
+                .collect();
+            silent.sort();
+            silent.truncate((found.len() - room).min(ADDED_MAX));
+            let is_full = recorded.iter().all(|(_, it)| it.trial.has_data());
+            self.tried.retain(|key, _| found.iter().any(|(known, _)| known == key));
+            for (_, key) in silent {
+                self.end(&key);
+                self.tried.insert(key, now);
+                room += 1;
+            }
+            if is_full && !std::mem::replace(&mut self.is_full, true) {
+                tracing::warn!(
+                    "`recording.topics` names more than {RECORDED_MAX} topics: the further ones are not recorded"
+                );
+            }
+        }
+        // Those that never had a place come first, then those that had one long ago.
+        found.sort_by_key(|(key, _)| self.tried.get(key).copied());
+        for (_, subscription) in found.into_iter().take(room.min(ADDED_MAX)) {
+            self.add(&Arc::new(subscription), Arc::default(), legacy);
+        }
+    }
+
+    /// The topics that are to be recorded and are not read, each once.
+    fn to_record(&self, plan: &Plan, siblings: &OwnParticipants) -> Vec<(Key, Subscription)> {
+        let own = self.around.participant.guid();
+        let seen = self.around.participant.seen();
+        let is_new = |found: &&Found| {
+            let key = (found.topic.clone(), found.type_name.clone());
+            let is_known = || self.running.contains_key(&key) || self.ending.contains(&key);
+            found.guid[..PREFIX] != own[..PREFIX] && !siblings.has(&found.guid) && !is_known()
+        };
+        let found = seen.writers().filter(is_new);
+        let found: BTreeMap<Key, Subscription> = found
+            .filter_map(|found| only_recorded(plan, &found.topic, &found.type_name))
+            .map(|subscription| (key(&subscription), subscription))
+            .collect();
+        found.into_iter().collect()
+    }
+
+    fn add(&mut self, subscription: &Arc<Subscription>, trial: Arc<Trial>, legacy: &mut Carryover) {
+        let key = key(subscription);
+        // Its task would be told to end by the one that replaces it.
+        if self.running.contains_key(&key) || self.ending.contains(&key) {
+            return;
+        }
+        let memory = legacy.memories.remove(&key).unwrap_or_else(|| Memory::new(subscription));
+        let topic = Topic::new(subscription.clone(), self.around.clone(), memory, trial.clone());
+        let (news, discovered) = watch::channel(0);
+        let (change, changed) = watch::channel(subscription.clone());
+        let since = self.around.clock.now();
+        self.running.insert(key.clone(), Running { news, subscription: change, trial, since });
+        self.tasks.spawn(async move {
+            let (memory, end) = topic.run(Orders { discovered, subscription: changed }).await;
+            (key, memory, end)
+        });
+    }
+
+    /// Tells a task to end: it gets no more orders.
+    fn end(&mut self, key: &Key) {
+        if let Some(running) = self.running.remove(key) {
+            self.ending.insert(key.clone());
+            if !running.trial.has_data() {
+                self.around.tallies.forget(&key.0);
+            }
+        }
+    }
+
+    /// Keeps what an ended task leaves. Returns why the participant must end: no task may end that was not told to.
+    pub fn ended(&mut self, ended: Ended, legacy: &mut Carryover) -> Option<End> {
+        let (key, memory, end) = match ended {
+            Ok(left) => left,
+            Err(panic) => return Some(End::Lost(format!("the task of a topic failed: {panic}"))),
+        };
+        let was_told = self.ending.remove(&key);
+        if !was_told || memory.is_of_messages() {
+            legacy.memories.insert(key.clone(), memory);
+        }
+        match end {
+            End::Stopped if was_told => None,
+            End::Stopped => {
+                Some(End::Lost(format!("{} is no longer read, and nobody asked for that", key.0)))
+            }
+            end => Some(end),
+        }
+    }
+
+    /// Waits for the end of all tasks, which are told to end.
+    pub async fn close(mut self, legacy: &mut Carryover) {
+        while let Some(ended) = self.tasks.join_next().await {
+            self.ended(ended, legacy);
+        }
+    }
+
+    /// Reads the topics of another configuration: topics that stay are read on without a gap.
+    ///
+    /// # Errors
+    /// That needs a new participant.
+    pub async fn follow(&mut self, plan: &Plan, legacy: &mut Carryover) -> Result<(), End> {
+        let mut subscriptions = self.typed(plan);
+        let recorded =
+            self.running.keys().filter_map(|(topic, type_name)| only_recorded(plan, topic, type_name));
+        subscriptions.extend(recorded.map(Arc::new));
+        let wanted: BTreeSet<Key> = subscriptions.iter().map(|subscription| key(subscription)).collect();
+        let gone = self.running.keys().filter(|key| !wanted.contains(*key)).cloned().collect::<Vec<_>>();
+        for key in &gone {
+            self.end(key);
+        }
+        while !self.ending.is_empty()
+            && let Some(ended) = self.tasks.join_next().await
+        {
+            if let Some(end) = self.ended(ended, legacy) {
+                return Err(end);
+            }
+        }
+        for subscription in &subscriptions {
+            if let Some(running) = self.running.get(&key(subscription)) {
+                running.subscription.send_replace(subscription.clone());
+            } else if gone.iter().any(|(topic, _)| *topic == subscription.dds_topic) {
+                return Err(End::Rebuild(format!("{} has another type now", subscription.topic)));
+            } else {
+                self.add(subscription, Arc::default(), legacy);
+            }
+        }
+        Ok(())
+    }
+
+    pub fn tell_all(&self) {
+        for running in self.running.values() {
+            running.news.send_modify(|count| *count += 1);
+        }
+    }
+}
+
+/// The subscription that only records this topic and type, by their names on the wire. None for a name that no ROS
+/// topic has: its subscription would be of another topic.
+fn only_recorded(plan: &Plan, dds_topic: &str, dds_type: &str) -> Option<Subscription> {
+    let topic = dds_topic.strip_prefix("rt").filter(|topic| is_topic_name(topic))?;
+    let is_same = |it: &Subscription| it.dds_topic == *dds_topic && it.dds_type == *dds_type;
+    plan.recorded(topic, &messages::ros_type_name(dds_type)).filter(is_same)
+}
+
+/// Whether it is `/a` or `/a/b`, without an empty part.
+fn is_topic_name(name: &str) -> bool {
+    name.strip_prefix('/').is_some_and(|parts| parts.split('/').all(|part| !part.is_empty()))
+}
+
+fn key(subscription: &Subscription) -> Key {
+    (subscription.dds_topic.clone(), subscription.dds_type.clone())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use telltale_config as config;
+    use telltale_msg::fields::Definitions;
+
+    #[test]
+    fn only_names_that_ros_gives_are_recorded_each_as_itself() {
+        let text = "
+vehicle: { stages: none }
+recording: { topics: [{ topic: '/*' }] }
+groups: [{ id: g, modules: [{ id: m, status: s }] }]
+";
+        let model = config::parse("c", text).unwrap().model;
+        let plan = Plan::of(&model, &Definitions::default()).unwrap();
+        let long = format!("rt/{}", "x".repeat(900));
+        let names = [
+            ("rt/camera", true),
+            ("rt/a/b", true),
+            (long.as_str(), true),
+            ("", false),
+            ("rt", false),
+            ("rt/", false),
+            ("rt//", false),
+            ("rt///", false),
+            ("rt//a", false),
+            ("rt/a/", false),
+            ("rt/a//b", false),
+            ("rta", false),
+            ("rq/a", false),
+            ("/a", false),
+        ];
+        for (name, expected) in names {
+            let found = only_recorded(&plan, name, "std_msgs::msg::dds_::String_");
+            assert_eq!(found.is_some(), expected, "{name:?}");
+            assert!(found.is_none_or(|it| it.dds_topic == name), "{name:?}");
+        }
+    }
+}

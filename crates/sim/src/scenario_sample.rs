@@ -1,0 +1,341 @@
+//! Samples of topics and results of probes in scenario files: as written, then bound to a model.
+
+use std::sync::Arc;
+
+use telltale_config::decode::{Entries, FromNode, Spanned};
+use telltale_config::fields::Fields;
+use telltale_engine::input::{Input, ListenerReport};
+use telltale_engine::model::Model;
+use telltale_engine::model::countermeasure::RequestKind;
+use telltale_engine::model::monitors::{FieldKind, ProbeTarget, TopicSpec};
+use telltale_engine::model::output::Output;
+use telltale_engine::model::sample::{
+    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
+};
+use telltale_engine::time;
+use telltale_yaml::decode::{did_you_mean, word};
+use telltale_yaml::{Kind, Log, Node, Problem, suggest};
+
+/// The stamp in the header of a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stamp {
+    /// An instant: nanoseconds since the start.
+    At(i64),
+    /// The age of the message on arrival, in nanoseconds.
+    Behind(i64),
+}
+
+/// `{ topic: /t, stamp: 5.99, fields: { twist.linear.x: 1.5 } }`
+#[derive(Debug)]
+pub(super) struct RawSample {
+    topic: Spanned<String>,
+    pub stamp: Option<Spanned<Stamp>>,
+    fields: Entries<Spanned<Value>>,
+}
+
+impl FromNode for RawSample {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a sample", log)?;
+        let topic = fields.required("topic");
+        let nanos = |seconds: Spanned<f64>| (seconds.value * 1e9).round() as i64;
+        let stamp: Option<Spanned<f64>> = fields.optional("stamp");
+        let delay: Option<Spanned<f64>> = fields.optional("delay");
+        if let (Some(stamp), Some(delay)) = (stamp, delay) {
+            let problem = Problem::at(delay.span, "a sample has either `stamp` or `delay`");
+            fields.log.push(problem.also(stamp.span, "and here").help("remove one of the two"));
+        }
+        let stamp = stamp.map(|it| Spanned { value: Stamp::At(nanos(it)), span: it.span });
+        let delay = delay.map(|it| Spanned { value: Stamp::Behind(nanos(it)), span: it.span });
+        let values = fields.or_default("fields");
+        fields.finish();
+        Some(RawSample { topic: topic?, stamp: stamp.or(delay), fields: values })
+    }
+}
+
+/// The value of a field as it is written.
+#[derive(Debug)]
+struct Value(FieldValue);
+
+impl FromNode for Value {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        match &node.kind {
+            Kind::Mapping(entries) if entries.iter().any(|(key, _)| key.text == "unreadable") => {
+                let mut fields = Fields::of(node, "a value that cannot be read", log)?;
+                let why: Option<String> = fields.required("unreadable");
+                fields.finish();
+                why.map(|why| Value(FieldValue::Unreadable(why.into())))
+            }
+            Kind::Mapping(_) => pose(node, log).map(|pose| Value(FieldValue::Pose(pose))),
+            Kind::Scalar { plain, .. } => {
+                let text = String::from_node(node, log)?;
+                Some(Value(match text.as_str() {
+                    "true" if *plain => FieldValue::Bool(true),
+                    "false" if *plain => FieldValue::Bool(false),
+                    ".nan" if *plain => FieldValue::Number(f64::NAN),
+                    ".inf" if *plain => FieldValue::Number(f64::INFINITY),
+                    _ => match text.parse::<f64>() {
+                        Ok(number) if *plain && number.is_finite() => FieldValue::Number(number),
+                        _ => FieldValue::Text(text.into()),
+                    },
+                }))
+            }
+            Kind::Sequence(items) => {
+                let positions: Option<Vec<Position>> = items.iter().map(|item| position(item, log)).collect();
+                let positions = positions?;
+                let count = u32::try_from(positions.len()).unwrap_or(u32::MAX);
+                let taken = positions.into_iter().take(POSITIONS_MAX).collect();
+                Some(Value(FieldValue::Positions(Arc::new(Positions { taken, count }))))
+            }
+        }
+    }
+}
+
+/// `[1.5, 2]`: metres, x and y.
+fn position(node: &Node, log: &mut Log) -> Option<Position> {
+    if let Kind::Sequence(parts) = &node.kind
+        && let [x, y] = &parts[..]
+    {
+        let (x, y) = (f64::from_node(x, log), f64::from_node(y, log));
+        return Some(Position { x_m: x?, y_m: y? });
+    }
+    let problem = Problem::at(node.span, "a list of a sample holds positions");
+    log.push(
+        problem.help("write two numbers for each: `[[1.5, 2], [3, 4]]`; or name an element in the path"),
+    );
+    None
+}
+
+/// Metres, with an angle about the vertical axis or a whole quaternion.
+fn pose(node: &Node, log: &mut Log) -> Option<Pose> {
+    let mut fields = Fields::of(node, "a pose of a sample", log)?;
+    let mut number = |key| fields.optional::<f64>(key);
+    let [x, y, z] = ["x", "y", "z"].map(|key| number(key).unwrap_or_default());
+    let yaw = number("yaw_deg");
+    let quaternion = ["qx", "qy", "qz", "qw"].map(number);
+    if yaw.is_some() && quaternion.iter().any(Option::is_some) {
+        let problem = Problem::at(node.span, "a rotation is either `yaw_deg` or a quaternion");
+        fields.log.push(problem.help("remove one of the two"));
+    }
+    fields.finish();
+    let half = yaw.unwrap_or_default().to_radians() / 2.0;
+    let [qx, qy, qz, qw] = match quaternion {
+        [None, None, None, None] => [0.0, 0.0, half.sin(), half.cos()],
+        some => some.map(Option::unwrap_or_default),
+    };
+    Some(Pose { x_m: x, y_m: y, z_m: z, qx, qy, qz, qw })
+}
+
+/// `{ topic: /t, count: 0, type: std_msgs/msg/String }`: the publishers of a topic.
+#[derive(Debug)]
+pub(super) struct RawPublishers {
+    topic: Spanned<String>,
+    count: u32,
+    other_type: Option<String>,
+}
+
+impl FromNode for RawPublishers {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "the publishers of a topic", log)?;
+        let (topic, count) = (fields.required("topic"), fields.or_default::<u64>("count"));
+        let other_type = fields.optional("type");
+        fields.finish();
+        Some(RawPublishers { topic: topic?, count: u32::try_from(count).unwrap_or(u32::MAX), other_type })
+    }
+}
+
+/// `{ request: maneuver_stop, count: 0 }`: the number of programs of the vehicle that subscribe to a
+/// request.
+#[derive(Debug)]
+pub(super) struct RawListeners {
+    request: Spanned<RequestKind>,
+    count: u64,
+}
+
+impl FromNode for RawListeners {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a step of listeners", log)?;
+        let kinds = [RequestKind::ManeuverStop, RequestKind::Decelerate].map(|kind| (kind.as_str(), kind));
+        let request = fields.node("request").and_then(|node| {
+            let value = word(node, fields.log, "request", &kinds)?;
+            Some(Spanned { value, span: node.span })
+        });
+        if fields.key_span("request").is_none() {
+            let problem = Problem::at(fields.span(), "a step of listeners needs `request`");
+            fields.log.push(problem.help("add `request: maneuver_stop`"));
+        }
+        let count: Option<u64> = fields.required("count");
+        fields.finish();
+        Some(RawListeners { request: request?, count: count? })
+    }
+}
+
+/// `{ node: /planner, answered: false }`, `{ icmp: lidar, answered: true, after: 0.02 }`: the result of a
+/// probe.
+#[derive(Debug)]
+pub(super) struct RawProbe {
+    target: Spanned<ProbeTarget>,
+    outcome: ProbeOutcome,
+}
+
+impl FromNode for RawProbe {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a probe", log)?;
+        let mut text = |key| fields.optional::<Spanned<String>>(key);
+        let (icmp, tcp, ros) = (text("icmp"), text("tcp"), text("node"));
+        let (service, qos) = (text("service"), text("qos"));
+        let boxed = |it: &Spanned<String>| it.value.as_str().into();
+        let targets = [
+            icmp.map(|it| (ProbeTarget::Icmp { host: boxed(&it) }, it.span)),
+            tcp.map(|it| (ProbeTarget::Tcp { address: boxed(&it) }, it.span)),
+            ros.map(|it| (ProbeTarget::Node { name: boxed(&it) }, it.span)),
+            service.map(|it| (ProbeTarget::Service { name: boxed(&it) }, it.span)),
+            qos.map(|it| (ProbeTarget::Qos { topic: boxed(&it) }, it.span)),
+        ];
+        let mut targets = targets.into_iter().flatten();
+        let (target, more) = (targets.next(), targets.next());
+        if target.is_none() || more.is_some() {
+            let problem =
+                Problem::at(node.span, "a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos`");
+            fields.log.push(problem.help("for example `probe: { node: /planner, answered: false }`"));
+        }
+        let answered: Option<bool> = fields.optional("answered");
+        let after: Option<Spanned<f64>> = fields.optional("after");
+        let discovered = matches!(target, Some((ProbeTarget::Node { .. } | ProbeTarget::Service { .. }, _)));
+        if let Some(after) = after.filter(|_| discovered || answered != Some(true)) {
+            let problem = Problem::at(after.span, "only an answer of `icmp` or `tcp` takes a time");
+            fields.log.push(problem.help("remove `after`, or write `answered: true` beside `icmp` or `tcp`"));
+        }
+        let times: Option<Spanned<u64>> = fields.optional("times");
+        let is_node = matches!(target, Some((ProbeTarget::Node { .. }, _)));
+        if let Some(times) = times.as_ref().filter(|it| !is_node || answered != Some(true) || it.value < 1) {
+            let problem =
+                Problem::at(times.span, "only a `node` that is there is announced one or more times");
+            fields.log.push(problem.help("write `probe: { node: /planner, answered: true, times: 3 }`"));
+        }
+        let impossible: Option<String> = fields.optional("impossible");
+        let outcome = match (answered, impossible) {
+            (None, Some(why)) => Some(ProbeOutcome::Impossible(why.into())),
+            (Some(true), None) if discovered => Some(match times {
+                Some(times) if times.value > 1 => {
+                    ProbeOutcome::Repeated { times: u32::try_from(times.value).unwrap_or(u32::MAX) }
+                }
+                _ => ProbeOutcome::Announced,
+            }),
+            (Some(true), None) => {
+                let seconds = after.map_or(0.001, |after| after.value);
+                Some(ProbeOutcome::Answered { after: time::Span::from_nanos((seconds * 1e9).round() as u64) })
+            }
+            (Some(false), None) => Some(ProbeOutcome::Missed("no answer".into())),
+            _ => {
+                let problem = Problem::at(node.span, "a probe needs either `answered` or `impossible`");
+                fields
+                    .log
+                    .push(problem.help("write `answered: true`, `answered: false` or `impossible: WHY`"));
+                None
+            }
+        };
+        fields.finish();
+        let (target, span) = target?;
+        Some(RawProbe { target: Spanned { value: target, span }, outcome: outcome? })
+    }
+}
+
+/// A sample without its times, which come from the step.
+pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<Input> {
+    let source = topic(&raw.topic, model, log)?;
+    let absent = || FieldValue::Unreadable("the scenario says nothing of it".into());
+    let mut values: Box<[FieldValue]> = source.fields.iter().map(|_| absent()).collect();
+    for (key, Spanned { value: Value(value), span }) in &raw.fields.0 {
+        let mut found = false;
+        for (field, place) in
+            source.fields.iter().zip(&mut values).filter(|(field, _)| *field.path == *key.text)
+        {
+            let fits = match value {
+                FieldValue::Unreadable(_) => true,
+                FieldValue::Pose(_) => field.kind == FieldKind::Pose,
+                FieldValue::Positions(_) => field.kind == FieldKind::Positions,
+                _ => field.kind == FieldKind::Scalar,
+            };
+            if !fits {
+                let (what, example) = match field.kind {
+                    FieldKind::Scalar => ("one value", "1.5"),
+                    FieldKind::Pose => ("a pose", "{ x: 1, y: 2, yaw_deg: 90 }"),
+                    FieldKind::Positions => ("a list of positions", "[[1.5, 2], [3, 4]]"),
+                };
+                let problem = Problem::at(*span, format!("`{}` is read as {what}", key.text));
+                log.push(problem.help(format!("for example `{example}`")));
+            }
+            found = true;
+            *place = value.clone();
+        }
+        if !found {
+            let known = source.fields.iter().map(|field| &*field.path);
+            let text = format!("nothing reads `{}` of {}", key.text, source.topic);
+            let help = suggest(&key.text, known.clone()).map_or_else(|| are_read(source), did_you_mean);
+            log.push(Problem::at(key.span, text).help(help));
+        }
+    }
+    if let Some(stamp) = raw.stamp.as_ref().filter(|_| !source.stamp) {
+        let problem = Problem::at(stamp.span, format!("no monitor reads the stamp of {}", source.topic));
+        log.push(problem.help("remove it, or add a latency monitor"));
+    }
+    let source = source.clone();
+    Some(Input::Sample(Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, values }))
+}
+
+fn are_read(source: &TopicSpec) -> String {
+    let known: Vec<&str> = source.fields.iter().map(|field| &*field.path).collect();
+    match known[..] {
+        [] => "its messages are only counted or timed: remove it from `fields`".to_owned(),
+        _ => format!("these are read: {}", known.join(", ")),
+    }
+}
+
+pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> Option<Input> {
+    let source = topic(&raw.topic, model, log)?.clone();
+    let other_type = raw.other_type.as_deref().map(Into::into);
+    Some(Input::Topic(PublisherReport { source, publishers: raw.count, other_type }))
+}
+
+/// One for each watchdog with this target.
+pub(super) fn probes(raw: &RawProbe, model: &Model, log: &mut Log) -> Vec<Input> {
+    let watchdogs = model.watched.watchdogs.iter().filter(|watchdog| watchdog.target == raw.target.value);
+    let inputs: Vec<Input> = watchdogs
+        .map(|source| Input::Probe(Probe { source: source.clone(), outcome: raw.outcome.clone() }))
+        .collect();
+    if inputs.is_empty() {
+        let known = model.watched.watchdogs.iter().map(|watchdog| watchdog.target.name());
+        let (text, name) = ("the configuration has no such watchdog", raw.target.value.name());
+        let help = suggest(name, known).map_or("add a monitor of the kind `watchdog`".into(), did_you_mean);
+        log.push(Problem::at(raw.target.span, text).help(help));
+    }
+    inputs
+}
+
+fn topic<'m>(name: &Spanned<String>, model: &'m Model, log: &mut Log) -> Option<&'m Arc<TopicSpec>> {
+    let found = model.watched.topics.iter().find(|topic| *topic.topic == *name.value);
+    if found.is_none() {
+        let known = model.watched.topics.iter().map(|topic| &*topic.topic);
+        let problem = Problem::at(name.span, format!("nothing watches the topic `{}`", name.value));
+        let help = suggest(&name.value, known)
+            .map_or("add a monitor that does, a signal with `when`, or `motion`".into(), did_you_mean);
+        log.push(problem.help(help));
+    }
+    found
+}
+
+/// A topic that is not published has no listeners.
+pub(super) fn listeners(raw: &RawListeners, model: &Model, log: &mut Log) -> Option<Input> {
+    let Spanned { value: kind, span } = raw.request;
+    let output = kind.output()?;
+    if model.driving.unpublished.contains(&output) {
+        let problem = Problem::at(span, format!("the configuration does not publish `{}`", kind.as_str()));
+        log.push(problem.help("remove the step, or the line of `publish` that switches it off"));
+        return None;
+    }
+    let topic = match output {
+        Output::ManeuverStop => "/telltale/maneuver_stop_request",
+        _ => "/telltale/deceleration_request",
+    };
+    Some(Input::Listened(ListenerReport { output, topic: topic.into(), heard: raw.count > 0 }))
+}

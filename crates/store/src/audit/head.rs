@@ -1,0 +1,55 @@
+//! The file `audit.head` beside the database, which holds the end of the audit log.
+
+use crate::database::files::HEAD_FILE_NAME;
+use crate::private_file::give_to_owner_of;
+use std::fs::{self, OpenOptions};
+use std::io::{self, ErrorKind, Write as _};
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::path::Path;
+
+use crate::{FILE_NAME, Head, StoreError};
+
+/// The head in the file; `None` if there is no such file, or no head in it. A file that exists and may not
+/// be read is an error: the log must not record it as lost.
+pub(crate) fn read_head(file: &Path) -> Result<Option<Head>, StoreError> {
+    match fs::read(file) {
+        Ok(text) => Ok(Head::parse(&String::from_utf8_lossy(&text))),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(reason) => Err(StoreError::Head { path: file.to_owned(), whose: whose(file), reason }),
+    }
+}
+
+/// The owner of a file, and the owner that it should have.
+pub(crate) fn whose(file: &Path) -> String {
+    let user = rustix::process::geteuid().as_raw();
+    fs::metadata(file).map_or(String::new(), |it| {
+        let (owner, mode) = (it.uid(), it.mode() & 0o777);
+        format!(" (it belongs to the user {owner} with mode {mode:o}, this runs as {user})")
+    })
+}
+
+/// Removes the temporary file of a process that ended while it wrote the head.
+pub(crate) fn remove_leftovers(file: &Path) {
+    let entries = file.parent().and_then(|folder| fs::read_dir(folder).ok()).into_iter().flatten().flatten();
+    for entry in entries {
+        let name = entry.file_name();
+        let process = name.to_str().and_then(|name| name.strip_prefix(HEAD_FILE_NAME)?.strip_prefix('.'));
+        let Some(process) = process.and_then(|it| it.parse::<u32>().ok()) else { continue };
+        // A running process may be writing it now.
+        if !Path::new("/proc").join(process.to_string()).exists() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Writes the file atomically, so that a loss of power leaves the old or the new head.
+pub(crate) fn write_head(file: &Path, head: Head) -> io::Result<()> {
+    let new = file.with_extension(format!("head.{}", std::process::id()));
+    let mut options = OpenOptions::new();
+    options.write(true).create(true).truncate(true).mode(0o600);
+    let mut writer = options.open(&new)?;
+    writer.write_all(format!("{head}\n").as_bytes())?;
+    give_to_owner_of(&file.with_file_name(FILE_NAME), &writer);
+    writer.sync_data()?;
+    fs::rename(&new, file)
+}

@@ -1,0 +1,105 @@
+//! A floor for the wall clock. A clock that starts in 1970, or some months ago, must not make expired
+//! sessions and tokens valid again: they are judged by no time before the release of this version or before
+//! the newest record.
+
+use std::time::{Duration, SystemTime};
+
+use rusqlite::Connection;
+
+use crate::unix_time::{from_unix_ms, to_unix_ms};
+use crate::{Database, Store, StoreError};
+use telltale_clock::earliest;
+
+/// A record that is further ahead was written by a wrong clock and is ignored.
+const CREDIBLE: Duration = Duration::from_secs(20 * 365 * 24 * 3600);
+
+/// The number of records among which the newest is searched.
+const RECORDS: i64 = 10_000;
+
+/// A time that has certainly passed.
+pub(crate) fn of(connection: &Connection) -> Result<SystemTime, StoreError> {
+    let sql = "SELECT max(at) FROM (
+            SELECT at_ms AS at FROM (SELECT at_ms FROM audit ORDER BY number DESC LIMIT ?2)
+            UNION ALL SELECT created_ms FROM users
+            UNION ALL SELECT created_ms FROM tokens
+            UNION ALL SELECT max(created_ms, used_ms) FROM sessions
+        ) WHERE at <= ?1";
+    let latest = to_unix_ms(earliest() + CREDIBLE);
+    let newest: Option<i64> = connection.query_row(sql, (latest, RECORDS), |row| row.get(0))?;
+    Ok(newest.map_or(earliest(), |newest| from_unix_ms(newest).max(earliest())))
+}
+
+impl Store {
+    /// The time that had certainly passed when the database was opened: an earlier wall clock is wrong.
+    pub fn floor(&self) -> SystemTime {
+        self.floor
+    }
+}
+
+impl Database {
+    /// The time by which sessions and tokens are judged.
+    pub(crate) fn judged(&self) -> SystemTime {
+        self.clock.wall().max(self.floor)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::UNIX_EPOCH;
+
+    use super::*;
+    use crate::audit::{Action, Record, TELLTALE};
+    use crate::{DemoSecrets, Role};
+    use telltale_clock::Clock;
+
+    const DAY: Duration = Duration::from_secs(24 * 3600);
+
+    fn open(folder: &std::path::Path, wall: SystemTime) -> Store {
+        Store::open_or_read(folder, Clock::with_wall(wall), DemoSecrets::Refused).unwrap()
+    }
+
+    #[tokio::test]
+    async fn what_has_expired_stays_so_when_the_clock_starts_too_early_and_people_log_in() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let today = earliest() + 200 * DAY;
+        let store = open(folder, today);
+        store.add_user("dora", Role::Developer, "correct horse battery").await.unwrap();
+        let token = store.add_token("dora", "", 30).await.unwrap();
+        let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
+        let (session, _) = store.open_session(&user).await.unwrap();
+        store.close().await;
+        let store = open(folder, today + 40 * DAY);
+        assert!(store.session(&token).is_none(), "its 30 days are over");
+        store.record_in_time(Record::of(Action::Start, TELLTALE)).await;
+        store.close().await;
+
+        for wrong in [UNIX_EPOCH, earliest() - DAY, today, today + 20 * DAY] {
+            let store = open(folder, wrong);
+            assert!(store.session(&token).is_none(), "{wrong:?}");
+            let over = store.session(&session).is_none_or(|it| it.expires <= store.clock.now());
+            assert!(over, "{wrong:?}: a session of forty days ago");
+            assert!(store.floor() >= today + 40 * DAY, "{wrong:?}");
+            let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
+            let (fresh, _) = store.open_session(&user).await.unwrap();
+            store.close().await;
+            let store = open(folder, wrong);
+            assert!(
+                store.session(&fresh).is_some_and(|it| it.expires > store.clock.now()),
+                "{wrong:?}: a new one"
+            );
+            store.close().await;
+        }
+
+        // A start fifty years ahead keeps nobody out once the clock is right again.
+        let store = open(folder, today + 50 * 365 * DAY);
+        store.record_in_time(Record::of(Action::Start, TELLTALE)).await;
+        store.close().await;
+        let store = open(folder, today + 41 * DAY);
+        assert!(store.floor() < today + 50 * DAY, "{:?}", store.floor());
+        let user = store.authenticate("dora", "correct horse battery").await.unwrap().unwrap();
+        let (fresh, _) = store.open_session(&user).await.unwrap();
+        store.close().await;
+        assert!(open(folder, today + 41 * DAY).session(&fresh).is_some());
+    }
+}

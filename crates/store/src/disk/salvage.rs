@@ -1,0 +1,283 @@
+//! Copies the readable part of a damaged database, row by row, into a whole one.
+//!
+//! A server that finds its database damaged works on such a copy in memory. `telltale data repair` makes
+//! one on the disk.
+
+use std::path::Path;
+use std::time::Duration;
+
+use rusqlite::types::Value;
+use rusqlite::{Connection, Row, params, params_from_iter};
+
+use crate::audit::known::Known;
+use crate::audit::{KEY_FILE_NAME, Key, Log};
+use crate::database::{backup, schema};
+use crate::unix_time::to_unix_ms;
+use crate::{Database, FILE_NAME, SessionKind, StoreError};
+
+/// The number of rows of one table that fit into memory, whatever a damaged file claims to hold.
+const ROWS_IN_MEMORY_MAX: usize = 100_000;
+
+/// The result of copying a damaged database.
+#[derive(Debug, Default)]
+pub(crate) struct Salvaged {
+    /// The data that are lost or older than they should be, for people; empty if everything could be read.
+    pub losses: Vec<String>,
+    pub users: u64,
+}
+
+/// Which of two rows with the same key stays.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Keep {
+    Copied,
+    Present,
+}
+
+/// Copies everything but the audit log into a database in memory, and logs what is missing.
+///
+/// # Errors
+/// If there is not enough memory.
+pub(crate) fn into_memory(folder: &Path) -> Result<Connection, StoreError> {
+    let mut connection = schema::open_in_memory()?;
+    let is_needed = |table: &str| table != "audit";
+    let salvaged = salvage(folder, &mut connection, is_needed, ROWS_IN_MEMORY_MAX)?;
+    tracing::warn!("{} users can log in until the database is repaired", salvaged.users);
+    for loss in &salvaged.losses {
+        tracing::warn!("{loss}");
+    }
+    Ok(connection)
+}
+
+/// Removes users and tokens from the copy that the records in the damaged database do not know. Where not all records
+/// can be read, nobody can tell: all stay.
+fn leave_out_foreign(folder: &Path, from: &Connection, copy: &Connection) -> Result<Vec<String>, StoreError> {
+    let Some(key) = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten() else { return Ok(Vec::new()) };
+    match Known::read(from, &key) {
+        Ok(known) => known.keep_known(copy),
+        Err(error) => {
+            tracing::warn!(%error, "users cannot be compared with the audit log");
+            Ok(Vec::new())
+        }
+    }
+}
+
+/// The report of a server that goes on with a copy in memory.
+pub(crate) fn fault(folder: &Path, damage: &str) -> String {
+    let path = folder.join(FILE_NAME);
+    format!(
+        "the database {} is damaged ({damage}): stop telltale, run `telltale data repair` and start it again",
+        path.display()
+    )
+}
+
+impl Database {
+    /// Leaves a database that was found damaged as it is, and goes on with a copy in memory. Returns the
+    /// fault.
+    pub(crate) fn go_on_in_memory(&mut self, damage: &str) -> String {
+        let Some(folder) = self.health.folder().map(Path::to_owned) else {
+            return format!("the database is damaged: {damage}");
+        };
+        match self.replacement(&folder) {
+            Ok((connection, log)) => {
+                // It is not closed: SQLite would write into it, and others might remove its log.
+                std::mem::forget(std::mem::replace(&mut self.connection, connection));
+                self.log = log;
+                self.data_version = 0;
+                self.health.is_salvaged(&fault(&folder, damage));
+            }
+            Err(error) => tracing::error!(%error, "what can be read of the database cannot be copied"),
+        }
+        fault(&folder, damage)
+    }
+
+    fn replacement(&self, folder: &Path) -> Result<(Connection, Log), StoreError> {
+        let mut connection = into_memory(folder)?;
+        // Open sessions stay, whether or not they could be read.
+        let (wall, now) = (self.clock.wall(), self.clock.now());
+        let sessions = self.sessions.all();
+        for session in sessions.iter().filter(|session| session.kind == SessionKind::Person) {
+            let left = Duration::from_nanos(session.expires.since(now).as_nanos());
+            connection.execute(
+                "INSERT OR IGNORE INTO sessions (token_hash, user, created_ms, expires_ms, used_ms)
+                 SELECT ?1, id, ?3, ?4, ?3 FROM users WHERE name = ?2",
+                params![session.key(), &*session.user, to_unix_ms(wall), to_unix_ms(wall + left)],
+            )?;
+        }
+        let log = Log::open(&mut connection, None, wall)?;
+        Ok((connection, log))
+    }
+}
+
+/// Copies everything into an empty database of today's schema.
+///
+/// # Errors
+/// If the new database cannot be written.
+pub(crate) fn into_new(folder: &Path, new: &mut Connection) -> Result<Salvaged, StoreError> {
+    salvage(folder, new, |_| true, usize::MAX)
+}
+
+fn salvage(
+    folder: &Path,
+    to: &mut Connection,
+    is_needed: impl Fn(&str) -> bool,
+    rows_max: usize,
+) -> Result<Salvaged, StoreError> {
+    let mut losses = Vec::new();
+    let broken = open_broken(folder);
+    let mut unread = Vec::new();
+    to.pragma_update(None, "foreign_keys", false)?;
+    let transaction = to.transaction()?;
+    for table in tables(&transaction)?.iter().filter(|table| is_needed(table)) {
+        let is_whole = match &broken {
+            Some(from) => copy(from, &transaction, table, Keep::Copied, rows_max)?,
+            None => false,
+        };
+        if !is_whole {
+            unread.push(table.clone());
+        }
+    }
+    if !unread.is_empty() {
+        losses.push(match &broken {
+            Some(_) => format!("not all could be read of: {}", unread.join(", ")),
+            None => "nothing could be read of the database".to_owned(),
+        });
+    }
+    // Users are needed to log in, the audit log has to be as complete as possible, and recordings of yesterday
+    // have not changed. Yesterday's sessions, tokens and vehicle would only mislead.
+    for table in ["users", "audit", "audit_key", "incidents"]
+        .into_iter()
+        .filter(|it| unread.iter().any(|table| table == it))
+    {
+        match backup::newest(folder) {
+            Some((file, from)) => {
+                copy(&from, &transaction, table, Keep::Present, rows_max)?;
+                losses.push(format!("what is missing of {table} is as it was in {}", file.display()));
+            }
+            None => losses.push(format!("there is no backup from which {table} could be completed")),
+        }
+    }
+    if let Some(from) = &broken {
+        let foreign = leave_out_foreign(folder, from, &transaction)?;
+        if !foreign.is_empty() {
+            losses
+                .push(format!("no record of the audit log knows, so it is left out: {}", foreign.join(", ")));
+        }
+    }
+    drop_orphans(&transaction)?;
+    let users = transaction.query_row("SELECT count(*) FROM users", [], |row| row.get::<_, i64>(0))?;
+    transaction.commit()?;
+    to.pragma_update(None, "foreign_keys", true)?;
+    Ok(Salvaged { losses, users: users.unsigned_abs() })
+}
+
+/// Copies all rows of a table that can be read into one of the same name.
+///
+/// # Errors
+/// If they cannot be written.
+pub(crate) fn copy_all(from: &Connection, to: &Connection, table: &str) -> Result<bool, StoreError> {
+    copy(from, to, table, Keep::Copied, usize::MAX)
+}
+
+/// Opens a database that may be damaged, to read as much of it as possible.
+fn open_broken(folder: &Path) -> Option<Connection> {
+    let path = folder.join(FILE_NAME);
+    // SQLite takes the log of an empty file for a leftover and removes it.
+    if !std::fs::metadata(&path).is_ok_and(|file| file.len() > 0) {
+        return None;
+    }
+    let open = |parameter| {
+        let connection = schema::connect_reading(&path, parameter).ok()?;
+        // With this setting one damaged entry of the schema does not hide all others.
+        connection.pragma_update(None, "writable_schema", true).ok()?;
+        let readable = connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()));
+        readable.is_ok().then_some(connection)
+    };
+    // Without its log it is read in the state before that log was begun.
+    open("mode=ro").or_else(|| open("immutable=1"))
+}
+
+fn tables(connection: &Connection) -> Result<Vec<String>, StoreError> {
+    let sql = "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT LIKE 'sqlite_%'";
+    let mut query = connection.prepare(sql)?;
+    Ok(query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?)
+}
+
+/// Copies the rows of a table from both ends: rows between two damaged pages are lost. Returns whether all
+/// could be read.
+///
+/// # Errors
+/// If they cannot be written.
+fn copy(
+    from: &Connection,
+    to: &Connection,
+    table: &str,
+    keep: Keep,
+    rows_max: usize,
+) -> Result<bool, StoreError> {
+    let mut columns: Vec<(String, i64)> = Vec::new();
+    let mut query = to.prepare(&format!("PRAGMA table_info({table})"))?;
+    for column in query.query_map([], |row| Ok((row.get(1)?, row.get(5)?)))? {
+        columns.push(column?);
+    }
+    let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
+    let mut keys: Vec<&(String, i64)> = columns.iter().filter(|(_, place)| *place > 0).collect();
+    keys.sort_by_key(|(_, place)| *place);
+    let marks = vec!["?"; names.len()].join(", ");
+    let or = if keep == Keep::Copied { "REPLACE" } else { "IGNORE" };
+    let names = names.join(", ");
+    let mut insert = to.prepare(&format!("INSERT OR {or} INTO {table} ({names}) VALUES ({marks})"))?;
+    for order in ["ASC", "DESC"] {
+        let keys: Vec<String> = keys.iter().map(|(name, _)| format!("{name} {order}")).collect();
+        let sql = format!("SELECT {names} FROM {table} NOT INDEXED ORDER BY {}", keys.join(", "));
+        let mut put = |row: &Row<'_>| -> Result<(), StoreError> {
+            let values: Result<Vec<Value>, _> = (0..columns.len()).map(|column| row.get(column)).collect();
+            // A row that today's schema refuses was damaged, too.
+            let Ok(values) = values else { return Ok(()) };
+            match insert.execute(params_from_iter(values)) {
+                Err(error) if error.sqlite_error_code() != Some(rusqlite::ErrorCode::ConstraintViolation) => {
+                    Err(error.into())
+                }
+                _ => Ok(()),
+            }
+        };
+        if read_all(from, &sql, rows_max, &mut put)? {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Reads as far as possible. Returns whether that was to the end.
+fn read_all(
+    from: &Connection,
+    sql: &str,
+    rows_max: usize,
+    put: &mut dyn FnMut(&Row<'_>) -> Result<(), StoreError>,
+) -> Result<bool, StoreError> {
+    let Ok(mut query) = from.prepare(sql) else { return Ok(false) };
+    let Ok(mut rows) = query.query([]) else { return Ok(false) };
+    for _ in 0..rows_max {
+        match rows.next() {
+            Ok(Some(row)) => put(row)?,
+            Ok(None) => return Ok(true),
+            Err(_) => return Ok(false),
+        }
+    }
+    Ok(false)
+}
+
+/// Removes rows that belong to something that could not be read.
+fn drop_orphans(connection: &Connection) -> Result<(), StoreError> {
+    for table in tables(connection)? {
+        let mut query = connection.prepare(&format!("PRAGMA foreign_key_list({table})"))?;
+        let links = query.query_map([], |row| Ok((row.get(2)?, row.get(3)?, row.get(4)?)))?;
+        let links: Vec<(String, String, String)> = links.collect::<Result<_, _>>()?;
+        for (parent, from, to) in links {
+            connection.execute(
+                &format!("DELETE FROM {table} WHERE {from} NOT IN (SELECT {to} FROM {parent})"),
+                [],
+            )?;
+        }
+    }
+    Ok(())
+}

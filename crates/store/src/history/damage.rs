@@ -1,0 +1,114 @@
+//! A history that is damaged: how that is found, what is saved of it, and how another one begins beside it.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
+
+use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension as _};
+
+use super::{HISTORY_FILE, prepare};
+use crate::StoreError;
+use crate::disk::salvage;
+use crate::private_file::{make_folder, make_private_file};
+
+/// What was saved of a damaged history.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SavedHistory {
+    pub damage: String,
+    pub records: u64,
+    /// The folder with the old files.
+    pub kept: PathBuf,
+}
+
+/// What is wrong with the history of a data folder; `None` if it is whole, or there is none. A server may run.
+pub fn history_damage(folder: &Path) -> Option<String> {
+    let path = folder.join(HISTORY_FILE);
+    if !fs::metadata(&path).is_ok_and(|file| file.is_file()) {
+        return None;
+    }
+    let looked =
+        Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY).and_then(|connection| {
+            connection.busy_timeout(Duration::from_secs(2))?;
+            let found: String = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0))?;
+            if found != "ok" {
+                return Ok(Some(found));
+            }
+            let missing = missing(&connection)?;
+            Ok((missing > 0).then(|| format!("{missing} of its records were removed")))
+        });
+    looked.unwrap_or_else(|error| Some(error.to_string()))
+}
+
+/// Makes the history of a data folder anew of all that can be read of it; `None`: it is whole. No server may run.
+///
+/// # Errors
+/// If it cannot be written: nothing is changed then.
+pub fn repair_history(folder: &Path, wall: SystemTime) -> Result<Option<SavedHistory>, StoreError> {
+    let Some(damage) = history_damage(folder) else { return Ok(None) };
+    let failed = |reason| StoreError::Folder { path: folder.to_owned(), reason };
+    let (path, new) = (folder.join(HISTORY_FILE), folder.join(format!("{HISTORY_FILE}.new")));
+    let _ = fs::remove_file(&new);
+    make_private_file(&new).map_err(failed)?;
+    let to = Connection::open(&new)?;
+    prepare(&to)?;
+    if let Ok(from) = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY) {
+        for table in ["nodes", "records", "alive"] {
+            salvage::copy_all(&from, &to, table)?;
+        }
+    }
+    let records = count(&to)?;
+    to.execute("UPDATE alive SET rows = ?1", [records])?;
+    drop(to);
+    let kept =
+        put_aside(folder, wall).and_then(|kept| fs::rename(&new, &path).map(|()| kept)).map_err(failed)?;
+    Ok(Some(SavedHistory { damage, records: records.unsigned_abs(), kept }))
+}
+
+/// Moves the files of a history into a folder of their own. Returns the folder.
+///
+/// # Errors
+/// Of the disk.
+pub(super) fn put_aside(folder: &Path, wall: SystemTime) -> io::Result<PathBuf> {
+    let day = humantime::format_rfc3339_seconds(wall).to_string().replace(':', "");
+    let kept = folder.join(format!("damaged-{day}"));
+    make_folder(&kept)?;
+    // The log first: it must not be taken for that of the next one.
+    for suffix in ["-wal", "-shm", ""] {
+        let name = format!("{HISTORY_FILE}{suffix}");
+        match fs::rename(folder.join(&name), kept.join(&name)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(kept)
+}
+
+/// Whether an error means that the file is no whole database, and not that the disk is full or busy.
+pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
+    let code = error.sqlite_error_code();
+    matches!(code, Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase))
+}
+
+/// Records that another program removed. A file of an earlier version does not tell.
+pub(super) fn missing(connection: &Connection) -> rusqlite::Result<u64> {
+    let transaction = connection.unchecked_transaction()?;
+    if !counts_rows(&transaction)? {
+        return Ok(0);
+    }
+    let noted =
+        transaction.query_row("SELECT rows FROM alive", [], |row| row.get::<_, Option<i64>>(0)).optional()?;
+    let missing =
+        noted.flatten().map_or(0, |noted| noted.saturating_sub(count(&transaction).unwrap_or(noted)));
+    Ok(u64::try_from(missing).unwrap_or(0))
+}
+
+/// Whether the file notes how many records it has.
+pub(super) fn counts_rows(connection: &Connection) -> rusqlite::Result<bool> {
+    let sql = "SELECT count(*) = 1 FROM pragma_table_info('alive') WHERE name = 'rows'";
+    connection.query_row(sql, [], |row| row.get(0))
+}
+
+fn count(connection: &Connection) -> rusqlite::Result<i64> {
+    connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0))
+}

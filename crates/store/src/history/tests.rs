@@ -1,0 +1,393 @@
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use super::write::Writer;
+use super::*;
+use telltale_engine::event::Said;
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
+use telltale_engine::time::{Span, Timestamp};
+use telltale_engine::view::record::Recorded;
+
+/// The wall clock at the start of the tests' time.
+const START_MS: i64 = 1_000_000;
+
+struct Disk {
+    connection: Connection,
+    writer: Writer,
+}
+
+impl Disk {
+    fn new(rows_max: usize) -> Disk {
+        let connection = Connection::open_in_memory().unwrap();
+        prepare(&connection).unwrap();
+        let writer = Writer::new(&connection, rows_max).unwrap();
+        Disk { connection, writer }
+    }
+
+    /// The program ends abruptly and starts again.
+    fn restart(&mut self) {
+        self.writer = Writer::new(&self.connection, ROWS_MAX).unwrap();
+    }
+
+    fn write(&mut self, at_ms: u64, records: &[Recorded]) {
+        let at = Timestamp::from_millis(at_ms);
+        let wall = UNIX_EPOCH + Duration::from_millis(START_MS as u64 + at_ms);
+        let batch: Vec<Record> = records.iter().map(|what| Record { at, what: what.clone() }).collect();
+        self.writer.write(&mut self.connection, &batch, (wall, at)).unwrap();
+    }
+
+    fn past(&self, nodes: &[&str], from_ms: i64, to_ms: i64) -> Past {
+        let nodes = nodes.iter().map(|&name| name.to_owned()).collect();
+        let query = HistoryQuery {
+            nodes,
+            signals: vec!["active".to_owned()],
+            from_ms: START_MS + from_ms,
+            to_ms: START_MS + to_ms,
+        };
+        read::past(&self.connection, &query).unwrap()
+    }
+
+    /// From, to and state of each stretch of a node.
+    fn stretches(&self, node: &str, from_ms: i64, to_ms: i64) -> Vec<(i64, i64, State)> {
+        let past = self.past(&[node], from_ms, to_ms);
+        let stretch = |it: &Stretch| (it.from_ms - START_MS, it.to_ms - START_MS, it.state);
+        past.nodes[0].stretches.iter().map(stretch).collect()
+    }
+
+    fn rows(&self) -> i64 {
+        self.connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0)).unwrap()
+    }
+}
+
+fn shown(node: &str, state: State, cause: Option<&str>) -> Recorded {
+    let cause = cause.map(Into::into);
+    Recorded::Shown { node: node.into(), state, own: State::Error, cause, said: None }
+}
+
+/// A node that is shown without a cause, with this message.
+fn said(node: &str, state: State, message: &str, silent_s: Option<u64>) -> Recorded {
+    let said = Said::of(message, silent_s.map(Span::from_secs));
+    Recorded::Shown { node: node.into(), state, own: state, cause: None, said }
+}
+
+#[test]
+fn what_a_node_showed_is_known_for_any_span() {
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.write(
+        0,
+        &[Recorded::Started { anew: false }, shown("a", State::Ok, None), shown("b", State::Ok, None)],
+    );
+    disk.write(1000, &[shown("a", State::Ignore, Some("b"))]);
+    disk.write(3000, &[shown("a", State::Ok, None)]);
+    let (ok, ignore) = (State::Ok, State::Ignore);
+    for (from, to, expect) in [
+        (0, 4000, vec![(0, 1000, ok), (1000, 3000, ignore), (3000, 4000, ok)]),
+        (1500, 2000, vec![(1500, 2000, ignore)]),
+        (500, 1500, vec![(500, 1000, ok), (1000, 1500, ignore)]),
+        (-500, -100, vec![]),
+        (3000, 5000, vec![(3000, 5000, ok)]),
+    ] {
+        assert_eq!(disk.stretches("a", from, to), expect, "{from} to {to}");
+    }
+    assert_eq!(disk.past(&["a"], 1500, 2000).nodes[0].stretches[0].cause.as_deref(), Some("b"));
+    assert!(disk.stretches("nobody", 0, 4000).is_empty());
+}
+
+#[test]
+fn nothing_is_claimed_for_the_time_between_two_runs_nor_of_what_is_gone() {
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.write(
+        0,
+        &[Recorded::Started { anew: false }, shown("a", State::Error, None), shown("b", State::Ok, None)],
+    );
+    disk.write(2000, &[]);
+    disk.restart();
+    disk.write(9000, &[Recorded::Started { anew: false }, shown("a", State::Ok, None)]);
+    assert_eq!(disk.stretches("a", 0, 10_000), [(0, 2000, State::Error), (9000, 10_000, State::Ok)]);
+    assert_eq!(disk.stretches("b", 0, 10_000), [(0, 2000, State::Ok)]);
+    assert_eq!(disk.stretches("b", 9500, 10_000), []);
+    assert_eq!(disk.stretches("a", 3000, 8000), []);
+    disk.write(11_000, &[Recorded::Started { anew: true }, shown("c", State::Ok, None)]);
+    assert_eq!(disk.stretches("a", 9500, 12_000), [(9500, 11_000, State::Ok)]);
+}
+
+#[test]
+fn all_else_that_happened_is_told_in_order() {
+    let mut disk = Disk::new(ROWS_MAX);
+    let all = [
+        (Recorded::Started { anew: false }, PastEvent::Started { anew: false }),
+        (Recorded::Stage(Stage::Active), PastEvent::Stage(Stage::Active)),
+        (
+            Recorded::Signal { name: "active".into(), value: None },
+            PastEvent::Signal { name: "active".into(), value: None },
+        ),
+        (
+            Recorded::AlarmRaised { id: 3, node: "a".into() },
+            PastEvent::AlarmRaised { id: 3, node: "a".into() },
+        ),
+        (
+            Recorded::AlarmMoved { id: 3, symptom: "a".into(), cause: "b".into() },
+            PastEvent::AlarmMoved { id: 3, symptom: "a".into(), cause: "b".into() },
+        ),
+        (
+            Recorded::AlarmCleared { id: 3, node: "b".into() },
+            PastEvent::AlarmCleared { id: 3, node: "b".into() },
+        ),
+        (
+            Recorded::AlarmAcknowledged { id: 3, node: "b".into() },
+            PastEvent::AlarmAcknowledged { id: 3, node: "b".into() },
+        ),
+        (Recorded::Left { node: "a".into() }, PastEvent::Left { node: "a".into() }),
+        (Recorded::Lost(7), PastEvent::Lost(7)),
+    ];
+    let records: Vec<Recorded> = all.iter().map(|(record, _)| record.clone()).collect();
+    disk.write(5, &records);
+    let past = disk.past(&[], 0, 10);
+    let told: Vec<PastEvent> = past.events.into_iter().map(|(_, what)| what).collect();
+    assert_eq!(told, all.map(|(_, happened)| happened));
+    assert!(disk.past(&[], 6, 10).events.is_empty());
+}
+
+#[test]
+fn the_oldest_go_and_the_present_stays_known() {
+    let mut disk = Disk::new(200);
+    disk.write(0, &[Recorded::Started { anew: false }, shown("still", State::Warning, None)]);
+    for step in 1..=2000_u64 {
+        let state = if step % 2 == 0 { State::Ok } else { State::Error };
+        disk.write(step * 10, &[shown("busy", state, Some(&format!("cause {step}")))]);
+    }
+    assert!((100..=200).contains(&disk.rows()), "{}", disk.rows());
+    assert_eq!(disk.stretches("still", 19_000, 20_000), [(19_000, 20_000, State::Warning)]);
+    assert!(disk.stretches("busy", 19_500, 20_000).len() > 40);
+    let names: i64 = disk.connection.query_row("SELECT count(*) FROM nodes", [], |row| row.get(0)).unwrap();
+    assert!(names <= 300, "{names} names of causes that nobody remembers");
+}
+
+#[tokio::test]
+async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.connection.execute_batch("ALTER TABLE records RENAME TO away").unwrap();
+    let batch = [Record { at: Timestamp::ZERO, what: shown("a", State::Ok, None) }];
+    let now = (SystemTime::UNIX_EPOCH, Timestamp::ZERO);
+    assert!(disk.writer.write(&mut disk.connection, &batch, now).is_err());
+    disk.connection.execute_batch("ALTER TABLE away RENAME TO records").unwrap();
+    disk.write(10, &[shown("a", State::Error, None)]);
+    assert_eq!(disk.past(&[], 0, 20).events, [(START_MS + 10, PastEvent::Lost(1))]);
+    assert_eq!(disk.stretches("a", 0, 20), [(10, 20, State::Error)]);
+
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    std::fs::write(folder.join(HISTORY_FILE), [b'x'; 4096]).unwrap();
+    assert!(history_damage(folder).is_some());
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
+    drop(queue);
+    history.written().await;
+    assert_eq!(history_damage(folder), None, "another one begins beside it");
+    let kept: Vec<_> = std::fs::read_dir(folder).unwrap().map(|it| it.unwrap().path()).collect();
+    let kept = kept.iter().find(|it| it.is_dir()).expect("the old one is kept").join(HISTORY_FILE);
+    assert_eq!(std::fs::read(kept).unwrap(), [b'x'; 4096]);
+}
+
+#[test]
+fn the_stage_and_the_signals_are_known_for_any_span() {
+    let signal = |value| Recorded::Signal { name: "active".into(), value };
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.write(0, &[Recorded::Started { anew: false }, Recorded::Stage(Stage::Locked), signal(None)]);
+    disk.write(1000, &[Recorded::Stage(Stage::Standby), shown("active", State::Error, None)]);
+    disk.write(2000, &[signal(Some(true))]);
+    disk.write(2500, &[signal(Some(false))]);
+    // It was still alive.
+    disk.write(2700, &[]);
+    disk.restart();
+    disk.write(9000, &[Recorded::Started { anew: false }, Recorded::Stage(Stage::Locked)]);
+    let stage = |from, to| {
+        let held = disk.past(&[], from, to).stage;
+        held.iter().map(|it| (it.from_ms - START_MS, it.to_ms - START_MS, it.value)).collect::<Vec<_>>()
+    };
+    assert_eq!(stage(500, 1500), [(500, 1000, Stage::Locked), (1000, 1500, Stage::Standby)]);
+    assert_eq!(stage(8000, 9500), [(9000, 9500, Stage::Locked)], "it ended before");
+    let past = disk.past(&[], 1500, 2600);
+    let (name, held) = &past.signals[0];
+    let held: Vec<_> = held.iter().map(|it| (it.from_ms - START_MS, it.value)).collect();
+    assert_eq!((&**name, held), ("active", vec![(1500, None), (2000, Some(true)), (2500, Some(false))]));
+}
+
+/// The file in the form of the version before messages were kept.
+const WITHOUT_WORDS: &str = "
+    CREATE TABLE nodes (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
+    CREATE TABLE records (id INTEGER PRIMARY KEY, at_ms INTEGER NOT NULL, kind INTEGER NOT NULL, node INTEGER,
+        state INTEGER, own INTEGER, other INTEGER, number INTEGER) STRICT;
+    CREATE INDEX records_by_node ON records (node, at_ms) WHERE kind = 1;
+    CREATE INDEX records_by_time ON records (at_ms) WHERE kind <> 1;
+    CREATE TABLE alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL) STRICT;
+    INSERT INTO nodes (id, name) VALUES (1, 'a');
+    INSERT INTO records (at_ms, kind, state) VALUES (1000000, 2, 0);
+    INSERT INTO records (at_ms, kind, node, state, own) VALUES (1000000, 1, 1, 3, 3);
+";
+
+fn words(past: &Past) -> Vec<Option<String>> {
+    let words = |it: &Stretch| it.said.as_ref().map(|said| said.words().into_owned());
+    past.nodes[0].stretches.iter().map(words).collect()
+}
+
+#[test]
+fn a_silence_and_a_reported_error_are_told_apart() {
+    let mut disk = Disk::new(ROWS_MAX);
+    let error = State::Error;
+    disk.write(0, &[Recorded::Started { anew: false }, said("a", State::Ok, "Images arrive", None)]);
+    disk.write(1000, &[said("a", error, "Images arrive", Some(2))]);
+    disk.write(2000, &[said("a", State::Ok, "", None)]);
+    disk.write(3000, &[said("a", error, "no picture", None)]);
+    let told = words(&disk.past(&["a"], 0, 4000));
+    let told: Vec<_> = told.iter().map(|it| it.as_deref()).collect();
+    let silent = "silent for 2 s; last: Images arrive";
+    assert_eq!(told, [Some("Images arrive"), Some(silent), None, Some("no picture")]);
+}
+
+#[test]
+fn a_long_message_is_cut_between_letters() {
+    let cut = Said::of(&format!("a{}", "\u{e4}".repeat(150)), None).unwrap();
+    assert_eq!((cut.message.len(), cut.message.chars().count()), (199, 100));
+}
+
+#[test]
+fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let path = folder.join(HISTORY_FILE);
+    Connection::open(&path).unwrap().execute_batch(WITHOUT_WORDS).unwrap();
+    let nodes = vec!["a".to_owned()];
+    let query = HistoryQuery { nodes, signals: Vec::new(), from_ms: START_MS, to_ms: START_MS + 9000 };
+
+    // Read beside its writer, the file does not change.
+    let before = std::fs::read(&path).unwrap();
+    let past = past_in(folder, &query).unwrap();
+    assert_eq!((past.nodes[0].stretches.len(), words(&past)), (1, vec![None]));
+    assert_eq!(std::fs::read(&path).unwrap(), before);
+
+    // Opened for writing, it gets the columns and is like any other.
+    for _ in 0..2 {
+        prepare(&Connection::open(&path).unwrap()).unwrap();
+    }
+    let mut connection = Connection::open(&path).unwrap();
+    let mut writer = Writer::new(&connection, ROWS_MAX).unwrap();
+    let at = Timestamp::from_millis(5000);
+    let wall = UNIX_EPOCH + Duration::from_millis(START_MS as u64 + 5000);
+    let batch = [Record { at, what: said("a", State::Error, "no picture", None) }];
+    writer.write(&mut connection, &batch, (wall, at)).unwrap();
+    let past = past_in(folder, &query).unwrap();
+    assert_eq!(words(&past), [None, Some("no picture".to_owned())]);
+}
+
+#[tokio::test]
+async fn a_long_look_into_the_past_keeps_nothing_from_being_recorded() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let clock = Clock::start();
+    let (history, queue) = History::open(folder, clock).unwrap();
+    let (began, begins) = std::sync::mpsc::channel();
+    let (end, ends) = std::sync::mpsc::channel::<()>();
+    let reader = history.reader.clone();
+    let long = tokio::spawn(async move {
+        let wait = move |connection: &Connection| {
+            let seen = connection.unchecked_transaction()?;
+            let rows: i64 = seen.query_row("SELECT count(*) FROM records", [], |row| row.get(0))?;
+            began.send(()).unwrap();
+            ends.recv().unwrap();
+            Ok(rows)
+        };
+        reader.read(Duration::from_secs(60), wait).await
+    });
+    tokio::task::spawn_blocking(move || begins.recv().unwrap()).await.unwrap();
+    let what = Recorded::Started { anew: false };
+    queue.send(vec![Record { at: clock.now(), what }]).unwrap();
+    // Another program sees it on the disk while that query goes on.
+    let other = Connection::open(folder.join(HISTORY_FILE)).unwrap();
+    let recorded =
+        || other.query_row("SELECT count(*) FROM records", [], |row| row.get::<_, i64>(0)).unwrap();
+    let start = clock.now();
+    while recorded() == 0 {
+        assert!(clock.now().since(start) < Span::from_secs(20), "nothing is recorded");
+        tokio::task::yield_now().await;
+    }
+    end.send(()).unwrap();
+    assert_eq!(long.await.unwrap().unwrap(), 0);
+}
+
+#[tokio::test]
+async fn all_that_came_through_the_queue_is_written_before_the_end() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    std::fs::create_dir_all(folder).unwrap();
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
+    let record = |ms| Record { at: Timestamp::from_millis(ms), what: Recorded::Stage(Stage::Standby) };
+    for ms in 1..=3 {
+        queue.send(vec![record(ms)]).unwrap();
+    }
+    drop(queue);
+    history.written().await;
+    history.written().await;
+    let connection = Connection::open(folder.join(HISTORY_FILE)).unwrap();
+    let rows: i64 = connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0)).unwrap();
+    assert_eq!(rows, 3);
+}
+
+/// A history with this many records, in a file.
+async fn with_records(count: u64) -> tempfile::TempDir {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
+    let record = |number| Record {
+        at: Timestamp::from_millis(number),
+        what: shown("pump", if number % 2 == 0 { State::Ok } else { State::Error }, None),
+    };
+    queue.send((0..count).map(record).collect()).unwrap();
+    drop(queue);
+    history.written().await;
+    temporary
+}
+
+#[tokio::test]
+async fn records_that_somebody_removed_are_missed() {
+    let temporary = with_records(1000).await;
+    let folder = temporary.path();
+    assert_eq!(history_damage(folder), None);
+    let beside = Connection::open(folder.join(HISTORY_FILE)).unwrap();
+    beside.execute("DELETE FROM records WHERE id % 2 = 0", []).unwrap();
+    drop(beside);
+    assert_eq!(history_damage(folder).as_deref(), Some("500 of its records were removed"));
+    let saved = repair_history(folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is not whole");
+    assert_eq!((saved.records, history_damage(folder)), (500, None));
+    assert_eq!(repair_history(folder, SystemTime::UNIX_EPOCH).unwrap(), None);
+}
+
+#[tokio::test]
+async fn a_history_with_zeroed_pages_is_repaired_or_begun_anew_while_it_is_written() {
+    let temporary = with_records(5000).await;
+    let folder = temporary.path();
+    let path = folder.join(HISTORY_FILE);
+    let beside = Connection::open(&path).unwrap();
+    beside.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(())).unwrap();
+    drop(beside);
+    for suffix in ["-wal", "-shm"] {
+        let _ = std::fs::remove_file(folder.join(format!("{HISTORY_FILE}{suffix}")));
+    }
+    let mut bytes = std::fs::read(&path).unwrap();
+    let pages = bytes.len() / 4096;
+    bytes[4096 * pages / 2..].fill(0);
+    std::fs::write(&path, &bytes).unwrap();
+    assert!(history_damage(folder).is_some());
+    // What fails while it is written begins another one, which is then whole.
+    let (history, queue) = History::open(folder, Clock::start()).unwrap();
+    for _ in 0..3 {
+        queue.send(vec![Record { at: Timestamp::ZERO, what: shown("fan", State::Error, None) }]).unwrap();
+    }
+    drop(queue);
+    history.written().await;
+    drop(history);
+    if let Some(damage) = history_damage(folder) {
+        assert!(!damage.is_empty());
+        repair_history(folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is damaged");
+        assert_eq!(history_damage(folder), None);
+    }
+}

@@ -1,0 +1,229 @@
+//! Writes records as rows, and removes the oldest rows.
+
+use std::collections::HashMap;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use rusqlite::{Connection, Transaction, params};
+
+use telltale_clock::wall_at;
+use telltale_engine::event::Said;
+use telltale_engine::time::Timestamp;
+use telltale_engine::view::record::{Record, Recorded};
+
+/// Kinds of rows. They are numbers on the disk and are never reused.
+pub const SHOWN: i64 = 1;
+pub const STARTED: i64 = 2;
+pub const STAGE: i64 = 3;
+pub const SIGNAL: i64 = 4;
+pub const RAISED: i64 = 5;
+pub const MOVED: i64 = 6;
+pub const CLEARED: i64 = 7;
+pub const LOST: i64 = 8;
+pub const ACKNOWLEDGED: i64 = 9;
+pub const LEFT: i64 = 10;
+
+/// Names whose row is known without a query; the others are looked up again.
+const NAMES_MAX: usize = 65_536;
+
+#[derive(Debug)]
+pub struct Writer {
+    names: HashMap<Box<str>, i64>,
+    rows: usize,
+    rows_max: usize,
+    /// When the previous program that wrote this file was last alive.
+    alive_before_ms: Option<i64>,
+    lost: u64,
+}
+
+/// One row without its time.
+#[derive(Default)]
+struct Row<'a> {
+    kind: i64,
+    node: Option<i64>,
+    state: Option<i64>,
+    own: Option<i64>,
+    other: Option<i64>,
+    number: Option<i64>,
+    said: Option<&'a Said>,
+}
+
+impl Writer {
+    pub fn new(connection: &Connection, rows_max: usize) -> rusqlite::Result<Writer> {
+        let rows: i64 = connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0))?;
+        let alive = connection.query_row("SELECT max(at_ms) FROM alive", [], |row| row.get(0))?;
+        let rows = usize::try_from(rows).unwrap_or(0);
+        let missing = super::damage::missing(connection)?;
+        if missing > 0 {
+            tracing::error!("{missing} records of the history were removed: the timeline has a gap");
+        }
+        Ok(Writer { names: HashMap::new(), rows, rows_max, alive_before_ms: alive, lost: missing })
+    }
+
+    /// Records that are not written.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// These are lost too.
+    pub fn without(self, lost: u64) -> Writer {
+        Writer { lost: self.lost + lost, ..self }
+    }
+
+    /// Writes all of a batch or, if the database fails, nothing; the batch is then counted as lost.
+    pub fn write(
+        &mut self,
+        connection: &mut Connection,
+        batch: &[Record],
+        now: (SystemTime, Timestamp),
+    ) -> rusqlite::Result<()> {
+        let written = self.try_write(connection, batch, now);
+        match written {
+            Ok(rows) => {
+                // Names that only removed rows used are removed with them.
+                if rows < self.rows + batch.len() {
+                    self.names.clear();
+                }
+                self.rows = rows;
+                self.lost = 0;
+            }
+            Err(_) => {
+                // Ids from a transaction that was rolled back are invalid.
+                self.names.clear();
+                self.lost += batch.len() as u64;
+            }
+        }
+        written.map(drop)
+    }
+
+    fn try_write(
+        &mut self,
+        connection: &mut Connection,
+        batch: &[Record],
+        now: (SystemTime, Timestamp),
+    ) -> rusqlite::Result<usize> {
+        let transaction = connection.transaction()?;
+        let now_ms = millis(now.0);
+        let mut rows = self.rows;
+        if self.lost > 0 {
+            insert(
+                &transaction,
+                now_ms,
+                Row { kind: LOST, number: Some(self.lost as i64), ..Row::default() },
+            )?;
+            rows += 1;
+        }
+        for record in batch {
+            let row = self.row(&transaction, &record.what)?;
+            insert(&transaction, millis(wall_at(now.0, now.1, record.at)), row)?;
+        }
+        rows += batch.len();
+        if rows > self.rows_max {
+            rows = trim(&transaction, rows - self.rows_max + self.rows_max / 20, rows)?;
+        }
+        // How many there are tells `telltale data check` whether somebody removed some.
+        transaction
+            .prepare_cached("INSERT OR REPLACE INTO alive (one, at_ms, rows) VALUES (1, ?, ?)")?
+            .execute(params![now_ms, rows as i64])?;
+        transaction.commit()?;
+        Ok(rows)
+    }
+
+    fn row<'a>(&mut self, transaction: &Transaction<'_>, what: &'a Recorded) -> rusqlite::Result<Row<'a>> {
+        let mut id = |name: &str| self.name(transaction, name);
+        Ok(match what {
+            Recorded::Shown { node, state, own, cause, said } => Row {
+                kind: SHOWN,
+                node: Some(id(node)?),
+                state: Some(*state as i64),
+                own: Some(*own as i64),
+                other: cause.as_ref().map(|cause| id(cause)).transpose()?,
+                number: None,
+                said: said.as_ref(),
+            },
+            Recorded::Started { anew } => Row {
+                kind: STARTED,
+                state: Some(i64::from(*anew)),
+                number: if *anew { None } else { self.alive_before_ms },
+                ..Row::default()
+            },
+            Recorded::Stage(stage) => Row { kind: STAGE, state: Some(*stage as i64), ..Row::default() },
+            Recorded::Signal { name, value } => {
+                Row { kind: SIGNAL, node: Some(id(name)?), state: value.map(i64::from), ..Row::default() }
+            }
+            Recorded::AlarmRaised { id: number, node } => {
+                Row { kind: RAISED, node: Some(id(node)?), number: Some(*number as i64), ..Row::default() }
+            }
+            Recorded::AlarmMoved { id: number, symptom, cause } => Row {
+                kind: MOVED,
+                node: Some(id(symptom)?),
+                other: Some(id(cause)?),
+                number: Some(*number as i64),
+                ..Row::default()
+            },
+            Recorded::AlarmAcknowledged { id: number, node } => Row {
+                kind: ACKNOWLEDGED,
+                node: Some(id(node)?),
+                number: Some(*number as i64),
+                ..Row::default()
+            },
+            Recorded::AlarmCleared { id: number, node } => {
+                Row { kind: CLEARED, node: Some(id(node)?), number: Some(*number as i64), ..Row::default() }
+            }
+            Recorded::Left { node } => Row { kind: LEFT, node: Some(id(node)?), ..Row::default() },
+            Recorded::Lost(lost) => Row { kind: LOST, number: Some(*lost as i64), ..Row::default() },
+        })
+    }
+
+    fn name(&mut self, transaction: &Transaction<'_>, name: &str) -> rusqlite::Result<i64> {
+        if let Some(&id) = self.names.get(name) {
+            return Ok(id);
+        }
+        transaction.prepare_cached("INSERT OR IGNORE INTO nodes (name) VALUES (?)")?.execute([name])?;
+        let id = transaction
+            .prepare_cached("SELECT id FROM nodes WHERE name = ?")?
+            .query_row([name], |row| row.get(0))?;
+        if self.names.len() >= NAMES_MAX {
+            self.names.clear();
+        }
+        self.names.insert(name.into(), id);
+        Ok(id)
+    }
+}
+
+fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row<'_>) -> rusqlite::Result<()> {
+    let Row { kind, node, state, own, other, number, said } = row;
+    let silent_ms = said.and_then(|said| said.silent).map(|silent| silent.as_millis() as i64);
+    let said = said.map(|said| &*said.message);
+    transaction
+        .prepare_cached(
+            "INSERT INTO records (at_ms, kind, node, state, own, other, number, said, silent_ms)
+                VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        )?
+        .execute(params![at_ms, kind, node, state, own, other, number, said, silent_ms])?;
+    Ok(())
+}
+
+/// Removes about this many of the oldest rows, but keeps the last row of each node among them. Returns the
+/// remaining number of rows.
+fn trim(transaction: &Transaction<'_>, surplus: usize, rows: usize) -> rusqlite::Result<usize> {
+    let border: i64 = transaction.query_row(
+        "SELECT id FROM records ORDER BY id LIMIT 1 OFFSET ?",
+        [surplus as i64],
+        |row| row.get(0),
+    )?;
+    let dropped = transaction.execute(
+        "DELETE FROM records WHERE id < ?1 AND id NOT IN
+            (SELECT max(id) FROM records WHERE id < ?1 AND kind = 1 GROUP BY node)",
+        [border],
+    )?;
+    transaction.execute(
+        "DELETE FROM nodes WHERE id NOT IN (SELECT node FROM records WHERE node IS NOT NULL
+            UNION SELECT other FROM records WHERE other IS NOT NULL)",
+        [],
+    )?;
+    Ok(rows - dropped)
+}
+
+pub fn millis(at: SystemTime) -> i64 {
+    at.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
+}

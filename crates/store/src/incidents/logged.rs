@@ -1,0 +1,333 @@
+//! What the audit log says of incidents, and whether their rows agree with it: the chain of the log proves the rows.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use rusqlite::{Connection, OptionalExtension as _, Row, params};
+use sha2::{Digest as _, Sha256};
+
+use super::read::{COLUMNS, Incidents, incident, is_known, surely};
+use super::{Incident, Note};
+use crate::audit::{Action, DONE, fits, in_field};
+use crate::{Store, StoreError};
+use telltale_record::proof::{Expected, NO_HASH};
+use telltale_record::summary::Summary;
+
+/// A longer note stands in the audit log with this beginning and its hash.
+const NOTE_CHARS_MAX: usize = 200;
+
+/// What the audit log says of incidents. Of two hashes of one recording the first counts: a recording that is
+/// finished does not change.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct IncidentRecords {
+    /// The hash with which each recording was recorded.
+    pub hashes: BTreeMap<u64, String>,
+    /// Those that were removed since.
+    pub removed: Vec<u64>,
+    /// Those whose recordings were taken in without an incident, and whose hashes prove nothing before.
+    pub found: BTreeSet<u64>,
+    /// The hashes of summaries; earlier versions wrote none.
+    summaries: BTreeMap<u64, String>,
+    /// The last records of notes, with the names of their writers.
+    notes: BTreeMap<u64, (String, String)>,
+    /// Whether each was kept last.
+    kept: BTreeMap<u64, bool>,
+}
+
+/// What the audit log says of one recording.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Logged {
+    /// The hash with which it was recorded.
+    pub hash: Option<String>,
+    /// What of its row is not as the log says.
+    pub contradiction: Option<&'static str>,
+}
+
+/// An incident as it lies in the database.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StoredIncident {
+    pub incident: Incident,
+    id: u64,
+    summary: String,
+    /// The columns by which incidents are listed and removed say what the summary says.
+    columns_agree: bool,
+}
+
+impl Logged {
+    /// What must be true of a recording, by its row and by this.
+    pub fn expected(logged: Option<Logged>, row: &Summary) -> Expected {
+        let is_row_changed = logged.as_ref().is_some_and(|logged| logged.contradiction.is_some());
+        let stored = row.recording.sha256.clone();
+        Expected { stored, logged: logged.and_then(|logged| logged.hash), is_row_changed }
+    }
+}
+
+impl IncidentRecords {
+    /// What of a row is not as the audit log says.
+    pub fn contradiction(&self, row: &StoredIncident) -> Option<&'static str> {
+        let id = row.id;
+        if self.summaries.get(&id).is_some_and(|logged| !row.is_recorded_as(logged)) {
+            return Some("what it says of the incident");
+        }
+        let is_note_logged = match (&row.incident.note, self.notes.get(&id)) {
+            (None, None) => true,
+            (None, Some((logged, _))) => *logged == note_target(id, ""),
+            (Some(_), None) => false,
+            (Some(note), Some(_)) => self.has_note(id, note),
+        };
+        if !is_note_logged {
+            return Some("its note");
+        }
+        let is_marked = row.incident.summary.is_marked();
+        let is_kept_logged = match self.kept.get(&id) {
+            Some(true) => row.incident.kept,
+            // A mark may have come after it.
+            Some(false) => is_marked || !row.incident.kept,
+            // Its marks may be among the triggers that are only counted.
+            None => row.incident.kept || !is_marked,
+        };
+        (!is_kept_logged).then_some("whether it is kept")
+    }
+
+    /// Whether a note is the last one, or nothing is known of the incident.
+    pub fn may_be_note(&self, id: u64, note: &Note) -> bool {
+        !self.hashes.contains_key(&id) || self.has_note(id, note)
+    }
+
+    fn has_note(&self, id: u64, note: &Note) -> bool {
+        self.notes.get(&id).is_some_and(|(logged, by)| {
+            let is_text = *logged == note_target(id, &note.text)
+                // As earlier versions wrote it.
+                || *logged == in_field(&format!("{id}: {}", note.text));
+            is_text && (by.is_empty() || *by == note.by)
+        })
+    }
+
+    /// Whether it was kept last: by the log if that knows the incident, else as `said`. `None`: nobody said so.
+    pub fn kept(&self, id: u64, said: Option<bool>) -> Option<bool> {
+        if self.hashes.contains_key(&id) { self.kept.get(&id).copied() } else { said }
+    }
+
+    /// The hash of the finished recording.
+    pub fn hash(&self, id: u64) -> Option<&String> {
+        self.hashes.get(&id).filter(|hash| *hash != NO_HASH)
+    }
+
+    /// Takes the next record.
+    fn take(&mut self, action: &str, target: String, who: String) {
+        if action == Action::IncidentNote.as_str() {
+            if let Some(id) = target.split_once(": ").and_then(|(id, _)| id.parse().ok()) {
+                self.notes.insert(id, (target, who));
+            }
+        } else if action == Action::IncidentKept.as_str() {
+            let id = target.strip_suffix(NO_LONGER);
+            if let Ok(number) = id.unwrap_or(&target).parse() {
+                self.kept.insert(number, id.is_none());
+            }
+        } else if let Some((id, hash, summary)) = read_recorded(&target) {
+            self.removed.retain(|it| *it != id);
+            if action == Action::IncidentRemoved.as_str() {
+                self.removed.push(id);
+                self.notes.remove(&id);
+                self.kept.remove(&id);
+                return;
+            }
+            match self.hash(id) {
+                Some(first) if first != hash => return,
+                Some(_) => {}
+                None if action == Action::IncidentFound.as_str() => drop(self.found.insert(id)),
+                None => {}
+            }
+            self.hashes.insert(id, hash.to_owned());
+            match summary {
+                Some(summary) => self.summaries.insert(id, summary.to_owned()),
+                None => self.summaries.remove(&id),
+            };
+        }
+    }
+}
+
+impl StoredIncident {
+    fn is_recorded_as(&self, logged: &str) -> bool {
+        self.columns_agree && summary_hash(&self.summary) == logged
+    }
+}
+
+impl Store {
+    /// What the audit log says of a recording; `None` if nothing.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn incident_logged(&self, id: u64) -> Result<Option<Logged>, StoreError> {
+        self.call(move |database| logged(&database.connection, id)).await
+    }
+
+    /// What the audit log says of incidents.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn incident_records(&self) -> Result<IncidentRecords, StoreError> {
+        self.call(|database| records(&database.connection, None)).await
+    }
+
+    /// An incident as it lies in the database; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub async fn stored_incident(&self, id: u64) -> Result<Option<StoredIncident>, StoreError> {
+        self.call(move |database| stored(&database.connection, id)).await
+    }
+}
+
+impl Incidents {
+    /// What `read` reads is of one instant, whatever a server writes meanwhile.
+    ///
+    /// # Errors
+    /// If the database fails, or what is read.
+    pub fn at_once<T>(&self, read: impl FnOnce() -> Result<T, StoreError>) -> Result<T, StoreError> {
+        let transaction = self.0.unchecked_transaction()?;
+        let found = read()?;
+        transaction.finish()?;
+        Ok(found)
+    }
+
+    /// An incident as it lies in the database; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub fn stored(&self, id: u64) -> Result<Option<StoredIncident>, StoreError> {
+        stored(&self.0, id)
+    }
+
+    /// As [`Store::incident_records`]. Whether the log is as it was written tells
+    /// [`verify_audit_in`](crate::audit::verify_audit_in).
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub fn records(&self) -> Result<IncidentRecords, StoreError> {
+        records(&self.0, None)
+    }
+
+    /// As [`Store::incident_logged`].
+    ///
+    /// # Errors
+    /// If the database fails.
+    pub fn logged(&self, id: u64) -> Result<Option<Logged>, StoreError> {
+        logged(&self.0, id)
+    }
+}
+
+/// What the audit log is to say of a recording, and of its row if that is known.
+pub(super) fn recorded_target(id: u64, sha256: Option<&str>, summary: Option<&str>) -> String {
+    let recording = format!("{id} sha256:{}", sha256.unwrap_or(NO_HASH));
+    match summary {
+        Some(summary) => format!("{recording} summary:{}", summary_hash(summary)),
+        None => recording,
+    }
+}
+
+/// What the audit log is to say of a note.
+pub(super) fn note_target(id: u64, text: &str) -> String {
+    let whole = format!("{id}: {text}");
+    if fits(&whole) {
+        return whole;
+    }
+    let beginning: String = text.chars().take(NOTE_CHARS_MAX).collect();
+    format!("{id}: {beginning}… sha256:{}", hex_sha256(text))
+}
+
+/// What the audit log is to say where an incident is kept, or no longer.
+pub(super) fn kept_target(id: u64, kept: bool) -> String {
+    if kept { id.to_string() } else { format!("{id}{NO_LONGER}") }
+}
+
+const NO_LONGER: &str = ": no longer";
+
+/// The columns beside a summary: the lists and the retention read them.
+pub(super) fn columns(summary: &Summary) -> (i64, Option<i64>, bool, i64, bool, Option<&str>, &str, String) {
+    let recording = &summary.recording;
+    (
+        summary.since_ms,
+        summary.until_ms,
+        summary.is_marked(),
+        surely(recording.bytes),
+        recording.finished,
+        recording.sha256.as_deref(),
+        &summary.stage,
+        format!("\n{}\n", summary.causes().join("\n")),
+    )
+}
+
+/// The hash of a summary as it is stored.
+fn summary_hash(json: &str) -> String {
+    hex_sha256(json)
+}
+
+fn hex_sha256(text: &str) -> String {
+    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn stored(connection: &Connection, id: u64) -> Result<Option<StoredIncident>, StoreError> {
+    if !is_known(connection)? {
+        return Ok(None);
+    }
+    let sql = format!("SELECT {COLUMNS}, marked FROM incidents WHERE id = ?1");
+    let mut query = connection.prepare_cached(&sql)?;
+    let read = |row: &Row<'_>| {
+        let incident = incident(row)?;
+        let (since_ms, until_ms, marked, bytes, finished, sha256, stage, causes) = columns(&incident.summary);
+        let columns_agree = row.get::<_, i64>("since_ms")? == since_ms
+            && row.get::<_, Option<i64>>("until_ms")? == until_ms
+            && row.get::<_, bool>("marked")? == marked
+            && row.get::<_, i64>("bytes")? == bytes
+            && row.get::<_, bool>("finished")? == finished
+            && row.get::<_, Option<String>>("sha256")?.as_deref() == sha256
+            && row.get::<_, String>("stage")? == stage
+            && row.get::<_, String>("causes")? == causes
+            && incident.summary.id == id;
+        Ok(StoredIncident { id, summary: row.get("summary")?, columns_agree, incident })
+    };
+    Ok(query.query_row([surely(id)], read).optional()?)
+}
+
+fn logged(connection: &Connection, id: u64) -> Result<Option<Logged>, StoreError> {
+    let records = records(connection, Some(id))?;
+    let row = stored(connection, id)?;
+    let contradiction = row.and_then(|row| records.contradiction(&row));
+    let is_known = records.hashes.contains_key(&id) || contradiction.is_some();
+    Ok(is_known.then(|| Logged { hash: records.hash(id).cloned(), contradiction }))
+}
+
+/// The records of all incidents, or of this one.
+fn records(connection: &Connection, id: Option<u64>) -> Result<IncidentRecords, StoreError> {
+    let actions = [
+        Action::IncidentRecorded,
+        Action::IncidentFound,
+        Action::IncidentRemoved,
+        Action::IncidentNote,
+        Action::IncidentKept,
+    ];
+    let [recorded, found, removed, note, kept] = actions.map(Action::as_str);
+    let sql = "SELECT action, target, who FROM audit
+               WHERE action IN (?1, ?2, ?3, ?4, ?5) AND outcome = ?6
+                   AND (?7 IS NULL OR target = ?7 OR target LIKE ?7 || ' %' OR target LIKE ?7 || ': %')
+               ORDER BY number";
+    let mut query = connection.prepare_cached(sql)?;
+    let id = id.map(|id| id.to_string());
+    let mut rows = query.query(params![recorded, found, removed, note, kept, DONE, id])?;
+    let mut records = IncidentRecords::default();
+    while let Some(row) = rows.next()? {
+        let action: String = row.get(0)?;
+        records.take(&action, row.get(1)?, row.get(2)?);
+    }
+    Ok(records)
+}
+
+/// Reads what [`recorded_target`] wrote.
+fn read_recorded(target: &str) -> Option<(u64, &str, Option<&str>)> {
+    let (id, hashes) = target.split_once(" sha256:")?;
+    let (hash, summary) = match hashes.split_once(" summary:") {
+        Some((hash, summary)) => (hash, Some(summary)),
+        None => (hashes, None),
+    };
+    Some((id.parse().ok()?, hash, summary))
+}

@@ -1,0 +1,225 @@
+//! The developer pages, one in a file with its handler. All have the same frame: the vehicle, its stage,
+//! whether the page is live, and links to the other pages.
+
+pub mod api;
+pub mod audit;
+pub mod configuration;
+pub mod coverage;
+pub mod graph;
+pub mod incidents;
+pub mod masking;
+mod page_query;
+mod pager;
+pub mod reload;
+mod request;
+pub mod search;
+pub mod statuses;
+#[cfg(test)]
+pub(crate) mod tests;
+pub mod timeline;
+pub mod topics;
+pub mod why;
+pub(crate) mod words;
+
+use telltale_engine::model::{NodeId, Stage};
+use telltale_engine::snapshot::ModuleView;
+use telltale_record::story::Limit;
+
+pub use audit::AuditPage;
+pub use page_query::{PageQuery, address};
+pub use timeline::Window;
+
+use super::view::page::frame::PageFrame;
+use super::view::text::{NAME, VALUE, clean};
+use super::view::trends::Trend;
+use super::view::{PageContext, View};
+use words::DevWords;
+
+/// A developer page.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Page {
+    Statuses,
+    Graph,
+    Timeline,
+    Incidents,
+    Masking,
+    Coverage,
+    Topics,
+    Configuration,
+    Audit,
+    /// The interface for programs; the help leads there.
+    Api,
+}
+
+impl Page {
+    const ALL: [Page; 9] = [
+        Page::Statuses,
+        Page::Graph,
+        Page::Timeline,
+        Page::Incidents,
+        Page::Masking,
+        Page::Coverage,
+        Page::Topics,
+        Page::Configuration,
+        Page::Audit,
+    ];
+
+    pub const fn path(self) -> &'static str {
+        match self {
+            Page::Statuses => "/developer",
+            Page::Graph => "/developer/graph",
+            Page::Timeline => "/developer/timeline",
+            Page::Incidents => "/incidents",
+            Page::Masking => "/developer/masking",
+            Page::Coverage => "/developer/coverage",
+            Page::Topics => "/developer/topics",
+            Page::Configuration => "/developer/configuration",
+            Page::Audit => "/developer/audit",
+            Page::Api => "/developer/api",
+        }
+    }
+
+    /// Whether a replay has it, as it was.
+    const fn is_of_a_moment(self) -> bool {
+        match self {
+            Page::Statuses | Page::Graph | Page::Timeline => true,
+            Page::Masking | Page::Coverage | Page::Topics => true,
+            Page::Incidents | Page::Configuration | Page::Audit | Page::Api => false,
+        }
+    }
+
+    const fn word(self, words: &'static DevWords) -> &'static str {
+        match self {
+            Page::Statuses => words.statuses,
+            Page::Graph => words.graph,
+            Page::Timeline => words.timeline,
+            Page::Incidents => words.incidents,
+            Page::Masking => words.masking,
+            Page::Coverage => words.coverage,
+            Page::Topics => words.topics,
+            Page::Configuration => words.configuration,
+            Page::Audit => words.audit,
+            Page::Api => words.api,
+        }
+    }
+}
+
+/// A page in the navigation.
+struct NavLink {
+    path: &'static str,
+    word: &'static str,
+    /// The key that leads there.
+    key: usize,
+    here: bool,
+    /// A moment of the past has this page too.
+    then: bool,
+}
+
+/// The frame of every developer page.
+struct DevFrame {
+    words: &'static DevWords,
+    title: String,
+    /// Where it stands in the navigation.
+    path: &'static str,
+    links: Vec<NavLink>,
+    vehicle: String,
+    stage: &'static str,
+    stage_word: &'static str,
+    overall: &'static str,
+    user: String,
+    locked: bool,
+    at: String,
+    seq: u64,
+    revision: u64,
+    /// Milliseconds after which the page asks again without news, because times in it count on; zero if
+    /// none do.
+    renew_ms: u32,
+    /// The content does not change by itself: it is from the past, or complete.
+    fixed: bool,
+    replay: bool,
+}
+
+impl DevFrame {
+    fn new(view: &View<'_>, context: &PageContext, page: Page, renew_ms: u32) -> DevFrame {
+        let snapshot = view.snapshot;
+        let words = DevWords::of(context.lang);
+        let has = |page: Page| match page {
+            Page::Configuration => context.configuration && !context.replay,
+            other => !context.replay || other.is_of_a_moment(),
+        };
+        let known = Page::ALL.into_iter().filter(|&it| has(it));
+        let links = known.enumerate().map(|(index, it)| NavLink {
+            path: it.path(),
+            word: it.word(words),
+            key: index + 1,
+            here: it == page,
+            then: it.is_of_a_moment(),
+        });
+        DevFrame {
+            words,
+            title: page.word(words).to_owned(),
+            path: page.path(),
+            links: links.collect(),
+            vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
+            stage: snapshot.stage.as_str(),
+            stage_word: view.lang.stage_of(snapshot),
+            overall: snapshot.overall.as_str(),
+            user: clean(&context.user, NAME),
+            locked: snapshot.stage == Stage::Locked && !context.replay,
+            at: view.wall(snapshot.now),
+            seq: snapshot.seq,
+            revision: snapshot.revision,
+            renew_ms,
+            fixed: false,
+            replay: context.replay,
+        }
+    }
+}
+
+fn frame(context: &PageContext) -> PageFrame {
+    PageFrame { part: context.part, ..PageFrame::new(context.lang, context.palette) }
+}
+
+/// A link to the page of one node.
+struct NodeLink {
+    name: String,
+    address: String,
+}
+
+impl NodeLink {
+    fn of(view: &View<'_>, node: NodeId) -> NodeLink {
+        let name = view.snapshot.node_name(node);
+        NodeLink { name: clean(name, 2 * NAME), address: why_address(name) }
+    }
+}
+
+/// The address of the page that explains a node. The name is not cleaned, because a cleaned one could be another node's.
+fn why_address(name: &str) -> String {
+    format!("/developer/why{}", page_query::address([("node", name)].into_iter()))
+}
+
+/// The values of a report without the limits of its monitor.
+fn measured(module: &ModuleView) -> impl Iterator<Item = &(Box<str>, Box<str>)> {
+    module.report.values.iter().filter(|(key, _)| !Limit::is_name(key))
+}
+
+/// A value of a report, with its last minutes if it is a number.
+struct ReportValue {
+    key: String,
+    value: String,
+    trend: Option<Trend>,
+}
+
+/// The first `count` values of a report without the limits of its monitor, each in so many letters.
+fn report_values(
+    module: &ModuleView,
+    count: usize,
+    letters: usize,
+    mut past: Vec<Trend>,
+) -> Vec<ReportValue> {
+    let value = |(key, value): &(Box<str>, Box<str>)| {
+        let trend = past.iter().position(|trend| *trend.key == **key).map(|index| past.swap_remove(index));
+        ReportValue { key: clean(key, VALUE), value: clean(value, letters), trend }
+    };
+    measured(module).take(count).map(value).collect()
+}

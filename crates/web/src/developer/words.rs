@@ -1,0 +1,232 @@
+//! The texts of the developer's pages. A text that lacks a language does not compile.
+
+use crate::view::Lang;
+use crate::view::words::words;
+
+words! {
+    DevWords;
+    statuses: "Statuses", "Status";
+    graph: "Graph", "Graph";
+    timeline: "Timeline", "Zeitverlauf";
+    incidents: "Incidents", "Vorfälle";
+    masking: "Masking", "Maskierung";
+    coverage: "Coverage", "Abdeckung";
+    topics: "Topics", "Topics";
+    configuration: "Configuration", "Konfiguration";
+    audit: "Audit log", "Protokoll";
+    api: "Interface for programs", "Schnittstelle für Programme";
+    api_get: "The whole description as OpenAPI:", "Die ganze Beschreibung als OpenAPI:";
+    api_schemas: "JSON Schemas:", "JSON-Schemas:";
+    api_parameter: "Parameter", "Parameter";
+    api_values: "Values", "Werte";
+    api_needed: "needed", "nötig";
+    api_answer: "Answer", "Antwort";
+    pages: "Pages", "Seiten";
+
+    locked: "Locked: no diagnosis is shown before an operator logs in.", "Gesperrt: Keine Diagnose, bevor sich jemand anmeldet.";
+    late: "Delayed: what stands here may be old.", "Verzögert: Was hier steht, kann veraltet sein.";
+    dead: "Not live: the server does not answer. What stands here is old.", "Nicht live: Der Server antwortet nicht. Was hier steht, ist veraltet.";
+    stage: "Stage", "Phase";
+    vehicle_page: "Vehicle", "Fahrzeug";
+    help: "Keys", "Tasten";
+    close: "Close", "Schließen";
+    copy: "Copy", "Kopieren";
+    copied: "Copied", "Kopiert";
+    not_copied: "Not copied", "Nicht kopiert";
+    search: "Search", "Suchen";
+    search_hint: "Id, title, status, message, topic, node, incident", "Id, Titel, Status, Meldung, Topic, Knoten, Vorfall";
+    search_how: "opens the first one", "öffnet das erste";
+    found_none: "Nothing has such a name or says that.", "Nichts heißt so oder sagt das.";
+    found_all: "all", "alle";
+    groups_and_modules: "Groups and modules", "Gruppen und Module";
+    help_search: "search everywhere", "überall suchen";
+    help_filter: "to the filter", "zum Filter";
+    help_move: "next, previous row", "nächste, vorige Zeile";
+    help_open: "open the row", "Zeile öffnen";
+    help_pin: "pin the row", "Zeile anheften";
+    help_zoom: "larger, smaller, as it was", "größer, kleiner, wie zuvor";
+    help_turn: "next, previous page; later, earlier", "nächste, vorige Seite; später, früher";
+    help_moment: "the moment on the timeline, finer with Shift", "der Zeitpunkt im Zeitverlauf, feiner mit Umschalt";
+    help_help: "this help", "diese Hilfe";
+    help_leave: "leave a field, close", "Feld verlassen, schließen";
+
+    filter: "Filter", "Filter";
+    filter_hint: "Name, message, value", "Name, Meldung, Wert";
+    group: "Group", "Gruppe";
+    all_groups: "All groups", "Alle Gruppen";
+    all_states: "All states", "Alle Zustände";
+    abnormal: "Not OK", "Nicht OK";
+    apply: "Apply", "Anwenden";
+    shown: "Shown", "Gezeigt";
+    own: "Own", "Eigener";
+    module: "Module", "Modul";
+    since: "Since", "Seit";
+    age: "Age", "Alter";
+    message: "Message", "Meldung";
+    values: "Values", "Werte";
+    never: "never", "nie";
+    silent: "silent", "stumm";
+    pin: "Pin", "Anheften";
+    unpin: "Unpin", "Lösen";
+    pinned: "Pinned", "Angeheftet";
+    nothing_matches: "Nothing matches the filter.", "Nichts passt zum Filter.";
+    previous: "Previous", "Zurück";
+    next: "Next", "Weiter";
+    of: "of", "von";
+    reception: "Reception troubles", "Störungen des Empfangs";
+    reception_none: "None since the start.", "Keine seit dem Start.";
+    counters: "Counters", "Zähler";
+    signals: "Signals", "Signale";
+    signal: "Signal", "Signal";
+    topic: "Topic", "Topic";
+    kind: "Kind", "Art";
+    count: "Count", "Anzahl";
+    last: "Last", "Zuletzt";
+    text: "Text", "Text";
+    malformed: "malformed", "fehlerhaft";
+    wrong_type: "wrong type", "falscher Typ";
+    lost: "lost", "verloren";
+    arrays: "arrays", "Arrays";
+    received: "statuses", "Status";
+    dropped: "dropped names", "verworfene Namen";
+    shortened: "shortened statuses", "gekürzte Status";
+    merged_alarms: "repeated alarms", "wiederholte Alarme";
+    dropped_alarms: "dropped alarms", "verworfene Alarme";
+    unknown_signals: "unknown signals", "unbekannte Signale";
+    samples: "watched messages", "beobachtete Nachrichten";
+    dropped_samples: "of another configuration", "einer anderen Konfiguration";
+
+    why: "Why", "Warum";
+    minutes: "Last 5 minutes", "Letzte 5 Minuten";
+    members: "Members", "Teile";
+
+    hidden: "Hidden", "Verborgen";
+    hidden_by: "By", "Durch";
+    masked: "Masked: what they need fails", "Maskiert: Was sie brauchen, fällt aus";
+    not_relevant: "Not relevant now", "Zurzeit nicht wichtig";
+    own_report: "Says itself", "Sagt selbst";
+    because: "Because", "Weil";
+    nothing_masked: "Nothing is masked now.", "Zurzeit ist nichts maskiert.";
+    nothing_irrelevant: "Everything matters now.", "Zurzeit ist alles wichtig.";
+    behind: "in ERROR behind", "dahinter in ERROR";
+
+    isolated: "Isolated", "Isoliert";
+    contextual: "Contextual", "Kontextuell";
+    content: "Content", "Inhalt";
+    meta: "Meta", "Meta";
+    sequential: "sequential", "sequenziell";
+    parallel: "parallel", "parallel";
+    unstated: "no such class", "keine Klasse";
+    components: "Components", "Komponenten";
+    data_streams: "Data streams", "Datenströme";
+    sum: "All", "Alle";
+    no_modules: "none", "keine";
+    coverage_text: "How many modules diagnose each group in which way, and below with which techniques: of components or of data streams. A way that nobody takes is hatched.", "Wie viele Module jede Gruppe auf welche Weise diagnostizieren, und darunter mit welchen Verfahren: für Komponenten oder für Datenströme. Was niemand abdeckt, ist schraffiert.";
+
+    zoom_in: "Larger", "Größer";
+    zoom_out: "Smaller", "Kleiner";
+    zoom_none: "The span of the beginning", "Die Spanne des Anfangs";
+    zoom_whole: "Whole", "Ganz";
+    open_all: "Open all", "Alle öffnen";
+    close_all: "Close all", "Alle schließen";
+    legend_edge: "leads from what fails to what it masks", "führt von dem, was ausfällt, zu dem, was es maskiert";
+    legend_any: "only if every member of the set fails", "nur wenn alle der Menge ausfallen";
+    legend_hot: "path from a root cause", "Weg von einer Ursache";
+    graph_of: "Dependencies of groups and modules", "Abhängigkeiten der Gruppen und Module";
+    more_groups: "Groups that are not drawn", "Gruppen, die nicht gezeichnet sind";
+
+    span: "Span", "Spanne";
+    until: "Until", "Bis";
+    live_now: "Live", "Live";
+    earlier: "Earlier", "Früher";
+    later: "Later", "Später";
+    moment: "Moment", "Zeitpunkt";
+    add_node: "Add a node", "Knoten hinzufügen";
+    add: "Add", "Hinzufügen";
+    remove: "Remove", "Entfernen";
+    time: "Time", "Zeit";
+    event: "Event", "Ereignis";
+    event_of: "Of what", "Wovon";
+    events: "What happened", "Was geschah";
+    no_events: "Nothing happened in this span.", "In dieser Spanne geschah nichts.";
+    no_record: "no record", "nicht aufgezeichnet";
+    from_recording: "Before the instant that is shown.", "Vor dem gezeigten Augenblick.";
+    shown_instant: "Up to the shown instant", "Bis zum gezeigten Augenblick";
+    from_history: "From history: this is not the present.", "Aus dem Verlauf: Das ist nicht die Gegenwart.";
+    outside: "not shown", "nicht im Bild";
+    to_moment: "Show the moment", "Zum Zeitpunkt";
+    pages_then: "The other pages show this moment.", "Die anderen Seiten zeigen diesen Moment.";
+    nowhere: "Nothing holds this moment: no recording has it, and neither has the history.", "Nichts kennt diesen Moment: keine Aufzeichnung, und auch der Verlauf nicht.";
+    unrecorded: "No recording has this moment. The history knows states and alarms, no values or messages.", "Keine Aufzeichnung hat diesen Moment. Der Verlauf kennt Zustände und Alarme, keine Werte oder Nachrichten.";
+    show_moment: "Every page at this moment", "Alle Seiten in diesem Moment";
+    no_history: "The history cannot be read now; the log says why. States and alarms work without it.", "Der Verlauf ist zurzeit nicht lesbar; das Protokoll sagt warum. Zustände und Alarme kommen ohne ihn aus.";
+    history_lost: "transitions were lost because the disk was too slow", "Wechsel gingen verloren, weil der Speicher zu langsam war";
+    cut: "There is more than can be drawn: choose a shorter span.", "Es gibt mehr, als gezeichnet werden kann: kürzere Spanne wählen.";
+    ev_stage: "stage", "Phase";
+    ev_signal: "signal", "Signal";
+    ev_raised: "alarm raised", "Alarm ausgelöst";
+    ev_moved: "alarm moved to its cause", "Alarm zur Ursache gewandert";
+    ev_acknowledged: "alarm acknowledged", "Alarm quittiert";
+    ev_cleared: "alarm cleared", "Alarm beendet";
+    ev_left: "silent for too long, forgotten", "zu lange still, vergessen";
+    ev_reloaded: "configuration replaced", "Konfiguration ersetzt";
+    ev_started: "Telltale started", "Telltale gestartet";
+    cause: "Cause", "Ursache";
+    attributed: "owed to the cause", "der Ursache geschuldet";
+
+    topic_type: "Type", "Typ";
+    publishers: "Publishers", "Publisher";
+    subscribers: "Subscribers", "Subscriber";
+    rate: "Rate", "Rate";
+    mismatch_type: "Types differ", "Typen verschieden";
+    mismatch_reliability: "Reliability asked for, not offered", "Zuverlässigkeit verlangt, nicht geboten";
+    mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
+    mismatch_deadline: "Deadline asked for, not offered", "Frist verlangt, nicht geboten";
+    mismatch_liveliness: "Liveliness asked for, not offered", "Lebenszeichen verlangt, nicht geboten";
+    held: "Recorder", "Rekorder";
+    held_title: "What the memory for recordings holds. A recording needs", "Was der Speicher für Aufzeichnungen hält. Eine Aufzeichnung braucht";
+    sizes_only: "times and sizes only", "nur Zeiten und Größen";
+    made_room: "made room for newer ones: raise `recording.memory`", "wichen neueren: `recording.memory` erhöhen";
+    published_twice: "Published by another too", "Auch von anderen veröffentlicht";
+    nodes: "ROS nodes", "ROS-Knoten";
+    participants: "other participants", "andere Teilnehmer";
+    topics_then: "Up to the instant that is shown. A recording holds messages: who published and subscribed then is not known.", "Bis zum gezeigten Augenblick. Eine Aufzeichnung enthält Nachrichten: Wer dann veröffentlicht und abonniert hat, ist nicht bekannt.";
+    rate_over: "Over the last 5 s", "Über die letzten 5 s";
+    messages: "Messages", "Nachrichten";
+    last_message: "Last message", "Letzte Nachricht";
+    before_then: "before", "zuvor";
+    none_yet: "no message yet", "noch keine Nachricht";
+    no_topics: "DDS discovery has seen nothing yet.", "Die DDS-Erkennung hat noch nichts gesehen.";
+
+    config_same: "The file means the same as what runs.", "Die Datei bedeutet dasselbe wie das, was läuft.";
+    config_differs: "The file differs from what runs", "Die Datei weicht von dem ab, was läuft";
+    config_taken: "The file was taken. This has changed", "Die Datei wurde übernommen. Das hat sich geändert";
+    config_other: "Not taken: the files are no longer what was shown before. This is what they are now.", "Nicht übernommen: Die Dateien sind nicht mehr, was zuvor gezeigt wurde. Das sind sie jetzt.";
+    config_refused: "The file cannot be used; what runs stays", "Die Datei ist unbrauchbar; was läuft, bleibt";
+    config_warnings: "What can happen with it and should not", "Was damit geschehen kann und nicht sollte";
+    config_take: "Take it", "Übernehmen";
+    config_judging: "Every situation is being looked at ...", "Jede Situation wird betrachtet ...";
+    config_sound: "Every situation was looked at: nothing can happen that should not.", "Jede Situation wurde betrachtet: Nichts kann geschehen, das nicht sollte.";
+    config_running: "What runs, as it was read", "Was läuft, wie es gelesen wurde";
+}
+
+impl DevWords {
+    pub fn of(lang: Lang) -> &'static DevWords {
+        match lang {
+            Lang::En => &EN,
+            Lang::De => &DE,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ALL;
+
+    #[test]
+    fn every_word_is_there_in_both_languages() {
+        for (key, en, de) in ALL {
+            assert!(!en.trim().is_empty() && !de.trim().is_empty(), "{key}");
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! Questions to the engine: whether it would do an operator's action, and to do it.
+
+use std::time::Duration;
+
+use tokio::sync::oneshot;
+use tokio::time::timeout;
+
+use super::source::Live;
+use telltale_engine::input::{OperatorAction, Refusal, Response};
+use telltale_engine::restart::preview::Preview;
+use telltale_runtime::{Command, Rehearsal};
+
+/// The engine answers in well under a millisecond; one that takes this long hangs.
+const COMMAND_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// The engine does not answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the engine does not answer")]
+pub struct NoAnswer;
+
+impl Live {
+    /// Asks the engine whether it would do an operator's action, without doing it.
+    ///
+    /// # Errors
+    /// If the engine does not answer.
+    pub async fn rehearse(&self, action: OperatorAction) -> Result<Result<Preview, Vec<Refusal>>, NoAnswer> {
+        let (reply, answer) = oneshot::channel();
+        let exchange = async {
+            self.link.rehearsals.send(Rehearsal { action, reply }).await.map_err(|_| NoAnswer)?;
+            answer.await.map_err(|_| NoAnswer)
+        };
+        timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+    }
+
+    /// Hands an operator's action to the engine.
+    ///
+    /// # Errors
+    /// If it does not answer. Nothing has happened then and nothing will; a stop may.
+    pub async fn command(&self, action: OperatorAction) -> Result<Response, NoAnswer> {
+        let (reply, answer) = oneshot::channel();
+        let exchange = async {
+            self.link.commands.send(Command { action, reply }).await.map_err(|_| NoAnswer)?;
+            answer.await.map_err(|_| NoAnswer)
+        };
+        timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
+    }
+}

@@ -1,0 +1,46 @@
+//! The recording of an incident as a file.
+
+use axum::body::Body;
+use axum::extract::Request;
+use axum::http::HeaderValue;
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, ETAG};
+use axum::response::{IntoResponse, Response};
+use tower::ServiceExt as _;
+use tower_http::services::ServeFile;
+
+use super::find;
+use crate::AppState;
+use crate::http::errors::HttpError;
+use crate::http::respond::{Reader, refusal};
+use telltale_record::folder;
+
+/// The recording of the incident with this number: the whole file, or the range that is asked for. It is read while it is sent.
+pub async fn get(app: &AppState, id: &str, reader: Reader, request: Request) -> Response {
+    let incident = match find(app, id).await {
+        Ok(incident) => incident,
+        Err(trouble) => return refusal(&reader, trouble),
+    };
+    let recording = &incident.summary.recording;
+    if recording.is_open() {
+        return refusal(&reader, HttpError::Unfinished);
+    }
+    let path = app.settings.recordings.as_deref().and_then(|it| folder::file_in(it, &recording.file));
+    let Some(path) = path else {
+        return refusal(&reader, HttpError::NoRecording);
+    };
+    // `ServeFile` reads nothing of a request but its headers and method.
+    let (parts, _) = request.into_parts();
+    let sent = match ServeFile::new(path).oneshot(Request::from_parts(parts, Body::empty())).await {
+        Ok(sent) => sent,
+        Err(never) => match never {},
+    };
+    let mut answer = sent.map(Body::new).into_response();
+    let headers = answer.headers_mut();
+    headers.insert(CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
+    let name = format!("attachment; filename=\"{}\"", folder::file_name(incident.summary.id));
+    headers.extend(HeaderValue::from_str(&name).ok().map(|name| (CONTENT_DISPOSITION, name)));
+    // With a tag it is not compressed: a range of a compressed file would be none of the file.
+    let tag = recording.sha256.as_ref().and_then(|hash| HeaderValue::from_str(&format!("\"{hash}\"")).ok());
+    headers.insert(ETAG, tag.unwrap_or(HeaderValue::from_static("\"unknown\"")));
+    answer
+}

@@ -1,0 +1,202 @@
+//! The HTTP server: pages, sessions, the WebSocket and the wire.
+
+mod admission;
+mod api;
+pub mod assets;
+mod auth;
+mod demo;
+pub mod developer;
+mod engine_link;
+mod exports;
+mod http;
+pub mod incidents;
+pub mod live;
+mod operations;
+mod operator;
+mod pages;
+mod replays;
+mod router;
+mod self_check;
+mod serve;
+pub mod services;
+mod source;
+mod vehicle_memory;
+pub mod view;
+
+use std::hash::RandomState;
+use std::ops::Deref;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex};
+
+use tokio::sync::{Semaphore, mpsc, watch};
+
+use self::view::Trends;
+use admission::connections::Connections;
+use admission::login_throttle::Throttle;
+use auth::handover::HandOvers;
+use auth::session_ends::SessionEnds;
+use auth::take_over::TakeOvers;
+use live::byte_budget::Accounts;
+use live::displays::Displays;
+use live::first_changes::FirstChanges;
+use live::frame::Frames;
+use operator::act::PLACES;
+use operator::stop_once::Stops;
+use operator::two_steps::PendingConfirmation;
+use replays::Replays;
+pub use replays::ServedFile;
+use telltale_clock::Clock;
+use telltale_clock::latency::Latency;
+use telltale_engine::discovery::Discovery;
+use telltale_engine::time::Timestamp;
+use telltale_runtime::{Reread, Written};
+use telltale_store::{History, Store};
+
+pub use admission::peer::Peer;
+pub use admission::proxies::{Network, NoNetwork, Proxies};
+pub use admission::vehicle_displays::{Enrolled, NoDisplay, VehicleDisplay};
+pub use auth::expiry::DEVELOPER_IDLE_MAX;
+pub use demo::{DemoFaults, FaultSwitch};
+pub use http::guard::{Access, cookie_name};
+pub use http::origins::{NoOrigin, Origins};
+use incidents::WhatIfs;
+pub use incidents::{Examiner, Marker, Marking, NotMarked, RecordingState};
+pub use live::frame::{snapshot_schema, stream_schema};
+pub use router::{BODY_BYTES_MAX, Route, openapi, router, routes};
+pub use self_check::{SelfCheck, Stuck};
+pub use serve::accept::serve;
+pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
+pub use source::{Live, Player, Replay, Source};
+pub use view::DemoFault;
+
+/// The settings of the server from the command line.
+#[derive(Debug)]
+pub struct Settings {
+    pub origins: Origins,
+    /// Browsers connect over TLS, so cookies are marked for TLS only.
+    pub secure: bool,
+    /// The displays at which a PIN is enough.
+    pub enrolled: Enrolled,
+    /// Switches of the simulated machine; `None` on a real one.
+    pub demo: Option<DemoFaults>,
+    /// Requests to read the configuration file again; `None` without a file.
+    pub rereads: Option<mpsc::Sender<Reread>>,
+    /// The running configuration as it is written; `None` where it is not known.
+    pub written: Option<watch::Receiver<Arc<Written>>>,
+    /// The history; `None` if it cannot be stored.
+    pub history: Option<History>,
+    /// The participants and topics that DDS discovery knows; `None` without DDS.
+    pub discovery: Option<watch::Receiver<Arc<Discovery>>>,
+    /// When the bridge to DDS last did its work; `None` without DDS.
+    pub working: Option<watch::Receiver<Timestamp>>,
+    /// The folder of the recordings.
+    pub recordings: Option<PathBuf>,
+    /// Reads the configurations of what-ifs; `None` where nothing is run.
+    pub what_if: Option<Examiner>,
+    /// Marks moments in the recording; `None` if nothing is recorded.
+    pub marker: Option<Marker>,
+    /// What pages say of the recording; `None` if nothing is recorded.
+    pub recording: Option<RecordingState>,
+    /// The recording that is shown instead of a vehicle.
+    pub replayed: Option<ServedFile>,
+}
+
+/// Shared by all requests; clones are the same.
+#[derive(Debug, Clone)]
+pub struct AppState(Arc<Shared>);
+
+#[derive(Debug)]
+pub struct Shared {
+    pub source: Source,
+    pub store: Store,
+    pub clock: Clock,
+    pub settings: Settings,
+    pub frames: Frames,
+    pub displays: Displays,
+    pub connections: Connections,
+    /// From the arrival of an operator's action until it is done or refused.
+    pub action_latency: Latency,
+    first_changes: FirstChanges,
+    /// The budgets of bytes that accounts may send over their sockets.
+    accounts: Accounts,
+    pub session_ends: SessionEnds,
+    pub trends: Trends,
+    replays: Replays,
+    what_ifs: WhatIfs,
+    pub pending: PendingConfirmation,
+    pub stops: Stops,
+    pub hand_overs: HandOvers,
+    pub take_overs: TakeOvers,
+    pub throttle: Mutex<Throttle>,
+    /// Held while a secret from a display or a known browser is proven: the next one is judged by what came of it.
+    pub proving: tokio::sync::Mutex<()>,
+    /// Makes numbers of names that are no user's, by a key of this run.
+    unknown_names: RandomState,
+    /// Held while the audit log is read.
+    audit_readers: tokio::sync::Mutex<()>,
+    /// Held while the operator in charge changes.
+    operator_change: tokio::sync::Mutex<()>,
+    /// Held while a change of the operator is undone that the disk took too late.
+    undoing: Arc<tokio::sync::Mutex<()>>,
+    /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
+    /// what is on the disk never falls behind an action that was written there. After `operator_change`.
+    acting: tokio::sync::Mutex<()>,
+    /// For those who wait for `acting`, or for the disk, with an action.
+    places: Arc<Semaphore>,
+    /// Held while somebody has the configuration taken.
+    reloading: tokio::sync::Mutex<()>,
+    /// When the listener last waited for a connection.
+    accepting: watch::Sender<Timestamp>,
+    /// Turns true when the server ends.
+    pub closing: watch::Sender<bool>,
+}
+
+impl AppState {
+    pub fn new(source: impl Into<Source>, store: Store, clock: Clock, settings: Settings) -> AppState {
+        AppState(Arc::new(Shared {
+            source: source.into(),
+            store,
+            clock,
+            settings,
+            frames: Frames::default(),
+            displays: Displays::default(),
+            connections: Connections::default(),
+            action_latency: Latency::default(),
+            first_changes: FirstChanges::default(),
+            accounts: Accounts::default(),
+            session_ends: SessionEnds::default(),
+            trends: Trends::default(),
+            replays: Replays::default(),
+            what_ifs: WhatIfs::default(),
+            pending: PendingConfirmation::default(),
+            stops: Stops::default(),
+            hand_overs: HandOvers::default(),
+            take_overs: TakeOvers::default(),
+            throttle: Mutex::default(),
+            proving: tokio::sync::Mutex::default(),
+            unknown_names: RandomState::new(),
+            audit_readers: tokio::sync::Mutex::default(),
+            operator_change: tokio::sync::Mutex::default(),
+            undoing: Arc::default(),
+            acting: tokio::sync::Mutex::default(),
+            places: Arc::new(Semaphore::new(PLACES)),
+            reloading: tokio::sync::Mutex::default(),
+            accepting: watch::channel(Timestamp::ZERO).0,
+            closing: watch::channel(false).0,
+        }))
+    }
+}
+
+impl Deref for AppState {
+    type Target = Shared;
+
+    fn deref(&self) -> &Shared {
+        &self.0
+    }
+}
+
+/// Waits until the server ends.
+pub async fn turned(closing: &mut watch::Receiver<bool>) {
+    // A sender that is gone has ended with the server.
+    let _ = closing.wait_for(|closing| *closing).await;
+}

@@ -1,0 +1,154 @@
+//! Does what an operator's tap asks for, or somebody else: judged, written, judged again, done. It waits for others and for
+//! the disk no longer than the tap counts.
+
+use super::not_done::{InvalidTap, NotDone};
+use super::tap::TappedAction;
+use crate::Live;
+use crate::engine_link::NoAnswer;
+use crate::http::errors::HttpError;
+use crate::view;
+use crate::view::Lang;
+use telltale_engine::input::{OperatorAction, Response};
+use telltale_engine::model::output::Output;
+use telltale_engine::restart::preview::Preview;
+use telltale_engine::time::Timestamp;
+use telltale_store::VehicleMemory;
+use telltale_store::audit::{RECORDED_WITHIN, Record};
+
+/// Operator's actions that may wait for one another and for the disk: pages send three at once.
+pub const PLACES: usize = 8;
+
+/// An action that somebody asks for, at a page or elsewhere.
+#[derive(Clone, Copy)]
+pub struct Deed<'a> {
+    pub app: &'a Live,
+    pub record: &'a Record,
+    /// It counts until then.
+    pub until: Timestamp,
+    /// The action with the conditions of this moment, or why it does not count now.
+    pub judged: &'a (dyn Fn() -> Result<OperatorAction, InvalidTap> + Sync),
+    /// Tells the recorder of incidents that it was not done, and why, in both languages.
+    pub tell_recorder: &'a (dyn Fn(&str, &str) + Sync),
+}
+
+/// Does what a tap asks for, if it counts. It runs to its end also if nobody listens any more: what was done
+/// has to be stored.
+///
+/// # Errors
+/// Why nothing has changed. It is in the audit log, or will be.
+pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
+    let (app, arrived) = (tapped.tap.app.clone(), tapped.tap.arrived);
+    let acting = tokio::spawn(async move {
+        let deed = Deed {
+            app: &tapped.tap.app,
+            record: &tapped.record,
+            until: tapped.until(),
+            judged: &|| tapped.judged(),
+            tell_recorder: &|why, why_de| tapped.tell_recorder(why, why_de),
+        };
+        match tapped.action {
+            OperatorAction::RequestStop => stop(deed).await,
+            _ => act_in_turn(deed).await,
+        }
+    });
+    // It ends early only if the whole program does.
+    let done = acting.await.unwrap_or(Err(NotDone::HttpError(HttpError::Unavailable)));
+    app.action_latency.observe(app.clock.now().since(arrived));
+    done
+}
+
+/// Writes the action to the disk with the vehicle's state after it, then does it. An action that cannot be
+/// written is not done. If the program is killed in between, the action is done after the restart, though
+/// nobody was told yet.
+///
+/// # Errors
+/// Why nothing has changed.
+pub async fn act_in_turn(deed: Deed<'_>) -> Result<(), NotDone> {
+    let Deed { app, record, until, judged, tell_recorder } = deed;
+    if let Err(invalid) = judged() {
+        return Err(refused(deed, None, invalid.into()).await);
+    }
+    let Ok(place) = app.places.clone().try_acquire_owned() else {
+        let (why, de) = ("too many others waited", "zu viele andere warteten");
+        tell_recorder(why, de);
+        app.store.note(record.clone().refused(why));
+        return Err(NotDone::HttpError(HttpError::Busy));
+    };
+    let Some(_acting) = app.clock.by(until, app.acting.lock()).await else {
+        let (why, de) = ("it waited too long for others", "es wartete zu lange auf andere");
+        tell_recorder(why, de);
+        app.store.note(record.clone().refused(why));
+        return Err(NotDone::HttpError(if app.is_storage_ok() {
+            HttpError::Busy
+        } else {
+            HttpError::Storage
+        }));
+    };
+    let preview = match preview(deed).await {
+        Ok(preview) => preview,
+        Err(not_done) => return Err(refused(deed, None, not_done).await),
+    };
+    let seq = preview.seq;
+    let memory = Some(app.remembering(preview));
+    if let Err(error) = app.store.write_ahead(record, memory, until, place).await {
+        tell_recorder("it could not be stored", "es konnte nicht gespeichert werden");
+        return Err(error.into());
+    }
+    let Err(not_done) = carry_out(deed).await else { return Ok(()) };
+    tracing::warn!("an action was written and is not done");
+    let memory = app.memory();
+    let memory = VehicleMemory { seq: memory.seq.max(seq), ..memory };
+    Err(refused(deed, Some(memory), not_done).await)
+}
+
+/// A stop waits for no disk: it is done, then recorded.
+async fn stop(deed: Deed<'_>) -> Result<(), NotDone> {
+    let Deed { app, record, .. } = deed;
+    if let Err(not_done) = carry_out(deed).await {
+        return Err(refused(deed, None, not_done).await);
+    }
+    let until = app.clock.now() + RECORDED_WITHIN;
+    let is_recorded = if let Some(_acting) = app.clock.by(until, app.acting.lock()).await {
+        app.store.record(record.clone(), Some(app.memory())).await
+    } else {
+        app.store.note(record.clone());
+        false
+    };
+    if app.published().snapshot.unreached(Output::ManeuverStop).is_some() {
+        tracing::error!("a stop was requested and nobody listens");
+        return Err(NotDone::HttpError(HttpError::StopNotHeard));
+    }
+    if !is_recorded {
+        tracing::error!("a stop was requested and is not recorded yet");
+        return Err(NotDone::HttpError(HttpError::StopNotKept));
+    }
+    Ok(())
+}
+
+/// The vehicle's state after the action, if the engine would grant it and it still counts then.
+async fn preview(deed: Deed<'_>) -> Result<Preview, NotDone> {
+    let preview = deed.app.rehearse((deed.judged)()?).await?.map_err(NotDone::Refused)?;
+    // The engine may have taken its time.
+    (deed.judged)()?;
+    Ok(preview)
+}
+
+async fn carry_out(deed: Deed<'_>) -> Result<(), NotDone> {
+    match deed.app.command((deed.judged)()?).await? {
+        Response::Done => Ok(()),
+        Response::Refused(reasons) => Err(NotDone::Refused(reasons)),
+    }
+}
+
+/// Records why an action was not done, with the vehicle's state if another one was written.
+async fn refused(deed: Deed<'_>, memory: Option<VehicleMemory>, not_done: NotDone) -> NotDone {
+    let Deed { app, record, tell_recorder, .. } = deed;
+    let [why, why_de] = [Lang::En, Lang::De].map(|lang| match &not_done {
+        NotDone::Refused(reasons) => view::refusals(&app.published(), lang, reasons).join(" "),
+        NotDone::Invalid(invalid) => invalid.words(lang),
+        NotDone::HttpError(_) => NoAnswer.to_string(),
+    });
+    tell_recorder(&why, &why_de);
+    app.store.record(record.clone().refused(why), memory).await;
+    not_done
+}

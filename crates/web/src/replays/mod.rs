@@ -1,0 +1,204 @@
+//! Replays: somebody looks at what was shown then, while the vehicle goes on.
+//!
+//! Each has an engine of its own in a thread of its own, and a web server of its own behind `/replay/ID/screen/`,
+//! whose source is that engine. It can act on nothing (see `source`).
+
+mod differences;
+mod missing;
+mod moment;
+mod opening;
+mod page;
+mod player;
+mod screen;
+mod subject;
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::Router;
+use tokio::sync::watch;
+
+use super::incidents::WhatIf;
+use super::live::{first_changes, trend_sampling};
+use super::source::Player;
+use super::{AppState, Settings, router};
+pub use differences::differences;
+use missing::Missing;
+pub use moment::moment;
+use opening::Opening;
+pub use page::{control, get, state};
+use player::{Controls, PlayState};
+pub use screen::{first as first_screen, get as screen, is_page};
+pub use subject::{ServedFile, Subject};
+use telltale_clock::Clock;
+use telltale_engine::time::{Span, Timestamp};
+use telltale_record::story::Story;
+use telltale_record::summary::Summary;
+use telltale_record::writer::unix_ms;
+use telltale_replay::Playback;
+use telltale_store::{History, Session};
+
+/// Replays that are open at once.
+const OPEN_MAX: usize = 8;
+/// Those of one user, who may have several sessions. Another one takes the place of the user's own.
+const OPEN_OF_USER_MAX: usize = 4;
+/// Recordings that are being opened for one user.
+const OPENING_OF_USER_MAX: usize = 2;
+/// A replay that nobody uses for so long is closed.
+const IDLE_MAX: Span = Span::from_secs(1800);
+
+/// The open replays, and those that are being opened.
+#[derive(Debug, Default)]
+pub struct Replays {
+    open: Mutex<Vec<OpenReplay>>,
+    opening: Mutex<Vec<Opening>>,
+    /// Held while a recording is run to its end: one after the other, the vehicle has the rest of the machine.
+    turn: Arc<tokio::sync::Mutex<()>>,
+}
+
+/// A replay by one session.
+#[derive(Debug, Clone)]
+struct OpenReplay {
+    subject: Subject,
+    session: Session,
+    used: Timestamp,
+    controls: Controls,
+    state: watch::Receiver<PlayState>,
+    screen: Router,
+    /// What the recording tells, and its first lines; of an incident the store knows better ones.
+    story: Arc<Story>,
+    summary: Arc<Summary>,
+    missing: Arc<Missing>,
+    /// The what-if whose configuration it shows.
+    edited: Option<Arc<WhatIf>>,
+}
+
+impl Replays {
+    /// The open replay by this session, which is used now.
+    fn find(&self, subject: Subject, session: &Session, now: Timestamp) -> Option<OpenReplay> {
+        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        open.retain(|it| now.since(it.used) < IDLE_MAX && !it.session.has_ended());
+        let found = open.iter_mut().find(|it| it.subject == subject && it.session.is_same(session))?;
+        found.used = now;
+        Some(found.clone())
+    }
+
+    /// The same, as it stands in an address.
+    fn of_address(&self, id: &str, session: &Session, now: Timestamp) -> Option<OpenReplay> {
+        self.find(id.parse().ok()?, session, now)
+    }
+
+    fn add(&self, replay: OpenReplay) {
+        let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
+        open.retain(|it| it.subject != replay.subject || !it.session.is_same(&replay.session));
+        let places: Vec<(&str, Timestamp)> = open.iter().map(|it| (&*it.session.user, it.used)).collect();
+        if let Some(index) = gives_way(&places, &replay.session.user) {
+            open.swap_remove(index);
+        }
+        open.push(replay);
+    }
+}
+
+/// Which of the open replays, each with its user and when it was used, gives way to another one of this user: the
+/// user's own that was used least lately, or where there is no place, that of a user who has most.
+fn gives_way(open: &[(&str, Timestamp)], user: &str) -> Option<usize> {
+    let count = |of: &str| open.iter().filter(|(user, _)| *user == of).count();
+    let has_share = count(user) >= OPEN_OF_USER_MAX;
+    if !has_share && open.len() < OPEN_MAX {
+        return None;
+    }
+    let most = open.iter().map(|(user, _)| count(user)).max();
+    let gives = |of: &str| if has_share { of == user } else { Some(count(of)) == most };
+    let candidates = open.iter().enumerate().filter(|(_, (of, _))| gives(of));
+    candidates.min_by_key(|(_, (_, used))| *used).map(|(index, _)| index)
+}
+
+/// Starts the thread of a replay and the server of its screen.
+fn start(
+    app: &AppState,
+    subject: Subject,
+    session: &Session,
+    mut playback: Playback,
+    edited: Option<Arc<WhatIf>>,
+) -> Option<OpenReplay> {
+    let summary = Arc::new(summary_of(&playback));
+    let story = Arc::new(playback.story(&summary).ok()?);
+    let (show, mut source) = Player::start(player::published(&mut playback)?);
+    source.flows = playback.flows().clone();
+    let history = history_of(&mut playback, app.clock);
+    let missing = Arc::new(Missing::of(&playback));
+    source.gaps = missing.gaps.clone();
+    let (controls, state) = player::start(playback, show, app.clock).ok()?;
+    let settings = Settings {
+        origins: app.settings.origins.clone(),
+        secure: app.settings.secure,
+        enrolled: app.settings.enrolled.clone(),
+        demo: None,
+        rereads: None,
+        written: None,
+        history,
+        discovery: None,
+        working: None,
+        recordings: None,
+        what_if: None,
+        marker: None,
+        recording: None,
+        replayed: None,
+    };
+    let inner = AppState::new(source, app.store.clone(), app.clock, settings);
+    // They end with the source.
+    tokio::spawn(first_changes::watch(inner.clone()));
+    tokio::spawn(trend_sampling::watch(inner.clone()));
+    let (used, screen) = (app.clock.now(), router(inner));
+    let session = session.clone();
+    Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, missing, edited })
+}
+
+/// What the recording tells of the past. Without it, pages say that there is none.
+fn history_of(playback: &mut Playback, clock: Clock) -> Option<History> {
+    let records = playback.records().ok()?;
+    let until = (playback.facts().wall(playback.to()), playback.to());
+    let made = History::recorded(&records, until, clock);
+    made.inspect_err(|error| tracing::warn!(%error, "a replay has no history")).ok()
+}
+
+/// The first lines of a recording that is no incident of the store.
+fn summary_of(playback: &Playback) -> Summary {
+    let facts = playback.facts();
+    let ms = |at| unix_ms(facts.wall(at));
+    Summary {
+        since_ms: ms(facts.from),
+        until_ms: Some(ms(playback.to())),
+        vehicle: facts.vehicle.clone(),
+        ..Summary::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_user_has_a_share_of_the_replays() {
+        let mut open: Vec<(&str, Timestamp)> = Vec::new();
+        let mut second = 0;
+        let mut add = |open: &mut Vec<(&'static str, Timestamp)>, user: &'static str| {
+            second += 1;
+            gives_way(open, user).map(|index| open.remove(index));
+            open.push((user, Timestamp::from_millis(second * 1000)));
+        };
+        let users = |open: &[(&'static str, Timestamp)]| open.iter().map(|it| it.0).collect::<String>();
+        for _ in 0..9 {
+            add(&mut open, "d");
+        }
+        assert_eq!(users(&open), "dddd", "one user has no more than a share");
+        assert_eq!(open[0].1, Timestamp::from_millis(6000), "the oldest go");
+        for user in ["e", "f", "f", "f", "g", "g", "h"] {
+            add(&mut open, user);
+        }
+        assert_eq!(users(&open), "ddeffggh", "those go first who have most");
+        for _ in 0..9 {
+            add(&mut open, "f");
+        }
+        assert_eq!(users(&open), "degghfff", "nobody takes from those who have less");
+    }
+}

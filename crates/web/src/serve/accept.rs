@@ -1,0 +1,183 @@
+//! The listener: accepts connections, within bounds, until the server ends.
+
+use std::io;
+use std::net::SocketAddr;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use axum::Router;
+use hyper::Request;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tower::ServiceExt as _;
+
+use super::parse_error::WithHeaders;
+use super::tls::Tls;
+use crate::admission::connections::ConnectionPlace;
+use crate::admission::peer::Peer;
+use crate::auth::expiry;
+use crate::live::byte_budget::{Meter, Metered};
+use crate::live::{displays, first_changes, trend_sampling};
+use crate::router::router;
+use crate::vehicle_memory::VehicleMemoryTask;
+use crate::{AppState, turned};
+
+/// The time for the head of a request, and for a connection without a request.
+const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
+/// The kernel's buffer for answers that a client does not read. The kernel doubles this number.
+const SEND_BUFFER_BYTES: usize = 256 * 1024;
+/// The kernel's buffer for received bytes that are not read yet. A request has at most 16 KiB.
+const RECEIVE_BUFFER_BYTES: usize = 32 * 1024;
+/// The time for running requests when the server ends.
+const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
+/// The listener notes this often that it still accepts.
+const NOTE_EVERY: Duration = Duration::from_millis(250);
+/// The wait after a failed `accept`, for example without free file descriptors.
+const ACCEPT_RETRY: Duration = Duration::from_millis(100);
+
+/// Serves until `shutdown` ends. Then it closes sockets with the code for a restart, waits for running
+/// requests, and stores the last state of the vehicle.
+///
+/// # Errors
+/// If the listener has no address.
+pub async fn serve(
+    listener: TcpListener,
+    tls: Option<Tls>,
+    app: AppState,
+    shutdown: impl Future<Output = ()>,
+) -> io::Result<()> {
+    let address = listener.local_addr()?;
+    if address.ip().is_unspecified() {
+        tracing::warn!(%address, "listening on all addresses, known by the loopback names and configured origins only");
+    }
+    let router = router(app.clone());
+    let places = app.connections.clone();
+    let mut connections = JoinSet::new();
+    app.displays.note_watched(app.clock.now());
+    // A replay has none of the tasks that command the engine or write to the store.
+    let vehicle_memory_task = app.live().map(VehicleMemoryTask::start);
+    let live_watches = app
+        .live()
+        .map(|live| [tokio::spawn(expiry::watch(live.clone())), tokio::spawn(displays::watch(live))]);
+    let watches =
+        [tokio::spawn(first_changes::watch(app.clone())), tokio::spawn(trend_sampling::watch(app.clone()))];
+    let mut notes = interval(NOTE_EVERY);
+    notes.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut shutdown = pin!(shutdown);
+    loop {
+        tokio::select! {
+            () = &mut shutdown => break,
+            accepted = listener.accept() => match accepted {
+                Ok((stream, peer)) => {
+                    let enrolled = &app.settings.enrolled;
+                    let entered = match enrolled.is_proxy(peer.ip()) {
+                        true => places.enter_proxied(),
+                        false => places.enter(peer.ip(), enrolled.caller(peer.ip())),
+                    };
+                    let Some((place, gone)) = entered else { continue };
+                    let closing = app.closing.subscribe();
+                    let connection = HttpConnection { peer, router: router.clone(), secure: app.settings.secure, closing, place };
+                    let open = connection.open(stream, tls.clone());
+                    connections.spawn(async move {
+                        tokio::select! {
+                            biased;
+                            _ = gone => tracing::debug!(%peer, "a silent connection gave its place to another"),
+                            () = open => {}
+                        }
+                    });
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "cannot accept a connection");
+                    sleep(ACCEPT_RETRY).await;
+                }
+            },
+            Some(_) = connections.join_next(), if !connections.is_empty() => {}
+            _ = notes.tick() => drop(app.accepting.send_replace(app.clock.now())),
+        }
+    }
+    drop(listener);
+    live_watches.iter().flatten().chain(&watches).for_each(tokio::task::JoinHandle::abort);
+    app.closing.send_replace(true);
+    let drained = async {
+        app.displays.all_gone().await;
+        while connections.join_next().await.is_some() {}
+    };
+    if timeout(DRAIN_TIMEOUT, drained).await.is_err() {
+        tracing::warn!("some connections did not end in time");
+    }
+    if let Some(task) = vehicle_memory_task {
+        task.end().await;
+    }
+    Ok(())
+}
+
+/// One connection.
+struct HttpConnection {
+    peer: SocketAddr,
+    router: Router,
+    secure: bool,
+    closing: watch::Receiver<bool>,
+    place: ConnectionPlace,
+}
+
+impl HttpConnection {
+    async fn open(self, stream: TcpStream, tls: Option<Tls>) {
+        // A frame is one small write: it must not wait for an acknowledgement of the one before.
+        let prepared = stream.set_nodelay(true).is_ok()
+            && rustix::net::sockopt::set_socket_send_buffer_size(&stream, SEND_BUFFER_BYTES).is_ok()
+            && rustix::net::sockopt::set_socket_recv_buffer_size(&stream, RECEIVE_BUFFER_BYTES).is_ok();
+        if !prepared {
+            return;
+        }
+        let Some(tls) = tls else { return self.converse(stream).await };
+        match timeout(HEADER_TIMEOUT, tls.acceptor().accept(stream)).await {
+            Ok(Ok(stream)) => self.converse(stream).await,
+            Ok(Err(error)) => tracing::debug!(%error, peer = %self.peer, "no TLS connection"),
+            Err(_) => tracing::debug!(peer = %self.peer, "no TLS connection in time"),
+        }
+    }
+
+    async fn converse(mut self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
+        let mut http = http1::Builder::new();
+        http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
+        let has_request = Arc::new(AtomicBool::new(false));
+        let meter = Meter::default();
+        let (reader, writer) = tokio::io::split(stream);
+        let stream = tokio::io::join(
+            Metered::new(reader, meter.clone()),
+            WithHeaders::new(writer, has_request.clone(), self.secure),
+        );
+        let service = service_fn(|mut request: Request<Incoming>| {
+            has_request.store(true, Ordering::Relaxed);
+            request.extensions_mut().insert(Peer(self.peer));
+            request.extensions_mut().insert(meter.clone());
+            let (work, router) = (self.place.work(), self.router.clone());
+            async move {
+                // The connection that gave the place away ends before this does.
+                let Some(work) = work else { return std::future::pending().await };
+                request.extensions_mut().insert(work.handle());
+                router.oneshot(request).await
+            }
+        });
+        let mut connection = pin!(http.serve_connection(TokioIo::new(stream), service).with_upgrades());
+        let ended = tokio::select! {
+            ended = &mut connection => ended,
+            () = turned(&mut self.closing) => {
+                connection.as_mut().graceful_shutdown();
+                connection.await
+            }
+        };
+        if let Err(error) = ended {
+            tracing::debug!(%error, peer = %self.peer, "connection ended");
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! The action bar: the next step of the stage as one large button, and the reasons against it.
+
+use askama::Template;
+
+use telltale_engine::model::output::Output;
+use telltale_engine::model::{LOCALIZATION_GROUP, NodeId, Stage, Stop};
+use telltale_engine::snapshot::{Moving, Unreached};
+use telltale_engine::state::State;
+
+use super::clearance_checks::Check;
+use crate::view::text::{ID, NAME, clean};
+use crate::view::versions::Aspect;
+use crate::view::words::Words;
+use crate::view::words::action_words::StepWords;
+use crate::view::{Fragment, View, html, requests};
+
+/// Stops that have room in the bar; more of them stand on a sheet of their own.
+const STOPS_IN_BAR: usize = 3;
+
+pub struct StopHtml {
+    id: String,
+    name: String,
+}
+
+#[derive(Template)]
+#[template(path = "partials/step.html")]
+struct StepHtml {
+    words: &'static Words,
+    steps: &'static StepWords,
+    swap: bool,
+    version: u64,
+    clearance_version: u64,
+    release_version: u64,
+    /// The button that stops the vehicle, as long as it moves or may.
+    stop: Option<StopButton>,
+    /// `None` in a replay.
+    step: Option<NextStep>,
+    /// Logging out works in every stage but one.
+    logout: bool,
+}
+
+struct StopButton {
+    /// Since when a stop is requested.
+    asked: Option<String>,
+}
+
+/// The step that the bar offers.
+enum NextStep {
+    /// Choose the stop at which the vehicle stands.
+    Localize { stops: Vec<StopHtml>, more: bool },
+    /// The pose is given; the vehicle checks it.
+    Locating { title: String, text: String },
+    /// Give clearance; `ready` if no check fails. The page's script hides the checks that have no room. A vehicle
+    /// that is held and not known to stand is released first.
+    Clear { ready: bool, checks: Vec<Check>, release: bool },
+    /// The vehicle may drive: stop it, or let it go on.
+    Drive(Drive),
+    /// No step: the condition of the vehicle.
+    Watch { icon: &'static str, title: &'static str, text: String },
+}
+
+struct Drive {
+    release: bool,
+    withdraw: bool,
+    icon: &'static str,
+    title: &'static str,
+    text: String,
+}
+
+pub fn step(view: &View<'_>) -> Fragment {
+    let snapshot = view.snapshot;
+    let html = html(&StepHtml {
+        words: view.words,
+        steps: view.lang.steps(),
+        swap: view.swap,
+        version: view.seen.of(Aspect::Stage),
+        clearance_version: view.seen.of(Aspect::Clearance),
+        release_version: view.seen.of(Aspect::Release),
+        stop: stop(view),
+        step: (!view.replay).then(|| of_stage(view)),
+        logout: view.may_act() && (snapshot.stage != Stage::Active || !view.has_stages()),
+    });
+    Fragment { id: "step".to_owned(), html }
+}
+
+fn of_stage(view: &View<'_>) -> NextStep {
+    let snapshot = view.snapshot;
+    let steps = view.lang.steps();
+    match snapshot.stage {
+        Stage::Locked => {
+            NextStep::Watch { icon: "lock", title: view.words.log_in_to_start, text: String::new() }
+        }
+        Stage::Localizing if snapshot.localization.given.is_some() => locating(view),
+        Stage::Localizing => {
+            let all = stops(view);
+            let more = all.len() > STOPS_IN_BAR;
+            let shown = if more { STOPS_IN_BAR - 1 } else { STOPS_IN_BAR };
+            NextStep::Localize { stops: all.into_iter().take(shown).collect(), more }
+        }
+        Stage::Standby => clear(view),
+        // A machine without stages is not driven, and has no mission that could be asked to stop.
+        Stage::Active if !view.has_stages() && !requests::has_banner(view) => {
+            NextStep::Watch { icon: "ready", title: steps.runs, text: condition(view) }
+        }
+        Stage::Active if view.has_stages() && snapshot.operator.is_none() => {
+            NextStep::Watch { icon: "drive", title: steps.drives, text: condition(view) }
+        }
+        Stage::Cleared | Stage::Active => NextStep::Drive(drive(view)),
+    }
+}
+
+/// In every stage, as long as the vehicle moves or may. A stop that the vehicle cannot receive is not offered. It stays
+/// offered once it is requested: another tap changes nothing.
+fn stop(view: &View<'_>) -> Option<StopButton> {
+    let snapshot = view.snapshot;
+    let asked = snapshot.stop_requested_since().map(|since| view.wall_since(since));
+    let works = snapshot.may_move() && snapshot.unreached(Output::ManeuverStop).is_none();
+    let is_offered = view.has_stages() && view.may_act() && (asked.is_some() || works);
+    is_offered.then_some(StopButton { asked })
+}
+
+fn drive(view: &View<'_>) -> Drive {
+    let snapshot = view.snapshot;
+    let steps = view.lang.steps();
+    let unreached = snapshot.unreached(Output::ManeuverStop).filter(|_| view.has_stages());
+    let unreached = unreached.map(|why| match why {
+        Unreached::Unheard => steps.no_listener,
+        Unreached::Unpublished => steps.not_stoppable,
+    });
+    let cleared = snapshot.stage == Stage::Cleared;
+    let release = requests::waits_for_release(view);
+    let request = requests::moving(view).next();
+    let stands = snapshot.motion.moving == Moving::No;
+    let progress = request.map(|it| requests::progress(view, it));
+    let (icon, title, text) = match progress {
+        // The instruction says it.
+        _ if cleared => ("ready", "", String::new()),
+        // A vehicle that stands has nothing to respond to.
+        Some(_) if release && stands && request.is_some_and(requests::is_engaged) => {
+            ("idle", steps.held_until, condition(view))
+        }
+        Some(progress) if release && stands => ("idle", steps.held_until, progress.to_owned()),
+        Some(_) if stands && request.is_some_and(requests::is_engaged) => {
+            ("idle", steps.held_back, String::new())
+        }
+        Some(progress) if snapshot.stop_requested() => ("stop", progress, String::new()),
+        Some(progress) => ("slow", progress, String::new()),
+        None => ("drive", steps.drives, String::new()),
+    };
+    Drive { release, withdraw: cleared, icon, title, text: unreached.map_or(text, str::to_owned) }
+}
+
+fn locating(view: &View<'_>) -> NextStep {
+    let snapshot = view.snapshot;
+    let steps = view.lang.steps();
+    let at = snapshot.localization.pose.and_then(|pose| {
+        let here = |stop: &&Stop| (stop.x_m, stop.y_m) == (pose.x_m, pose.y_m);
+        snapshot.layout.stops.iter().find(here)
+    });
+    let title = match at {
+        Some(stop) => format!("{}: {}", steps.locating, view.lang.pick(&stop.name, NAME)),
+        None => steps.locating.to_owned(),
+    };
+    let group = match snapshot.node(LOCALIZATION_GROUP) {
+        Some(NodeId::Group(id)) => {
+            let (_, group) = snapshot.group(id);
+            let because = view.reason(NodeId::Group(id), group.reason.as_ref());
+            let because = if because.is_empty() { view.lang.state(group.state).to_owned() } else { because };
+            format!("{}: {because}. ", view.group_name(id))
+        }
+        _ => String::new(),
+    };
+    let hint = if snapshot.localization.ok_since.is_some() { "" } else { steps.locating_long };
+    NextStep::Locating { title, text: format!("{group}{hint}") }
+}
+
+fn clear(view: &View<'_>) -> NextStep {
+    let release = view.snapshot.motion.may_move() && requests::waits_for_release(view);
+    NextStep::Clear { ready: view.snapshot.clearance_refusals.is_empty(), checks: view.checks(), release }
+}
+
+/// The condition of the vehicle. What to do about it stands beside the causes.
+fn condition(view: &View<'_>) -> String {
+    let steps = view.lang.steps();
+    match view.snapshot.overall {
+        State::Ok | State::Ignore => steps.nothing_wrong.to_owned(),
+        State::Unknown => steps.no_sight.to_owned(),
+        state @ (State::Warning | State::Error) => {
+            let tiles = view.board.tiles.iter().copied();
+            let names: Vec<String> = tiles
+                .filter(|&id| view.snapshot.group(id).1.state == state)
+                .map(|id| view.group_name(id))
+                .collect();
+            if names.is_empty() {
+                view.lang.state(state).to_owned()
+            } else {
+                view.lang.not_fit(&names.join(", "), state)
+            }
+        }
+    }
+}
+
+fn stops(view: &View<'_>) -> Vec<StopHtml> {
+    let stop = |stop: &Stop| StopHtml { id: clean(&stop.id, ID), name: view.lang.pick(&stop.name, NAME) };
+    view.snapshot.layout.stops.iter().map(stop).collect()
+}
+
+#[derive(Template)]
+#[template(path = "partials/stops.html")]
+struct StopsHtml {
+    steps: &'static StepWords,
+    swap: bool,
+    replay: bool,
+    version: u64,
+    stops: Vec<StopHtml>,
+}
+
+/// All stops as buttons, for the sheet.
+pub fn all_stops(view: &View<'_>) -> Fragment {
+    let steps = view.lang.steps();
+    let version = view.seen.of(Aspect::Stage);
+    let (swap, replay) = (view.swap, view.replay);
+    let html = html(&StopsHtml { steps, swap, replay, version, stops: stops(view) });
+    Fragment { id: "all-stops".to_owned(), html }
+}
+
+#[derive(Template)]
+#[template(path = "partials/checks.html")]
+struct ChecksHtml {
+    swap: bool,
+    checks: Vec<Check>,
+}
+
+/// All checks before a clearance, for the sheet.
+pub fn all_checks(view: &View<'_>) -> Fragment {
+    let checks = if view.snapshot.stage == Stage::Standby { view.checks() } else { Vec::new() };
+    let html = html(&ChecksHtml { swap: view.swap, checks });
+    Fragment { id: "all-checks".to_owned(), html }
+}

@@ -1,0 +1,384 @@
+//! The entries of the list of faults, before they are fitted into the available room.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, HashMap};
+
+use telltale_engine::model::wording::Urgency;
+use telltale_engine::model::{GroupId, ModuleId, NodeId, Stage};
+use telltale_engine::snapshot::{Alarm, Reason, RootCause};
+use telltale_engine::state::State;
+use telltale_engine::time::{Span, Timestamp};
+
+use crate::view::View;
+use crate::view::node_names::ModuleMessage;
+use crate::view::versions::Aspect;
+
+/// WARNINGs of one component that are entries of their own; more of them are one.
+const WARNINGS_NAMED: usize = 3;
+
+/// One entry of the list.
+#[derive(Debug, Clone)]
+pub struct FaultEntry {
+    pub node: NodeId,
+    pub state: State,
+    pub title: String,
+    pub message: ModuleMessage,
+    pub place: String,
+    /// The components that show it.
+    pub places: Vec<String>,
+    pub since: Timestamp,
+    pub waits: String,
+    pub masks: u32,
+    pub help: String,
+    /// How soon the operator of a driving vehicle has to act.
+    pub urgency: Option<Urgency>,
+    /// It waits for a cause too, which does not explain it.
+    pub second: bool,
+    /// It is an alarm that nobody has acknowledged.
+    pub unacknowledged: bool,
+    /// The fault is over, and nobody has acknowledged it.
+    pub over: bool,
+    /// For how long it lasted, once it is over.
+    pub lasted: Option<Span>,
+    /// Somebody has acknowledged it, and when, if that is known.
+    pub seen: Option<Option<Timestamp>>,
+    /// What an acknowledgement of this entry is for.
+    pub acknowledge: Option<AcknowledgeTarget>,
+}
+
+/// An alarm or a node, as the route of the acknowledgement names it.
+#[derive(Debug, Clone)]
+pub struct AcknowledgeTarget {
+    pub id: String,
+    pub aspect: Aspect,
+}
+
+/// All entries: what is over stands last, and the most urgent advice first.
+pub fn entries(view: &View<'_>) -> Vec<FaultEntry> {
+    let roots = view.snapshot.roots.iter();
+    let mut entries: Vec<FaultEntry> = roots.map(|root| of_root(view, root)).collect();
+    add_unexplained(view, &mut entries);
+    add_past_alarms(view, &mut entries);
+    add_causes_of_countermeasures(view, &mut entries);
+    let mut entries = join_by_status(view, entries);
+    entries.sort_by_key(|entry| (entry.over, Reverse(entry.urgency)));
+    entries
+}
+
+/// Entries of one status in several components become one, which names the components.
+fn join_by_status(view: &View<'_>, entries: Vec<FaultEntry>) -> Vec<FaultEntry> {
+    let mut first: HashMap<&str, usize> = HashMap::new();
+    let mut found: Vec<FaultEntry> = Vec::with_capacity(entries.len());
+    for entry in entries {
+        let status = view.snapshot.status_of(entry.node);
+        match status.and_then(|status| first.insert(status, found.len())) {
+            None => found.push(entry),
+            Some(index) => {
+                first.extend(status.map(|status| (&**status, index)));
+                let known = found[index].clone();
+                found[index] = joined(view, known, entry);
+            }
+        }
+    }
+    found
+}
+
+/// The worse of two entries, with the components of both and the acknowledgement of either.
+fn joined(view: &View<'_>, a: FaultEntry, b: FaultEntry) -> FaultEntry {
+    let (entry, other) = if (b.over, a.state) < (a.over, b.state) { (b, a) } else { (a, b) };
+    let mut places = entry.places;
+    places.extend(other.places.into_iter().filter(|place| !places.contains(place)).collect::<Vec<_>>());
+    let (title, place) = match entry.node {
+        NodeId::Module(id) => titled(view, id, entry.state, &places.join(", ")),
+        NodeId::Group(_) => (entry.title, entry.place),
+    };
+    let acknowledge = match (&entry.acknowledge, &other.acknowledge) {
+        (Some(_), Some(_)) => Some(by_name(view, entry.node)),
+        (one, another) => one.clone().or_else(|| another.clone()),
+    };
+    let waits = if other.masks > entry.masks { other.waits } else { entry.waits };
+    FaultEntry {
+        title,
+        place,
+        places,
+        since: entry.since.min(other.since),
+        waits,
+        masks: entry.masks.max(other.masks),
+        urgency: entry.urgency.max(other.urgency),
+        second: entry.second || other.second,
+        unacknowledged: entry.unacknowledged || other.unacknowledged,
+        acknowledge,
+        seen: entry.seen.and(other.seen),
+        ..entry
+    }
+}
+
+fn of_root(view: &View<'_>, root: &RootCause) -> FaultEntry {
+    let state = view.snapshot.shown(root.node).0;
+    let entry = match root.node {
+        NodeId::Module(id) => of_module(view, id, state),
+        NodeId::Group(id) => of_group(view, id, state, view.no_member(id)),
+    };
+    let entry = if root.grace { asking_nothing(view, entry) } else { entry };
+    let alarm = view.snapshot.alarms.iter().find(|alarm| alarm.active && alarm.node == root.node);
+    let target = alarm.filter(|alarm| !alarm.acknowledged);
+    FaultEntry {
+        since: root.since,
+        masks: root.masks,
+        second: root.second,
+        waits: waits(view, root),
+        unacknowledged: target.is_some(),
+        acknowledge: target.map(|alarm| by_number(alarm.id)),
+        seen: alarm.filter(|alarm| alarm.acknowledged).map(|alarm| alarm.acknowledged_at),
+        ..entry
+    }
+}
+
+/// What a root cause masks: `Four wait`.
+fn waits(view: &View<'_>, root: &RootCause) -> String {
+    let own = view.board.tile_of(root.node);
+    let masked =
+        |reason: &Option<Reason>| matches!(reason, Some(Reason::Masked { by }) if by.contains(&root.node));
+    let tiles = view.board.tiles.iter().enumerate();
+    let waiting =
+        tiles.filter(|&(tile, &id)| Some(tile) != own && masked(&view.snapshot.group(id).1.reason)).count();
+    match (waiting, root.masks) {
+        (0, 0) => String::new(),
+        (0, masks) => view.lang.modules_wait(masks as usize),
+        (tiles, _) => view.lang.others_wait(tiles),
+    }
+}
+
+fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
+    let (info, module) = view.snapshot.module(id);
+    let component = view.tile_name(NodeId::Module(id));
+    let (title, place) = titled(view, id, state, &component);
+    let mut message = view.message_of(module);
+    // Of a fault with a name, what its module reports and measures stands behind its component, if it has one; here
+    // only its silence counts. Without a name the message is all that says what is wrong.
+    let is_named = view.name_of_fault(info, state).is_some();
+    let is_behind_tile = view.board.tile_of(NodeId::Module(id)).is_some();
+    if state == State::Unknown || (module.received.is_some() && is_behind_tile && is_named) {
+        message.text.clear();
+    }
+    let node = NodeId::Module(id);
+    let urgency = view.asks(node, state);
+    FaultEntry {
+        node,
+        state,
+        message,
+        title,
+        place,
+        places: vec![component],
+        since: module.since,
+        waits: String::new(),
+        masks: 0,
+        help: help(view, node, state, urgency),
+        urgency,
+        second: false,
+        unacknowledged: false,
+        over: false,
+        lasted: None,
+        seen: None,
+        acknowledge: None,
+    }
+}
+
+/// The entry of what still has time to report. While the vehicle drives it asks nobody for anything: each
+/// departure makes components relevant that have to be heard first.
+fn asking_nothing(view: &View<'_>, entry: FaultEntry) -> FaultEntry {
+    match view.stage_of_advice() {
+        Stage::Cleared | Stage::Active => FaultEntry { help: String::new(), urgency: None, ..entry },
+        Stage::Locked | Stage::Localizing | Stage::Standby => entry,
+    }
+}
+
+/// The title of a fault, and its place. Without a configured name the title names the component, and the
+/// place is the module.
+fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (String, String) {
+    let (info, _) = view.snapshot.module(id);
+    let named = view.name_of_fault(info, state).is_some();
+    let place = if named { components.to_owned() } else { view.label(info) };
+    (view.fault_at(id, state, components), place)
+}
+
+/// What to do: the configuration's `help`, or else the page's advice for this state and stage.
+fn help(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -> String {
+    if is_held(view, node) {
+        return view.lang.steps().reset_here.to_owned();
+    }
+    view.help(node, state).unwrap_or_else(|| advice(view, node, state, urgency).to_owned())
+}
+
+/// The page's own advice. To take over is advised only while the vehicle drives.
+fn advice(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -> &'static str {
+    let steps = view.lang.steps();
+    let (drives, fails) = match (view.stage_of_advice(), state) {
+        (_, State::Ok | State::Ignore) | (Stage::Locked, _) => return "",
+        (stage, state) => (matches!(stage, Stage::Cleared | Stage::Active), state != State::Warning),
+    };
+    match (view.has_stages(), drives, fails) {
+        (false, _, true) => steps.check_machine,
+        (false, _, false) => steps.keep_an_eye,
+        (true, true, true) if urgency == Some(Urgency::TakeOver) => steps.take_over_stop,
+        (true, true, true) => steps.take_over_ready,
+        (true, true, false) => steps.go_on_alert,
+        (true, false, true) if state == State::Unknown => steps.wait_for_report,
+        (true, false, true) => steps.stay,
+        (true, false, false) if view.snapshot.stage == Stage::Localizing => steps.nothing_to_do,
+        (true, false, false) if view.snapshot.accepted.contains(&node) => steps.nothing_to_do,
+        (true, false, false) => steps.acknowledge_first,
+    }
+}
+
+/// The fault is over, and its ERROR stays until somebody resets it.
+fn is_held(view: &View<'_>, node: NodeId) -> bool {
+    let NodeId::Module(id) = node else { return false };
+    let steps = view.snapshot.module(id).1.steps;
+    steps.latched && !steps.in_error && view.board.tile_of(node).is_some()
+}
+
+fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultEntry {
+    let node = NodeId::Group(id);
+    let urgency = view.asks(node, state);
+    FaultEntry {
+        node,
+        state,
+        title: view.group_name(id),
+        message: ModuleMessage::default(),
+        place,
+        places: Vec::new(),
+        since: view.snapshot.group(id).1.since,
+        waits: String::new(),
+        masks: 0,
+        help: help(view, node, state, urgency),
+        urgency,
+        second: false,
+        unacknowledged: false,
+        over: false,
+        lasted: None,
+        seen: None,
+        acknowledge: None,
+    }
+}
+
+/// Adds faults that are no root causes. Several of one state in one component are one entry. A component
+/// whose fault no entry explains is an entry itself.
+fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
+    let roots: Vec<NodeId> = view.snapshot.roots.iter().map(|root| root.node).collect();
+    let mut found = Vec::new();
+    for id in view.watched() {
+        let modules = view.modules_of(id);
+        for state in [State::Error, State::Unknown, State::Warning] {
+            let visible = |&module: &ModuleId| view.snapshot.module(module).1.state == state;
+            let of_state: Vec<ModuleId> = modules
+                .iter()
+                .copied()
+                .filter(|module| visible(module) && !roots.contains(&NodeId::Module(*module)))
+                .collect();
+            // An operator who accepts a WARNING must read which one.
+            if state == State::Warning && of_state.len() <= WARNINGS_NAMED {
+                found.extend(of_state.iter().map(|&one| FaultEntry {
+                    acknowledge: of_warnings(view, id, &[one]),
+                    ..of_module(view, one, state)
+                }));
+                continue;
+            }
+            let has_time = |&module: &ModuleId| view.snapshot.module(module).1.steps.grace;
+            let all_have_time = state == State::Unknown && of_state.iter().all(has_time);
+            let entry = match *of_state {
+                [] => continue,
+                [one] => of_module(view, one, state),
+                _ => {
+                    let since = of_state.iter().map(|&module| view.snapshot.module(module).1.since);
+                    let since = since.min().unwrap_or(view.snapshot.now);
+                    FaultEntry { since, ..of_group(view, id, state, view.lang.times(of_state.len(), state)) }
+                }
+            };
+            let entry = if all_have_time { asking_nothing(view, entry) } else { entry };
+            let acknowledge = (state == State::Warning).then(|| of_warnings(view, id, &of_state)).flatten();
+            found.push(FaultEntry { acknowledge, ..entry });
+        }
+        let (_, group) = view.snapshot.group(id);
+        let faulty = !matches!(group.state, State::Ok | State::Ignore);
+        let mut said = roots.iter().copied().chain(found.iter().map(|entry| entry.node));
+        let tile = view.board.tile_of(NodeId::Group(id));
+        if faulty && !said.any(|node| node == NodeId::Group(id) || view.board.tile_of(node) == tile) {
+            found.push(of_group(view, id, group.state, view.lang.state(group.state).to_owned()));
+        }
+    }
+    found.sort_by_key(|entry| std::cmp::Reverse(entry.state));
+    entries.extend(found);
+}
+
+/// The first WARNING of a component that nobody has accepted.
+fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<AcknowledgeTarget> {
+    let is_component = view.board.tiles.contains(&group);
+    let open = modules.iter().find(|&&module| !view.snapshot.accepted.contains(&NodeId::Module(module)))?;
+    let aspect = if is_component { Aspect::Component(group) } else { Aspect::Stage };
+    Some(AcknowledgeTarget { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), aspect })
+}
+
+/// Adds alarms that are over and not acknowledged: one entry for each node. If the fault of the node is
+/// back, its entry acknowledges them too.
+fn add_past_alarms(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
+    let mut of_node: BTreeMap<NodeId, (usize, &Alarm)> = BTreeMap::new();
+    for alarm in view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged) {
+        let (count, last) = of_node.entry(alarm.node).or_insert((0, alarm));
+        *count += 1 + alarm.repeats as usize;
+        *last = alarm;
+    }
+    let mut found: Vec<(u64, FaultEntry)> = Vec::new();
+    for (node, (count, alarm)) in of_node {
+        let id = alarm.id;
+        if let Some(back) = entries.iter_mut().find(|entry| entry.node == node) {
+            let of_both = back.acknowledge.is_some();
+            back.acknowledge = Some(if of_both || count > 1 { by_name(view, node) } else { by_number(id) });
+            continue;
+        }
+        let entry = match node {
+            NodeId::Module(module) => of_module(view, module, State::Error),
+            NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
+        };
+        let acknowledge = Some(if count > 1 { by_name(view, node) } else { by_number(id) });
+        let message = ModuleMessage { text: view.lang.so_often(count), silent: None };
+        let help = String::new();
+        let lasted = alarm.ended.map(|ended| ended.since(alarm.raised));
+        let since = alarm.raised;
+        found.push((id, FaultEntry { since, message, help, over: true, lasted, acknowledge, ..entry }));
+    }
+    found.sort_by_key(|(id, _)| *id);
+    entries.extend(found.into_iter().map(|(_, entry)| entry));
+}
+
+/// Adds the acknowledgements for which a countermeasure waits, where no entry offers them: for a cause
+/// whose alarm was acknowledged before, for a WARNING, for a node whose group became the cause.
+fn add_causes_of_countermeasures(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
+    let moving = view.snapshot.countermeasures.iter().filter(|it| it.request.kind().moves());
+    for cause in moving.flat_map(|it| it.causes.iter()).filter(|cause| !cause.acknowledged) {
+        let target = Some(by_name(view, cause.node));
+        if let Some(entry) = entries.iter_mut().find(|entry| entry.node == cause.node) {
+            entry.acknowledge = entry.acknowledge.take().or(target);
+            continue;
+        }
+        let entry = match cause.node {
+            NodeId::Module(module) => of_module(view, module, State::Error),
+            NodeId::Group(group) => of_group(view, group, State::Error, String::new()),
+        };
+        let (message, help) = (ModuleMessage::default(), String::new());
+        entries.push(FaultEntry { message, help, over: !cause.present, acknowledge: target, ..entry });
+    }
+}
+
+fn by_number(id: u64) -> AcknowledgeTarget {
+    AcknowledgeTarget { id: id.to_string(), aspect: Aspect::Alarm(id) }
+}
+
+/// All alarms of a node. The version is that of the component around it.
+fn by_name(view: &View<'_>, node: NodeId) -> AcknowledgeTarget {
+    let tile = view.board.tile_of(node).map(|tile| view.board.tiles[tile]);
+    AcknowledgeTarget {
+        id: view.snapshot.node_name(node).to_string(),
+        aspect: tile.map_or(Aspect::Stage, Aspect::Component),
+    }
+}

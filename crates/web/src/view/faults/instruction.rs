@@ -1,0 +1,260 @@
+//! The instruction: what the operator has to do now, and below it what the vehicle does and because of what.
+
+use askama::Template;
+
+use super::entries::FaultEntry;
+use crate::view::node_names::icon;
+use crate::view::{Fragment, View, html, requests};
+use telltale_engine::input::Refusal;
+use telltale_engine::model::wording;
+use telltale_engine::model::{NodeId, Stage};
+use telltale_engine::snapshot::{Moving, Reason};
+use telltale_engine::state::State;
+
+/// A longer text is too long for one line of large type: its later sentences stand beside the fault.
+const TITLE_LETTERS: usize = 36;
+
+/// How soon the operator has to act. The last one is the most urgent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Urgency {
+    /// Nothing to do.
+    #[default]
+    None,
+    /// The next step of the stage, or a fault at a stop.
+    Act,
+    BeReady,
+    TakeOver,
+}
+
+impl Urgency {
+    /// The word of the `data-urgency` attribute.
+    const fn as_str(self) -> &'static str {
+        match self {
+            Urgency::None => "none",
+            Urgency::Act => "act",
+            Urgency::BeReady => "be_ready",
+            Urgency::TakeOver => "take_over",
+        }
+    }
+}
+
+impl From<wording::Urgency> for Urgency {
+    fn from(urgency: wording::Urgency) -> Urgency {
+        match urgency {
+            wording::Urgency::BeReady => Urgency::BeReady,
+            wording::Urgency::TakeOver => Urgency::TakeOver,
+        }
+    }
+}
+
+#[derive(Template)]
+#[template(path = "partials/instruction.html")]
+struct InstructionHtml {
+    swap: bool,
+    urgency: &'static str,
+    /// The step cannot be taken now.
+    blocked: bool,
+    icon: &'static str,
+    title: String,
+    line: String,
+    sentences: Vec<requests::Sentence>,
+    /// The strongest request to the vehicle and its state.
+    request: Option<(&'static str, &'static str)>,
+}
+
+/// What the instruction says. An empty title is none.
+#[derive(Debug, Default)]
+struct Instruction {
+    urgency: Urgency,
+    blocked: bool,
+    icon: &'static str,
+    title: String,
+    /// Sentences before those about the requests.
+    line: String,
+    /// The fault that it tells of.
+    node: Option<NodeId>,
+}
+
+pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
+    let it = of_stage(view, entries);
+    let sentences = requests::sentences(view);
+    // Without a request the second line names the fault.
+    let fault = it.node.filter(|_| sentences.is_empty());
+    let fault = fault.and_then(|node| entries.iter().find(|entry| entry.node == node));
+    let fault = fault.map(|entry| format!("{}.", entry.title));
+    // Only the advice on a fault has another place for its later sentences.
+    let title = if it.node.is_some() { split(&it.title).0 } else { &it.title };
+    let line = [it.line].into_iter().chain(fault);
+    let html = html(&InstructionHtml {
+        swap: view.swap,
+        urgency: it.urgency.as_str(),
+        blocked: it.blocked,
+        icon: it.icon,
+        title: title.to_owned(),
+        line: line.filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" "),
+        sentences,
+        request: view.snapshot.countermeasure().map(|it| (it.request.as_str(), it.state.as_str())),
+    });
+    Fragment { id: "instruction".to_owned(), html }
+}
+
+/// The fault whose advice the instruction is, and the sentences of it that have no room there: no other part of
+/// the page repeats the instruction.
+pub fn told(view: &View<'_>, entries: &[FaultEntry]) -> Option<(NodeId, String)> {
+    let it = of_stage(view, entries);
+    Some((it.node?, split(&it.title).1.to_owned()))
+}
+
+fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
+    let snapshot = view.snapshot;
+    let steps = view.lang.steps();
+    let act = |icon, title: &str| Instruction {
+        urgency: Urgency::Act,
+        icon,
+        title: title.to_owned(),
+        ..Instruction::default()
+    };
+    match snapshot.stage {
+        Stage::Locked => Instruction::default(),
+        Stage::Localizing if snapshot.localization.given.is_some() => at_a_stop(view, entries)
+            .unwrap_or_else(|| Instruction { urgency: Urgency::None, ..act("locating", steps.locating) }),
+        Stage::Localizing => act("stage-localizing", steps.where_is_it),
+        Stage::Standby if snapshot.clearance_refusals.is_empty() => act("drive", steps.clear_to_drive),
+        Stage::Standby => at_a_stop(view, entries).unwrap_or_else(|| {
+            let no_goal = snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
+            let title = if no_goal { steps.wait_for_goal } else { steps.wait };
+            Instruction { urgency: Urgency::None, ..act("ready", title) }
+        }),
+        Stage::Cleared | Stage::Active => driving(view, entries),
+    }
+}
+
+/// The advice on the first fault that keeps the vehicle at its stop.
+fn at_a_stop(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
+    let mut faults = entries.iter().filter(|entry| !entry.over && !entry.help.is_empty());
+    let entry = faults
+        .find(|entry| entry.state != State::Warning || !view.snapshot.accepted.contains(&entry.node))?;
+    Some(Instruction {
+        urgency: Urgency::Act,
+        blocked: true,
+        icon: icon(entry.state, None),
+        title: entry.help.clone(),
+        node: Some(entry.node),
+        ..Instruction::default()
+    })
+}
+
+fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
+    let steps = view.lang.steps();
+    let request = requests::moving(view).next();
+    let stands = view.snapshot.motion.moving == Moving::No;
+    let say = |urgency, icon, title: &str| Instruction {
+        urgency,
+        icon,
+        title: title.to_owned(),
+        ..Instruction::default()
+    };
+    if let Some(it) = request.filter(|it| requests::fails(it) && view.has_stages() && !stands) {
+        let how = requests::progress(view, it).to_owned();
+        return Instruction { line: how, ..say(Urgency::TakeOver, "error", steps.take_over_stop) };
+    }
+    let advice = match request {
+        Some(_) if stands && requests::waits_for_release(view) => None,
+        Some(_) if stands => at_a_stop(view, entries),
+        _ => advice(view, entries),
+    };
+    if let Some(advice) = advice {
+        return advice;
+    }
+    let title = match (request, stands) {
+        (None, _) if view.snapshot.stage == Stage::Cleared => {
+            return say(Urgency::None, "ready", steps.may_start);
+        }
+        (None, _) => return Instruction::default(),
+        (Some(_), _) if !requests::waits_for_release(view) => {
+            return say(Urgency::None, "slow", steps.held_back);
+        }
+        // The operator's own stop needs no other step before the vehicle stands.
+        (Some(it), false) if it.causes.is_empty() => return say(Urgency::None, "stop", steps.stop_requested),
+        (Some(it), true) if it.causes.is_empty() => steps.stopped_continue,
+        (Some(_), true) => steps.stopped_cause_gone,
+        (Some(_), false) => steps.cause_gone,
+    };
+    say(Urgency::Act, "idle", title)
+}
+
+/// The most urgent advice among the present faults; the first of them if several are alike. If none in sight asks for
+/// as much as one that waits for its cause, or as was asked before, it is the advice of that one, with the cause in sight.
+fn advice(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
+    let present = entries.iter().filter(|entry| !entry.over && !entry.help.is_empty());
+    let rated =
+        present.map(|entry| (urgency(view, entry), entry)).filter(|(urgency, _)| *urgency > Urgency::None);
+    // `max_by_key` gives the last of those that are alike.
+    let first = rated.rev().max_by_key(|(urgency, _)| *urgency);
+    let (urgency, node, state, title) = match (first, view.asked()) {
+        (first, Some(asked)) if first.is_none_or(|(urgency, _)| urgency < asked.urgency.into()) => {
+            let node = in_sight(view, entries, asked.node);
+            (asked.urgency.into(), node, State::Error, view.advice_of(asked))
+        }
+        (Some((urgency, entry)), _) => (urgency, entry.node, entry.state, entry.help.clone()),
+        (None, _) => return None,
+    };
+    Some(Instruction {
+        urgency,
+        blocked: urgency == Urgency::Act,
+        icon: match urgency {
+            Urgency::TakeOver => "error",
+            Urgency::BeReady => "warning",
+            Urgency::Act | Urgency::None => icon(state, None),
+        },
+        title,
+        node: Some(node),
+        ..Instruction::default()
+    })
+}
+
+/// The node of the entry that stands for a fault: its own, or that of its first cause.
+fn in_sight(view: &View<'_>, entries: &[FaultEntry], node: NodeId) -> NodeId {
+    let causes = match view.snapshot.shown(node).1 {
+        Some(Reason::Masked { by }) => by,
+        Some(Reason::NotRelevant(_)) | None => &[node][..],
+    };
+    let entry = |cause: &NodeId| {
+        let places = view.snapshot.places_of(*cause);
+        entries.iter().find(|entry| !entry.over && places.contains(&entry.node))
+    };
+    causes.iter().find_map(entry).map_or(node, |entry| entry.node)
+}
+
+/// The urgency of a fault in sight. A machine without stages never drives: there a fault is to be seen to.
+fn urgency(view: &View<'_>, entry: &FaultEntry) -> Urgency {
+    match entry.urgency {
+        Some(urgency) => urgency.into(),
+        None if !view.has_stages() && entry.state > State::Warning => Urgency::Act,
+        None => Urgency::None,
+    }
+}
+
+/// The sentences that have room in the first line, and the others.
+fn split(text: &str) -> (&str, &str) {
+    let ends = text.match_indices(". ").map(|(at, _)| at + 1);
+    let fitting = ends.filter(|&end| text[..end].chars().count() <= TITLE_LETTERS).last();
+    match fitting {
+        Some(end) if text.chars().count() > TITLE_LETTERS => (&text[..end], text[end..].trim_start()),
+        _ => (text, ""),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_advice_is_cut_between_sentences() {
+        assert_eq!(split("Take over. Stop."), ("Take over. Stop.", ""));
+        let long = "Take over. Use the emergency brake. Call the control room.";
+        assert_eq!(split(long), ("Take over. Use the emergency brake.", "Call the control room."));
+        let one = "Am nächsten sicheren Ort in der Umgebung anhalten.";
+        assert_eq!(split(one), (one, ""));
+    }
+}

@@ -1,0 +1,213 @@
+//! Tests of the motion in words and numbers.
+
+use super::*;
+use telltale_engine::input::Refusal;
+use telltale_engine::model::countermeasure::Request;
+use telltale_engine::model::output::Output;
+use telltale_engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Motion, Moving};
+use telltale_engine::state::State;
+use telltale_engine::time::{Since, Span};
+
+const SINCE: Since = Since { at: Timestamp::ZERO, before: Span::ZERO };
+
+/// The sample as if this were known of its motion; `destination` is the Main Station.
+fn moved(sample: Sample, moving: Moving, speed_kmh: u32) -> Published {
+    let published = sample.published();
+    let speed_kmh = (moving != Moving::Unknown).then_some(speed_kmh);
+    let motion = Motion { moving, speed_kmh, has_source: true, destination: Some(1) };
+    let snapshot = Snapshot { motion, ..(*published.snapshot).clone() };
+    Published { snapshot: snapshot.into(), ..published }
+}
+
+#[track_caller]
+fn check_motion(published: &Published, lang: Lang, attribute: &str, words: &str) {
+    let html = fragment(published, lang, "motion");
+    assert!(html.contains(&format!("data-moving=\"{attribute}\"")) && !html.contains("aria-live"), "{html}");
+    let text = html.split_once('>').map_or("", |(_, rest)| rest);
+    let text: String =
+        text.split('<').map(|part| part.split_once('>').map_or(part, |(_, text)| text)).collect();
+    assert_eq!(text.trim(), words);
+}
+
+#[test]
+fn a_vehicle_drives_only_while_it_moves_by_itself() {
+    let active = || Sample::shuttle(true);
+    check_motion(&moved(active(), Moving::Yes, 18), Lang::En, "yes", "Driving · 18 km/h · Main Station");
+    check_motion(&moved(active(), Moving::Yes, 18), Lang::De, "yes", "Fährt · 18 km/h · Hauptbahnhof");
+    check_motion(&moved(active(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
+    check_motion(&moved(active(), Moving::No, 0), Lang::De, "no", "Steht · Ziel: Hauptbahnhof");
+    check_motion(&moved(active(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
+    let ready = || Sample::shuttle(false);
+    check_motion(&moved(ready(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h");
+    check_motion(&moved(ready(), Moving::Yes, 4), Lang::De, "yes", "In Bewegung · 4 km/h");
+    check_motion(&moved(ready(), Moving::Unknown, 0), Lang::De, "unknown", "Geschwindigkeit unbekannt");
+}
+
+#[test]
+fn a_request_says_what_the_vehicle_does_while_it_moves() {
+    let stopping = || Sample::shuttle(true).act(OperatorAction::RequestStop);
+    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::En, "yes", "Stopping · 9 km/h · Main Station");
+    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::De, "yes", "Hält an · 9 km/h · Hauptbahnhof");
+    check_motion(&moved(stopping(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
+    let slowing = Countermeasure {
+        request: Request::Decelerate { mps2: 1.0 },
+        by_operator: None,
+        causes: [].into(),
+        since: SINCE,
+        state: CountermeasureState::Requested,
+        latched: false,
+    };
+    let driving = moved(Sample::shuttle(true), Moving::Yes, 9);
+    let snapshot = Snapshot { countermeasures: [slowing].into(), ..(*driving.snapshot).clone() };
+    let slowing = Published { snapshot: snapshot.into(), ..driving };
+    check_motion(&slowing, Lang::En, "yes", "Slowing down · 9 km/h · Main Station");
+    check_motion(&slowing, Lang::De, "yes", "Bremst · 9 km/h · Hauptbahnhof");
+}
+
+#[test]
+fn without_a_source_nothing_is_said_of_driving() {
+    check_motion(&Sample::shuttle(true).published(), Lang::En, "unknown", "No speed signal");
+    check_motion(&Sample::shuttle(true).published(), Lang::De, "unknown", "Kein Tempo-Signal");
+    let machine = || Sample::of(ModelParts { stages: StageModel::None, ..parts() }).pass(2);
+    check_motion(&machine().published(), Lang::En, "unknown", "Running");
+    check_motion(&machine().published(), Lang::De, "unknown", "In Betrieb");
+    check_motion(&moved(machine(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h · Main Station");
+    check_motion(&moved(machine(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
+}
+
+/// The shuttle with a request to stop: by the operator, or by a cause that is there still or over.
+fn asked_to_stop(moving: Moving, cause_is_there: Option<bool>) -> Published {
+    let sample = Sample::shuttle(true);
+    asked_to_stop_from(sample, moving, cause_is_there)
+}
+
+fn asked_to_stop_from(sample: Sample, moving: Moving, cause_is_there: Option<bool>) -> Published {
+    let stopped = moved(sample, moving, 9);
+    let node = stopped.snapshot.node("sensors/imu").expect("it is there");
+    let cause = |present| CountermeasureCause { node, present, acknowledged: true };
+    let held = Countermeasure {
+        request: Request::ManeuverStop,
+        by_operator: cause_is_there.is_none().then_some(SINCE),
+        causes: cause_is_there.map(cause).into_iter().collect(),
+        since: SINCE,
+        state: CountermeasureState::Engaged,
+        latched: true,
+    };
+    let remains = cause_is_there == Some(true);
+    let refusals = remains.then(|| Refusal::CauseRemains { node: "sensors/imu".into() });
+    let snapshot = Snapshot {
+        countermeasures: [held].into(),
+        release_refusals: refusals.into_iter().collect(),
+        ..(*stopped.snapshot).clone()
+    };
+    Published { snapshot: snapshot.into(), ..stopped }
+}
+
+#[test]
+fn a_vehicle_that_was_stopped_and_stands_is_asked_whether_it_goes_on() {
+    let over = |moving| asked_to_stop(moving, Some(false));
+    let act = r#"data-urgency="act""#;
+    let expect = [
+        act,
+        ">Steht. Ursache behoben. Weiterfahren?<",
+        ">Gehalten<span class=\"since\"> seit <time ",
+        "</span>. Vorbei: Bewegungssensor gestört.<",
+    ];
+    check(&over(Moving::No), Lang::De, "instruction", &expect, &[]);
+    let expect = [act, ">Cause gone. Continue?<", ">Stopping safely. Over: Motion sensor disturbed.<"];
+    check(&over(Moving::Yes), Lang::En, "instruction", &expect, &[]);
+}
+
+#[test]
+fn a_vehicle_that_stands_does_not_respond_any_more_it_is_held() {
+    let there = |moving| asked_to_stop(moving, Some(true));
+    check(&there(Moving::No), Lang::En, "step", &[">Held until the cause is gone<"], &["responds"]);
+    check(&there(Moving::Yes), Lang::En, "step", &[">The vehicle responds<"], &["Held until"]);
+}
+
+#[test]
+fn a_stop_of_the_operator_has_no_cause_to_wait_for() {
+    for moving in [Moving::Yes, Moving::No] {
+        let stop = asked_to_stop(moving, None);
+        check(&stop, Lang::En, "causes", &[r#"data-good="true""#, "components OK"], &["Held until"]);
+        check(&stop, Lang::En, "step", &[r#"name="release""#], &["until the cause"]);
+    }
+}
+
+#[test]
+fn no_warning_says_that_one_may_go_on_while_the_vehicle_is_stopped() {
+    let warned = || Sample::shuttle(true).report("can/battery", 1, "18 %", &[]).pass(3);
+    let advice = "You may go on. Stay alert.";
+    check(&moved(warned(), Moving::Yes, 9), Lang::En, "causes", &["Battery is low", advice], &[]);
+    let stopping = asked_to_stop_from(warned(), Moving::Yes, Some(true));
+    check(&stopping, Lang::En, "causes", &["Battery is low"], &[advice]);
+}
+
+#[test]
+fn a_stop_is_offered_in_every_stage_as_long_as_the_vehicle_moves_or_may() {
+    let stop = r#"name="stop""#;
+    let localizing = || Sample::of(parts()).login().signal("active", false).pass(5);
+    for (name, sample) in
+        [("localizing", localizing as fn() -> Sample), ("standby", || Sample::shuttle(false))]
+    {
+        for moving in [Moving::Yes, Moving::Unknown] {
+            let step = fragment(&moved(sample(), moving, 1), Lang::En, "step");
+            assert!(step.contains(stop), "{name} {moving:?}: {step}");
+        }
+        let stands = fragment(&moved(sample(), Moving::No, 0), Lang::En, "step");
+        assert!(!stands.contains(stop), "{name}: {stands}");
+        let deaf = sample().listeners(Output::ManeuverStop, false);
+        check(&moved(deaf, Moving::Yes, 1), Lang::En, "step", &[], &[stop]);
+    }
+    // Beside the step of the stage.
+    check(&moved(Sample::shuttle(false), Moving::Yes, 1), Lang::En, "step", &[r#"name="clearance""#], &[]);
+    check(&Sample::shuttle(false).published(), Lang::En, "step", &[], &[stop]);
+}
+
+#[test]
+fn the_operators_own_stop_is_named_first_and_its_button_is_latched_with_its_time() {
+    let both = asked_to_stop(Moving::Yes, Some(true));
+    let mut measure = both.snapshot.countermeasures[0].clone();
+    measure.by_operator = Some(SINCE);
+    let snapshot = Snapshot { countermeasures: [measure].into(), ..(*both.snapshot).clone() };
+    let both = Published { snapshot: snapshot.into(), ..both };
+    let instruction = fragment(&both, Lang::En, "instruction");
+    let place = |text: &str| instruction.find(text).unwrap_or_else(|| panic!("{text}: {instruction}"));
+    assert!(
+        place(">Stop asked<span class=\"since\"> <time ")
+            < place("Stopping safely. Motion sensor disturbed.")
+    );
+    let latched = [r#"aria-pressed="true""#, r#"if-asked">verlangt <time class="clock""#];
+    check(&both, Lang::De, "step", &latched, &[]);
+}
+
+#[test]
+fn after_a_restart_it_is_said_since_when_and_why_before_anything_is_heard() {
+    let held = |moving| {
+        let slowing = asked_to_stop(moving, Some(true));
+        let node = slowing.snapshot.node("sensors/imu").expect("it is there");
+        let telltale_engine::model::NodeId::Module(id) = node else { panic!("it is a module") };
+        let mut modules = slowing.snapshot.modules.clone();
+        let module = modules.get_mut(id.0 as usize).expect("it is there");
+        (module.received, module.silent, module.own) = (None, false, State::Unknown);
+        let mut measure = slowing.snapshot.countermeasures[0].clone();
+        measure.since.before = Span::from_secs(90);
+        let snapshot = Snapshot { countermeasures: [measure].into(), modules, ..(*slowing.snapshot).clone() };
+        Published { snapshot: snapshot.into(), ..slowing }
+    };
+    let why = ". Motion sensor disturbed, not heard again yet.";
+    check(
+        &held(Moving::No),
+        Lang::En,
+        "instruction",
+        &[">Held<span class=\"since\"> since <time ", why],
+        &[],
+    );
+    check(
+        &held(Moving::Unknown),
+        Lang::En,
+        "instruction",
+        &[">Stopping safely<span", "since <time ", why],
+        &[],
+    );
+}

@@ -1,0 +1,54 @@
+//! Opens files that are read to their end. A pipe or a device may never answer or never end, so what is no regular
+//! file is refused.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+
+use rustix::fs::OFlags;
+
+/// Opens a file for reading; a link to a file will do.
+///
+/// # Errors
+/// It cannot be opened. [`io::ErrorKind::InvalidInput`]: it is no regular file.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Without this flag, a pipe is open only when somebody writes into it. It means nothing for a file.
+    let flags = OFlags::NONBLOCK.bits().cast_signed();
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
+    match file.metadata()?.is_file() {
+        true => Ok(file),
+        false => Err(io::Error::new(io::ErrorKind::InvalidInput, "it is no regular file")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Makes a named pipe that nobody writes into.
+    fn make_pipe(path: &Path) {
+        use rustix::fs::{CWD, FileType, Mode, mknodat};
+        mknodat(CWD, path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap();
+    }
+
+    #[test]
+    fn what_is_no_regular_file_is_refused_at_once() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let [file, link, pipe] = ["file", "link", "pipe"].map(|name| folder.join(name));
+        std::fs::write(&file, "text").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        make_pipe(&pipe);
+        assert!(open(&file).is_ok() && open(&link).is_ok());
+        for refused in [pipe.as_path(), Path::new("/dev/zero"), folder] {
+            assert_eq!(
+                open(refused).unwrap_err().kind(),
+                io::ErrorKind::InvalidInput,
+                "{}",
+                refused.display()
+            );
+        }
+        assert_eq!(open(&folder.join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+}
