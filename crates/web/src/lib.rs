@@ -166,7 +166,7 @@ impl AppState {
             accounts: Accounts::default(),
             session_ends: SessionEnds::default(),
             trends: Trends::default(),
-            replays: Replays::default(),
+            replays: Replays::new(router),
             what_ifs: WhatIfs::default(),
             pending: PendingConfirmation::default(),
             stops: Stops::default(),

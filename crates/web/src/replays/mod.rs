@@ -20,7 +20,7 @@ use tokio::sync::watch;
 use super::incidents::WhatIf;
 use super::live::{first_changes, trend_sampling};
 use super::source::Player;
-use super::{AppState, Settings, router};
+use super::{AppState, Settings};
 pub use differences::differences;
 use missing::Missing;
 pub use moment::moment;
@@ -47,8 +47,10 @@ const OPENING_OF_USER_MAX: usize = 2;
 const IDLE_MAX: Span = Span::from_secs(1800);
 
 /// The open replays, and those that are being opened.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Replays {
+    /// The pages of a replay's screen.
+    routes: fn(AppState) -> Router,
     open: Mutex<Vec<OpenReplay>>,
     opening: Mutex<Vec<Opening>>,
     /// Held while a recording is run to its end: one after the other, the vehicle has the rest of the machine.
@@ -73,6 +75,10 @@ struct OpenReplay {
 }
 
 impl Replays {
+    pub fn new(routes: fn(AppState) -> Router) -> Replays {
+        Replays { routes, open: Mutex::default(), opening: Mutex::default(), turn: Arc::default() }
+    }
+
     /// The open replay by this session, which is used now.
     fn find(&self, subject: Subject, session: &Session, now: Timestamp) -> Option<OpenReplay> {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
@@ -148,7 +154,7 @@ fn start(
     // They end with the source.
     tokio::spawn(first_changes::watch(inner.clone()));
     tokio::spawn(trend_sampling::watch(inner.clone()));
-    let (used, screen) = (app.clock.now(), router(inner));
+    let (used, screen) = (app.clock.now(), (app.replays.routes)(inner));
     let session = session.clone();
     Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, missing, edited })
 }
