@@ -1,46 +1,12 @@
-//! The rules of the house that the compiler does not hold: who may use whom, how long a file may
-//! be, where a clock is read, that no template is dead, and how pages, scripts and styles begin.
+//! The rules of the house that neither the compiler nor clippy holds: circles of imports, how long a file may be, that
+//! no template is dead, how pages, scripts and styles begin, and what the documentation says of the house.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Each room of `src` and what it may use of the others, beside what it holds itself. `cli` and
-/// the crate's root wire everything.
-const MAY_USE: &[(&str, &[&str])] = &[
-    ("engine", &[]),
-    ("input_file", &[]),
-    ("yaml", &["input_file"]),
-    ("config", &["engine", "yaml"]),
-    ("import", &["engine", "yaml", "config"]),
-    ("clock", &["engine"]),
-    ("init", &["engine", "yaml"]),
-    ("record", &["engine", "clock", "input_file", "msg"]),
-    ("latency", &["engine"]),
-    ("runtime", &["engine", "clock", "latency", "msg", "record"]),
-    ("msg", &["engine", "input_file"]),
-    ("replay", &["engine", "input_file", "yaml", "config", "msg", "record"]),
-    ("ros", &["engine", "clock", "msg"]),
-    ("store", &["engine", "clock", "latency", "record", "yaml"]),
-    ("picture", &["engine", "yaml"]),
-    ("sim", &["engine", "yaml", "config", "picture"]),
-    ("web", &["engine", "clock", "latency", "runtime", "store", "picture", "record", "replay"]),
-    ("metrics", &["engine", "latency", "record", "runtime", "web"]),
-];
-
-/// Words that must not stand in the pure core. Its types derive serde's traits; the format of a file is another
-/// room's affair.
-const IMPURE: &[&str] = &[
-    "tokio",
-    "serde_json",
-    "tracing",
-    "std::fs",
-    "std::net",
-    "std::thread",
-    "std::env",
-    "async fn",
-    "println!",
-];
+/// Words that must not stand in the pure core; its packages are those of `crates/engine/Cargo.toml`.
+const IMPURE: &[&str] = &["std::fs", "std::net", "std::thread", "std::env", "async fn", "println!"];
 
 const LINES_MAX: usize = 600;
 const COLUMNS_MAX: usize = 140;
@@ -70,11 +36,17 @@ fn below(folder: &Path, extension: &str) -> Vec<PathBuf> {
     found
 }
 
-/// The room of a source file: its first folder under `src`, or its own name there.
-fn room(file: &Path) -> String {
-    let inside = file.strip_prefix(root().join("src")).expect("it was found there");
-    let first = inside.components().next().expect("a file has a name").as_os_str().to_string_lossy();
-    first.trim_end_matches(".rs").to_owned()
+/// The folders of the packages, with their names.
+fn packages() -> BTreeMap<String, PathBuf> {
+    let crates = fs::read_dir(root().join("crates")).expect("the folder can be listed");
+    let crates = crates.map(|entry| entry.expect("the folder can be listed").path());
+    let named = crates.map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), path));
+    named.chain([("telltale".into(), root())]).collect()
+}
+
+/// The sources of all packages.
+fn sources() -> Vec<PathBuf> {
+    packages().values().flat_map(|package| files(&package.join("src"), "rs")).collect()
 }
 
 /// The source without its comments and without the tests at its end.
@@ -84,155 +56,185 @@ fn code(file: &Path) -> String {
     code.lines().filter(|line| !line.trim_start().starts_with("//")).collect::<Vec<_>>().join("\n")
 }
 
-#[test]
-fn rooms_use_only_what_they_may() {
-    let mut wrong = Vec::new();
-    for file in files(&root().join("src"), "rs") {
-        let room = room(&file);
-        let Some((_, allowed)) = MAY_USE.iter().find(|(name, _)| *name == room) else { continue };
-        let code = code(&file);
-        assert!(!code.contains("crate::{"), "{}: name each room in a `use` of its own", file.display());
-        for used in code.split("crate::").skip(1) {
-            let used: String = used.chars().take_while(|it| it.is_alphanumeric() || *it == '_').collect();
-            if used != room && !allowed.contains(&used.as_str()) {
-                wrong.push(format!("{} uses {used}", file.display()));
-            }
-        }
-    }
-    assert!(wrong.is_empty(), "{wrong:#?}");
+/// The packages of this repository that a package needs, without those of its tests.
+fn needs(package: &Path) -> BTreeSet<String> {
+    let text = fs::read_to_string(package.join("Cargo.toml")).expect("a package has a manifest");
+    let lines = text.lines().skip_while(|line| *line != "[dependencies]").skip(1);
+    let lines = lines.take_while(|line| !line.starts_with('['));
+    lines.filter_map(|line| Some(line.strip_prefix("telltale-")?.split('.').next()?.to_owned())).collect()
 }
 
-/// The modules that a file imports, each as its path from `src`.
-fn imports(file: &Path) -> Vec<Vec<String>> {
-    let inside = file.strip_prefix(root().join("src")).expect("it was found there").with_extension("");
-    let mut own: Vec<String> = inside.iter().map(|it| it.to_string_lossy().into_owned()).collect();
-    if own.last().is_some_and(|it| it == "mod") {
-        own.pop();
+#[test]
+fn the_document_names_each_package_with_what_it_needs() {
+    let text = fs::read_to_string(root().join("docs/architecture.md")).expect("the document is readable");
+    let rows = text.lines().skip_while(|line| !line.starts_with("| package |")).skip(2);
+    let cells = rows.take_while(|line| line.starts_with('|')).map(|line| line.split('|').collect::<Vec<_>>());
+    let names =
+        |cell: &str| -> Vec<String> { cell.split('`').skip(1).step_by(2).map(str::to_owned).collect() };
+    let said: BTreeMap<String, BTreeSet<String>> =
+        cells.map(|cells| (names(cells[1])[0].clone(), names(cells[3]).into_iter().collect())).collect();
+    let all: BTreeSet<String> = packages().into_keys().filter(|name| name != "telltale").collect();
+    let needed = packages().into_iter().map(|(name, path)| (name, needs(&path)));
+    let needed =
+        needed.map(
+            |(name, needs)| if needs == all { (name, BTreeSet::from(["all".into()])) } else { (name, needs) },
+        );
+    assert_eq!(said, needed.collect());
+}
+
+/// What the document names with a file's extension or as a folder lies at the end of some path here.
+#[test]
+fn the_document_names_no_file_that_is_not_there() {
+    let text = fs::read_to_string(root().join("docs/architecture.md")).expect("the document is readable");
+    // As it lies here, and as the page shortens it.
+    let both = |path: &Path| {
+        let path = format!("/{}", path.strip_prefix(root()).expect("it was found there").display());
+        let short = path.replacen("/crates/", "/", 1).replacen("/src/", "/", 1);
+        [path, short]
+    };
+    let mut known: Vec<String> = Vec::new();
+    for folder in ["src", "crates", "docs", "static", "templates", "tests", "config", "benches"] {
+        for extension in ["rs", "md", "js", "css", "html", "yaml", "py", "sh", "json"] {
+            known.extend(below(&root().join(folder), extension).iter().flat_map(|it| both(it)));
+        }
     }
+    let is_there = |name: &str| {
+        let end = format!("/{}", name.trim_end_matches('/'));
+        known.iter().any(|path| match name.ends_with('/') {
+            true => path.contains(&format!("{end}/")),
+            false => path.ends_with(&end),
+        })
+    };
+    let looks_like_a_file = |name: &str| {
+        // `KIND.rs` stands for many.
+        let is_path = name.chars().all(|it| it.is_lowercase() || it.is_numeric() || "/_.-".contains(it));
+        let is_file = [".rs", ".md", ".js", ".css", ".html", ".yaml", ".py", ".sh"]
+            .iter()
+            .any(|end| name.ends_with(end));
+        is_path && !name.starts_with('/') && (is_file || name.ends_with('/'))
+    };
+    let named = text.split("```").step_by(2).flat_map(|text| text.split('`').skip(1).step_by(2));
+    let gone: Vec<&str> = named.filter(|name| looks_like_a_file(name) && !is_there(name)).collect();
+    assert!(gone.is_empty(), "docs/architecture.md names what is not there: {gone:#?}");
+}
+
+/// The paths that a `use` names, with those in its braces, and each other path from the package's root or from the
+/// module around.
+fn paths(code: &str) -> Vec<Vec<&str>> {
     let mut found = Vec::new();
-    let code = code(file);
-    for (start, _) in code.match_indices("crate::").chain(code.match_indices("super::")) {
-        if code[..start].ends_with(|it: char| it == ':' || it.is_alphanumeric()) {
+    let starts = code.match_indices("crate::").chain(code.match_indices("super::"));
+    for (start, _) in starts {
+        if code[..start].ends_with(|it: char| it == ':' || it.is_alphanumeric() || it == '_' || it == '$') {
             continue;
         }
-        let path = code[start..].split(|it: char| !(it.is_alphanumeric() || it == '_' || it == ':'));
-        let mut path: Vec<&str> =
-            path.take(1).flat_map(|it| it.split("::")).filter(|it| !it.is_empty()).collect();
+        expand(&code[start..], &mut Vec::new(), &mut found);
+    }
+    found
+}
+
+/// Reads one path with its braces and returns the rest of the text.
+fn expand<'c>(mut text: &'c str, before: &mut Vec<&'c str>, found: &mut Vec<Vec<&'c str>>) -> &'c str {
+    let depth = before.len();
+    loop {
+        let end = text.find(|it: char| !(it.is_alphanumeric() || it == '_')).unwrap_or(text.len());
+        before.push(&text[..end]);
+        text = &text[end..];
+        let Some(rest) = text.strip_prefix("::") else { break };
+        text = rest;
+        let Some(inside) = text.strip_prefix('{') else { continue };
+        text = inside.trim_start();
+        while !text.is_empty() && !text.starts_with('}') {
+            text = expand(text, before, found).trim_start();
+            text = text.strip_prefix(',').unwrap_or(text).trim_start();
+        }
+        before.truncate(depth);
+        return text.strip_prefix('}').unwrap_or(text);
+    }
+    found.push(before.clone());
+    before.truncate(depth);
+    // `as name`, or a glob.
+    let end = text.find([',', '}', ';', '\n', '(', ')', ' ']).unwrap_or(text.len());
+    let text = &text[end..];
+    text.strip_prefix(" as ").map_or(text, |rest| &rest[rest.find([',', '}', ';']).unwrap_or(rest.len())..])
+}
+
+#[test]
+fn paths_are_read_with_their_braces() {
+    let code =
+        "use crate::a::{self, b::{C, d}, e as f};\nuse super::g;\nlet x = crate::h::I::new(); $crate::j::k";
+    let read: Vec<String> = paths(code).iter().map(|path| path.join("::")).collect();
+    let expected =
+        ["crate::a::self", "crate::a::b::C", "crate::a::b::d", "crate::a::e", "crate::h::I::new", "super::g"];
+    assert_eq!(read, expected);
+}
+
+/// The modules that a file imports, each as its path from the package's root.
+fn imports(src: &Path, file: &Path) -> Vec<(Vec<String>, Vec<String>)> {
+    let inside = file.strip_prefix(src).expect("it was found there").with_extension("");
+    let mut own: Vec<String> = inside.iter().map(|it| it.to_string_lossy().into_owned()).collect();
+    if own.last().is_some_and(|it| it == "mod") || own == ["lib"] {
+        own.pop();
+    }
+    let code = code(file);
+    let absolute = |path: Vec<&str>| {
         let mut base = if path[0] == "crate" { Vec::new() } else { own.clone() };
-        while path.first().is_some_and(|it| ["crate", "super"].contains(it)) {
-            if path.remove(0) == "super" {
+        let mut rest = &path[..];
+        while let Some(&first) = rest.first().filter(|it| ["crate", "super"].contains(*it)) {
+            rest = &rest[1..];
+            if first == "super" {
                 base.pop();
             }
         }
-        base.extend(
-            path.into_iter().take_while(|it| it.starts_with(|it: char| it.is_lowercase())).map(str::to_owned),
-        );
-        found.push(base);
-    }
-    found.iter().map(|it| [&own[..], &["->".to_owned()], it].concat()).collect()
+        let names =
+            rest.iter().take_while(|it| it.starts_with(|it: char| it.is_lowercase()) && **it != "self");
+        base.extend(names.map(|it| (*it).to_owned()));
+        base
+    };
+    paths(&code).into_iter().map(|path| (own.clone(), absolute(path))).collect()
 }
 
 /// What stands beside one another in a folder never imports in a circle, where a folder is part of it:
 /// so each folder can be read, tried and changed with only what is below it.
 #[test]
 fn no_circle_of_imports_goes_through_a_folder() {
-    let mut edges: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    let src = root().join("src");
-    for file in files(&src, "rs") {
-        if file.iter().any(|it| it == "tests" || it == "tests.rs") {
-            continue;
-        }
-        for line in imports(&file) {
-            let arrow = line.iter().position(|it| it == "->").expect("it was put there");
-            let (from, to) = (&line[..arrow], &line[arrow + 1..]);
-            let common = from.iter().zip(to).take_while(|(from, to)| from == to).count();
-            let is_module = |path: &[String]| {
-                let at = src.join(path.join("/"));
-                at.is_dir() || at.with_extension("rs").is_file()
-            };
-            if common < from.len() && common < to.len() && is_module(&to[..=common]) {
-                edges.entry(from[..=common].join("/")).or_default().insert(to[..=common].join("/"));
-            }
-        }
-    }
-    let reached = |start: &str| {
-        let (mut seen, mut next) = (BTreeSet::new(), vec![start]);
-        while let Some(at) = next.pop() {
-            for to in edges.get(at).into_iter().flatten() {
-                if seen.insert(to.as_str()) {
-                    next.push(to);
-                }
-            }
-        }
-        seen
-    };
-    let folders = edges.keys().filter(|it| src.join(it).join("mod.rs").is_file());
-    let circles: Vec<&String> = folders.filter(|it| reached(it).contains(it.as_str())).collect();
-    assert!(circles.is_empty(), "these import what imports them: {circles:#?}");
-}
-
-/// The rows of the table in `docs/architecture.md` that says how the folders of a room stand on one
-/// another: each row names modules that may import those of rows above it and of its own.
-fn table_of(room: &str) -> Vec<Vec<String>> {
-    let text = fs::read_to_string(root().join("docs/architecture.md")).expect("the document is readable");
-    let head = format!("| folder of `{room}` |");
-    let lines = text.lines().skip_while(|line| !line.starts_with(&head)).skip(2);
-    lines
-        .take_while(|line| line.starts_with('|'))
-        .map(|line| line.split('|').nth(1).unwrap_or_default().split('`').skip(1).step_by(2))
-        .map(|names| names.map(|it| it.trim_end_matches('/').to_owned()).collect())
-        .collect()
-}
-
-#[test]
-fn folders_stand_on_one_another_as_the_document_says() {
-    for room in ["config", "engine", "web", "web/view"] {
-        let rows = table_of(room);
-        let row_of = |name: &str| rows.iter().position(|row| row.iter().any(|it| it == name));
-        let folder = root().join("src").join(room);
-        for name in rows.iter().flatten() {
-            let is_there = folder.join(name).is_dir() || folder.join(name).with_extension("rs").is_file();
-            assert!(is_there, "the table of {room} names `{name}`, which is not there");
-        }
-        let mut wrong = Vec::new();
-        for file in files(&folder, "rs") {
+    for (name, package) in packages() {
+        let src = package.join("src");
+        let mut edges: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+        for file in files(&src, "rs") {
             if file.iter().any(|it| it == "tests" || it == "tests.rs") {
                 continue;
             }
-            let inside = file.strip_prefix(&folder).expect("it was found there");
-            let own = inside.iter().next().expect("a file has a name").to_string_lossy();
-            let own = own.trim_end_matches(".rs");
-            if folder.join(own).join("mod.rs").is_file() {
-                assert!(row_of(own).is_some(), "the table of {room} lacks the folder `{own}/`");
-            }
-            for line in imports(&file) {
-                let arrow = line.iter().position(|it| it == "->").expect("it was put there");
-                let to = line[arrow + 1..].join("/");
-                let Some(to) = to.strip_prefix(room).and_then(|rest| rest.strip_prefix('/')) else {
-                    continue;
+            for (from, to) in imports(&src, &file) {
+                let common = from.iter().zip(&to).take_while(|(from, to)| from == to).count();
+                let is_module = |path: &[String]| {
+                    let at = src.join(path.join("/"));
+                    at.is_dir() || at.with_extension("rs").is_file()
                 };
-                let to = to.split('/').next().unwrap_or_default();
-                if row_of(own).is_some_and(|own| row_of(to).is_some_and(|to| to > own)) {
-                    wrong.push(format!("{} imports {to}", file.display()));
+                if common < from.len() && common < to.len() && is_module(&to[..=common]) {
+                    edges.entry(from[..=common].join("/")).or_default().insert(to[..=common].join("/"));
                 }
             }
         }
-        assert!(wrong.is_empty(), "{wrong:#?}");
-    }
-}
-
-#[test]
-fn every_room_has_a_rule() {
-    for file in files(&root().join("src"), "rs") {
-        let room = room(&file);
-        let known = MAY_USE.iter().any(|(name, _)| *name == room) || ["main", "lib", "cli"].contains(&&*room);
-        assert!(known, "{} belongs to no room that this test knows", file.display());
+        let reached = |start: &str| {
+            let (mut seen, mut next) = (BTreeSet::new(), vec![start]);
+            while let Some(at) = next.pop() {
+                for to in edges.get(at).into_iter().flatten() {
+                    if seen.insert(to.as_str()) {
+                        next.push(to);
+                    }
+                }
+            }
+            seen
+        };
+        let folders = edges.keys().filter(|it| src.join(it).join("mod.rs").is_file());
+        let circles: Vec<&String> = folders.filter(|it| reached(it).contains(it.as_str())).collect();
+        assert!(circles.is_empty(), "these of {name} import what imports them: {circles:#?}");
     }
 }
 
 #[test]
 fn the_core_is_pure() {
-    for file in files(&root().join("src/engine"), "rs") {
+    for file in files(&root().join("crates/engine/src"), "rs") {
         let code = code(&file);
         for word in IMPURE {
             assert!(!code.contains(word), "{} holds `{word}`", file.display());
@@ -241,27 +243,12 @@ fn the_core_is_pure() {
 }
 
 #[test]
-fn clocks_are_read_in_one_file() {
-    for file in files(&root().join("src"), "rs") {
-        if file.ends_with("src/clock.rs") {
-            continue;
-        }
-        let code = code(&file);
-        for word in ["Instant::now", "SystemTime::now", "UtcDateTime::now"] {
-            assert!(!code.contains(word), "{} holds `{word}`: ask clock::Clock", file.display());
-        }
-    }
-}
-
-#[test]
 fn files_are_short_enough_to_be_read() {
     let mut long = Vec::new();
-    for folder in ["src", "tests/it"] {
-        for file in files(&root().join(folder), "rs") {
-            let lines = fs::read_to_string(&file).expect("sources are readable").lines().count();
-            if lines > LINES_MAX {
-                long.push(format!("{}: {lines} lines", file.display()));
-            }
+    for file in sources().into_iter().chain(files(&root().join("tests/it"), "rs")) {
+        let lines = fs::read_to_string(&file).expect("sources are readable").lines().count();
+        if lines > LINES_MAX {
+            long.push(format!("{}: {lines} lines", file.display()));
         }
     }
     assert!(long.is_empty(), "{long:#?}");
@@ -296,7 +283,7 @@ fn pages_scripts_and_styles_say_first_what_they_are_for() {
 
 #[test]
 fn no_template_is_dead() {
-    let sources: String = files(&root().join("src"), "rs").iter().map(|file| code(file)).collect();
+    let sources: String = sources().iter().map(|file| code(file)).collect();
     let templates = files(&root().join("templates"), "html");
     let texts: Vec<String> =
         templates.iter().map(|file| fs::read_to_string(file).expect("templates are readable")).collect();

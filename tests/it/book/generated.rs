@@ -72,7 +72,9 @@ fn the_limits_are_those_of_the_source() {
         let Some(cell) = line.trim_end_matches('|').rsplit('|').next().map(str::trim) else { continue };
         let mut parts = cell.split('`').filter(|it| !it.trim().is_empty());
         let (Some(file), Some(declared)) = (parts.next(), parts.next()) else { continue };
-        let source = read(&root().join("src").join(file));
+        let (package, inside) = file.split_once('/').expect("a package and a file");
+        let of_package = root().join("crates").join(package).join("src").join(inside);
+        let source = read(&if of_package.is_file() { of_package } else { root().join("src").join(file) });
         let (name, value) =
             declared.split_once(" = ").unwrap_or_else(|| panic!("limits.md: `NAME = VALUE`: {line}"));
         let declares = |line: &str| {

@@ -60,7 +60,7 @@ const NAME: &str = "telltale";
 /// `None` for what is not published: the vehicle's network is not told who knocks at the page's door.
 fn level(metadata: &Metadata<'_>) -> Option<LogLevel> {
     let target = metadata.target();
-    if !target.starts_with("telltale::") || target.starts_with("telltale::web") {
+    if !target.starts_with("telltale") || target.starts_with("telltale_web") {
         return None;
     }
     match *metadata.level() {
@@ -112,7 +112,7 @@ mod tests {
         let log = tracing_subscriber::registry().with(LogLines);
         tracing::subscriber::with_default(log, || {
             tracing::info!("nobody needs to know");
-            tracing::error!(target: "telltale::web::auth", "a login failed");
+            tracing::error!(target: "telltale_web::auth", "a login failed");
             tracing::error!(target: "rustdds", "another program");
             tracing::warn!(who = "anna", error = %"the disk is full", "in no audit log");
             tracing::error!("{}", "x".repeat(2 * TEXT_BYTES_MAX));
