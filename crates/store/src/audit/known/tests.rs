@@ -107,6 +107,38 @@ async fn who_was_removed_or_changed_cannot_be_put_back() {
 }
 
 #[tokio::test]
+async fn a_token_that_no_record_knows_opens_nothing_though_its_user_may_log_in() {
+    for (case, sql) in [
+        ("put back", "INSERT INTO tokens SELECT * FROM was_tokens WHERE label = 'revoked'"),
+        ("longer", "UPDATE tokens SET expires_ms = expires_ms + 1 WHERE label = 'changed'"),
+        (
+            "of somebody else",
+            "UPDATE tokens SET user = (SELECT id FROM users WHERE name = 'carl') WHERE label = 'changed'",
+        ),
+    ] {
+        let folder = folder_with_users("tokens").await;
+        let store = open(&folder);
+        store.add_user("carl", Role::Authority, "another long password").await.unwrap();
+        let revoked = store.add_token("dora", "revoked", 9).await.unwrap();
+        let changed = store.add_token("dora", "changed", 9).await.unwrap();
+        let left = store.add_token("dora", "left alone", 9).await.unwrap();
+        run(&folder, KEEP);
+        store.revoke_token(1).await.unwrap();
+        store.close().await;
+        run(&folder, sql);
+        let foreign = if case == "put back" { "token 1 of dora" } else { "token 2 of " };
+        let verdict = verify_audit_in(&folder, &[], None).unwrap();
+        assert!(verdict.foreign.len() == 1 && verdict.foreign[0].starts_with(foreign), "{case}: {verdict:?}");
+        let store = open(&folder);
+        assert!(store.session(&revoked).is_none(), "{case}");
+        assert_eq!(store.session(&changed).is_some(), case == "put back", "{case}");
+        assert!(store.session(&left).is_some(), "{case}");
+        assert_eq!(logs_in(&store, "dora", PASSWORD).await, Some(Role::Developer), "{case}");
+        store.close().await;
+    }
+}
+
+#[tokio::test]
 async fn records_without_the_key_make_nobody_known_and_a_lost_key_locks_nobody_out() {
     let temporary = folder_with_users().await;
     let folder = temporary.path();
