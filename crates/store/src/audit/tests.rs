@@ -94,6 +94,25 @@ async fn the_verifier_names_the_first_record_that_was_tampered_with() {
         folder.run(sql);
         let breach = folder.breach();
         assert_eq!(breach.as_ref().map(|breach| breach.number), expected, "{sql}: {breach:?}");
+        let says = |what: &str| breach.as_ref().is_some_and(|breach| breach.what.contains(what));
+        assert!(!sql.starts_with("DELETE") || sql.contains(';') || says("is missing"), "{sql}: {breach:?}");
+        // One that stands before the first makes none of the others look changed.
+        assert!(!sql.starts_with("INSERT") || folder.verdict().records == 20, "{sql}: {breach:?}");
+    }
+}
+
+#[tokio::test]
+async fn without_the_file_of_the_head_a_head_from_elsewhere_alone_says_that_nothing_was_cut() {
+    let folder = Folder::with_records("no-head", 20).await;
+    let head = folder.verdict().head;
+    std::fs::remove_file(folder.0.join(HEAD_FILE_NAME)).unwrap();
+    let breach = folder.breach().expect("nobody can tell whether the end is there");
+    assert!(breach.number == 21 && breach.what.contains("there is no audit.head"), "{breach:?}");
+    assert_eq!(verify_audit_in(&folder.0, &[head], None).unwrap().breach, None);
+    folder.run("DELETE FROM audit WHERE number > 15");
+    for heads in [&[][..], &[head]] {
+        let breach = verify_audit_in(&folder.0, heads, None).unwrap().breach;
+        assert_eq!(breach.map(|breach| breach.number), Some(16), "{heads:?}");
     }
 }
 
