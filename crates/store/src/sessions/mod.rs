@@ -393,6 +393,39 @@ mod tests {
         assert_eq!(store.operator_in_charge().await.unwrap(), None);
     }
 
+    #[tokio::test]
+    async fn a_copy_of_the_data_folder_opens_nothing() {
+        let folder = TestFolder::new("copied");
+        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        store.add_user("dora", Role::Developer, "a long password").await.unwrap();
+        let user = store.authenticate("dora", "a long password").await.unwrap().unwrap();
+        let (session, _) = store.open_session(&user).await.unwrap();
+        let token = store.add_token("dora", "", 1).await.unwrap();
+        let device = store.know_device(&user).await.unwrap();
+        store.close().await;
+        let files =
+            std::fs::read_dir(&*folder).unwrap().map(|entry| std::fs::read(entry.unwrap().path()).unwrap());
+        let bytes: Vec<u8> = files.flatten().collect();
+        let has = |part: &[u8]| bytes.windows(part.len()).any(|it| it == part);
+        assert!(has(b"dora") && has(&session.key()) && has(&token.key()), "they are searched where they are");
+        for token in [session, token, device] {
+            let digits = token.as_str().as_bytes();
+            let number =
+                digits.chunks(2).map(|pair| u8::from_str_radix(str::from_utf8(pair).unwrap(), 16).unwrap());
+            assert!(!has(digits) && !has(&number.collect::<Vec<u8>>()), "it is stored hashed");
+        }
+        assert!(!has(b"a long password"));
+    }
+
+    #[test]
+    fn no_part_of_a_token_is_always_the_same() {
+        let tokens: Vec<Token> = (0..64).map(|_| Token::random().unwrap()).collect();
+        for digit in 0..64 {
+            let first = tokens[0].as_str().as_bytes()[digit];
+            assert!(tokens.iter().any(|token| token.as_str().as_bytes()[digit] != first), "digit {digit}");
+        }
+    }
+
     async fn store_with_users() -> Store {
         let store = Store::in_memory(Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("anna", Role::Operator, "135791").await.unwrap();
