@@ -102,10 +102,12 @@ mod tests {
             .map(|name| folder.join(name));
         [&left, &other, &target].into_iter().for_each(|path| fs::create_dir(path).unwrap());
         fs::write(left.join("incident-1.mcap"), "a recording").unwrap();
-        std::os::unix::fs::symlink(&target, folder.join("telltale-demo-8899aabbccddeeff")).unwrap();
-        let used = TemporaryFolder::make(folder, KINDS[1]).unwrap();
-        remove_left_over(folder);
+        let link = folder.join("telltale-demo-8899aabbccddeeff");
+        std::os::unix::fs::symlink(&target, &link).unwrap();
+        let used = TemporaryFolder::make(&folder, KINDS[1]).unwrap();
+        remove_left_over(&folder);
         assert!(!left.exists() && other.exists() && target.exists() && used.path().exists());
+        assert!(link.is_symlink());
         let path = used.path().to_owned();
         drop(used);
         assert!(!path.exists());
