@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use axum::http::Method;
-use futures_util::{SinkExt, StreamExt};
+use futures_util::{FutureExt as _, SinkExt, StreamExt};
 use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
@@ -21,7 +21,7 @@ use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 use tokio_tungstenite::tungstenite::{self, Message};
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
-use super::fixture::{Fixture, settings};
+use super::fixture::{Fixture, settings, settled};
 use crate::folder::TestFolder;
 
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -230,6 +230,38 @@ async fn the_first_change_of_a_state_waits_for_no_pause() {
         let seq = server.fixture.until(|it| it.modules[0].own == own).await.seq;
         let shown = next_json(&mut page, |it| it["seq"].as_u64() >= Some(seq)).await;
         assert!(shown.get("content").is_some(), "{shown}");
+    }
+}
+
+#[tokio::test]
+async fn a_change_of_a_state_waits_for_no_tick() {
+    let (fixture, hand, _timers) = Fixture::without_time().await;
+    let store = fixture.store.clone();
+    let cookie = fixture.cookie_of("operator").await;
+    let server = Server::with(fixture, store).await;
+    let mut page = server.connect("/ws", &cookie).await;
+    next_content(&mut page).await;
+    for round in 0..4 {
+        // The pause ends, and all that was due is done.
+        hand.advance(Span::from_millis(200));
+        tokio::time::advance(Duration::from_secs(1)).await;
+        settled().await;
+        let (level, own) = if round % 2 == 0 { (2, State::Error) } else { (0, State::Ok) };
+        server.fixture.status("lidar", level, "no packets").await;
+        let seq = server.fixture.until(|it| it.modules[0].own == own).await.seq;
+        // No time passes, so no tick comes.
+        let mut is_shown = false;
+        for _ in 0..50 {
+            settled().await;
+            while let Some(Some(Ok(Message::Text(text)))) = page.next().now_or_never() {
+                let value: Value = serde_json::from_str(&text).unwrap();
+                is_shown |= value["seq"].as_u64() >= Some(seq) && value.get("content").is_some();
+            }
+            if is_shown {
+                break;
+            }
+        }
+        assert!(is_shown, "round {round}: {own:?} waits for a tick");
     }
 }
 
