@@ -131,14 +131,19 @@ async fn a_hundred_logins_at_once_delay_no_change_of_a_state() {
 
 #[tokio::test]
 async fn what_nobody_reads_is_held_by_the_kernel_within_bounds() {
-    const HELD_MAX: u64 = 1 << 20;
+    /// What waits there if the client reads nothing, and at most.
+    const HELD: std::ops::Range<u64> = 256 << 10..1 << 20;
     let server = Server::new().await;
     let cookie = server.fixture.cookie_of("operator").await;
     let _unread = server.connect("/api/v1/stream", &cookie).await;
     let mut reader = server.connect("/api/v1/stream", &cookie).await;
     let mut held = 0;
-    for round in 0..120 {
-        let message = format!("{round}x{}", "y".repeat(60_000));
+    // More than the kernel would hold by itself.
+    for round in 0..20 {
+        let message = format!("{round}x{}", "y".repeat(4000));
+        for name in 0..100 {
+            server.fixture.status(&format!("big {name}"), round % 2, &message).await;
+        }
         server.fixture.status("lidar", 2 * (round % 2), &message).await;
         let start = format!("{round}x");
         let is_new = |value: &serde_json::Value| {
@@ -147,7 +152,7 @@ async fn what_nobody_reads_is_held_by_the_kernel_within_bounds() {
         next_json(&mut reader, is_new).await;
         held = held.max(send_queue(server.address));
     }
-    assert!(held < HELD_MAX, "{held} bytes wait for one that does not read");
+    assert!(HELD.contains(&held), "{held} bytes wait for one that does not read");
 }
 
 /// The most bytes that wait in one connection of this server to be taken by its client.
