@@ -181,6 +181,8 @@ async fn a_flood_of_connections_leaves_the_page_alive() {
         }
     }
     next_json(&mut page, |value| value["beat"].as_u64() > Some(2)).await;
+    let open = server.app.connections.count();
+    assert!(open <= 100, "96 without a session, and those of the page, not {open} of {}", idle.len());
     drop(idle);
     let fixture: &Fixture = &server.fixture;
     assert_eq!(fixture.get("/healthz", None).await.status, StatusCode::OK);
