@@ -252,10 +252,31 @@ fn told(damages: &[String]) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::clock::Clock;
+    use crate::store::{DemoSecrets, Store, TestFolder};
 
     fn bad() -> Found {
         Found::Bad("it has no hash".to_owned())
+    }
+
+    #[tokio::test]
+    async fn beside_a_server_a_recording_that_has_just_begun_is_not_accused() {
+        let data = TestFolder::new("verify-begun");
+        Store::open(&data, Clock::start(), DemoSecrets::Refused).unwrap().close().await;
+        let recordings = folder::folder_in(&data);
+        std::fs::create_dir(&recordings).unwrap();
+        let incidents = Incidents::open(&data).unwrap();
+        let look = |is_served| look(&incidents, &data, &[], is_served).unwrap().pop();
+        let mut begun =
+            file::IncidentFile::create(&recordings.join(folder::file_name(1)), BTreeMap::new()).unwrap();
+        begun.sync().unwrap();
+        assert_eq!(look(true), Some((1, Found::Unfinished)), "its row comes next");
+        assert!(matches!(look(false), Some((1, Found::Bad(_)))), "nobody goes on with it");
+        begun.finish().unwrap();
+        assert!(matches!(look(true), Some((1, Found::Bad(_)))), "it is whole, and nobody recorded it");
     }
 
     #[test]
