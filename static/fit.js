@@ -14,7 +14,9 @@
     const entries = [...list.children];
     const unlisted = Number(list.dataset.count) - entries.length;
     const show = (count) => {
-      entries.forEach((entry, index) => entry.toggleAttribute("data-beyond", index >= count));
+      entries.forEach((entry, index) => {
+        entry.toggleAttribute("data-beyond", index >= count);
+      });
       const beyond = unlisted + entries.slice(count).filter((entry) => !entry.matches(".holds")).length;
       more.hidden = beyond === 0;
       Live.setText(more.querySelector(".count"), String(beyond));

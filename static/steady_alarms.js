@@ -4,7 +4,7 @@
   "use strict";
   const KEPT_MS = 350;
   // The elements with large coloured areas, as they stand in a message.
-  const COLOURED = /<(button|section) id="(tile-[^"]*|instruction)"[^>]*>[^]*?<\/\1>/g;
+  const COLOURED = /<(button|section) id="(tile-[^"]*|instruction)"[^>]*>[\s\S]*?<\/\1>/g;
   const SEVERE = /data-(?:state="error"|urgency="take_over")/;
   const MILD = /data-(?:state="warning"|urgency="be_ready")/;
 

@@ -104,8 +104,8 @@ mod tests {
         fs::write(left.join("incident-1.mcap"), "a recording").unwrap();
         let link = folder.join("telltale-demo-8899aabbccddeeff");
         std::os::unix::fs::symlink(&target, &link).unwrap();
-        let used = TemporaryFolder::make(&folder, KINDS[1]).unwrap();
-        remove_left_over(&folder);
+        let used = TemporaryFolder::make(folder, KINDS[1]).unwrap();
+        remove_left_over(folder);
         assert!(!left.exists() && other.exists() && target.exists() && used.path().exists());
         assert!(link.is_symlink());
         let path = used.path().to_owned();

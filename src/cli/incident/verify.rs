@@ -256,7 +256,7 @@ mod tests {
 
     use super::*;
     use crate::clock::Clock;
-    use crate::store::{DemoSecrets, Store, TestFolder};
+    use crate::store::{DemoSecrets, Store};
 
     fn bad() -> Found {
         Found::Bad("it has no hash".to_owned())
@@ -264,12 +264,13 @@ mod tests {
 
     #[tokio::test]
     async fn beside_a_server_a_recording_that_has_just_begun_is_not_accused() {
-        let data = TestFolder::new("verify-begun");
-        Store::open(&data, Clock::start(), DemoSecrets::Refused).unwrap().close().await;
-        let recordings = folder::folder_in(&data);
+        let temporary = tempfile::tempdir().unwrap();
+        let data = temporary.path();
+        Store::open(data, Clock::start(), DemoSecrets::Refused).unwrap().close().await;
+        let recordings = folder::folder_in(data);
         std::fs::create_dir(&recordings).unwrap();
-        let incidents = Incidents::open(&data).unwrap();
-        let look = |is_served| look(&incidents, &data, &[], is_served).unwrap().pop();
+        let incidents = Incidents::open(data).unwrap();
+        let look = |is_served| look(&incidents, data, &[], is_served).unwrap().pop();
         let mut begun =
             file::IncidentFile::create(&recordings.join(folder::file_name(1)), BTreeMap::new()).unwrap();
         begun.sync().unwrap();

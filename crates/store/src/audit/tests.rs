@@ -103,15 +103,15 @@ async fn the_verifier_names_the_first_record_that_was_tampered_with() {
 
 #[tokio::test]
 async fn without_the_file_of_the_head_a_head_from_elsewhere_alone_says_that_nothing_was_cut() {
-    let folder = Folder::with_records("no-head", 20).await;
+    let folder = Folder::with_records(20).await;
     let head = folder.verdict().head;
-    std::fs::remove_file(folder.0.join(HEAD_FILE_NAME)).unwrap();
+    std::fs::remove_file(folder.0.path().join(HEAD_FILE_NAME)).unwrap();
     let breach = folder.breach().expect("nobody can tell whether the end is there");
     assert!(breach.number == 21 && breach.what.contains("there is no audit.head"), "{breach:?}");
-    assert_eq!(verify_audit_in(&folder.0, &[head], None).unwrap().breach, None);
+    assert_eq!(verify_audit_in(folder.0.path(), &[head], None).unwrap().breach, None);
     folder.run("DELETE FROM audit WHERE number > 15");
     for heads in [&[][..], &[head]] {
-        let breach = verify_audit_in(&folder.0, heads, None).unwrap().breach;
+        let breach = verify_audit_in(folder.0.path(), heads, None).unwrap().breach;
         assert_eq!(breach.map(|breach| breach.number), Some(16), "{heads:?}");
     }
 }

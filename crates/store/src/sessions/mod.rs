@@ -395,8 +395,9 @@ mod tests {
 
     #[tokio::test]
     async fn a_copy_of_the_data_folder_opens_nothing() {
-        let folder = TestFolder::new("copied");
-        let store = Store::open(&folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
         store.add_user("dora", Role::Developer, "a long password").await.unwrap();
         let user = store.authenticate("dora", "a long password").await.unwrap().unwrap();
         let (session, _) = store.open_session(&user).await.unwrap();
@@ -404,7 +405,7 @@ mod tests {
         let device = store.know_device(&user).await.unwrap();
         store.close().await;
         let files =
-            std::fs::read_dir(&*folder).unwrap().map(|entry| std::fs::read(entry.unwrap().path()).unwrap());
+            std::fs::read_dir(folder).unwrap().map(|entry| std::fs::read(entry.unwrap().path()).unwrap());
         let bytes: Vec<u8> = files.flatten().collect();
         let has = |part: &[u8]| bytes.windows(part.len()).any(|it| it == part);
         assert!(has(b"dora") && has(&session.key()) && has(&token.key()), "they are searched where they are");

@@ -116,20 +116,20 @@ async fn a_token_that_no_record_knows_opens_nothing_though_its_user_may_log_in()
             "UPDATE tokens SET user = (SELECT id FROM users WHERE name = 'carl') WHERE label = 'changed'",
         ),
     ] {
-        let folder = folder_with_users("tokens").await;
-        let store = open(&folder);
+        let folder = folder_with_users().await;
+        let store = open(folder.path());
         store.add_user("carl", Role::Authority, "another long password").await.unwrap();
         let revoked = store.add_token("dora", "revoked", 9).await.unwrap();
         let changed = store.add_token("dora", "changed", 9).await.unwrap();
         let left = store.add_token("dora", "left alone", 9).await.unwrap();
-        run(&folder, KEEP);
+        run(folder.path(), KEEP);
         store.revoke_token(1).await.unwrap();
         store.close().await;
-        run(&folder, sql);
+        run(folder.path(), sql);
         let foreign = if case == "put back" { "token 1 of dora" } else { "token 2 of " };
-        let verdict = verify_audit_in(&folder, &[], None).unwrap();
+        let verdict = verify_audit_in(folder.path(), &[], None).unwrap();
         assert!(verdict.foreign.len() == 1 && verdict.foreign[0].starts_with(foreign), "{case}: {verdict:?}");
-        let store = open(&folder);
+        let store = open(folder.path());
         assert!(store.session(&revoked).is_none(), "{case}");
         assert_eq!(store.session(&changed).is_some(), case == "put back", "{case}");
         assert!(store.session(&left).is_some(), "{case}");
