@@ -39,6 +39,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent / "browser"))
 
 import websockets  # noqa: E402
+from stall import MACHINE  # noqa: E402
 from vehicle import OPERATOR, PYTHON, ROOT, TELLTALE, Client, Server, Vehicle, own_domain, until  # noqa: E402
 
 DEVELOPER = ("dora", "a long enough phrase of dora")
@@ -218,7 +219,7 @@ class Soak:
     def streams(self, number):
         """Programs that read what the vehicle says, and connect again every now and then."""
 
-        async def read():
+        async def read(number):
             while not self.ended.is_set():
                 headers = {"Cookie": self.developer.cookie()}
                 url = self.server.url.replace("http", "ws") + "/api/v1/stream"
@@ -230,19 +231,22 @@ class Soak:
                         now = time.monotonic()
                         with self.lock:
                             self.gaps.append(now - heard)
+                        if now - heard >= SILENT_S:
+                            still = f"the machine stood still for {MACHINE.worst_s:.1f} s at most so far"
+                            print(f"  stream {number} was silent for {now - heard:.1f} s until {time.strftime('%X')}; {still}", flush=True)
                         heard = now
 
         async def all_of_them():
-            async def again():
+            async def again(number):
                 while not self.ended.is_set():
                     try:
-                        await read()
+                        await read(number)
                     except Exception as error:  # noqa: BLE001
                         if not self.ended.is_set():
                             self.fault(f"stream: {type(error).__name__}: {error}")
                             await asyncio.sleep(1)
 
-            await asyncio.gather(*(again() for _ in range(number)))
+            await asyncio.gather(*(again(it) for it in range(number)))
 
         thread = threading.Thread(target=lambda: asyncio.run(all_of_them()), daemon=True)
         thread.start()
