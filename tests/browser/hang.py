@@ -10,9 +10,9 @@ from vehicle import TELLTALE
 # A jump to itself.
 ENDLESS = {"x86_64": b"\xeb\xfe", "aarch64": b"\x00\x00\x00\x14"}[platform.machine()]
 # Every input of the engine passes this function, and so does its clock.
-STEP = r"7runtime.*4Loop.*6handle"
+STEP = r"telltale_runtime.*4Loop.*6handle"
 # Every frame of the operator's page is made by this function.
-FRAMES = r"3web4view9fragments"
+FRAMES = r"telltale_web4view9fragments"
 
 
 def place_of(function, server):
