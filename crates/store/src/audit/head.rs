@@ -3,17 +3,20 @@
 use crate::database::files::HEAD_FILE_NAME;
 use crate::private_file::give_to_owner_of;
 use std::fs::{self, OpenOptions};
-use std::io::{self, ErrorKind, Write as _};
+use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::Path;
+
+use telltale_yaml::input_file;
 
 use crate::{FILE_NAME, Head, StoreError};
 
 /// The head in the file; `None` if there is no such file, or no head in it. A file that exists and may not
 /// be read is an error: the log must not record it as lost.
 pub(crate) fn read_head(file: &Path) -> Result<Option<Head>, StoreError> {
-    match fs::read(file) {
-        Ok(text) => Ok(Head::parse(&String::from_utf8_lossy(&text))),
+    let mut text = Vec::new();
+    match input_file::open(file).and_then(|mut it| it.read_to_end(&mut text)) {
+        Ok(_) => Ok(Head::parse(&String::from_utf8_lossy(&text))),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(reason) => Err(StoreError::Head { path: file.to_owned(), whose: whose(file), reason }),
     }

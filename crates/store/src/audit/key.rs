@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use ring::hmac;
 use sha2::{Digest as _, Sha256};
+use telltale_yaml::input_file;
 
 use super::head::whose;
 use crate::private_file::{give_to_owner_of, make_private_file};
@@ -53,7 +54,7 @@ impl Key {
     /// # Errors
     /// If it is there and may not be read.
     pub(crate) fn read(file: &Path) -> Result<Option<Key>, StoreError> {
-        let text = match fs::read_to_string(file) {
+        let text = match input_file::open(file).and_then(io::read_to_string) {
             Ok(text) => text,
             Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::InvalidData) => {
                 return Ok(None);

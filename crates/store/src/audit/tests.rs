@@ -226,6 +226,24 @@ async fn a_head_that_cannot_be_read_is_not_called_missing() {
 }
 
 #[tokio::test]
+async fn a_pipe_in_place_of_the_head_or_the_key_is_refused_at_once() {
+    for name in [HEAD_FILE_NAME, KEY_FILE_NAME] {
+        let folder = Folder::with_records(3).await;
+        let file = folder.0.path().join(name);
+        std::fs::remove_file(&file).unwrap();
+        rustix::fs::mknodat(rustix::fs::CWD, &file, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0)
+            .unwrap();
+        let refused =
+            Store::open(folder.0.path(), Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
+        assert!(refused.contains(name), "{refused}");
+        let refused = verify_audit_in(folder.0.path(), &[], None).unwrap_err().to_string();
+        assert!(refused.contains(name), "{refused}");
+        // The display goes on, with a login.
+        Store::open_or_read(folder.0.path(), Clock::start(), DemoSecrets::Refused).unwrap();
+    }
+}
+
+#[tokio::test]
 async fn a_file_that_holds_no_head_is_as_good_as_none() {
     for text in [b"".as_slice(), b"\xff\xfe", b"4:00\n"] {
         let folder = Folder::with_records(3).await;
