@@ -31,8 +31,10 @@ pub fn patient(mut loaded: Loaded) -> Loaded {
             ModuleMonitor::SelfState(_) => PATIENCE,
         };
         module.policy.raise_after = longer(module.policy.raise_after, wait);
-        // A wider window fills later. What has none is well later too: a cause is not well before its symptoms.
-        if wait == PATIENCE {
+        // A wider window fills later. Sources that disagreed are well later too, as rates follow from them: a cause is not
+        // well before its symptoms.
+        if matches!(&module.monitor, ModuleMonitor::Other(spec) if matches!(**spec, MonitorSpec::Agreement { .. }))
+        {
             module.policy.clear_after = longer(module.policy.clear_after, FILLS_LATER);
         }
     }
