@@ -17,7 +17,7 @@ from vehicle import ROOT, STARTUP_S, until
 PACKAGE = ROOT / os.environ.get("TELLTALE_TEST_DEB", "")
 UNIT = ROOT / "packaging/telltale.service"
 # Links of the documentation to files that the source has and the package not, or under another name.
-SOURCE_ONLY = ("CHANGELOG.md", "LICENSE", "Containerfile", "packaging/", "fuzz/")
+SOURCE_ONLY = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "Containerfile", "packaging/", "fuzz/")
 ENVIRONMENT = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"}
 
 
