@@ -300,6 +300,77 @@ fn at_a_stop_a_request_ends_with_its_cause() {
     vehicle.keeps("sensors/own");
 }
 
+/// Whether the vehicle is held, with its stage, once the cause has long been gone.
+fn held_much_later(vehicle: &mut Vehicle) -> (Stage, Option<bool>) {
+    vehicle.now = vehicle.now + Span::from_secs(60);
+    vehicle.report(0, 0);
+    let snapshot = vehicle.look();
+    (snapshot.stage, snapshot.hold)
+}
+
+#[test]
+fn where_nothing_says_that_the_vehicle_drives_a_request_is_held_until_it_is_released() {
+    let without = CONFIG.replace("  active:", "  other:");
+    let held = || {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(2, 0);
+        vehicle.report(0, 0);
+        vehicle
+    };
+    let stopped = || {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
+        vehicle
+    };
+    for begin in [&held as &dyn Fn() -> Vehicle, &stopped] {
+        for change in [Vehicle::reload, Vehicle::restart] {
+            let mut vehicle = begin();
+            change(&mut vehicle, &without);
+            assert_eq!(held_much_later(&mut vehicle), (Stage::Active, Some(true)));
+            // Nor does another start forget it.
+            vehicle.restart(&without);
+            assert_eq!(held_much_later(&mut vehicle), (Stage::Active, Some(true)));
+            assert_eq!(vehicle.release(), Response::Done);
+            assert_eq!(held_much_later(&mut vehicle), (Stage::Active, Some(false)));
+        }
+    }
+    let mut vehicle = Vehicle::in_stage(Stage::Standby);
+    vehicle.restart(&without);
+    assert_eq!(held_much_later(&mut vehicle), (Stage::Standby, None), "nothing says that it is at a stop");
+}
+
+#[test]
+fn a_shuttle_without_a_word_on_whether_it_drives_is_warned_of() {
+    let warnings = |text: &str| {
+        let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
+        loaded.soundness().1.map_or_else(Vec::new, |problems| problems.lines())
+    };
+    let without = CONFIG.replace("  active:", "  other:");
+    let written = format!("vehicle: {{ stages: shuttle }}{without}");
+    for (text, place) in [(&without, "c:5:11"), (&written, "c:1:20")] {
+        let [line] = &warnings(text)[..] else { panic!("{:?}", warnings(text)) };
+        assert!(line.starts_with(&format!("{place}: nothing says whether this shuttle drives")), "{line}");
+    }
+    assert_eq!(warnings(CONFIG), [""; 0]);
+}
+
+#[test]
+fn while_it_is_unknown_whether_the_vehicle_drives_a_request_is_held_also_in_standby() {
+    let text = CONFIG.replace("std_msgs/msg/Bool }", "std_msgs/msg/Bool, timeout: 10s }");
+    let mut vehicle = Vehicle::driving_by(&text);
+    vehicle.report(2, 0);
+    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    vehicle.report(0, 0);
+    // The signal has been silent for long when the time of an arrival would end.
+    vehicle.now = vehicle.now + Span::from_secs(60);
+    vehicle.report(0, 0);
+    assert_eq!(held_much_later(&mut vehicle), (Stage::Standby, Some(true)));
+    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    vehicle.report(0, 0);
+    assert_eq!(vehicle.look().hold, Some(false));
+}
+
 #[test]
 fn before_the_vehicle_drives_a_clearance_is_withdrawn_and_a_stop_is_held_until_it_surely_stands() {
     let mut vehicle = Vehicle::in_stage(Stage::Cleared);

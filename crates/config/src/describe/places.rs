@@ -35,6 +35,8 @@ pub(crate) struct Places {
     pub rules: Vec<Vec<Span>>,
     /// The place where requests to stop are switched off.
     pub stop_off: Option<Span>,
+    /// The model of stages, where it is written.
+    pub stages: Option<Span>,
 }
 
 #[derive(Debug, Clone)]

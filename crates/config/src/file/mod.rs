@@ -135,7 +135,7 @@ impl FromNode for File {
 pub(super) struct Vehicle {
     pub id: Option<Spanned<String>>,
     pub name: Option<Text>,
-    pub stages: Option<StageModel>,
+    pub stages: Option<Spanned<StageModel>>,
 }
 
 impl FromNode for Vehicle {

@@ -64,7 +64,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let implied = implied::modules(&names, &declared, log);
     let implied_places: Vec<Span> = implied.iter().map(|(_, span)| *span).collect();
     modules.extend(implied.into_iter().map(|(module, _)| module));
-    let stages = vehicle.and_then(|vehicle| vehicle.stages).unwrap_or(StageModel::Shuttle);
+    let written = vehicle.and_then(|vehicle| vehicle.stages.as_ref());
+    let stages = written.map_or(StageModel::Shuttle, |stages| stages.value);
     let rules = &driving.countermeasures;
     let publishing = publishing::publishing(file.publish.as_ref(), stages, rules, &topics, log);
     signals::complete(&mut signals, &topics);
@@ -105,8 +106,14 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     };
     let rules = countermeasures::spans(&file.countermeasures);
     let stop_off = file.publish.as_ref().and_then(RawPublishing::stop_off);
-    let places =
-        Places { topics, signals: signal_places, rules, stop_off, ..places(&names, &implied_places) };
+    let places = Places {
+        topics,
+        signals: signal_places,
+        rules,
+        stop_off,
+        stages: written.map(|stages| stages.span),
+        ..places(&names, &implied_places)
+    };
     Some(Loaded { model, publishing, recording, services, message_folders, places: Arc::new(places) })
 }
 
@@ -127,6 +134,7 @@ fn places(names: &Names, implied: &[Span]) -> Places {
         signals: Vec::new(),
         rules: Vec::new(),
         stop_off: None,
+        stages: None,
     }
 }
 

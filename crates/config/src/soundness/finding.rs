@@ -64,6 +64,8 @@ pub enum FindingKind {
     BuiltInName { built_in: &'static str, name: String },
     /// The vehicle drives and no request to stop is published; it concerns no single node.
     NoStop,
+    /// A shuttle without the signal `active`, which tells whether it drives; it concerns no single node.
+    NoDrive,
     /// No condition of the module's expression uses this input.
     UnusedInput { input: Box<str> },
     /// A limit in percent on a value from 0 to 1: of the node, or of the signal of this index.

@@ -25,7 +25,9 @@ use judge::{Judge, Picture};
 use situation::Situation;
 
 use telltale_engine::model::output::Output;
-use telltale_engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, StageModel};
+use telltale_engine::model::{
+    ACTIVE_SIGNAL, Combine, Dependency, GroupId, Model, ModuleId, NodeId, StageModel,
+};
 use telltale_engine::state::State;
 
 pub use finding::{Example, Finding, FindingKind, NoEffect, Soundness};
@@ -60,9 +62,13 @@ pub fn look(model: &Model) -> Soundness {
     look.findings.extend(alike::look(model));
     look.findings.extend(late::look(model));
     look.findings.extend(urgency::look(model));
-    if model.stages == StageModel::Shuttle && model.driving.unpublished.contains(&Output::ManeuverStop) {
+    if model.stages == StageModel::Shuttle {
+        let no_stop = model.driving.unpublished.contains(&Output::ManeuverStop);
+        let no_drive = !model.signals.iter().any(|signal| &*signal.name == ACTIVE_SIGNAL);
+        let kinds = [(no_stop, FindingKind::NoStop), (no_drive, FindingKind::NoDrive)];
         let node = NodeId::Group(GroupId(0));
-        look.findings.push(Finding { node, what: FindingKind::NoStop, example: None });
+        let there = kinds.into_iter().filter(|(is_there, _)| *is_there);
+        look.findings.extend(there.map(|(_, what)| Finding { node, what, example: None }));
     }
     let Look { pictures, complete, mut findings, .. } = look;
     // Findings with the same reason are reported once.

@@ -92,6 +92,11 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 .into(),
             "remove the line, or make sure that it can be stopped in another way",
         ),
+        FindingKind::NoDrive => (
+            places.stages.unwrap_or(place.id),
+            "nothing says whether this shuttle drives: there is no signal `active`".into(),
+            "add `signals: { active: ... }`, or write `vehicle: { stages: none }` for a machine that is no shuttle; until then a held vehicle stays held until it is released",
+        ),
         FindingKind::UnusedInput { input } => (
             place.id,
             format!("no condition of `{name}` looks at its input `{input}`"),

@@ -1,8 +1,8 @@
 //! Countermeasures that are held, and their release by the operator.
 //!
-//! The request of each rule is held by itself. While the vehicle drives, or may set off, a request that moves
-//! it is held until the operator releases it, which is granted once its causes are gone. At a stop, where a
-//! clearance is needed anyway, it ends with its causes, once the vehicle stands. The strongest held request wins.
+//! The request of each rule is held by itself. A request that moves the vehicle is held until the operator
+//! releases it, which is granted once its causes are gone. It ends with its causes only where the vehicle is
+//! known to stand at a stop, where a clearance is needed anyway. The strongest held request wins.
 
 use crate::files::KeyframeError;
 use serde::{Deserialize, Serialize};
@@ -17,7 +17,7 @@ use crate::mask::responsible::CAUSES_MAX;
 use crate::model::countermeasure::{Request, RequestKind, Rule};
 use crate::model::output::Output;
 use crate::model::{Model, NodeId, Stage};
-use crate::snapshot::{Alarm, Countermeasure, CountermeasureCause, Motion, Moving};
+use crate::snapshot::{Alarm, Countermeasure, CountermeasureCause};
 use crate::state::State;
 use crate::time::{Since, Span, Timestamp};
 
@@ -235,20 +235,19 @@ impl Countermeasures {
         self.dirty.is_empty() && is_over && self.asked == [None; 3]
     }
 
-    /// Updates the held requests to the present states of the nodes. `causes` names the root causes of a node.
+    /// Updates the held requests to the present states of the nodes. `causes` names the root causes of a node;
+    /// `at_a_stop` says that the vehicle is known to stand at a stop.
     pub(crate) fn follow(
         &mut self,
         model: &Model,
         net: &Net,
-        (stage, motion): (Stage, Motion),
+        (stage, at_a_stop): (Stage, bool),
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
-        // A vehicle that still rolls has not arrived.
-        let rolls = motion.moving == Moving::Yes;
         if stage == Stage::Active {
             self.arrives = None;
-        } else if !rolls {
+        } else if at_a_stop {
             self.arrives.take_if(|at| *at <= now);
         }
         for node in std::mem::take(&mut self.dirty) {
@@ -283,13 +282,11 @@ impl Countermeasures {
                 RequestOrigin::Operator => {}
             }
         }
-        if self.arrives.is_none() {
-            let may_drive = matches!(stage, Stage::Cleared | Stage::Active);
-            self.held.retain(|held| match held.by {
-                RequestOrigin::Operator => may_drive || motion.may_move(),
-                _ => held.present || (may_drive || rolls) && held.request.kind().moves(),
-            });
-        }
+        let has_arrived = at_a_stop && self.arrives.is_none();
+        self.held.retain(|held| {
+            let is_over = held.by == RequestOrigin::Operator || !held.present;
+            !is_over || held.request.kind().moves() && !has_arrived
+        });
     }
 
     /// The drive has ended, unless it continues before `certain`.

@@ -216,8 +216,8 @@ impl Engine {
 
     /// A clearance is for the vehicle as it was judged: another configuration withdraws it.
     fn take_vehicle(&mut self, old: &Engine) {
-        let active = self.active_signal.map(|index| self.signals.value(index));
-        self.vehicle.reload(self.model.stages, active);
+        let drives = self.active_signal.and_then(|index| self.signals.value(index));
+        self.vehicle.reload(self.model.stages, drives);
         if self.model != old.model {
             self.vehicle.raise(Event::Reloaded);
         }

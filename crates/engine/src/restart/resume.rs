@@ -92,7 +92,12 @@ impl Snapshot {
         let open = self.localization.is_open();
         let to_localize = open && self.stage == Stage::Standby;
         Restored {
-            stage: if to_localize { Stage::Localizing } else { self.stage },
+            stage: match (self.has_stages(), to_localize) {
+                // A machine without stages is always active, which says nothing of a drive.
+                (false, _) => Stage::Locked,
+                (true, true) => Stage::Localizing,
+                (true, false) => self.stage,
+            },
             operator: self.operator.as_deref().map(Box::from),
             posed: if self.stage == Stage::Active { !open } else { given.is_some() },
             pose: pose.map(|pose| (number, pose)),
@@ -178,12 +183,10 @@ impl Engine {
         if self.vehicle.model == StageModel::Shuttle {
             let someone = self.vehicle.operator.is_some();
             self.vehicle.stage = match restored.stage {
-                Stage::Active if self.active_signal.is_some() => Stage::Active,
+                Stage::Active => Stage::Active,
                 Stage::Localizing if someone => Stage::Localizing,
-                Stage::Standby | Stage::Cleared | Stage::Active if someone => Stage::Standby,
-                Stage::Locked | Stage::Localizing | Stage::Standby | Stage::Cleared | Stage::Active => {
-                    Stage::Locked
-                }
+                Stage::Standby | Stage::Cleared if someone => Stage::Standby,
+                Stage::Locked | Stage::Localizing | Stage::Standby | Stage::Cleared => Stage::Locked,
             };
         }
         let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));

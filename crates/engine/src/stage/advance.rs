@@ -12,7 +12,7 @@ use crate::model::wording::Urgency;
 use crate::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
 use crate::module::system::SystemCheck;
 use crate::signals::driving_word::ARRIVAL;
-use crate::snapshot::{Asked, Countermeasure, Localization, Moving, Unreached};
+use crate::snapshot::{Asked, Countermeasure, Localization, Unreached};
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
@@ -136,13 +136,14 @@ impl Engine {
         !self.net.is_settled()
     }
 
-    /// Whether the vehicle is known not to be on a drive. What was asked of it before ends here, or is asked again.
-    fn stands_at_a_stop(&self) -> bool {
-        let drives = self.active_signal.is_some_and(|index| self.signals.value(index) != Some(false));
+    /// Whether the vehicle is known to stand at a stop: the signal `active` is false, it has no clearance, and it
+    /// does not roll. Without such a signal nothing tells a stop from a halt on the way.
+    pub(crate) fn stands_at_a_stop(&self) -> bool {
+        let drives = self.active_signal.and_then(|index| self.signals.value(index));
         self.vehicle.model == StageModel::Shuttle
-            && self.vehicle.stage != Stage::Active
-            && !drives
-            && self.motion.shown().moving != Moving::Yes
+            && !matches!(self.vehicle.stage, Stage::Cleared | Stage::Active)
+            && drives == Some(false)
+            && !self.motion.shown().may_move()
     }
 
     fn follow_localization(&mut self) {

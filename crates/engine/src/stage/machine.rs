@@ -176,19 +176,16 @@ impl Vehicle {
         }
     }
 
-    /// The stage under another model of stages, in which only `active` tells whether it drives; `None`: that is
-    /// not known.
-    pub(crate) fn reload(&mut self, model: StageModel, active: Option<Option<bool>>) {
+    /// The stage under another model of stages. `drives` is the signal `active`, `None` while it is not known. A
+    /// shuttle that drives goes on driving until the signal says otherwise, also where the signal is gone.
+    pub(crate) fn reload(&mut self, model: StageModel, drives: Option<bool>) {
         let before = std::mem::replace(&mut self.model, model);
         let parked = if self.operator.is_some() { Standby } else { Locked };
         self.stage = match (model, before) {
             (StageModel::None, _) => Active,
-            (StageModel::Shuttle, StageModel::None) if active == Some(Some(true)) => Active,
+            (StageModel::Shuttle, StageModel::None) if drives == Some(true) => Active,
             (StageModel::Shuttle, StageModel::None) => parked,
-            (StageModel::Shuttle, StageModel::Shuttle) => match self.stage {
-                Active if active.is_none() => parked,
-                stage => stage,
-            },
+            (StageModel::Shuttle, StageModel::Shuttle) => self.stage,
         };
     }
 }

@@ -338,7 +338,7 @@ impl Engine {
         let (net, views) = (&self.net, &self.views);
         let masked_by = |node| views.masked_by(node);
         let causes = |node| responsible::roots(net, &masked_by, node);
-        let drive = (self.vehicle.stage, self.motion.shown());
+        let drive = (self.vehicle.stage, self.stands_at_a_stop());
         self.countermeasures.follow(&self.model, net, drive, self.now, causes);
     }
 }
