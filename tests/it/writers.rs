@@ -7,6 +7,7 @@ use crate::peer::{Domain, Peer, Vendor};
 use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
+use telltale::engine::model::NodeId;
 use telltale::engine::snapshot::{ModuleView, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
@@ -92,6 +93,37 @@ impl Vehicle {
         let view = self.module(millis, "telltale/writers");
         (view.own == State::Warning).then(|| view.report.message.to_string())
     }
+}
+
+/// What a group says of names past the limit, after a driver and a stranger said one name in turn.
+fn dropped_names(writers: &[&str]) -> Option<String> {
+    let text = "
+vehicle: { stages: none }
+limits: { discovered_modules: 1 }
+groups:
+- { id: all, match: [{ namespace: /cameras }] }
+- { id: own, match: [{ namespace: /cameras, writers: [/driver] }] }
+";
+    let loaded = config::parse("test", text).unwrap();
+    let named = vec![(1, named("/driver")), (2, named("/stranger"))];
+    let mut vehicle = Vehicle { engine: Engine::new(loaded.model, Timestamp::ZERO), named };
+    vehicle.list(0, &[]);
+    for (millis, writer) in (0..).zip(writers) {
+        vehicle.say(millis, if *writer == "driver" { 1 } else { 2 }, OK, "/cameras/left");
+    }
+    let snapshot = vehicle.engine.snapshot();
+    let module = snapshot.node("own/(names past the limit)")?;
+    let NodeId::Module(id) = module else { panic!("{module:?}") };
+    Some(snapshot.module(id).1.report.message.to_string())
+}
+
+#[test]
+fn a_stranger_does_not_change_how_many_names_are_past_the_limit() {
+    let one = Some("1 status with a new name dropped: limits.discovered_modules is 1".to_owned());
+    assert_eq!(dropped_names(&["driver", "driver"]), one);
+    assert_eq!(dropped_names(&["driver", "stranger", "driver"]), one);
+    assert_eq!(dropped_names(&["stranger", "driver", "driver"]), one);
+    assert_eq!(dropped_names(&["stranger", "stranger"]), None);
 }
 
 #[test]

@@ -81,7 +81,7 @@ impl Engine {
         if heard.is_held_back() {
             self.note_held_back(name, &heard);
         }
-        let counted = |names: &mut Names, route| names.drop_from(route, &claim.dropped_by);
+        let counted = |names: &mut Names, route| names.drop_from(route, &claim, !heard.is_held_back());
         // A name that has modules elsewhere is counted once, not with each of its statuses.
         let dropped_by =
             known.map_or_else(|| claim.dropped_by.clone(), |route| counted(&mut self.names, route));

@@ -284,12 +284,16 @@ impl Names {
         route.lacking && (!route.counted || has_room())
     }
 
-    /// These groups have no room for a known name. Returns those that have not counted it yet.
-    pub(crate) fn drop_from(&mut self, route: u32, groups: &[GroupId]) -> Vec<GroupId> {
+    /// Notes the groups that have no room for a known name, and whether these are `all`. Returns those that have
+    /// not counted it yet. A writer that some group does not admit says nothing of that group.
+    pub(crate) fn drop_from(&mut self, route: u32, claim: &Claim, all: bool) -> Vec<GroupId> {
         let route = &mut self.routes[route as usize];
-        let before = std::mem::replace(&mut route.dropped_by, groups.to_vec());
-        route.counted = true;
-        groups.iter().copied().filter(|group| !before.contains(group)).collect()
+        route.dropped_by.retain(|group| !claim.places.iter().any(|made| made.group == *group));
+        route.counted = all;
+        let new = claim.dropped_by.iter().copied().filter(|group| !route.dropped_by.contains(group));
+        let new: Vec<GroupId> = new.collect();
+        route.dropped_by.extend(&new);
+        new
     }
 
     /// The modules of the name were made at the word of a node that is not known yet.
