@@ -359,15 +359,16 @@ impl Engine {
     /// Evaluates everything that was marked, at the present instant.
     fn settle(&mut self) {
         self.say_cut();
-        self.follow_changes();
+        let mut causes_changed = self.follow_changes();
         while self.turn_monitors() || self.count_members() || self.follow_vehicle() {
-            self.follow_changes();
+            causes_changed |= self.follow_changes();
         }
         if let Some(breach) = self.breach() {
             self.report_on_self(SystemCheck::Invariants, State::Error, &*breach);
-            self.follow_changes();
+            causes_changed |= self.follow_changes();
         }
-        if self.release_awaited_alarms() {
+        // Only now all states are final: a module that is given time from now on calls nobody.
+        if self.release_awaited_alarms() || causes_changed {
             self.follow_alarms();
         }
         self.show_motion();
@@ -375,14 +376,17 @@ impl Engine {
         if let Some(node) = self.under_asked() {
             let what = format!("{} asks for more than the instruction says", self.views.name(node));
             self.report_on_self(SystemCheck::Invariants, State::Error, what);
-            self.follow_changes();
+            if self.follow_changes() {
+                self.follow_alarms();
+            }
             self.follow_urgency();
         }
         self.show_vehicle();
         self.views.settle(&self.vehicle, &self.net);
     }
 
-    fn follow_changes(&mut self) {
+    /// Follows the states that changed. Returns whether the root causes, or what they explain, changed.
+    fn follow_changes(&mut self) -> bool {
         self.evaluate();
         for (GroupId(index), until) in self.net.graces.drain(..) {
             self.timers.arm(TimerKey::Group(index), until);
@@ -416,15 +420,13 @@ impl Engine {
             }
             self.views.set_causes(explained)
         });
-        if changed || self.alarms.active() != self.views.alarm_count() {
-            self.follow_alarms();
-        }
         if self.events.wanted() {
             self.keep_changes(&changes, blamed);
         }
         // The empty list is handed back, so that its memory is used again.
         self.net.changes = changes;
         self.net.changes.clear();
+        changed || self.alarms.active() != self.views.alarm_count()
     }
 
     /// A contradiction between shown states: a fault of this program, never of the vehicle.

@@ -9,6 +9,7 @@ use super::*;
 use crate::input::OperatorAction;
 use crate::model::monitors::Class;
 use crate::model::monitors::{AgreementRule, Condition, ValueRule, WatchdogId};
+use crate::model::{Dependency, DependsOn, NodeId, Within};
 use crate::restart::resume::Restored;
 
 const WINDOW_MS: u64 = 1000;
@@ -169,6 +170,30 @@ fn where_the_stage_makes_it_matter_data_that_flows_or_begins_with_it_is_no_fault
         engine.handle(&login, Timestamp::from_millis(login_ms));
         healthy.check(engine, &model, login_ms, login_ms + 2 * WINDOW_MS);
     }
+}
+
+#[test]
+fn what_was_unknown_before_it_mattered_calls_nobody_while_it_is_given_time() {
+    let latency = MonitorSpec::Latency { topic: A, window: millis(WINDOW_MS), bands: at_most(0.05, 0.1) };
+    let value = MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)) };
+    let mut parts = parts(vec![(latency, Policy::default()), (value, Policy::default())]);
+    parts.stages = StageModel::Shuttle;
+    // What waits for it makes it a root cause also while it is given time.
+    let on = DependsOn::Node(NodeId::Module(ModuleId(0)));
+    parts.modules[1].depends_on = vec![Dependency { on, masks_unknown: true, within: Within::default() }];
+    let model = model(parts);
+    let mut engine = Engine::resume(model.clone(), &Restored::default(), Timestamp::ZERO);
+    for at_ms in (0..5000).step_by(100) {
+        let now = Timestamp::from_millis(at_ms);
+        engine.handle(&input(&model.watched, at_ms, &Do::Stamp(None)), now);
+    }
+    assert_eq!(own(&engine.snapshot(), 0).0, Unknown);
+    let login = Input::Operator(OperatorAction::Login { name: "anna".into() });
+    engine.handle(&login, Timestamp::from_millis(5000));
+    let snapshot = engine.snapshot();
+    let root = snapshot.roots.iter().find(|root| root.node == NodeId::Module(ModuleId(0)));
+    assert_eq!(root.map(|root| root.grace), Some(true), "it is given time");
+    assert_eq!(snapshot.last_alarm, 0);
 }
 
 #[test]
