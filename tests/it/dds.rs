@@ -340,6 +340,24 @@ async fn a_new_participant_goes_on_where_the_old_one_ended(vendor: Vendor) {
     reading.bridge.shutdown().await;
 }
 
+/// Where the loopback interface has multicast, as others have, Fast DDS speaks to two readers by one address: then it
+/// depends on whether it knows that the old participant is gone.
+#[test]
+fn a_new_participant_goes_on_where_loopback_has_multicast() {
+    let root = env!("CARGO_MANIFEST_DIR");
+    let name = "a_new_participant_goes_on_where_the_old_one_ended";
+    let done = std::process::Command::new("sh")
+        .current_dir(root)
+        .arg("tests/dds/alone.sh")
+        .arg(std::env::current_exe().expect("it runs"))
+        .args(["--exact", &format!("dds::cyclone::{name}"), &format!("dds::fast_dds::{name}")])
+        .output()
+        .expect("there is a shell");
+    let said = String::from_utf8_lossy(&done.stdout);
+    let errors = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success() && said.contains("2 passed"), "{said}{errors}");
+}
+
 async fn large_arrays_arrive_from_both_sides(vendor: Vendor) {
     let domain = Domain::of(vendor);
     let mut reading = Reading::start(&domain).await;

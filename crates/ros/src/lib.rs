@@ -54,6 +54,8 @@ pub const LOG_FILTER: &str = "rustdds=off";
 
 /// The pause between two attempts to make a participant, and the shortest life of one.
 const RETRY: Duration = Duration::from_secs(1);
+/// The longest wait for the end of a participant before the next one.
+const CLOSING_MAX: Duration = Duration::from_secs(1);
 
 /// After an ill participant, the next one counts as sound once it has lived this long and hears itself.
 const SETTLED: Duration = Duration::from_secs(2);
@@ -235,19 +237,19 @@ async fn run(mut participant: Participant, ground: &BridgeContext, mut down: boo
                 }
             }
         };
-        let closed = participant.close();
+        let closed = tokio::spawn(participant.close());
         match end {
             End::Rebuild(reason) => {
                 tracing::warn!("the DDS participant is replaced: {reason}");
-                tokio::spawn(closed);
             }
             End::Lost(reason) => {
                 tracing::error!("the DDS process is ill and is replaced: {reason}");
                 down |= tell_of_dds(ground, Some(&reason)).await;
-                tokio::spawn(closed);
             }
-            End::Stopped | End::NobodyListens => return closed.await,
+            End::Stopped | End::NobodyListens => return drop(closed.await),
         }
+        // Others know the next one only after they have forgotten this one. It may be slow to end.
+        let _ = tokio::time::timeout(CLOSING_MAX, closed).await;
         let lived = Duration::from_nanos(ground.clock.now().since(started).as_nanos());
         match reopen(ground, RETRY.saturating_sub(lived), &mut down).await {
             Some(next) => participant = next,

@@ -162,6 +162,12 @@ impl Announced {
         lock(&self.table).to_repeat(self.clock.now(), discovered)
     }
 
+    /// Where a participant that lives listens for announcements.
+    pub fn addresses(&self, prefix: &Prefix) -> Vec<SocketAddrV4> {
+        let table = lock(&self.table);
+        table.participants.get(prefix).map(|known| known.announcement.addresses()).unwrap_or_default()
+    }
+
     /// What the library is to hear of a participant, as long as it lives: its lease ends when its life ends here.
     pub fn copy(&self, prefix: &Prefix) -> Option<Vec<u8>> {
         let now = self.clock.now();

@@ -26,14 +26,41 @@ const PAUSE: Duration = Duration::from_millis(5);
 /// is shorter than the library's own intervals, costs little.
 const AGE_MIN: Span = Span::from_secs(5);
 
-/// Runs until the process has ended. `port` is where it listens for announcements.
-pub async fn run(own: Guid, port: u16, shared: Arc<Shared>, orders: mpsc::WeakSender<Order>) {
-    let own = spdp::prefix(&own);
+/// Runs until the process is over, and says goodbye for it. `port` is where it listens for announcements.
+pub async fn run(
+    own: Guid,
+    port: u16,
+    networks: Option<Vec<Ipv4Addr>>,
+    shared: Arc<Shared>,
+    orders: mpsc::WeakSender<Order>,
+) {
+    let prefix = spdp::prefix(&own);
     tokio::select! {
         _ = shared.ended() => {}
-        () = keep(own, port, &shared, orders) => {}
+        () = keep(prefix, port, &shared, orders) => {}
     }
-    shared.announced.has_left(&own);
+    shared.announced.has_left(&prefix);
+    // As long as it lives it may announce itself again.
+    shared.over().await;
+    say_goodbye(&own, networks.as_deref(), &shared).await;
+}
+
+/// Tells those that live that a participant is gone. One that was killed says nothing, and Fast DDS does not read what
+/// the library says: its writers would keep the readers for a lease, and wait for what they acknowledge.
+async fn say_goodbye(own: &Guid, networks: Option<&[Ipv4Addr]>, shared: &Shared) {
+    let announced = &*shared.announced;
+    let from = match networks {
+        Some([ip]) => *ip,
+        _ => Ipv4Addr::UNSPECIFIED,
+    };
+    // The interface may be gone, and those who are not told notice it by the lease.
+    let Ok(socket) = UdpSocket::bind((from, 0)).await else { return };
+    let goodbye = spdp::goodbye(own);
+    for participant in announced.to_repeat(|it| shared.has_discovered(it)) {
+        for address in announced.addresses(&participant) {
+            let _ = socket.send_to(&goodbye, address).await;
+        }
+    }
 }
 
 async fn keep(own: Prefix, port: u16, shared: &Shared, orders: mpsc::WeakSender<Order>) {

@@ -24,11 +24,12 @@ mod wire;
 use std::collections::BTreeSet;
 use std::os::unix::net::UnixStream as StdStream;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::net::UnixStream;
 use tokio::sync::{mpsc, oneshot};
+use tokio::task::JoinHandle;
 
 pub use child::process;
 pub use inbox::{Reader, ReaderEvent};
@@ -103,6 +104,8 @@ struct Inner {
     next: AtomicU32,
     watch: watch::Watch,
     opened: Timestamp,
+    /// It says goodbye at the end.
+    keeper: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl Participant {
@@ -134,7 +137,7 @@ impl Participant {
                 }
             }
         });
-        let open = Order::Open { domain: options.domain, networks };
+        let open = Order::Open { domain: options.domain, networks: networks.clone() };
         // The channel is new and empty.
         let _ = orders.try_send(open);
         let opened = tokio::time::timeout(OPENING, opened).await;
@@ -142,9 +145,10 @@ impl Participant {
             Ok(Ok((guid, id))) => {
                 let next = AtomicU32::new(1);
                 let port = spdp::discovery_port(options.domain, id);
-                tokio::spawn(keep::run(guid, port, shared.clone(), orders.downgrade()));
+                let keeper = keep::run(guid, port, networks, shared.clone(), orders.downgrade());
+                let keeper = Mutex::new(Some(tokio::spawn(keeper)));
                 let opened = shared.announced.now();
-                Ok(Participant(Arc::new(Inner { guid, id, shared, orders, next, watch, opened })))
+                Ok(Participant(Arc::new(Inner { guid, id, shared, orders, next, watch, opened, keeper })))
             }
             Ok(Err(_)) => Err(BridgeError::Participant(shared.ended().await.reason.to_string())),
             Err(_) => Err(BridgeError::Participant(format!("it does not start within {OPENING:?}"))),
@@ -234,11 +238,16 @@ impl Participant {
         Writer { id, made, participant: self.clone() }
     }
 
-    /// Ends the process and waits for that.
+    /// Ends the process, and waits for that and for its goodbye.
     pub async fn close(self) {
         self.order(Order::Close);
         self.0.watch.close();
         self.0.shared.over().await;
+        let keeper = self.0.keeper.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(keeper) = keeper {
+            // A panic there is no reason to fail here.
+            let _ = keeper.await;
+        }
     }
 
     fn next(&self) -> u32 {

@@ -1,7 +1,7 @@
 //! Announcements of participants, by the Simple Participant Discovery Protocol (RTPS 2.5, 8.5.3 and 9.6.2.2): read
 //! from the network, and copied for the DDS library.
 
-use std::net::Ipv4Addr;
+use std::net::{Ipv4Addr, SocketAddrV4};
 
 use telltale_engine::time::Span;
 use telltale_msg::sample_bytes::Guid;
@@ -28,6 +28,18 @@ const INFO_SRC: u8 = 0x0c;
 const SENTINEL: u16 = 0x01;
 const LEASE: u16 = 0x02;
 const PARTICIPANT_GUID: u16 = 0x50;
+const DISCOVERY_ADDRESS: u16 = 0x32;
+const KEY_HASH: u16 = 0x70;
+const STATUS: u16 = 0x71;
+
+/// The kind of an address: UDP over IPv4.
+const UDP_V4: u32 = 1;
+/// More addresses of one participant are not spoken to.
+const ADDRESSES_MAX: usize = 8;
+/// No announcement of a participant has a number as high.
+const LAST: u64 = 1 << 32;
+/// It is disposed of, and its writer is gone.
+const GONE: [u8; 4] = [0, 0, 0, 3];
 
 /// What a participant that says nothing of its lease has, as the library takes it.
 const LEASE_DEFAULT: Span = Span::from_secs(60);
@@ -165,11 +177,61 @@ fn read_lease(value: &[u8], is_little: bool) -> Option<Span> {
     Some(Span::from_secs(u64::try_from(seconds).unwrap_or(0)))
 }
 
+fn address(value: &[u8], is_little: bool) -> Option<SocketAddrV4> {
+    let (head, ip) = (value.first_chunk::<8>()?, value.get(20..24)?);
+    let word = |bytes: &[u8]| {
+        let bytes = bytes.try_into().ok()?;
+        Some(if is_little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) })
+    };
+    let (kind, port) = (word(&head[..4])?, u16::try_from(word(&head[4..])?).ok()?);
+    let ip: [u8; 4] = ip.try_into().ok()?;
+    (kind == UDP_V4 && port > 0).then(|| SocketAddrV4::new(ip.into(), port))
+}
+
 fn number(is_little: bool, bytes: [u8; 2]) -> u16 {
     if is_little { u16::from_le_bytes(bytes) } else { u16::from_be_bytes(bytes) }
 }
 
+/// What a participant says when it leaves. The library's own goodbye names the participant in a payload alone, which
+/// Fast DDS does not read.
+pub fn goodbye(own: &Guid) -> Vec<u8> {
+    let mut data = vec![0, 0, 16, 0];
+    data.extend(PARTICIPANT_READER);
+    data.extend(PARTICIPANT_WRITER);
+    data.extend(((LAST >> 32) as u32).to_le_bytes());
+    data.extend((LAST as u32).to_le_bytes());
+    let mut parameter = |id: u16, value: &[u8]| {
+        data.extend(id.to_le_bytes());
+        data.extend((value.len() as u16).to_le_bytes());
+        data.extend(value);
+    };
+    parameter(KEY_HASH, own);
+    parameter(STATUS, &GONE);
+    parameter(SENTINEL, &[]);
+    let mut packet = b"RTPS\x02\x03".to_vec();
+    packet.extend(VENDOR);
+    packet.extend(prefix(own));
+    // DATA in little endian, with inline QoS alone.
+    packet.extend([DATA, 0b0011]);
+    packet.extend((data.len() as u16).to_le_bytes());
+    packet.extend(data);
+    packet
+}
+
 impl Announcement {
+    /// Where the participant listens for announcements.
+    pub fn addresses(&self) -> Vec<SocketAddrV4> {
+        let mut addresses = Vec::new();
+        let mut rest = &*self.parameters;
+        while let Some((Some((id, value)), behind)) = next_parameter(rest, self.is_little) {
+            rest = behind;
+            if id == DISCOVERY_ADDRESS && addresses.len() < ADDRESSES_MAX {
+                addresses.extend(address(value, self.is_little));
+            }
+        }
+        addresses
+    }
+
     /// The announcement as a packet for the library: the participant seems to say it now, with this lease. A number
     /// that the library has seen before would be taken for a repetition.
     ///
@@ -213,6 +275,10 @@ pub mod tests {
         [&id.to_le_bytes()[..], &(value.len() as u16).to_le_bytes(), value].concat()
     }
 
+    fn locator(kind: u32, port: u32, ip: [u8; 4]) -> Vec<u8> {
+        [&kind.to_le_bytes()[..], &port.to_le_bytes(), &[0; 12], &ip].concat()
+    }
+
     /// As a participant announces itself that speaks little endian.
     pub fn packet(prefix: u8, lease_s: i32) -> Vec<u8> {
         let guid = [&[prefix; PREFIX][..], &[0, 0, 1, 0xc1]].concat();
@@ -220,6 +286,10 @@ pub mod tests {
         let parameters = [
             parameter(PARTICIPANT_GUID, &guid),
             parameter(LEASE, &lease),
+            parameter(DISCOVERY_ADDRESS, &locator(UDP_V4, 7412, [10, 0, 0, prefix])),
+            // Over IPv6, and none at all.
+            parameter(DISCOVERY_ADDRESS, &locator(2, 7412, [0; 4])),
+            parameter(DISCOVERY_ADDRESS, &locator(UDP_V4, 0x1_0000, [10, 0, 0, 1])),
             parameter(0x58, &[0x3f, 0, 0, 0]),
             parameter(SENTINEL, &[]),
         ];
@@ -283,6 +353,16 @@ pub mod tests {
     }
 
     #[test]
+    fn a_goodbye_is_read_as_one_and_an_announcement_says_where_to_send_it() {
+        let own = [[7; PREFIX].as_slice(), &[0, 0, 1, 0xc1]].concat().try_into().unwrap();
+        let goodbye = goodbye(&own);
+        assert_eq!(read(&goodbye), Some(Said::Leaving([7; PREFIX])));
+        let key = [&[0x70, 0, 16, 0], own.as_slice()].concat();
+        assert!(goodbye.windows(key.len()).any(|window| window == key), "Fast DDS reads nothing else");
+        assert_eq!(here(7, 10).addresses(), [SocketAddrV4::new([10, 0, 0, 7].into(), 7412)]);
+    }
+
+    #[test]
     fn who_speaks_for_another_is_not_heard() {
         let mut forged = packet(7, 10);
         forged[8..HEADER].fill(6);
@@ -296,7 +376,9 @@ pub mod tests {
             let at = at % bytes.len();
             bytes[at] = value;
             bytes.truncate(bytes.len().saturating_sub(cut));
-            let _ = read(&bytes);
+            if let Some(Said::Here(announcement)) = read(&bytes) {
+                let _ = announcement.addresses();
+            }
         }
     }
 }
