@@ -109,6 +109,7 @@ with_each_peer!(
     another_type_on_the_topic_is_told_and_never_decoded,
     a_late_joiner_learns_the_last_value_of_a_signal_but_no_old_event,
     a_new_participant_goes_on_where_the_old_one_ended,
+    what_is_missed_between_two_participants_is_told_as_lost,
     large_arrays_arrive_from_both_sides,
     published_signals_reach_foreign_late_joiners_and_our_own_bridge,
     the_node_is_announced_in_the_size_that_the_others_use,
@@ -356,6 +357,38 @@ fn a_new_participant_goes_on_where_loopback_has_multicast() {
     let said = String::from_utf8_lossy(&done.stdout);
     let errors = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success() && said.contains("2 passed"), "{said}{errors}");
+}
+
+async fn what_is_missed_between_two_participants_is_told_as_lost(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let mut peer = Peer::start(&domain, "--reliability best_effort pub");
+    let mut reading = Reading::start(&domain).await;
+    peer.wait_matched(1);
+    peer.write(&one("before"));
+    reading.status("before").await;
+    reading.bridge.rebuild();
+    // The old participant says goodbye: the publisher does not keep its reader for a lease.
+    let limit = Limit::start();
+    loop {
+        peer.write(&one("missed"));
+        let readers = peer.tell_and_expect(&json!({"wait_matched": 0}), "matched");
+        if limit.holds() && readers["matched"] == 0 {
+            break;
+        }
+    }
+    peer.write(&one("missed"));
+    peer.wait_matched(1);
+    let again = async {
+        loop {
+            peer.write(&one("after"));
+            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        }
+    };
+    tokio::select! {
+        trouble = reading.trouble(TroubleKind::Lost) => assert_eq!(&*trouble.topic, "/diagnostics"),
+        () = again => {}
+    }
+    reading.bridge.shutdown().await;
 }
 
 async fn large_arrays_arrive_from_both_sides(vendor: Vendor) {
