@@ -23,28 +23,31 @@ mod source;
 mod vehicle_memory;
 pub mod view;
 
-use std::hash::RandomState;
 use std::ops::Deref;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
-use tokio::sync::{Semaphore, mpsc, watch};
+use tokio::sync::{mpsc, watch};
 
 use self::view::Trends;
 use admission::connections::Connections;
-use admission::login_throttle::Throttle;
 use auth::handover::HandOvers;
+use auth::login::Proofs;
 use auth::session_ends::SessionEnds;
+use auth::sign_in_out::OperatorChange;
 use auth::take_over::TakeOvers;
+use developer::audit::AuditReading;
+use developer::reload::Reloading;
 use live::byte_budget::Accounts;
 use live::displays::Displays;
 use live::first_changes::FirstChanges;
 use live::frame::Frames;
-use operator::act::PLACES;
+use operator::act::Turns;
 use operator::stop_once::Stops;
 use operator::two_steps::PendingConfirmation;
 use replays::Replays;
 pub use replays::ServedFile;
+use serve::accept::Listening;
 use telltale_clock::Clock;
 use telltale_clock::latency::Latency;
 use telltale_engine::discovery::Discovery;
@@ -127,28 +130,12 @@ pub struct Shared {
     pub stops: Stops,
     pub hand_overs: HandOvers,
     pub take_overs: TakeOvers,
-    pub throttle: Mutex<Throttle>,
-    /// Held while a secret from a display or a known browser is proven: the next one is judged by what came of it.
-    pub proving: tokio::sync::Mutex<()>,
-    /// Makes numbers of names that are no user's, by a key of this run.
-    unknown_names: RandomState,
-    /// Held while the audit log is read.
-    audit_readers: tokio::sync::Mutex<()>,
-    /// Held while the operator in charge changes.
-    operator_change: tokio::sync::Mutex<()>,
-    /// Held while a change of the operator is undone that the disk took too late.
-    undoing: Arc<tokio::sync::Mutex<()>>,
-    /// Held from the judgement of an action until it is done, and while the vehicle is remembered:
-    /// what is on the disk never falls behind an action that was written there. After `operator_change`.
-    acting: tokio::sync::Mutex<()>,
-    /// For those who wait for `acting`, or for the disk, with an action.
-    places: Arc<Semaphore>,
-    /// Held while somebody has the configuration taken.
-    reloading: tokio::sync::Mutex<()>,
-    /// When the listener last waited for a connection.
-    accepting: watch::Sender<Timestamp>,
-    /// Turns true when the server ends.
-    pub closing: watch::Sender<bool>,
+    pub proofs: Proofs,
+    audit_reading: AuditReading,
+    operator_change: OperatorChange,
+    turns: Turns,
+    reloading: Reloading,
+    listening: Listening,
 }
 
 impl AppState {
@@ -172,17 +159,12 @@ impl AppState {
             stops: Stops::default(),
             hand_overs: HandOvers::default(),
             take_overs: TakeOvers::default(),
-            throttle: Mutex::default(),
-            proving: tokio::sync::Mutex::default(),
-            unknown_names: RandomState::new(),
-            audit_readers: tokio::sync::Mutex::default(),
-            operator_change: tokio::sync::Mutex::default(),
-            undoing: Arc::default(),
-            acting: tokio::sync::Mutex::default(),
-            places: Arc::new(Semaphore::new(PLACES)),
-            reloading: tokio::sync::Mutex::default(),
-            accepting: watch::channel(Timestamp::ZERO).0,
-            closing: watch::channel(false).0,
+            proofs: Proofs::default(),
+            audit_reading: AuditReading::default(),
+            operator_change: OperatorChange::default(),
+            turns: Turns::default(),
+            reloading: Reloading::default(),
+            listening: Listening::default(),
         }))
     }
 }

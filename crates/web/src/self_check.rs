@@ -13,7 +13,7 @@ use tower::ServiceExt as _;
 use super::AppState;
 use super::router::router;
 use super::view::Lang;
-use telltale_engine::time::{Span, Timestamp};
+use telltale_engine::time::Span;
 
 /// A page that nobody reads is closed after 5 s. A socket without a beat for longer hangs in the server.
 const BEATLESS_MAX: Span = Span::from_secs(8);
@@ -55,8 +55,7 @@ impl SelfCheck {
 
     /// Waits until connections are accepted.
     pub async fn is_serving(&self) {
-        // The sender lives as long as `self`.
-        let _ = self.app.accepting.subscribe().wait_for(|accepting| *accepting > Timestamp::ZERO).await;
+        self.app.listening.began().await;
     }
 
     /// Tries the way once.
@@ -72,7 +71,7 @@ impl SelfCheck {
             return Err(Stuck::Bridge);
         }
         let now = app.clock.now();
-        if now.since(*app.accepting.borrow()) > IDLE_MAX {
+        if now.since(app.listening.last()) > IDLE_MAX {
             return Err(Stuck::Listener);
         }
         // Frames are made under a lock, which nobody may hold without end: a thread of its own waits for it.

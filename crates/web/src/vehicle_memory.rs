@@ -132,7 +132,7 @@ impl LastSeen {
         snapshots: &mut watch::Receiver<Published>,
         turns: &mut broadcast::Receiver<Published>,
     ) -> bool {
-        let _acting = app.acting.lock().await;
+        let _acting = app.turns.take().await;
         loop {
             let records = match turns.try_recv() {
                 Ok(published) => self.look(&published),

@@ -102,7 +102,7 @@ async fn lock_empty(app: &Live) {
 /// Locks a vehicle whose operator has no session any more. If the engine does not answer or refuses, the
 /// next check tries again.
 async fn lock_if_empty(app: &Live) {
-    let _change = app.operator_change.lock().await;
+    let _change = app.operator_change.begin_beside_undoing().await;
     let snapshot = app.published().snapshot;
     // A vehicle that drives keeps its operator; the engine would refuse anyway.
     let Some(operator) = snapshot.operator.as_deref().filter(|_| !snapshot.drives()) else {

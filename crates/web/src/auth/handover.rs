@@ -101,8 +101,8 @@ impl HandOver {
     async fn take(&self, app: &Live) -> Result<(), String> {
         let late = || "it waited too long for others".to_owned();
         let until = self.due + DONE_WITHIN;
-        let _change = app.clock.by(until, app.lock_operator()).await.ok_or_else(late)?;
-        let _acting = app.clock.by(until, app.acting.lock()).await.ok_or_else(late)?;
+        let _change = app.clock.by(until, app.operator_change.begin()).await.ok_or_else(late)?;
+        let _acting = app.clock.by(until, app.turns.take()).await.ok_or_else(late)?;
         let in_charge = app.published().snapshot.operator.clone();
         if !self.session.is_open() || in_charge.is_some_and(|in_charge| *in_charge != *self.from) {
             return Err("things have changed".to_owned());

@@ -1,8 +1,8 @@
 //! Login and logout.
 
-use std::hash::BuildHasher as _;
+use std::hash::{BuildHasher as _, RandomState};
 use std::net::IpAddr;
-use std::sync::PoisonError;
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Json;
@@ -20,7 +20,7 @@ use super::expiry::is_in_charge;
 use super::session_ends;
 use super::sign_in_out;
 use super::sign_in_out::{LoginAttempt, NotOpened};
-use crate::admission::login_throttle::Source;
+use crate::admission::login_throttle::{Source, Throttle};
 use crate::admission::peer::{Peer, source_of};
 use crate::http::errors::HttpError;
 use crate::http::guard::{SignedIn, cookie_name, cookie_session, device_cookie_name};
@@ -44,6 +44,16 @@ const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
 const PROVEN_WITHIN: Span = Span::from_secs(20);
 /// The time for the disk to take the cookie of a known browser.
 const DEVICE_WITHIN: Duration = Duration::from_secs(1);
+
+/// What is known of earlier attempts to log in.
+#[derive(Debug, Default)]
+pub struct Proofs {
+    throttle: Mutex<Throttle>,
+    /// Held while a secret from a display or a known browser is proven: the next one is judged by what came of it.
+    proving: tokio::sync::Mutex<()>,
+    /// Makes numbers of names that are no user's, by a key of this run.
+    unknown_names: RandomState,
+}
 
 #[derive(Deserialize, JsonSchema)]
 pub struct LoginForm {
@@ -231,7 +241,7 @@ pub async fn shutdown(
 async fn recorded_name(app: &AppState, name: &str) -> String {
     match app.store.knows_user(name).await {
         Ok(true) => name.to_owned(),
-        _ => format!("(unknown name, {:08x})", app.unknown_names.hash_one(name) >> 32),
+        _ => format!("(unknown name, {:08x})", app.proofs.unknown_names.hash_one(name) >> 32),
     }
 }
 
@@ -300,13 +310,13 @@ async fn prove(
     // failures that these may turn out not to be.
     let _turn = match caller {
         Caller::Vehicle => {
-            let turn = app.clock.by(app.clock.now() + PROVEN_WITHIN, app.proving.lock()).await;
+            let turn = app.clock.by(app.clock.now() + PROVEN_WITHIN, app.proofs.proving.lock()).await;
             Some(turn.ok_or(LoginFailure::Unavailable)?)
         }
         Caller::Elsewhere => None,
     };
     let from = Source { ip: source, caller: at, device };
-    let throttle = || app.throttle.lock().unwrap_or_else(PoisonError::into_inner);
+    let throttle = || app.proofs.throttle.lock().unwrap_or_else(PoisonError::into_inner);
     if let Err(wait) = throttle().attempt(app.clock.now(), name, &from) {
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }

@@ -2,9 +2,10 @@
 //! waits no longer than a tap.
 
 use std::net::IpAddr;
+use std::sync::Arc;
 
 use futures_util::TryFutureExt;
-use tokio::sync::oneshot;
+use tokio::sync::{Mutex, MutexGuard, OwnedMutexGuard, oneshot};
 
 use super::expiry::is_in_charge;
 use super::handover;
@@ -52,6 +53,33 @@ impl From<NoAnswer> for NotOpened {
 /// A login or a logout waits no longer than this for others and for the disk; then it is not done.
 pub const DONE_WITHIN: Span = Span::from_secs(4);
 const LATE: &str = "the disk did not answer in time";
+
+/// The operator in charge changes for one reason at a time.
+#[derive(Debug, Default)]
+pub struct OperatorChange {
+    change: Mutex<()>,
+    /// Held while a change is undone that the disk took too late.
+    undoing: Arc<Mutex<()>>,
+}
+
+impl OperatorChange {
+    /// Locks the operator in charge for a change, once a change that the disk took too late is undone.
+    pub async fn begin(&self) -> MutexGuard<'_, ()> {
+        let change = self.begin_beside_undoing().await;
+        drop(self.undoing.lock().await);
+        change
+    }
+
+    /// The same without waiting for a change that is undone.
+    pub async fn begin_beside_undoing(&self) -> MutexGuard<'_, ()> {
+        self.change.lock().await
+    }
+
+    /// Held until a change is undone, by the one that has begun it.
+    fn undo(&self) -> Option<OwnedMutexGuard<()>> {
+        self.undoing.clone().try_lock_owned().ok()
+    }
+}
 
 /// Opens a session. It runs to its end even if the browser has gone; then the session is ended again,
 /// because that browser does not know of it.
@@ -106,7 +134,7 @@ impl LoginAttempt {
         app: &Live,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Session), NotOpened> {
-        let _change = app.clock.by(self.until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
+        let _change = app.clock.by(self.until, app.operator_change.begin()).await.ok_or(NotOpened::Busy)?;
         let (name, role) = (self.user.name(), self.user.role());
         let in_charge = app.published().snapshot.operator.clone();
         let other = in_charge.filter(|it| role == Role::Operator && **it != *name);
@@ -203,7 +231,7 @@ impl LoginAttempt {
         other: Option<&str>,
         is_waited_for: impl Fn() -> bool + Send,
     ) -> Result<(Token, Written), NotOpened> {
-        let _acting = app.clock.by(self.until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+        let _acting = app.clock.by(self.until, app.turns.take()).await.ok_or(NotOpened::Busy)?;
         let action = OperatorAction::Login { name: self.user.name().into() };
         let preview = match app.rehearse(action.clone()).await? {
             Ok(preview) => preview,
@@ -266,7 +294,7 @@ impl LoginAttempt {
 /// Ends a session. The operator in charge logs out at all displays, if the vehicle permits.
 async fn close(app: Live, session: Session, source: IpAddr, action: OperatorAction) -> Result<(), NotOpened> {
     let until = app.clock.now() + DONE_WITHIN;
-    let _change = app.clock.by(until, app.lock_operator()).await.ok_or(NotOpened::Busy)?;
+    let _change = app.clock.by(until, app.operator_change.begin()).await.ok_or(NotOpened::Busy)?;
     let record = Record::of_session(&session, Action::Logout, source);
     let not_done = |error: &StoreError| {
         if matches!(error, StoreError::TooLate) {
@@ -278,7 +306,7 @@ async fn close(app: Live, session: Session, source: IpAddr, action: OperatorActi
         let ending = app.clock.by(until, app.store.end_session(&session, record.clone(), until)).await;
         return Ok(ending.ok_or(NotOpened::Storage)?.inspect_err(not_done)?);
     }
-    let _acting = app.clock.by(until, app.acting.lock()).await.ok_or(NotOpened::Busy)?;
+    let _acting = app.clock.by(until, app.turns.take()).await.ok_or(NotOpened::Busy)?;
     if let Err(reasons) = app.rehearse(action.clone()).await? {
         app.store.record(record.refused(format!("{reasons:?}")), None).await;
         return Err(NotOpened::Refused(reasons));
@@ -310,21 +338,14 @@ async fn close(app: Live, session: Session, source: IpAddr, action: OperatorActi
 }
 
 impl Live {
-    /// Locks the operator in charge for a change, once a change that the disk took too late is undone.
-    pub(crate) async fn lock_operator(&self) -> tokio::sync::MutexGuard<'_, ()> {
-        let change = self.operator_change.lock().await;
-        drop(self.undoing.lock().await);
-        change
-    }
-
-    /// Undoes a change of the operator that is written too late: it was not done. The caller holds
-    /// `operator_change`; until the change is undone, nobody else changes the operator.
+    /// Undoes a change of the operator that is written too late: it was not done. The caller has begun a
+    /// change; until the change is undone, nobody else changes the operator.
     pub(crate) fn undo_late(
         &self,
         writing: impl Future<Output = Result<Written, StoreError>> + Send + 'static,
         record: Record,
     ) {
-        let (app, undoing) = (self.clone(), self.undoing.clone().try_lock_owned());
+        let (app, undoing) = (self.clone(), self.operator_change.undo());
         let record = record.refused(LATE);
         tokio::spawn(async move {
             let _undoing = undoing;

@@ -6,6 +6,7 @@ use askama::Template;
 
 use axum::extract::State;
 use axum::response::{Html, IntoResponse, Response};
+use tokio::sync::{Mutex, MutexGuard};
 
 use crate::AppState;
 use crate::http::errors::HttpError;
@@ -63,6 +64,16 @@ struct AuditHtml {
 /// Records on one page of the audit log.
 const AUDIT_ROWS: u32 = 100;
 
+/// One reader of the audit log at a time, because verifying a long chain takes a while.
+#[derive(Debug, Default)]
+pub struct AuditReading(Mutex<()>);
+
+impl AuditReading {
+    pub async fn turn(&self) -> MutexGuard<'_, ()> {
+        self.0.lock().await
+    }
+}
+
 /// `GET /developer/audit?before=NUMBER`: the audit log, newest first, and whether its chain is whole.
 pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
     let before = request.query.get("before");
@@ -73,8 +84,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
         true => (None, ROWS_MAX as u32),
         false => (request.query.number("before"), AUDIT_ROWS),
     };
-    // One reader at a time, because verifying a long chain takes a while.
-    let _reader = app.audit_readers.lock().await;
+    let _reader = app.audit_reading.turn().await;
     let read = async {
         let entries = app.store.audit_entries(before, count).await?;
         Ok::<_, StoreError>((entries, app.store.verify_audit().await?))

@@ -111,6 +111,10 @@ impl Found {
 /// The time for the disk to take the record of a reload.
 const RECORD_WITHIN: Span = Span::from_secs(4);
 
+/// One at a time has the configuration taken.
+#[derive(Debug, Default)]
+pub struct Reloading(tokio::sync::Mutex<()>);
+
 /// Has the file taken, if it is what was shown. The request is on the disk before that, so an error means
 /// that nothing was changed; another result than the expected one is recorded after.
 pub(crate) async fn have_taken(
@@ -118,7 +122,7 @@ pub(crate) async fn have_taken(
     shown: Option<String>,
     record: Record,
 ) -> Result<(Rereading, Found), HttpError> {
-    let _turn = app.reloading.try_lock().map_err(|_| HttpError::Busy)?;
+    let _turn = app.reloading.0.try_lock().map_err(|_| HttpError::Busy)?;
     let read = reread(&app, false, None).await?;
     let expected = Found::of(&read, shown.as_deref());
     let until = app.clock.now() + RECORD_WITHIN;

@@ -62,8 +62,7 @@ pub async fn get(
     reader: Reader,
 ) -> Response {
     let count = asked.count.0;
-    // One reader at a time, as for the page.
-    let _reader = app.audit_readers.lock().await;
+    let _reader = app.audit_reading.turn().await;
     let entries = match app.store.audit_entries(asked.before, count).await {
         Ok(entries) => entries,
         Err(error) => {

@@ -196,7 +196,7 @@ impl LiveConnection {
 
     async fn serve(&mut self) -> Result<std::convert::Infallible, Ending> {
         let mut snapshots = self.app.snapshots().clone();
-        let mut closing = self.app.closing.subscribe();
+        let mut closing = self.app.listening.closing();
         let mut beats = interval(BEAT_EVERY);
         // After a stop of the whole process there is one beat to make up for, not all.
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);

@@ -1,6 +1,10 @@
 //! Does what an operator's tap asks for, or somebody else: judged, written, judged again, done. It waits for others and for
 //! the disk no longer than the tap counts.
 
+use std::sync::Arc;
+
+use tokio::sync::{Mutex, MutexGuard, OwnedSemaphorePermit, Semaphore};
+
 use super::not_done::{InvalidTap, NotDone};
 use super::tap::TappedAction;
 use crate::Live;
@@ -16,7 +20,33 @@ use telltale_store::VehicleMemory;
 use telltale_store::audit::{RECORDED_WITHIN, Record};
 
 /// Operator's actions that may wait for one another and for the disk: pages send three at once.
-pub const PLACES: usize = 8;
+const PLACES: usize = 8;
+
+/// Actions are done one after the other. A turn is held from the judgement of an action until it is done, and while
+/// the vehicle is remembered: what is on the disk never falls behind an action that was written there.
+#[derive(Debug)]
+pub struct Turns {
+    acting: Mutex<()>,
+    places: Arc<Semaphore>,
+}
+
+impl Default for Turns {
+    fn default() -> Turns {
+        Turns { acting: Mutex::default(), places: Arc::new(Semaphore::new(PLACES)) }
+    }
+}
+
+impl Turns {
+    /// Waits for a turn. A change of the operator begins before that.
+    pub async fn take(&self) -> MutexGuard<'_, ()> {
+        self.acting.lock().await
+    }
+
+    /// A place among those who wait for a turn, or for the disk; `None` if all are taken.
+    fn place(&self) -> Option<OwnedSemaphorePermit> {
+        self.places.clone().try_acquire_owned().ok()
+    }
+}
 
 /// An action that somebody asks for, at a page or elsewhere.
 #[derive(Clone, Copy)]
@@ -68,13 +98,13 @@ pub async fn act_in_turn(deed: Deed<'_>) -> Result<(), NotDone> {
     if let Err(invalid) = judged() {
         return Err(refused(deed, None, invalid.into()).await);
     }
-    let Ok(place) = app.places.clone().try_acquire_owned() else {
+    let Some(place) = app.turns.place() else {
         let (why, de) = ("too many others waited", "zu viele andere warteten");
         tell_recorder(why, de);
         app.store.note(record.clone().refused(why));
         return Err(NotDone::HttpError(HttpError::Busy));
     };
-    let Some(_acting) = app.clock.by(until, app.acting.lock()).await else {
+    let Some(_acting) = app.clock.by(until, app.turns.take()).await else {
         let (why, de) = ("it waited too long for others", "es wartete zu lange auf andere");
         tell_recorder(why, de);
         app.store.note(record.clone().refused(why));
@@ -108,7 +138,7 @@ async fn stop(deed: Deed<'_>) -> Result<(), NotDone> {
         return Err(refused(deed, None, not_done).await);
     }
     let until = app.clock.now() + RECORDED_WITHIN;
-    let is_recorded = if let Some(_acting) = app.clock.by(until, app.acting.lock()).await {
+    let is_recorded = if let Some(_acting) = app.clock.by(until, app.turns.take()).await {
         app.store.record(record.clone(), Some(app.memory())).await
     } else {
         app.store.note(record.clone());

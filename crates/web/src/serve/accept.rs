@@ -30,6 +30,7 @@ use crate::live::{displays, first_changes, trend_sampling};
 use crate::router::router;
 use crate::vehicle_memory::VehicleMemoryTask;
 use crate::{AppState, turned};
+use telltale_engine::time::Timestamp;
 
 /// The time for the head of a request, and for a connection without a request.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
@@ -43,6 +44,47 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
 const NOTE_EVERY: Duration = Duration::from_millis(250);
 /// The wait after a failed `accept`, for example without free file descriptors.
 const ACCEPT_RETRY: Duration = Duration::from_millis(100);
+
+/// What the listener tells of itself.
+#[derive(Debug)]
+pub struct Listening {
+    /// When it last waited for a connection.
+    waited: watch::Sender<Timestamp>,
+    /// Turns true when the server ends.
+    closing: watch::Sender<bool>,
+}
+
+impl Default for Listening {
+    fn default() -> Listening {
+        Listening { waited: watch::channel(Timestamp::ZERO).0, closing: watch::channel(false).0 }
+    }
+}
+
+impl Listening {
+    fn waits(&self, now: Timestamp) {
+        self.waited.send_replace(now);
+    }
+
+    fn close(&self) {
+        self.closing.send_replace(true);
+    }
+
+    /// Waits until connections are accepted.
+    pub async fn began(&self) {
+        // The sender lives as long as `self`.
+        let _ = self.waited.subscribe().wait_for(|waited| *waited > Timestamp::ZERO).await;
+    }
+
+    /// When it last waited for a connection.
+    pub fn last(&self) -> Timestamp {
+        *self.waited.borrow()
+    }
+
+    /// Turns true when the server ends, for [`turned`].
+    pub fn closing(&self) -> watch::Receiver<bool> {
+        self.closing.subscribe()
+    }
+}
 
 /// Serves until `shutdown` ends. Then it closes sockets with the code for a restart, waits for running
 /// requests, and stores the last state of the vehicle.
@@ -84,7 +126,7 @@ pub async fn serve(
                         false => places.enter(peer.ip(), enrolled.caller(peer.ip())),
                     };
                     let Some((place, gone)) = entered else { continue };
-                    let closing = app.closing.subscribe();
+                    let closing = app.listening.closing();
                     let connection = HttpConnection { peer, router: router.clone(), secure: app.settings.secure, closing, place };
                     let open = connection.open(stream, tls.clone());
                     connections.spawn(async move {
@@ -101,12 +143,12 @@ pub async fn serve(
                 }
             },
             Some(_) = connections.join_next(), if !connections.is_empty() => {}
-            _ = notes.tick() => drop(app.accepting.send_replace(app.clock.now())),
+            _ = notes.tick() => app.listening.waits(app.clock.now()),
         }
     }
     drop(listener);
     live_watches.iter().flatten().chain(&watches).for_each(tokio::task::JoinHandle::abort);
-    app.closing.send_replace(true);
+    app.listening.close();
     let drained = async {
         app.displays.all_gone().await;
         while connections.join_next().await.is_some() {}
