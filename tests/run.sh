@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Runs every test: unit, property, scenario, router, DDS with foreign peers, a real browser.
+# Runs every test: scripts, unit, property, scenario, router, DDS with foreign peers, a real browser.
 #
 #   tests/run.sh             needs Rust, a C and a C++ compiler, Fast DDS, python3 with venv, sqlite3, iproute2, iptables, curl, jq,
-#                            prometheus, debootstrap, systemd-nspawn and systemd-analyze (as root), lintian, and Chromium
+#                            npm, prometheus, debootstrap, systemd-nspawn and systemd-analyze (as root), lintian, and Chromium
 #   tests/run.sh screenshot  makes docs/screenshot.png anew instead
 #   tests/run.sh screens     makes docs/screens/ anew instead
 #
@@ -49,6 +49,7 @@ install_debian_packages() {
     command -v g++ >/dev/null || packages+=(g++)
     has_header fastdds/dds/domain/DomainParticipant.hpp || packages+=(libfastrtps-dev)
     has_header fastcdr/Cdr.h || packages+=(libfastcdr-dev)
+    command -v npm >/dev/null || packages+=(npm)
     command -v prometheus >/dev/null || packages+=(prometheus)
     [ ${#packages[@]} -gt 0 ] || return 0
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
@@ -165,6 +166,11 @@ rust_tests() {
     count rust "${sums[@]}"
 }
 
+scripts() {
+    say "the scripts of the pages"
+    if tests/lint.sh; then count scripts 1 0; else count scripts 0 1; fi
+}
+
 scenarios() {
     say "scenarios in virtual time"
     local file good=0 bad=0
@@ -234,6 +240,7 @@ fi
 # because the tests ask for more features of some packages.
 cargo test --locked --no-run || die "the program or its tests do not build"
 pack
+scripts
 rust_tests
 scenarios
 browser_tests
