@@ -36,31 +36,14 @@ const UNLESS_SAID: [(HeaderName, &str); 2] = [(CACHE_CONTROL, "no-store"), (CONT
 /// Browsers that came over TLS use nothing else for a year.
 const OVER_TLS: (HeaderName, &str) = (STRICT_TRANSPORT_SECURITY, "max-age=31536000");
 
-/// The headers of every answer.
-fn all(secure: bool) -> impl Iterator<Item = (HeaderName, &'static str)> {
-    ALWAYS.into_iter().chain(secure.then_some(OVER_TLS))
-}
-
 /// The middleware around everything else; the state tells of TLS.
 pub async fn secure(State(secure): State<bool>, request: Request, next: Next) -> Response {
     let mut answer = next.run(request).await;
-    for (name, value) in all(secure) {
+    for (name, value) in ALWAYS.into_iter().chain(secure.then_some(OVER_TLS)) {
         answer.headers_mut().insert(name, HeaderValue::from_static(value));
     }
     for (name, value) in UNLESS_SAID {
         answer.headers_mut().entry(name).or_insert(HeaderValue::from_static(value));
     }
     answer
-}
-
-/// Adds the headers to an answer that no router made: they follow its first line.
-pub fn with_headers(answer: &[u8], secure: bool) -> Vec<u8> {
-    let end = answer.windows(2).position(|pair| pair == b"\r\n");
-    let (line, rest) = answer.split_at(end.map_or(0, |end| end + 2));
-    let mut with_headers = line.to_vec();
-    for (name, value) in all(secure).chain(UNLESS_SAID).filter(|_| end.is_some()) {
-        with_headers.extend_from_slice(format!("{name}: {value}\r\n").as_bytes());
-    }
-    with_headers.extend_from_slice(rest);
-    with_headers
 }

@@ -3,8 +3,6 @@
 use std::io;
 use std::net::SocketAddr;
 use std::pin::pin;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use axum::Router;
@@ -20,7 +18,6 @@ use tokio::task::JoinSet;
 use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
 use tower::ServiceExt as _;
 
-use super::parse_error::WithHeaders;
 use super::tls::Tls;
 use crate::admission::connections::ConnectionPlace;
 use crate::admission::peer::Peer;
@@ -127,7 +124,7 @@ pub async fn serve(
                     };
                     let Some((place, gone)) = entered else { continue };
                     let closing = app.listening.closing();
-                    let connection = HttpConnection { peer, router: router.clone(), secure: app.settings.secure, closing, place };
+                    let connection = HttpConnection { peer, router: router.clone(), closing, place };
                     let open = connection.open(stream, tls.clone());
                     connections.spawn(async move {
                         tokio::select! {
@@ -166,7 +163,6 @@ pub async fn serve(
 struct HttpConnection {
     peer: SocketAddr,
     router: Router,
-    secure: bool,
     closing: watch::Receiver<bool>,
     place: ConnectionPlace,
 }
@@ -191,15 +187,10 @@ impl HttpConnection {
     async fn converse(mut self, stream: impl AsyncRead + AsyncWrite + Unpin + Send + 'static) {
         let mut http = http1::Builder::new();
         http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(64 * 1024);
-        let has_request = Arc::new(AtomicBool::new(false));
         let meter = Meter::default();
         let (reader, writer) = tokio::io::split(stream);
-        let stream = tokio::io::join(
-            Metered::new(reader, meter.clone()),
-            WithHeaders::new(writer, has_request.clone(), self.secure),
-        );
+        let stream = tokio::io::join(Metered::new(reader, meter.clone()), writer);
         let service = service_fn(|mut request: Request<Incoming>| {
-            has_request.store(true, Ordering::Relaxed);
             request.extensions_mut().insert(Peer(self.peer));
             request.extensions_mut().insert(meter.clone());
             let (work, router) = (self.place.work(), self.router.clone());

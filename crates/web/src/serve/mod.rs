@@ -1,5 +1,4 @@
 //! The listener: connections, TLS, the end of the server.
 
 pub(super) mod accept;
-pub(super) mod parse_error;
 pub(super) mod tls;
