@@ -242,7 +242,11 @@ fn note_windows(seen: &History<'_>, snapshot: &Snapshot, (windows, times): (&mut
         window.blocked = blocked.then(|| earlier.unwrap_or((snapshot.now, is_well)));
         if !relevant {
             (window.since, window.recovery) = (None, None);
-        } else if window.since.is_some() && recovers && said.is_some_and(|state| state <= State::Warning) {
+        } else if window.since.is_some()
+            && recovers
+            && is_well
+            && said.is_some_and(|state| state <= State::Warning)
+        {
             window.recovery = since.zip(seen.rate(id, window.since));
         } else if window.since.is_none() || recovers {
             (window.since, window.recovery) = (since, None);

@@ -34,9 +34,10 @@ impl Watching {
         Some(index)
     }
 
-    /// Follows whether a module with this own state is blocked. The window of one that was well when that began and is no longer blocked
-    /// begins anew, if its monitor has one: the gap in which it waited makes it no cause. While it is well even with
-    /// the gap, it is judged on. Returns the module with its monitor if its window began anew.
+    /// Follows whether a module with this own state is blocked. The window of one that was well when that began and
+    /// is no longer blocked begins anew, if its monitor has one: the gap in which it waited makes it no cause, nor
+    /// does an ERROR from there that is still to be cleared. While it is well even with the gap, it is judged on.
+    /// Returns the module with its monitor if its window began anew.
     pub(crate) fn follow_block(
         &mut self,
         id: ModuleId,
@@ -49,7 +50,7 @@ impl Watching {
         if blocked {
             let blocked = watch.blocked.get_or_insert(Blocked { since: now, was_well: false });
             if blocked.since == now {
-                blocked.was_well = matches!(own, State::Ok | State::Warning);
+                blocked.was_well = is_well(own);
             }
             return None;
         }
@@ -57,7 +58,7 @@ impl Watching {
         if !recovers || !watch.running {
             return None;
         }
-        if matches!(watch.said, Some(State::Ok | State::Warning)) {
+        if is_well(own) && watch.said.is_some_and(is_well) {
             watch.monitor.recover(now);
             return None;
         }
@@ -98,4 +99,8 @@ impl Watching {
             (watch.due, watch.worded, watch.pending) = (None, None, true);
         }
     }
+}
+
+fn is_well(state: State) -> bool {
+    matches!(state, State::Ok | State::Warning)
 }
