@@ -306,8 +306,11 @@ impl Names {
         self.unproven.remove(&route);
     }
 
-    pub(crate) fn unproven(&self) -> impl Iterator<Item = u32> {
-        self.unproven.iter().copied()
+    /// In the order of their first receipt, which an engine that is loaded from a keyframe knows too.
+    pub(crate) fn unproven(&self) -> Vec<u32> {
+        let mut routes: Vec<u32> = self.unproven.iter().copied().collect();
+        routes.sort_unstable_by_key(|&route| self.routes[route as usize].number);
+        routes
     }
 
     pub(crate) fn modules(&self, route: u32) -> impl Iterator<Item = ModuleId> {

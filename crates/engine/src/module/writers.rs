@@ -192,7 +192,7 @@ impl Engine {
     /// stranger goes again.
     pub(crate) fn take_writers(&mut self, newer: &WriterList) {
         self.writers.follow(newer);
-        for route in self.names.unproven().collect::<Vec<_>>() {
+        for route in self.names.unproven() {
             let writers: Vec<WriterId> = self.names.routes[route as usize].writer_reports.writers().collect();
             let nodes: Vec<&NodeOf> = writers.iter().map(|&writer| self.writers.node(writer)).collect();
             if nodes.contains(&&NodeOf::Pending) {
