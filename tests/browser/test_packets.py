@@ -225,7 +225,7 @@ def test_a_dds_process_that_is_gone_or_hangs_is_replaced(watched, number):
     watched.wait_for_fault()
     assert watched.module(STATUS)["own"] == "unknown", "nothing is known while nothing is heard"
     watched.wait_for_data()
-    assert not set(before) & set(watched.server.children())
+    until(lambda: not set(before) & set(watched.server.children()), BACK_S, lambda: f"all are replaced: {watched.server.children()}")
 
 
 def test_what_is_asked_of_the_vehicle_is_said_again(watched, tmp_path):
