@@ -15,9 +15,6 @@ pub const PATIENCE: Span = Span::from_millis(1500);
 /// nearly half of it.
 const WINDOW: Span = Span::from_secs(2);
 
-/// A window of a rate that was widened fills by so much later, at most: its limit is about half of the rate.
-const FILLS_LATER: Span = Span::from_secs(1);
-
 /// A message may take this much longer. It is a part of the patience: a late message is no silence, so its
 /// lateness may last.
 const LATER: Span = Span::from_millis(1000);
@@ -31,12 +28,6 @@ pub fn patient(mut loaded: Loaded) -> Loaded {
             ModuleMonitor::SelfState(_) => PATIENCE,
         };
         module.policy.raise_after = longer(module.policy.raise_after, wait);
-        // A wider window fills later. Sources that disagreed are well later too, as rates follow from them: a cause is not
-        // well before its symptoms.
-        if matches!(&module.monitor, ModuleMonitor::Other(spec) if matches!(**spec, MonitorSpec::Agreement { .. }))
-        {
-            module.policy.clear_after = longer(module.policy.clear_after, FILLS_LATER);
-        }
     }
     for signal in &mut parts.signals {
         signal.timeout = signal.timeout.map(|timeout| longer(timeout, PATIENCE));
