@@ -341,6 +341,15 @@ fn where_nothing_says_that_the_vehicle_drives_a_request_is_held_until_it_is_rele
 }
 
 #[test]
+fn a_machine_that_becomes_a_shuttle_is_locked_at_first() {
+    let machine = format!("vehicle: {{ stages: none }}{}", CONFIG.replace("  active:", "  other:"));
+    let mut vehicle = Vehicle::driving_by(&machine);
+    assert_eq!(vehicle.look().stage, Stage::Active);
+    vehicle.restart(&machine.replace("stages: none", "stages: shuttle"));
+    assert_eq!(vehicle.look().stage, Stage::Locked, "nothing would ever end a drive that was none");
+}
+
+#[test]
 fn a_shuttle_without_a_word_on_whether_it_drives_is_warned_of() {
     let warnings = |text: &str| {
         let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));

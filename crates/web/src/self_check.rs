@@ -71,7 +71,7 @@ impl SelfCheck {
             return Err(Stuck::Bridge);
         }
         let now = app.clock.now();
-        if now.since(app.listening.last()) > IDLE_MAX {
+        if now.since(app.listening.last_waited()) > IDLE_MAX {
             return Err(Stuck::Listener);
         }
         // Frames are made under a lock, which nobody may hold without end: a thread of its own waits for it.

@@ -73,7 +73,7 @@ impl Listening {
     }
 
     /// When it last waited for a connection.
-    pub fn last(&self) -> Timestamp {
+    pub fn last_waited(&self) -> Timestamp {
         *self.waited.borrow()
     }
 
