@@ -412,6 +412,9 @@ pub struct Localization {
     pub done: bool,
     /// The vehicle drove before it was localized: without a localization there is no clearance.
     pub skipped: bool,
+    /// Where the vehicle was last known to be.
+    #[serde(default)]
+    pub last_known: Option<KnownPlace>,
 }
 
 impl Localization {
@@ -419,6 +422,14 @@ impl Localization {
     pub fn is_open(&self) -> bool {
         (self.given.is_some() || self.skipped) && !self.done
     }
+}
+
+/// Where a vehicle was last known to be.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct KnownPlace {
+    pub pose: MapPose,
+    /// A drive led to this stop. Otherwise an operator chose it, and the localization confirmed it.
+    pub driven: bool,
 }
 
 /// Metres and degrees in the map's frame.

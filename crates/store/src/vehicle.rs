@@ -13,7 +13,7 @@ use telltale_engine::model::Stage;
 use telltale_engine::model::countermeasure::Request;
 use telltale_engine::model::wording::Urgency;
 use telltale_engine::restart::resume::{Restored, RestoredAlarm, RestoredCountermeasure};
-use telltale_engine::snapshot::MapPose;
+use telltale_engine::snapshot::{KnownPlace, MapPose};
 use telltale_engine::time::Span;
 
 /// The length of stored lists. An engine keeps less; the rest of a longer list is not stored.
@@ -94,9 +94,14 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
             vehicle.last_alarm as i64,
         ])?;
     connection.execute_batch(
-        "DELETE FROM alarm_urgencies; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes;
+        "DELETE FROM last_known_place; DELETE FROM alarm_urgencies; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes;
          DELETE FROM countermeasure_times; DELETE FROM countermeasures;",
     )?;
+    if let Some(KnownPlace { pose: MapPose { x_m, y_m, yaw_deg }, driven }) = vehicle.last_known {
+        let mut insert =
+            connection.prepare_cached("INSERT INTO last_known_place VALUES (1, ?1, ?2, ?3, ?4)")?;
+        insert.execute(params![x_m, y_m, yaw_deg, driven])?;
+    }
     let mut insert = connection.prepare_cached("INSERT INTO alarms VALUES (?1, ?2, ?3, ?4, ?5)")?;
     let mut insert_urgency = connection.prepare_cached("INSERT INTO alarm_urgencies VALUES (?1, ?2)")?;
     for alarm in vehicle.alarms.iter().take(ROWS_MAX) {
@@ -185,7 +190,8 @@ impl Database {
         let mut query = connection.prepare("SELECT node FROM accepted ORDER BY node")?;
         let accepted = query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
         let countermeasures = read_measures(connection, wall)?;
-        Ok(Some(Restored { alarms, accepted, countermeasures, ..vehicle }))
+        let last_known = read_last_known(connection)?;
+        Ok(Some(Restored { last_known, alarms, accepted, countermeasures, ..vehicle }))
     }
 }
 
@@ -205,6 +211,18 @@ fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
         last_alarm: row.get::<_, i64>(6)?.unsigned_abs(),
         ..Restored::default()
     })
+}
+
+/// Where the vehicle was last known to be. A database of an earlier schema that cannot be written does not tell.
+fn read_last_known(connection: &Connection) -> rusqlite::Result<Option<KnownPlace>> {
+    if !has_table(connection, "last_known_place")? {
+        return Ok(None);
+    }
+    let place = |row: &Row<'_>| {
+        let pose = MapPose { x_m: row.get(0)?, y_m: row.get(1)?, yaw_deg: row.get(2)? };
+        Ok(KnownPlace { pose, driven: row.get(3)? })
+    };
+    connection.query_row("SELECT x_m, y_m, yaw_deg, driven FROM last_known_place", [], place).optional()
 }
 
 /// The urgencies of alarms. A database of an earlier schema that cannot be written has none.
@@ -287,6 +305,10 @@ mod tests {
             operator: None,
             posed: true,
             pose: Some((3, MapPose { x_m: 1.5, y_m: -2.0, yaw_deg: 90.0 })),
+            last_known: Some(KnownPlace {
+                pose: MapPose { x_m: 12.0, y_m: 0.5, yaw_deg: -90.0 },
+                driven: true,
+            }),
             alarms: vec![alarm(3, acknowledged), alarm(7, true)],
             last_alarm: 9,
             accepted: vec!["can".into(), "sensors/imu".into()],

@@ -38,8 +38,15 @@ fn the_motion_is_that_of_the_shuttle_from_stop_to_stop() {
     let leads_to = |snapshot: &Snapshot| snapshot.destination().map(|stop| stop.id.to_string());
     story.until(10_000, |snapshot| snapshot.clearance_refusals.is_empty()).expect("there is a goal");
     assert!(at_stop(&story.snapshot()) && leads_to(&story.snapshot()).as_deref() == Some("station"));
+    let known = |snapshot: &Snapshot| {
+        let place = snapshot.localization.last_known?;
+        let stop = snapshot.layout.stops.iter().find(|stop| stop.pose() == place.pose)?;
+        Some((stop.id.to_string(), place.driven))
+    };
+    assert_eq!(known(&story.snapshot()), Some(("depot".to_owned(), false)), "as it was chosen");
     story.drive();
     let driving = story.snapshot();
+    assert_eq!(known(&driving), None);
     assert_eq!((driving.motion.moving, leads_to(&driving).as_deref()), (Moving::Yes, Some("station")));
     let kmh = driving.motion.speed_kmh.expect("it moves");
     assert!(
@@ -52,6 +59,7 @@ fn the_motion_is_that_of_the_shuttle_from_stop_to_stop() {
     let arrived = story.until(120_000, |snapshot| snapshot.stage == Stage::Standby);
     assert!(arrived.is_some(), "it arrives: {:?}", story.roots);
     assert_eq!(story.snapshot().destination(), None);
+    assert_eq!(known(&story.snapshot()), Some(("station".to_owned(), true)), "where the drive led");
     story.until(600, at_stop).expect("it stands");
 }
 

@@ -13,7 +13,7 @@ use crate::model::{Model, NodeId, Stage, StageModel};
 use crate::module::system::SystemCheck;
 use crate::react::held::{HeldRequest, RequestCause, RequestOrigin};
 use crate::signals::driving_word::ARRIVAL;
-use crate::snapshot::{Alarm, Localization, MapPose, Snapshot};
+use crate::snapshot::{Alarm, KnownPlace, Localization, MapPose, Snapshot};
 use crate::stage::machine::Event;
 use crate::time::{Since, Span, Timestamp};
 use crate::timers::TimerKey;
@@ -29,6 +29,9 @@ pub struct Restored {
     pub posed: bool,
     /// Number and value of the last pose, which is not published again.
     pub pose: Option<(u64, MapPose)>,
+    /// Where the vehicle was last known to be.
+    #[serde(default)]
+    pub last_known: Option<KnownPlace>,
     pub alarms: Vec<RestoredAlarm>,
     /// The number of the last alarm: no number is used twice.
     pub last_alarm: u64,
@@ -44,6 +47,7 @@ impl Default for Restored {
             operator: None,
             posed: false,
             pose: None,
+            last_known: None,
             alarms: Vec::new(),
             last_alarm: 0,
             accepted: Vec::new(),
@@ -88,7 +92,7 @@ impl Snapshot {
             active: alarm.active,
             asked: alarm.asked,
         };
-        let Localization { number, pose, given, .. } = self.localization;
+        let Localization { number, pose, given, last_known, .. } = self.localization;
         let open = self.localization.is_open();
         let to_localize = open && self.stage == Stage::Standby;
         Restored {
@@ -101,6 +105,7 @@ impl Snapshot {
             operator: self.operator.as_deref().map(Box::from),
             posed: if self.stage == Stage::Active { !open } else { given.is_some() },
             pose: pose.map(|pose| (number, pose)),
+            last_known,
             alarms: self.alarms.iter().map(alarm).collect(),
             last_alarm: self.last_alarm,
             accepted: self.accepted.iter().map(|&node| name(node)).collect(),
@@ -192,8 +197,15 @@ impl Engine {
         let (number, pose) = restored.pose.map_or((0, None), |(number, pose)| (number, Some(pose)));
         let given = restored.posed.then_some(self.now).filter(|_| self.vehicle.stage == Stage::Localizing);
         let skipped = self.vehicle.stage == Stage::Active && !restored.posed;
-        self.vehicle.localization =
-            Localization { number, pose, given, ok_since: None, done: false, skipped };
+        self.vehicle.localization = Localization {
+            number,
+            pose,
+            given,
+            ok_since: None,
+            done: false,
+            skipped,
+            last_known: restored.last_known,
+        };
         let nodes = self.find_again(restored);
         let find = |name: &str| nodes.get(name).copied();
         for name in &restored.accepted {

@@ -12,7 +12,7 @@ use crate::model::wording::Urgency;
 use crate::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
 use crate::module::system::SystemCheck;
 use crate::signals::driving_word::ARRIVAL;
-use crate::snapshot::{Asked, Countermeasure, Localization, Unreached};
+use crate::snapshot::{Asked, Countermeasure, KnownPlace, Localization, Unreached};
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
@@ -83,6 +83,10 @@ impl Engine {
     /// The goal is used up: the next drive needs its own. Requests stay until the end of the drive is certain.
     fn arrived(&mut self) {
         self.countermeasures.arrive(self.now + ARRIVAL);
+        let stop = self.motion.shown().destination.map(|index| &self.model.driving.stops[index]);
+        if let Some(stop) = stop {
+            self.vehicle.localization.last_known = Some(KnownPlace { pose: stop.pose(), driven: true });
+        }
         self.forget_destination();
         let Some(goal) = self.goal_signal else { return };
         if self.signals.forget(goal) {
@@ -165,6 +169,8 @@ impl Engine {
             return;
         }
         self.vehicle.localization.done = true;
+        let chosen = self.vehicle.localization.pose.map(|pose| KnownPlace { pose, driven: false });
+        self.vehicle.localization.last_known = chosen;
         self.vehicle.localization.skipped = false;
         self.vehicle_changed = true;
         self.step(Event::Localized);

@@ -133,6 +133,7 @@ impl Vehicle {
         let taken = rows.find(|row| row.event == event && row.from.contains(&self.stage) && holds(row.guard));
         let Some(row) = taken else { return false };
         if row.to == Active {
+            self.localization.last_known = None;
             self.localization.skipped |= matches!(self.stage, Locked | Localizing) && !self.localization.done;
         }
         if matches!(row.to, Locked | Localizing) {

@@ -154,6 +154,16 @@ const MIGRATIONS: &[&str] = &[
         stopped_ms INTEGER
     ) STRICT;
 ",
+    // Where the vehicle was last known to be.
+    "
+    CREATE TABLE IF NOT EXISTS last_known_place (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        x_m REAL NOT NULL,
+        y_m REAL NOT NULL,
+        yaw_deg REAL NOT NULL,
+        driven INTEGER NOT NULL
+    ) STRICT;
+",
 ];
 
 /// Schemas from this one on have everything that a server without write access needs.
