@@ -27,6 +27,7 @@
     if (list.offsetParent === null) return show(0);
     let count = entries.length;
     show(count);
+    if (list.id === "causes-list") yieldLast(fits);
     if (fits()) return undefined;
     // What is over stands last, and gives way before the advice of a live fault does. The button that counts the rest
     // takes room as well.
@@ -42,6 +43,15 @@
     list.removeAttribute("data-brief");
     if (!fits()) list.setAttribute("data-brief", "");
     return undefined;
+  };
+
+  // The way to the last alarms gives way before anything that is wrong now.
+  const yieldLast = (fits) => {
+    const last = document.getElementById("causes-last");
+    if (last === null) return;
+    last.hidden = false;
+    const causes = document.getElementById("causes");
+    last.hidden = !fits() || causes.scrollHeight > causes.clientHeight + GLYPHS;
   };
 
   // Below this a text is hard to read, and wraps instead.
@@ -115,6 +125,30 @@
       name.style.setProperty("--lines", lines);
       if (lines === 1) name.style.setProperty("--narrow", NARROW_MIN);
     }
+    for (const { name } of names) shorten(name);
+  };
+
+  // A name without room loses its middle: similar names differ at their ends.
+  const shorten = (name) => {
+    name.removeAttribute("data-short");
+    const text = name.firstChild;
+    const full = text.data;
+    const fits = () => name.scrollHeight <= name.clientHeight + GLYPHS;
+    if (fits()) return;
+    const short = (kept) => {
+      const begin = Math.floor(0.4 * kept);
+      return `${full.slice(0, begin)}…${full.slice(full.length - (kept - begin))}`;
+    };
+    let [least, most] = [2, full.length - 1];
+    while (least < most) {
+      const kept = Math.ceil((least + most) / 2);
+      text.data = short(kept);
+      if (fits()) least = kept;
+      else most = kept - 1;
+    }
+    // The page keeps the whole name, for screen readers and for the next comparison with the server.
+    text.data = full;
+    name.dataset.short = short(least);
   };
 
   // Where the icon would lie over a text, the text stands alone; but the count of an OK tile gives way to its icon.
@@ -146,6 +180,7 @@
     for (const text of document.querySelectorAll(".tile > span")) {
       text.style.removeProperty("--narrow");
       text.removeAttribute("data-wraps");
+      text.removeAttribute("data-short");
       text.parentElement.removeAttribute("data-crowded");
       text.parentElement.removeAttribute("data-brief");
     }

@@ -250,7 +250,7 @@ def test_the_drivers_page_says_that_somebody_takes_over_and_lets_them_stop(serve
     Client(server, "bert", "864209", take_over=1)
     said = time.monotonic()
     notice = driving.locator("#notice")
-    expect(notice).to_contain_text("bert takes over in 5 s. Until then both of you can stop the vehicle.")
+    expect(notice).to_contain_text("bert takes your place in 5 s. Until then both of you can stop the vehicle.")
     for width, height in SIZES:
         driving.set_viewport_size({"width": width, "height": height})
         assert step(driving, "stop").is_visible()

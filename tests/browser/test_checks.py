@@ -46,7 +46,7 @@ SHOWN = {
     **{name: "Localization, Perception, Prediction: wait for Sensors" for name in ("Localization", "Perception", "Prediction")},
     **{name: f"Acknowledge first: {name}" for name in WARNINGS},
     "goal": "No destination",
-    "countermeasure": "A countermeasure is not released",
+    "countermeasure": "The vehicle is still held",
     "unheard": "No vehicle hears a request to slow down. Call the control room.",
 }
 # On a busy machine the display may be late as well.

@@ -64,6 +64,31 @@ def test_on_a_phone_nothing_is_cut_and_what_to_do_is_in_sight(server, vehicle, g
     assert title["width"] > 200 and told["height"] < 300
 
 
+# A phone, a small display, and the reference display at 200 %.
+SMALL = [(390, 844), (800, 480), (640, 400)]
+
+
+def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_has_a_line(server, vehicle, german, trouble):
+    page, client = german
+    vehicle.drive(True)
+    until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
+    vehicle.set("velodyne_packet_alive", 2, "Only 2.0 scans per second")
+    page.goto(server.url + "/")
+    expect(page.locator("#instruction[data-urgency=be_ready] strong")).to_be_visible()
+    for width, height in SMALL:
+        page.set_viewport_size({"width": width, "height": height})
+        for part in ("#motion", "#instruction", "#step button[name=stop]"):
+            expect(page.locator(part)).to_be_in_viewport(ratio=0.99)
+        assert page.evaluate("() => document.documentElement.scrollWidth") <= width
+        stop, told = (page.locator(part).bounding_box() for part in ("#step button[name=stop]", "#instruction"))
+        assert stop["height"] >= 88 and told["y"] + told["height"] <= stop["y"], (stop, told)
+        if width <= 760:
+            expect(page.locator("#arrows")).to_be_hidden()
+            for tile in page.locator(".tile").all():
+                name, word = (tile.locator(part).bounding_box() for part in (".name", ".state"))
+                assert name["x"] + name["width"] <= word["x"] + 1 and word["x"] + word["width"] <= width, (name, word)
+
+
 # Inside which words a line of the faults' titles ends, without a hyphen of theirs.
 TORN = """() => [...document.querySelectorAll("#causes .title")].flatMap(title => {
   const node = title.firstChild, torn = [];
@@ -203,4 +228,9 @@ def test_long_names_leave_the_state_its_place(chromium, trouble, tmp_path):
         for width, height in [*SIZES, (800, 480)]:
             page.set_viewport_size({"width": width, "height": height})
             page.wait_for_function(f"() => ({CROWDED})().length === 0", timeout=5000)
+            # Names that begin alike are told apart by their ends.
+            short = page.locator("[data-short]")
+            shown = short.evaluate_all("names => names.map(it => [it.dataset.short, it.textContent.slice(-2)])")
+            assert all("…" in name and name.endswith(end) for name, end in shown), shown
+        assert shown, "at 800x480 a long name has no room"
         context.close()

@@ -89,7 +89,7 @@ def test_a_first_login_takes_few_taps_and_a_hand_over_one_more(server, vehicle, 
     assert taps(page) == 7
     server.add_user("berta", "864213")
     enter_by_touch(other, server, "berta", "864213")
-    expect(other.locator(".failure")).to_have_text("anna is the operator. Take over?")
+    expect(other.locator(".failure")).to_have_text("anna is the operator. Take their place?")
     expect(other.locator("[name=secret]")).to_have_count(0)
     assert taps(other) == 8
     other.locator(".primary").tap()
@@ -121,7 +121,7 @@ def test_another_operator_takes_over_at_the_same_display_with_one_pin(server, ve
     before = taps(page)
     page.locator("button[name=shutdown]").tap()
     page.get_by_role("link", name="Hand over").tap()
-    expect(page.locator(".change")).to_have_text("anna is the operator. Who takes over?")
+    expect(page.locator(".change")).to_have_text("anna is the operator. Who takes their place?")
     check_sizes(page, "hand-over")
     assert not violations(page), violations(page)
     # Nobody takes over from themselves: one other operator is chosen already.

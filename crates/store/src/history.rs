@@ -5,6 +5,7 @@
 //! [`ROWS_MAX`] records the oldest go, but the last of each node stays, so that the state of every node is
 //! known for every kept moment.
 
+mod alarms;
 mod damage;
 mod lines;
 mod read;
@@ -19,6 +20,7 @@ use std::time::{Duration, SystemTime};
 use rusqlite::{Connection, OpenFlags};
 use tokio::sync::oneshot;
 
+pub use alarms::PastAlarm;
 pub use damage::{SavedHistory, history_damage, repair_history};
 pub use lines::{HistoryLine, LineKind, LineQuery};
 pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
@@ -181,6 +183,14 @@ impl History {
     /// An error of the database, or that it took too long.
     pub async fn lines(&self, query: LineQuery) -> Result<Vec<HistoryLine>, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| lines::lines(connection, &query)).await
+    }
+
+    /// The last alarms, the newest first.
+    ///
+    /// # Errors
+    /// An error of the database, or that it took too long.
+    pub async fn last_alarms(&self, count: u32) -> Result<Vec<PastAlarm>, StoreError> {
+        self.reader.read(READ_WITHIN, move |connection| alarms::last_alarms(connection, count)).await
     }
 
     /// Waits until all is written that came through the queue, whose sender must be gone.

@@ -29,7 +29,7 @@ use super::http::guard::{Access, AccessTable, guard};
 use super::http::{headers, plain_errors};
 use super::live::socket;
 use super::operations as op;
-use super::operator::actions;
+use super::operator::{actions, last_alarms};
 use super::{demo, developer, exports, incidents, pages, replays};
 use telltale_store::Role::{Authority, Developer, Operator};
 
@@ -82,6 +82,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_post("/vehicle/shutdown", Roles(&[Operator]), login::shutdown).told(&op::SHUTDOWN),
         on_post("/alarms/acknowledge-over", Roles(&[Operator]), actions::acknowledge_over)
             .told(&op::ACKNOWLEDGE_OVER),
+        on_get("/alarms/last", Session, last_alarms::get),
         // Ids hold slashes: these end in `/acknowledge` and `/reset`.
         on_post("/alarms/{*path}", Roles(&[Operator]), actions::acknowledge).told(&op::ACKNOWLEDGE),
         on_post("/modules/{*path}", Roles(&[Operator]), actions::reset).told(&op::RESET),

@@ -37,6 +37,7 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("POST", "/vehicle/release/confirm", [true, false, false, false]),
     ("POST", "/vehicle/stop", [true, false, false, false]),
     ("POST", "/vehicle/shutdown", [true, false, false, false]),
+    ("GET", "/alarms/last", [true, true, true, false]),
     ("POST", "/alarms/acknowledge-over", [true, false, false, false]),
     ("POST", "/alarms/{*path}", [true, false, false, false]),
     ("POST", "/modules/{*path}", [true, false, false, false]),

@@ -230,7 +230,7 @@ async fn before_a_hand_over_while_it_drives_the_page_says_so_and_both_can_stop_i
     let said = rest(stream).await;
     let next = said.split("set-cookie: ").nth(1).and_then(|it| it.split(';').next()).unwrap().to_owned();
     let told = next_json(&mut page, |value| value.get("hand_over").is_some()).await;
-    assert!(told["hand_over"].as_str().unwrap().starts_with("bert takes over in 5 s."), "{told}");
+    assert!(told["hand_over"].as_str().unwrap().starts_with("bert takes your place in 5 s."), "{told}");
     // A page that opens now says so too.
     let mut new = server.connect("/ws?lang=de", &next).await;
     let told = next_json(&mut new, |value| value.get("hand_over").is_some()).await;

@@ -149,6 +149,35 @@ fn all_else_that_happened_is_told_in_order() {
 }
 
 #[test]
+fn the_last_alarms_tell_what_became_of_them() {
+    let mut disk = Disk::new(ROWS_MAX);
+    let raised = |id, node: &str| Recorded::AlarmRaised { id, node: node.into() };
+    disk.write(1, &[shown("a", State::Error, None), raised(1, "a")]);
+    disk.write(2, &[Recorded::AlarmAcknowledged { id: 1, node: "a".into() }]);
+    disk.write(3, &[shown("a", State::Ok, None), Recorded::AlarmCleared { id: 1, node: "a".into() }]);
+    disk.write(4, &[shown("a", State::Error, None), raised(2, "a")]);
+    let moved = Recorded::AlarmMoved { id: 2, symptom: "a".into(), cause: "b".into() };
+    disk.write(5, &[shown("a", State::Ignore, Some("b")), shown("b", State::Unknown, None), moved]);
+    let alarm = |id, node: &str, state, raised_ms: i64| PastAlarm {
+        id,
+        node: node.to_owned(),
+        state,
+        raised_ms: START_MS + raised_ms,
+        acknowledged_ms: None,
+        cleared_ms: None,
+    };
+    let first = PastAlarm {
+        acknowledged_ms: Some(START_MS + 2),
+        cleared_ms: Some(START_MS + 3),
+        ..alarm(1, "a", State::Error, 1)
+    };
+    let second = alarm(2, "b", State::Unknown, 4);
+    let last = |count| alarms::last_alarms(&disk.connection, count).unwrap();
+    assert_eq!(last(1), std::slice::from_ref(&second));
+    assert_eq!(last(10), [second.clone(), first]);
+}
+
+#[test]
 fn the_oldest_go_and_the_present_stays_known() {
     let mut disk = Disk::new(200);
     disk.write(0, &[Recorded::Started { anew: false }, shown("still", State::Warning, None)]);

@@ -2,6 +2,7 @@
 
 pub(super) mod act;
 pub(super) mod actions;
+pub(super) mod last_alarms;
 pub(super) mod not_done;
 
 pub(super) mod stop_once;

@@ -28,6 +28,7 @@ use telltale_engine::model::Stage;
 use telltale_engine::snapshot::{Moving, Snapshot};
 use telltale_engine::time::{Since, Span, Timestamp};
 use telltale_runtime::Published;
+use telltale_store::PastAlarm;
 use versions::Seen;
 use words::Words;
 
@@ -60,6 +61,11 @@ pub fn fragments(published: &Published, seen: &Seen, lang: Lang, trends: &Trends
         return vec![top_bar::top(&view)];
     }
     Parts::of(&view).into_fragments()
+}
+
+/// The last alarms, for a sheet of the operator's page.
+pub fn last_alarms(published: &Published, lang: Lang, alarms: &[PastAlarm]) -> String {
+    faults::last_alarms::last_alarms(&View::new(published, lang, false), alarms)
 }
 
 /// The reasons of a refusal, one sentence each, with the names that the page shows.

@@ -55,7 +55,7 @@ pub struct Sentence {
     pub because: String,
 }
 
-/// The operator's own stop first, then every request with its causes: `Slowing down, 1 m/s². LiDAR data missing.`
+/// The operator's own stop first, then every request with its causes: `Slowing down. LiDAR data missing.`
 /// Requests of the same causes share the name of the cause. A vehicle that stands neither slows down nor stops: it is
 /// held, and since when.
 pub fn sentences(view: &View<'_>) -> Vec<Sentence> {
@@ -71,7 +71,10 @@ pub fn sentences(view: &View<'_>) -> Vec<Sentence> {
         let what = match () {
             () if is_unheard(view, it) => view.lang.unheard(it.request).to_owned(),
             () if stands && !fails(it) && is_received(view, it) => steps.held.to_owned(),
-            () => view.lang.countermeasure(it.request, it.state),
+            () => {
+                let done = it.state == CountermeasureState::Engaged;
+                view.lang.countermeasure(it.request.kind(), done, !it.causes.is_empty()).to_owned()
+            }
         };
         let since = (stands || is_resumed(it)).then(|| (steps.since, view.wall_since(it.since)));
         // The stop itself says since when.

@@ -8,6 +8,7 @@ use telltale_engine::snapshot::{Moving, Unreached};
 use telltale_engine::state::State;
 
 use super::clearance_checks::Check;
+use crate::view::faults::instruction;
 use crate::view::text::{ID, NAME, clean};
 use crate::view::versions::Aspect;
 use crate::view::words::Words;
@@ -20,6 +21,8 @@ const STOPS_IN_BAR: usize = 3;
 pub struct StopHtml {
     id: String,
     name: String,
+    /// Where the vehicle was last known to be: how that is known.
+    known: Option<&'static str>,
 }
 
 #[derive(Template)]
@@ -100,7 +103,7 @@ fn of_stage(view: &View<'_>) -> NextStep {
         Stage::Standby => clear(view),
         // A machine without stages is not driven, and has no mission that could be asked to stop.
         Stage::Active if !view.has_stages() && !requests::has_banner(view) => {
-            NextStep::Watch { icon: "ready", title: steps.runs, text: condition(view) }
+            NextStep::Watch { icon: "ready", title: view.lang.runs(snapshot), text: condition(view) }
         }
         Stage::Active if view.has_stages() && snapshot.operator.is_none() => {
             NextStep::Watch { icon: "drive", title: steps.drives, text: condition(view) }
@@ -154,13 +157,14 @@ fn locating(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
     let steps = view.lang.steps();
     let at = snapshot.localization.pose.and_then(|pose| {
-        let here = |stop: &&Stop| (stop.x_m, stop.y_m) == (pose.x_m, pose.y_m);
-        snapshot.layout.stops.iter().find(here)
+        let stop = snapshot.layout.stops.iter().find(|stop| stop.pose() == pose)?;
+        Some(view.lang.pick(&stop.name, NAME))
     });
-    let title = match at {
-        Some(stop) => format!("{}: {}", steps.locating, view.lang.pick(&stop.name, NAME)),
-        None => steps.locating.to_owned(),
-    };
+    if instruction::is_wrong_stop(view) {
+        let text = at.map(|name| format!("{}: {name}", steps.chosen)).unwrap_or_default();
+        return NextStep::Locating { title: steps.stop_is_wrong.to_owned(), text };
+    }
+    let title = at.map_or_else(|| steps.locating.to_owned(), |name| format!("{}: {name}", steps.locating));
     let group = match snapshot.node(LOCALIZATION_GROUP) {
         Some(NodeId::Group(id)) => {
             let (_, group) = snapshot.group(id);
@@ -200,9 +204,20 @@ fn condition(view: &View<'_>) -> String {
     }
 }
 
+/// The stops of the configuration, the one where the vehicle was last known to be first.
 fn stops(view: &View<'_>) -> Vec<StopHtml> {
-    let stop = |stop: &Stop| StopHtml { id: clean(&stop.id, ID), name: view.lang.pick(&stop.name, NAME) };
-    view.snapshot.layout.stops.iter().map(stop).collect()
+    let steps = view.lang.steps();
+    let last = view.snapshot.localization.last_known;
+    let stop = |stop: &Stop| StopHtml {
+        id: clean(&stop.id, ID),
+        name: view.lang.pick(&stop.name, NAME),
+        known: last
+            .filter(|place| stop.pose() == place.pose)
+            .map(|place| if place.driven { steps.driven_here } else { steps.chosen_here }),
+    };
+    let mut stops: Vec<_> = view.snapshot.layout.stops.iter().map(stop).collect();
+    stops.sort_by_key(|stop| stop.known.is_none());
+    stops
 }
 
 #[derive(Template)]

@@ -49,9 +49,7 @@ impl View<'_> {
                 }
                 Refusal::NoGoal => checks.push(self.fails(steps.no_goal.to_owned(), &[])),
                 Refusal::NotLocalized => checks.push(self.fails(steps.not_localized.to_owned(), &[])),
-                Refusal::Countermeasure(_) => {
-                    checks.push(self.fails(steps.countermeasure_holds.to_owned(), &[]))
-                }
+                Refusal::Countermeasure(_) => checks.push(self.fails(steps.still_held.to_owned(), &[])),
                 other => checks.push(self.fails(self.sentence(other), &[])),
             }
         }
@@ -123,7 +121,7 @@ impl View<'_> {
         let all = [
             (holds(unfit), steps.all_fit),
             (holds(|it| matches!(it, Refusal::NoGoal)), steps.goal_set),
-            (holds(|it| matches!(it, Refusal::Countermeasure(_))), steps.no_countermeasure),
+            (holds(|it| matches!(it, Refusal::Countermeasure(_))), steps.nothing_holds),
         ];
         let check =
             |(_, text): (bool, &str)| Check { holds: true, text: text.to_owned(), nodes: String::new() };

@@ -33,7 +33,7 @@ fn word(view: &View<'_>) -> &'static str {
     match snapshot.motion.moving {
         Moving::Unknown if snapshot.motion.has_source => words.unknown,
         Moving::Unknown if view.has_stages() => words.no_signal,
-        Moving::Unknown => words.running,
+        Moving::Unknown => view.lang.runs(snapshot),
         Moving::No => words.standing,
         Moving::Yes if !drives(view) => words.moving,
         Moving::Yes if snapshot.maneuver_stop() => words.stopping,

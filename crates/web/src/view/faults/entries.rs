@@ -134,7 +134,7 @@ fn of_root(view: &View<'_>, root: &RootCause) -> FaultEntry {
     }
 }
 
-/// What a root cause masks: `Four wait`.
+/// What a root cause masks: `4 parts wait`.
 fn waits(view: &View<'_>, root: &RootCause) -> String {
     let own = view.board.tile_of(root.node);
     let masked =
@@ -144,8 +144,8 @@ fn waits(view: &View<'_>, root: &RootCause) -> String {
         tiles.filter(|&(tile, &id)| Some(tile) != own && masked(&view.snapshot.group(id).1.reason)).count();
     match (waiting, root.masks) {
         (0, 0) => String::new(),
-        (0, masks) => view.lang.modules_wait(masks as usize),
-        (tiles, _) => view.lang.others_wait(tiles),
+        (0, masks) => view.lang.parts_wait(masks as usize),
+        (tiles, _) => view.lang.parts_wait(tiles),
     }
 }
 
@@ -195,7 +195,7 @@ fn asking_nothing(view: &View<'_>, entry: FaultEntry) -> FaultEntry {
 
 /// The title of a fault, and its place. Without a configured name the title names the component, and the
 /// place is the module.
-fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (String, String) {
+pub fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> (String, String) {
     let (info, _) = view.snapshot.module(id);
     let named = view.name_of_fault(info, state).is_some();
     let place = if named { components.to_owned() } else { view.label(info) };

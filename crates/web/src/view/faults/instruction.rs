@@ -7,7 +7,7 @@ use crate::view::node_names::icon;
 use crate::view::{Fragment, View, html, requests};
 use telltale_engine::input::Refusal;
 use telltale_engine::model::wording;
-use telltale_engine::model::{NodeId, Stage};
+use telltale_engine::model::{LOCALIZATION_GROUP, NodeId, Stage};
 use telltale_engine::snapshot::{Moving, Reason};
 use telltale_engine::state::State;
 
@@ -56,6 +56,8 @@ struct InstructionHtml {
     blocked: bool,
     icon: &'static str,
     title: String,
+    /// The title for somebody who may not act.
+    reader: String,
     line: String,
     sentences: Vec<requests::Sentence>,
     /// The strongest request to the vehicle and its state.
@@ -69,6 +71,8 @@ struct Instruction {
     blocked: bool,
     icon: &'static str,
     title: String,
+    /// What somebody reads instead who may not act.
+    reader: Option<&'static str>,
     /// Sentences before those about the requests.
     line: String,
     /// The fault that it tells of.
@@ -83,14 +87,16 @@ pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let fault = fault.and_then(|node| entries.iter().find(|entry| entry.node == node));
     let fault = fault.map(|entry| format!("{}.", entry.title));
     // Only the advice on a fault has another place for its later sentences.
-    let title = if it.node.is_some() { split(&it.title).0 } else { &it.title };
-    let line = [it.line].into_iter().chain(fault);
+    let title = if it.node.is_some() { split(&it.title).0 } else { it.title.as_str() };
+    let reader = for_reader(view, &it, title);
+    let line = [it.line.as_str()].into_iter().chain(fault.as_deref());
     let html = html(&InstructionHtml {
         swap: view.swap,
         urgency: it.urgency.as_str(),
         blocked: it.blocked,
         icon: it.icon,
         title: title.to_owned(),
+        reader,
         line: line.filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" "),
         sentences,
         request: view.snapshot.countermeasure().map(|it| (it.request.as_str(), it.state.as_str())),
@@ -116,16 +122,54 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     };
     match snapshot.stage {
         Stage::Locked => Instruction::default(),
+        Stage::Localizing if is_wrong_stop(view) => {
+            let of_localization = |entry: &&FaultEntry| {
+                let tile = view.board.tile_of(entry.node);
+                tile.is_some()
+                    && tile == snapshot.node(LOCALIZATION_GROUP).and_then(|it| view.board.tile_of(it))
+            };
+            Instruction {
+                blocked: true,
+                reader: Some(steps.operator_chooses),
+                // Its own advice is this one, or gives way to it.
+                node: entries.iter().find(of_localization).map(|entry| entry.node),
+                ..act("stage-localizing", steps.choose_again)
+            }
+        }
         Stage::Localizing if snapshot.localization.given.is_some() => at_a_stop(view, entries)
             .unwrap_or_else(|| Instruction { urgency: Urgency::None, ..act("locating", steps.locating) }),
-        Stage::Localizing => act("stage-localizing", steps.where_is_it),
-        Stage::Standby if snapshot.clearance_refusals.is_empty() => act("drive", steps.clear_to_drive),
+        Stage::Localizing => {
+            let reader = Some(steps.operator_chooses);
+            Instruction { reader, ..act("stage-localizing", steps.where_is_it) }
+        }
+        Stage::Standby if snapshot.clearance_refusals.is_empty() => {
+            Instruction { reader: Some(steps.operator_clears), ..act("drive", steps.clear_to_drive) }
+        }
         Stage::Standby => at_a_stop(view, entries).unwrap_or_else(|| {
             let no_goal = snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
             let title = if no_goal { steps.wait_for_goal } else { steps.wait };
             Instruction { urgency: Urgency::None, ..act("ready", title) }
         }),
         Stage::Cleared | Stage::Active => driving(view, entries),
+    }
+}
+
+/// Whether the localization finds that the vehicle does not stand at the stop that was chosen. What waits for another
+/// fault finds nothing.
+pub fn is_wrong_stop(view: &View<'_>) -> bool {
+    let snapshot = view.snapshot;
+    let localization = snapshot.node(LOCALIZATION_GROUP).map(|node| snapshot.shown(node).0);
+    snapshot.stage == Stage::Localizing
+        && snapshot.localization.given.is_some()
+        && localization == Some(State::Error)
+}
+
+/// What somebody reads who may not act: nobody is told to do what only the operator may.
+fn for_reader(view: &View<'_>, it: &Instruction, title: &str) -> String {
+    match it.reader {
+        Some(words) => words.to_owned(),
+        None if it.urgency == Urgency::None => title.to_owned(),
+        None => format!("{} {title}", view.lang.steps().for_operator),
     }
 }
 
@@ -180,7 +224,8 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
         (Some(_), true) => steps.stopped_cause_gone,
         (Some(_), false) => steps.cause_gone,
     };
-    say(Urgency::Act, "idle", title)
+    let reader = stands.then_some(steps.operator_continues);
+    Instruction { reader, ..say(Urgency::Act, "idle", title) }
 }
 
 /// The most urgent advice among the present faults; the first of them if several are alike. If none in sight asks for

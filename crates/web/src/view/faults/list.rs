@@ -25,6 +25,7 @@ struct CausesHtml {
     words: &'static Words,
     steps: &'static StepWords,
     swap: bool,
+    replay: bool,
     /// Numbers of the alarms that nobody has acknowledged. The page sounds once for each new one.
     alarms: String,
     last_alarm: u64,
@@ -87,6 +88,7 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         words: view.words,
         steps: view.lang.steps(),
         swap: view.swap,
+        replay: view.replay,
         alarms: view.snapshot.audible().iter().map(u64::to_string).collect::<Vec<_>>().join(" "),
         last_alarm: view.snapshot.last_alarm,
         count: entries.len(),

@@ -89,6 +89,14 @@ impl LoginFailure {
     }
 }
 
+struct TakeOver {
+    token: String,
+    /// The words of the button.
+    button: String,
+    /// This browser shows the vehicle.
+    has_session: bool,
+}
+
 #[derive(Template)]
 #[template(path = "login.html")]
 struct LoginHtml {
@@ -99,18 +107,19 @@ struct LoginHtml {
     /// Above the login of another operator: from whom that one takes over.
     change: Option<String>,
     names: Vec<String>,
-    /// The question whether to take over from another operator: its token, and whether this browser shows the
-    /// vehicle.
-    take_over: Option<(String, bool)>,
+    /// The question whether to take the place of another operator.
+    take_over: Option<TakeOver>,
     demo: bool,
 }
 
 pub fn login_page(context: &LoginContext) -> String {
     let words = context.lang.words();
     let take_over = match &context.failure {
-        Some(LoginFailure::OtherOperator { token, has_session, .. }) => {
-            Some((token.as_str().to_owned(), *has_session))
-        }
+        Some(LoginFailure::OtherOperator { token, has_session, by }) => Some(TakeOver {
+            token: token.as_str().to_owned(),
+            button: context.lang.take_place(&clean(by, NAME)),
+            has_session: *has_session,
+        }),
         _ => None,
     };
     let failure = context.failure.as_ref().map(|failure| match failure {

@@ -8,11 +8,11 @@ fn a_root_cause_stands_with_what_to_do_and_how_many_wait() {
         r#"data-state="error""#,
         "Position jumped",
         "Localization, ",
-        "Four wait.",
+        "4 parts wait.",
         r#"<time datetime="2026-11-20T12:01:01Z""#,
     ];
     check(&fault, Lang::En, "causes", &expect, &["causes-calm", "costmap", "1.2 m", "Watch the road"]);
-    check(&fault, Lang::De, "causes", &["Position ist gesprungen", "Vier warten."], &[]);
+    check(&fault, Lang::De, "causes", &["Position ist gesprungen", "4 Teile warten."], &[]);
     let expect = ["Watch the road. Be ready to stop.", "Position jumped."];
     check(&fault, Lang::En, "instruction", &expect, &[]);
     let expect = ["Straße beobachten. Bremsbereit sein.", "Position ist gesprungen."];

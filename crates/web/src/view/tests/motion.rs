@@ -114,7 +114,7 @@ fn a_vehicle_that_was_stopped_and_stands_is_asked_whether_it_goes_on() {
         "</span>. Vorbei: Bewegungssensor gestört.<",
     ];
     check(&over(Moving::No), Lang::De, "instruction", &expect, &[]);
-    let expect = [act, ">Cause gone. Continue?<", ">Stopping safely. Over: Motion sensor disturbed.<"];
+    let expect = [act, ">Cause gone. Continue?<", ">Stopping for a fault. Over: Motion sensor disturbed.<"];
     check(&over(Moving::Yes), Lang::En, "instruction", &expect, &[]);
 }
 
@@ -175,7 +175,7 @@ fn the_operators_own_stop_is_named_first_and_its_button_is_latched_with_its_time
     let place = |text: &str| instruction.find(text).unwrap_or_else(|| panic!("{text}: {instruction}"));
     assert!(
         place(">Stop asked<span class=\"since\"> <time ")
-            < place("Stopping safely. Motion sensor disturbed.")
+            < place("Stopping for a fault. Motion sensor disturbed.")
     );
     let latched = [r#"aria-pressed="true""#, r#"if-asked">verlangt <time class="clock""#];
     check(&both, Lang::De, "step", &latched, &[]);
@@ -207,7 +207,7 @@ fn after_a_restart_it_is_said_since_when_and_why_before_anything_is_heard() {
         &held(Moving::Unknown),
         Lang::En,
         "instruction",
-        &[">Stopping safely<span", "since <time ", why],
+        &[">Stopping for a fault<span", "since <time ", why],
         &[],
     );
 }

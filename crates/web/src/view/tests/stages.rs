@@ -29,8 +29,13 @@ fn words_of(html: &str) -> String {
 fn the_stage_is_said_in_words_and_only_what_works_has_a_button() {
     let ready = Sample::shuttle(false).published();
     check(&ready, Lang::En, "top", &[r#"data-stage="standby""#, "Ready", "Shuttle 1", "operator"], &[]);
-    let expect =
-        [r#"name="clearance""#, "Give clearance", "Destination set", "No countermeasure", r#"name="logout""#];
+    let expect = [
+        r#"name="clearance""#,
+        "Give clearance",
+        "Destination set",
+        "Nothing holds the vehicle",
+        r#"name="logout""#,
+    ];
     check(&ready, Lang::En, "step", &expect, &["aria-disabled", r#"name="stop""#]);
     let driving = Sample::shuttle(true).published();
     check(&driving, Lang::De, "top", &[r#"data-stage="active""#, "Autonom"], &[]);

@@ -49,7 +49,7 @@ fn what_waits_for_its_cause_asks_for_as_much_as_ever() {
     // The words of the cause in sight, the advice of the most urgent; no other part says less beside it.
     let expect = [TAKE_OVER, "Take over now. Use the kerb.", "Position jumped."];
     check(&both, Lang::En, "instruction", &expect, &["Be ready"]);
-    let expect = [r#"data-node="localization/tf_quality""#, "Four wait."];
+    let expect = [r#"data-node="localization/tf_quality""#, "4 parts wait."];
     check(&both, Lang::En, "causes", &expect, &["Be ready", "planning/trajectory", "data-second"]);
     check(&both, Lang::En, "tile-planning", &[r#"data-reason="masked""#], &[]);
 }

@@ -111,7 +111,7 @@ fn a_warning_has_no_words_of_the_error() {
     check(&of(2), Lang::En, "causes", &["CAN: Error"], &["Bus slow", "Drive on."]);
     check(&of(2), Lang::En, "instruction", &["Be ready to take over.", "CAN: Error."], &["Drive on."]);
     check(&of(3), Lang::De, "causes", &["Bus unknown"], &["Drive on."]);
-    check(&of(3), Lang::De, "instruction", &["Bereit sein zu übernehmen."], &["Drive on."]);
+    check(&of(3), Lang::De, "instruction", &["Zum Übernehmen bereithalten."], &["Drive on."]);
     check(&of(1), Lang::En, "detail-can", &["Bus slow"], &[]);
 }
 
@@ -302,8 +302,14 @@ fn a_stop_that_nobody_hears_is_neither_offered_nor_said_to_be_sent() {
 fn the_work_can_be_ended_wherever_the_vehicle_stands() {
     let shutdown = r#"name="shutdown""#;
     let standing = Sample::shuttle(false).published();
-    check(&standing, Lang::En, "top", &[shutdown, "Shut down", r#"popovertarget="sheet-shutdown""#], &[]);
-    check(&Sample::of(parts()).unlock().published(), Lang::De, "top", &[shutdown, "Beenden"], &[]);
+    check(
+        &standing,
+        Lang::En,
+        "top",
+        &[shutdown, "Lock the display", r#"popovertarget="sheet-shutdown""#],
+        &[],
+    );
+    check(&Sample::of(parts()).unlock().published(), Lang::De, "top", &[shutdown, "Anzeige sperren"], &[]);
     check(&Sample::shuttle(true).published(), Lang::En, "top", &[], &[shutdown]);
     let machine = Sample::of(ModelParts { stages: StageModel::None, ..parts() }).login().pass(2);
     check(&machine.published(), Lang::En, "top", &[], &[shutdown]);

@@ -2,7 +2,6 @@
 
 use super::{Lang, words};
 use telltale_engine::model::countermeasure::{Request, RequestKind};
-use telltale_engine::snapshot::CountermeasureState;
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
 use telltale_engine::time::how_long;
@@ -14,6 +13,15 @@ words! {
     locating: "Checking the position", "Position wird geprüft";
     locating_long: "Nothing yet? Choose the stop again.", "Noch nichts? Haltestelle erneut wählen.";
     other_stop: "Choose again", "Neu wählen";
+    choose_again: "Choose the stop again.", "Haltestelle erneut wählen.";
+    stop_is_wrong: "The position does not fit", "Die Position passt nicht";
+    chosen: "Chosen", "Gewählt";
+    driven_here: "Last drive went here", "Ziel der letzten Fahrt";
+    chosen_here: "Chosen here last", "Zuletzt hier gewählt";
+    for_operator: "For the operator:", "Für die Fahrbegleitung:";
+    operator_chooses: "The operator chooses the stop.", "Die Fahrbegleitung wählt die Haltestelle.";
+    operator_clears: "The operator may give clearance.", "Die Fahrbegleitung darf die Freigabe erteilen.";
+    operator_continues: "Stopped. The operator may continue.", "Steht. Die Fahrbegleitung darf weiterfahren.";
     more_stops: "More stops", "Weitere Haltestellen";
     position: "Position", "Position";
     clearance: "Give clearance", "Freigabe erteilen";
@@ -21,10 +29,10 @@ words! {
     confirm_text: "A tone, then it drives.", "Erst ein Ton, dann fährt es.";
     confirm: "Confirm", "Bestätigen";
     cancel: "Cancel", "Abbrechen";
-    shutdown: "Shut down", "Beenden";
-    shutdown_title: "End the work here?", "Arbeit hier beenden?";
+    shutdown: "Lock the display", "Anzeige sperren";
+    shutdown_title: "Lock the display?", "Anzeige sperren?";
     shutdown_text: "The vehicle is locked and you are logged out. Its computers stay on.", "Das Fahrzeug wird gesperrt, Sie werden abgemeldet. Die Rechner bleiben an.";
-    shutdown_confirm: "Lock it and leave", "Sperren und gehen";
+    shutdown_confirm: "Lock", "Sperren";
     hand_over: "Hand over", "Ablösung";
     stop: "STOP", "STOP";
     stop_vehicle: "Stop vehicle", "Fahrzeug anhalten";
@@ -34,8 +42,8 @@ words! {
     stop_sending: "Sending", "Wird gesendet";
     stop_missed: "Not arrived", "Nicht angekommen";
     stop_sent: "Arrived", "Angekommen";
-    no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
-    not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Bereit sein zu übernehmen.";
+    no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Zum Übernehmen bereithalten.";
+    not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Zum Übernehmen bereithalten.";
     go_on: "Continue driving", "Weiterfahren";
     let_go: "End the stop", "Anhalten aufheben";
     withdraw: "Withdraw clearance", "Freigabe widerrufen";
@@ -58,6 +66,9 @@ words! {
     all_checks: "Checks before the clearance", "Prüfungen vor der Freigabe";
     open_checks: "open", "offen";
     all_causes: "All that is wrong", "Alle Störungen";
+    last_alarms: "Last alarms", "Letzte Alarme";
+    no_alarms: "No alarm yet.", "Noch kein Alarm.";
+    lasts: "not over", "nicht vorbei";
     mark: "Mark", "Merken";
     mark_long: " this moment in the recording", ": diesen Moment in der Aufzeichnung";
     marked: "Marked in the recording.", "In der Aufzeichnung gemerkt.";
@@ -67,7 +78,7 @@ words! {
     sound_on: "Sound on", "Ton an";
     sound_off: "Sound off", "Ton aus";
 
-    clear_to_drive: "Give clearance to drive.", "Freigabe zum Fahren geben.";
+    clear_to_drive: "Give clearance to drive.", "Freigabe erteilen.";
     wait_for_goal: "Wait for a destination.", "Auf ein Ziel warten.";
     wait: "Wait.", "Warten.";
     take_over_stop: "Take over. Stop.", "Übernehmen. Anhalten.";
@@ -77,13 +88,14 @@ words! {
     no_pose: "no position yet", "noch keine Position";
     no_goal: "No destination", "Kein Ziel";
     not_localized: "The position is not confirmed", "Position nicht bestätigt";
-    countermeasure_holds: "A countermeasure is not released", "Gegenmaßnahme nicht aufgehoben";
+    still_held: "The vehicle is still held", "Das Fahrzeug wird noch gehalten";
     goal_set: "Destination set", "Ziel gesetzt";
     all_fit: "All components ready", "Alle Komponenten bereit";
-    no_countermeasure: "No countermeasure", "Keine Gegenmaßnahme";
+    nothing_holds: "Nothing holds the vehicle", "Nichts hält das Fahrzeug";
 
     drives: "On the way", "Unterwegs";
     runs: "Running", "In Betrieb";
+    no_data: "No data yet", "Noch keine Daten";
     may_start: "It may start at any moment.", "Fährt jeden Moment an.";
     nothing_wrong: "Nothing is wrong", "Keine Störung";
     cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
@@ -93,7 +105,7 @@ words! {
     held_until: "Held until you continue", "Gehalten, bis Sie weiterfahren";
     held_back: "Held until the cause is gone", "Gehalten, bis die Ursache behoben ist";
     no_sight: "Something is unknown", "Etwas ist unbekannt";
-    take_over_ready: "Be ready to take over.", "Bereit sein zu übernehmen.";
+    take_over_ready: "Be ready to take over.", "Zum Übernehmen bereithalten.";
     go_on_alert: "You may go on. Stay alert.", "Weiterfahren möglich. Aufmerksam bleiben.";
     stay: "Do not drive off. If it lasts, call the control room.", "Nicht losfahren. Bleibt es so, Leitstelle rufen.";
     wait_for_report: "Wait for its report. If none comes, call the control room.", "Auf die Meldung warten. Kommt keine, Leitstelle rufen.";
@@ -117,26 +129,24 @@ impl Lang {
         }
     }
 
-    /// What the vehicle is asked for by a countermeasure, or what it has confirmed to do: `Slowing down, 1 m/s²`.
-    pub fn countermeasure(self, request: Request, state: CountermeasureState) -> String {
-        let done = state == CountermeasureState::Engaged;
-        match (self, request) {
-            (Lang::En, Request::Decelerate { mps2 }) if done => format!("Slowing down, {mps2} m/s²"),
-            (Lang::En, Request::Decelerate { mps2 }) => format!("Asked to slow down, {mps2} m/s²"),
-            (Lang::De, Request::Decelerate { mps2 }) => {
-                let mps2 = mps2.to_string().replace('.', ",");
-                if done {
-                    format!("Bremst ab, {mps2} m/s²")
-                } else {
-                    format!("Soll abbremsen, {mps2} m/s²")
-                }
-            }
-            (Lang::En, Request::ManeuverStop) if done => "Stopping safely".to_owned(),
-            (Lang::En, Request::ManeuverStop) => "Asked to stop safely".to_owned(),
-            (Lang::De, Request::ManeuverStop) if done => "Hält sicher an".to_owned(),
-            (Lang::De, Request::ManeuverStop) => "Soll sicher anhalten".to_owned(),
-            (Lang::En, Request::Notify) => "Told to the operator".to_owned(),
-            (Lang::De, Request::Notify) => "Der Fahrbegleitung gemeldet".to_owned(),
+    /// What the vehicle is asked for by a countermeasure, or what it has confirmed to do: `Slowing down`. A stop may be
+    /// the operator's own alone.
+    pub fn countermeasure(self, request: RequestKind, done: bool, for_a_fault: bool) -> &'static str {
+        match (self, request, for_a_fault) {
+            (Lang::En, RequestKind::Decelerate, _) if done => "Slowing down",
+            (Lang::En, RequestKind::Decelerate, _) => "Asked to slow down",
+            (Lang::De, RequestKind::Decelerate, _) if done => "Bremst ab",
+            (Lang::De, RequestKind::Decelerate, _) => "Soll abbremsen",
+            (Lang::En, RequestKind::ManeuverStop, true) if done => "Stopping for a fault",
+            (Lang::En, RequestKind::ManeuverStop, true) => "Asked to stop for a fault",
+            (Lang::En, RequestKind::ManeuverStop, false) if done => "Stopping safely",
+            (Lang::En, RequestKind::ManeuverStop, false) => "Asked to stop safely",
+            (Lang::De, RequestKind::ManeuverStop, true) if done => "Hält wegen einer Störung an",
+            (Lang::De, RequestKind::ManeuverStop, true) => "Soll wegen einer Störung anhalten",
+            (Lang::De, RequestKind::ManeuverStop, false) if done => "Hält sicher an",
+            (Lang::De, RequestKind::ManeuverStop, false) => "Soll sicher anhalten",
+            (Lang::En, RequestKind::Notify, _) => "Told to the operator",
+            (Lang::De, RequestKind::Notify, _) => "Der Fahrbegleitung gemeldet",
         }
     }
 
@@ -259,16 +269,13 @@ mod tests {
     #[test]
     fn what_is_asked_is_not_said_to_be_done() {
         for lang in Lang::ALL {
-            for request in [Request::Decelerate { mps2: 1.5 }, Request::ManeuverStop] {
-                let done = lang.countermeasure(request, CountermeasureState::Engaged);
-                for state in [CountermeasureState::Requested, CountermeasureState::Unconfirmed] {
-                    assert_ne!(lang.countermeasure(request, state), done);
+            for request in [RequestKind::Decelerate, RequestKind::ManeuverStop] {
+                for for_a_fault in [false, true] {
+                    let [done, asked] =
+                        [true, false].map(|done| lang.countermeasure(request, done, for_a_fault));
+                    assert_ne!(done, asked);
                 }
             }
         }
-        assert_eq!(
-            Lang::De.countermeasure(Request::Decelerate { mps2: 1.5 }, CountermeasureState::Engaged),
-            "Bremst ab, 1,5 m/s²"
-        );
     }
 }

@@ -105,16 +105,15 @@ words! {
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
     login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";
-    login_drives: "The vehicle drives. Take it over at a display in the vehicle, or after it has arrived.", "Das Fahrzeug fährt. Übernehmen nur an einer Anzeige im Fahrzeug oder nach der Ankunft.";
+    login_drives: "The vehicle drives. Its operator changes at a display in the vehicle, or after it has arrived.", "Das Fahrzeug fährt. Ablösen nur an einer Anzeige im Fahrzeug oder nach der Ankunft.";
     login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
     login_late: "That took too long. Enter the PIN or password again.", "Das hat zu lange gedauert. PIN oder Passwort noch einmal eingeben.";
-    login_take_over: "Take over", "Übernehmen";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
     display: "Display", "Anzeige";
     pad_digits: "Digits", "Ziffern";
     pad_letters: "Letters", "Buchstaben";
     pad_erase: "Delete the last one", "Letztes löschen";
-    not_in_charge: "Somebody else leads the vehicle. Log in again to take over.", "Jemand anderes führt das Fahrzeug. Zum Übernehmen neu anmelden.";
+    not_in_charge: "Somebody else leads the vehicle. Log in again to take their place.", "Jemand anderes führt das Fahrzeug. Zum Ablösen neu anmelden.";
     refused_stale: "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
     refused_driving: "While the vehicle is cleared or drives, this is for its operator at the page.", "Während das Fahrzeug freigegeben ist oder fährt, ist das Sache des Bedieners an der Anzeige.";
     refused_late: "This waited too long and was not done. Look again.", "Das hat zu lange gewartet und wurde nicht ausgeführt. Neu hinsehen.";
@@ -172,8 +171,18 @@ impl Lang {
     pub fn stage_of(self, snapshot: &Snapshot) -> &'static str {
         match snapshot.has_stages() {
             true => self.stage(snapshot.stage, snapshot.clearance_refusals.is_empty()),
-            false => self.steps().runs,
+            false => self.runs(snapshot),
         }
+    }
+
+    /// What a machine without stages does. As long as nothing was heard of it, nothing is known.
+    pub fn runs(self, snapshot: &Snapshot) -> &'static str {
+        let mut modules = snapshot.module_ids().map(|id| snapshot.module(id));
+        let heard = modules.any(|(info, module)| {
+            let of_machine = !snapshot.group(info.group).0.is_system;
+            of_machine && module.received.is_some()
+        });
+        if heard { self.steps().runs } else { self.steps().no_data }
     }
 
     /// `3/3 OK`.
@@ -220,13 +229,13 @@ impl Lang {
         fixed.to_owned()
     }
 
-    /// `Four wait`: components that a root cause masks.
-    pub fn others_wait(self, count: usize) -> String {
+    /// `4 parts wait`: components that a root cause masks, or modules where no whole component is masked.
+    pub fn parts_wait(self, count: usize) -> String {
         match (self, count) {
-            (Lang::En, 1) => "One waits".to_owned(),
-            (Lang::En, _) => format!("{} wait", self.number(count)),
-            (Lang::De, 1) => "Eine wartet".to_owned(),
-            (Lang::De, _) => format!("{} warten", self.number(count)),
+            (Lang::En, 1) => "1 part waits".to_owned(),
+            (Lang::En, _) => format!("{count} parts wait"),
+            (Lang::De, 1) => "1 Teil wartet".to_owned(),
+            (Lang::De, _) => format!("{count} Teile warten"),
         }
     }
 
@@ -237,16 +246,6 @@ impl Lang {
             (Lang::En, _) => format!("{count} faults of its own"),
             (Lang::De, 1) => "1 eigene Störung".to_owned(),
             (Lang::De, _) => format!("{count} eigene Störungen"),
-        }
-    }
-
-    /// `Four modules wait`: where no whole component is masked.
-    pub fn modules_wait(self, count: usize) -> String {
-        match (self, count) {
-            (Lang::En, 1) => "One module waits".to_owned(),
-            (Lang::En, _) => format!("{} modules wait", self.number(count)),
-            (Lang::De, 1) => "Ein Modul wartet".to_owned(),
-            (Lang::De, _) => format!("{} Module warten", self.number(count)),
         }
     }
 
@@ -298,19 +297,27 @@ impl Lang {
         }
     }
 
-    /// Another operator has the vehicle; the button below takes it over.
+    /// Another operator has the vehicle: the question above the button `take_place`.
     pub fn login_other_operator(self, by: &str) -> String {
         match self {
-            Lang::En => format!("{by} is the operator. Take over?"),
-            Lang::De => format!("{by} ist im Dienst. Übernehmen?"),
+            Lang::En => format!("{by} is the operator. Take their place?"),
+            Lang::De => format!("{by} ist im Dienst. Ablösen?"),
+        }
+    }
+
+    /// The button that makes the reader the operator. To take over is to steer.
+    pub fn take_place(self, of: &str) -> String {
+        match self {
+            Lang::En => format!("Take the place of {of}"),
+            Lang::De => format!("{of} ablösen"),
         }
     }
 
     /// Above the login of another operator at the display of the present one.
     pub fn login_change(self, from: &str) -> String {
         match self {
-            Lang::En => format!("{from} is the operator. Who takes over?"),
-            Lang::De => format!("{from} ist im Dienst. Wer übernimmt?"),
+            Lang::En => format!("{from} is the operator. Who takes their place?"),
+            Lang::De => format!("{from} ist im Dienst. Wer löst ab?"),
         }
     }
 
@@ -318,8 +325,8 @@ impl Lang {
     pub fn hand_over(self, to: &str) -> String {
         let to = clean(to, NAME);
         match self {
-            Lang::En => format!("{to} takes over in 5 s. Until then both of you can stop the vehicle."),
-            Lang::De => format!("{to} übernimmt in 5 s. Bis dahin können beide das Fahrzeug anhalten."),
+            Lang::En => format!("{to} takes your place in 5 s. Until then both of you can stop the vehicle."),
+            Lang::De => format!("{to} löst Sie in 5 s ab. Bis dahin können beide das Fahrzeug anhalten."),
         }
     }
 
@@ -371,23 +378,6 @@ impl Lang {
         let number = if exact { first.to_owned() } else { number(value * factor) };
         let number = if self == Lang::De { number.replace('.', ",") } else { number };
         if rest.is_empty() { number } else { format!("{number} {rest}") }
-    }
-
-    /// A count at the start of a sentence, as a word where it is short.
-    fn number(self, count: usize) -> String {
-        const EN: [&str; 13] = [
-            "No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten", "Eleven",
-            "Twelve",
-        ];
-        const DE: [&str; 13] = [
-            "Keine", "Eine", "Zwei", "Drei", "Vier", "Fünf", "Sechs", "Sieben", "Acht", "Neun", "Zehn",
-            "Elf", "Zwölf",
-        ];
-        let words = match self {
-            Lang::En => EN,
-            Lang::De => DE,
-        };
-        words.get(count).map_or_else(|| count.to_string(), |&word| word.to_owned())
     }
 }
 
@@ -443,11 +433,8 @@ mod tests {
 
     #[test]
     fn counts_agree_with_their_words() {
-        assert_eq!(Lang::En.others_wait(1), "One waits");
-        assert_eq!(Lang::En.others_wait(4), "Four wait");
-        assert_eq!(Lang::De.others_wait(4), "Vier warten");
-        assert_eq!(Lang::En.others_wait(40), "40 wait");
-        assert_eq!(Lang::De.modules_wait(1), "Ein Modul wartet");
+        assert_eq!(Lang::En.parts_wait(1), "1 part waits");
+        assert_eq!(Lang::De.parts_wait(4), "4 Teile warten");
         assert_eq!(Lang::De.own_faults(1), "1 eigene Störung");
         assert_eq!(Lang::De.own_faults(3), "3 eigene Störungen");
         assert_eq!(Lang::En.own_faults(1), "1 fault of its own");

@@ -11,7 +11,6 @@ words! {
     moving: "Moving", "In Bewegung";
     unknown: "Speed unknown", "Geschwindigkeit unbekannt";
     no_signal: "No speed signal", "Kein Tempo-Signal";
-    running: "Running", "In Betrieb";
     next: "next", "Ziel";
 }
 

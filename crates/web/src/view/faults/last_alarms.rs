@@ -1,0 +1,69 @@
+//! The last alarms: what it was, when, for how long, and whether somebody has acknowledged it.
+
+use std::time::{Duration, UNIX_EPOCH};
+
+use askama::Template;
+
+use super::entries;
+use crate::view::node_names::icon;
+use crate::view::text::{NAME, clean};
+use crate::view::words::Words;
+use crate::view::words::action_words::StepWords;
+use crate::view::{View, html};
+use telltale_engine::model::NodeId;
+use telltale_engine::time::Span;
+use telltale_store::PastAlarm;
+
+#[derive(Template)]
+#[template(path = "partials/last_alarms.html")]
+struct LastAlarmsHtml {
+    words: &'static Words,
+    steps: &'static StepWords,
+    alarms: Vec<AlarmHtml>,
+}
+
+struct AlarmHtml {
+    at: String,
+    state: &'static str,
+    icon: &'static str,
+    title: String,
+    place: String,
+    /// `lasted 9 s`; empty while it lasts.
+    lasted: String,
+    seen: Option<String>,
+}
+
+pub fn last_alarms(view: &View<'_>, alarms: &[PastAlarm]) -> String {
+    let alarms = alarms.iter().map(|alarm| of_alarm(view, alarm)).collect();
+    html(&LastAlarmsHtml { words: view.words, steps: view.lang.steps(), alarms })
+}
+
+fn of_alarm(view: &View<'_>, alarm: &PastAlarm) -> AlarmHtml {
+    let (title, place) = match view.snapshot.node(&alarm.node) {
+        Some(NodeId::Module(id)) => {
+            let component = view.tile_name(NodeId::Module(id));
+            entries::titled(view, id, alarm.state, &component)
+        }
+        Some(NodeId::Group(id)) => (view.group_name(id), String::new()),
+        // It left, or another configuration has it no more.
+        None => (clean(&alarm.node, NAME), String::new()),
+    };
+    let lasted = alarm.cleared_ms.map(|cleared_ms| {
+        let ms = u64::try_from(cleared_ms - alarm.raised_ms).unwrap_or(0);
+        view.lang.lasted(Span::from_millis(ms))
+    });
+    AlarmHtml {
+        at: wall(alarm.raised_ms),
+        state: alarm.state.as_str(),
+        icon: icon(alarm.state, None),
+        title,
+        place,
+        lasted: lasted.unwrap_or_default(),
+        seen: alarm.acknowledged_ms.map(wall),
+    }
+}
+
+fn wall(ms: i64) -> String {
+    let at = UNIX_EPOCH.checked_add(Duration::from_millis(u64::try_from(ms).unwrap_or(0)));
+    humantime::format_rfc3339_seconds(at.unwrap_or(UNIX_EPOCH)).to_string()
+}
