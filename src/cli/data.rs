@@ -34,7 +34,8 @@ pub struct Args {
 enum Command {
     /// Say whether the database, its history and backups are whole; exit code 1 if one is not
     ///
-    /// It changes nothing, and a server may run meanwhile. `--json` prints an object with `ok`, `database` (its
+    /// It changes nothing, and a server may run meanwhile. A trigger, a view, a table or an index that is not
+    /// Telltale's, and a changed or missing one, is damage too. `--json` prints an object with `ok`, `database` (its
     /// path), `damage` (text or null), `users` (a number or null), `history_damage` (text or null), `backups`,
     /// the newest first, each with `file`, `damage` and `users`, and `exposed`: the files that everybody on the
     /// machine can read or change, each with `file` and `mode` (octal, a text). Damaged backups and exposed

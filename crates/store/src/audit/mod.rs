@@ -277,6 +277,7 @@ impl Database {
             }
         }
         let wall = self.clock.wall();
+        self.check_schema()?;
         // The end of the chain is read under the lock: another process may write too.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let news = if records().next().is_none() { None } else { self.log.check(&transaction)? };

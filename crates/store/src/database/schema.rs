@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags, TransactionBehavior, ffi};
 
-use super::backup;
+use super::{backup, foreign};
 use crate::StoreError;
 
 /// The database in the data folder.
@@ -19,7 +19,7 @@ pub(crate) const LOCK_WAIT: Duration = Duration::from_secs(2);
 pub(crate) const OPEN_WAIT: Duration = Duration::from_millis(500);
 
 /// Step N takes schema N to N + 1. Steps are never edited, only added.
-const MIGRATIONS: &[&str] = &[
+pub(super) const MIGRATIONS: &[&str] = &[
     "
     CREATE TABLE users (
         id INTEGER PRIMARY KEY,
@@ -194,8 +194,16 @@ fn gone(path: PathBuf, trace: &str) -> StoreError {
     StoreError::Damaged { path, what: format!("it is gone or empty, and {trace} shows that there was one") }
 }
 
-/// Damage in all tables but the audit log, which may be large; `None` if there is none.
+/// The database is opened: from now on it waits for others as long as anybody does.
+pub(crate) fn go_on(connection: &Connection) -> rusqlite::Result<()> {
+    connection.busy_timeout(LOCK_WAIT)
+}
+
+/// Damage in all tables but the audit log, which may be large, and in the schema; `None` if there is none.
 fn damage_of_state(connection: &Connection) -> Option<String> {
+    if let Some(strange) = foreign::strange_in(connection) {
+        return Some(strange);
+    }
     let sql =
         "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT IN ('audit', 'sqlite_sequence')";
     let names = |query: &mut rusqlite::Statement<'_>| {
@@ -215,6 +223,7 @@ pub(crate) fn damage_of(connection: &Connection) -> Option<String> {
         .err()
         .map(|error| error.to_string())
         .or_else(|| found_by(connection, "PRAGMA integrity_check(10)"))
+        .or_else(|| foreign::strange_in(connection))
 }
 
 fn found_by(connection: &Connection, check: &str) -> Option<String> {

@@ -208,6 +208,10 @@ impl Database {
             files.check_room()?;
         }
         self.open_again()?;
+        if let Err(error) = self.check_schema() {
+            let Some(strange) = error.damage() else { return Err(error.to_string()) };
+            return Err(self.go_on_in_memory(&strange));
+        }
         if let Some(fault) = self.log.fault() {
             return Err(fault.to_owned());
         }
