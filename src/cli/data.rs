@@ -18,7 +18,7 @@ use crate::store::{
 /// Look through the database of a vehicle, repair it, or take a backup.
 ///
 /// `serve` backs its database up once a day into `backups` in the data folder, looks the copy through,
-/// and keeps seven. If it finds its database damaged at a start, it shows the diagnosis all the same, lets
+/// and keeps seven. The history and the recordings are in no backup. If it finds its database damaged at a start, it shows the diagnosis all the same, lets
 /// people log in as far as users can be read, and gives no clearance: then repair or restore it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  telltale data check --data /var/lib/telltale\n  \
