@@ -18,7 +18,7 @@ use crate::store::{
 /// Look through the database of a vehicle, repair it, or take a backup.
 ///
 /// `serve` backs its database up once a day into `backups` in the data folder, looks the copy through,
-/// and keeps seven. If it finds its database damaged at a start, it shows the diagnosis all the same, lets
+/// and keeps seven. The history and the recordings are in no backup. If it finds its database damaged at a start, it shows the diagnosis all the same, lets
 /// people log in as far as users can be read, and gives no clearance: then repair or restore it.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  telltale data check --data /var/lib/telltale\n  \
@@ -34,7 +34,8 @@ pub struct Args {
 enum Command {
     /// Say whether the database, its history and backups are whole; exit code 1 if one is not
     ///
-    /// It changes nothing, and a server may run meanwhile. `--json` prints an object with `ok`, `database` (its
+    /// It changes nothing, and a server may run meanwhile. A trigger, a view, a table or an index that is not
+    /// Telltale's, and a changed or missing one, is damage too. `--json` prints an object with `ok`, `database` (its
     /// path), `damage` (text or null), `users` (a number or null), `history_damage` (text or null), `backups`,
     /// the newest first, each with `file`, `damage` and `users`, and `exposed`: the files that everybody on the
     /// machine can read or change, each with `file` and `mode` (octal, a text). Damaged backups and exposed

@@ -84,7 +84,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let mut signal = ShutdownSignal::listen()?;
         tokio::select! {
             looked = look(options, args.length) => looked,
-            () = signal.requested() => bail!("interrupted; nothing is written"),
+            _ = signal.requested() => bail!("interrupted; nothing is written"),
         }
     })?;
     let text = init::text(&draft, args.accept_guesses);

@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         tracing::info!("the simulation publishes: {}; end it with Ctrl-C", dds::describe(&options));
         let driving = tokio::spawn(vehicle.run(faults));
         tokio::select! {
-            () = signal.requested() => {}
+            _ = signal.requested() => {}
             () = inject(switches, &switch) => {}
         }
         drop(switch);

@@ -139,7 +139,7 @@ async fn watch(server: Server, credentials: Credentials, shown: Shown) -> anyhow
     let clock = Clock::start();
     let session = tokio::select! {
         session = server.enter(credentials) => session?,
-        () = signal.requested() => return Ok(()),
+        _ = signal.requested() => return Ok(()),
     };
     if session.role == Some(Role::Operator) {
         eprintln!(
@@ -152,7 +152,7 @@ async fn watch(server: Server, credentials: Credentials, shown: Shown) -> anyhow
     let (news, leaving) = connection.start();
     let ended = tokio::select! {
         ended = show(shown, &place, news, clock) => ended,
-        () = signal.requested() => Ok(()),
+        _ = signal.requested() => Ok(()),
     };
     if shown == Shown::Screen {
         ratatui::restore();

@@ -64,7 +64,7 @@ def status(name, level=0, **values):
 class Peer:
     """One participant of a foreign DDS with any number of writers."""
 
-    OPTIONS = dict(reliability="reliable", durability="volatile", depth=1, lease_s=10, interface="lo")
+    OPTIONS = dict(reliability="reliable", durability="volatile", depth=1, lease_s=10, announce_s=0.5, interface="lo", multicast=False)
 
     def __init__(self, domain):
         self.domain = domain
@@ -459,7 +459,7 @@ async def measure(number, case, shown, pulse, times):
         at = await case.cause()
         if case.shows == "ok":
             await shown.wait(name, "error")
-        took = await shown.wait(name, case.shows) - at
+        took = await shown.wait(name, case.shows, seconds=case.high + 30) - at
         case.end()
         if pulse.late_at < began or case.disturbed >= 2 * wanted:
             case.took.append(took)

@@ -7,6 +7,8 @@ needs root.
 import contextlib
 import json
 import os
+import socket
+import sqlite3
 import subprocess
 import sys
 import urllib.error
@@ -16,7 +18,7 @@ from playwright.sync_api import expect
 
 from operating import expect_standing, log_in, stage, step
 from sizes import SIZES, faults
-from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, Vehicle, own_domain, until
+from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, Vehicle, own_domain, serving, until
 
 DEVELOPER = ("dora", "a long password")
 IS_ROOT = os.geteuid() == 0
@@ -269,6 +271,21 @@ def test_a_disk_that_hangs_is_a_warning_and_the_display_goes_on(mounted):
 def test_a_disk_that_hangs_does_not_hold_up_the_end(mounted):
     hang(mounted, Client(mounted, *OPERATOR))
     assert mounted.stop() == 0
+    # Each step gets its turn, and says what it could not write.
+    log = mounted.read_log()
+    for said in ["the last change of the vehicle is not stored", "the end is not recorded", "the disk does not answer: what it was given last"]:
+        assert said in log, log
+    assert "the end takes too long" not in log, log
+
+
+def test_a_request_without_an_end_takes_no_time_of_what_is_to_be_written(tmp_path):
+    with serving(tmp_path) as server, socket.create_connection(("127.0.0.1", server.port)) as asking:
+        asking.sendall(b"GET /login HTTP/1.1\r\nHost: ")
+        until(server.answers, 5, "it has read so far")
+        assert server.stop() == 0
+        log = sqlite3.connect(f"file:{tmp_path / 'telltale.db'}?mode=ro", uri=True)
+        assert log.execute("SELECT action FROM audit ORDER BY number DESC LIMIT 1").fetchone() == ("end",)
+        assert "the end takes too long" not in server.read_log()
 
 
 def written(server, action):

@@ -28,6 +28,7 @@ use reader::Reader;
 pub use telltale_engine::view::record::Stretch;
 
 use super::StoreError;
+use super::database::foreign;
 use super::private_file::make_private_file;
 use telltale_clock::Clock;
 use telltale_engine::time::Timestamp;
@@ -265,6 +266,9 @@ impl Opened {
         writing.pragma_update(None, "synchronous", "NORMAL")?;
         writing.pragma_update(None, "trusted_schema", false)?;
         prepare(&writing)?;
+        if let Some(strange) = damage::strange(&writing)? {
+            return Err(foreign::damage(&strange).into());
+        }
         let writer = write::Writer::new(&writing, ROWS_MAX)?;
         let reading = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         reading.busy_timeout(Duration::from_secs(2))?;

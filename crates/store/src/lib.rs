@@ -55,6 +55,7 @@ pub use vehicle::VehicleMemory;
 
 use audit::Log;
 use audit::known::Knowledge;
+use database::schema;
 use disk::health::Health;
 use disk::stall::JobWatch;
 use outbox::Outbox;
@@ -222,6 +223,8 @@ struct Database {
     stored_vehicle: Option<VehicleMemory>,
     /// SQLite's count of changes by other processes, at the last look.
     data_version: i64,
+    /// SQLite's count of changes of the schema, when that was found right.
+    schema_version: Option<i64>,
     /// This store is the server's, which notes the changes of users that it has taken in.
     serves: bool,
     /// Somebody wants it closed, and waits for that.
@@ -234,7 +237,8 @@ impl Store {
     /// # Errors
     /// If the folder or the file cannot be written, or a newer telltale made it.
     pub fn open(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(database::schema::open(folder)?, Some(folder), clock, demo, false)
+        let connection = schema::open(folder, schema::LOCK_WAIT)?;
+        Store::start(connection, Some(folder), clock, demo, false)
     }
 
     /// Opens it for the server, which notes the changes of users that it has taken in. A database that can
@@ -247,7 +251,10 @@ impl Store {
     /// # Errors
     /// If there is no database and none can be made, it may not be read, or a newer telltale made it.
     pub fn open_or_read(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let open = || Store::start(database::schema::open(folder)?, Some(folder), clock, demo, true);
+        let open = || {
+            let connection = schema::open(folder, schema::OPEN_WAIT)?;
+            Store::start(connection, Some(folder), clock, demo, true)
+        };
         let mut error = match open() {
             Ok(store) => return Ok(store),
             Err(error) => error,
@@ -274,7 +281,7 @@ impl Store {
     }
 
     fn read(folder: &Path, why: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        let connection = database::schema::open_reading(folder)?;
+        let connection = schema::open_reading(folder)?;
         let log = Log::read(&connection, folder)?;
         let mut health = Health::new(Some(folder));
         health.cannot_write(why);
@@ -286,7 +293,7 @@ impl Store {
     /// # Errors
     /// As [`Store::open`], and if there is none.
     pub fn open_existing(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        database::schema::existing(folder)?;
+        schema::existing(folder)?;
         Store::open(folder, clock, demo)
     }
 
@@ -295,7 +302,7 @@ impl Store {
     /// # Errors
     /// If SQLite fails.
     pub fn in_memory(clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
-        Store::start(database::schema::open_in_memory()?, None, clock, demo, false)
+        Store::start(schema::open_in_memory()?, None, clock, demo, false)
     }
 
     fn start(
@@ -336,6 +343,7 @@ impl Store {
             backups: database::backup::Schedule::default(),
             stored_vehicle: None,
             data_version: 0,
+            schema_version: None,
             serves,
             closing: None,
         };
@@ -344,6 +352,7 @@ impl Store {
         if let Err(error) = database.notice_foreign_changes() {
             database.health.judge(&error);
         }
+        schema::go_on(&database.connection)?;
         let (queue, jobs) = Queue::new();
         std::thread::Builder::new()
             .name("store".to_owned())

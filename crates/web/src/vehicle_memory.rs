@@ -2,12 +2,12 @@
 //! vehicle, and records each change of the stage and of countermeasures. The state after an operator's action is stored before the
 //! action is done.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio::sync::broadcast::{self, error::TryRecvError};
 use tokio::sync::{oneshot, watch};
 use tokio::task::JoinHandle;
-use tokio::time::{sleep, timeout};
+use tokio::time::{sleep, timeout_at};
 
 use super::source::Live;
 use telltale_engine::model::Stage;
@@ -28,9 +28,6 @@ const CAUSES_NAMED: usize = 4;
 /// What is requested of the vehicle, by name and state.
 type Requests = Vec<(&'static str, &'static str)>;
 
-/// The time for the disk to answer at the end.
-const LAST_WITHIN: Duration = Duration::from_secs(2);
-
 /// Stores the vehicle's state for as long as the server runs.
 #[derive(Debug)]
 pub struct VehicleMemoryTask {
@@ -44,11 +41,11 @@ impl VehicleMemoryTask {
         VehicleMemoryTask { end, task: tokio::spawn(follow(app, ends)) }
     }
 
-    /// Stores the last change, and ends.
-    pub async fn end(mut self) {
+    /// Stores the last change by `until`, and ends.
+    pub async fn end(mut self, until: Instant) {
         // It has ended by itself if the engine has.
         let _ = self.end.send(());
-        if timeout(LAST_WITHIN, &mut self.task).await.is_err() {
+        if timeout_at(until.into(), &mut self.task).await.is_err() {
             tracing::error!("the disk does not answer: the last change of the vehicle is not stored");
             self.task.abort();
         }

@@ -1,19 +1,31 @@
 //! The signals that end the program. The first SIGINT or SIGTERM requests the end; a second one ends it at
 //! once.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::watch;
 
+use crate::clock::Clock;
+
 /// The program ends this long after the first signal, whatever hangs: supervisors and operators count on
-/// three seconds.
-const ENDS_WITHIN: Duration = Duration::from_millis(2600);
+/// three seconds. Each step of an end in order has its own time before that, from the same signal.
+pub const ENDS_WITHIN: Duration = Duration::from_millis(2600);
+
+/// The log has this long to take the last line.
+const LOGGED_WITHIN: Duration = Duration::from_millis(100);
 
 /// The requests to end the program.
 pub struct ShutdownSignal {
-    requests: watch::Receiver<u32>,
+    requests: watch::Receiver<Requests>,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Requests {
+    count: u32,
+    /// When the first one came.
+    first: Option<Instant>,
 }
 
 impl ShutdownSignal {
@@ -29,20 +41,21 @@ impl ShutdownSignal {
             let listen = |kind| signal(kind).context(refused);
             (listen(SignalKind::interrupt())?, listen(SignalKind::terminate())?)
         };
-        let (sender, requests) = watch::channel(0);
+        let (sender, requests) = watch::channel(Requests::default());
+        let clock = Clock::start();
         let listen = async move {
             loop {
                 tokio::select! {
                     _ = interrupt.recv() => {}
                     _ = terminate.recv() => {}
                 }
-                sender.send_modify(|count| *count += 1);
-                if *sender.borrow() == 1 {
-                    std::thread::spawn(|| {
-                        std::thread::sleep(ENDS_WITHIN);
-                        // Acknowledged actions are on the disk; nobody waits for the rest.
-                        std::process::exit(0);
-                    });
+                let now = clock.instant(clock.now());
+                sender.send_modify(|it| {
+                    it.count += 1;
+                    it.first = it.first.or(Some(now));
+                });
+                if sender.borrow().count == 1 {
+                    std::thread::spawn(end_in_time);
                 }
             }
         };
@@ -51,11 +64,24 @@ impl ShutdownSignal {
         Ok(ShutdownSignal { requests })
     }
 
-    /// Waits for the next request.
-    pub async fn requested(&mut self) {
-        if self.requests.changed().await.is_err() {
-            // The thread lives as long as the program.
-            std::future::pending().await
+    /// Waits for the next request. Returns when the first one came.
+    pub async fn requested(&mut self) -> Instant {
+        if self.requests.changed().await.is_ok()
+            && let Some(first) = self.requests.borrow_and_update().first
+        {
+            return first;
         }
+        // The thread lives as long as the program.
+        std::future::pending().await
     }
+}
+
+/// Ends the program although something hangs.
+fn end_in_time() {
+    std::thread::sleep(ENDS_WITHIN - LOGGED_WITHIN);
+    // The log may be what hangs.
+    std::thread::spawn(|| tracing::error!("the end takes too long: what is not on the disk by now is lost"));
+    std::thread::sleep(LOGGED_WITHIN);
+    // Acknowledged actions are on the disk.
+    std::process::exit(0);
 }

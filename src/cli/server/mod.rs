@@ -15,12 +15,12 @@ use std::net::{IpAddr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
-use tokio::time::timeout;
+use tokio::time::timeout_at;
 
 use self::metrics::MetricsListener;
 use self::recording::Recording;
@@ -65,8 +65,11 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 /// The address of the display if none is given: this machine alone.
 pub const LISTEN: &str = "127.0.0.1:8080";
 
-/// The time for the disk to answer at the end.
-const LAST_WITHIN: Duration = Duration::from_secs(1);
+/// The steps of the end, each within its time from the signal on, so that none takes the time of the next. The pages
+/// and the vehicle's state go before (`web::serve`); after all of them the program ends by force (`ShutdownSignal`).
+const RECORDED_WITHIN: Duration = Duration::from_millis(1900);
+const INCIDENT_WITHIN: Duration = Duration::from_millis(2200);
+const CLOSED_WITHIN: Duration = Duration::from_millis(2400);
 
 /// The parts of a running display.
 pub struct Server {
@@ -179,7 +182,7 @@ impl Server {
         let app = AppState::new(link, store, clock, settings);
         let metrics = metrics.map(|metrics| metrics.serve(app.clone()));
         let watchdog = Watchdog::start(&status, app.clone());
-        {
+        let requested = {
             let serving = web::serve(listener, tls, app.clone(), signal.requested());
             let running = reloads.map(|reloads| reloads.running).or(followed);
             let parts = Followed {
@@ -191,13 +194,13 @@ impl Server {
             // It ends with the services, and nothing that it does is cut off.
             app.live().map(|live| tokio::spawn(services::answer(calls, live)));
             tokio::select! {
-                served = while_serving(serving, parts, running, (&app, write)) => served?,
+                requested = while_serving(serving, parts, running, (&app, write)) => requested?,
                 () = engine.closed() => bail!(
                     "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
                      shown any more. Start it again, and report the fault"
                 ),
             }
-        }
+        };
         tracing::info!("ending");
         if let Some(watchdog) = watchdog {
             watchdog.end();
@@ -207,24 +210,36 @@ impl Server {
         if let Some(metrics) = metrics {
             metrics.abort();
         }
-        if !end.record(Record::of(Action::End, TELLTALE), None).await {
-            tracing::error!("the end is not recorded");
-        }
-        tokio::select! {
-            () = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()); } => {}
-            () = signal.requested() => {}
-        }
+        let by = requested + RECORDED_WITHIN;
+        let recorded = async {
+            let recording = end.record(Record::of(Action::End, TELLTALE), None);
+            if timeout_at(by.into(), recording).await != Ok(true) {
+                tracing::error!("the end is not recorded");
+            }
+        };
+        let goodbyes = async {
+            let said = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()) };
+            tokio::select! {
+                said = timeout_at(by.into(), said) => {
+                    if said.is_err() {
+                        tracing::warn!("the DDS processes do not end in time");
+                    }
+                }
+                _ = signal.requested() => {}
+            }
+        };
+        tokio::join!(recorded, goodbyes);
         ending.end();
         if let Some(recording) = recording {
-            recording.end().await;
+            recording.end(requested + INCIDENT_WITHIN).await;
         }
-        let last = async {
+        let written = async {
             if let Some(history) = past {
                 history.written().await;
             }
-            end.close().await;
         };
-        if timeout(LAST_WITHIN, last).await.is_err() {
+        let last = async { tokio::join!(written, end.close()) };
+        if timeout_at((requested + CLOSED_WITHIN).into(), last).await.is_err() {
             tracing::error!("the disk does not answer: what it was given last may be lost");
         }
         Ok(())
@@ -248,11 +263,11 @@ struct Followed<'a> {
 /// Serves until the end, and lets everything follow each new configuration. The engine runs by it already:
 /// an engine that changed later would forget what the bridge reports anew.
 async fn while_serving(
-    serving: impl Future<Output = std::io::Result<()>>,
+    serving: impl Future<Output = std::io::Result<Instant>>,
     Followed { bridge, outputs: publishing, services, recording }: Followed<'_>,
     mut running: Option<watch::Receiver<Loaded>>,
     (app, written): (&AppState, watch::Sender<Arc<Written>>),
-) -> anyhow::Result<()> {
+) -> anyhow::Result<Instant> {
     let mut serving = std::pin::pin!(serving);
     loop {
         let next = tokio::select! {

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use tokio::sync::{mpsc, watch};
@@ -41,9 +41,6 @@ const ANSWERS_WITHIN: Span = Span::from_secs(3);
 
 /// A disk that hangs is looked for this often.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
-
-/// The end of the program waits this long for the last incident to be written.
-const LAST_WITHIN: Duration = Duration::from_secs(1);
 
 /// A running recording.
 #[derive(Debug)]
@@ -205,8 +202,8 @@ impl Recording {
         }
     }
 
-    /// Waits until the last incident is written, but not for a disk that hangs. The engine must have ended.
-    pub async fn end(self) {
+    /// Waits until the last incident is written, but no longer than `until`. The engine must have ended.
+    pub async fn end(self, until: Instant) {
         let Recording { writer, books, watching, tidying, _temporary, .. } = self;
         tidying.abort();
         watching.abort();
@@ -214,7 +211,7 @@ impl Recording {
             let written = task::spawn_blocking(move || writer.join().is_ok()).await;
             written.is_ok_and(|written| written) && books.await.is_ok()
         };
-        if tokio::time::timeout(LAST_WITHIN, last).await != Ok(true) {
+        if tokio::time::timeout_at(until.into(), last).await != Ok(true) {
             tracing::error!("the last incident is not whole: the next start completes its file");
         }
     }

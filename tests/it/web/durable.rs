@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::path::PathBuf;
+use std::time::Instant;
 
 use axum::http::StatusCode;
 use rusqlite::Connection;
@@ -143,12 +144,13 @@ impl Vehicle {
     }
 
     /// Serves, and with that keeps what changes, until it is told to end.
-    async fn serve(&self) -> (oneshot::Sender<()>, JoinHandle<std::io::Result<()>>) {
+    async fn serve(&self) -> (oneshot::Sender<()>, JoinHandle<std::io::Result<Instant>>) {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let (end, ends) = oneshot::channel::<()>();
-        let app = self.fixture.app.clone();
-        let serving = serve(listener, None, app, async {
+        let (app, clock) = (self.fixture.app.clone(), self.fixture.clock);
+        let serving = serve(listener, None, app, async move {
             let _ = ends.await;
+            clock.instant(clock.now())
         });
         (end, tokio::spawn(serving))
     }

@@ -1,7 +1,7 @@
 //! Live connections over real sockets on a free port.
 
 use std::net::SocketAddr;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::http::Method;
 use futures_util::{FutureExt as _, SinkExt, StreamExt};
@@ -32,7 +32,7 @@ pub struct Server {
     pub app: AppState,
     pub address: SocketAddr,
     pub shutdown: oneshot::Sender<()>,
-    pub served: tokio::task::JoinHandle<std::io::Result<()>>,
+    pub served: tokio::task::JoinHandle<std::io::Result<Instant>>,
 }
 
 pub type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
@@ -56,8 +56,10 @@ impl Server {
         let settings = settings(Origins::of_listener(address, false), false);
         let app = AppState::new(source, store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();
-        let served = tokio::spawn(serve(listener, None, app.clone(), async {
+        let clock = fixture.clock;
+        let served = tokio::spawn(serve(listener, None, app.clone(), async move {
             let _ = ended.await;
+            clock.instant(clock.now())
         }));
         Server { fixture, app, address, shutdown, served }
     }

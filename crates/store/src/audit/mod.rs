@@ -21,6 +21,7 @@ use std::time::SystemTime;
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
+use super::database::schema;
 use super::unix_time::{from_unix_ms, to_unix_ms};
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
@@ -231,7 +232,7 @@ impl Store {
 /// # Errors
 /// If there is no database, or it or the key cannot be read.
 pub fn verify_audit_in(folder: &Path, heads: &[Head], key: Option<&Path>) -> Result<Verdict, StoreError> {
-    let (connection, _, _) = super::database::schema::read_only(folder)?;
+    let (connection, _, _) = schema::read_only(folder, schema::LOCK_WAIT)?;
     let mut known = heads.to_vec();
     // The file with the head is never ahead of the database, so it is read first.
     let noted = read_head(&folder.join(HEAD_FILE_NAME))?;
@@ -276,6 +277,7 @@ impl Database {
             }
         }
         let wall = self.clock.wall();
+        self.check_schema()?;
         // The end of the chain is read under the lock: another process may write too.
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
         let news = if records().next().is_none() { None } else { self.log.check(&transaction)? };

@@ -11,7 +11,7 @@ use rusqlite::Connection;
 use rusqlite::backup::{Backup, StepResult};
 
 use super::schema;
-use super::schema::connect_reading;
+use super::schema::{LOCK_WAIT, connect_reading};
 use crate::private_file::{make_folder, make_private_file};
 use crate::{Database, FILE_NAME, StoreError};
 use telltale_engine::time::{Span, Timestamp};
@@ -107,7 +107,7 @@ impl Database {
 /// Makes today's copy, in place of an earlier one of today. It reads with a connection of its own, so
 /// writers do not wait.
 pub(crate) fn make(folder: &Path, wall: SystemTime) -> Result<PathBuf, BackupError> {
-    let (from, _, _) = schema::read_only(folder)?;
+    let (from, _, _) = schema::read_only(folder, LOCK_WAIT)?;
     let backups = folder.join(BACKUPS);
     make_folder(&backups)?;
     let day = humantime::format_rfc3339_seconds(wall).to_string();
@@ -175,7 +175,8 @@ pub(crate) fn list(folder: &Path) -> Vec<PathBuf> {
 /// Opens a copy if it is whole and holds users.
 pub(crate) fn open(file: &Path) -> Result<Connection, StoreError> {
     let damaged = |what: String| StoreError::Backup { path: file.to_owned(), what };
-    let connection = connect_reading(file, "immutable=1").map_err(|error| damaged(error.to_string()))?;
+    let connection =
+        connect_reading(file, "immutable=1", LOCK_WAIT).map_err(|error| damaged(error.to_string()))?;
     schema::damage_of(&connection).map_or(Ok(connection), |damage| Err(damaged(damage)))
 }
 

@@ -2,4 +2,5 @@
 
 pub(super) mod backup;
 pub(super) mod files;
+pub(super) mod foreign;
 pub(super) mod schema;

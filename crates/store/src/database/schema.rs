@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags, TransactionBehavior, ffi};
 
-use super::backup;
+use super::{backup, foreign};
 use crate::StoreError;
 
 /// The database in the data folder.
@@ -15,8 +15,11 @@ pub const FILE_NAME: &str = "telltale.db";
 /// How long to wait for another process that writes.
 pub(crate) const LOCK_WAIT: Duration = Duration::from_secs(2);
 
+/// The same for a server that opens it: the pages wait for that, and it can do without writing at first.
+pub(crate) const OPEN_WAIT: Duration = Duration::from_millis(500);
+
 /// Step N takes schema N to N + 1. Steps are never edited, only added.
-const MIGRATIONS: &[&str] = &[
+pub(super) const MIGRATIONS: &[&str] = &[
     "
     CREATE TABLE users (
         id INTEGER PRIMARY KEY,
@@ -169,7 +172,8 @@ const MIGRATIONS: &[&str] = &[
 /// Schemas from this one on have everything that a server without write access needs.
 const READABLE_SINCE: u32 = 3;
 
-pub(crate) fn open(folder: &Path) -> Result<Connection, StoreError> {
+/// Waits so long for another process; [`go_on`] makes the connection wait as all others do.
+pub(crate) fn open(folder: &Path, wait: Duration) -> Result<Connection, StoreError> {
     let folder_error = |reason| StoreError::Folder { path: folder.to_owned(), reason };
     make_folder(folder).map_err(folder_error)?;
     let path = folder.join(FILE_NAME);
@@ -187,7 +191,7 @@ pub(crate) fn open(folder: &Path) -> Result<Connection, StoreError> {
     if connection.is_readonly(rusqlite::MAIN_DB).map_err(open_error)? {
         return Err(open_error(rusqlite::Error::SqliteFailure(ffi::Error::new(ffi::SQLITE_READONLY), None)));
     }
-    configure(&connection).map_err(open_error)?;
+    configure(&connection, wait).map_err(open_error)?;
     migrate(&mut connection, &path, trace.as_deref())?;
     // Damage that is found now does not keep the display from starting; damage that is found later would.
     match damage_of_state(&connection) {
@@ -200,8 +204,16 @@ fn gone(path: PathBuf, trace: &str) -> StoreError {
     StoreError::Damaged { path, what: format!("it is gone or empty, and {trace} shows that there was one") }
 }
 
-/// Damage in all tables but the audit log, which may be large; `None` if there is none.
+/// The database is opened: from now on it waits for others as long as anybody does.
+pub(crate) fn go_on(connection: &Connection) -> rusqlite::Result<()> {
+    connection.busy_timeout(LOCK_WAIT)
+}
+
+/// Damage in all tables but the audit log, which may be large, and in the schema; `None` if there is none.
 fn damage_of_state(connection: &Connection) -> Option<String> {
+    if let Some(strange) = foreign::strange_in(connection) {
+        return Some(strange);
+    }
     let sql =
         "SELECT name FROM sqlite_schema WHERE type = 'table' AND name NOT IN ('audit', 'sqlite_sequence')";
     let names = |query: &mut rusqlite::Statement<'_>| {
@@ -221,6 +233,7 @@ pub(crate) fn damage_of(connection: &Connection) -> Option<String> {
         .err()
         .map(|error| error.to_string())
         .or_else(|| found_by(connection, "PRAGMA integrity_check(10)"))
+        .or_else(|| foreign::strange_in(connection))
 }
 
 fn found_by(connection: &Connection, check: &str) -> Option<String> {
@@ -243,7 +256,7 @@ pub(crate) fn existing(folder: &Path) -> Result<PathBuf, StoreError> {
 
 /// Opens a database of today's schema for reading only: on a disk that is full or read-only.
 pub(crate) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
-    let (connection, path, found) = read_only(folder)?;
+    let (connection, path, found) = read_only(folder, OPEN_WAIT)?;
     let known = MIGRATIONS.len() as u32;
     if !(READABLE_SINCE..=known).contains(&found) {
         return Err(StoreError::Newer { path, found, known });
@@ -252,10 +265,10 @@ pub(crate) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
 }
 
 /// Opens a database of any schema for reading. Also returns its path and its schema.
-pub(crate) fn read_only(folder: &Path) -> Result<(Connection, PathBuf, u32), StoreError> {
+pub(crate) fn read_only(folder: &Path, wait: Duration) -> Result<(Connection, PathBuf, u32), StoreError> {
     let path = existing(folder)?;
     let open = |parameter: &str| {
-        let connection = connect_reading(&path, parameter)?;
+        let connection = connect_reading(&path, parameter, wait)?;
         let found: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
         connection.query_row("SELECT count(*) FROM users", [], |_| Ok(()))?;
         Ok((connection, found))
@@ -272,11 +285,11 @@ pub(crate) fn read_only(folder: &Path) -> Result<(Connection, PathBuf, u32), Sto
 
 /// A connection for reading only, with a parameter of SQLite: `mode=ro`, or `immutable=1` for a file that
 /// nobody writes.
-pub(crate) fn connect_reading(path: &Path, parameter: &str) -> rusqlite::Result<Connection> {
+pub(crate) fn connect_reading(path: &Path, parameter: &str, wait: Duration) -> rusqlite::Result<Connection> {
     let flags =
         OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(uri(path, parameter), flags)?;
-    connection.busy_timeout(LOCK_WAIT)?;
+    connection.busy_timeout(wait)?;
     Ok(connection)
 }
 
@@ -296,13 +309,13 @@ fn uri(path: &Path, parameter: &str) -> String {
 
 pub(crate) fn open_in_memory() -> Result<Connection, StoreError> {
     let mut connection = Connection::open_in_memory()?;
-    configure(&connection)?;
+    configure(&connection, LOCK_WAIT)?;
     migrate(&mut connection, Path::new(":memory:"), None)?;
     Ok(connection)
 }
 
-fn configure(connection: &Connection) -> rusqlite::Result<()> {
-    connection.busy_timeout(LOCK_WAIT)?;
+fn configure(connection: &Connection, wait: Duration) -> rusqlite::Result<()> {
+    connection.busy_timeout(wait)?;
     connection.pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(()))?;
     connection.pragma_update(None, "synchronous", "FULL")?;
     connection.pragma_update(None, "foreign_keys", true)?;
@@ -349,6 +362,7 @@ mod tests {
     use super::*;
     use crate::{DemoSecrets, Role, Store};
     use telltale_clock::Clock;
+    use telltale_engine::time::Span;
 
     #[tokio::test]
     async fn users_sessions_and_the_operator_in_charge_outlive_a_restart() {
@@ -394,12 +408,33 @@ mod tests {
         assert!(reading.session(&token).is_some());
     }
 
+    #[tokio::test]
+    async fn beside_a_database_that_another_program_locks_a_server_starts_within_three_seconds() {
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path();
+        let store = Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        store.add_user("anna", Role::Operator, "135791").await.unwrap();
+        store.close().await;
+        let other = Connection::open(folder.join(FILE_NAME)).unwrap();
+        other.execute_batch("BEGIN EXCLUSIVE").unwrap();
+        let clock = Clock::start();
+        let began = clock.now();
+        let store = Store::open_or_read(folder, clock, DemoSecrets::Refused).unwrap();
+        // Its first jobs wait for none of its attempts to write.
+        assert!(store.has_users().await.unwrap());
+        store.recall().await.unwrap();
+        assert!(clock.now().since(began) < Span::from_secs(3), "{:?}", clock.now().since(began));
+        assert!(store.fault().borrow().as_deref().is_some_and(|fault| fault.contains("locked")));
+        other.execute_batch("COMMIT").unwrap();
+        store.fault().wait_for(Option::is_none).await.unwrap();
+    }
+
     #[test]
     fn a_folder_or_file_that_cannot_be_used_says_which_and_what_to_do() {
         let temporary = tempfile::tempdir().unwrap();
         let folder = temporary.path();
         let open = || Store::open(folder, Clock::start(), DemoSecrets::Refused).unwrap_err().to_string();
-        drop(super::open(folder).unwrap());
+        drop(super::open(folder, LOCK_WAIT).unwrap());
         let path = folder.join(FILE_NAME);
         let newer = Connection::open(&path).unwrap();
         newer.pragma_update(None, "user_version", MIGRATIONS.len() as u32 + 1).unwrap();

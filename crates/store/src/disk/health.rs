@@ -180,8 +180,9 @@ impl Database {
         // Connections of one process share the index of the log, and with it that it may not be written.
         let nothing = Connection::open_in_memory().map_err(|error| error.to_string())?;
         drop(std::mem::replace(&mut self.connection, nothing));
-        let reopened = schema::open(&folder).and_then(|mut connection| {
+        let reopened = schema::open(&folder, schema::OPEN_WAIT).and_then(|mut connection| {
             let log = Log::open(&mut connection, Some(&folder), self.clock.wall())?;
+            schema::go_on(&connection)?;
             Ok((connection, log))
         });
         match reopened {
@@ -207,6 +208,10 @@ impl Database {
             files.check_room()?;
         }
         self.open_again()?;
+        if let Err(error) = self.check_schema() {
+            let Some(strange) = error.damage() else { return Err(error.to_string()) };
+            return Err(self.go_on_in_memory(&strange));
+        }
         if let Some(fault) = self.log.fault() {
             return Err(fault.to_owned());
         }
@@ -324,7 +329,7 @@ mod tests {
         let log = folder.join(format!("{FILE_NAME}-wal"));
         std::fs::remove_file(&log).unwrap();
         // A program that opens the database only to read it leaves an empty log there.
-        drop(schema::read_only(folder));
+        drop(schema::read_only(folder, schema::LOCK_WAIT));
         assert_eq!(std::fs::metadata(&log).unwrap().len(), 0);
         let (refused, ()) = tokio::join!(store.add_user("bert", Role::Operator, "135791"), async {
             tokio::time::sleep(Duration::from_millis(200)).await;

@@ -58,7 +58,7 @@ pub fn check_data(folder: &Path) -> Result<DataState, StoreError> {
     let database = folder.join(FILE_NAME);
     let trace = backup::trace_of_database(folder);
     let (damage, users) = match backup::holds_something(folder) {
-        true => match schema::read_only(folder) {
+        true => match schema::read_only(folder, schema::LOCK_WAIT) {
             Ok((connection, _, _)) => (schema::damage_of(&connection), count(&connection)),
             Err(StoreError::Open { reason, .. }) => (Some(reason.to_string()), None),
             Err(error) => return Err(error),

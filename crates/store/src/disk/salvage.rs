@@ -186,7 +186,7 @@ fn open_broken(folder: &Path) -> Option<Connection> {
         return None;
     }
     let open = |parameter| {
-        let connection = schema::connect_reading(&path, parameter).ok()?;
+        let connection = schema::connect_reading(&path, parameter, schema::LOCK_WAIT).ok()?;
         // With this setting one damaged entry of the schema does not hide all others.
         connection.pragma_update(None, "writable_schema", true).ok()?;
         let readable = connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()));

@@ -9,6 +9,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension as _};
 
 use super::{HISTORY_FILE, prepare};
 use crate::StoreError;
+use crate::database::foreign::{Compare, difference};
 use crate::disk::salvage;
 use crate::private_file::{make_folder, make_private_file};
 
@@ -34,10 +35,23 @@ pub fn history_damage(folder: &Path) -> Option<String> {
             if found != "ok" {
                 return Ok(Some(found));
             }
+            if let Some(strange) = strange(&connection)? {
+                return Ok(Some(strange));
+            }
             let missing = missing(&connection)?;
             Ok((missing > 0).then(|| format!("{missing} of its records were removed")))
         });
     looked.unwrap_or_else(|error| Some(error.to_string()))
+}
+
+/// What of its schema is not Telltale's: a trigger would change records.
+///
+/// # Errors
+/// If SQLite cannot read it.
+pub(super) fn strange(connection: &Connection) -> rusqlite::Result<Option<String>> {
+    let known = Connection::open_in_memory()?;
+    prepare(&known)?;
+    difference(connection, &known, Compare::Names)
 }
 
 /// Makes the history of a data folder anew of all that can be read of it; `None`: it is whole. No server may run.

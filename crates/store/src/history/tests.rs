@@ -420,3 +420,26 @@ async fn a_history_with_zeroed_pages_is_repaired_or_begun_anew_while_it_is_writt
         assert_eq!(history_damage(folder), None);
     }
 }
+
+#[tokio::test]
+async fn a_history_with_a_foreign_trigger_is_told_put_aside_and_repaired() {
+    for is_repaired in [false, true] {
+        let temporary = with_records(10).await;
+        let folder = temporary.path();
+        let forget = "CREATE TRIGGER forget AFTER INSERT ON records BEGIN DELETE FROM records; END";
+        Connection::open(folder.join(HISTORY_FILE)).unwrap().execute_batch(forget).unwrap();
+        let damage = history_damage(folder).expect("it is told");
+        assert_eq!(damage, "the trigger forget of records is not Telltale's");
+        if is_repaired {
+            let saved = repair_history(folder, SystemTime::UNIX_EPOCH).unwrap().expect("it is damaged");
+            assert_eq!((saved.records, saved.damage), (10, damage));
+        }
+        let (history, queue) = History::open(folder, Clock::start()).unwrap();
+        drop(queue);
+        history.written().await;
+        assert_eq!(history_damage(folder), None);
+        let kept = Connection::open(folder.join(HISTORY_FILE)).unwrap();
+        let records: i64 = kept.query_row("SELECT count(*) FROM records", [], |row| row.get(0)).unwrap();
+        assert_eq!(records, if is_repaired { 10 } else { 0 });
+    }
+}

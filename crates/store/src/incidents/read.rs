@@ -146,7 +146,7 @@ impl Incidents {
     /// # Errors
     /// If there is none, or it cannot be read.
     pub fn open(folder: &Path) -> Result<Incidents, StoreError> {
-        let (connection, _, _) = schema::read_only(folder)?;
+        let (connection, _, _) = schema::read_only(folder, schema::LOCK_WAIT)?;
         Ok(Incidents(connection))
     }
 

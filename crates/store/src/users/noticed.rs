@@ -39,6 +39,7 @@ impl Database {
         if version == self.data_version {
             return Ok(());
         }
+        self.check_schema()?;
         let serves = self.serves && !self.health.is_reading();
         // Read before the sessions: a change that comes in between is noted the next time.
         let changes = if serves { Some(self.user_changes()?) } else { None };

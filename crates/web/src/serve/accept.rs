@@ -3,7 +3,7 @@
 use std::io;
 use std::net::SocketAddr;
 use std::pin::pin;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use hyper::Request;
@@ -15,7 +15,7 @@ use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
-use tokio::time::{MissedTickBehavior, interval, sleep, timeout};
+use tokio::time::{MissedTickBehavior, interval, sleep, timeout, timeout_at};
 use tower::ServiceExt as _;
 
 use super::tls::Tls;
@@ -35,8 +35,10 @@ const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
 const SEND_BUFFER_BYTES: usize = 256 * 1024;
 /// The kernel's buffer for received bytes that are not read yet. A request has at most 16 KiB.
 const RECEIVE_BUFFER_BYTES: usize = 32 * 1024;
-/// The time for running requests when the server ends.
-const DRAIN_TIMEOUT: Duration = Duration::from_secs(3);
+/// Running requests have this long to end, once the end was requested.
+const DRAINED_WITHIN: Duration = Duration::from_millis(800);
+/// The last state of the vehicle is stored within this time of the same request, or not at all.
+const STORED_WITHIN: Duration = Duration::from_millis(1400);
 /// The listener notes this often that it still accepts.
 const NOTE_EVERY: Duration = Duration::from_millis(250);
 /// The wait after a failed `accept`, for example without free file descriptors.
@@ -83,8 +85,9 @@ impl Listening {
     }
 }
 
-/// Serves until `shutdown` ends. Then it closes sockets with the code for a restart, waits for running
-/// requests, and stores the last state of the vehicle.
+/// Serves until `shutdown` ends, and returns what it returned: the instant at which the end was requested. Then it
+/// closes sockets with the code for a restart, waits for running requests, and stores the last state of the
+/// vehicle. Both have their time from that instant on.
 ///
 /// # Errors
 /// If the listener has no address.
@@ -92,8 +95,8 @@ pub async fn serve(
     listener: TcpListener,
     tls: Option<Tls>,
     app: AppState,
-    shutdown: impl Future<Output = ()>,
-) -> io::Result<()> {
+    shutdown: impl Future<Output = Instant>,
+) -> io::Result<Instant> {
     let address = listener.local_addr()?;
     if address.ip().is_unspecified() {
         tracing::warn!(%address, "listening on all addresses, known by the loopback names and configured origins only");
@@ -112,9 +115,9 @@ pub async fn serve(
     let mut notes = interval(NOTE_EVERY);
     notes.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut shutdown = pin!(shutdown);
-    loop {
+    let requested = loop {
         tokio::select! {
-            () = &mut shutdown => break,
+            requested = &mut shutdown => break requested,
             accepted = listener.accept() => match accepted {
                 Ok((stream, peer)) => {
                     let enrolled = &app.settings.enrolled;
@@ -142,7 +145,7 @@ pub async fn serve(
             Some(_) = connections.join_next(), if !connections.is_empty() => {}
             _ = notes.tick() => app.listening.waits(app.clock.now()),
         }
-    }
+    };
     drop(listener);
     live_watches.iter().flatten().chain(&watches).for_each(tokio::task::JoinHandle::abort);
     app.listening.close();
@@ -150,13 +153,13 @@ pub async fn serve(
         app.displays.all_gone().await;
         while connections.join_next().await.is_some() {}
     };
-    if timeout(DRAIN_TIMEOUT, drained).await.is_err() {
+    if timeout_at((requested + DRAINED_WITHIN).into(), drained).await.is_err() {
         tracing::warn!("some connections did not end in time");
     }
     if let Some(task) = vehicle_memory_task {
-        task.end().await;
+        task.end(requested + STORED_WITHIN).await;
     }
-    Ok(())
+    Ok(requested)
 }
 
 /// One connection.

@@ -30,9 +30,11 @@ async fn logs_in(store: &Store, name: &str, secret: &str) -> Option<Role> {
     store.authenticate(name, secret).await.unwrap().map(|user| user.role())
 }
 
-/// Copies of the tables as they were.
-const KEEP: &str =
-    "CREATE TABLE was_users AS SELECT * FROM users; CREATE TABLE was_tokens AS SELECT * FROM tokens;";
+/// Runs it beside a database with copies of the tables as they were.
+fn run_beside(folder: &Path, sql: &str) {
+    let kept = folder.join("kept.db");
+    run(folder, &format!("ATTACH '{}' AS kept; {sql}", kept.display()));
+}
 
 #[tokio::test]
 async fn a_user_that_no_record_knows_cannot_log_in() {
@@ -89,13 +91,17 @@ async fn who_was_removed_or_changed_cannot_be_put_back() {
         (store.add_token("dora", "old", 9).await.unwrap(), store.add_token("dora", "new", 9).await.unwrap());
     store.revoke_token(1).await.unwrap();
     assert!(store.session(&token).is_none() && store.session(&other).is_some());
-    run(folder, KEEP);
+    run_beside(
+        folder,
+        "CREATE TABLE kept.users AS SELECT * FROM main.users; CREATE TABLE kept.tokens AS SELECT * FROM main.tokens",
+    );
     store.remove_user("anna").await.unwrap();
     store.change_secret("dora", "another long password").await.unwrap();
     store.close().await;
-    run(
+    run_beside(
         folder,
-        "INSERT OR REPLACE INTO users SELECT * FROM was_users; INSERT OR REPLACE INTO tokens SELECT * FROM was_tokens",
+        "INSERT OR REPLACE INTO main.users SELECT * FROM kept.users;
+         INSERT OR REPLACE INTO main.tokens SELECT * FROM kept.tokens",
     );
     let store = open(folder);
     assert_eq!(logs_in(&store, "anna", "135791").await, None);
@@ -109,7 +115,7 @@ async fn who_was_removed_or_changed_cannot_be_put_back() {
 #[tokio::test]
 async fn a_token_that_no_record_knows_opens_nothing_though_its_user_may_log_in() {
     for (case, sql) in [
-        ("put back", "INSERT INTO tokens SELECT * FROM was_tokens WHERE label = 'revoked'"),
+        ("put back", "INSERT INTO main.tokens SELECT * FROM kept.tokens WHERE label = 'revoked'"),
         ("longer", "UPDATE tokens SET expires_ms = expires_ms + 1 WHERE label = 'changed'"),
         (
             "of somebody else",
@@ -122,10 +128,10 @@ async fn a_token_that_no_record_knows_opens_nothing_though_its_user_may_log_in()
         let revoked = store.add_token("dora", "revoked", 9).await.unwrap();
         let changed = store.add_token("dora", "changed", 9).await.unwrap();
         let left = store.add_token("dora", "left alone", 9).await.unwrap();
-        run(folder.path(), KEEP);
+        run_beside(folder.path(), "CREATE TABLE kept.tokens AS SELECT * FROM main.tokens");
         store.revoke_token(1).await.unwrap();
         store.close().await;
-        run(folder.path(), sql);
+        run_beside(folder.path(), sql);
         let foreign = if case == "put back" { "token 1 of dora" } else { "token 2 of " };
         let verdict = verify_audit_in(folder.path(), &[], None).unwrap();
         assert!(verdict.foreign.len() == 1 && verdict.foreign[0].starts_with(foreign), "{case}: {verdict:?}");
