@@ -156,7 +156,7 @@ def enters(page, server, name, takes_over=False):
     page.locator("[name=secret]").fill(OPERATOR[1])
     page.locator("form .primary").tap()
     if takes_over:
-        page.get_by_role("button", name=re.compile("Take over|Übernehmen")).tap()
+        page.get_by_role("button", name=re.compile("Take the place|ablösen")).tap()
     expect(page.locator("body")).to_have_attribute("data-live", "live")
 
 
@@ -168,8 +168,8 @@ def remove(server, name):
 @pytest.mark.parametrize(
     "lang, end, says",
     [
-        ("en", "taken", "Another operator has taken the vehicle over."),
-        ("de", "taken", "Jemand anderes hat das Fahrzeug übernommen."),
+        ("en", "taken", "Another operator has taken your place."),
+        ("de", "taken", "Jemand anderes hat Sie abgelöst."),
         ("en", "left", "You logged out at another display."),
         ("en", "removed", "This user was removed. Call the control room."),
     ],

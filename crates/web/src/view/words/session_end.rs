@@ -48,8 +48,8 @@ impl Lang {
                 ("Logged out: nothing was done for 15 minutes.", "Abgemeldet: 15 Minuten lang nichts getan.")
             }
             SessionEnd::TakenOver => (
-                "Another operator has taken the vehicle over.",
-                "Jemand anderes hat das Fahrzeug übernommen.",
+                "Another operator has taken your place.",
+                "Jemand anderes hat Sie abgelöst.",
             ),
             SessionEnd::LoggedOut => {
                 ("You logged out at another display.", "Sie haben sich an einer anderen Anzeige abgemeldet.")
