@@ -176,6 +176,19 @@ fn slashes_and_prefixes_in_paths_are_carried_over_and_said() {
 }
 
 #[test]
+fn what_is_expected_and_may_go_is_said_once() {
+    let text = "a:\n  ros__parameters:\n    base: { type: GenericAnalyzer, path: Base, expected: ['one', 'two'], discard_stale: true }\n";
+    let imported = of(&[("a.yaml", text)], None);
+    has(&imported, &["name: one, forget_after: 5s", "name: two, forget_after: 5s", "empty: ok"]);
+    assert_eq!(lines(&imported).len(), 1);
+    assert!(
+        lines(&imported)[0].starts_with("a.yaml:3:59: `discard_stale` lets go"),
+        "{:?}",
+        lines(&imported)
+    );
+}
+
+#[test]
 fn the_same_link_that_leads_nowhere_gets_the_same_suggestion() {
     let unit = |path: &str| format!("  - {{ path: {path}, type: ok }}\n");
     let link = "  - { path: /m, type: and, list: [{ type: link, link: /mrm_domain/planning/available }] }\n";

@@ -207,16 +207,16 @@ impl Import<'_> {
         for (pattern, span) in regexes {
             self.regex(&pattern, span, &mut generic);
         }
-        for (name, span) in expected {
-            match generic.discards {
-                true => {
-                    let text = format!("`{name}` is expected, but `discard_stale` lets it go");
-                    let help = "it is not missed, as with diagnostic_aggregator, which shows it as STALE for its first `timeout` alone; to miss it, write it under `expected`";
-                    self.findings.differs(Problem::at(span, text).help(help));
-                    generic.take(format!("name: {}", quoted(&name)), Filter::Name(name.into()));
-                }
-                false if generic.expected.contains(&name) || name.is_empty() => {}
-                false => generic.expected.push(name),
+        if let Some((_, span)) = expected.first().filter(|_| generic.discards) {
+            let text = "`discard_stale` lets go what is under `expected`";
+            let help = "it is not missed, as with diagnostic_aggregator, which shows it as STALE for the first `timeout` alone; to miss it, write it under `expected`";
+            self.findings.differs(Problem::at(*span, text).help(help));
+        }
+        for (name, _) in expected.into_iter().filter(|(name, _)| !name.is_empty()) {
+            if generic.discards {
+                generic.take(format!("name: {}", quoted(&name)), Filter::Name(name.into()));
+            } else if !generic.expected.contains(&name) {
+                generic.expected.push(name);
             }
         }
         for (name, _) in names.into_iter().filter(|(name, _)| !name.is_empty()) {

@@ -114,13 +114,11 @@ fn matches(pattern: &str, node: &str) -> bool {
     let mut fits = vec![false; node.len() + 1];
     fits[0] = true;
     for part in parts(pattern) {
-        let before = fits.clone();
-        for taken in 0..fits.len() {
-            fits[taken] = match part {
-                "**" => before[..=taken].contains(&true),
-                _ => taken > 0 && before[taken - 1] && (part == "*" || part == node[taken - 1]),
-            };
-        }
+        let fits_now = |taken: usize| match part {
+            "**" => fits[..=taken].contains(&true),
+            _ => taken > 0 && fits[taken - 1] && (part == "*" || part == node[taken - 1]),
+        };
+        fits = (0..fits.len()).map(fits_now).collect();
     }
     fits[node.len()]
 }
