@@ -19,17 +19,21 @@ use crate::yaml::{Problems, Sources};
 /// goes to standard error, each with its file, line and what to do: `warning` for another meaning, `error` for
 /// what could not be carried over.
 ///
+/// Several files are the parameter files of one node, as ROS 2 is given them: sections of the node and of patterns
+/// such as `/**` are put together, and what comes later counts.
+///
 /// Exit codes: 0 where all was carried over; 1 where something was not, beside a configuration that is useful
 /// without it; 2 where the file is neither of both or has nothing to import.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  telltale import analyzers.yaml -o robot.yaml && telltale check robot.yaml\n  \
+    telltale import analyzers.yaml site.yaml --node /robot/analyzers > robot.yaml\n  \
     telltale import autoware-main.yaml --package my_graphs=./my_graphs > shuttle.yaml"
 )]
 pub struct Args {
-    /// The file to import; `-` reads it from standard input
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    /// The file to import, or the parameter files of one node; `-` reads standard input
+    #[arg(value_name = "FILE", required = true, num_args = 1..=FILES_MAX)]
+    files: Vec<PathBuf>,
     /// Write the configuration into this file instead
     #[arg(short, long, value_name = "OUT")]
     output: Option<PathBuf>,
@@ -39,7 +43,13 @@ pub struct Args {
     /// The value of `$(var NAME)` in paths of a graph
     #[arg(long = "var", value_name = "NAME=VALUE", value_parser = pair)]
     variables: Vec<(String, String)>,
+    /// The aggregator's node, where the files have the parameters of several nodes
+    #[arg(long, value_name = "NAME")]
+    node: Option<String>,
 }
+
+/// Files of parameters beyond this many are surely a mistake.
+const FILES_MAX: usize = 100;
 
 fn pair(text: &str) -> Result<(String, String), String> {
     let (name, value) = text.split_once('=').ok_or("write NAME=VALUE")?;
@@ -48,12 +58,12 @@ fn pair(text: &str) -> Result<(String, String), String> {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut sources = Sources::default();
-    let read = match args.file.as_os_str() == "-" {
+    let read = args.files.iter().map(|path| match path.as_os_str() == "-" {
         true => sources.read_from("standard input", stdin().lock()),
-        false => sources.read(&args.file),
-    };
-    let imported = match read {
-        Ok(file) => import(sources, file, &lookup(args)),
+        false => sources.read(path),
+    });
+    let imported = match read.collect::<Result<Vec<u16>, _>>() {
+        Ok(files) => import(sources, &files, &lookup(args)),
         Err(problem) => Err(Problems::new(sources, vec![problem])),
     };
     let imported = match imported {
@@ -90,6 +100,7 @@ fn lookup(args: &Args) -> Lookup {
         packages: args.packages.iter().map(|(name, folder)| (name.clone(), whole(folder))).collect(),
         prefixes: std::env::split_paths(&prefixes).filter(|path| !path.as_os_str().is_empty()).collect(),
         variables: args.variables.clone(),
+        node: args.node.clone(),
     }
 }
 

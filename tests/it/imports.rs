@@ -41,7 +41,7 @@ fn check(name: &str, lost: usize) {
     let file = sources.read(Path::new(&format!("{name}.yaml"))).unwrap();
     let lookup =
         Lookup { packages: vec![("my_graphs".into(), "/opt/my_graphs".into())], ..Lookup::default() };
-    let imported = import(sources, file, &lookup).unwrap_or_else(|problems| panic!("{problems}"));
+    let imported = import(sources, &[file], &lookup).unwrap_or_else(|problems| panic!("{problems}"));
     let findings = said(&imported).join("");
     for (kind, found) in [("imported.yaml", &imported.text), ("findings.txt", &findings)] {
         let path = folder().join(format!("{name}.{kind}"));
@@ -83,7 +83,7 @@ fn a_graph_becomes_a_tree_with_its_loops_and_gaps_named() {
 fn refused(text: &str, expected: &str) {
     let mut sources = Sources::default();
     let file = sources.add("f.yaml", text);
-    let problems = import(sources, file, &Lookup::default()).map(|it| it.text).unwrap_err();
+    let problems = import(sources, &[file], &Lookup::default()).map(|it| it.text).unwrap_err();
     assert_eq!(problems.lines().join("\n"), expected);
 }
 
@@ -101,7 +101,7 @@ fn what_is_neither_is_refused_with_what_would_be_read() {
     );
     refused(
         "a:\n  ros__parameters: { path: X }\n",
-        "f.yaml:1:1: there are no analyzers in this file (an analyzer is a map with `type: diagnostic_aggregator/GenericAnalyzer` and `path: NAME`)",
+        "f.yaml:2:3: there are no analyzers in this file (an analyzer is a map with `type: diagnostic_aggregator/GenericAnalyzer` and `path: NAME`)",
     );
     refused(
         "units: []\n",
@@ -114,7 +114,8 @@ fn what_is_neither_is_refused_with_what_would_be_read() {
 fn found(text: &str, expected: &[&str]) {
     let mut sources = Sources::default();
     let file = sources.add("g.yaml", text);
-    let imported = import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+    let imported =
+        import(sources, &[file], &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
     let findings = said(&imported);
     assert_eq!(findings.iter().map(|line| line.trim_end()).collect::<Vec<_>>(), expected);
     config::parse("the result", &imported.text)
@@ -167,7 +168,8 @@ fn a_file_under_two_names_is_read_once_and_a_pipe_is_not_waited_for() {
     std::fs::write(path("main.yaml"), format!("files: [{}]\nunits: []\n", names.join(", "))).unwrap();
     let mut sources = Sources::default();
     let file = sources.read(&path("main.yaml")).unwrap();
-    let imported = import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+    let imported =
+        import(sources, &[file], &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
     let found = said(&imported).join("\n");
     for part in ["alias.yaml` is in the graph already", "pipe.yaml` is no file"] {
         assert!(found.contains(part), "{found}");
@@ -180,7 +182,8 @@ fn a_value_of_the_wrong_kind_is_said_and_makes_nothing_ok() {
     let wrong = "units: [{ path: /m, type: and, list: { type: link, link: /a } }]\n";
     let mut sources = Sources::default();
     let file = sources.add("g.yaml", wrong);
-    let imported = import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+    let imported =
+        import(sources, &[file], &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!(imported.lost, 1);
     assert!(said(&imported)[0].contains("`list` is a list of units, found"), "{:?}", said(&imported));
     assert!(!imported.text.contains("empty: ok"), "{}", imported.text);
@@ -195,7 +198,8 @@ fn a_long_chain_of_units_ends_where_a_configuration_could_not_be_read() {
     let mut sources = Sources::default();
     let text = format!("units:\n{units}  - {{ path: /u3000, type: diag, node: n, name: d }}\n");
     let file = sources.add("g.yaml", &text);
-    let imported = import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+    let imported =
+        import(sources, &[file], &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!(imported.lost, 1);
     config::parse("the result", &imported.text).unwrap_or_else(|problems| panic!("{problems}"));
 }

@@ -1,14 +1,14 @@
 //! Telltale's publications: their topics and rates.
 
-use telltale_engine::model::output::{LogLevel, Output, Publication};
+use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::time;
 
 /// All publications. `None`: the configuration switches it off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Publishing {
     pub diagnostics_agg: Option<Periodic>,
-    /// The path of the whole tree as diagnostic_aggregator has it; `None`: the tree has Telltale's own form.
-    pub tree_path: Option<Box<str>>,
+    /// Of both topics of the aggregated diagnosis.
+    pub tree: TreeForm,
     pub toplevel_state: Option<Periodic>,
     pub rosout: Option<Rosout>,
     pub initialpose: Option<Box<str>>,
@@ -43,7 +43,7 @@ impl Default for Publishing {
             Periodic { topic: topic.into(), period, beside_others: false }
         };
         Publishing {
-            tree_path: None,
+            tree: TreeForm::default(),
             diagnostics_agg: Some(periodic("/diagnostics_agg", 1000)),
             toplevel_state: Some(periodic("/diagnostics_toplevel_state", 1000)),
             rosout: Some(Rosout { topic: "/rosout".into(), level: LogLevel::Warning }),

@@ -193,6 +193,8 @@ pub struct GroupInfo {
     pub is_other: bool,
     pub is_any: bool,
     pub may_be_empty: bool,
+    /// The number of modules that it must have, where the configuration gives one.
+    pub wanted: Option<u32>,
     /// It counts towards the state of the vehicle.
     pub counted: bool,
     /// The group of Telltale's own modules.

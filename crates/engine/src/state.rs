@@ -18,14 +18,14 @@ pub enum State {
 impl State {
     pub const ALL: [State; 5] = [State::Ignore, State::Ok, State::Warning, State::Unknown, State::Error];
 
-    /// The state of a `diagnostic_msgs/DiagnosticStatus` level byte. STALE (3) and every byte
-    /// that the message definition does not name are UNKNOWN; nowhere else is a level judged.
+    /// The state of a `diagnostic_msgs/DiagnosticStatus` level byte. STALE (3) is UNKNOWN; every byte that the message
+    /// definition does not name is an ERROR, as for ROS 2's aggregator. Nowhere else is a level judged.
     pub const fn from_level(level: u8) -> State {
         match level {
             0 => State::Ok,
             1 => State::Warning,
-            2 => State::Error,
-            _ => State::Unknown,
+            3 => State::Unknown,
+            _ => State::Error,
         }
     }
 
@@ -99,7 +99,8 @@ mod tests {
         for level in 0..=u8::MAX {
             let state = State::from_level(level);
             assert_eq!(state == State::Ok, level == 0);
-            assert_eq!(state == State::Unknown, level > 2);
+            assert_eq!(state == State::Unknown, level == 3);
+            assert_eq!(state == State::Error, level == 2 || level > 3);
         }
     }
 

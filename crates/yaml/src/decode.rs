@@ -68,32 +68,30 @@ pub fn scaled(text: &str, scale: u64) -> Option<u64> {
     u64::try_from(number(whole)? * u128::from(scale) + fraction).ok()
 }
 
-/// The candidate that was probably meant.
+/// The candidate that was probably meant; the same one in whatever order they come.
 pub fn suggest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
-    let distance = |candidate: &str| {
-        let candidate = candidate.to_lowercase();
-        // A shortened word.
-        if name.len() > 3 && candidate.starts_with(&name) {
-            return 1;
-        }
+    let distances = |candidate: &'a str| {
+        let lower = candidate.to_lowercase();
+        let whole = strsim::damerau_levenshtein(&name, &lower);
         // Users often write only the last part of a path, or a wrong path to it.
         let by_end = match name.contains('/') {
-            false => strsim::damerau_levenshtein(&name, last(&candidate)),
-            true if last(&name) == last(&candidate) => 1,
+            false => strsim::damerau_levenshtein(&name, last(&lower)),
+            true if last(&name) == last(&lower) => 1,
             true => usize::MAX,
         };
-        strsim::damerau_levenshtein(&name, &candidate).min(by_end)
+        // A shortened word.
+        let by_start = if name.len() > 3 && lower.starts_with(&name) { 1 } else { usize::MAX };
+        // Of equally near ones, that which is nearer as a whole.
+        (whole.min(by_end).min(by_start), whole, candidate)
     };
     let limit = match name.chars().count() {
         0..=2 => 0,
         3..=5 => 1,
         length => length / 3,
     };
-    let near = candidates.into_iter().map(|candidate| (distance(candidate), candidate));
-    near.filter(|(distance, _)| *distance <= limit)
-        .min_by_key(|(distance, _)| *distance)
-        .map(|(_, found)| found)
+    let near = candidates.into_iter().map(distances).filter(|(distance, ..)| *distance <= limit);
+    near.min().map(|(.., found)| found)
 }
 
 fn last(path: &str) -> &str {
@@ -150,5 +148,17 @@ mod tests {
         assert_eq!(suggest("lidar/imu"), Some("sensors/imu"));
         assert_eq!(suggest("x"), None);
         assert_eq!(suggest("brake"), None);
+    }
+
+    #[test]
+    fn a_suggestion_does_not_depend_on_the_order_of_what_is_known() {
+        // Both end alike; the first is nearer as a whole, and of equally near ones the alphabet decides.
+        for (name, first, second) in [
+            ("/mrm_domain/planning/available", "/mrm_comain/planning/available", "/foolproof/available"),
+            ("wheel_x", "wheel_a", "wheel_b"),
+        ] {
+            assert_eq!(suggest(name, [first, second]), Some(first));
+            assert_eq!(suggest(name, [second, first]), Some(first));
+        }
     }
 }

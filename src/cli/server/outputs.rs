@@ -32,9 +32,9 @@ pub fn topics(publishing: &Publishing) -> Vec<OutputTopic> {
     let topic = |publication| {
         let (topic, period) = publishing.topic(publication)?;
         let beside_others = publishing.beside_others(publication);
-        let tree_path = publishing.tree_path.clone().filter(|_| publication == Publication::DiagnosticsAgg);
+        let tree = publishing.tree.clone();
         let level = publishing.log_level();
-        Some(OutputTopic { publication, topic: topic.into(), period, beside_others, tree_path, level })
+        Some(OutputTopic { publication, topic: topic.into(), period, beside_others, tree, level })
     };
     Publication::ALL.into_iter().filter_map(topic).collect()
 }

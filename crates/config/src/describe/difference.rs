@@ -115,8 +115,11 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
         facts.push(("clock", if simulated { "ros" } else { "system" }.to_owned()));
         facts.push(("diagnostics_agg.beside_others", beside(Publication::DiagnosticsAgg)));
         let path =
-            publishing.tree_path.as_ref().map_or_else(|| "the vehicle's name".into(), |it| format!("'{it}'"));
+            publishing.tree.path.as_ref().map_or_else(|| "the vehicle's name".into(), |it| format!("'{it}'"));
         facts.push(("diagnostics_agg.path", path));
+        facts.push(("diagnostics_agg.like", publishing.tree.like.as_str().to_owned()));
+        facts.push(("diagnostics_agg.values", publishing.tree.values.to_string()));
+        facts.push(("diagnostics_agg.at_once", publishing.tree.at_once.to_string()));
         facts.push(("toplevel_state.beside_others", beside(Publication::TopLevelState)));
         facts
     };

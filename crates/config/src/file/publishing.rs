@@ -5,7 +5,7 @@ use super::forms;
 use super::forms::TOPIC;
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
-use telltale_engine::model::output::LogLevel;
+use telltale_engine::model::output::{Like, LogLevel};
 use telltale_yaml::decode::{scalar, word};
 use telltale_yaml::schema::{default, of_type, words};
 use telltale_yaml::{KeyDoc, Log, Members, Node, Problem, Schema, Span, key, map};
@@ -160,8 +160,16 @@ impl FromNode for RawPeriodic {
 pub(crate) struct RawAggregated {
     pub periodic: RawPeriodic,
     pub beside_others: Option<bool>,
-    /// Only of the tree.
+    pub tree: RawTree,
+}
+
+/// Only of the tree.
+#[derive(Debug, Default)]
+pub(crate) struct RawTree {
     pub path: Option<TreePath>,
+    pub like: Option<Like>,
+    pub values: Option<bool>,
+    pub at_once: Option<bool>,
 }
 
 impl FromNode for RawAggregated {
@@ -179,7 +187,7 @@ impl RawAggregated {
         let beside_others = key("beside_others").about(
             "Whether Telltale publishes it also where another program publishes the same; otherwise Telltale is silent there.",
         );
-        RawAggregated { periodic, beside_others: fields.optional(beside_others), path: None }
+        RawAggregated { periodic, beside_others: fields.optional(beside_others), tree: RawTree::default() }
     }
 
     /// The topic of the tree.
@@ -187,11 +195,34 @@ impl RawAggregated {
         let mut fields = Fields::of(node, map("aggregated_tree", "the topic of the aggregated tree"), log)?;
         let aggregated = RawAggregated::of(&mut fields);
         let path = key("path").about(
-            "The path of the whole, as diagnostic_aggregator has it; `''` for none. With it, all paths and levels are exactly those of diagnostic_aggregator. Without it, the path is the vehicle's name.",
+            "The path of the whole, as diagnostic_aggregator has it; `''` for none. With it, all paths and levels are exactly those of diagnostic_aggregator, which puts a `/` before it. Without it, the path is the vehicle's name.",
         );
-        let aggregated = RawAggregated { path: fields.optional(path), ..aggregated };
+        let like = key("like")
+            .about("The release of diagnostic_aggregator whose levels are followed, by its number for Kilted; those for other distributions of the same day are the same. To 4.3.6 what is STALE in part is ERROR; from 4.3.7 on (26 May 2026) it is STALE unless something in it is in WARN or ERROR, and the message of /diagnostics_toplevel_state names the worst status.")
+            .rules(|| vec![default(Like::default().as_str())]);
+        let values =
+            key("values").about("Whether the statuses in the tree have values; without them it is smaller.");
+        let at_once = key("at_once").about(
+            "Whether the tree is published also at once when the level of the whole gets worse, and not only at its rate. /diagnostics_toplevel_state always is.",
+        );
+        let tree = RawTree {
+            path: fields.optional(path),
+            like: fields.optional(like),
+            values: fields.optional(values),
+            at_once: fields.optional(at_once),
+        };
         fields.finish();
-        Some(aggregated)
+        Some(RawAggregated { tree, ..aggregated })
+    }
+}
+
+impl FromNode for Like {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "release", &Like::ALL.map(|like| (like.as_str(), like)))
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        words(Like::ALL.map(Like::as_str))
     }
 }
 
@@ -202,7 +233,7 @@ pub(crate) struct TreePath(pub String);
 impl FromNode for TreePath {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         match scalar(node) {
-            Some(text) => Some(TreePath(text.trim_matches('/').to_owned())),
+            Some(text) => Some(TreePath(text.to_owned())),
             None => String::from_node(node, log).map(TreePath),
         }
     }

@@ -3,13 +3,13 @@
 use super::topics::Topics;
 use crate::decode::Spanned;
 use crate::file::publishing::{
-    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, RawRosout, Switch, TreePath, off,
+    Rate, RawAggregated, RawOnce, RawPeriodic, RawPublishing, RawRosout, RawTree, Switch, off,
 };
 use crate::file::ros_names::check_topic;
 use crate::publishing::{Periodic, Publishing, Rosout};
 use telltale_engine::model::StageModel;
 use telltale_engine::model::countermeasure::{Request, Rule};
-use telltale_engine::model::output::{Output, Publication};
+use telltale_engine::model::output::{Output, Publication, TreeForm};
 use telltale_engine::time;
 use telltale_yaml::{Log, Problem, Span};
 
@@ -63,9 +63,9 @@ pub(crate) fn publishing(
     }
     let found = Publishing {
         diagnostics_agg: aggregated(&raw.diagnostics_agg, default.diagnostics_agg, log),
-        tree_path: match &raw.diagnostics_agg {
-            Some(Switch::On(RawAggregated { path: Some(TreePath(path)), .. })) => Some(path.as_str().into()),
-            _ => None,
+        tree: match &raw.diagnostics_agg {
+            Some(Switch::On(RawAggregated { tree, .. })) => tree.form(),
+            _ => default.tree,
         },
         toplevel_state: aggregated(&raw.toplevel_state, default.toplevel_state, log),
         rosout: rosout(&raw.rosout, default.rosout, log),
@@ -125,10 +125,22 @@ fn aggregated(
     match raw {
         None => default,
         Some(Switch::Off(_)) => None,
-        Some(Switch::On(RawAggregated { periodic, beside_others, path: _ })) => default.map(|default| {
+        Some(Switch::On(RawAggregated { periodic, beside_others, tree: _ })) => default.map(|default| {
             let beside_others = beside_others.unwrap_or(default.beside_others);
             Periodic { beside_others, ..periodic.over(default, log) }
         }),
+    }
+}
+
+impl RawTree {
+    fn form(&self) -> TreeForm {
+        let default = TreeForm::default();
+        TreeForm {
+            path: self.path.as_ref().map(|path| path.0.as_str().into()),
+            like: self.like.unwrap_or(default.like),
+            values: self.values.unwrap_or(default.values),
+            at_once: self.at_once.unwrap_or(default.at_once),
+        }
     }
 }
 

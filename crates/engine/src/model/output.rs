@@ -76,3 +76,44 @@ impl LogLevel {
         }
     }
 }
+
+/// The release of ROS 2's diagnostic_aggregator whose levels are followed. Those of 26 May 2026 changed what silence
+/// means for what lies above it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Like {
+    /// To 4.3.6 (Kilted), 4.2.6 (Jazzy), 4.0.6 (Humble): what is STALE in part is ERROR.
+    Before,
+    /// From 4.3.7, 4.2.7, 4.0.7 on: it is STALE, where nothing in it is in WARN or ERROR.
+    #[default]
+    Since,
+}
+
+impl Like {
+    pub const ALL: [Like; 2] = [Like::Before, Like::Since];
+
+    /// Its word in the configuration.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Like::Before => "4.3.6",
+            Like::Since => "4.3.7",
+        }
+    }
+}
+
+/// The form of the aggregated diagnosis.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TreeForm {
+    /// The path of the whole as diagnostic_aggregator has it; `None`: the tree has Telltale's own form.
+    pub path: Option<Box<str>>,
+    pub like: Like,
+    /// Whether statuses have values.
+    pub values: bool,
+    /// Whether it is published also when the level of the whole gets worse.
+    pub at_once: bool,
+}
+
+impl Default for TreeForm {
+    fn default() -> TreeForm {
+        TreeForm { path: None, like: Like::default(), values: true, at_once: false }
+    }
+}

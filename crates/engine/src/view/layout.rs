@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::model::monitors::Class;
+use crate::model::monitors::{Class, MonitorSpec};
 use crate::model::quantity::Quantity;
 use crate::model::wording::Wording;
 use crate::model::{Combine, GroupId, GroupSpec, Model, ModuleId, ModuleSpec, Other, StageModel};
@@ -32,6 +32,7 @@ pub(crate) fn layout(model: &Model) -> Layout {
         is_other: false,
         is_any: spec.combine == Combine::Any,
         may_be_empty: spec.may_be_empty,
+        wanted: None,
         counted: true,
         is_system: false,
         hint: None,
@@ -48,6 +49,7 @@ pub(crate) fn layout(model: &Model) -> Layout {
         is_other: path == OTHER_GROUP,
         is_any: false,
         may_be_empty: path == OTHER_GROUP,
+        wanted: None,
         counted: path != OTHER_GROUP || model.other == Other::Counted,
         is_system: path == SYSTEM_GROUP,
         hint: None,
@@ -60,7 +62,11 @@ pub(crate) fn layout(model: &Model) -> Layout {
     }
     let mut modules = Vec::with_capacity(model.modules.len());
     for (index, spec) in model.modules.iter().enumerate() {
-        groups[spec.group.0 as usize].modules.push(ModuleId(index as u32));
+        let group = &mut groups[spec.group.0 as usize];
+        group.modules.push(ModuleId(index as u32));
+        if let Some(MonitorSpec::Count { wanted, .. }) = spec.monitor.other() {
+            group.wanted = Some(*wanted);
+        }
         modules.push(Arc::new(ModuleInfo {
             id: spec.id.clone(),
             name: spec.name.clone(),

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 use findings::Findings;
 use telltale_yaml::{Kind, Log, Node, Problem, Problems, Sources, Span, tree};
 
-/// What a graph's paths of files may refer to.
+/// What the sources alone do not say: of a graph, what its paths of files refer to; of parameters, whose they are.
 #[derive(Debug, Clone, Default)]
 pub struct Lookup {
     /// The folders of packages, for `$(find-pkg-share NAME)`.
@@ -20,6 +20,8 @@ pub struct Lookup {
     pub prefixes: Vec<PathBuf>,
     /// The values of `$(var NAME)`.
     pub variables: Vec<(String, String)>,
+    /// The name of the aggregator's node, where a file has the parameters of several.
+    pub node: Option<String>,
 }
 
 /// A configuration of Telltale, and what differs in it.
@@ -33,22 +35,27 @@ pub struct Imported {
     pub lost: usize,
 }
 
-/// Imports one of the sources.
+/// Imports some of the sources. Several are files of parameters that one node is given, in their order.
 ///
 /// # Errors
 ///
-/// The file is no YAML, has neither format, or contains nothing to import.
-pub fn import(mut sources: Sources, file: u16, lookup: &Lookup) -> Result<Imported, Problems> {
+/// A file is no YAML, has neither format, or they contain nothing to import.
+pub fn import(mut sources: Sources, files: &[u16], lookup: &Lookup) -> Result<Imported, Problems> {
     let mut log = Log::default();
-    let root = tree::parse(&sources, file, &mut log);
-    let Some(root) = root else { return Err(Problems::new(sources, log.into_problems())) };
+    let roots: Vec<Node> = files.iter().filter_map(|&file| tree::parse(&sources, file, &mut log)).collect();
+    if roots.len() < files.len() || roots.is_empty() {
+        return Err(Problems::new(sources, log.into_problems()));
+    }
     let mut findings = Findings::default();
     log.into_problems().into_iter().for_each(|problem| findings.lost(problem));
-    let made = match format_of(&root) {
-        Ok(Format::Analyzers) => aggregator::import(sources.name(file), &root, &mut findings)
+    let names = files.iter().map(|&file| sources.name(file).to_owned()).collect::<Vec<_>>().join(", ");
+    let made = match format_of(&roots) {
+        Ok(Format::Analyzers) => aggregator::import(&names, &roots, lookup.node.as_deref(), &mut findings)
             .map(|text| ("diagnostic_aggregator's analyzers", text)),
-        Ok(Format::Graph) => autoware::import(&mut sources, file, root, lookup, &mut findings)
-            .map(|text| ("an Autoware diagnostic graph", text)),
+        Ok(Format::Graph(root)) => {
+            autoware::import(&mut sources, root.span.file, root.clone(), lookup, &mut findings)
+                .map(|text| ("an Autoware diagnostic graph", text))
+        }
         Err(problem) => Err(problem),
     };
     let lost = findings.count();
@@ -66,28 +73,34 @@ pub fn import(mut sources: Sources, file: u16, lookup: &Lookup) -> Result<Import
     }
 }
 
-enum Format {
+enum Format<'n> {
     Analyzers,
-    Graph,
+    Graph(&'n Node),
 }
 
 /// By the keys at the top.
-fn format_of(root: &Node) -> Result<Format, Problem> {
+fn format_of(roots: &[Node]) -> Result<Format<'_>, Problem> {
     let help = "give it the parameters of diagnostic_aggregator (`ros__parameters:` with analyzers in it), or a diagnostic graph of Autoware (`units:`, `files:`)";
-    let Kind::Mapping(entries) = &root.kind else {
-        return Err(
-            Problem::at(root.span, format!("expected a map of keys, found {}", root.describe())).help(help)
-        );
-    };
-    let has = |key: &str| entries.iter().find(|(found, _)| found.text == key);
-    let is_list = |key: &str| has(key).is_some_and(|(_, value)| matches!(value.kind, Kind::Sequence(_)));
-    if aggregator::parameters(root).is_some() {
+    if roots.iter().any(aggregator::are_in) {
         return Ok(Format::Analyzers);
     }
-    if ["units", "files", "edits"].into_iter().any(is_list) {
-        return Ok(Format::Graph);
+    let [root, others @ ..] = roots else { return Ok(Format::Analyzers) };
+    let Kind::Mapping(entries) = &root.kind else {
+        let text = format!("expected a map of keys, found {}", root.describe());
+        return Err(Problem::at(root.span, text).help(help));
+    };
+    let list = |name: &str| {
+        let is_list = |value: &Node| matches!(value.kind, Kind::Sequence(_));
+        entries.iter().find(|(key, value)| key.text == name && is_list(value))
+    };
+    if let Some((key, _)) = ["units", "files", "edits"].into_iter().find_map(list) {
+        if !others.is_empty() {
+            let problem = Problem::at(key.span, "this is a graph, and a graph is one file");
+            return Err(problem.help("give only the file that names the others under `files`"));
+        }
+        return Ok(Format::Graph(root));
     }
-    if let Some((key, _)) = has("groups").filter(|_| is_list("groups")) {
+    if let Some((key, _)) = list("groups") {
         let problem = Problem::at(key.span, "this is a configuration of Telltale already");
         return Err(problem.help("try `telltale check` with it"));
     }

@@ -7,6 +7,7 @@
 mod aggregate;
 mod announce;
 mod beside;
+mod diagnosis;
 mod levels;
 mod listeners;
 mod rosout;
@@ -27,7 +28,7 @@ use crate::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality}
 pub use levels::{Levels, VehicleMessage};
 use send_failures::{tell, tell_all};
 use telltale_clock::Clock;
-use telltale_engine::model::output::{LogLevel, Output, Publication};
+use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::model::sample::Pose;
 use telltale_engine::snapshot::{MapPose, Snapshot};
 use telltale_engine::time::Span;
@@ -69,8 +70,8 @@ pub struct OutputTopic {
     /// Whether it is published even if another program publishes the same. Outputs for the vehicle always
     /// are.
     pub beside_others: bool,
-    /// The path of the tree as diagnostic_aggregator has it, if the tree has that form.
-    pub tree_path: Option<Box<str>>,
+    /// For both topics of the aggregated diagnosis.
+    pub tree: TreeForm,
     /// For `/rosout`: the least severity.
     pub level: LogLevel,
 }
@@ -205,7 +206,7 @@ async fn run(
                 if let Some(topic) = rosout.cloned() {
                     tasks.spawn(rosout::run(publisher.clone(), topic, ground.clone()));
                 }
-                tasks.spawn(diagnosis(publisher.clone(), rivals, ground));
+                tasks.spawn(diagnosis::run(publisher.clone(), rivals, ground));
                 look_after(&publisher, &options, &mut wanted, &mut stop).await;
                 // The receivers live in the tasks; without tasks there is nothing to end.
                 let _ = ends.send(true);
@@ -374,67 +375,9 @@ fn covariance() -> [f64; 36] {
     covariance
 }
 
-/// Publishes the aggregated diagnosis at its own pace, and the overall state also when it changes.
-async fn diagnosis(publisher: Arc<Publisher>, rivals: beside::OtherAggregators, mut ground: OutputContext) {
-    let of = |publication| ground.topics.iter().find(|topic| topic.publication == publication).cloned();
-    let (tree, top) = (of(Publication::DiagnosticsAgg), of(Publication::TopLevelState));
-    let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
-    let mut tops = top.as_ref().and_then(|it| it.period).map(every);
-    let whole = |snapshot: &Snapshot| (snapshot.overall, aggregate::top_level(snapshot));
-    let mut told = None;
-    loop {
-        tokio::select! {
-            () = stopped(&mut ground.end) => return,
-            () = tick(&mut trees) => {
-                if let Some(OutputTopic { topic, tree_path, .. }) = &tree
-                    && !rivals.silence(topic)
-                {
-                    let snapshot = ground.snapshots.borrow().clone();
-                    let tree = aggregate::tree(&snapshot, tree_path.as_deref());
-                    let published = publisher.statuses(topic, &tree, ground.clock.wall()).await;
-                    log(published);
-                }
-                continue;
-            }
-            () = tick(&mut tops) => {}
-            changed = ground.snapshots.changed() => {
-                if changed.is_err() {
-                    return;
-                }
-                if told == Some(whole(&ground.snapshots.borrow_and_update().clone())) {
-                    continue;
-                }
-            }
-        }
-        if let Some(OutputTopic { topic, .. }) = &top
-            && !rivals.silence(topic)
-        {
-            let snapshot = ground.snapshots.borrow().clone();
-            told = Some(whole(&snapshot));
-            let body = telltale_msg::messages::encode_diagnostic_status(aggregate::top(&snapshot).get(0));
-            log(publisher.publish(topic, body).await);
-        }
-    }
-}
-
 /// Tools are not the vehicle: a failure to send to them is not reported as a fault.
 fn log(published: Result<(), PublishError>) {
     if let Err(error) = published {
         tracing::debug!("{error}");
-    }
-}
-
-fn every(period: Span) -> tokio::time::Interval {
-    let mut interval = tokio::time::interval(Duration::from_nanos(period.as_nanos()));
-    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    interval
-}
-
-async fn tick(interval: &mut Option<tokio::time::Interval>) {
-    match interval {
-        Some(interval) => {
-            interval.tick().await;
-        }
-        None => std::future::pending().await,
     }
 }

@@ -116,10 +116,10 @@ fn each_fault_of_the_robot_shows_its_one_cause_and_who_waits_for_it() {
 #[test]
 fn nothing_that_the_robot_reads_commands_it() {
     let loaded = load_config(Kind::Robot).unwrap();
-    let Publishing { diagnostics_agg, toplevel_state, rosout, .. } = loaded.publishing.clone();
+    let Publishing { diagnostics_agg, tree, toplevel_state, rosout, .. } = loaded.publishing.clone();
     let only = Publishing {
         diagnostics_agg,
-        tree_path: None,
+        tree,
         toplevel_state,
         rosout,
         initialpose: None,

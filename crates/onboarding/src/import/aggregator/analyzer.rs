@@ -37,16 +37,18 @@ pub(super) struct Import<'f> {
 
 impl Import<'_> {
     /// The groups for the analyzers in a map. What is neither an analyzer nor one of the `known` keys is named.
-    pub fn children(&mut self, map: &Parameters, known: &[&str], ids: &mut Ids) -> Vec<OutGroup> {
+    /// `path` is that of the group around them, as diagnostic_aggregator has it.
+    pub fn children(&mut self, map: &Parameters, known: &[&str], path: &str, ids: &mut Ids) -> Vec<OutGroup> {
         let mut groups = Vec::new();
         for entry in &map.entries {
             match &entry.value {
-                Value::Map(inner) if inner.get("type").is_some() => {
-                    groups.extend(self.analyzer(entry, inner, ids));
+                Value::Map(inner) if inner.has_type() => {
+                    groups.extend(self.analyzer(entry, inner, path, ids));
                 }
                 Value::Map(inner) if entry.key == "analyzers" => {
-                    groups.extend(self.children(inner, &[], ids))
+                    groups.extend(self.children(inner, &[], path, ids))
                 }
+                Value::Map(_) if known.contains(&entry.key.as_str()) => {}
                 Value::Map(_) => {
                     let problem =
                         Problem::at(entry.span, format!("`{}` has no `type`: it is no analyzer", entry.key));
@@ -67,12 +69,12 @@ impl Import<'_> {
         groups
     }
 
-    fn analyzer(&mut self, entry: &Entry, map: &Parameters, ids: &mut Ids) -> Option<OutGroup> {
+    fn analyzer(&mut self, entry: &Entry, map: &Parameters, path: &str, ids: &mut Ids) -> Option<OutGroup> {
         let (written, span) = map.text("type")?;
         let kind = written.rsplit(['/', ':']).next().unwrap_or(&written);
         match kind {
-            "AnalyzerGroup" => self.group(entry, map, ids),
-            "GenericAnalyzer" => self.generic(entry, map, ids),
+            "AnalyzerGroup" => self.group(entry, map, path, ids),
+            "GenericAnalyzer" => self.generic(entry, map, path, ids),
             "DiscardAnalyzer" => {
                 let generic = self.matches(entry, map)?;
                 self.dropped.extend(generic.filters.into_iter().map(|(filter, _)| filter));
@@ -82,7 +84,7 @@ impl Import<'_> {
             }
             // It matches nothing, so its statuses are with the others.
             "IgnoreAnalyzer" => None,
-            _ => self.unknown(entry, map, ids, (&written, span)),
+            _ => self.unknown(entry, map, path, ids, (&written, span)),
         }
     }
 
@@ -90,6 +92,7 @@ impl Import<'_> {
         &mut self,
         entry: &Entry,
         map: &Parameters,
+        path: &str,
         ids: &mut Ids,
         (kind, span): (&str, Span),
     ) -> Option<OutGroup> {
@@ -98,12 +101,12 @@ impl Import<'_> {
         if kind.ends_with("Group") {
             let help = "it is a plain group here: what else the plugin does, make with `combine`, `depends_on` or a monitor";
             self.findings.lost(Problem::at(span, text).help(help));
-            return self.group(entry, map, ids);
+            return self.group(entry, map, path, ids);
         }
         if matches.into_iter().any(|key| map.get(key).is_some()) {
             let help = "it is imported as a GenericAnalyzer: what else the plugin does, make with a monitor in this group";
             self.findings.lost(Problem::at(span, text).help(help));
-            return self.generic(entry, map, ids);
+            return self.generic(entry, map, path, ids);
         }
         let help = "it is left out: name its statuses with `match` in a group of your own; until then they are in `other`";
         self.findings.lost(Problem::at(span, text).help(help));
@@ -111,8 +114,7 @@ impl Import<'_> {
     }
 
     fn named(&mut self, entry: &Entry, map: &Parameters, ids: &mut Ids) -> (String, String) {
-        let name = map.text("path").map(|(path, _)| path.trim_matches('/').to_owned());
-        let name = name.filter(|name| !name.is_empty()).unwrap_or_else(|| {
+        let name = map.text("path").map(|(path, _)| path).unwrap_or_else(|| {
             let problem = Problem::at(
                 entry.span,
                 format!("`{}` has no `path`: diagnostic_aggregator does not load it", entry.key),
@@ -123,29 +125,23 @@ impl Import<'_> {
         (ids.of(&entry.key), name)
     }
 
-    fn group(&mut self, entry: &Entry, map: &Parameters, ids: &mut Ids) -> Option<OutGroup> {
-        let is_analyzer =
-            |entry: &Entry| matches!(&entry.value, Value::Map(map) if map.get("type").is_some());
-        let inside = map.get("analyzers").and_then(|entry| match &entry.value {
-            Value::Map(map) => Some(map),
-            Value::Leaf(_) => None,
-        });
-        let analyzers = map.entries.iter().chain(inside.into_iter().flat_map(|map| &map.entries));
-        if !analyzers.into_iter().any(is_analyzer) {
+    fn group(&mut self, entry: &Entry, map: &Parameters, path: &str, ids: &mut Ids) -> Option<OutGroup> {
+        if !map.has_analyzers() {
             let problem = Problem::at(entry.span, format!("the group `{}` has no analyzers", entry.key));
             self.findings.lost(problem.help("it is left out, as diagnostic_aggregator does not load it"));
             return None;
         }
         let (id, name) = self.named(entry, map, ids);
-        let groups = self.children(map, &GROUP, &mut Ids::default());
+        let groups = self.children(map, &GROUP, &format!("{path}/{name}"), &mut Ids::default());
         // Analyzers that only drop statuses have no header, so nothing in the group can be stale.
         let may_be_empty = groups.is_empty();
         Some(OutGroup { id, name, groups, may_be_empty, ..OutGroup::default() })
     }
 
-    fn generic(&mut self, entry: &Entry, map: &Parameters, ids: &mut Ids) -> Option<OutGroup> {
-        let generic = self.matches(entry, map)?;
+    fn generic(&mut self, entry: &Entry, map: &Parameters, path: &str, ids: &mut Ids) -> Option<OutGroup> {
+        let mut generic = self.matches(entry, map)?;
         let (id, name) = self.named(entry, map, ids);
+        self.prefixes_in(&format!("{path}/{name}"), entry, &mut generic);
         let beside = generic.beside();
         let mut matches: Vec<String> =
             generic.filters.iter().map(|(filter, _)| format!("{filter}{beside}")).collect();
@@ -156,6 +152,32 @@ impl Import<'_> {
         let count = items.filter(|&items| items >= 1.0).map(|items| items as u64);
         let may_be_empty = generic.discards || items == Some(0.0);
         Some(OutGroup { id, name, matches, count, may_be_empty, ..OutGroup::default() })
+    }
+
+    /// The aggregator looks for a prefix in the whole path of a status, and takes it off only where it finds it first
+    /// in the name. It does the same with the path of the analyzer.
+    fn prefixes_in(&mut self, path: &str, entry: &Entry, generic: &mut Generic) {
+        let name_at = path.rfind('/').map_or(0, |at| at + 1);
+        let in_path = |prefix: &str| path.find(&prefix.replace('/', " "));
+        let inside: Vec<String> =
+            generic.prefixes.iter().filter(|prefix| in_path(prefix).is_some()).cloned().collect();
+        for prefix in &inside {
+            let text =
+                format!("`{prefix}` stays in the names of the statuses: the path `{path}` has it already");
+            let help = "diagnostic_aggregator does so, and it is imported so; to leave it out, write it under `prefix`";
+            self.findings.differs(Problem::at(entry.span, text).help(help));
+            if in_path(prefix) == Some(name_at) {
+                let text = format!(
+                    "diagnostic_aggregator takes `{prefix}` off the path `{path}`, too, and then does not count the analyzer for the level above it"
+                );
+                let help = "here it has its whole path, and counts";
+                self.findings.differs(Problem::at(entry.span, text).help(help));
+            }
+        }
+        // Whatever the prefix, a `:` and spaces at the beginning of a name go in its turn.
+        for prefix in generic.prefixes.iter_mut().filter(|prefix| inside.contains(prefix)) {
+            *prefix = ":".into();
+        }
     }
 
     /// `None` if it takes nothing; the findings say so.
@@ -185,16 +207,16 @@ impl Import<'_> {
         for (pattern, span) in regexes {
             self.regex(&pattern, span, &mut generic);
         }
-        for (name, span) in expected {
-            match generic.discards {
-                true => {
-                    let text = format!("`{name}` is expected, but `discard_stale` lets it go");
-                    let help = "it is not missed, as with diagnostic_aggregator; to miss it, write it under `expected`";
-                    self.findings.differs(Problem::at(span, text).help(help));
-                    generic.take(format!("name: {}", quoted(&name)), Filter::Name(name.into()));
-                }
-                false if generic.expected.contains(&name) || name.is_empty() => {}
-                false => generic.expected.push(name),
+        if let Some((_, span)) = expected.first().filter(|_| generic.discards) {
+            let text = "`discard_stale` lets go what is under `expected`";
+            let help = "it is not missed, as with diagnostic_aggregator, which shows it as STALE for the first `timeout` alone; to miss it, write it under `expected`";
+            self.findings.differs(Problem::at(*span, text).help(help));
+        }
+        for (name, _) in expected.into_iter().filter(|(name, _)| !name.is_empty()) {
+            if generic.discards {
+                generic.take(format!("name: {}", quoted(&name)), Filter::Name(name.into()));
+            } else if !generic.expected.contains(&name) {
+                generic.expected.push(name);
             }
         }
         for (name, _) in names.into_iter().filter(|(name, _)| !name.is_empty()) {

@@ -2,12 +2,13 @@
 
 mod analyzer;
 mod parameters;
+mod sections;
 
 use super::findings::Findings;
 use super::write::{self, Ids, OutGroup, duration, quoted};
 use analyzer::Import;
 use parameters::Parameters;
-pub(super) use parameters::parameters;
+pub(super) use sections::are_in;
 use telltale_yaml::{Node, Problem};
 
 /// The time after which the aggregator calls a status stale, where nothing else is said.
@@ -17,39 +18,55 @@ const TIMEOUT_S: f64 = 5.0;
 const RATES: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
 /// The names of parameters at the top that are no analyzers.
-const TOP: [&str; 9] = [
+const TOP: [&str; 12] = [
     "path",
     "base_path",
     "pub_rate",
     "history_depth",
     "critical",
     "other_as_errors",
+    "publish_values",
     "use_sim_time",
     "log_level",
     "analyzers",
+    // What every node of ROS 2 has, as in a file by `ros2 param dump`.
+    "qos_overrides",
+    "start_type_description_service",
 ];
 
-/// The configuration as text.
+/// The configuration as text; `file` names where the parameters come from, and `node` is that of the aggregator.
 ///
 /// # Errors
 ///
 /// There is no analyzer in it.
-pub(super) fn import(file: &str, root: &Node, findings: &mut Findings) -> Result<String, Problem> {
-    let nothing = || {
-        let problem = Problem::at(root.span, "there are no analyzers in this file");
-        problem
-            .help("an analyzer is a map with `type: diagnostic_aggregator/GenericAnalyzer` and `path: NAME`")
-    };
-    let all = parameters(root).ok_or_else(nothing)?;
+pub(super) fn import(
+    file: &str,
+    roots: &[Node],
+    node: Option<&str>,
+    findings: &mut Findings,
+) -> Result<String, Problem> {
+    let all = sections::aggregator(roots, node, findings)?;
+    let path = base_path(&all, findings);
     let mut import = Import { findings, dropped: Vec::new() };
-    let groups = import.children(&all, &TOP, &mut Ids::at_the_top());
+    let root = if path.is_empty() { String::new() } else { format!("/{path}") };
+    let groups = import.children(&all, &TOP, &root, &mut Ids::at_the_top());
     let dropped = std::mem::take(&mut import.dropped);
     if groups.is_empty() {
-        return Err(nothing());
+        let problem = Problem::at(all.span, "there are no analyzers in this file");
+        return Err(problem.help(
+            "an analyzer is a map with `type: diagnostic_aggregator/GenericAnalyzer` and `path: NAME`",
+        ));
     }
     same_names(&groups, &all, findings);
-    let path = base_path(&all, findings);
-    let name = if path.is_empty() { "Vehicle" } else { &path };
+    if all.flag("use_sim_time", findings) == Some(true) {
+        let text = "with `use_sim_time` the node's clock is /clock";
+        let help = "for a simulated vehicle write `clock: ros` at the top of the result";
+        findings.differs(
+            Problem::at(all.leaf("use_sim_time").map_or(all.span, |node| node.span), text).help(help),
+        );
+    }
+    let name = path.trim_matches('/');
+    let name = if name.is_empty() { "Vehicle" } else { name };
     let id = Ids::default().of(&name.to_lowercase());
     let comments = [
         format!("Made by `telltale import` from {file}, the parameters of diagnostic_aggregator."),
@@ -67,16 +84,22 @@ pub(super) fn import(file: &str, root: &Node, findings: &mut Findings) -> Result
     Ok(write::file(&comments, &keys, &groups))
 }
 
+/// What follows the first `/` of each path.
 fn base_path(all: &Parameters, findings: &mut Findings) -> String {
-    if let Some((path, _)) = all.text("path") {
-        return path.trim_matches('/').to_owned();
+    if let Some((path, span)) = all.text("path") {
+        if path.starts_with('/') {
+            let text = format!("the paths begin with `/{path}`, as with diagnostic_aggregator");
+            let help = "for one `/`, remove that of `path` below `publish`";
+            findings.differs(Problem::at(span, text).help(help));
+        }
+        return path;
     }
     let Some((path, span)) = all.text("base_path") else { return String::new() };
     let problem = Problem::at(span, "diagnostic_aggregator for ROS 2 reads `path`, not `base_path`");
     findings.differs(
         problem.help("the paths here begin with it; if that is not wanted, empty `path` below `publish`"),
     );
-    path.trim_matches('/').to_owned()
+    path.strip_prefix('/').unwrap_or(&path).to_owned()
 }
 
 /// The analyzer `Other` that the aggregator makes itself.
@@ -105,16 +128,18 @@ fn publish(all: &Parameters, path: &str, findings: &mut Findings) -> String {
         }
         kept
     });
-    if let Some((_, span)) = all.text("critical").filter(|(critical, _)| critical == "true") {
-        let text = "`critical` needs nothing here: /diagnostics_toplevel_state is published at every change of the level";
-        findings.differs(Problem::at(span, text));
+    let rate = rate.filter(|&rate| rate != 1.0).map(|rate| format!("rate: {rate} Hz"));
+    let mut keys = vec![format!("path: {}", quoted_path(path))];
+    keys.extend(rate.clone());
+    if all.flag("publish_values", findings) == Some(false) {
+        keys.push("values: false".into());
     }
-    let rate = rate.filter(|&rate| rate != 1.0);
-    let of = |rate: f64| format!("rate: {rate} Hz");
-    let beside = rate.map_or(String::new(), |rate| format!(", {}", of(rate)));
-    let mut text = format!("publish:\n  diagnostics_agg: {{ path: {}{beside} }}", quoted_path(path));
+    if all.flag("critical", findings) == Some(true) {
+        keys.push("at_once: true".into());
+    }
+    let mut text = format!("publish:\n  diagnostics_agg: {{ {} }}", keys.join(", "));
     if let Some(rate) = rate {
-        text.push_str(&format!("\n  toplevel_state: {{ {} }}", of(rate)));
+        text.push_str(&format!("\n  toplevel_state: {{ {rate} }}"));
     }
     text
 }

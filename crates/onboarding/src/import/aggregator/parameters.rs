@@ -1,10 +1,11 @@
-//! Parameters of a ROS node as they stand in YAML: maps in maps, or names with dots.
+//! Parameters of a ROS node as a tree: names with dots and maps in maps are the same.
 
+use super::sections::Name;
 use crate::import::findings::Findings;
 use telltale_yaml::decode::scalar;
 use telltale_yaml::{Kind, Node, Problem, Span};
 
-/// A map of parameters.
+/// A map of parameters. A name may be a parameter and a map at once, as in `analyzers: [a]` beside `analyzers.a.type`.
 #[derive(Debug)]
 pub(in crate::import) struct Parameters<'n> {
     pub span: Span,
@@ -24,79 +25,60 @@ pub(in crate::import) enum Value<'n> {
     Leaf(&'n Node),
 }
 
-/// The parameters with analyzers in a file: below `ros__parameters`, or at the top as in ROS 1.
-pub(in crate::import) fn parameters(root: &Node) -> Option<Parameters<'_>> {
-    let mut found = Vec::new();
-    below(root, &mut found);
-    let all: Vec<Parameters> = found.into_iter().map(Parameters::of).collect();
-    let is_full = |parameters: &Parameters| parameters.has_analyzers();
-    if !all.is_empty() {
-        let at = all.iter().position(is_full).unwrap_or(0);
-        return all.into_iter().nth(at);
-    }
-    let top = Parameters::of(root);
-    let is_map = |entry: &Entry| matches!(entry.value, Value::Map(_));
-    (top.get("analyzers").is_some_and(is_map) || top.has_analyzers()).then_some(top)
-}
-
-/// The maps below `ros__parameters`. The name of the node stands around it, perhaps with a namespace.
-fn below<'n>(node: &'n Node, found: &mut Vec<&'n Node>) {
-    let Kind::Mapping(entries) = &node.kind else { return };
-    for (key, value) in entries {
-        if key.text == "ros__parameters" {
-            found.push(value);
-        } else {
-            below(value, found);
-        }
-    }
-}
-
 impl<'n> Parameters<'n> {
-    fn of(node: &'n Node) -> Parameters<'n> {
-        let mut map = Parameters { span: node.span, entries: Vec::new() };
-        if let Kind::Mapping(entries) = &node.kind {
-            for (key, value) in entries {
-                map.put(&key.text, key.span, value);
-            }
-        }
-        map
+    pub fn new(span: Span) -> Parameters<'n> {
+        Parameters { span, entries: Vec::new() }
     }
 
-    /// Puts `a.b: value` where `a: { b: value }` would be.
-    fn put(&mut self, key: &str, span: Span, value: &'n Node) {
-        let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
-        let known = self.entries.iter().position(|entry| entry.key == first);
-        let inner = match (rest, &value.kind) {
-            (None, Kind::Mapping(_)) => Value::Map(Parameters::of(value)),
-            (None, _) => Value::Leaf(value),
-            (Some(_), _) => Value::Map(Parameters { span, entries: Vec::new() }),
+    /// Puts the value at its name; each name comes once.
+    pub fn put(&mut self, name: &[Name], value: &'n Node) {
+        let (first, rest) = match name {
+            [] => return,
+            [first, rest @ ..] => (first, rest),
         };
-        let at = known.unwrap_or(self.entries.len());
-        if known.is_none() {
-            self.entries.push(Entry { key: first.to_owned(), span, value: inner });
-        } else if let (Value::Map(map), Value::Map(more)) = (&mut self.entries[at].value, inner) {
-            map.entries.extend(more.entries);
+        if rest.is_empty() {
+            let entry = Entry { key: first.text.clone(), span: first.span, value: Value::Leaf(value) };
+            return self.entries.push(entry);
         }
-        if let (Some(rest), Value::Map(map)) = (rest, &mut self.entries[at].value) {
-            map.put(rest, span, value);
+        let is_map = |entry: &Entry| entry.key == first.text && matches!(entry.value, Value::Map(_));
+        let at = self.entries.iter().position(is_map).unwrap_or_else(|| {
+            let value = Value::Map(Parameters::new(first.span));
+            self.entries.push(Entry { key: first.text.clone(), span: first.span, value });
+            self.entries.len() - 1
+        });
+        if let Value::Map(map) = &mut self.entries[at].value {
+            map.put(rest, value);
         }
+    }
+
+    /// The parameter with this name.
+    pub fn leaf(&self, key: &str) -> Option<&'n Node> {
+        self.entries.iter().filter(|entry| entry.key == key).find_map(|entry| match entry.value {
+            Value::Leaf(node) => Some(node),
+            Value::Map(_) => None,
+        })
     }
 
     pub fn get(&self, key: &str) -> Option<&Entry<'n>> {
         self.entries.iter().find(|entry| entry.key == key)
     }
 
-    fn has_analyzers(&self) -> bool {
+    /// Whether it is an analyzer.
+    pub fn has_type(&self) -> bool {
+        self.leaf("type").is_some()
+    }
+
+    /// Whether analyzers are directly in it, or below `analyzers`.
+    pub fn has_analyzers(&self) -> bool {
         self.entries.iter().any(|entry| match &entry.value {
-            Value::Map(map) => map.get("type").is_some() || entry.key == "analyzers" && map.has_analyzers(),
+            Value::Map(map) => map.has_type() || entry.key == "analyzers" && map.has_analyzers(),
             Value::Leaf(_) => false,
         })
     }
 
     /// A text that is not empty.
     pub fn text(&self, key: &str) -> Option<(String, Span)> {
-        let entry = self.get(key)?;
-        let Value::Leaf(node) = entry.value else { return None };
+        let node = self.leaf(key)?;
         scalar(node).filter(|text| !text.is_empty()).map(|text| (text.to_owned(), node.span))
     }
 
@@ -133,7 +115,7 @@ impl<'n> Parameters<'n> {
     /// A list of texts, or one text.
     pub fn texts(&self, key: &str, findings: &mut Findings) -> Option<Vec<(String, Span)>> {
         let entry = self.get(key)?;
-        let Value::Leaf(node) = entry.value else {
+        let Some(node) = self.leaf(key) else {
             let problem = Problem::at(entry.span, format!("`{key}` is a map, not a list of texts"));
             findings.lost(problem.help("write `['one', 'two']`"));
             return None;

@@ -3,10 +3,13 @@
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
+    use std::sync::Arc;
 
-    use crate::publish::outputs::aggregate::tree;
+    use crate::publish::outputs::aggregate::{top, tree};
     use telltale_engine::Engine;
     use telltale_engine::input::{Input, StatusArray};
+    use telltale_engine::model::output::{Like, TreeForm};
+    use telltale_engine::snapshot::Snapshot;
     use telltale_engine::time::Timestamp;
     use telltale_onboarding::import::{Lookup, import};
     use telltale_yaml::Sources;
@@ -16,13 +19,13 @@ mod tests {
     const ERROR: u8 = 2;
     const STALE: u8 = 3;
 
-    /// Levels by path at `end_s`, with statuses of these levels published each second until the given one;
-    /// without those of Telltale itself.
-    fn levels(analyzers: &str, published: &[(&str, u8, u64)], end_s: u64) -> BTreeMap<String, u8> {
+    /// The snapshot and the form of the tree at `end_s`, with statuses of these levels published each second until the
+    /// given one.
+    fn run(analyzers: &str, published: &[(&str, u8, u64)], end_s: u64) -> (Arc<Snapshot>, TreeForm) {
         let mut sources = Sources::default();
         let file = sources.add("analyzers.yaml", analyzers);
         let imported =
-            import(sources, file, &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
+            import(sources, &[file], &Lookup::default()).unwrap_or_else(|problems| panic!("{problems}"));
         let loaded = telltale_config::parse("imported", &imported.text)
             .unwrap_or_else(|problems| panic!("{problems}"));
         let mut engine = Engine::new(loaded.model, Timestamp::ZERO);
@@ -30,16 +33,27 @@ mod tests {
             let mut array = StatusArray::default();
             for (name, level, until_s) in published {
                 if second < *until_s {
-                    array.push_status(*level, name, "", "");
+                    array.push_status(*level, name, "said so", "unit");
+                    array.push_value("k", "v");
                 }
             }
             engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(second * 1000 + 10));
         }
         engine.handle(&Input::Tick, Timestamp::from_millis(end_s * 1000));
-        let statuses = tree(&engine.snapshot(), loaded.publishing.tree_path.as_deref());
+        (engine.snapshot(), loaded.publishing.tree)
+    }
+
+    /// Levels by path, without the statuses of Telltale itself.
+    fn levels_in(snapshot: &Snapshot, form: &TreeForm) -> BTreeMap<String, u8> {
+        let statuses = tree(snapshot, form);
         let told = statuses.iter().map(|status| (status.name().to_owned(), status.level()));
         let own = |path: &str| path.split('/').any(|part| part == "Telltale");
         told.filter(|(path, _)| !own(path)).collect()
+    }
+
+    fn levels(analyzers: &str, published: &[(&str, u8, u64)], end_s: u64) -> BTreeMap<String, u8> {
+        let (snapshot, form) = run(analyzers, published, end_s);
+        levels_in(&snapshot, &form)
     }
 
     #[track_caller]
@@ -101,6 +115,10 @@ mod tests {
         // Nothing ever matched.
         check(&text, &[], 1, &[("/Robot", STALE), ("/Robot/A", STALE)]);
         check(&text, &[], 20, &[("/Robot", STALE), ("/Robot/A", STALE)]);
+        // What was an error is stale as well once it is silent.
+        check(&text, &[("a1", ERROR, 6), ("a2", OK, 20)], 8, &expected(ERROR, ERROR, ERROR, OK));
+        check(&text, &[("a1", ERROR, 6), ("a2", OK, 20)], 9, &expected(ERROR, ERROR, STALE, OK));
+        check(&text, &[("a1", ERROR, 6), ("a2", ERROR, 6)], 20, &expected(STALE, STALE, STALE, STALE));
         // A reported STALE is as bad as silence.
         check(&text, &[("a1", STALE, ALWAYS), ("a2", OK, ALWAYS)], 3, &expected(ERROR, ERROR, STALE, OK));
     }
@@ -116,23 +134,28 @@ mod tests {
             let group = "    part:\n      type: diagnostic_aggregator/AnalyzerGroup\n      path: agg\n      analyzers:\n";
             robot(&format!("{group}{}{}", one("foo", foo), one("bar", bar))).replace("Robot", "robot")
         };
-        // Whether each discards, the level of each (if it is published), and that of the group.
-        for (foo, foo_level, bar, bar_level, expected) in [
-            (true, None, true, None, OK),
-            (true, Some(STALE), true, Some(STALE), OK),
-            (true, None, true, Some(STALE), OK),
-            (false, None, false, None, STALE),
-            (false, Some(STALE), false, Some(STALE), STALE),
-            (false, None, false, Some(STALE), STALE),
-            (true, None, false, None, ERROR),
-            (true, Some(OK), false, None, ERROR),
-            (true, None, false, Some(OK), OK),
-            (true, Some(OK), false, Some(OK), OK),
+        // Whether each discards, the level of each (if it is published), and that of the group before and since the
+        // releases that changed it.
+        for (foo, foo_level, bar, bar_level, before, expected) in [
+            (true, None, true, None, OK, OK),
+            (true, Some(STALE), true, Some(STALE), OK, OK),
+            (true, None, true, Some(STALE), OK, OK),
+            (false, None, false, None, STALE, STALE),
+            (false, Some(STALE), false, Some(STALE), STALE, STALE),
+            (false, None, false, Some(STALE), STALE, STALE),
+            (true, None, false, None, ERROR, STALE),
+            (true, Some(OK), false, None, ERROR, STALE),
+            (true, Some(WARN), false, None, ERROR, WARN),
+            (true, None, false, Some(OK), OK, OK),
+            (true, Some(OK), false, Some(OK), OK, OK),
         ] {
             let levels_of = [("/foo", foo_level), ("/bar", bar_level)];
             let published: Vec<(&str, u8, u64)> =
                 levels_of.iter().filter_map(|&(name, level)| Some((name, level?, ALWAYS))).collect();
-            let found = levels(&part(foo, bar), &published, 7);
+            let (snapshot, form) = run(&part(foo, bar), &published, 7);
+            let found = levels_in(&snapshot, &form);
+            let older = levels_in(&snapshot, &TreeForm { like: Like::Before, ..form });
+            assert_eq!((older["/robot/agg"], older["/robot"]), (before, before), "{foo} {bar}");
             let case = format!("{foo} {foo_level:?} {bar} {bar_level:?}: {found:?}");
             assert_eq!(found["/robot/agg"], expected, "{case}");
             // The prefix is the whole name: nothing of it is left.
@@ -192,5 +215,106 @@ mod tests {
         let found = levels(&errors, &published, 7);
         assert_eq!((found["/Robot"], found["/Robot/Other"]), (OK, ERROR));
         assert_eq!(levels(&errors, &published, 8).get("/Robot/Other"), None);
+    }
+    #[test]
+    fn one_silent_status_makes_its_analyzer_an_error_but_a_silent_analyzer_makes_the_whole_stale() {
+        let text = robot(&(generic("A", "startswith: [a], timeout: 2.0") + &generic("B", "startswith: [b]")));
+        let whole = |published: &[(&str, u8, u64)], like| {
+            let (snapshot, form) = run(&text, published, 9);
+            let form = TreeForm { like, ..form };
+            let found = levels_in(&snapshot, &form);
+            (found["/Robot/A"], found["/Robot"], top(&snapshot, &form).get(0).level())
+        };
+        let one = [("a1", OK, 3), ("a2", OK, ALWAYS), ("b", OK, ALWAYS)];
+        assert_eq!(whole(&one, Like::Before), (ERROR, ERROR, ERROR));
+        assert_eq!(whole(&one, Like::Since), (ERROR, ERROR, ERROR));
+        let all = [("a1", OK, 3), ("b", OK, ALWAYS)];
+        assert_eq!(whole(&all, Like::Before), (STALE, ERROR, ERROR));
+        assert_eq!(whole(&all, Like::Since), (STALE, STALE, STALE));
+        let warned = [("a1", OK, 3), ("b", WARN, ALWAYS)];
+        assert_eq!(whole(&warned, Like::Before), (STALE, ERROR, ERROR));
+        assert_eq!(whole(&warned, Like::Since), (STALE, WARN, WARN));
+        // What nobody takes counts there, and nowhere else.
+        let other = [("a1", OK, ALWAYS), ("b", OK, ALWAYS), ("c", WARN, ALWAYS)];
+        assert_eq!(whole(&other, Like::Since), (OK, OK, WARN));
+    }
+
+    #[test]
+    fn the_whole_names_its_worst_status() {
+        let text = robot(&generic("A", "startswith: [a], timeout: 2.0"));
+        let told = |published: &[(&str, u8, u64)], like| {
+            let (snapshot, form) = run(&text, published, 5);
+            let top = top(&snapshot, &TreeForm { like, ..form });
+            let status = top.get(0);
+            let has_value = status.values().any(|value| value == ("k", "v"));
+            (
+                status.name().to_owned(),
+                status.message().to_owned(),
+                status.hardware_id().to_owned(),
+                has_value,
+            )
+        };
+        let of = |message: &str, unit: &str, has_value| {
+            ("toplevel_state".to_owned(), message.to_owned(), unit.to_owned(), has_value)
+        };
+        let failing = [("a1", WARN, ALWAYS), ("a2", ERROR, ALWAYS)];
+        assert_eq!(told(&failing, Like::Since), of("/Robot/A/a2: said so", "unit", true));
+        assert_eq!(told(&failing, Like::Before), of("Error", "", false));
+        assert_eq!(told(&[("a1", OK, ALWAYS)], Like::Since), of("OK", "", false));
+    }
+
+    #[test]
+    fn a_level_that_nothing_names_is_an_error() {
+        let text = robot(&generic("A", "startswith: [a]"));
+        for level in [4, 5, 255] {
+            let error = [("/Robot", ERROR), ("/Robot/A", ERROR), ("/Robot/A/a", ERROR)];
+            check(&text, &[("a", level, ALWAYS)], 3, &error);
+        }
+    }
+
+    #[test]
+    fn a_wrong_number_is_one_from_the_start_whatever_the_timeout() {
+        for timeout in ["", ", timeout: 2.0", ", timeout: 30.0"] {
+            let text = robot(&generic("A", &format!("startswith: [a], num_items: 1{timeout}")));
+            let both = [("a1", OK, ALWAYS), ("a2", OK, ALWAYS)];
+            let wrong = [("/Robot", ERROR), ("/Robot/A", ERROR), ("/Robot/A/a1", OK), ("/Robot/A/a2", OK)];
+            check(&text, &both, 1, &wrong);
+            check(&text, &both, 9, &wrong);
+            check(&text, &both[..1], 1, &[("/Robot", OK), ("/Robot/A", OK), ("/Robot/A/a1", OK)]);
+        }
+    }
+
+    #[test]
+    fn slashes_in_paths_stay() {
+        let text =
+            robot("    a: { type: GenericAnalyzer, path: /A, startswith: [a] }\n").replace("Robot", "/R");
+        let all = [("//R", OK), ("//R//A", OK), ("//R//A/a", OK)];
+        check(&text, &[("a", OK, ALWAYS)], 1, &all);
+    }
+
+    #[test]
+    fn a_prefix_that_the_path_has_already_stays_in_the_names() {
+        let group = "    imu: { type: AnalyzerGroup, path: imu_node, x: { type: GenericAnalyzer, path: General, find_and_remove_prefix: [imu_node, gyro] } }\n";
+        let published = [("imu_node: Model", OK, ALWAYS), ("gyro: Rate", OK, ALWAYS)];
+        let levels = levels(&robot(group), &published, 1);
+        let names: Vec<&str> = levels.keys().map(String::as_str).collect();
+        let inside = ["", "/General", "/General/Rate", "/General/imu_node: Model"];
+        let expected: Vec<String> = inside.iter().map(|rest| format!("/Robot/imu_node{rest}")).collect();
+        assert_eq!(names[1..], expected);
+        // Without another prefix, a colon and spaces at the beginning go all the same.
+        let only = group.replace("imu_node, gyro", "imu_node, /imu_node");
+        let found = self::levels(&robot(&only), &[("/imu_node/rate", OK, ALWAYS)], 1);
+        assert!(found.contains_key("/Robot/imu_node/General/imu_node rate"), "{found:?}");
+    }
+
+    #[test]
+    fn values_are_left_out_where_that_is_wanted() {
+        let text = robot(&generic("A", "startswith: [a]"));
+        let values = |text: &str| {
+            let (snapshot, form) = run(text, &[("a", OK, ALWAYS)], 1);
+            tree(&snapshot, &form).iter().map(|status| status.values().len()).sum::<usize>()
+        };
+        assert!(values(&text) > 0);
+        assert_eq!(values(&text.replace("path: Robot\n", "path: Robot\n    publish_values: false\n")), 0);
     }
 }
