@@ -1,5 +1,8 @@
 //! Telltale: the operator HMI of an autonomous shuttle bus.
 
+// `cli::print` keeps lines apart and outlives a closed pipe.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 pub mod cli;
 pub use telltale_clock as clock;
 pub use telltale_clock::latency;

@@ -35,6 +35,6 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         What::Snapshot => web::snapshot_schema(),
         What::Stream => web::stream_schema(),
     };
-    super::check::print(&(serde_json::to_string_pretty(&document)? + "\n"));
+    super::print::text(&(serde_json::to_string_pretty(&document)? + "\n"));
     Ok(ExitCode::SUCCESS)
 }

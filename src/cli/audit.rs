@@ -9,6 +9,7 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 
 use super::EXIT_NO;
+use super::print::say;
 use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::store::audit::verify_audit_in;
@@ -72,32 +73,32 @@ fn verify(folder: &Path, heads: &[Head], key: Option<&Path>) -> anyhow::Result<E
     let verdict = verify_audit_in(folder, heads, key).context("the audit log cannot be verified")?;
     let code = match &verdict.breach {
         None if !verdict.foreign.is_empty() => {
-            println!("BAD   in the database, and in no record of the log: {}", verdict.foreign.join(", "));
-            println!(
+            say!("BAD   in the database, and in no record of the log: {}", verdict.foreign.join(", "));
+            say!(
                 "      they cannot log in; `telltale user passwd` takes a user in, `telltale user remove` and"
             );
-            println!("      `telltale user revoke` remove them");
+            say!("      `telltale user revoke` remove them");
             ExitCode::from(EXIT_NO)
         }
         Some(breach) => {
-            println!("BAD   record {} {}", breach.number, breach.what);
+            say!("BAD   record {} {}", breach.number, breach.what);
             if verdict.breaches > 1 {
-                println!("      there are {} more such places", verdict.breaches - 1);
+                say!("      there are {} more such places", verdict.breaches - 1);
             }
-            println!("      {}", as_written(verdict.records));
-            println!(
+            say!("      {}", as_written(verdict.records));
+            say!(
                 "      the log of `serve` has an `audit head` for each record that matters: give the last with --head"
             );
-            println!("      `telltale audit acknowledge` records that an authority has looked into it");
+            say!("      `telltale audit acknowledge` records that an authority has looked into it");
             ExitCode::from(EXIT_NO)
         }
         None => {
-            println!("ok    {}", as_written(verdict.records));
+            say!("ok    {}", as_written(verdict.records));
             if heads.is_empty() {
-                println!(
+                say!(
                     "      nothing here shows whether the database was put back together with its audit.head:"
                 );
-                println!(
+                say!(
                     "      an older copy of both fits. Give a head that the log of `serve` noted with --head"
                 );
             }
@@ -107,9 +108,9 @@ fn verify(folder: &Path, heads: &[Head], key: Option<&Path>) -> anyhow::Result<E
     if let Some(Acknowledged { number, by, at_ms, count }) = &verdict.acknowledged {
         let at = UNIX_EPOCH + Duration::from_millis(u64::try_from(*at_ms).unwrap_or(0));
         let at = humantime::format_rfc3339_seconds(at);
-        println!("      {by} has acknowledged {count} breaches before record {number}, at {at}");
+        say!("      {by} has acknowledged {count} breaches before record {number}, at {at}");
     }
-    println!("head  {}", verdict.head);
+    say!("head  {}", verdict.head);
     Ok(code)
 }
 
@@ -129,9 +130,9 @@ fn acknowledge(folder: &Path, by: &str, why: &str) -> anyhow::Result<ExitCode> {
         let count = store.acknowledge_breaches(&user, why).await?;
         store.close().await;
         match count {
-            0 => println!("there is nothing to acknowledge"),
-            1 => println!("acknowledged 1 breach"),
-            _ => println!("acknowledged {count} breaches"),
+            0 => say!("there is nothing to acknowledge"),
+            1 => say!("acknowledged 1 breach"),
+            _ => say!("acknowledged {count} breaches"),
         }
         Ok(ExitCode::SUCCESS)
     })

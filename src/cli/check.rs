@@ -1,10 +1,10 @@
 //! `telltale check`: validates a configuration and prints its graph.
 
-use std::fmt::Write as _;
-use std::io::{IsTerminal, Write as _, stdin};
+use std::io::stdin;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use super::print::{self, Lines};
 use super::{EXIT_NO, EXIT_USAGE, fields, graph};
 use crate::config::describe::words;
 use crate::config::soundness::{self, FindingKind, Soundness};
@@ -65,7 +65,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let Some(file) = &args.file else {
-        print(&config::schema());
+        print::text(&config::schema());
         return Ok(ExitCode::SUCCESS);
     };
     let examined = match file.as_os_str() == "-" {
@@ -82,10 +82,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     };
     let (found, problems) = loaded.soundness();
     match args {
-        Args { dot: true, .. } => print_words(&graph::dot(&loaded.model)),
-        Args { svg: true, .. } => print_words(&graph::svg(&loaded.model)),
+        Args { dot: true, .. } => drop(print::text(&escaped(&graph::dot(&loaded.model)))),
+        Args { svg: true, .. } => drop(print::text(&escaped(&graph::svg(&loaded.model)))),
         Args { json: true, .. } | Args { quiet: true, .. } => {}
-        _ => print_words(&text(&loaded, &found)),
+        _ => drop(print::text(text(&loaded, &found).text())),
     }
     let code = judged(args, &found);
     tell(args, code == 0, problems.as_ref(), &fields::assumed(&loaded.model));
@@ -95,16 +95,16 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 fn tell(args: &Args, ok: bool, problems: Option<&Problems>, assumed: &[String]) {
     match problems {
         None if args.quiet => {}
-        _ if args.json => print(&json(ok, problems, assumed)),
-        Some(problems) => report(problems),
+        _ if args.json => drop(print::json(&json(ok, problems, assumed))),
+        Some(problems) => print::problems(problems),
         None => {}
     }
 }
 
-fn json(ok: bool, problems: Option<&Problems>, assumed: &[String]) -> String {
+fn json(ok: bool, problems: Option<&Problems>, assumed: &[String]) -> serde_json::Value {
     let list = problems.map(Problems::json).unwrap_or_default();
     let more = problems.map_or(0, Problems::more);
-    format!("{}\n", serde_json::json!({ "ok": ok, "problems": list, "more": more, "assumed": assumed }))
+    serde_json::json!({ "ok": ok, "problems": list, "more": more, "assumed": assumed })
 }
 
 /// The exit code. Only a fault of the engine's own rules is an error; a vehicle runs with all other
@@ -133,55 +133,41 @@ fn soundness_text(found: &Soundness) -> String {
         count => format!("{}.", words::counted(count, "warning")),
     };
     let rest = if found.complete { "" } else { " There are more than were looked at." };
-    format!("Looked at {looked}: {claim}.{rest} {warnings}\n")
+    format!("Looked at {looked}: {claim}.{rest} {warnings}")
 }
 
-/// Prints what is wrong with a file to standard error.
-pub(super) fn report(problems: &Problems) {
-    let colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
-    eprint!("{}", problems.render(colour));
-}
-
-/// Prints text of a file without control characters, which would act on the terminal.
-pub(super) fn print_words(text: &str) {
-    print(&escaped(text));
-}
-
-/// Prints to standard output. A closed pipe (`| head`) is no error.
-pub(super) fn print(text: &str) {
-    let _ = std::io::stdout().write_all(text.as_bytes());
-}
-
-fn text(loaded: &Loaded, found: &Soundness) -> String {
+fn text(loaded: &Loaded, found: &Soundness) -> Lines {
     let model = &loaded.model;
-    let mut out = format!(
-        "{} \"{}\": {}, {}, {}. No errors.\n",
+    let mut out = Lines::default();
+    out.add(format_args!(
+        "{} \"{}\": {}, {}, {}. No errors.",
         model.vehicle_id,
         model.vehicle_name.en,
         words::counted(model.groups.len(), "group"),
         words::counted(model.modules.len(), "module"),
         words::counted(model.driving.stops.len(), "stop")
-    );
-    out.push_str(&soundness_text(found));
+    ));
+    out.add(soundness_text(found));
     for behind in soundness::urgency::behind(model) {
-        let _ = writeln!(out, "Urgency: {}.", soundness::behind(model, &behind));
+        out.add(format_args!("Urgency: {}.", soundness::behind(model, &behind)));
     }
-    let _ = writeln!(out, "statuses that no group takes: {}", words::other(model.other));
+    out.add(format_args!("statuses that no group takes: {}", words::other(model.other)));
     for assumption in fields::assumed(model) {
-        let _ = writeln!(out, "Assumed: {assumption}.");
+        out.add(format_args!("Assumed: {assumption}."));
     }
     if let Some(sizes) = sizes_only(loaded) {
-        let _ = writeln!(out, "{sizes}");
+        out.add(sizes);
     }
     for signal in &model.signals {
-        let _ = writeln!(out, "signal {}: {}", signal.name, words::signal(model, signal));
+        out.add(format_args!("signal {}: {}", signal.name, words::signal(model, signal)));
     }
-    let _ = writeln!(out, "motion: {}", words::motion(model));
+    out.add(format_args!("motion: {}", words::motion(model)));
     if model.stages == StageModel::Shuttle {
-        out.push_str(&stages_text());
+        out.add("");
+        stages_text().lines().for_each(|line| out.add(line));
     }
     for index in (0..model.groups.len()).filter(|&index| model.groups[index].parent.is_none()) {
-        out.push('\n');
+        out.add("");
         group_text(&mut out, model, GroupId(index as u32), 0);
     }
     out
@@ -208,27 +194,27 @@ fn sizes_only(loaded: &Loaded) -> Option<String> {
 
 /// The table of transitions between stages.
 fn stages_text() -> String {
-    let mut out = "\nstages\n".to_owned();
+    let mut out = "stages\n".to_owned();
     for Transition { from, event, guard, to } in TRANSITIONS {
         let from: Vec<&str> = from.iter().map(|stage| stage.as_str()).collect();
         let guard = match guard {
             Guard::None => String::new(),
             guard => format!(", if: {}", guard.as_str()),
         };
-        let _ = writeln!(out, "  {} --{}--> {}{guard}", from.join(", "), event.as_str(), to.as_str());
+        out += &format!("  {} --{}--> {}{guard}\n", from.join(", "), event.as_str(), to.as_str());
     }
     out
 }
 
-fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
+fn group_text(out: &mut Lines, model: &Model, id: GroupId, depth: usize) {
     let group = &model.groups[id.0 as usize];
     let pad = "  ".repeat(depth);
     let any = if group.combine == Combine::Any { ", the best member counts" } else { "" };
-    let _ = writeln!(out, "{pad}{} \"{}\"{any}", group.path, group.name.en);
+    out.add(format_args!("{pad}{} \"{}\"{any}", group.path, group.name.en));
     conditions(out, model, &pad, &group.depends_on, group.when.as_ref());
     if !group.filters.is_empty() {
         let filters: Vec<String> = group.filters.iter().map(words::matching).collect();
-        let _ = writeln!(out, "{pad}  takes statuses with {}", filters.join(", "));
+        out.add(format_args!("{pad}  takes statuses with {}", filters.join(", ")));
     }
     for module in model.modules.iter().filter(|module| module.group == id) {
         let monitor = words::monitor(model, &module.monitor);
@@ -242,7 +228,7 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
             vec![words::policy(&module.policy)]
         };
         let facts = std::iter::once(monitor).chain(policy).collect::<Vec<_>>().join(", ");
-        let _ = writeln!(out, "{pad}  - {}{name}: {facts}", module.id);
+        out.add(format_args!("{pad}  - {}{name}: {facts}", module.id));
         conditions(out, model, &format!("{pad}    "), &module.depends_on, module.when.as_deref());
     }
     let inside = model.groups.iter().enumerate().filter(|(_, inner)| inner.parent == Some(id));
@@ -251,14 +237,14 @@ fn group_text(out: &mut String, model: &Model, id: GroupId, depth: usize) {
     }
 }
 
-fn conditions(out: &mut String, model: &Model, pad: &str, depends_on: &[Dependency], when: Option<&When>) {
+fn conditions(out: &mut Lines, model: &Model, pad: &str, depends_on: &[Dependency], when: Option<&When>) {
     if !depends_on.is_empty() {
         let names: Vec<String> =
             depends_on.iter().map(|dependency| words::dependency(model, dependency)).collect();
-        let _ = writeln!(out, "{pad}  depends on {}", names.join(", "));
+        out.add(format_args!("{pad}  depends on {}", names.join(", ")));
     }
     if let Some(when) = when {
-        let _ = writeln!(out, "{pad}  only when {}", words::when(model, when));
+        out.add(format_args!("{pad}  only when {}", words::when(model, when)));
     }
 }
 
@@ -269,7 +255,8 @@ mod tests {
     #[test]
     fn one_of_a_kind_is_no_plural() {
         let loaded = config::parse("c", "groups: [{ id: a, modules: [{ id: m, status: s }] }]\n").unwrap();
-        let text = text(&loaded, &loaded.soundness().0);
+        let lines = text(&loaded, &loaded.soundness().0);
+        let text = lines.text();
         assert!(text.starts_with("vehicle \"vehicle\": 1 group, 1 module, 0 stops. No errors.\n"), "{text}");
         let none =
             config::parse("c", "vehicle: { stages: none }\ngroups: [{ id: a, match: [{ name: s }] }]\n")

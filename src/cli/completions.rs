@@ -36,7 +36,7 @@ pub fn print(args: &CompletionsArgs, mut command: clap::Command) -> anyhow::Resu
     };
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut command, "telltale", &mut script);
-    super::check::print(&String::from_utf8(script).context("the completions are no text")?);
+    super::print::text(&String::from_utf8(script).context("the completions are no text")?);
     Ok(ExitCode::SUCCESS)
 }
 

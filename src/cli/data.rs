@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::Subcommand;
 use serde_json::json;
 
+use super::print::{self, say};
 use super::process::data_folder::{self, DataFolder};
 use super::{EXIT_NO, tls};
 use crate::clock::Clock;
@@ -72,17 +73,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             let saved =
                 repair_history(&folder, Clock::start().wall()).context("the history cannot be repaired")?;
             if let Some(SavedHistory { damage, records, kept }) = &saved {
-                println!("repaired {} ({damage})", folder.join(HISTORY_FILE).display());
-                println!("         {records} records; the old files are in {}", kept.display());
+                say!("repaired {} ({damage})", folder.join(HISTORY_FILE).display());
+                say!("         {records} records; the old files are in {}", kept.display());
             }
             if state.damage.is_none() {
                 if saved.is_none() {
-                    println!("{} is whole; nothing was changed", state.database.display());
+                    say!("{} is whole; nothing was changed", state.database.display());
                 }
                 return Ok(ExitCode::SUCCESS);
             }
             let repaired = repair(&folder, Clock::start()).context("the database cannot be repaired")?;
-            println!("repaired {}", state.database.display());
+            say!("repaired {}", state.database.display());
             tell(&repaired);
             Ok(ExitCode::SUCCESS)
         }
@@ -90,7 +91,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             let _lock = lock(&folder)?;
             let (file, repaired) = restore(&folder, file.as_deref(), Clock::start())
                 .context("no backup was put in the place of the database")?;
-            println!("restored {}", file.display());
+            say!("restored {}", file.display());
             tell(&repaired);
             Ok(ExitCode::SUCCESS)
         }
@@ -108,11 +109,11 @@ fn tell(repaired: &Repaired) {
         1 => "1 user".to_owned(),
         users => format!("{users} users"),
     };
-    println!("         {users}; look at them with `telltale user list`");
+    say!("         {users}; look at them with `telltale user list`");
     for loss in &repaired.losses {
-        println!("         {loss}");
+        say!("         {loss}");
     }
-    println!("         the old files are in {}", repaired.kept.display());
+    say!("         the old files are in {}", repaired.kept.display());
 }
 
 fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
@@ -121,7 +122,7 @@ fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
     let is_whole = state.damage.is_none() && state.history_damage.is_none();
     let code = if is_whole { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) };
     if as_json {
-        println!("{}", report(&state, &exposed));
+        print::json(&report(&state, &exposed));
         return Ok(code);
     }
     line(&state.database, state.damage.as_deref(), state.users);
@@ -132,19 +133,17 @@ fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
         line(&backup.file, backup.damage.as_deref(), backup.users);
     }
     if state.backups.is_empty() {
-        println!("      there is no backup yet; `serve` makes one a day");
+        say!("      there is no backup yet; `serve` makes one a day");
     }
     if state.damage.is_some() {
-        println!(
-            "      stop `telltale serve`, then `telltale data repair`, or `telltale data restore` for the"
-        );
-        println!("      newest backup that is whole");
+        say!("      stop `telltale serve`, then `telltale data repair`, or `telltale data restore` for the");
+        say!("      newest backup that is whole");
     }
     if state.damage.is_none() && state.history_damage.is_some() {
-        println!("      stop `telltale serve`, then `telltale data repair`");
+        say!("      stop `telltale serve`, then `telltale data repair`");
     }
     for file in exposed {
-        println!("WARN  {file}");
+        say!("WARN  {file}");
     }
     Ok(code)
 }
@@ -152,8 +151,8 @@ fn check(folder: &Path, as_json: bool) -> anyhow::Result<ExitCode> {
 fn line(file: &Path, damage: Option<&str>, users: Option<u64>) {
     let users = users.map_or(String::new(), |users| format!(", users: {users}"));
     match damage {
-        None => println!("ok    {}{users}", file.display()),
-        Some(damage) => println!("BAD   {}: {}{users}", file.display(), damage.replace('\n', "; ")),
+        None => say!("ok    {}{users}", file.display()),
+        Some(damage) => say!("BAD   {}: {}{users}", file.display(), damage.replace('\n', "; ")),
     }
 }
 

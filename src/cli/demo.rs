@@ -13,7 +13,7 @@ use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
 use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
-use super::{EXIT_USAGE, check};
+use super::{EXIT_USAGE, print};
 use crate::clock::Clock;
 use crate::config::patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};
@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let loaded = match load_config(kind) {
         Ok(loaded) => loaded,
         Err(problems) => {
-            check::report(&problems);
+            print::problems(&problems);
             return Ok(ExitCode::from(EXIT_USAGE));
         }
     };
@@ -83,7 +83,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     let loaded = patient(loaded);
     let (switch, faults) = mpsc::channel(SWITCHES);
     let running = tokio::spawn(vehicle.run(faults));
-    print!("{}", introduction(listener.local_addr()?, options.domain, kind));
+    print::text(&introduction(listener.local_addr()?, options.domain, kind));
     let on_the_page = |FaultInfo { name, title, about }| DemoFault { name, title, about };
     let demo = Some(DemoFaults::new(kind.faults().into_iter().map(on_the_page).collect(), switch));
     let server = Server {

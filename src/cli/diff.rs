@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::bail;
 
-use super::check::{print, print_words, report};
+use super::print::{self, say};
 use super::{EXIT_NO, EXIT_USAGE, fields};
 use crate::config::{self, Change, Difference, Loaded};
 use crate::yaml::Problems;
@@ -44,12 +44,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let read = [&args.old, &args.new].map(|path| load(path, args));
     let wrong: Vec<&Problems> = read.iter().filter_map(|read| read.as_ref().err()).collect();
-    wrong.iter().for_each(|problems| report(problems));
+    wrong.iter().for_each(|problems| print::problems(problems));
     let [Ok(old), Ok(new)] = read else { return Ok(ExitCode::from(EXIT_USAGE)) };
     let differences = config::difference(&old, &new);
     match args.json {
-        true => print(&format!("{}\n", json(&differences))),
-        false => differences.iter().for_each(|difference| print_words(&format!("{difference}\n"))),
+        true => drop(print::json(&json(&differences))),
+        false => differences.iter().for_each(|difference| say!("{difference}")),
     }
     Ok(if differences.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) })
 }

@@ -1,6 +1,7 @@
 //! Checks that the fields of a configuration can be read, before the start and before a reload.
 
 mod beyond;
+mod labels;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -79,7 +80,8 @@ pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
             (field.map_or(ModelPlace::Type(id), |field| ModelPlace::Field(id, field as u32)), text, help)
         })
     });
-    loaded.problems(signals.chain(monitors).chain(Kinds { model: &loaded.model, kinds, ranges }.misfits()))
+    let kinds = Kinds { model: &loaded.model, definitions, kinds, ranges };
+    loaded.problems(signals.chain(monitors).chain(kinds.misfits()))
 }
 
 /// The assumptions on topics whose type the configuration leaves out, one sentence each.
@@ -111,6 +113,7 @@ type Range = (f64, f64);
 /// The types of the fields of a model.
 struct Kinds<'m> {
     model: &'m Model,
+    definitions: &'m Definitions,
     /// By topic, then by field; none of a topic that cannot be read.
     kinds: Vec<Option<Vec<Option<ScalarKind>>>>,
     /// The least and greatest value of each field, if its type has them.
@@ -171,9 +174,10 @@ impl Kinds<'_> {
     /// Errors of conditions that have no answer for any value of their inputs.
     fn unanswered(&self, monitor: &MonitorSpec) -> Vec<(String, String)> {
         let MonitorSpec::Expression { inputs, warning, error, .. } = monitor else { return Vec::new() };
-        let inputs: Vec<_> = inputs.iter().map(|(name, source)| (&**name, self.kind(source))).collect();
+        let kinds: Vec<_> = inputs.iter().map(|(name, source)| (&**name, self.kind(source))).collect();
         let misfit = |condition: &Condition| {
-            let (text, help) = expression::misfit(condition, &inputs)?;
+            let (text, help) = expression::misfit(condition, &kinds)?;
+            let help = self.label_in(condition, inputs).unwrap_or(help);
             Some((format!("`{}` can never be judged: {text}", condition.text), help))
         };
         [error, warning].into_iter().flatten().filter_map(misfit).collect()
@@ -203,7 +207,10 @@ impl Kinds<'_> {
     fn no_number(&self, source: &ValueSource) -> Option<(String, String)> {
         let kind = self.kind(source).filter(|kind| *kind != ScalarKind::Number)?;
         let text = format!("`{}` is {}, and a number is judged", self.path(source), name(kind));
-        Some((text, format!("name a field that is a number, or watch it with {}", unless(kind))))
+        Some((
+            text,
+            format!("name a field that is a number, or watch it with {}", unless("error_unless", kind)),
+        ))
     }
 
     fn never_equal(&self, source: &ValueSource, key: &str, wanted: &FieldValue) -> Option<(String, String)> {
@@ -222,7 +229,13 @@ impl Kinds<'_> {
             name(is),
             name(wants)
         );
-        Some((text, format!("watch it with {}", unless(is))))
+        let help = match wanted {
+            FieldValue::Text(label) if is == ScalarKind::Number => {
+                self.number_of(source, label, |number| format!("`{key}: {number}`"))
+            }
+            _ => None,
+        };
+        Some((text, help.unwrap_or_else(|| format!("watch it with {}", unless(key, is)))))
     }
 }
 
@@ -234,12 +247,12 @@ fn name(kind: ScalarKind) -> &'static str {
     }
 }
 
-/// The rule that suits a field of this type.
-fn unless(kind: ScalarKind) -> &'static str {
+/// The rule that suits a field of this type; `key` is `error_unless` or `warning_unless`.
+fn unless(key: &str, kind: ScalarKind) -> String {
     match kind {
-        ScalarKind::Number => "limits, or `error_unless: 3`",
-        ScalarKind::Bool => "`error_unless: true` or `error_unless: false`",
-        ScalarKind::Text => "`error_unless: WORD`, in quotes if it looks like a number",
+        ScalarKind::Number => format!("limits, or `{key}: NUMBER`"),
+        ScalarKind::Bool => format!("`{key}: true` or `{key}: false`"),
+        ScalarKind::Text => format!("`{key}: WORD`, in quotes if it looks like a number"),
     }
 }
 

@@ -188,7 +188,7 @@ fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Depend
 }
 
 fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""))
+    format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n"))
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use std::time::{Duration, SystemTime};
 use anyhow::Context as _;
 
 use super::EXIT_NO;
+use super::print::note;
 use super::process::data_folder::DataFolder;
 use crate::picture::figure::{self, MovedAlarm, Panel};
 use crate::picture::strips::{Segment, Strip, merged, recorded, stamp};
@@ -65,7 +66,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let unheard: Vec<&str> =
         panel.strips.iter().filter(|strip| strip.segments.is_empty()).map(|strip| &*strip.name).collect();
     if !unheard.is_empty() {
-        eprintln!(
+        note!(
             "telltale: nothing is recorded at that time of {}: look at the names and at `--at`, which is in UTC",
             unheard.join(", ")
         );

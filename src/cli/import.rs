@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 
-use super::check::{print, report};
+use super::print::{self, note};
 use super::{EXIT_NO, EXIT_USAGE};
 use crate::config;
 use crate::config::describe::words::counted;
@@ -69,12 +69,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let imported = match imported {
         Ok(imported) => imported,
         Err(problems) => {
-            report(&problems);
+            print::problems(&problems);
             return Ok(ExitCode::from(EXIT_USAGE));
         }
     };
     if let Some(findings) = &imported.findings {
-        report(findings);
+        print::problems(findings);
     }
     match &args.output {
         Some(path) => {
@@ -82,14 +82,14 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 format!("{} cannot be written: check the folder and its permissions", path.display())
             })?;
         }
-        None => print(&imported.text),
+        None => drop(print::text(&imported.text)),
     }
     let wrong = config::parse("the result", &imported.text).err();
-    wrong.iter().for_each(report);
+    wrong.iter().for_each(print::problems);
     if wrong.is_some() {
-        eprintln!("telltale: this is a fault of `telltale import`; please report it, with the file");
+        note!("telltale: this is a fault of `telltale import`; please report it, with the file");
     } else {
-        eprintln!("{}", summary(&imported));
+        note!("{}", summary(&imported));
     }
     Ok(if imported.lost > 0 || wrong.is_some() { ExitCode::from(EXIT_NO) } else { ExitCode::SUCCESS })
 }

@@ -17,6 +17,7 @@ use sha2::{Digest as _, Sha256};
 use tokio::time::timeout;
 
 use super::EXIT_NO;
+use super::print::{note, say};
 use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::engine::time::Span;
@@ -125,11 +126,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             if let Some(incident) = store.incident(*id).await?
                 && let Err(error) = beside::write(&folder::folder_in(&data), *id, &incident.beside())
             {
-                eprintln!("telltale: it is in the database alone, which may be lost: {error}");
+                note!("telltale: it is in the database alone, which may be lost: {error}");
             }
             match off {
-                true => println!("incident {id} is kept no longer"),
-                false => println!("incident {id} is kept"),
+                true => say!("incident {id} is kept no longer"),
+                false => say!("incident {id} is kept"),
             }
             Ok(ExitCode::SUCCESS)
         }),
@@ -184,7 +185,7 @@ impl Pruning<'_> {
         let held = incidents.held()?;
         let (surplus, code) = self.surplus(&held, &incidents)?;
         for it in held.iter().filter(|it| surplus.remove.contains(&it.id)) {
-            println!("would remove incident {}, {}", it.id, size(it.bytes));
+            say!("would remove incident {}, {}", it.id, size(it.bytes));
         }
         tell_rest(surplus.remove.len(), held.len(), surplus.bytes, surplus.is_over());
         Ok(code)
@@ -206,17 +207,17 @@ impl Pruning<'_> {
                 let beside = beside::remove(&recordings, it.id);
                 match removed {
                     Err(error) if error.kind() != io::ErrorKind::NotFound => {
-                        eprintln!(
+                        note!(
                             "telltale: incident {} is forgotten, but its file {} cannot be removed: {error}. Remove it by hand",
                             it.id,
                             path.display()
                         );
                         code = ExitCode::from(EXIT_NO);
                     }
-                    _ => println!("removed incident {}, {}", it.id, size(it.bytes)),
+                    _ => say!("removed incident {}, {}", it.id, size(it.bytes)),
                 }
                 if let Err(error) = beside {
-                    eprintln!("telltale: the file beside incident {} cannot be removed: {error}", it.id);
+                    note!("telltale: the file beside incident {} cannot be removed: {error}", it.id);
                 }
             }
             tell_rest(forgotten.len(), held.len(), surplus.bytes, surplus.is_over());
@@ -237,7 +238,7 @@ impl Pruning<'_> {
             |it: &Held| !self.changed && (is_changed(&recordings, it, &records.hashes) || is_forged(it));
         let (surplus, changed) = surplus_without_changed(held, &self.policy, now_ms, is_evidence);
         for id in &changed {
-            eprintln!(
+            note!(
                 "telltale: incident {id} stays: {} is not as it was recorded, or what the database says of it, which is \
                  evidence of that. Look at it with `telltale incident verify {id}`, keep a copy of it, and add --changed \
                  to remove it",
@@ -252,9 +253,9 @@ impl Pruning<'_> {
 fn tell_rest(removed: usize, all: usize, bytes: u64, is_over: bool) {
     let left = all - removed;
     let incidents = if left == 1 { "1 incident".to_owned() } else { format!("{left} incidents") };
-    println!("{incidents} left, {}", size(bytes));
+    say!("{incidents} left, {}", size(bytes));
     if is_over {
-        println!(
+        say!(
             "that is too much, but the rest is kept, still recorded or not as it was recorded: \
              `telltale incident keep ID --off` releases one"
         );
@@ -306,7 +307,7 @@ fn judged_at_ms(wall: SystemTime, floor: SystemTime, trust_clock: bool) -> i64 {
     if trust_clock || judged_ms == unix_ms(wall) {
         return unix_ms(wall);
     }
-    eprintln!(
+    note!(
         "telltale: the clock says {}, far ahead of the newest record, {}: nothing is removed for its age by it. \
          Set the clock, or, if it is right, add --trust-clock",
         format_rfc3339_seconds(wall),

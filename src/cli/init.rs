@@ -15,9 +15,10 @@ use std::time::Duration;
 use anyhow::{Context as _, anyhow, bail};
 use tokio::sync::{mpsc, watch};
 
+use super::print::{self, note};
 use super::process::shutdown_signal::ShutdownSignal;
 use super::process::{dds, log};
-use super::{EXIT_NO, check, fields};
+use super::{EXIT_NO, fields};
 use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;
@@ -77,32 +78,48 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let options = args.dds.resolve()?;
     let listens_to = dds::describe(&options);
-    eprintln!("Listens to {listens_to} for {} s.", (DISCOVERY + args.length).as_secs());
+    note!("Listens to {listens_to} for {} s.", (DISCOVERY + args.length).as_secs());
     let runtime = tokio::runtime::Runtime::new().context("the async runtime cannot be started")?;
     let definitions = options.definitions.clone();
-    let (draft, empty) = runtime.block_on(async {
+    let (mut draft, empty) = runtime.block_on(async {
         let mut signal = ShutdownSignal::listen()?;
         tokio::select! {
             looked = look(options, args.length) => looked,
             _ = signal.requested() => bail!("interrupted; nothing is written"),
         }
     })?;
+    draft.message_folders = message_folders(&draft, &definitions);
     let text = init::text(&draft, args.accept_guesses);
     let mut is_wrong = false;
-    if let Err(problems) = fields::whole(config::examine_from("the draft", text.as_bytes()), |_| definitions)
-    {
+    // As `check` and `serve` read the file, which know nothing of the flags here.
+    let known = Definitions::default();
+    let examined = config::examine_from("the draft", text.as_bytes());
+    if let Err(problems) = fields::whole(examined, |loaded| known.with(&loaded.message_folders)) {
         is_wrong = true;
-        check::report(&problems);
-        eprintln!(
+        print::problems(&problems);
+        note!(
             "telltale: this is a fault of `telltale init`; please report it. The draft is written all the same."
         );
     }
     match &args.output {
         Some(file) => write(file, &text)?,
-        None => check::print(&text),
+        None => drop(print::text(&text)),
     }
     tell(&draft, empty, &listens_to, args.output.as_deref());
     Ok(ExitCode::from(if empty || is_wrong { EXIT_NO } else { 0 }))
+}
+
+/// The folders, as whole paths, that define the types of the measured topics that are not built in.
+fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
+    let is_strange = |&(type_name, stamp): &(&str, bool)| {
+        let (topic, type_name) = ("".into(), type_name.into());
+        Definitions::default().check(&TopicSpec { topic, type_name, stamp, fields: Vec::new() }).is_err()
+    };
+    let types = draft.types().into_iter().filter(is_strange);
+    let folders: BTreeSet<&Path> =
+        types.flat_map(|(type_name, _)| definitions.folders_of(type_name)).collect();
+    let whole = |folder: &Path| std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
 }
 
 /// Listens to a system for a while, and drafts. Returns too whether nothing was heard of anybody.
@@ -214,7 +231,7 @@ fn write(file: &Path, text: &str) -> anyhow::Result<()> {
 
 fn tell(draft: &Draft, empty: bool, listens_to: &str, output: Option<&Path>) {
     if empty {
-        eprintln!(
+        note!(
             "Nothing was heard: no other DDS participant was found on {listens_to}. Does the robot run, with the same \
              ROS_DOMAIN_ID (--domain)? Is it reached over this interface (--interface), or only without multicast \
              (--peer)? Does a firewall drop UDP? The file takes whatever comes."
@@ -223,15 +240,15 @@ fn tell(draft: &Draft, empty: bool, listens_to: &str, output: Option<&Path>) {
         let modules: usize = draft.groups.iter().map(|group| group.modules.len()).sum();
         let modules_with = draft.groups.iter().flat_map(|group| &group.modules);
         let proposals = modules_with.flat_map(|it| &it.proposals).filter(|it| !it.circular).count();
-        eprintln!(
+        note!(
             "{} with {}. {} from the graph: see the comments at `depends_on`.",
             counted(draft.groups.len(), "group"),
             counted(modules, "module"),
             counted(proposals, "guessed dependency").replace("dependencys", "dependencies"),
         );
-        draft.notes.iter().for_each(|note| eprintln!("{note}"));
+        draft.notes.iter().for_each(|note| note!("{note}"));
     }
     if let Some(file) = output.map(Path::display) {
-        eprintln!("Next: `telltale check {file}`, then `telltale serve --config {file}`.");
+        note!("Next: `telltale check {file}`, then `telltale serve --config {file}`.");
     }
 }

@@ -16,6 +16,7 @@ mod history;
 mod import;
 mod incident;
 mod init;
+mod print;
 mod process;
 mod replay;
 mod scenario;
@@ -31,11 +32,12 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
+use self::print::note;
 use crate::ros;
 
 /// The answer is no: an expectation fails, a chain is broken.
 pub const EXIT_NO: u8 = 1;
-/// Wrong usage or configuration. clap ends with the same code.
+/// Wrong usage or configuration, or standard output cannot be written. clap ends with the same code.
 pub const EXIT_USAGE: u8 = 2;
 
 #[derive(Debug, Parser)]
@@ -108,10 +110,11 @@ pub fn main() -> ExitCode {
             Ok(ros::dds_process(parent, megabytes))
         }
     };
-    result.unwrap_or_else(|error| {
-        eprintln!("telltale: {error:#}");
+    let code = result.unwrap_or_else(|error| {
+        note!("telltale: {error:#}");
         ExitCode::from(EXIT_USAGE)
-    })
+    });
+    if print::has_failed() { ExitCode::from(EXIT_USAGE) } else { code }
 }
 
 /// Adds a hint to the error for a file that is given without its flag.

@@ -4,7 +4,7 @@ mod serve;
 mod text;
 mod what_if;
 
-use std::io::{self, IsTerminal as _, Write as _};
+use std::io::{self, IsTerminal as _};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -16,7 +16,8 @@ use humantime::format_rfc3339_millis;
 
 use self::text::Text;
 use super::fields::{self, DefinitionFlags};
-use super::{EXIT_NO, EXIT_USAGE, check, server};
+use super::print::{self, note, say};
+use super::{EXIT_NO, EXIT_USAGE, server};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
@@ -208,7 +209,7 @@ fn opener(args: &Args, file: &Path) -> anyhow::Result<Option<Arc<Open>>> {
         match fields::whole(examined, |loaded| recording.define(definitions.with(&loaded.message_folders))) {
             Ok(loaded) => loaded,
             Err(problems) => {
-                check::report(&problems);
+                print::problems(&problems);
                 return Ok(None);
             }
         };
@@ -261,7 +262,7 @@ fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String
         let lines: Vec<Line> =
             lines(&taken, &facts, args.all).into_iter().filter(|line| line.at >= from).collect();
         if prints && !args.json {
-            if !text.print(taken.at, run.gaps(), &lines)? {
+            if !text.print(taken.at, run.gaps(), &lines) {
                 return Ok(got);
             }
             continue;
@@ -269,7 +270,7 @@ fn replay(args: &Args, run: &mut Run, prints: bool) -> anyhow::Result<Vec<String
         for Line { json, .. } in lines {
             if !prints {
                 got.push(json);
-            } else if !print(&json)? {
+            } else if !print::json(&json) {
                 return Ok(got);
             }
         }
@@ -301,15 +302,6 @@ fn check_span(
     }
 }
 
-/// Prints a line. Returns whether anybody reads further.
-fn print(line: &str) -> io::Result<bool> {
-    let line = crate::yaml::plain::escaped(line);
-    match writeln!(io::stdout(), "{line}") {
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(false),
-        written => written.map(|()| true),
-    }
-}
-
 /// Says what of the recording could not be used.
 fn report(run: &Run) {
     let notes = run.notes();
@@ -325,37 +317,37 @@ fn report(run: &Run) {
         (notes.of_other_times, "messages are left out: their times do not fit those around them"),
     ];
     for (count, what) in counted.iter().filter(|(count, _)| *count > 0) {
-        eprintln!("telltale: {count} {what}");
+        note!("telltale: {count} {what}");
     }
-    run.gaps().sentences(run.facts()).iter().for_each(|sentence| eprintln!("telltale: {sentence}"));
+    run.gaps().sentences(run.facts()).iter().for_each(|sentence| note!("telltale: {sentence}"));
     let (omissions, more) = run.omissions();
-    notes.said.iter().chain(&omissions).for_each(|sentence| eprintln!("telltale: {sentence}"));
+    notes.said.iter().chain(&omissions).for_each(|sentence| note!("telltale: {sentence}"));
     if more > 0 {
-        eprintln!("telltale: {more} more parts of the file cannot be used");
+        note!("telltale: {more} more parts of the file cannot be used");
     }
-    let unheard = run.unheard();
-    if !unheard.is_empty() {
-        eprintln!("telltale: the recording has no messages of {}", unheard.join(", "));
-    }
+    run.unheard().iter().for_each(|sentence| note!("telltale: {sentence}"));
 }
 
 fn told(differences: &[Difference]) {
     for difference in differences.iter().take(DIFFERENCES_MAX) {
         match difference {
             Difference::Missing { line, text } => {
-                println!("line {line} is expected and does not come:\n  - {text}")
+                say!("line {line} is expected and does not come:");
+                say!("  - {text}");
             }
             Difference::Unexpected { before: Some(line), text } => {
-                println!("before line {line} comes what is not expected:\n  + {text}");
+                say!("before line {line} comes what is not expected:");
+                say!("  + {text}");
             }
             Difference::Unexpected { before: None, text } => {
-                println!("at the end comes what is not expected:\n  + {text}");
+                say!("at the end comes what is not expected:");
+                say!("  + {text}");
             }
         }
     }
     match differences.len().saturating_sub(DIFFERENCES_MAX) {
         0 => {}
-        more => println!("and {more} more differences"),
+        more => say!("and {more} more differences"),
     }
 }
 
@@ -410,13 +402,13 @@ impl Progress {
         }
         let percent = (seconds(self.from, at) / self.span_s * 100.0).clamp(0.0, 100.0) as u8;
         if self.percent.replace(percent) != Some(percent) {
-            eprint!("\rreplayed {percent:>3} %");
+            print::error_text(&format!("\rreplayed {percent:>3} %"));
         }
     }
 
     fn end(&self) {
         if self.percent.is_some() {
-            eprint!("\r{:20}\r", "");
+            print::error_text(&format!("\r{:20}\r", ""));
         }
     }
 }

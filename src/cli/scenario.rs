@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::Context as _;
 use serde_json::json;
 
-use super::check::{print, print_words, report};
+use super::print::{self, Lines};
 use super::{EXIT_NO, EXIT_USAGE};
 use crate::config;
 use crate::engine::time::Timestamp;
@@ -43,8 +43,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         match scenario_file::load(path).and_then(|file| run_file(&file).map(|run| (file, run))) {
             Ok((file, Run { outcome, panel })) => {
                 match args.json {
-                    true => print(&json(path, &file, &outcome)),
-                    false => print_words(&summary(path, &file, &outcome)),
+                    true => drop(print::json(&json(path, &file, &outcome))),
+                    false => drop(print::text(&summary(path, &file, &outcome))),
                 }
                 panels.push(panel);
                 if !outcome.failures.is_empty() {
@@ -52,7 +52,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
                 }
             }
             Err(problems) => {
-                report(&problems);
+                print::problems(&problems);
                 code = EXIT_USAGE;
             }
         }
@@ -90,14 +90,18 @@ fn run_file(file: &File) -> Result<Run, Problems> {
 }
 
 fn summary(path: &Path, file: &File, outcome: &Outcome) -> String {
-    if outcome.failures.is_empty() {
-        return format!("ok    {} ({})\n", file.name, path.display());
+    let is_ok = outcome.failures.is_empty();
+    let mut lines = Lines::default();
+    lines.add(format_args!("{} {} ({})", if is_ok { "ok   " } else { "FAIL " }, file.name, path.display()));
+    let mut text = lines.text().to_owned();
+    if !is_ok {
+        let failures = outcome.failures.iter().map(problem).collect();
+        text += &Problems::new(file.sources.clone(), failures).render(false);
     }
-    let failures = outcome.failures.iter().map(problem).collect();
-    format!("FAIL  {} ({})\n{}", file.name, path.display(), Problems::new(file.sources.clone(), failures))
+    text
 }
 
-fn json(path: &Path, file: &File, outcome: &Outcome) -> String {
+fn json(path: &Path, file: &File, outcome: &Outcome) -> serde_json::Value {
     let at_s = |at: Timestamp| at.as_nanos() as f64 / 1e9;
     let failures = outcome.failures.iter().map(|failure| {
         json!({
@@ -112,11 +116,10 @@ fn json(path: &Path, file: &File, outcome: &Outcome) -> String {
             "causes": change.causes.iter().map(|cause| &**cause).collect::<Vec<_>>(),
         })
     });
-    let object = json!({
+    json!({
         "file": path.display().to_string(), "name": file.name, "ok": outcome.failures.is_empty(),
         "failures": failures.collect::<Vec<_>>(), "transitions": transitions.collect::<Vec<_>>(),
-    });
-    format!("{object}\n")
+    })
 }
 
 fn problem(failure: &Failure) -> Problem {

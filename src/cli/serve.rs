@@ -12,7 +12,7 @@ use super::process::shutdown_signal::ShutdownSignal;
 use super::process::{dds, log};
 use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
-use super::{EXIT_USAGE, check, fields};
+use super::{EXIT_USAGE, fields, print};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
@@ -85,7 +85,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let loaded = match fields::whole(examined, |loaded| definitions.with(&loaded.message_folders)) {
         Ok(loaded) => loaded,
         Err(problems) => {
-            check::report(&problems);
+            print::problems(&problems);
             return Ok(ExitCode::from(EXIT_USAGE));
         }
     };
@@ -96,6 +96,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     let signal = ShutdownSignal::listen()?;
+    if loaded.is_shuttle_unsaid() {
+        tracing::warn!(
+            "the configuration does not say what it is for, so the vehicle counts as a shuttle: it begins locked, and nothing \
+             is judged before an operator logs in. Write `vehicle: {{ stages: none }}` for a machine that is no shuttle, or \
+             the signal `active`, which says whether a shuttle drives"
+        );
+    }
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
     say_whom_dds_believes(&options);

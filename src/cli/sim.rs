@@ -11,7 +11,7 @@ use super::process::shutdown_signal::ShutdownSignal;
 use super::process::{dds, log};
 use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
-use super::{EXIT_USAGE, check};
+use super::{EXIT_USAGE, print};
 use crate::clock::Clock;
 use crate::config;
 use crate::sim::machine::FaultInfo;
@@ -59,7 +59,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let loaded = match config::load(&args.config) {
         Ok(loaded) => loaded,
         Err(problems) => {
-            check::report(&problems);
+            print::problems(&problems);
             return Ok(ExitCode::from(EXIT_USAGE));
         }
     };

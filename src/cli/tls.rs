@@ -10,6 +10,7 @@ use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use rcgen::{CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, KeyPair};
 
+use super::print::say;
 use super::process::data_folder::DataFolder;
 use crate::clock::Clock;
 use crate::store::{give_to_owner_of, make_folder};
@@ -67,8 +68,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let (certificate_pem, key_pem) = self_signed(&names)?;
     write_private(&key, &key_pem)?;
     write_private(&certificate, &certificate_pem)?;
-    println!("made {}\n     {}\nfor  {}", certificate.display(), key.display(), names.join(", "));
-    println!("use  telltale serve --tls-cert {} --tls-key {} ...", certificate.display(), key.display());
+    say!("made {}", certificate.display());
+    say!("     {}", key.display());
+    say!("for  {}", names.join(", "));
+    say!("use  telltale serve --tls-cert {} --tls-key {} ...", certificate.display(), key.display());
     Ok(ExitCode::SUCCESS)
 }
 

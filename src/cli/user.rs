@@ -11,6 +11,7 @@ use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
 use super::EXIT_NO;
+use super::print::{self, note, say};
 use super::process::data_folder::{self, DataFolder};
 use crate::clock::Clock;
 use crate::store::{DemoSecrets, Role, Store, TOKEN_LIFE_DAYS, User};
@@ -163,23 +164,23 @@ async fn tell_whether_seen(store: &Store, folder: &Path) -> anyhow::Result<ExitC
     let folder = folder.display();
     match seen {
         Ok(Seen::TakenIn) => {
-            eprintln!("the server that runs on {folder} has taken the change in");
+            note!("the server that runs on {folder} has taken the change in");
             return Ok(ExitCode::SUCCESS);
         }
         Ok(Seen::NoServer) => {
-            eprintln!("no server runs on {folder}; the next one that starts reads the change");
+            note!("no server runs on {folder}; the next one that starts reads the change");
             return Ok(ExitCode::SUCCESS);
         }
         Err(_) => {}
     }
     let within = TAKEN_IN_WITHIN.as_secs();
     match trouble {
-        Some(error) => eprintln!(
+        Some(error) => note!(
             "telltale: the change is written, but no server has taken it in within {within} s, and whether \
              one runs on {folder} cannot be told: {error}. If one runs, restart it: sessions and tokens that \
              the change ends may still work there"
         ),
-        None => eprintln!(
+        None => note!(
             "telltale: the change is written, but the server that runs on {folder} has not taken it in \
              within {within} s: sessions and tokens that the change ends may still work. Look at the storage \
              of the group telltale on its display, and restart it"
@@ -209,7 +210,7 @@ async fn look_for(store: &Store, folder: &Path, change: i64, trouble: &mut Optio
 
 fn no_answer(folder: &Path, what: &str) -> ExitCode {
     let within = ANSWERS_WITHIN.as_secs();
-    eprintln!("telltale: the disk of {} has not answered for {within} s: {what}", folder.display());
+    note!("telltale: the disk of {} has not answered for {within} s: {what}", folder.display());
     ExitCode::from(EXIT_NO)
 }
 
@@ -227,31 +228,31 @@ async fn obey(command: &Command, store: &Store, secret: &str) -> anyhow::Result<
     match command {
         Command::Add { name, role } => {
             store.add_user(name, (*role).into(), secret).await?;
-            println!("added {name}");
+            say!("added {name}");
         }
-        Command::List { json: true } => println!("{}", json(&store.users().await?)),
+        Command::List { json: true } => drop(print::json(&json(&store.users().await?))),
         Command::List { json: false } => list(store).await?,
         Command::Passwd { name } => {
             store.change_secret(name, secret).await?;
-            println!("changed the secret of {name}");
+            say!("changed the secret of {name}");
         }
         Command::Role { name, role } => {
             store.change_role(name, (*role).into(), secret).await?;
-            println!("changed the role of {name}");
+            say!("changed the role of {name}");
         }
         Command::Remove { name } => {
             store.remove_user(name).await?;
-            println!("removed {name}");
+            say!("removed {name}");
         }
         Command::Token { name, label, days } => {
             let token = store.add_token(name, label, *days).await?;
-            eprintln!("the token of {name}; it is not shown again:");
-            println!("{}", token.as_str());
+            note!("the token of {name}; it is not shown again:");
+            say!("{}", token.as_str());
         }
         Command::Tokens => tokens(store).await?,
         Command::Revoke { number } => {
             store.revoke_token(*number).await?;
-            println!("revoked token {number}");
+            say!("revoked token {number}");
         }
     }
     Ok(())
@@ -261,7 +262,7 @@ async fn tokens(store: &Store) -> anyhow::Result<()> {
     for token in store.tokens().await? {
         let expires = humantime::format_rfc3339_seconds(token.expires);
         let (number, role) = (token.number, token.role.as_str());
-        println!("{number:>4}  {role:<9}  until {expires}  {}  {}", token.user, token.label);
+        say!("{number:>4}  {role:<9}  until {expires}  {}  {}", token.user, token.label);
     }
     Ok(())
 }
@@ -273,12 +274,12 @@ const FOREIGN: &str =
 async fn list(store: &Store) -> anyhow::Result<()> {
     let users = store.users().await?;
     if users.is_empty() {
-        eprintln!("there are no users; add one with `telltale user add NAME --role operator`");
+        note!("there are no users; add one with `telltale user add NAME --role operator`");
     }
     for user in users {
         let created = humantime::format_rfc3339_seconds(user.created);
         let foreign = if user.is_known { "" } else { FOREIGN };
-        println!("{:<9}  {created}  {}{foreign}", user.role.as_str(), user.name);
+        say!("{:<9}  {created}  {}{foreign}", user.role.as_str(), user.name);
     }
     Ok(())
 }

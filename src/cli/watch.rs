@@ -25,6 +25,7 @@ use self::lines::Lines;
 use self::screen::Colours;
 use self::server::{Credentials, Server, ServerUrl};
 use self::snapshot::Vehicle;
+use super::print::{self, note};
 use super::process::shutdown_signal::ShutdownSignal;
 use super::{EXIT_NO, EXIT_USAGE};
 use crate::clock::Clock;
@@ -96,7 +97,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match result {
         Ok(()) => Ok(ExitCode::SUCCESS),
         Err(error) => {
-            eprintln!("telltale: {error:#}");
+            note!("telltale: {error:#}");
             Ok(ExitCode::from(if error.is::<Usage>() { EXIT_USAGE } else { EXIT_NO }))
         }
     }
@@ -142,7 +143,7 @@ async fn watch(server: Server, credentials: Credentials, shown: Shown) -> anyhow
         _ = signal.requested() => return Ok(()),
     };
     if session.role == Some(Role::Operator) {
-        eprintln!(
+        note!(
             "telltale: you are logged in as an operator, and may be in charge of the vehicle now, as on its page. \
              This session goes on after the end of `watch`, because a logout can lock the vehicle"
         );
@@ -163,6 +164,10 @@ async fn watch(server: Server, credentials: Credentials, shown: Shown) -> anyhow
         Err(error) if is_broken_pipe(&error) => Ok(()),
         ended => ended,
     }
+}
+
+fn nobody_reads() -> anyhow::Error {
+    std::io::Error::from(std::io::ErrorKind::BrokenPipe).into()
 }
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
@@ -187,7 +192,9 @@ async fn show(shown: Shown, place: &str, mut news: mpsc::Receiver<News>, clock: 
                 Some(News::Message(text)) => {
                     link.heard(clock.now());
                     if shown == Shown::Json {
-                        lines::print_json(&text)?;
+                        if !print::json(&text) {
+                            return Err(nobody_reads());
+                        }
                         continue;
                     }
                     Vehicle::take(&mut vehicle, &text)?;
@@ -245,11 +252,10 @@ impl Output {
                 terminal.draw(|frame| screen::draw(frame, place, vehicle, freshness, colours))?;
             }
             Output::Plain(lines) => {
-                let mut out = stdout().lock();
-                for line in lines.changes(vehicle.filter(|_| changed), freshness) {
-                    writeln!(out, "{line}")?;
+                if !lines.changes(vehicle.filter(|_| changed), freshness).iter().all(|line| print::line(line))
+                {
+                    return Err(nobody_reads());
                 }
-                out.flush()?;
             }
             Output::Json => {}
         }

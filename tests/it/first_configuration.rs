@@ -70,6 +70,15 @@ fn status(seen: &mut Observations, name: &str, level: u8, period_ms: u64, writer
     }
 }
 
+/// A status that is said every half second between these two seconds.
+fn spoken(seen: &mut Observations, name: &str, (from_s, to_s): (u64, u64), writer: u8) {
+    for at_ms in (from_s * 1000..=to_s * 1000).step_by(500) {
+        let mut array = StatusArray::default();
+        array.push_status(0, name, "", "");
+        seen.take(&Input::Diagnostics(array.said_by(WriterId([writer; 16]))), Timestamp::from_millis(at_ms));
+    }
+}
+
 /// Tells whose nodes the writers are.
 fn writers(seen: &mut Observations, nodes: &[(u8, &str)]) {
     let named = |(writer, node): &(u8, &str)| (WriterId([*writer; 16]), NodeOf::Named((*node).into()));
@@ -148,6 +157,46 @@ fn what_was_heard_is_written_with_its_evidence() {
     for absent in ["_ros2cli", "/telltale", "/rosout", "\n        depends_on", "\n    depends_on"] {
         assert!(!text.contains(absent), "has {absent}:\n{text}");
     }
+}
+
+#[test]
+fn names_that_come_and_go_are_no_modules_and_are_forgotten() {
+    let mut seen = small_robot();
+    writers(&mut seen, &[(3, "/worker")]);
+    spoken(&mut seen, "worker: job 17", (0, 3), 3);
+    spoken(&mut seen, "worker: job 18", (4, 10), 3);
+    spoken(&mut seen, "worker: queue", (0, 10), 3);
+    // A sensor that fell silent is followed by nothing.
+    spoken(&mut seen, "lidar: channel 1", (0, 3), 1);
+    spoken(&mut seen, "lidar: channel 2", (0, 10), 1);
+    let written = text(&seen, false);
+    has(
+        &written,
+        &[
+            "    # Names such as \"worker: job 17\" come and go: 2 were heard, 1 of them fell silent, and others followed.\n    \
+             match: [{ regex: 'worker: job [0-9A-Za-z]+', timeout: 2s, forget_after: 60s }, { namespace: 'worker' }]\n",
+            "status: 'worker: queue'",
+            "status: 'lidar: channel 1'",
+            "status: 'lidar: channel 2'",
+            "defaults: { timeout: 3s, stale: unknown, forget_after: 1h }",
+        ],
+    );
+    assert!(!written.contains("status: 'worker: job"), "{written}");
+
+    // What is declared stays, and is UNKNOWN.
+    let model = config::parse("draft", &written).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let mut engine = Engine::new(model, Timestamp::ZERO);
+    let mut array = StatusArray::default();
+    for name in ["lidar: channel 1", "worker: job 19"] {
+        array.push_status(0, name, "", "");
+    }
+    engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(500));
+    let heard = engine.snapshot();
+    assert!(heard.node("lidar/channel_1").is_some() && heard.node("worker/worker: job 19").is_some());
+    engine.handle(&Input::Tick, Timestamp::from_millis(7_200_000));
+    let later = engine.snapshot();
+    let lidar = later.node("lidar/channel_1").map(|node| later.shown(node).0);
+    assert_eq!((lidar, later.node("worker/worker: job 19")), (Some(State::Unknown), None));
 }
 
 #[test]

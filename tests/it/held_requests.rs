@@ -357,9 +357,12 @@ fn a_shuttle_without_a_word_on_whether_it_drives_is_warned_of() {
     };
     let without = CONFIG.replace("  active:", "  other:");
     let written = format!("vehicle: {{ stages: shuttle }}{without}");
-    for (text, place) in [(&without, "c:5:11"), (&written, "c:1:20")] {
+    for (text, said) in [
+        (&without, "c:5:11: this counts as a shuttle, because `vehicle` has no `stages`"),
+        (&written, "c:1:20: nothing says whether this shuttle drives"),
+    ] {
         let [line] = &warnings(text)[..] else { panic!("{:?}", warnings(text)) };
-        assert!(line.starts_with(&format!("{place}: nothing says whether this shuttle drives")), "{line}");
+        assert!(line.starts_with(said), "{line}");
     }
     assert_eq!(warnings(CONFIG), [""; 0]);
 }

@@ -50,6 +50,7 @@ mod monitoring;
 mod network;
 mod optional_topics;
 mod peer;
+mod printed;
 mod properties;
 mod publishers;
 mod recorded_messages;

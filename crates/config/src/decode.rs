@@ -131,6 +131,9 @@ impl FromNode for f64 {
                 (None, Some((number, _))) => {
                     format!("write the number alone, in the unit of the value: `{number}`")
                 }
+                _ if scalar(node).is_some_and(|text| text.starts_with(char::is_alphabetic)) => {
+                    "write the number that is meant: the definition of a message has those of its names".into()
+                }
                 (None, None) => "write digits with a point, for example `12.5`".into(),
             }));
         }

@@ -5,6 +5,26 @@ use telltale_yaml::decode::{did_you_mean, mapping, suggest, word};
 use telltale_yaml::tree::Key;
 use telltale_yaml::{KeyDoc, Log, MapDoc, Members, Node, Problem, Schema, Span, schema};
 
+/// Keys that are often written a level too far out: the map, the keys, and where they belong.
+const MISPLACED: [(&str, &[&str], &str); 4] = [
+    ("a configuration", &["stages", "id", "name"], "the vehicle: indent it below `vehicle:`"),
+    (
+        "a configuration",
+        &["timeout", "stale", "raise_after", "clear_after", "forget_after", "explains_within"],
+        "`defaults`, for all modules: indent it below `defaults:`",
+    ),
+    (
+        "a configuration",
+        &["match", "depends_on", "when"],
+        "a group: indent it as the `id` of one in `groups`",
+    ),
+    (
+        "a group",
+        &["status", "monitor", "help", "latch", "writers", "timeout", "stale", "raise_after", "clear_after"],
+        "a module: indent it as the `id` of one in `modules`",
+    ),
+];
+
 /// A map with given keys. Keys that the decoder has not asked for by the end are unknown keys.
 #[derive(Debug)]
 pub struct Fields<'n, 'l> {
@@ -121,8 +141,14 @@ impl<'n, 'l> Fields<'n, 'l> {
         for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
             let problem =
                 Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.map.title()));
-            let help = suggest(&key.text, self.asked.iter().copied())
-                .map_or_else(|| format!("known here: {}", self.asked.join(", ")), did_you_mean);
+            let is_here = |(map, keys, _): &&(&str, &[&str], &str)| {
+                *map == self.map.title() && keys.contains(&key.text.as_str())
+            };
+            let known = || format!("known here: {}", self.asked.join(", "));
+            let help = match MISPLACED.iter().find(is_here) {
+                Some((.., place)) => format!("`{}` belongs to {place}", key.text),
+                None => suggest(&key.text, self.asked.iter().copied()).map_or_else(known, did_you_mean),
+            };
             self.log.push(problem.help(help));
         }
     }

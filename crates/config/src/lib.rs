@@ -28,7 +28,7 @@ use self::services::Services;
 use self::soundness::Soundness;
 use crate::decode::{FromNode, Spanned};
 use describe::places::Places;
-use telltale_engine::model::{Model, NodeId};
+use telltale_engine::model::{ACTIVE_SIGNAL, Model, NodeId, StageModel};
 use telltale_yaml::{Log, Node, Problem, Problems, Schema, Sources, Span, tree};
 
 /// The largest number of included files.
@@ -65,6 +65,12 @@ impl Loaded {
             NodeId::Module(id) => &*self.model.modules[id.0 as usize].id,
         };
         self.places.lines().map(move |(node, file, line)| (name(node), file, line))
+    }
+
+    /// Whether it counts as a shuttle only because it does not say what it is: nothing tells whether it drives.
+    pub fn is_shuttle_unsaid(&self) -> bool {
+        let is_told = self.model.signals.iter().any(|signal| &*signal.name == ACTIVE_SIGNAL);
+        self.model.stages == StageModel::Shuttle && self.places.stages.is_none() && !is_told
     }
 
     /// Situations that this configuration permits and should not: see [`soundness`].

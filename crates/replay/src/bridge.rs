@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::recording::ReplayError;
 use super::steps::Notes;
+use super::unheard::Unheard;
 use telltale_engine::input::{Input, ReceptionTrouble, TroubleKind};
 use telltale_engine::model::monitors::{StampClock, TopicSpec, Watched};
 use telltale_engine::model::sample::PublisherReport;
@@ -205,10 +206,18 @@ impl Bridge {
     }
 
     /// Topics without any message.
-    pub fn unheard(&self) -> Vec<String> {
-        let unheard = self.topics.values().filter(|topic| !topic.is_heard);
-        let names: BTreeSet<String> = unheard.map(|topic| topic.subscription.topic.to_string()).collect();
-        names.into_iter().collect()
+    pub fn unheard(&self) -> BTreeSet<Unheard> {
+        let unheard = self.topics.values().filter(|topic| !topic.is_heard).map(|topic| &topic.subscription);
+        let of = |it: &Arc<Subscription>| Unheard {
+            topic: it.topic.to_string(),
+            type_name: if it.is_untyped() { String::new() } else { it.type_name.to_string() },
+        };
+        unheard.map(of).collect()
+    }
+
+    /// Whether messages of this topic mean anything.
+    pub fn reads(&self, topic: &str) -> bool {
+        self.topics.contains_key(&*name(topic))
     }
 }
 

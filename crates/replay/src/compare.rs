@@ -229,10 +229,7 @@ fn notes(recorded: &Run, new: &Run) -> Vec<String> {
         all.extend(run.notes().said.iter().cloned().chain(omissions));
         all.extend((more > 0).then(|| format!("{more} more parts of the file cannot be used")));
     }
-    let unheard = new.unheard_anew();
-    if !unheard.is_empty() {
-        all.push(format!("the recording has no messages of {}", unheard.join(", ")));
-    }
+    all.extend(new.unheard_anew());
     let mut seen = BTreeSet::new();
     all.retain(|note| seen.insert(note.clone()));
     all.truncate(NOTES_MAX);

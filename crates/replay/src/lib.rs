@@ -16,6 +16,7 @@ pub mod series;
 mod steps;
 mod times;
 mod trace;
+mod unheard;
 
 pub use flows::{FlowThen, Flows};
 pub use gaps::{Gap, Gaps};

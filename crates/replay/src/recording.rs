@@ -28,7 +28,7 @@ pub enum ReplayError {
     NoConfiguration,
     #[error("the configuration in the recording is damaged: {0}; name the right one with --config")]
     DamagedConfiguration(String),
-    #[error("the recorded configuration cannot be read by this version; name one with --config\n{0}")]
+    #[error("the recorded configuration cannot be read by this version: {}; name one with --config", first(.0))]
     Configuration(Problems),
     #[error("the configuration needs what the recording does not define: {0}")]
     Definitions(String),
@@ -38,6 +38,16 @@ pub enum ReplayError {
     Stopped,
     #[error("the edited configuration is wrong: {0}")]
     Edited(String),
+}
+
+/// The first of the problems, and how many more there are.
+fn first(problems: &Problems) -> String {
+    let lines = problems.lines();
+    let first = lines.first().map_or("", |line| line);
+    match lines.len().saturating_sub(1) + problems.more() {
+        0 => first.to_owned(),
+        more => format!("{first}, and {more} more"),
+    }
 }
 
 /// A recording, and what it says of itself.

@@ -9,6 +9,7 @@ use super::flows::Flows;
 use super::gaps::Gaps;
 use super::recording::{Facts, Recording, ReplayError};
 use super::steps::{self, Loss, Notes, Step, Steps};
+use super::unheard;
 use telltale_engine::Engine;
 use telltale_engine::event::Event;
 use telltale_engine::input::Input;
@@ -132,7 +133,8 @@ impl Run {
         let mut bridge = Bridge::new(&model, definitions, facts.has_journal)?;
         bridge.set_recorded(recorded.clone().filter(|_| facts.has_journal));
         let reads = recorded.as_ref().and_then(|model| Bridge::new(model, definitions, true).ok());
-        let reads = reads.map(|bridge| bridge.unheard().into_iter().collect()).unwrap_or_default();
+        let reads = reads.map(|bridge| bridge.unheard().into_iter().map(|it| it.topic).collect());
+        let reads = reads.unwrap_or_default();
         let steps = Steps::judged_anew(recording, bridge);
         Ok(Run { recorded, reads, stage, has_own_states: true, ..Run::new(steps, model) })
     }
@@ -208,16 +210,16 @@ impl Run {
         self.steps.reader().omissions()
     }
 
-    /// Topics of the configuration without any message in the recording so far.
+    /// Topics of the configuration without any message in the recording so far, in sentences.
     pub fn unheard(&self) -> Vec<String> {
-        self.steps.unheard()
+        let unheard: Vec<_> = self.steps.unheard().into_iter().collect();
+        unheard::sentences(&unheard, &self.steps.unread())
     }
 
     /// The same, without those that the recorded configuration reads too: they were silent.
     pub fn unheard_anew(&self) -> Vec<String> {
-        let mut unheard = self.unheard();
-        unheard.retain(|topic| !self.reads.contains(topic));
-        unheard
+        let unheard = self.steps.unheard().into_iter().filter(|it| !self.reads.contains(&it.topic));
+        unheard::sentences(&unheard.collect::<Vec<_>>(), &self.steps.unread())
     }
 
     /// The engine, which has taken all steps so far.

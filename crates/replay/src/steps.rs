@@ -1,6 +1,6 @@
 //! From the entries of a recording to what the engine takes.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeSet, HashMap, VecDeque};
 use std::sync::Arc;
 
 use bytes::Bytes;
@@ -10,6 +10,7 @@ use super::bridge::Bridge;
 use super::flows::Flows;
 use super::recording::{Facts, Recording};
 use super::times::Times;
+use super::unheard::Unheard;
 use telltale_engine::input::Input;
 use telltale_engine::keyframe::Keyframe;
 use telltale_engine::model::Model;
@@ -186,8 +187,14 @@ impl Steps {
     }
 
     /// Topics of the configuration without any message so far.
-    pub fn unheard(&self) -> Vec<String> {
+    pub fn unheard(&self) -> BTreeSet<Unheard> {
         self.bridge.as_ref().map(Bridge::unheard).unwrap_or_default()
+    }
+
+    /// The topics of the recording whose messages mean nothing to the configuration.
+    pub fn unread(&self) -> Vec<&Arc<Channel>> {
+        let is_read = |topic: &str| self.bridge.as_ref().is_some_and(|bridge| bridge.reads(topic));
+        self.reader.channels().iter().filter(|channel| !is_read(&channel.topic)).collect()
     }
 
     /// The next step. `model` is the configuration that counts now.

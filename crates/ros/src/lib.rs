@@ -4,6 +4,8 @@
 //! It has one participant, a task for each topic, raw readers and a lenient decoder of its own. Where the
 //! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
 
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
 mod discovery;
 mod library;
 mod name_lookup;

@@ -5,6 +5,7 @@ use telltale_engine::model::NodeId;
 use telltale_engine::model::countermeasure::RequestKind;
 use telltale_engine::snapshot::{NotRelevant, Reason, Snapshot};
 use telltale_engine::state::State;
+use telltale_yaml::plain;
 
 /// Subject, expected, got, why.
 pub(super) type Difference = (String, String, String, Option<String>);
@@ -136,7 +137,10 @@ fn explain(snapshot: &Snapshot, node: NodeId) -> String {
             let heard = match view.received {
                 None => "never heard".into(),
                 Some(_) if view.silent => "silent".into(),
-                Some(at) => format!("heard at {}, \"{}\"", seconds(at), view.report.message),
+                Some(at) => {
+                    let message = view.report.message.to_string();
+                    format!("heard at {}, \"{}\"", seconds(at), plain::line(&message))
+                }
             };
             format!("{name} shows {state}{reason}; itself {own}, {heard}")
         }

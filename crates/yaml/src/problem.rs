@@ -73,14 +73,16 @@ impl Problem {
     }
 
     fn printable(&self) -> Problem {
-        let escaped = |text: &str| plain::escaped(text).into_owned();
+        let escaped = |text: &str| plain::line(text).into_owned();
         let short = |text: &str| escaped(text).into_boxed_str();
+        // Several sentences may stand below one another there.
+        let help = |text: &str| plain::escaped(text).into_owned().into_boxed_str();
         Problem {
             message: escaped(&self.message),
             file: self.file.as_deref().map(short),
             label: short(&self.label),
             also: self.also.iter().map(|(span, label)| (*span, escaped(label))).collect(),
-            help: self.help.as_deref().map(short),
+            help: self.help.as_deref().map(help),
             ..*self
         }
     }
@@ -154,8 +156,11 @@ impl Problems {
                 let (line, column) = self.sources.line_column(span);
                 format!("{}:{line}:{column}: ", self.sources.name(span.file))
             });
-            let help = problem.help.as_ref().map_or(String::new(), |help| format!(" ({help})"));
-            plain::escaped(&format!("{place}{}{help}", problem.message)).into_owned()
+            let help = problem
+                .help
+                .as_ref()
+                .map_or(String::new(), |help| format!(" ({})", help.replace('\n', "; ")));
+            plain::line(&format!("{place}{}{help}", problem.message)).into_owned()
         };
         self.list.iter().map(line).collect()
     }

@@ -98,7 +98,7 @@ impl Sources {
     /// The text for a terminal: every place stays the same.
     pub fn printable(&self) -> Sources {
         let printable = |source: &Source| Source {
-            name: plain::escaped(&source.name).into_owned(),
+            name: plain::line(&source.name).into_owned(),
             text: plain::masked(&source.text),
         };
         Sources { read: self.read.iter().map(printable).collect(), kept: self.kept.clone() }

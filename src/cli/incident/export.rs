@@ -8,6 +8,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed, now_ms};
+use crate::cli::print::{note, say};
 use crate::record::folder;
 use crate::record::proof::{Expected, Proof, compare};
 use crate::record::retention::size;
@@ -66,7 +67,7 @@ fn write_report(
     to.write_all(document.as_bytes())
         .and_then(|()| to.sync_all())
         .with_context(|| format!("the report cannot be written to {}", output.display()))?;
-    println!("{}, {}", output.display(), size(document.len() as u64));
+    say!("{}, {}", output.display(), size(document.len() as u64));
     let id = incident.summary.id;
     let lacks = match &told {
         Read::Told(_) => None,
@@ -74,15 +75,13 @@ fn write_report(
         Read::Missing | Read::Busy => Some("is gone".to_owned()),
     };
     if let Some(lacks) = &lacks {
-        eprintln!("telltale: the recording of incident {id} {lacks}. The report has what the database knows");
+        note!("telltale: the recording of incident {id} {lacks}. The report has what the database knows");
     }
     if let Proof::Other(hash) = &proof {
-        eprintln!(
-            "telltale: the recording is not as it was recorded, which the report says: its hash is {hash}"
-        );
+        note!("telltale: the recording is not as it was recorded, which the report says: its hash is {hash}");
     }
     if proof == Proof::OtherRow {
-        eprintln!(
+        note!(
             "telltale: what the database says of incident {id} is not as it was recorded, which the report says"
         );
     }
@@ -97,12 +96,12 @@ fn copy(data: &Path, incident: &Incident, expected: &Expected, output: &Path) ->
     let (bytes, hash) = hashed(&mut from, &mut to)
         .and_then(|copied| to.sync_all().map(|()| copied))
         .with_context(|| format!("{} cannot be copied to {}", path.display(), output.display()))?;
-    println!("{}, {}", output.display(), size(bytes));
-    println!("sha256 {hash}");
+    say!("{}, {}", output.display(), size(bytes));
+    say!("sha256 {hash}");
     tell_open(incident);
     let known = [&expected.stored, &expected.logged].into_iter().flatten();
     if let Some(recorded) = known.into_iter().find(|it| **it != hash) {
-        eprintln!("telltale: the file is not as it was recorded: its hash was {recorded}");
+        note!("telltale: the file is not as it was recorded: its hash was {recorded}");
         return Ok(false);
     }
     Ok(true)
@@ -111,7 +110,7 @@ fn copy(data: &Path, incident: &Incident, expected: &Expected, output: &Path) ->
 fn tell_open(incident: &Incident) {
     if incident.summary.recording.sha256.is_none() {
         let id = incident.summary.id;
-        eprintln!("telltale: incident {id} is not finished: this is what is written of it by now");
+        note!("telltale: incident {id} is not finished: this is what is written of it by now");
     }
 }
 
@@ -136,17 +135,17 @@ fn create(output: &Path, kind: Kind) -> anyhow::Result<File> {
 fn open_recording(data: &Path, incident: &Incident) -> Option<(PathBuf, File)> {
     let (id, file) = (incident.summary.id, &incident.summary.recording.file);
     let Some(path) = folder::path_of(&folder::folder_in(data), file) else {
-        eprintln!("telltale: incident {id} has no recording");
+        note!("telltale: incident {id} has no recording");
         return None;
     };
     if path.symlink_metadata().is_ok_and(|it| !it.is_file()) {
-        eprintln!("telltale: the recording {} of incident {id} is no file", path.display());
+        note!("telltale: the recording {} of incident {id} is no file", path.display());
         return None;
     }
     match File::open(&path) {
         Ok(open) => Some((path, open)),
         Err(error) => {
-            eprintln!("telltale: the recording {} of incident {id} cannot be read: {error}", path.display());
+            note!("telltale: the recording {} of incident {id} cannot be read: {error}", path.display());
             None
         }
     }

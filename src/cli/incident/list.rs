@@ -4,12 +4,11 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use crate::cli::check::print;
+use crate::cli::print::{self, note, say};
 use crate::record::retention::size;
 use crate::record::writer::unix_ms;
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents};
 use crate::web::incidents::listed;
-use crate::yaml::plain::escaped;
 
 /// Causes that are named in a line.
 const CAUSES_MAX: usize = 3;
@@ -72,15 +71,15 @@ pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
     let found = Incidents::open(data)?.list(&filter)?;
     if args.json {
         let list: serde_json::Value = found.iter().map(listed).collect();
-        print(&format!("{list}\n"));
+        print::json(&list);
         return Ok(ExitCode::SUCCESS);
     }
     if found.is_empty() {
-        eprintln!("there is no such incident");
+        note!("there is no such incident");
     }
-    print(&found.iter().map(|incident| line(incident) + "\n").collect::<String>());
+    found.iter().for_each(|incident| say!("{}", line(incident)));
     if let Some(last) = found.last().filter(|_| found.len() == args.count as usize) {
-        eprintln!("older ones: --before {}", last.summary.id);
+        note!("older ones: --before {}", last.summary.id);
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -94,12 +93,12 @@ fn line(incident: &Incident) -> String {
         None => "lasts".to_owned(),
     };
     let causes = summary.causes();
-    let mut what: Vec<String> = causes.iter().take(CAUSES_MAX).map(|&it| escaped(it).into_owned()).collect();
+    let mut what: Vec<String> = causes.iter().take(CAUSES_MAX).map(|&it| it.to_owned()).collect();
     if causes.len() > CAUSES_MAX {
         what.push(format!("and {} more", causes.len() - CAUSES_MAX));
     }
     if what.is_empty() {
-        what.extend(summary.triggers.first().map(|it| escaped(&it.kind.replace('_', " ")).into_owned()));
+        what.extend(summary.triggers.first().map(|it| it.kind.replace('_', " ")));
     }
     let flags = [
         (summary.is_marked(), "marked"),

@@ -11,13 +11,12 @@ use std::time::Duration;
 use anyhow::Context as _;
 
 use super::{EXIT_NO, hashed};
-use crate::cli::check::print;
+use crate::cli::print::say;
 use crate::cli::process::data_folder;
 use crate::record::retention::size;
 use crate::record::{file, folder, removed};
 use crate::store::audit::verify_audit_in;
 use crate::store::{Incident, IncidentRecords, Incidents, StoreError, StoredIncident};
-use crate::yaml::plain::escaped;
 
 /// Damages of a file that are told.
 const DAMAGES_MAX: usize = 3;
@@ -53,19 +52,17 @@ pub fn run(data: &Path, ids: &[u64]) -> anyhow::Result<ExitCode> {
     let mut is_good = audit_is_whole(data)?;
     for (id, found) in found {
         match found {
-            Found::Whole(what) => print(&format!("ok    incident {id}: {what}\n")),
-            Found::Unfinished => {
-                print(&format!("      incident {id} is not finished: there is no hash yet\n"))
-            }
-            Found::Empty(what) => print(&format!("      incident {id} never began: {what}\n")),
+            Found::Whole(what) => say!("ok    incident {id}: {what}"),
+            Found::Unfinished => say!("      incident {id} is not finished: there is no hash yet"),
+            Found::Empty(what) => say!("      incident {id} never began: {what}"),
             // One that was named is looked for in vain.
             Found::Removed if ids.is_empty() => {}
             Found::Removed => {
-                print(&format!("BAD   incident {id}: it was removed\n"));
+                say!("BAD   incident {id}: it was removed");
                 is_good = false;
             }
             Found::Bad(what) => {
-                print(&format!("BAD   incident {id}: {what}\n"));
+                say!("BAD   incident {id}: {what}");
                 is_good = false;
             }
         }
@@ -136,11 +133,12 @@ fn look(
 fn audit_is_whole(data: &Path) -> anyhow::Result<bool> {
     let verdict = verify_audit_in(data, &[], None).context("the audit log cannot be verified")?;
     match &verdict.breach {
-        None => print(&format!("ok    the audit log, {} records\n", verdict.records)),
-        Some(breach) => print(&format!(
-            "BAD   the audit log: record {} {}; `telltale audit verify` says more\n",
-            breach.number, breach.what
-        )),
+        None => say!("ok    the audit log, {} records", verdict.records),
+        Some(breach) => say!(
+            "BAD   the audit log: record {} {}; `telltale audit verify` says more",
+            breach.number,
+            breach.what
+        ),
     }
     Ok(verdict.breach.is_none())
 }
@@ -241,7 +239,7 @@ fn check(
 
 /// What is damaged; `None` if nothing is.
 fn told(damages: &[String]) -> Option<String> {
-    let named = damages.iter().take(DAMAGES_MAX).map(|it| escaped(it).into_owned());
+    let named = damages.iter().take(DAMAGES_MAX).cloned();
     let mut told = named.collect::<Vec<_>>().join("; ");
     let more = damages.len().saturating_sub(DAMAGES_MAX);
     if more > 0 {

@@ -4,6 +4,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use super::message_folders;
+use crate::cli::fields;
 use crate::cli::vehicle::machine::{Kind, Machine};
 use crate::config::{self, Loaded};
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
@@ -14,6 +16,7 @@ use crate::engine::model::{Dependency, GroupId, Limits, Model, ModuleId, NodeId}
 use crate::engine::time::Timestamp;
 use crate::init::{self, Observations};
 use crate::msg::cdr::Endian;
+use crate::msg::fields::Definitions;
 use crate::msg::messages;
 use crate::ros::DIAGNOSTICS;
 
@@ -163,4 +166,53 @@ fn the_documentation_says_how_well_the_graph_tells_the_dependencies_of_the_shutt
 fn the_documentation_says_how_well_the_graph_tells_the_dependencies_of_the_robot() {
     let loaded = config::parse("c", include_str!("../../../config/robot.yaml")).unwrap();
     documented("robot", Kind::Robot, &loaded, &ROBOT);
+}
+
+#[test]
+fn the_file_names_the_folders_with_its_types() {
+    let folder = std::env::temp_dir().join(format!("telltale-init-{}", std::process::id()));
+    std::fs::create_dir_all(folder.join("my_msgs/msg")).unwrap();
+    std::fs::create_dir_all(folder.join("std_msgs/msg")).unwrap();
+    std::fs::write(folder.join("my_msgs/msg/Own.msg"), "std_msgs/Header header\n").unwrap();
+    let mut seen = Observations::default();
+    let end = |type_name: &str| Endpoint {
+        node: Some("/own".to_owned()),
+        type_name: type_name.to_owned(),
+        ..Endpoint::default()
+    };
+    for (name, type_name) in [("/own", "my_msgs/msg/Own"), ("/scan", "sensor_msgs/msg/LaserScan")] {
+        let topic = TopicSeen {
+            name: name.to_owned(),
+            publishers: vec![end(type_name)],
+            subscribers: Vec::new(),
+            rate_hz: None,
+        };
+        let mut topics = seen.discovery.topics.clone();
+        topics.push(topic);
+        seen.see(Arc::new(Discovery { topics, participants: 1, ..Discovery::default() }));
+        let spec =
+            TopicSpec { topic: name.into(), type_name: type_name.into(), stamp: true, fields: Vec::new() };
+        let source = Arc::new(spec);
+        for at_ms in (0..HEARD_MS).step_by(100) {
+            let (stamp_ns, received_wall_ns, values) = (Some(1_000_000), 2_000_000, [].into());
+            let sample = Sample { source: source.clone(), stamp_ns, received_wall_ns, late: false, values };
+            seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
+        }
+    }
+    let mut draft = init::draft(&seen, Timestamp::ZERO, Timestamp::from_millis(HEARD_MS));
+    let is_known = |draft: &init::Draft| {
+        let text = init::text(draft, false);
+        let examined = config::examine_from("draft", text.as_bytes());
+        let known = Definitions::default();
+        fields::whole(examined, |loaded| known.with(&loaded.message_folders))
+            .map(|_| ())
+            .map_err(|it| it.lines())
+    };
+    let said = is_known(&draft).unwrap_err();
+    assert!(said[0].contains("the type my_msgs/msg/Own is not known"), "{said:?}");
+    let definitions = Definitions::new(vec!["/nowhere".into(), folder.clone()]);
+    draft.message_folders = message_folders(&draft, &definitions);
+    assert_eq!(draft.message_folders, [folder.display().to_string()]);
+    assert_eq!(is_known(&draft), Ok(()));
+    std::fs::remove_dir_all(folder).unwrap();
 }

@@ -11,7 +11,8 @@ use std::time::SystemTime;
 use serde_json::{Map, Value};
 use tracing::field::{Field, Visit};
 use tracing::{Event, Level, Subscriber};
-use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::field::MakeExt as _;
+use tracing_subscriber::fmt::format::{self, Writer};
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::registry::LookupSpan;
@@ -22,6 +23,7 @@ use self::journal::Socket;
 use crate::clock::Clock;
 use crate::ros;
 use crate::ros::publish::log_lines::LogLines;
+use crate::yaml::plain;
 
 /// How the log is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
@@ -62,7 +64,7 @@ pub fn start(level: &str) {
     let words = words.unwrap_or_else(|| level.to_owned());
     // Later directives win, so the library's flood is let through only where it is named.
     let filter = EnvFilter::new(format!("{},{words}", ros::LOG_FILTER));
-    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).fmt_fields(plain_fields());
     let lines = match form() {
         LogForm::Json => lines.event_format(Json(Clock::start())).boxed(),
         LogForm::Text if is_journal() => match Socket::open() {
@@ -75,6 +77,18 @@ pub fn start(level: &str) {
         }
     };
     tracing_subscriber::registry().with(filter).with(lines).with(LogLines).init();
+}
+
+/// Fields in which nothing acts on a terminal. Further lines are indented: none looks like an entry of its own.
+fn plain_fields() -> impl for<'w> FormatFields<'w> + 'static {
+    let field = |out: &mut Writer<'_>, field: &Field, value: &dyn fmt::Debug| {
+        let value = plain::escaped(&format!("{value:?}")).replace('\n', "\n    ");
+        match field.name() {
+            "message" => write!(out, "{value}"),
+            name => write!(out, "{name}={value}"),
+        }
+    };
+    format::debug_fn(field).delimited(" ")
 }
 
 /// Whether standard error leads to the journal of systemd, which names the device and the number of its stream.
@@ -132,7 +146,8 @@ where
         let mut fields = Fields::default();
         event.record(&mut fields);
         let (level, target) = (*event.metadata().level(), event.metadata().target());
-        writeln!(out, "{}", line(self.0.wall(), level, target, fields))
+        let line = line(self.0.wall(), level, target, fields).to_string();
+        writeln!(out, "{}", plain::json(&line))
     }
 }
 
@@ -200,8 +215,6 @@ mod tests {
     use std::io::Write;
     use std::sync::{Arc, Mutex};
 
-    use tracing_subscriber::fmt::format;
-
     use super::*;
 
     #[derive(Clone, Default)]
@@ -218,14 +231,19 @@ mod tests {
     }
 
     /// What is written of two events.
-    fn written(
-        format: impl FormatEvent<tracing_subscriber::Registry, format::DefaultFields> + Send + Sync + 'static,
-    ) -> String {
+    fn written<N>(
+        format: impl FormatEvent<tracing_subscriber::Registry, N> + Send + Sync + 'static,
+        fields: N,
+    ) -> String
+    where
+        N: for<'w> FormatFields<'w> + Send + Sync + 'static,
+    {
         let written = Written::default();
         let writer = written.clone();
         let log = tracing_subscriber::fmt().with_ansi(false).with_writer(move || writer.clone());
+        let log = log.fmt_fields(fields);
         tracing::subscriber::with_default(log.event_format(format).finish(), || {
-            tracing::warn!(late = true, peer = "10.0.0.1", n = 3, "the first \"line\"\nthe second");
+            tracing::warn!(late = true, peer = "10.0.0.1", n = 3, "the first \"line\"\nthe second\u{1b}[2J");
             tracing::error!(error = %std::io::Error::other("broken"), "it does not go on");
         });
         let bytes = written.0.lock().unwrap().clone();
@@ -234,17 +252,17 @@ mod tests {
 
     #[test]
     fn the_journal_gets_a_priority_on_each_line() {
-        let expected = "<4>the first \"line\"\n<4>the second late=true peer=\"10.0.0.1\" n=3\n\
+        let expected = "<4>the first \"line\"\n<4>    the second\\u{1b}[2J late=true peer=\"10.0.0.1\" n=3\n\
                         <3>it does not go on error=broken\n";
-        assert_eq!(written(Journal), expected);
+        assert_eq!(written(Journal, plain_fields()), expected);
     }
 
     #[test]
     fn programs_get_an_object_on_each_line() {
-        let text = written(Json(Clock::start()));
+        let text = written(Json(Clock::start()), plain_fields());
         let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
         let [first, second] = &lines[..] else { panic!("{text}") };
-        assert_eq!(first["message"], "the first \"line\"\nthe second");
+        assert_eq!(first["message"], "the first \"line\"\nthe second\u{1b}[2J");
         assert_eq!(first["fields"], serde_json::json!({ "late": true, "peer": "10.0.0.1", "n": 3 }));
         assert_eq!((&first["level"], &second["level"]), (&"warn".into(), &"error".into()));
         assert_eq!(first["target"], module_path!());

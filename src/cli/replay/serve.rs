@@ -7,6 +7,7 @@ use std::sync::Arc;
 use anyhow::{Context as _, anyhow, bail};
 
 use super::Args;
+use crate::cli::print::{note, say};
 use crate::cli::process::log;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::server::{self, url};
@@ -34,7 +35,7 @@ pub fn run(args: &Args, name: String, open: Arc<Open>) -> anyhow::Result<ExitCod
         bail!("{name} has no state of the engine to begin with");
     }
     let missing = playback.gaps().sentences(playback.facts());
-    missing.iter().for_each(|sentence| eprintln!("telltale: {sentence}"));
+    missing.iter().for_each(|sentence| note!("telltale: {sentence}"));
     drop(playback);
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?
@@ -49,11 +50,8 @@ async fn serve(listen: SocketAddr, file: ServedFile) -> anyhow::Result<ExitCode>
     let store = Store::in_memory(clock, DemoSecrets::Refused)?;
     let password = password()?;
     store.add_user(USER, Role::Developer, &password).await?;
-    println!(
-        "{} is shown at {}\nLog in as `{USER}` with the password `{password}`. Ctrl-C ends it.",
-        crate::yaml::plain::escaped(&file.name),
-        url(address, false),
-    );
+    say!("{} is shown at {}", file.name, url(address, false));
+    say!("Log in as `{USER}` with the password `{password}`. Ctrl-C ends it.");
     let settings = Settings {
         origins: Origins::of_listener(address, false),
         secure: false,

@@ -1,10 +1,8 @@
 //! The lines of a replay for people, in the order of their times: with the day, and with where something is missing.
 
-use std::io;
-
 use humantime::format_rfc3339_seconds;
 
-use super::print;
+use crate::cli::print;
 use crate::engine::time::Timestamp;
 use crate::replay::line::{Line, remark};
 use crate::replay::{Facts, Gaps};
@@ -34,7 +32,7 @@ impl Text<'_> {
     }
 
     /// Prints the lines of a step. Returns whether anybody reads further.
-    pub fn print(&mut self, at: Timestamp, gaps: &Gaps, lines: &[Line]) -> io::Result<bool> {
+    pub fn print(&mut self, at: Timestamp, gaps: &Gaps, lines: &[Line]) -> bool {
         let remarked = self.remarked(at, gaps).filter(|_| at >= self.from);
         self.last = self.last.max(at);
         // Deadlines within a gap have acted before its end.
@@ -43,24 +41,19 @@ impl Text<'_> {
         let remarked = remarked.map(|(at, words)| (at, remark(at, words, self.facts)));
         let told = before.iter().map(|line| (line.at, &*line.text));
         let told = told.chain(remarked.iter().map(|(at, text)| (*at, &**text)));
-        for (at, text) in told.chain(after.iter().map(|line| (line.at, &*line.text))) {
-            if !self.line(at, text)? {
-                return Ok(false);
-            }
-        }
-        Ok(true)
+        told.chain(after.iter().map(|line| (line.at, &*line.text))).all(|(at, text)| self.line(at, text))
     }
 
-    fn line(&mut self, at: Timestamp, text: &str) -> io::Result<bool> {
+    fn line(&mut self, at: Timestamp, text: &str) -> bool {
         let mut day = format_rfc3339_seconds(self.facts.wall(at)).to_string();
         day.truncate("2026-11-20".len());
         if day != self.day {
-            if !print(&format!("{day} UTC"))? {
-                return Ok(false);
+            if !print::line(&format!("{day} UTC")) {
+                return false;
             }
             self.day = day;
         }
-        print(text)
+        print::line(text)
     }
 
     /// What is to be said of the gaps behind this step, and at which instant.

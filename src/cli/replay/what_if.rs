@@ -1,9 +1,8 @@
 //! `telltale replay --what-if`: what another configuration would have shown of recordings.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::fs;
-use std::io::{self, ErrorKind};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::SystemTime;
@@ -11,8 +10,9 @@ use std::time::SystemTime;
 use anyhow::bail;
 use serde_json::{Value, json};
 
-use super::{Args, check_stage, print};
-use crate::cli::{EXIT_NO, EXIT_USAGE, check, fields};
+use super::{Args, check_stage};
+use crate::cli::print::{self, Lines, note};
+use crate::cli::{EXIT_NO, EXIT_USAGE, fields};
 use crate::config::{self, Loaded};
 use crate::record::folder;
 use crate::replay::compare::{Comparison, Parting, PartingOf, compare, judged};
@@ -20,7 +20,6 @@ use crate::replay::line::seconds;
 use crate::replay::{Facts, Recording, ReplayError, Run, Shown, Totals};
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, StoreError};
 use crate::yaml::Problems;
-use crate::yaml::plain::escaped;
 
 /// Names in one line.
 const NAMED_MAX: usize = 5;
@@ -57,26 +56,26 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
         match result {
             Ok(comparison) => {
                 if compared.is_empty() && !args.json {
-                    print(&heading())?;
+                    print::line(&heading());
                 }
                 compared.push((comparison.differs(), comparison.recorded_alone, comparison.new_alone));
                 let is_read = match args.json {
-                    true => print(&with_name(comparison.json(), &named.name).to_string())?,
-                    false => print_lines(&text(&named.name, &comparison))?,
+                    true => print::json(&with_name(comparison.json(), &named.name)),
+                    false => print::text(text(&named.name, &comparison).text()),
                 };
                 if !is_read {
                     break;
                 }
             }
             Err(Trouble::Configuration(problems)) => {
-                check::report(&problems);
+                print::problems(&problems);
                 return Ok(ExitCode::from(EXIT_USAGE));
             }
             Err(Trouble::Recording(why)) => {
                 failed += 1;
-                eprintln!("telltale: {}: {}", escaped(&named.name), escaped(&why));
+                note!("telltale: {}: {why}", named.name);
                 if args.json {
-                    print(&with_name(json!({ "error": why }), &named.name).to_string())?;
+                    print::json(&with_name(json!({ "error": why }), &named.name));
                 }
             }
         }
@@ -87,24 +86,16 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
         let count = compared.len();
         let total =
             json!({ "total": count, "differ": differ, "failed": failed, "recorded": recorded, "new": new });
-        print(&total.to_string())?;
+        print::json(&total);
     } else if !compared.is_empty() {
-        print_lines(&format!(
-            "{}\n{}",
-            row("all", &recorded, &new),
-            verdict(compared.len(), differ, failed)
-        ))?;
+        print::line(&row("all", &recorded, &new));
+        print::line(&verdict(compared.len(), differ, failed));
     }
     Ok(match (failed, differ) {
         (0, 0) => ExitCode::SUCCESS,
         (_, _) if compared.is_empty() => ExitCode::from(EXIT_USAGE),
         _ => ExitCode::from(EXIT_NO),
     })
-}
-
-/// Prints lines. Returns whether anybody reads further.
-fn print_lines(text: &str) -> io::Result<bool> {
-    text.lines().try_fold(true, |is_read, line| Ok(is_read && print(line)?))
 }
 
 /// The recordings that are meant.
@@ -301,13 +292,14 @@ fn columns(name: &str, cells: &[String; 5]) -> String {
         .to_owned()
 }
 
-fn text(name: &str, comparison: &Comparison) -> String {
-    let mut out = row(name, &comparison.recorded, &comparison.new);
+fn text(name: &str, comparison: &Comparison) -> Lines {
+    let mut out = Lines::default();
+    out.add(row(name, &comparison.recorded, &comparison.new));
     let parting = match &comparison.first {
         None => "nothing differs".to_owned(),
         Some(first) => parting(comparison, first),
     };
-    let _ = write!(out, "\n  {parting}");
+    out.add(format_args!("  {parting}"));
     let Comparison { alarms_gone, alarms_new, only_recorded, only_new, .. } = comparison;
     for (names, what) in [
         (alarms_gone, "alarms that are gone"),
@@ -319,11 +311,11 @@ fn text(name: &str, comparison: &Comparison) -> String {
             let more = names.len().saturating_sub(NAMED_MAX);
             let named: Vec<&str> = names.iter().take(NAMED_MAX).map(|name| &**name).collect();
             let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-            let _ = write!(out, "\n  {what}: {}{more}", named.join(", "));
+            out.add(format_args!("  {what}: {}{more}", named.join(", ")));
         }
     }
     for note in &comparison.notes {
-        let _ = write!(out, "\n  note: {note}");
+        out.add(format_args!("  note: {note}"));
     }
     out
 }

@@ -113,12 +113,12 @@ expect:
   - { at: 2.5, roots: { a: [] }, reasons: { a: masked }, stage: standby, overall: ok, ranking: [] }
 ",
         &[
-            "5:24: at 1 s, a: expected ok, got error (a shows error; its members' own states make error\na/m shows error; itself error, heard at 1 s, \"broken\")",
+            "5:24: at 1 s, a: expected ok, got error (a shows error; its members' own states make error; a/m shows error; itself error, heard at 1 s, \"broken\")",
             "5:40: at 1 s, the own state of a/m: expected warning, got error (a/m shows error; itself error, heard at 1 s, \"broken\")",
-            "5:66: at 1 s, the count of a: expected 1/1, got 0/1 (a shows error; its members' own states make error\na/m shows error; itself error, heard at 1 s, \"broken\")",
+            "5:66: at 1 s, the count of a: expected 1/1, got 0/1 (a shows error; its members' own states make error; a/m shows error; itself error, heard at 1 s, \"broken\")",
             "5:84: at 1 s, the number of alarms: expected 2, got 1",
-            "6:25: at 2.5 s, the root causes of a: expected [], got [a/m] (a shows error; its members' own states make error\na/m shows error; itself error, heard at 1 s, \"broken\")",
-            "6:45: at 2.5 s, the reason of a: expected masked, got none (a shows error; its members' own states make error\na/m shows error; itself error, heard at 1 s, \"broken\")",
+            "6:25: at 2.5 s, the root causes of a: expected [], got [a/m] (a shows error; its members' own states make error; a/m shows error; itself error, heard at 1 s, \"broken\")",
+            "6:45: at 2.5 s, the reason of a: expected masked, got none (a shows error; its members' own states make error; a/m shows error; itself error, heard at 1 s, \"broken\")",
             "6:65: at 2.5 s, the stage: expected standby, got active",
             "6:83: at 2.5 s, the vehicle: expected ok, got error",
             "6:96: at 2.5 s, the ranking of root causes: expected [], got [a/m]",
@@ -273,7 +273,7 @@ fn transitions_say_when_each_node_changed() {
     );
     let file = scenario_file::parse("s", &text).unwrap();
     let outcome = run_file(&file).unwrap().outcome;
-    let value: serde_json::Value = serde_json::from_str(&json(Path::new("s"), &file, &outcome)).unwrap();
+    let value = json(Path::new("s"), &file, &outcome);
     let changes: Vec<String> = value["transitions"]
         .as_array()
         .unwrap()

@@ -2,6 +2,7 @@
 
 mod left_over;
 pub mod metrics;
+mod other_diagnostics;
 pub mod outputs;
 mod recording;
 pub mod reload;
@@ -150,6 +151,7 @@ impl Server {
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
         let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
+        let unread = tokio::spawn(other_diagnostics::say(bridge.discovery()));
         let (discovery, working) = (Some(bridge.discovery()), Some(bridge.working()));
         let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {
@@ -207,6 +209,7 @@ impl Server {
         }
         storage.abort();
         time.abort();
+        unread.abort();
         if let Some(metrics) = metrics {
             metrics.abort();
         }

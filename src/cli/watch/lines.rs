@@ -1,7 +1,6 @@
-//! `watch --plain`: a line for each change. `watch --json`: the server's snapshots, one a line.
+//! `watch --plain`: a line for each change.
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::time::Duration;
 
 use super::freshness::Freshness;
@@ -113,28 +112,6 @@ fn facts(vehicle: &Vehicle) -> BTreeMap<String, String> {
     facts
 }
 
-/// Prints a snapshot as one line. A control character that JSON permits unescaped is escaped for terminals.
-///
-/// # Errors
-/// If nobody reads standard output any more.
-pub fn print_json(text: &str) -> std::io::Result<()> {
-    let mut out = std::io::stdout().lock();
-    writeln!(out, "{}", escaped(text))?;
-    out.flush()
-}
-
-fn escaped(text: &str) -> String {
-    let mut line = String::with_capacity(text.len());
-    for letter in text.chars() {
-        match letter {
-            '\n' | '\r' | '\t' => line.push(' '),
-            letter if letter.is_control() => line.push_str(&format!("\\u{:04x}", letter as u32)),
-            letter => line.push(letter),
-        }
-    }
-    line
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::snapshot::tests::{changes, golden};
@@ -169,12 +146,5 @@ mod tests {
         {
             assert!(after.iter().any(|line| line.ends_with(said)), "{said}: {after:#?}");
         }
-    }
-
-    #[test]
-    fn a_line_of_json_holds_no_control_character() {
-        let line = escaped("{\"a\":\"x\u{9b}31m\u{7f}\"}\n");
-        assert_eq!(line, r#"{"a":"x\u009b31m\u007f"} "#);
-        assert_eq!(serde_json::from_str::<serde_json::Value>(&line).unwrap()["a"], "x\u{9b}31m\u{7f}");
     }
 }

@@ -174,15 +174,28 @@ pub struct Limit {
 
 /// Every comparison of an input with a number.
 pub fn limits(condition: &Condition) -> Vec<Limit> {
-    let mut found = Vec::new();
-    if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
-        compare::all(program.expression(), &mut found);
-    }
     let limit = |it: compare::Comparison| match it.with {
         ComparedWith::Number(number) if it.is_input => Some(Limit { input: it.of, sign: it.sign, number }),
         _ => None,
     };
-    found.into_iter().filter_map(limit).collect()
+    comparisons(condition).into_iter().filter_map(limit).collect()
+}
+
+/// The inputs that a condition compares with a text, each with the text: `status == "CHARGING"`.
+pub fn texts(condition: &Condition) -> Vec<(String, String)> {
+    let text = |it: compare::Comparison| match it.with {
+        ComparedWith::Text(text) if it.is_input => Some((it.of, text)),
+        _ => None,
+    };
+    comparisons(condition).into_iter().filter_map(text).collect()
+}
+
+fn comparisons(condition: &Condition) -> Vec<compare::Comparison> {
+    let mut found = Vec::new();
+    if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
+        compare::all(program.expression(), &mut found);
+    }
+    found
 }
 
 /// The inputs of a condition.

@@ -187,7 +187,7 @@ fn accepts_nothing(pattern: &str) -> Option<bool> {
 }
 
 /// Whether the first matches every name that the second matches, as far as their texts show.
-fn covers(first: &Filter, second: &Filter) -> bool {
+pub(crate) fn covers(first: &Filter, second: &Filter) -> bool {
     match (first, second) {
         (Filter::Regex(a), Filter::Regex(b)) => a.as_str() == b.as_str(),
         (_, Filter::Name(name)) => first.matches(name),

@@ -1,7 +1,7 @@
 //! Converts the written configuration into the model.
 
 mod countermeasures;
-mod filters;
+pub(crate) mod filters;
 mod implied;
 mod monitors;
 mod motion;

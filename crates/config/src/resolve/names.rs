@@ -39,6 +39,11 @@ impl GroupName<'_> {
     pub fn id(&self) -> &str {
         self.path.rsplit('/').next().unwrap_or(&self.path)
     }
+
+    /// Whether people read this text, and not its id.
+    fn is_titled(&self, text: &str) -> bool {
+        self.raw.name.as_ref().is_some_and(|name| *name.en == *text || *name.de == *text)
+    }
 }
 
 impl<'r> Names<'r> {
@@ -173,9 +178,13 @@ impl<'r> Names<'r> {
             let mut known: Vec<&str> = self.by_path.keys().map(|path| &**path).collect();
             known.sort_unstable();
             let problem = Problem::at(name.span, format!("there is no group or module `{}`", name.value));
-            log.push(problem.help(match suggest(&name.value, known) {
-                Some(meant) => format!("did you mean `{meant}`?"),
-                None => "write the full name: `group`, `group/module` or `group/group/module`".into(),
+            let titled = self.groups.iter().find(|group| group.is_titled(&name.value));
+            log.push(problem.help(match (titled, suggest(&name.value, known)) {
+                (Some(group), _) => {
+                    format!("that is its `name`, which people read; write its id: `{}`", group.path)
+                }
+                (None, Some(meant)) => format!("did you mean `{meant}`?"),
+                (None, None) => "write the full name: `group`, `group/module` or `group/group/module`".into(),
             }));
         }
         found

@@ -14,6 +14,7 @@ mod fractions;
 mod globs;
 pub mod judge;
 mod late;
+mod shared;
 mod silence;
 pub mod situation;
 pub mod urgency;
@@ -60,6 +61,7 @@ pub fn look(model: &Model) -> Soundness {
     look.findings.extend(fractions::look(model));
     look.findings.extend(globs::look(model));
     look.findings.extend(alike::look(model));
+    look.findings.extend(shared::look(&look.judge));
     look.findings.extend(late::look(model));
     look.findings.extend(urgency::look(model));
     if model.stages == StageModel::Shuttle {

@@ -92,6 +92,12 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 .into(),
             "remove the line, or make sure that it can be stopped in another way",
         ),
+        FindingKind::NoDrive if places.stages.is_none() => (
+            place.id,
+            "this counts as a shuttle, because `vehicle` has no `stages`: it begins locked, and nothing is judged before an operator logs in"
+                .into(),
+            "write `vehicle: { stages: none }` for a machine that is no shuttle; for a shuttle add `signals: { active: ... }`, which says whether it drives",
+        ),
         FindingKind::NoDrive => (
             places.stages.unwrap_or(place.id),
             "nothing says whether this shuttle drives: there is no signal `active`".into(),
@@ -119,6 +125,14 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             };
             let problem = Problem::at(span.map_or(place.id, |(_, condition)| *condition), message);
             return problem.help(help).as_warning();
+        }
+        FindingKind::SharedStatuses { first, statuses } => {
+            let first = self::name(model, *first);
+            let message = format!("statuses with `{statuses}` join `{first}` and `{name}`: both show them");
+            let help = format!(
+                "add `except: [{{ {statuses} }}]` to the filter of the one that is not meant, or leave it if both are meant"
+            );
+            return Problem::at(place.id, message).help(help).as_warning();
         }
         FindingKind::NoColumn { flow: true } => (
             place.id,

@@ -478,3 +478,13 @@ fn what_a_group_expects_leaves_and_shortens_is_checked() {
         ],
     );
 }
+
+#[test]
+fn a_group_that_is_named_by_its_title_is_answered_with_its_id() {
+    check(
+        "groups:\n  - { id: lidars, name: Laser scanners, match: [{ name: n }] }\n  - { id: b, depends_on: [Laser scanners], match: [{ name: m }] }\n",
+        &[
+            "3:27: there is no group or module `Laser scanners` (that is its `name`, which people read; write its id: `lidars`)",
+        ],
+    );
+}

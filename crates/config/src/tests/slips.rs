@@ -117,6 +117,38 @@ fn a_filter_that_there_is_not_is_said_once_with_what_to_write() {
 }
 
 #[test]
+fn a_key_that_stands_too_far_out_is_answered_with_its_place() {
+    check_beside_group(
+        "stages: none\n",
+        &[
+            "2:1: unknown key `stages` in a configuration (`stages` belongs to the vehicle: indent it below `vehicle:`)",
+        ],
+    );
+    check_beside_group(
+        "timeout: 1s\n",
+        &[
+            "2:1: unknown key `timeout` in a configuration (`timeout` belongs to `defaults`, for all modules: indent it below `defaults:`)",
+        ],
+    );
+    check(
+        "groups:\n- id: a\n  match: [{ name: s }]\n  stale: error\n",
+        &[
+            "4:3: unknown key `stale` in a group (`stale` belongs to a module: indent it as the `id` of one in `modules`)",
+        ],
+    );
+}
+
+#[test]
+fn a_word_in_the_place_of_a_number_is_given_none_by_chance() {
+    check(
+        "groups: [{ id: a, modules: [{ id: m, monitor: { value: { status: s, key: k, error_above: CHARGING } } }] }]\n",
+        &[
+            "1:90: expected a number, found `CHARGING` (write the number that is meant: the definition of a message has those of its names)",
+        ],
+    );
+}
+
+#[test]
 fn a_percentage_is_no_number() {
     check(
         "groups: [{ id: a, modules: [{ id: m, monitor: { value: { status: s, key: k, error_below: 25.60 V } } }] }]\n",

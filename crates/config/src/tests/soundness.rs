@@ -457,3 +457,54 @@ fn silence_that_masks_hides_an_error() {
         ],
     );
 }
+
+#[test]
+fn statuses_that_join_two_groups_are_said() {
+    let twice = |first: &str, second: &str| {
+        let text = format!(
+            "vehicle: {{ stages: none }}\ngroups:\n- {{ id: a, match: [{first}] }}\n- {{ id: b, match: [{second}] }}\n"
+        );
+        let loaded = parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        loaded.soundness().1.map_or_else(Vec::new, |problems| problems.lines())
+    };
+    let said = |statuses: &str| {
+        vec![format!(
+            "c:4:9: statuses with `{statuses}` join `a` and `b`: both show them (add `except: [{{ {statuses} }}]` to the filter \
+             of the one that is not meant, or leave it if both are meant)"
+        )]
+    };
+    assert_eq!(twice("{ namespace: lidar }", "{ namespace: lidar/front }"), said("namespace: 'lidar/front'"));
+    assert_eq!(twice("{ name: 'lidar: it''s on' }", "{ contains: lidar }"), said("name: 'lidar: it''s on'"));
+    // One sentence for two groups.
+    assert_eq!(twice("{ regex: 'a.*' }", "{ name: ab }, { regex: 'a.*' }"), said("name: 'ab'"));
+    let apart = [
+        ("{ namespace: lidar }", "{ namespace: lidar2 }"),
+        ("{ namespace: lidar, except: [{ namespace: lidar/front }] }", "{ namespace: lidar/front }"),
+        ("{ contains: lidar, except: [{ name: lidar }] }", "{ name: lidar }"),
+        ("{ name: lidar }", "{ contains: lidar, except: [{ name: lidar }] }"),
+    ];
+    for (first, second) in apart {
+        assert_eq!(twice(first, second), [""; 0], "{first} {second}");
+    }
+}
+
+#[test]
+fn a_vehicle_that_is_a_shuttle_by_default_alone_is_said() {
+    let said = |vehicle: &str| {
+        let text = format!("{vehicle}groups:\n- {{ id: a, match: [{{ name: s }}] }}\n");
+        let loaded = parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        let lines = loaded.soundness().1.map_or_else(Vec::new, |problems| problems.lines());
+        (loaded.is_shuttle_unsaid(), lines.first().cloned().unwrap_or_default())
+    };
+    let (is_unsaid, line) = said("");
+    assert!(
+        is_unsaid
+            && line.contains("this counts as a shuttle, because `vehicle` has no `stages`: it begins locked"),
+        "{line}"
+    );
+    assert!(line.contains("write `vehicle: { stages: none }` for a machine that is no shuttle"), "{line}");
+    let (is_unsaid, line) = said("vehicle: { stages: shuttle }\n");
+    assert!(!is_unsaid && line.contains("nothing says whether this shuttle drives"), "{line}");
+    assert_eq!(said("vehicle: { stages: none }\n"), (false, String::new()));
+    assert_eq!(said("signals: { active: { topic: /a, type: std_msgs/msg/Bool } }\n"), (false, String::new()));
+}

@@ -119,6 +119,30 @@ fn member(package: &str, line: &str) -> Result<Option<Member>, String> {
     Ok(Some(Member { name: name.into(), base, arity }))
 }
 
+/// A number that a message has a name for, as `uint8 CHARGING=1` says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Constant {
+    pub name: Box<str>,
+    pub primitive: Primitive,
+    pub value: i64,
+}
+
+/// The whole numbers that a message has names for, in order. More than 1,000 are left out, as are lines that cannot be
+/// read.
+pub fn constants(text: &str) -> Vec<Constant> {
+    let constant = |line: &str| {
+        let (declared, value) = line.split('#').next().unwrap_or_default().split_once('=')?;
+        let (kind, name) = declared.trim().split_once(char::is_whitespace)?;
+        let value = value.trim();
+        let value = match value.strip_prefix("0x") {
+            Some(digits) => i64::from_str_radix(digits, 16).ok()?,
+            None => value.parse().ok()?,
+        };
+        Some(Constant { name: name.trim().into(), primitive: Primitive::from_word(kind)?, value })
+    };
+    text.lines().filter_map(constant).take(MEMBERS_MAX).collect()
+}
+
 /// `float64`, `string<=10`, `Pose[]`, `pkg/Name[<=5]`, `uint8[36]`.
 fn kind_of(package: &str, kind: &str) -> Result<(Base, Arity), String> {
     let (base, arity) = match kind.strip_suffix(']').map(|kind| kind.rsplit_once('[')) {
@@ -166,6 +190,18 @@ fn message_name(package: &str, name: &str) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_names_of_numbers_are_read() {
+        let text = "uint8 NONE=0 # nothing\nint32  LOW = -5\nbyte HIGH=0x1F\nstring WORD=\"A=1\"\nfloat32 HALF=0.5\nuint8 state\n";
+        let constant = |name: &str, primitive, value| Constant { name: name.into(), primitive, value };
+        let expected = [
+            constant("NONE", Primitive::U8, 0),
+            constant("LOW", Primitive::I32, -5),
+            constant("HIGH", Primitive::U8, 31),
+        ];
+        assert_eq!(constants(text), expected);
+    }
 
     #[test]
     fn every_kind_of_line_is_read() {

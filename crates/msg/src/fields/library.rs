@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::Definitions;
-use super::definition::{self, Arity, Base};
+use super::definition::{self, Arity, Base, Constant};
 use super::shape::{Message, Shape};
 use crate::messages;
 use telltale_yaml::input_file;
@@ -129,6 +129,11 @@ impl<'a> Library<'a> {
         Ok(shape)
     }
 
+    /// The whole numbers that a type has names for.
+    pub fn constants(&self, type_name: &str) -> Vec<Constant> {
+        self.text(type_name).map_or_else(|_| Vec::new(), |(_, text)| definition::constants(&text))
+    }
+
     /// The definition of a type, followed by those of all types in it, in the form of `ros2msg` schemas.
     ///
     /// # Errors
@@ -221,6 +226,13 @@ impl<'a> Library<'a> {
         };
         TypeError { text: format!("the type {type_name}{inside} is not known: {searched}"), help }
     }
+}
+
+/// The folder with the definition of a type.
+pub fn folder_of<'f>(folders: &'f [PathBuf], type_name: &str) -> Option<&'f Path> {
+    let (package, name) = type_name.split_once("/msg/")?;
+    let has = |folder: &&PathBuf| folder.join(package).join("msg").join(format!("{name}.msg")).is_file();
+    folders.iter().find(has).map(PathBuf::as_path)
 }
 
 fn read(file: &Path) -> Result<Option<String>, TypeError> {

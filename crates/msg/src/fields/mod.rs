@@ -15,7 +15,7 @@ mod positions;
 mod program;
 mod shape;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -152,6 +152,48 @@ impl Definitions {
         }
         let text = format!("`{path}` of {type_name} is neither true nor false");
         Err(FieldError { path: Some(path.into()), text, help: "name a field of type bool".to_owned() })
+    }
+
+    /// The folders that have what is not built in of a type and of the types in it.
+    pub fn folders_of(&self, type_name: &str) -> BTreeSet<&Path> {
+        let whole = self.text(type_name).unwrap_or_default();
+        let built_in = Definitions::default();
+        let names = library::parts(type_name, &whole).into_iter().map(|(name, _)| name);
+        let strange = names.filter(|name| built_in.text(name).is_none());
+        strange.filter_map(|name| library::folder_of(&self.folders, &name)).collect()
+    }
+
+    /// The names that the message of a field has for its values, with their numbers: those that begin with the name of
+    /// the field, where there are such, or else all of its type. Empty for a field that is no whole number.
+    pub fn labels(&self, type_name: &str, path: &str) -> Vec<(Box<str>, i64)> {
+        let mut library = Library::new(self);
+        let (Ok(mut shape), Ok(steps)) = (library.shape(type_name), path::parse(path)) else {
+            return Vec::new();
+        };
+        let mut last = None;
+        for step in &steps {
+            let next = match (step, &shape.kind) {
+                (Step::Member(name), ShapeKind::Message(message)) => {
+                    last = Some((message.type_name.clone(), name.clone()));
+                    message.members.iter().find(|(known, _)| known == name).map(|(_, member)| member.clone())
+                }
+                (Step::Index(_) | Step::Each | Step::Where { .. }, ShapeKind::Array(array)) => {
+                    Some(array.element.clone())
+                }
+                _ => None,
+            };
+            let Some(next) = next else { return Vec::new() };
+            shape = next;
+        }
+        let (Some((owner, field)), ShapeKind::Primitive(primitive)) = (last, &shape.kind) else {
+            return Vec::new();
+        };
+        let all: Vec<_> =
+            library.constants(&owner).into_iter().filter(|it| it.primitive == *primitive).collect();
+        let prefix = format!("{}_", field.to_ascii_uppercase());
+        let is_named = all.iter().any(|it| it.name.starts_with(&prefix));
+        let all = all.into_iter().filter(|it| !is_named || it.name.starts_with(&prefix));
+        all.map(|it| (it.name, it.value)).collect()
     }
 
     /// The definition of a type with those of all types in it, in the form of `ros2msg` schemas: each type

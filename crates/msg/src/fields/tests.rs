@@ -445,6 +445,24 @@ fn an_event_counts_only_if_it_is_what_its_type_says() {
 }
 
 #[test]
+fn the_names_for_the_values_of_a_field_are_those_of_its_message() {
+    let labels = |type_name: &str, path: &str| -> Vec<String> {
+        let found = Definitions::default().labels(type_name, path);
+        found.into_iter().map(|(name, value)| format!("{name}={value}")).collect()
+    };
+    let battery = labels("sensor_msgs/msg/BatteryState", "power_supply_status");
+    assert_eq!(battery[..2], ["POWER_SUPPLY_STATUS_UNKNOWN=0", "POWER_SUPPLY_STATUS_CHARGING=1"]);
+    assert_eq!(battery.len(), 5, "those of `power_supply_health` are not among them");
+    let levels = ["OK=0", "WARN=1", "ERROR=2", "STALE=3"];
+    assert_eq!(labels("diagnostic_msgs/msg/DiagnosticArray", "status[name=base].level"), levels);
+    assert_eq!(labels("sensor_msgs/msg/BatteryState", "voltage"), [""; 0]);
+    for nothing in ["header", "none", "power_supply_status.x", "cell_voltage[0]"] {
+        assert_eq!(labels("sensor_msgs/msg/BatteryState", nothing), [""; 0], "{nothing}");
+    }
+    assert_eq!(labels("my_msgs/msg/Own", "state"), [""; 0]);
+}
+
+#[test]
 fn what_holds_bytes_without_a_bound_may_be_large() {
     let definitions = Definitions::default();
     let large = ["sensor_msgs/msg/PointCloud2", "nav_msgs/msg/OccupancyGrid", "nobody_knows/msg/This"];

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::grouping::Grouping;
 use super::names::{self, comment, is_full_name, is_tool, prefix};
 use super::observations::{Messages, Observations, STATUSES_MAX, Status, is_of_components, measured_type};
+use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
 use super::rhythm::{RateLimits, at_least_ms};
 use telltale_engine::discovery::TopicSeen;
@@ -28,6 +29,8 @@ pub struct Draft {
     pub notes: Vec<String>,
     /// Topics of diagnostics beside `/diagnostics`.
     pub diagnostics: Vec<String>,
+    /// Folders with the definitions of types that are not built in.
+    pub message_folders: Vec<String>,
     /// Nodes that publish nothing that can be judged.
     pub quiet: Vec<String>,
     pub observed_s: u64,
@@ -44,6 +47,8 @@ pub struct Group {
     pub namespaces: Vec<String>,
     /// Statuses that join it by their whole names.
     pub names: Vec<String>,
+    /// Statuses that come and go.
+    pub passing: Vec<Passing>,
     pub modules: Vec<Module>,
     /// What was seen and not made a module.
     pub remarks: Vec<String>,
@@ -93,9 +98,7 @@ pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
     let order = propose(&mut groups, &keys, seen, &grouping);
     let mut by_place: Vec<Option<Group>> = groups.into_iter().map(Some).collect();
     let groups = order.into_iter().filter_map(|place| by_place[place].take());
-    let is_judged =
-        |group: &Group| !group.modules.is_empty() || !group.namespaces.is_empty() || !group.names.is_empty();
-    let mut groups: Vec<Group> = groups.filter(is_judged).collect();
+    let mut groups: Vec<Group> = groups.filter(Group::is_judged).collect();
     let ids: BTreeSet<String> = groups.iter().map(|group| group.id.clone()).collect();
     for module in groups.iter_mut().flat_map(|group| &mut group.modules) {
         module.proposals.retain(|proposal| ids.contains(&proposal.group));
@@ -113,12 +116,33 @@ pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
         groups,
         notes,
         diagnostics: seen.more_diagnostics(),
+        message_folders: Vec::new(),
         quiet: quiet.cloned().collect(),
         observed_s: (end.since(start).as_millis() + 500) / 1000,
     }
 }
 
+impl Draft {
+    /// The types of the topics that are measured, and whether their stamps are read.
+    pub fn types(&self) -> BTreeSet<(&str, bool)> {
+        let modules = self.groups.iter().flat_map(|group| &group.modules);
+        let measured = modules.filter_map(|module| match &module.kind {
+            ModuleKind::Rate { type_name, .. } => Some((type_name.as_str(), false)),
+            ModuleKind::Age { type_name, .. } => Some((type_name.as_str(), true)),
+            ModuleKind::Status { .. } | ModuleKind::Node { .. } => None,
+        });
+        measured.collect()
+    }
+}
+
 impl Group {
+    fn is_judged(&self) -> bool {
+        !(self.modules.is_empty()
+            && self.namespaces.is_empty()
+            && self.names.is_empty()
+            && self.passing.is_empty())
+    }
+
     fn is_cut(&self) -> bool {
         self.remarks.iter().any(|remark| remark.starts_with(FURTHER)) || self.more_remarks > 0
     }
@@ -177,7 +201,9 @@ fn group(
     let mut group = Group { id, title, ..Group::default() };
     group.about = about(&parts.nodes);
     let mut taken = BTreeSet::new();
-    for (name, status) in &parts.statuses {
+    let passing = passing::find(&parts.statuses, end);
+    let passes = |name: &str| passing.iter().any(|(_, names)| names.contains(&name));
+    for (name, status) in parts.statuses.iter().filter(|(name, _)| !passes(name)) {
         let namespace = prefix(name).map(|it| it.trim_start_matches('/'));
         match namespace.filter(|namespace| is_of_one_group(namespace, key, grouping)) {
             Some(namespace) if !group.namespaces.iter().any(|known| known == namespace) => {
@@ -218,7 +244,7 @@ fn group(
             "nodes: whether they run is not watched; add `node: NAME` for those that matter.",
         ),
         (
-            parts.statuses.len(),
+            parts.statuses.len() - passing.iter().map(|(_, names)| names.len()).sum::<usize>(),
             MODULES_MAX,
             "statuses: they join the group by `match` or `other`; add a module for those that must be there.",
         ),
@@ -226,6 +252,7 @@ fn group(
     for (count, kept, what) in left_out.into_iter().filter(|(count, kept, _)| count > kept) {
         group.remarks.insert(0, format!("{FURTHER}{} {what}", count - kept));
     }
+    group.passing = passing.into_iter().map(|(passing, _)| passing).collect();
     for node in nodes.iter().take(NODES_MAX) {
         let last = node.rsplit('/').next().unwrap_or(node);
         let id = names::id(&format!("{last}_runs"), "node_runs", &mut taken);

@@ -8,6 +8,7 @@ mod draft;
 mod grouping;
 mod names;
 mod observations;
+mod passing;
 mod proposals;
 mod rhythm;
 mod yaml;

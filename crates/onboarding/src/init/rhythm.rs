@@ -34,6 +34,22 @@ impl Rhythm {
         self.longest.max(open).unwrap_or_default().as_nanos() as f64 / 1e9
     }
 
+    /// The longest time between two messages.
+    pub fn longest_between_s(&self) -> Option<f64> {
+        Some(self.longest?.as_nanos() as f64 / 1e9)
+    }
+
+    /// Whether it stopped: at the end it was silent for much longer than ever before.
+    pub fn has_ended(&self, end: Timestamp) -> bool {
+        let Some((last, longest_s)) = self.last.zip(self.longest_between_s()) else { return false };
+        end.since(last).as_nanos() as f64 / 1e9 > 3.0 * longest_s.max(0.5)
+    }
+
+    /// Whether its first message came behind the last one of the other.
+    pub fn follows(&self, other: &Rhythm) -> bool {
+        matches!((self.first, other.last), (Some(first), Some(last)) if first > last)
+    }
+
     /// The rate, if it comes so evenly that a limit below it means something.
     pub fn steady_hz(&self, end: Timestamp) -> Option<f64> {
         let rate = self.rate_hz().filter(|_| self.count >= BEATS_MIN)?;
@@ -108,6 +124,23 @@ mod tests {
         assert_eq!(rhythm(&[0, 200, 400, 600]), None, "too few");
         assert_eq!(rhythm(&[0, 50, 100, 150, 200, 250]), None, "it has ended");
         assert_eq!(rhythm(&[0, 1, 2, 3, 4, 1000]), None, "bursts");
+    }
+
+    #[test]
+    fn what_is_silent_for_much_longer_than_before_has_ended() {
+        let rhythm = |beats_ms: &[u64]| {
+            let mut rhythm = Rhythm::default();
+            beats_ms.iter().for_each(|&at| rhythm.beat(Timestamp::from_millis(at)));
+            rhythm
+        };
+        let ended = |beats_ms: &[u64]| rhythm(beats_ms).has_ended(Timestamp::from_millis(10_000));
+        assert!(ended(&[0, 1000, 2000]));
+        assert!(!ended(&[0, 1000, 8000]), "it pauses that long");
+        assert!(!ended(&[0, 8500, 9000]));
+        assert!(!ended(&[0]), "it may come every minute");
+        assert!(
+            rhythm(&[3000]).follows(&rhythm(&[0, 2000])) && !rhythm(&[1000]).follows(&rhythm(&[0, 2000]))
+        );
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::draft::{Draft, Group, Module, ModuleKind};
 use super::names::{comment, is_full_name, scalar};
+use super::passing::Passing;
 use super::proposals::Proposal;
 use super::rhythm::duration;
 
@@ -26,7 +27,18 @@ pub fn text(draft: &Draft, accept_guesses: bool) -> String {
         let _ =
             writeln!(out, "diagnostics: {{ topics: [/diagnostics, {}] }}\n", draft.diagnostics.join(", "));
     }
-    out.push_str("defaults: { timeout: 3s, stale: unknown }\n\n");
+    if !draft.message_folders.is_empty() {
+        let folders: Vec<String> = draft.message_folders.iter().map(|it| scalar(it)).collect();
+        out.push_str(
+            "# Where the types are defined that are not built in; a path may be relative to this file.\n",
+        );
+        let _ = writeln!(out, "message_folders: [{}]\n", folders.join(", "));
+    }
+    out.push_str(
+        "# A status that has no module below, because it came later, leaves after an hour of silence. Add a module for each\n\
+         # that must be there: a module below is never forgotten, and UNKNOWN while it is silent.\n\
+         defaults: { timeout: 3s, stale: unknown, forget_after: 1h }\n\n",
+    );
     out.push_str("# Statuses that no group takes are a tile of their own.\nother: counted\n\ngroups:\n");
     if draft.groups.is_empty() {
         out.push_str("  # Nothing was heard: this group takes every status that comes.\n");
@@ -48,8 +60,10 @@ pub fn heard_text(draft: &Draft) -> String {
     if !draft.diagnostics.is_empty() {
         let _ = writeln!(out, "diagnostics: {{ topics: [/diagnostics, {}] }}", draft.diagnostics.join(", "));
     }
-    out.push_str("defaults: { timeout: 10s, stale: unknown }\nother: counted\ngroups:\n");
-    let heard = draft.groups.iter().filter(|group| !(group.namespaces.is_empty() && group.names.is_empty()));
+    out.push_str("defaults: { timeout: 10s, stale: unknown, forget_after: 10m }\nother: counted\ngroups:\n");
+    let is_heard =
+        |group: &&Group| !(group.namespaces.is_empty() && group.names.is_empty() && group.passing.is_empty());
+    let heard = draft.groups.iter().filter(is_heard);
     let mut any = false;
     for group in heard {
         let _ = writeln!(
@@ -67,18 +81,32 @@ pub fn heard_text(draft: &Draft) -> String {
     out
 }
 
-/// By namespace; those with other names are declared, unless `all`.
+/// Those that come and go, then by namespace; those with other names are declared, unless `all`.
 fn filters(group: &Group, all: bool) -> String {
+    let passing = group.passing.iter().map(filter_of_passing);
     let namespaces = group.namespaces.iter().map(|it| format!("{{ namespace: {} }}", scalar(it)));
     let names = group.names.iter().filter(|_| all).map(|it| format!("{{ name: {} }}", scalar(it)));
-    namespaces.chain(names).collect::<Vec<_>>().join(", ")
+    passing.chain(namespaces).chain(names).collect::<Vec<_>>().join(", ")
+}
+
+fn filter_of_passing(it: &Passing) -> String {
+    let (regex, timeout, after) = (scalar(&it.regex), duration(it.timeout_ms), duration(it.forget_after_ms));
+    format!("{{ regex: {regex}, timeout: {timeout}, forget_after: {after} }}")
 }
 
 fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
     let _ = writeln!(out, "  # {}", group.about);
     let _ = writeln!(out, "  - id: {}", group.id);
     let _ = writeln!(out, "    name: {}", scalar(&group.title));
-    if !group.namespaces.is_empty() {
+    for it in &group.passing {
+        let (heard, ended) = (it.heard, it.ended);
+        let _ = writeln!(
+            out,
+            "    # Names such as \"{}\" come and go: {heard} were heard, {ended} of them fell silent, and others followed.",
+            comment(&it.example)
+        );
+    }
+    if !(group.namespaces.is_empty() && group.passing.is_empty()) {
         let _ = writeln!(out, "    match: [{}]", filters(group, false));
     }
     if !group.modules.is_empty() {

@@ -1,10 +1,13 @@
 //! A database of rosbag2 (`.db3`), read only and row by row.
 
 use std::collections::{HashMap, VecDeque};
-use std::path::Path;
+use std::fs::Metadata;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use bytes::Bytes;
+use rusqlite::config::DbConfig;
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OpenFlags, OptionalExtension as _, params};
 
@@ -35,6 +38,8 @@ pub(super) struct Database {
     taken: (i64, i64),
     is_at_end: bool,
     omissions: Omissions,
+    /// The log of a recorder that did not end, as it was when it was opened.
+    log: Option<(PathBuf, Metadata)>,
     /// By the time and the number of a row.
     budget: Budget<(i64, i64)>,
 }
@@ -67,45 +72,44 @@ impl Database {
         let failed = |error: rusqlite::Error| {
             FileError::format(path, format!("it cannot be read as a database of rosbag2: {error}"))
         };
-        // Nobody writes it, and nothing is written beside it.
-        let uri = format!("file:{}?mode=ro&immutable=1", escaped(path));
-        let flags =
-            OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-        let connection = Connection::open_with_flags(uri, flags).map_err(failed)?;
-        connection
-            .execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON;")
-            .map_err(failed)?;
+        // What SQLite keeps beside a database is beside the file itself, wherever a link stands.
+        let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let journal = beside(&real, "-journal");
+        if starts(&journal) {
+            let why = format!(
+                "its recorder was interrupted while it wrote, and {} has what is to be taken back: copy both into a folder \
+                 where you may write, and open the copy once with `sqlite3 COPY .tables`",
+                journal.display()
+            );
+            return Err(FileError::format(path, why));
+        }
+        let log = beside(&real, "-wal");
+        let log = log.metadata().ok().filter(|about| about.len() > 0).map(|about| (log, about));
+        let connection = connect(&real, log.is_some()).map_err(failed)?;
         for table in ["topics", "messages"] {
             let query = "SELECT sql FROM sqlite_schema WHERE type = 'table' AND name = ?1";
             let sql: Option<String> =
                 connection.query_row(query, [table], |row| row.get(0)).optional().map_err(failed)?;
             if !sql.is_some_and(|sql| sql.to_uppercase().starts_with("CREATE TABLE")) {
-                return Err(FileError::format(
-                    path,
-                    format!("it is no database of rosbag2: it has no table {table:?}"),
-                ));
+                let mut why = format!("it is no database of rosbag2: it has no table {table:?}");
+                if log.is_none() && writes_a_log(&real) {
+                    why += &format!(
+                        ". Its recorder wrote into {} first, which is not beside it: copy that file too",
+                        beside(&real, "-wal").display()
+                    );
+                }
+                return Err(FileError::format(path, why));
             }
         }
         let mut omissions = Omissions::default();
-        let wal =
-            path.with_file_name(format!("{}-wal", path.file_name().unwrap_or_default().to_string_lossy()));
-        if wal.metadata().is_ok_and(|wal| wal.len() > 0) {
-            omissions.add(
-                0,
-                0,
-                format!(
-                    "{} has messages that are not in the database yet: open and close it once with sqlite3",
-                    wal.display()
-                ),
-            );
-        }
         let topics = topics(&connection, &mut omissions).map_err(failed)?;
         let index = "SELECT 1 FROM pragma_index_list('messages') AS it, pragma_index_info(it.name) AS part
             WHERE part.seqno = 0 AND part.name = 'timestamp' AND it.partial = 0";
         let is_indexed = connection.query_row(index, [], |_| Ok(())).optional().map_err(failed)?.is_some();
         let order = if is_indexed { BY_TIME } else { BY_NUMBER };
         let after = (i64::MIN, i64::MIN);
-        let bytes = path.metadata().map_or(0, |it| it.len());
+        let of_log = log.as_ref().map_or(0, |(_, about)| about.len());
+        let bytes = path.metadata().map_or(0, |it| it.len()) + of_log;
         Ok(Database {
             budget: Budget::of_file(bytes),
             connection,
@@ -116,6 +120,7 @@ impl Database {
             taken: after,
             is_at_end: false,
             omissions,
+            log,
         })
     }
 
@@ -179,9 +184,22 @@ impl Database {
             if let Ok(count @ 1..) = self.connection.query_row(odd, [], |row| row.get::<_, i64>(0)) {
                 self.omissions.add(0, 0, format!("{count} messages have no time"));
             }
+            self.look_at_log();
             return None;
         }
         Some(())
+    }
+
+    /// Says if the recorder goes on: nothing keeps it from changing the database under its reader.
+    fn look_at_log(&mut self) {
+        let Some((log, before)) = &self.log else { return };
+        let now = log.metadata().ok();
+        let is_same =
+            |now: &Metadata| now.len() == before.len() && now.modified().ok() == before.modified().ok();
+        if !now.as_ref().is_some_and(is_same) {
+            let why = "it is being recorded meanwhile, and messages may be missing or wrong: end the recording first";
+            self.omissions.add(0, 0, why.to_owned());
+        }
     }
 
     fn find_rows(&mut self) -> rusqlite::Result<()> {
@@ -257,6 +275,42 @@ impl Database {
             _ => Ok(None),
         })
     }
+}
+
+/// Opens a database that nobody else writes. Nothing is written into it or beside it, also where it has a log of changes
+/// (`-wal`) that are not in it yet: its index is then kept in memory.
+fn connect(path: &Path, has_log: bool) -> rusqlite::Result<Connection> {
+    let how = if has_log { "vfs=unix-none" } else { "immutable=1" };
+    let uri = format!("file:{}?mode=ro&{how}", escaped(path));
+    let flags =
+        OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let connection = Connection::open_with_flags(uri, flags)?;
+    connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, true)?;
+    connection.execute_batch(
+        "PRAGMA locking_mode = EXCLUSIVE; PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON;",
+    )?;
+    Ok(connection)
+}
+
+/// The file that SQLite keeps beside a database.
+fn beside(path: &Path, end: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(end);
+    name.into()
+}
+
+/// Whether a journal has something to be taken back: an ended one is gone, empty, or begins with zeros.
+fn starts(journal: &Path) -> bool {
+    let mut first = [0];
+    let read = std::fs::File::open(journal).and_then(|mut file| file.read(&mut first));
+    read.is_ok_and(|bytes| bytes == 1) && first[0] != 0
+}
+
+/// Whether changes go into a log first, by the header of the file (SQLite's file format, 1.3).
+fn writes_a_log(path: &Path) -> bool {
+    let mut header = [0; 20];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut header));
+    read.is_ok() && header[18..] == [2, 2]
 }
 
 fn topics(connection: &Connection, omissions: &mut Omissions) -> rusqlite::Result<HashMap<i64, Topic>> {

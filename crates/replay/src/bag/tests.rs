@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::Write as _;
 
 use mcap::records::MessageHeader;
 use rusqlite::{Connection, params};
@@ -23,7 +24,10 @@ const DEFINITIONS: &str = "
 
 /// A database with messages of these topics and times, whose byte is the number of the row.
 fn database(path: &Path, more: &str, messages: &[(i64, i64)]) {
-    let connection = Connection::open(path).unwrap();
+    fill(&Connection::open(path).unwrap(), more, messages);
+}
+
+fn fill(connection: &Connection, more: &str, messages: &[(i64, i64)]) {
     connection.execute_batch(&format!("{TABLES}{more}")).unwrap();
     for (number, (topic, time)) in messages.iter().enumerate() {
         let data = [0, 1, 0, 0, number as u8];
@@ -250,6 +254,51 @@ fn a_message_that_rosbag2_compressed_by_itself_is_read() {
     }
     let bytes: Vec<u8> = read(&mut Bag::open(&path).unwrap()).into_iter().map(|(_, _, byte)| byte).collect();
     assert_eq!(bytes, [42, 255]);
+}
+
+#[test]
+fn what_an_interrupted_recorder_left_beside_its_database_is_read_and_stays_as_it_is() {
+    let temporary = tempfile::tempdir().unwrap();
+    let recorded = temporary.path().join("recorded.db3");
+    let recorder = Connection::open(&recorded).unwrap();
+    recorder.execute_batch("PRAGMA journal_mode = WAL; PRAGMA wal_autocheckpoint = 0;").unwrap();
+    fill(&recorder, INDEX, &[(1, 10), (2, 20)]);
+    // Its tables are in the log alone, as long as the recorder did not close it.
+    assert!(!fs::read(&recorded).unwrap().windows(6).any(|bytes| bytes == b"topics"));
+    let folder = temporary.path().join("copied");
+    fs::create_dir(&folder).unwrap();
+    let [path, log] = ["bag_0.db3", "bag_0.db3-wal"].map(|name| folder.join(name));
+    fs::copy(&recorded, &path).unwrap();
+    fs::copy(temporary.path().join("recorded.db3-wal"), &log).unwrap();
+    drop(recorder);
+    let files = || {
+        let mut files: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+        files.sort();
+        files.into_iter().map(|path| (fs::read(&path).unwrap(), path)).collect::<Vec<_>>()
+    };
+    let before = files();
+    let link = temporary.path().join("link.db3");
+    std::os::unix::fs::symlink(&path, &link).unwrap();
+    let expected = [("/a".to_owned(), 10, 0), ("/b".to_owned(), 20, 1)];
+    for named in [&path, &folder, &link] {
+        let mut bag = Bag::open(named).unwrap();
+        assert_eq!((bag.first_ns(), bag.last_ns()), (Some(10), Some(20)));
+        assert_eq!(read(&mut bag), expected, "{}", named.display());
+        assert_eq!(bag.omissions(), (Vec::new(), 0));
+    }
+    assert_eq!(files(), before);
+
+    let mut bag = Bag::open(&path).unwrap();
+    fs::OpenOptions::new().append(true).open(&log).unwrap().write_all(&[1; 100]).unwrap();
+    read(&mut bag);
+    assert!(bag.omissions().0[0].contains("end the recording first"), "{:?}", bag.omissions());
+
+    fs::remove_file(&log).unwrap();
+    let said = wrong(&path);
+    assert!(said.contains("bag_0.db3-wal first, which is not beside it: copy that file too"), "{said}");
+    fs::write(folder.join("bag_0.db3-journal"), "x").unwrap();
+    let said = wrong(&path);
+    assert!(said.contains("bag_0.db3-journal has what is to be taken back"), "{said}");
 }
 
 #[test]

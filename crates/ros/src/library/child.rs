@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::future::poll_fn;
+use std::io::Write as _;
 use std::net::Ipv4Addr;
 use std::os::fd::AsFd as _;
 use std::os::unix::net::UnixStream;
@@ -50,20 +51,25 @@ const ENDING: Duration = Duration::from_secs(1);
 /// `telltale dds-process PARENT MEGABYTES`, with the socket to its parent as standard input.
 pub fn process(parent: u32, megabytes: u64) -> ExitCode {
     if let Err(error) = confine(parent, megabytes) {
-        eprintln!("telltale dds-process: {error}");
+        tell(&error);
         return ExitCode::FAILURE;
     }
     // Nobody notices when a thread of the library panics: the process would go on deaf.
     std::panic::set_hook(Box::new(|panic| {
-        eprintln!("telltale dds-process: {panic}");
+        tell(&panic);
         std::process::abort();
     }));
     match std::io::stdin().as_fd().try_clone_to_owned() {
         Ok(socket) => serve(UnixStream::from(socket), true),
-        Err(error) => eprintln!("telltale dds-process: {error}"),
+        Err(error) => tell(&error),
     }
     // Threads of the library that do not end are left behind.
     std::process::exit(0)
+}
+
+/// Says why it ends. Where nobody reads standard error it ends all the same.
+fn tell(why: &dyn std::fmt::Display) {
+    let _ = writeln!(std::io::stderr(), "telltale dds-process: {}", why.to_string().replace('\n', " "));
 }
 
 /// Limits the process: no more memory than `megabytes`, no longer life than its parent's, and the first to

@@ -1,0 +1,72 @@
+//! Says if the statuses of the vehicle are on a topic that the configuration does not read, as those of a robot with a
+//! namespace are.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+
+use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
+use crate::init::DIAGNOSTICS;
+
+/// Nodes that are only late, and a reader that is only being made, are found in this time.
+const LOOK_EVERY: Duration = Duration::from_secs(10);
+/// Topics that are named.
+const NAMED_MAX: usize = 5;
+
+/// Looks until there is something to say, which is said once.
+pub async fn say(discovery: watch::Receiver<Arc<Discovery>>) {
+    loop {
+        tokio::time::sleep(LOOK_EVERY).await;
+        if let Some(sentence) = sentence(&discovery.borrow()) {
+            tracing::warn!("{sentence}");
+            return;
+        }
+    }
+}
+
+/// `None` while a topic of diagnostics is read, or nobody publishes any.
+fn sentence(discovery: &Discovery) -> Option<String> {
+    let is_published = |topic: &&TopicSeen| {
+        topic.publishers.iter().any(|it: &Endpoint| !it.ours && it.type_name == DIAGNOSTICS.1)
+            && !topic.name.ends_with("/diagnostics_agg")
+    };
+    let published: Vec<&TopicSeen> = discovery.topics.iter().filter(is_published).collect();
+    let is_read = |topic: &&TopicSeen| topic.subscribers.iter().any(|it| it.ours);
+    if published.is_empty() || published.iter().any(is_read) {
+        return None;
+    }
+    let named: Vec<&str> = published.iter().take(NAMED_MAX).map(|topic| &*topic.name).collect();
+    let named = named.join(", ");
+    Some(format!(
+        "nobody publishes a topic of diagnostics that the configuration reads ({} without `diagnostics`), but {named}: write \
+         `diagnostics: {{ topics: [{named}] }}` if these are the statuses of this vehicle",
+        DIAGNOSTICS.0
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn topic(name: &str, is_read: bool) -> TopicSeen {
+        let end = |ours| Endpoint { ours, type_name: DIAGNOSTICS.1.to_owned(), ..Endpoint::default() };
+        let subscribers = if is_read { vec![end(true)] } else { vec![end(false)] };
+        TopicSeen { name: name.to_owned(), publishers: vec![end(false)], subscribers, rate_hz: None }
+    }
+
+    fn said(topics: Vec<TopicSeen>) -> Option<String> {
+        sentence(&Discovery { topics, ..Discovery::default() })
+    }
+
+    #[test]
+    fn statuses_on_a_topic_that_nobody_reads_are_said() {
+        let unread = said(vec![topic("/j100/diagnostics", false), topic("/diagnostics_agg", false)]);
+        assert!(
+            unread.is_some_and(|said| said.contains("write `diagnostics: { topics: [/j100/diagnostics] }`"))
+        );
+        assert_eq!(said(vec![topic("/diagnostics", true), topic("/j100/diagnostics", false)]), None);
+        assert_eq!(said(vec![topic("/diagnostics_agg", false)]), None);
+        assert_eq!(said(Vec::new()), None);
+    }
+}
