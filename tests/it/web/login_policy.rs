@@ -85,7 +85,9 @@ async fn one_operator_is_in_charge_and_is_replaced_in_so_many_words() {
         let asked = fixture.log_in("bert", "975310").await;
         assert_eq!((asked.status, asked.cookie()), (StatusCode::CONFLICT, None));
         assert!(asked.body.contains("operator is the operator"), "{}", asked.body);
-        assert!(asked.body.contains(r#"name="take_over" value="1""#) && asked.body.contains("Take the place of "));
+        assert!(
+            asked.body.contains(r#"name="take_over" value="1""#) && asked.body.contains("Take the place of ")
+        );
         let wrong = fixture.log_in("bert", "975311&take_over=1").await;
         assert_eq!(wrong.status, StatusCode::UNAUTHORIZED);
         assert_eq!(fixture.get("/", Some(&first)).await.status, StatusCode::OK, "nothing was changed");

@@ -47,10 +47,9 @@ impl Lang {
             SessionEnd::Idle => {
                 ("Logged out: nothing was done for 15 minutes.", "Abgemeldet: 15 Minuten lang nichts getan.")
             }
-            SessionEnd::TakenOver => (
-                "Another operator has taken your place.",
-                "Jemand anderes hat Sie abgelöst.",
-            ),
+            SessionEnd::TakenOver => {
+                ("Another operator has taken your place.", "Jemand anderes hat Sie abgelöst.")
+            }
             SessionEnd::LoggedOut => {
                 ("You logged out at another display.", "Sie haben sich an einer anderen Anzeige abgemeldet.")
             }
