@@ -445,6 +445,12 @@ pub struct MapPose {
     pub yaw_deg: f64,
 }
 
+impl From<&Stop> for MapPose {
+    fn from(stop: &Stop) -> MapPose {
+        MapPose { x_m: stop.x_m, y_m: stop.y_m, yaw_deg: stop.yaw_deg }
+    }
+}
+
 /// The steps to a module's own state. Each step changes the state of the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Steps {

@@ -40,7 +40,7 @@ fn the_motion_is_that_of_the_shuttle_from_stop_to_stop() {
     assert!(at_stop(&story.snapshot()) && leads_to(&story.snapshot()).as_deref() == Some("station"));
     let known = |snapshot: &Snapshot| {
         let place = snapshot.localization.last_known?;
-        let stop = snapshot.layout.stops.iter().find(|stop| stop.pose() == place.pose)?;
+        let stop = snapshot.layout.stops.iter().find(|stop| place.pose == (*stop).into())?;
         Some((stop.id.to_string(), place.driven))
     };
     assert_eq!(known(&story.snapshot()), Some(("depot".to_owned(), false)), "as it was chosen");

@@ -303,6 +303,7 @@ fn check_preview(
     }
     if matches!(action, OperatorAction::Localize { .. }) && after.stage == Stage::Standby {
         (preview.stage, preview.posed) = (after.stage, after.posed);
+        preview.last_known = after.last_known;
     }
     assert_eq!(preview, after, "{action:?}");
 }

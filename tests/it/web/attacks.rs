@@ -234,7 +234,7 @@ async fn before_a_hand_over_while_it_drives_the_page_says_so_and_both_can_stop_i
     // A page that opens now says so too.
     let mut new = server.connect("/ws?lang=de", &next).await;
     let told = next_json(&mut new, |value| value.get("hand_over").is_some()).await;
-    assert!(told["hand_over"].as_str().unwrap().starts_with("bert übernimmt in 5 s."), "{told}");
+    assert!(told["hand_over"].as_str().unwrap().starts_with("bert löst Sie in 5 s ab."), "{told}");
     for cookie in [&next, &driver] {
         let said = stop(&server, cookie).await;
         assert!(said.starts_with("HTTP/1.1 200"), "{said}");

@@ -1,6 +1,5 @@
 //! The vehicle's stops, and the sources of its motion: its speed, and the pose of its goal.
 
-use crate::snapshot::MapPose;
 use std::sync::Arc;
 
 use super::monitors::{TopicId, Watched};
@@ -15,12 +14,6 @@ pub struct Stop {
     pub x_m: f64,
     pub y_m: f64,
     pub yaw_deg: f64,
-}
-
-impl Stop {
-    pub fn pose(&self) -> MapPose {
-        MapPose { x_m: self.x_m, y_m: self.y_m, yaw_deg: self.yaw_deg }
-    }
 }
 
 /// A field of a watched topic.

@@ -85,7 +85,7 @@ impl Engine {
         self.countermeasures.arrive(self.now + ARRIVAL);
         let stop = self.motion.shown().destination.map(|index| &self.model.driving.stops[index]);
         if let Some(stop) = stop {
-            self.vehicle.localization.last_known = Some(KnownPlace { pose: stop.pose(), driven: true });
+            self.vehicle.localization.last_known = Some(KnownPlace { pose: stop.into(), driven: true });
         }
         self.forget_destination();
         let Some(goal) = self.goal_signal else { return };

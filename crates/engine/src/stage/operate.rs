@@ -154,7 +154,7 @@ impl Engine {
             Place::Stop(id) => {
                 let stop = stops.iter().find(|stop| stop.id == Arc::from(&**id));
                 let stop = stop.ok_or_else(|| Refusal::NoSuchStop(id.clone()))?;
-                return Ok(stop.pose());
+                return Ok(stop.into());
             }
             Place::Pose { x_m, y_m, yaw_deg } => MapPose { x_m: *x_m, y_m: *y_m, yaw_deg: *yaw_deg },
         };

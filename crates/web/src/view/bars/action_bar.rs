@@ -157,7 +157,7 @@ fn locating(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
     let steps = view.lang.steps();
     let at = snapshot.localization.pose.and_then(|pose| {
-        let stop = snapshot.layout.stops.iter().find(|stop| stop.pose() == pose)?;
+        let stop = snapshot.layout.stops.iter().find(|stop| pose == (*stop).into())?;
         Some(view.lang.pick(&stop.name, NAME))
     });
     if instruction::is_wrong_stop(view) {
@@ -212,7 +212,7 @@ fn stops(view: &View<'_>) -> Vec<StopHtml> {
         id: clean(&stop.id, ID),
         name: view.lang.pick(&stop.name, NAME),
         known: last
-            .filter(|place| stop.pose() == place.pose)
+            .filter(|place| place.pose == stop.into())
             .map(|place| if place.driven { steps.driven_here } else { steps.chosen_here }),
     };
     let mut stops: Vec<_> = view.snapshot.layout.stops.iter().map(stop).collect();
