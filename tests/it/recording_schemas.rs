@@ -10,10 +10,12 @@ use telltale::engine::discovery::{NodeOf, WriterId, WriterList};
 use telltale::engine::input::{
     Input, ListenerReport, OutputReport, ReceptionTrouble, StatusArray, TroubleKind, Upkeep,
 };
-use telltale::engine::model::monitors::{FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec};
+use telltale::engine::model::monitors::{
+    FieldKind, FieldSpec, ProbeTarget, ProcessMeasure, Resource, TopicSpec, WatchdogSpec,
+};
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::{
-    FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
+    FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
@@ -58,7 +60,9 @@ fn inputs() -> Vec<Input> {
         topic: "/odometry".into(),
         type_name: "nav_msgs/msg/Odometry".into(),
         stamp: true,
-        fields: [FieldKind::Scalar, FieldKind::Pose, FieldKind::Positions].map(field).into(),
+        fields: [FieldKind::Scalar, FieldKind::Pose, FieldKind::Positions, FieldKind::Content]
+            .map(field)
+            .into(),
     });
     let pose = Pose { x_m: f64::NAN, y_m: f64::INFINITY, z_m: f64::NEG_INFINITY, ..Pose::default() };
     let positions = Positions { taken: [Position { x_m: 1.5, y_m: -2.0 }].into(), count: 3 };
@@ -69,6 +73,7 @@ fn inputs() -> Vec<Input> {
         FieldValue::Text("".into()),
         FieldValue::Pose(pose),
         FieldValue::Positions(Arc::new(positions)),
+        FieldValue::Content(Fingerprint(u64::MAX)),
         FieldValue::Absent,
         FieldValue::Unreadable("it ends early".into()),
     ];
@@ -85,11 +90,18 @@ fn inputs() -> Vec<Input> {
         ProbeTarget::Node { name: "/ns/a".into() },
         ProbeTarget::Service { name: "/ns/s".into() },
         ProbeTarget::Qos { topic: "/a".into() },
+        ProbeTarget::System(Resource::Cpu),
+        ProbeTarget::System(Resource::Memory),
+        ProbeTarget::System(Resource::Disk { path: "/var".into() }),
+        ProbeTarget::System(Resource::Temperature { sensor: "coretemp".into() }),
+        ProbeTarget::System(Resource::Process { name: "a".into(), measure: None }),
+        ProbeTarget::System(Resource::Process { name: "a".into(), measure: Some(ProcessMeasure::Cpu) }),
     ];
     let outcomes = [
         ProbeOutcome::Answered { after: Span::from_millis(3) },
         ProbeOutcome::Announced,
         ProbeOutcome::Repeated { times: 3 },
+        ProbeOutcome::Measured(70.5),
         ProbeOutcome::Missed("refused".into()),
         ProbeOutcome::Impossible("no permission".into()),
     ];

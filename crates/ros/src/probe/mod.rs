@@ -1,6 +1,7 @@
 //! Watchdogs: ask repeatedly whether hosts, ports, nodes and services are there.
 
 pub(super) mod icmp_echo;
+mod system;
 
 use std::io::{self, ErrorKind};
 use std::sync::Arc;
@@ -15,6 +16,7 @@ use super::discovery::nodes::Nodes;
 use super::name_lookup::Lookup;
 use super::outbox::stopped;
 use icmp_echo::EchoError;
+use system::System;
 use telltale_clock::Clock;
 use telltale_engine::discovery::{Discovery, Mismatch};
 use telltale_engine::input::Input;
@@ -74,6 +76,7 @@ async fn watch(spec: Arc<WatchdogSpec>, kennel: ProbeContext, turns: Arc<Semapho
         let Ok(turn) = turns.acquire().await else { return };
         let outcome = asker.ask(period).await;
         drop(turn);
+        let Some(outcome) = outcome else { continue };
         let received = kennel.clock.now();
         let input = Input::Probe(Probe { source: spec.clone(), outcome });
         if kennel.inputs.send(Stamped::new(input, received)).await.is_err() {
@@ -93,6 +96,7 @@ enum How {
     Node { name: Box<str>, nodes: watch::Receiver<Nodes> },
     Service { name: Box<str>, nodes: watch::Receiver<Nodes> },
     Qos { topic: Box<str>, discovery: watch::Receiver<Arc<Discovery>> },
+    System(System),
 }
 
 impl Asker {
@@ -104,35 +108,38 @@ impl Asker {
             ProbeTarget::Qos { topic } => {
                 How::Qos { topic: topic.clone(), discovery: kennel.discovery.clone() }
             }
+            ProbeTarget::System(resource) => How::System(System::new(resource)),
             ProbeTarget::Node { name } => How::Node { name: name.clone(), nodes: kennel.nodes.clone() },
             ProbeTarget::Service { name } => How::Service { name: name.clone(), nodes: kennel.nodes.clone() },
         };
         Asker { clock, how }
     }
 
-    async fn ask(&mut self, patience: Duration) -> ProbeOutcome {
+    /// `None`: nothing can be said yet.
+    async fn ask(&mut self, patience: Duration) -> Option<ProbeOutcome> {
         let clock = self.clock;
         let asked = match &mut self.how {
-            How::Node { name, nodes } => return nodes.borrow().ask(name, clock.now()),
-            How::Service { name, nodes } => return nodes.borrow().ask_service(name, clock.now()),
-            How::Qos { topic, discovery } => return matching(topic, &discovery.borrow()),
+            How::Node { name, nodes } => return Some(nodes.borrow().ask(name, clock.now())),
+            How::Service { name, nodes } => return Some(nodes.borrow().ask_service(name, clock.now())),
+            How::Qos { topic, discovery } => return Some(matching(topic, &discovery.borrow())),
+            How::System(system) => return system.ask(patience).await,
             How::Icmp(lookup) => tokio::time::timeout(patience, icmp(lookup, clock)).await,
             How::Tcp(lookup) => tokio::time::timeout(patience, tcp(lookup, clock)).await,
         };
-        match asked {
+        Some(match asked {
             Ok(Ok(after)) => ProbeOutcome::Answered { after },
             Ok(Err(outcome)) => outcome,
             Err(_) if self.is_looking_up() => {
                 ProbeOutcome::Impossible(format!("its name is not resolved within {patience:?}").into())
             }
             Err(_) => ProbeOutcome::Missed(format!("no answer within {patience:?}").into()),
-        }
+        })
     }
 
     fn is_looking_up(&self) -> bool {
         match &self.how {
             How::Icmp(lookup) | How::Tcp(lookup) => lookup.is_pending(),
-            How::Node { .. } | How::Service { .. } | How::Qos { .. } => false,
+            How::Node { .. } | How::Service { .. } | How::Qos { .. } | How::System(_) => false,
         }
     }
 }
@@ -209,7 +216,10 @@ mod tests {
 
     async fn ask(target: ProbeTarget) -> ProbeOutcome {
         let (kennel, ..) = bench();
-        Asker::new(&target, &kennel).ask(Duration::from_secs(5)).await
+        Asker::new(&target, &kennel)
+            .ask(Duration::from_secs(5))
+            .await
+            .expect("each of these has an answer at once")
     }
 
     #[test]
@@ -290,7 +300,10 @@ mod tests {
             let right = match &outcome {
                 ProbeOutcome::Answered { .. } => true,
                 ProbeOutcome::Impossible(why) => why.contains("ping_group_range"),
-                ProbeOutcome::Announced | ProbeOutcome::Repeated { .. } | ProbeOutcome::Missed(_) => false,
+                ProbeOutcome::Announced
+                | ProbeOutcome::Repeated { .. }
+                | ProbeOutcome::Measured(_)
+                | ProbeOutcome::Missed(_) => false,
             };
             assert!(right, "{outcome:?}");
         }
