@@ -8,7 +8,7 @@ use crate::decode::Spanned;
 use crate::fields::Fields;
 use telltale_engine::model::monitors::{ProcessMeasure, Resource};
 use telltale_engine::time;
-use telltale_yaml::schema::{needs_one, pattern};
+use telltale_yaml::schema::{needs_one, pattern, words};
 use telltale_yaml::{KeyDoc, Log, Node, Problem, key, map};
 
 const EVERY_MIN: time::Span = time::Span::from_millis(500);
@@ -19,10 +19,10 @@ const NAME_BYTES_MAX: usize = 255;
 const WORD: &str = "used";
 const CPU: KeyDoc = key("cpu")
     .about("`used`: what all cores are busy with, in percent.")
-    .form(|_| vec![("const", WORD.into())]);
+    .form(|_| words([WORD]));
 const MEMORY: KeyDoc = key("memory")
     .about("`used`: what is not available to a new program, in percent.")
-    .form(|_| vec![("const", WORD.into())]);
+    .form(|_| words([WORD]));
 const DISK: KeyDoc = key("disk")
     .about("A path: what is used of its file system, in percent, as `df` counts it.")
     .form(|_| pattern("^/"));
