@@ -45,6 +45,7 @@ fn kind(input: &Input) -> usize {
         Input::Display { .. } => 13,
         Input::Operator(_) => 14,
         Input::Tick => 15,
+        Input::Nodes { .. } => 16,
     }
 }
 
@@ -158,6 +159,8 @@ fn inputs() -> Vec<Input> {
         Input::Output(OutputReport { error: Some("no reader".into()), ..report(Output::Stage) }),
         Input::Aggregator { other: None },
         Input::Aggregator { other: Some("/diagnostics_agg of /other".into()) },
+        Input::Nodes { repeated: None },
+        Input::Nodes { repeated: Some("/planner".into()) },
         Input::Storage { fault: fault.clone() },
         Input::Dds { fault },
         Input::Dds { fault: None },
@@ -252,7 +255,7 @@ fn every_kind_of_document_follows_its_schema() {
     let mut kinds: Vec<usize> = inputs.iter().map(kind).collect();
     kinds.sort_unstable();
     kinds.dedup();
-    assert!(kinds.iter().copied().eq(0..16), "{kinds:?}");
+    assert!(kinds.iter().copied().eq(0..17), "{kinds:?}");
     let mut kinds: Vec<usize> = changes.iter().map(kind_of_change).collect();
     kinds.dedup();
     assert!(kinds.iter().copied().eq(0..13), "{kinds:?}");

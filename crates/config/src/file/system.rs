@@ -17,9 +17,8 @@ const EVERY: time::Span = time::Span::from_secs(2);
 const NAME_BYTES_MAX: usize = 255;
 
 const WORD: &str = "used";
-const CPU: KeyDoc = key("cpu")
-    .about("`used`: what all cores are busy with, in percent.")
-    .form(|_| words([WORD]));
+const CPU: KeyDoc =
+    key("cpu").about("`used`: what all cores are busy with, in percent.").form(|_| words([WORD]));
 const MEMORY: KeyDoc = key("memory")
     .about("`used`: what is not available to a new program, in percent.")
     .form(|_| words([WORD]));

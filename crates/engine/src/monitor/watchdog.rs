@@ -140,7 +140,7 @@ impl Watchdog {
             Some((_, ProbeOutcome::Missed(why))) if self.qos => Words::plain(say!(
                 "publishers and subscribers never come together: {why}",
                 "Publisher und Subscriber kommen nie zusammen: {why}",
-                why = cut(why)
+                why = &why[..why.floor_char_boundary(WHY_MAX)]
             )),
             Some((_, ProbeOutcome::Answered { after })) => {
                 // In milliseconds for people, like the values beside it.

@@ -18,7 +18,7 @@ use super::outbox::stopped;
 use icmp_echo::EchoError;
 use system::System;
 use telltale_clock::Clock;
-use telltale_engine::discovery::{Discovery, Mismatch};
+use telltale_engine::discovery::Discovery;
 use telltale_engine::input::Input;
 use telltale_engine::model::monitors::{ProbeTarget, WatchdogSpec};
 use telltale_engine::model::sample::{Probe, ProbeOutcome};
@@ -155,8 +155,7 @@ fn matching(topic: &str, seen: &Discovery) -> ProbeOutcome {
             _ => ProbeOutcome::Impossible("there are more topics than are looked at".into()),
         };
     };
-    let why: Vec<&str> = topic.mismatches().into_iter().map(Mismatch::as_str).collect();
-    if why.is_empty() { ProbeOutcome::Announced } else { ProbeOutcome::Missed(why.join(", ").into()) }
+    topic.why_mismatched().map_or(ProbeOutcome::Announced, |why| ProbeOutcome::Missed(why.into()))
 }
 
 /// The time that the target took, without the resolution of its name.
@@ -224,18 +223,23 @@ mod tests {
 
     #[test]
     fn a_topic_whose_ends_never_match_is_a_miss_and_ignorance_is_none() {
-        let end = |reliable| Endpoint { type_name: "a".into(), reliable, ..Endpoint::default() };
+        let end = |node: &str, reliable| Endpoint {
+            node: Some(node.into()),
+            type_name: "a".into(),
+            reliable,
+            ..Endpoint::default()
+        };
         let topic = |name: &str, publisher, subscriber| TopicSeen {
             name: name.into(),
-            publishers: vec![end(publisher)],
-            subscribers: vec![end(subscriber)],
+            publishers: vec![end("/p", publisher)],
+            subscribers: vec![end("/s", subscriber)],
             rate_hz: None,
         };
         let topics = vec![topic("/bad", false, true), topic("/good", true, true)];
         let mut seen = Discovery { topics, ..Discovery::default() };
         assert!(matches!(matching("/bad", &seen), ProbeOutcome::Impossible(_)), "nobody has looked yet");
         seen.at = Some(Timestamp::ZERO);
-        let why = "reliability is asked for and not offered".into();
+        let why = "/s asks for reliability, /p does not offer it".into();
         assert_eq!(matching("/bad", &seen), ProbeOutcome::Missed(why));
         assert_eq!(matching("/good", &seen), ProbeOutcome::Announced);
         let nobody = "nobody publishes or subscribes to it".into();
