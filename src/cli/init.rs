@@ -23,7 +23,7 @@ use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;
 use crate::engine::discovery::Discovery;
-use crate::engine::model::monitors::{DiagnosticsTopic, TopicSpec, Watched};
+use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::engine::time::Timestamp;
 use crate::init::{self, DIAGNOSTICS, Draft, Observations, TOPICS_MAX};
@@ -203,11 +203,17 @@ impl Lookout {
     }
 }
 
-/// A topic with its stamps, if its type has any, or else without.
+/// A topic with its stamps and what tells its messages apart, if its type has them.
 fn readable(topic: &str, type_name: &str, definitions: &Definitions) -> Option<Arc<TopicSpec>> {
-    let spec =
-        |stamp| TopicSpec { topic: topic.into(), type_name: type_name.into(), stamp, fields: Vec::new() };
-    [true, false].map(spec).into_iter().find(|spec| definitions.check(spec).is_ok()).map(Arc::new)
+    let whole = || FieldSpec { path: Box::default(), kind: FieldKind::Content };
+    let spec = |(stamp, content): (bool, bool)| TopicSpec {
+        topic: topic.into(),
+        type_name: type_name.into(),
+        stamp,
+        fields: content.then(whole).into_iter().collect(),
+    };
+    let ways = [(true, true), (false, true), (true, false), (false, false)];
+    ways.map(spec).into_iter().find(|spec| definitions.check(spec).is_ok()).map(Arc::new)
 }
 
 /// The bridge reads what a model names.

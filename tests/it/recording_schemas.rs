@@ -10,10 +10,12 @@ use telltale::engine::discovery::{NodeOf, WriterId, WriterList};
 use telltale::engine::input::{
     Input, ListenerReport, OutputReport, ReceptionTrouble, StatusArray, TroubleKind, Upkeep,
 };
-use telltale::engine::model::monitors::{FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec};
+use telltale::engine::model::monitors::{
+    FieldKind, FieldSpec, ProbeTarget, ProcessMeasure, Resource, TopicSpec, WatchdogSpec,
+};
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::{
-    FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
+    FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
@@ -43,6 +45,7 @@ fn kind(input: &Input) -> usize {
         Input::Display { .. } => 13,
         Input::Operator(_) => 14,
         Input::Tick => 15,
+        Input::Nodes { .. } => 16,
     }
 }
 
@@ -58,7 +61,9 @@ fn inputs() -> Vec<Input> {
         topic: "/odometry".into(),
         type_name: "nav_msgs/msg/Odometry".into(),
         stamp: true,
-        fields: [FieldKind::Scalar, FieldKind::Pose, FieldKind::Positions].map(field).into(),
+        fields: [FieldKind::Scalar, FieldKind::Pose, FieldKind::Positions, FieldKind::Content]
+            .map(field)
+            .into(),
     });
     let pose = Pose { x_m: f64::NAN, y_m: f64::INFINITY, z_m: f64::NEG_INFINITY, ..Pose::default() };
     let positions = Positions { taken: [Position { x_m: 1.5, y_m: -2.0 }].into(), count: 3 };
@@ -69,6 +74,7 @@ fn inputs() -> Vec<Input> {
         FieldValue::Text("".into()),
         FieldValue::Pose(pose),
         FieldValue::Positions(Arc::new(positions)),
+        FieldValue::Content(Fingerprint(u64::MAX)),
         FieldValue::Absent,
         FieldValue::Unreadable("it ends early".into()),
     ];
@@ -85,11 +91,18 @@ fn inputs() -> Vec<Input> {
         ProbeTarget::Node { name: "/ns/a".into() },
         ProbeTarget::Service { name: "/ns/s".into() },
         ProbeTarget::Qos { topic: "/a".into() },
+        ProbeTarget::System(Resource::Cpu),
+        ProbeTarget::System(Resource::Memory),
+        ProbeTarget::System(Resource::Disk { path: "/var".into() }),
+        ProbeTarget::System(Resource::Temperature { sensor: "coretemp".into() }),
+        ProbeTarget::System(Resource::Process { name: "a".into(), measure: None }),
+        ProbeTarget::System(Resource::Process { name: "a".into(), measure: Some(ProcessMeasure::Cpu) }),
     ];
     let outcomes = [
         ProbeOutcome::Answered { after: Span::from_millis(3) },
         ProbeOutcome::Announced,
         ProbeOutcome::Repeated { times: 3 },
+        ProbeOutcome::Measured(70.5),
         ProbeOutcome::Missed("refused".into()),
         ProbeOutcome::Impossible("no permission".into()),
     ];
@@ -146,6 +159,8 @@ fn inputs() -> Vec<Input> {
         Input::Output(OutputReport { error: Some("no reader".into()), ..report(Output::Stage) }),
         Input::Aggregator { other: None },
         Input::Aggregator { other: Some("/diagnostics_agg of /other".into()) },
+        Input::Nodes { repeated: None },
+        Input::Nodes { repeated: Some("/planner".into()) },
         Input::Storage { fault: fault.clone() },
         Input::Dds { fault },
         Input::Dds { fault: None },
@@ -240,7 +255,7 @@ fn every_kind_of_document_follows_its_schema() {
     let mut kinds: Vec<usize> = inputs.iter().map(kind).collect();
     kinds.sort_unstable();
     kinds.dedup();
-    assert!(kinds.iter().copied().eq(0..16), "{kinds:?}");
+    assert!(kinds.iter().copied().eq(0..17), "{kinds:?}");
     let mut kinds: Vec<usize> = changes.iter().map(kind_of_change).collect();
     kinds.dedup();
     assert!(kinds.iter().copied().eq(0..13), "{kinds:?}");

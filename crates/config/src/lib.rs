@@ -16,6 +16,7 @@ pub mod soundness;
 
 pub use describe::difference::{Change, Difference, difference};
 pub use describe::places::ModelPlace;
+pub use file::system::resource;
 
 use std::collections::HashSet;
 use std::io::Read;

@@ -3,6 +3,7 @@ mod countermeasures;
 mod diagnostics;
 mod difference;
 mod expression;
+mod frozen;
 mod monitors;
 mod motion;
 mod nodes;
@@ -14,6 +15,7 @@ mod shuttle;
 mod signals;
 mod slips;
 mod soundness;
+mod system;
 mod watchdogs;
 mod watching;
 

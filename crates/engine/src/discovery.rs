@@ -95,21 +95,56 @@ impl Mismatch {
             Mismatch::Liveliness => "liveliness is asked for and not offered",
         }
     }
+
+    fn between(self, publisher: &Endpoint, subscriber: &Endpoint) -> String {
+        let (from, to) = (publisher.label(), subscriber.label());
+        match self {
+            Mismatch::Type => {
+                format!(
+                    "{from} publishes {}, {to} subscribes to {}",
+                    publisher.type_name, subscriber.type_name
+                )
+            }
+            Mismatch::Reliability => format!("{to} asks for reliability, {from} does not offer it"),
+            Mismatch::Durability => format!("{to} asks for the last value, {from} does not keep it"),
+            Mismatch::Deadline => format!("{to} asks for a deadline, {from} does not offer it"),
+            Mismatch::Liveliness => format!("{to} asks for liveliness, {from} does not offer it"),
+        }
+    }
 }
 
 impl TopicSeen {
-    /// The reasons why publishers and subscribers of the topic do not match, each once (DDS 1.4, 2.2.3:
-    /// requested against offered).
+    /// The reasons why publishers and subscribers of the topic do not match, each once.
     pub fn mismatches(&self) -> Vec<Mismatch> {
-        let mut found = Vec::new();
-        for publisher in &self.publishers {
-            for subscriber in &self.subscribers {
-                found.extend(publisher.mismatch(subscriber));
-            }
-        }
+        let mut found: Vec<Mismatch> = self.mismatched().map(|(reason, ..)| reason).collect();
         found.sort_unstable();
         found.dedup();
         found
+    }
+
+    /// Publishers and subscribers of the topic that do not match, with the reason (DDS 1.4, 2.2.3: requested against
+    /// offered).
+    pub fn mismatched(&self) -> impl Iterator<Item = (Mismatch, &Endpoint, &Endpoint)> {
+        let pairs = self
+            .publishers
+            .iter()
+            .flat_map(|publisher| self.subscribers.iter().map(move |it| (publisher, it)));
+        pairs.filter_map(|(publisher, it)| Some((publisher.mismatch(it)?, publisher, it)))
+    }
+
+    /// Who does not match whom and why, for a developer: each reason with the first pair, and the number of further pairs.
+    pub fn why_mismatched(&self) -> Option<String> {
+        let mut found: BTreeMap<Mismatch, (String, usize)> = BTreeMap::new();
+        for (reason, publisher, subscriber) in self.mismatched() {
+            let (_, pairs) =
+                found.entry(reason).or_insert_with(|| (reason.between(publisher, subscriber), 0));
+            *pairs += 1;
+        }
+        let said = found.into_values().map(|(text, pairs)| match pairs {
+            1 => text,
+            more => format!("{text}, and {} more", more - 1),
+        });
+        Some(said.collect::<Vec<_>>().join("; ")).filter(|text| !text.is_empty())
     }
 
     /// Whether another program publishes the same aggregated diagnosis as Telltale.
@@ -131,6 +166,11 @@ impl TopicSeen {
 }
 
 impl Endpoint {
+    /// Its node, or else its participant.
+    fn label(&self) -> String {
+        self.node.clone().unwrap_or_else(|| format!("a program without a node ({})", self.participant))
+    }
+
     fn mismatch(&self, subscriber: &Endpoint) -> Option<Mismatch> {
         // Telltale has a reader of each kind; one of them fits.
         if subscriber.ours && self.type_name == subscriber.type_name {
@@ -197,6 +237,23 @@ mod tests {
             };
             assert_eq!(topic.mismatches(), Vec::from_iter(expect), "{topic:?}");
         }
+    }
+
+    #[test]
+    fn a_mismatch_names_the_nodes_and_their_types() {
+        let named = |node: &str, of: Endpoint| Endpoint { node: Some(node.into()), ..of };
+        let (camera, wrong) =
+            (endpoint("a/msg/Image", false, false, false), endpoint("a/msg/Text", true, false, false));
+        let viewer = endpoint("a/msg/Image", true, false, false);
+        let topic = TopicSeen {
+            publishers: vec![named("/camera", camera), wrong],
+            subscribers: vec![named("/viewer", viewer.clone()), named("/logger", viewer)],
+            ..TopicSeen::default()
+        };
+        let said = "a program without a node (01) publishes a/msg/Text, /viewer subscribes to a/msg/Image, and 1 more; \
+             /viewer asks for reliability, /camera does not offer it, and 1 more";
+        assert_eq!(topic.why_mismatched().as_deref(), Some(said));
+        assert_eq!(TopicSeen::default().why_mismatched(), None);
     }
 }
 

@@ -101,6 +101,21 @@ impl<'a> Reader<'a> {
         Ok(bytes)
     }
 
+    /// The bytes of `count` numbers of this size, as they stand in the message.
+    ///
+    /// # Errors
+    pub fn numbers(&mut self, count: u32, bytes: u8) -> Result<&'a [u8], Fault> {
+        if count == 0 {
+            return Ok(&[]);
+        }
+        let start = self.at.next_multiple_of(usize::from(bytes));
+        let needed = u64::from(count) * u64::from(bytes);
+        let end = usize::try_from(needed).ok().and_then(|size| start.checked_add(size));
+        let Some(found) = end.and_then(|end| self.body.get(start..end)) else { return Err(self.cut(needed)) };
+        self.at = start + found.len();
+        Ok(found)
+    }
+
     /// Skips this many bytes.
     ///
     /// # Errors

@@ -1,5 +1,6 @@
 //! Samples of topics and results of probes in scenario files: as written, then bound to a model.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::Arc;
 
 use telltale_config::decode::{Entries, FromNode, Spanned};
@@ -7,14 +8,15 @@ use telltale_config::fields::Fields;
 use telltale_engine::input::{Input, ListenerReport};
 use telltale_engine::model::Model;
 use telltale_engine::model::countermeasure::RequestKind;
-use telltale_engine::model::monitors::{FieldKind, ProbeTarget, TopicSpec};
+use telltale_engine::model::monitors::{FieldKind, FieldSpec, ProbeTarget, TopicSpec};
 use telltale_engine::model::output::Output;
 use telltale_engine::model::sample::{
-    FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
+    FieldValue, Fingerprint, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport,
+    Sample,
 };
 use telltale_engine::time;
 use telltale_yaml::decode::{did_you_mean, word};
-use telltale_yaml::{Kind, Log, Node, Problem, suggest};
+use telltale_yaml::{Kind, Log, Node, Problem, Span, suggest};
 
 /// The stamp in the header of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,6 +33,8 @@ pub(super) struct RawSample {
     topic: Spanned<String>,
     pub stamp: Option<Spanned<Stamp>>,
     fields: Entries<Spanned<Value>>,
+    /// What stands for the whole message: equal texts are equal messages.
+    content: Option<Spanned<String>>,
 }
 
 impl FromNode for RawSample {
@@ -47,8 +51,9 @@ impl FromNode for RawSample {
         let stamp = stamp.map(|it| Spanned { value: Stamp::At(nanos(it)), span: it.span });
         let delay = delay.map(|it| Spanned { value: Stamp::Behind(nanos(it)), span: it.span });
         let values = fields.or_default("fields");
+        let content = fields.optional("content");
         fields.finish();
-        Some(RawSample { topic: topic?, stamp: stamp.or(delay), fields: values })
+        Some(RawSample { topic: topic?, stamp: stamp.or(delay), fields: values, content })
     }
 }
 
@@ -190,12 +195,15 @@ impl FromNode for RawProbe {
             ros.map(|it| (ProbeTarget::Node { name: boxed(&it) }, it.span)),
             service.map(|it| (ProbeTarget::Service { name: boxed(&it) }, it.span)),
             qos.map(|it| (ProbeTarget::Qos { topic: boxed(&it) }, it.span)),
+            system(&mut fields),
         ];
         let mut targets = targets.into_iter().flatten();
         let (target, more) = (targets.next(), targets.next());
         if target.is_none() || more.is_some() {
-            let problem =
-                Problem::at(node.span, "a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos`");
+            let problem = Problem::at(
+                node.span,
+                "a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos`, `system`",
+            );
             fields.log.push(problem.help("for example `probe: { node: /planner, answered: false }`"));
         }
         let answered: Option<bool> = fields.optional("answered");
@@ -213,8 +221,12 @@ impl FromNode for RawProbe {
             fields.log.push(problem.help("write `probe: { node: /planner, answered: true, times: 3 }`"));
         }
         let impossible: Option<String> = fields.optional("impossible");
+        let measured: Option<f64> = fields.optional("measured");
+        let is_system = matches!(target, Some((ProbeTarget::System(_), _)));
         let outcome = match (answered, impossible) {
+            (None, None) if is_system && measured.is_some() => measured.map(ProbeOutcome::Measured),
             (None, Some(why)) => Some(ProbeOutcome::Impossible(why.into())),
+            (Some(true), None) if is_system => Some(ProbeOutcome::Announced),
             (Some(true), None) if discovered => Some(match times {
                 Some(times) if times.value > 1 => {
                     ProbeOutcome::Repeated { times: u32::try_from(times.value).unwrap_or(u32::MAX) }
@@ -228,9 +240,9 @@ impl FromNode for RawProbe {
             (Some(false), None) => Some(ProbeOutcome::Missed("no answer".into())),
             _ => {
                 let problem = Problem::at(node.span, "a probe needs either `answered` or `impossible`");
-                fields
-                    .log
-                    .push(problem.help("write `answered: true`, `answered: false` or `impossible: WHY`"));
+                fields.log.push(problem.help(
+                    "write `answered: true`, `answered: false` or `impossible: WHY`; `measured: 70` beside `system`",
+                ));
                 None
             }
         };
@@ -238,6 +250,15 @@ impl FromNode for RawProbe {
         let (target, span) = target?;
         Some(RawProbe { target: Spanned { value: target, span }, outcome: outcome? })
     }
+}
+
+/// `system: { cpu: used }`: what is measured of the computer.
+fn system(fields: &mut Fields) -> Option<(ProbeTarget, Span)> {
+    let node = fields.node("system")?;
+    let mut inner = Fields::of(node, "what is measured", fields.log)?;
+    let found = telltale_config::resource(&mut inner);
+    inner.finish();
+    found.map(|it| (ProbeTarget::System(it.value), it.span))
 }
 
 /// A sample without its times, which come from the step.
@@ -255,10 +276,14 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
                 FieldValue::Pose(_) => field.kind == FieldKind::Pose,
                 FieldValue::Positions(_) => field.kind == FieldKind::Positions,
                 _ => field.kind == FieldKind::Scalar,
+            } || field.kind == FieldKind::Content;
+            let value = match field.kind {
+                FieldKind::Content if !matches!(value, FieldValue::Unreadable(_)) => &fingerprint(value),
+                _ => value,
             };
             if !fits {
                 let (what, example) = match field.kind {
-                    FieldKind::Scalar => ("one value", "1.5"),
+                    FieldKind::Scalar | FieldKind::Content => ("one value", "1.5"),
                     FieldKind::Pose => ("a pose", "{ x: 1, y: 2, yaw_deg: 90 }"),
                     FieldKind::Positions => ("a list of positions", "[[1.5, 2], [3, 4]]"),
                 };
@@ -275,12 +300,31 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
             log.push(Problem::at(key.span, text).help(help));
         }
     }
+    if let Some(content) = &raw.content {
+        let fields = source.fields.iter().zip(&mut values);
+        let whole = |field: &FieldSpec| field.kind == FieldKind::Content && field.path.is_empty();
+        match fields.into_iter().find(|(field, _)| whole(field)) {
+            Some((_, place)) => *place = fingerprint(&FieldValue::Text(content.value.as_str().into())),
+            None => {
+                let text = format!("nothing compares whole messages of {}", source.topic);
+                let problem = Problem::at(content.span, text);
+                log.push(problem.help("remove it, or add a `frozen` monitor without `field`"));
+            }
+        }
+    }
     if let Some(stamp) = raw.stamp.as_ref().filter(|_| !source.stamp) {
         let problem = Problem::at(stamp.span, format!("no monitor reads the stamp of {}", source.topic));
         log.push(problem.help("remove it, or add a latency monitor"));
     }
     let source = source.clone();
     Some(Input::Sample(Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, values }))
+}
+
+/// Stands for content that is written like this.
+fn fingerprint(value: &FieldValue) -> FieldValue {
+    let mut hash = DefaultHasher::new();
+    format!("{value:?}").hash(&mut hash);
+    FieldValue::Content(Fingerprint(hash.finish()))
 }
 
 fn are_read(source: &TopicSpec) -> String {

@@ -7,12 +7,12 @@ use std::sync::Arc;
 use telltale::engine::input::Input;
 use telltale::engine::model::monitors::Class;
 use telltale::engine::model::monitors::{
-    AgreementRule, Bands, Condition, FieldKind, FieldSpec, ProbeTarget, TopicId, TopicSpec, ValueRule,
-    ValueSource, WatchdogId, WatchdogSpec, Watched,
+    AgreementRule, Bands, Condition, FieldKind, FieldSpec, FrozenLimits, ProbeTarget, TopicId, TopicSpec,
+    ValueRule, ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
 use telltale::engine::model::motion::{SpeedSource, WatchedField};
 use telltale::engine::model::sample::{
-    FieldValue, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
+    FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
 use telltale::engine::model::{Model, ModuleId, MonitorSpec, Parts};
 use telltale::engine::state::State;
@@ -31,6 +31,7 @@ fn topic(index: usize) -> Arc<TopicSpec> {
             FieldSpec { path: "x".into(), kind: FieldKind::Scalar },
             FieldSpec { path: "pose".into(), kind: FieldKind::Pose },
             FieldSpec { path: "objects".into(), kind: FieldKind::Positions },
+            FieldSpec { path: "".into(), kind: FieldKind::Content },
         ],
     })
 }
@@ -72,7 +73,18 @@ fn monitor(choices: &mut Choices<'_>) -> MonitorSpec {
     match choices.below(9) {
         0 => MonitorSpec::Frequency { topic: any_topic(choices), window, bands: bands(choices, 10.0) },
         1 => MonitorSpec::Latency { topic: any_topic(choices), window, bands: bands(choices, 0.1) },
-        2 => MonitorSpec::Value { source: number(choices), rule: ValueRule::Bands(bands(choices, 1.0)) },
+        2 => match (number(choices), bands(choices, 1.0)) {
+            (source, bands) if bands.warning_below.is_some() && bands.error_below.is_some() => {
+                let above = Bands { warning_below: None, error_below: None, ..bands };
+                let repeats = Bands { error_above: bands.error_below, ..Bands::default() };
+                let source = match source {
+                    ValueSource::Field { topic, .. } => ValueSource::Field { topic, field: 3 },
+                    key => key,
+                };
+                MonitorSpec::Frozen { source, limits: FrozenLimits { time: above, repeats } }
+            }
+            (source, bands) => MonitorSpec::Value { source, rule: ValueRule::Bands(bands) },
+        },
         3 => MonitorSpec::Watchdog {
             watchdog: WatchdogId(0),
             misses: choices.below(3) as u32,
@@ -166,7 +178,11 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             let wall = 1_000_000_000_000_000_000;
             let age_ms = [0, 50, 100, 150, 200, 300, -60, 4_000_000][choices.below(8)];
             let number = FieldValue::Number([0.0, 0.5, 1.0, 2.0, 4.0, f64::NAN][choices.below(6)]);
-            let values = [number, pose(choices), positions(choices)];
+            let content = match age_ms {
+                -60 => FieldValue::Unreadable("the message ends early".into()),
+                age_ms => FieldValue::Content(Fingerprint(u64::from(age_ms > 100))),
+            };
+            let values = [number, pose(choices), positions(choices), content];
             let stamp_ns = (!choices.one_in(8)).then_some(wall - age_ms * 1_000_000);
             let values = values.into();
             Input::Sample(Sample { source, stamp_ns, received_wall_ns: wall, late: false, values })

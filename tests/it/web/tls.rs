@@ -225,4 +225,9 @@ async fn what_is_wrong_with_the_clock_the_certificate_or_the_recorder_stands_on_
     }
     fixture.input(Input::Upkeep(Upkeep::default())).await;
     fixture.until(|snapshot| !all.iter().any(|id| is_warning(snapshot, id))).await;
+
+    fixture.input(Input::Nodes { repeated: Some("/planner".into()) }).await;
+    fixture.until(|snapshot| is_warning(snapshot, "telltale/nodes")).await;
+    fixture.input(Input::Nodes { repeated: None }).await;
+    fixture.until(|snapshot| !is_warning(snapshot, "telltale/nodes")).await;
 }

@@ -109,9 +109,11 @@ fn fit(names: &[String], taken: &[Option<PartType>], values: &[FieldValue]) -> R
         FieldValue::Number(_) => Some(PartType::Number),
         FieldValue::Bool(_) => Some(PartType::Truth),
         FieldValue::Text(_) => Some(PartType::Text),
-        FieldValue::Pose(_) | FieldValue::Positions(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
-            None
-        }
+        FieldValue::Pose(_)
+        | FieldValue::Positions(_)
+        | FieldValue::Content(_)
+        | FieldValue::Absent
+        | FieldValue::Unreadable(_) => None,
     };
     for ((name, taken), value) in names.iter().zip(taken).zip(values) {
         if let (Some(taken), Some(is)) = (taken, is(value))
@@ -275,6 +277,7 @@ impl VariableResolver for Inputs<'_> {
             FieldValue::Text(text) => Some(CowVal::Owned(Box::new(CelString::from(&**text)))),
             FieldValue::Pose(_)
             | FieldValue::Positions(_)
+            | FieldValue::Content(_)
             | FieldValue::Absent
             | FieldValue::Unreadable(_) => None,
         }

@@ -24,12 +24,14 @@ pub(crate) enum Unit {
     Duration,
     /// An angle between two rotations: from 0 to 180.
     Degrees,
+    /// A part of a whole: from 0 to 100.
+    Percent,
 }
 
 impl Unit {
     fn read(self, node: &Node, log: &mut Log) -> Option<f64> {
         match self {
-            Unit::Number | Unit::Size | Unit::Degrees => f64::from_node(node, log),
+            Unit::Number | Unit::Size | Unit::Degrees | Unit::Percent => f64::from_node(node, log),
             Unit::Hertz => {
                 let hertz = scalar(node).and_then(hertz);
                 if hertz.is_none() {
@@ -59,6 +61,7 @@ impl Unit {
             Unit::Size => [of_type("number"), vec![least(0)]].concat(),
             Unit::Hertz => forms::rate(schema),
             Unit::Duration => forms::duration(schema),
+            Unit::Percent => [of_type("number"), vec![least(0), most(100)]].concat(),
             Unit::Degrees => [of_type("number"), vec![least(0), most(180)]].concat(),
         }
     }
@@ -69,6 +72,7 @@ impl Unit {
             Unit::Number => (f64::NEG_INFINITY, f64::INFINITY),
             Unit::Size | Unit::Hertz | Unit::Duration => (0.0, f64::INFINITY),
             Unit::Degrees => (0.0, 180.0),
+            Unit::Percent => (0.0, 100.0),
         }
     }
 }
@@ -135,6 +139,30 @@ fn of_keys(fields: &mut Fields, unit: Unit, keys: [Option<KeyDoc>; 4]) -> Bands 
         error_above: value(error_above),
         unmeasurable: None,
     }
+}
+
+/// Limits of a number of events under these two names, and the place of the first; `None` if there are none.
+pub(crate) fn counts_above(
+    fields: &mut Fields,
+    [warning, error]: [&'static str; 2],
+    about: &'static str,
+    (most, rules): (u64, fn() -> Members),
+) -> Option<(Span, Bands)> {
+    let mut limit = |name: &'static str| fields.optional::<Spanned<u64>>(key(name).about(about).rules(rules));
+    let limits = [limit(warning), limit(error)];
+    let first = limits.iter().flatten().next()?.span;
+    for limit in limits.iter().flatten().filter(|limit| limit.value > most) {
+        let problem = Problem::at(limit.span, format!("{} is not between 0 and {most}", limit.value));
+        fields.log.push(problem.help("choose `0` where each of them is a fault"));
+    }
+    if let [Some(of_warning), Some(of_error)] = &limits
+        && of_error.value < of_warning.value
+    {
+        let problem = Problem::at(of_error.span, format!("`{error}` is below `{warning}`"));
+        fields.log.push(problem.help("exchange the two, or correct one of them"));
+    }
+    let [warning_above, error_above] = limits.map(|limit| limit.map(|limit| limit.value as f64));
+    Some((first, Bands { warning_above, error_above, ..Bands::default() }))
 }
 
 /// Reads the state of what cannot be measured.

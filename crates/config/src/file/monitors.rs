@@ -4,14 +4,18 @@ use super::agreement;
 use super::bands;
 use super::bands::{Unit, bands, some_bands};
 use super::forms::default_span;
+use super::frozen;
 use super::sources::ScalarSource;
 pub(crate) use super::sources::{Source, Topic};
+use super::system;
 use super::watchdog;
 use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::expression::TEXT_BYTES_MAX;
 use crate::fields::Fields;
 use telltale_engine::model::monitors::Class;
-use telltale_engine::model::monitors::{AgreementRule, Bands, ProbeTarget, ValueRule};
+use telltale_engine::model::monitors::{
+    AgreementRule, Bands, FrozenLimits, ProbeTarget, Resource, ValueRule,
+};
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::state::State;
 use telltale_engine::time;
@@ -22,12 +26,14 @@ use telltale_yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, key, map,
 pub(crate) type Decoder = fn(&Node, &mut Log) -> Option<Monitor>;
 
 /// The kinds of monitor, each with its decoder.
-pub(crate) const KINDS: [(&str, Decoder); 11] = [
+pub(crate) const KINDS: [(&str, Decoder); 13] = [
     ("self_state", self_state),
     ("frequency", frequency),
     ("latency", latency),
     ("value", single),
+    ("frozen", frozen::frozen),
     ("watchdog", watchdog::watchdog),
+    ("system", system::system),
     ("rate_ratio", rate_ratio),
     ("sequence", sequence),
     ("agreement", agreement::agreement),
@@ -68,10 +74,19 @@ pub(crate) enum Monitor {
         source: Source,
         rule: ValueRule,
     },
+    Frozen {
+        source: Source,
+        limits: FrozenLimits,
+    },
     Watchdog {
         target: ProbeTarget,
         every: time::Span,
         misses: u32,
+        bands: Bands,
+    },
+    System {
+        resource: Resource,
+        every: time::Span,
         bands: Bands,
     },
     RateRatio {

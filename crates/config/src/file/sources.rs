@@ -115,6 +115,42 @@ pub(crate) enum Source {
 }
 
 impl Source {
+    /// Reads the keys of a source that may be any part of a message, or the whole one without a `field`.
+    pub fn part(fields: &mut Fields) -> Option<Source> {
+        const PART: KeyDoc = key("field")
+            .about("Any part of the message: a value, a message in it, an array. Without it, all of the message counts. Times with the name `stamp` never do.")
+            .form(forms::path);
+        fields.may_have::<String>(TOPIC);
+        fields.may_have::<String>(TYPE);
+        fields.may_have::<String>(PART);
+        fields.may_have::<String>(STATUS);
+        fields.may_have::<String>(KEY);
+        fields.rule(|| needs_one(&[&["topic"], &["status", "key"]]));
+        let mut there =
+            |keys: &[&'static str]| keys.iter().filter(|key| fields.node(**key).is_some()).count();
+        match (there(&["topic", "type", "field"]), there(&["status", "key"])) {
+            (1.., 0) => {
+                let (topic, path) = (Topic::of(fields)?, fields.optional("field"));
+                let whole = || Spanned { value: String::new(), span: topic.name.span };
+                let path = path.unwrap_or_else(whole);
+                Some(Source::Field { topic, path, kind: FieldKind::Content })
+            }
+            (0, 1..) => {
+                let (status, key) = (fields.required("status"), fields.required("key"));
+                Some(Source::Key { status: status?, key: key?, unit: None })
+            }
+            (topic, _) => {
+                let text = match topic {
+                    0 => "it is not said where the value comes from",
+                    _ => "the value comes either from a topic or from a status",
+                };
+                let problem = Problem::at(fields.span(), text);
+                fields.log.push(problem.help("write `topic` and `type`, or `status` and `key`"));
+                None
+            }
+        }
+    }
+
     pub fn kind(&self) -> FieldKind {
         match self {
             Source::Field { kind, .. } => *kind,

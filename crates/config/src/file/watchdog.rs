@@ -70,29 +70,14 @@ pub(crate) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
 /// Limits of the restarts of a node; `None` if there are none.
 fn restarts(fields: &mut Fields, target: Option<&ProbeTarget>) -> Option<Bands> {
     let about = "With `node`: crashes after which it was started again, within the leases of DDS (10 to 30 s). More are a fault.";
-    let mut limit = |name: &'static str| {
-        let doc = key(name).about(about).rules(|| vec![least(0), most(RESTARTS_MAX)]);
-        fields.optional::<Spanned<u64>>(doc)
-    };
-    let (warning, error) = (limit("restarts_warning_above"), limit("restarts_error_above"));
-    let first = [&warning, &error].into_iter().flatten().next()?;
-    let is_node = matches!(target, Some(ProbeTarget::Node { .. }));
-    if !is_node && target.is_some() {
-        let problem = Problem::at(first.span, "only the restarts of a `node` are known");
+    let names = ["restarts_warning_above", "restarts_error_above"];
+    let (place, bands) =
+        bands::counts_above(fields, names, about, (RESTARTS_MAX, || vec![least(0), most(RESTARTS_MAX)]))?;
+    if !matches!(target, Some(ProbeTarget::Node { .. }) | None) {
+        let problem = Problem::at(place, "only the restarts of a `node` are known");
         fields.log.push(problem.help("remove the limit, or watch the `node`"));
     }
-    for limit in [&warning, &error].into_iter().flatten().filter(|limit| limit.value > RESTARTS_MAX) {
-        let problem = Problem::at(limit.span, format!("{} is not between 0 and {RESTARTS_MAX}", limit.value));
-        fields.log.push(problem.help("choose `0` where each restart is a fault"));
-    }
-    if let (Some(warning), Some(error)) = (&warning, &error)
-        && error.value < warning.value
-    {
-        let problem = Problem::at(error.span, "`restarts_error_above` is below `restarts_warning_above`");
-        fields.log.push(problem.help("exchange the two, or correct one of them"));
-    }
-    let number = |limit: Option<Spanned<u64>>| limit.map(|limit| limit.value as f64);
-    Some(Bands { warning_above: number(warning), error_above: number(error), ..Bands::default() })
+    Some(bands)
 }
 
 /// Limits of the response time.

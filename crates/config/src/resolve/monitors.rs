@@ -3,7 +3,7 @@
 use super::topics::Topics;
 use crate::expression;
 use crate::file::monitors::{Expression, Monitor, Source};
-use telltale_engine::model::monitors::{ModuleMonitor, MonitorSpec, ValueSource, WatchdogSpec};
+use telltale_engine::model::monitors::{ModuleMonitor, MonitorSpec, ProbeTarget, ValueSource, WatchdogSpec};
 use telltale_yaml::{Log, Problem, Span};
 
 /// The monitor of the model; `None` if the log has the reason.
@@ -26,9 +26,16 @@ pub(crate) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> 
         Monitor::Value { source: from, rule } => {
             MonitorSpec::Value { source: source(from, topics, log), rule: rule.clone() }
         }
+        Monitor::Frozen { source: from, limits } => {
+            MonitorSpec::Frozen { source: source(from, topics, log), limits: *limits }
+        }
         Monitor::Watchdog { target, every, misses, bands } => {
             let spec = WatchdogSpec { target: target.clone(), every: *every };
             MonitorSpec::Watchdog { watchdog: topics.watchdog(spec), misses: *misses, bands: *bands }
+        }
+        Monitor::System { resource, every, bands } => {
+            let spec = WatchdogSpec { target: ProbeTarget::System(resource.clone()), every: *every };
+            MonitorSpec::System { watchdog: topics.watchdog(spec), bands: *bands }
         }
         Monitor::RateRatio { input, output, window, bands } => {
             let (input, output) = (topics.watch(input, false, log), topics.watch(output, false, log));

@@ -152,7 +152,9 @@ impl Topics {
         let id = self.watch(topic, false, log);
         match kind {
             FieldKind::Positions => check_list(path, log),
-            FieldKind::Scalar | FieldKind::Pose => check_path(path, log),
+            // All of the message.
+            FieldKind::Content if path.value.is_empty() => {}
+            FieldKind::Scalar | FieldKind::Pose | FieldKind::Content => check_path(path, log),
         }
         let index = id.0 as usize;
         let field = FieldSpec { path: path.value.as_str().into(), kind };

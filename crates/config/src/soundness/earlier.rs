@@ -47,7 +47,9 @@ fn earlier(spec: &MonitorSpec) -> Vec<Source<'_>> {
         | MonitorSpec::Frequency { .. }
         | MonitorSpec::Latency { .. }
         | MonitorSpec::Value { .. }
+        | MonitorSpec::Frozen { .. }
         | MonitorSpec::Watchdog { .. }
+        | MonitorSpec::System { .. }
         | MonitorSpec::Agreement { .. }
         | MonitorSpec::Constant { .. }
         | MonitorSpec::Count { .. }
@@ -63,9 +65,13 @@ fn judges<'a>(judge: &'a Judge<'_>, source: &'a Source<'_>) -> impl Iterator<Ite
             Source::Topic(id),
             Some(MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. }),
         ) => topic == id,
-        (Source::Topic(id), Some(MonitorSpec::Value { source: ValueSource::Field { topic, .. }, .. })) => {
-            topic == id
-        }
+        (
+            Source::Topic(id),
+            Some(
+                MonitorSpec::Value { source: ValueSource::Field { topic, .. }, .. }
+                | MonitorSpec::Frozen { source: ValueSource::Field { topic, .. }, .. },
+            ),
+        ) => topic == id,
         (Source::Status(name), Some(MonitorSpec::Value { source: ValueSource::Key { status, .. }, .. })) => {
             **status == **name
         }

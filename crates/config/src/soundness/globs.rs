@@ -47,7 +47,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
 /// The names of the statuses that a monitor reads.
 fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
     let sources: Vec<&ValueSource> = match monitor {
-        MonitorSpec::Value { source, .. } => vec![source],
+        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => vec![source],
         MonitorSpec::Sequence { earlier: a, later: b, .. }
         | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => vec![a, b],
         MonitorSpec::Expression { inputs, .. } => inputs.iter().map(|(_, source)| source).collect(),

@@ -40,9 +40,14 @@ fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
             let rounds = Span::from_nanos(spec.every.as_nanos().saturating_mul(u64::from(*misses)));
             match spec.target {
                 ProbeTarget::Node { .. } | ProbeTarget::Service { .. } => sum(LEASE, rounds),
-                ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } | ProbeTarget::Qos { .. } => rounds,
+                ProbeTarget::Icmp { .. }
+                | ProbeTarget::Tcp { .. }
+                | ProbeTarget::Qos { .. }
+                | ProbeTarget::System(_) => rounds,
             }
         }
+        Some(MonitorSpec::System { watchdog, .. }) => model.watched.watchdogs[watchdog.0 as usize].every,
+        Some(MonitorSpec::Frozen { limits, .. }) => limits.longest(),
         _ => Span::ZERO,
     };
     let by_the_clock = module.monitor.by_the_clock();

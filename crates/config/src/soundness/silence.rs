@@ -68,11 +68,13 @@ fn may_be_in_error(judge: &Judge<'_>, node: NodeId) -> bool {
                 | MonitorSpec::RateRatio { bands, .. }
                 | MonitorSpec::Sequence { bands, .. }
                 | MonitorSpec::Value { rule: ValueRule::Bands(bands), .. } => can(bands),
+                MonitorSpec::Frozen { limits, .. } => can(&limits.time) || can(&limits.repeats),
                 MonitorSpec::Expression { error, .. } => error.is_some(),
                 MonitorSpec::Constant { state } => *state == State::Error,
                 MonitorSpec::External { .. }
                 | MonitorSpec::Value { .. }
                 | MonitorSpec::Watchdog { .. }
+                | MonitorSpec::System { .. }
                 | MonitorSpec::Agreement { .. }
                 | MonitorSpec::Count { .. } => true,
             },

@@ -31,6 +31,8 @@ groups:
       - { monitor: { frequency: { zzzz: 1 } } }
       - { monitor: { latency: { zzzz: 1 } } }
       - { monitor: { value: { zzzz: 1, topic: /t } } }
+      - { monitor: { frozen: { zzzz: 1 } } }
+      - { monitor: { system: { zzzz: 1 } } }
       - { monitor: { watchdog: { zzzz: 1 } } }
       - { monitor: { rate_ratio: { zzzz: 1, input: { zzzz: 1 } } } }
       - { monitor: { sequence: { zzzz: 1, earlier: { zzzz: 1 } } } }
@@ -53,7 +55,7 @@ fn the_schema_knows_the_keys_that_the_reader_knows() {
         let keys = problem.help.as_ref().and_then(|help| help.strip_prefix("known here: ")).unwrap();
         reader.insert(what.to_owned(), keys.split(", ").map(str::to_owned).collect());
     }
-    assert_eq!(reader.len(), 57, "{reader:#?}");
+    assert_eq!(reader.len(), 59, "{reader:#?}");
 
     let schema: Value = serde_json::from_str(&schema()).unwrap();
     let definitions = schema["$defs"].as_object().unwrap().values();

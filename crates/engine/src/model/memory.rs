@@ -30,6 +30,8 @@ impl Model {
                 let every = self.watched.watchdogs[watchdog.0 as usize].every;
                 Span::from_nanos(every.as_nanos().saturating_mul(u64::from(*misses)))
             }
+            MonitorSpec::System { watchdog, .. } => self.watched.watchdogs[watchdog.0 as usize].every,
+            MonitorSpec::Frozen { limits, .. } => limits.longest(),
             MonitorSpec::Sequence { max_gap, .. } => *max_gap,
             MonitorSpec::Agreement { max_age, motion_over, .. } => {
                 motion_over.unwrap_or_default().max(*max_age)

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use super::time::Span;
 use countermeasure::Rule;
 pub use filter::{Match, Prefixes, Unclaimed};
-use monitors::Watched;
+use monitors::{FieldKind, TopicSpec, Watched};
 pub use monitors::{ModuleMonitor, MonitorSpec};
 pub use motion::Stop;
 use motion::{SpeedSource, WatchedField};
@@ -358,7 +358,8 @@ impl Model {
                 .filter_map(|it| it.source.field())
                 .any(|field| same_topic(&field.topic, topic))
         };
-        let counted = self.watched.topics.iter().filter(|spec| spec.fields.is_empty());
+        let is_counted = |spec: &&Arc<TopicSpec>| spec.fields.iter().all(|it| it.kind == FieldKind::Content);
+        let counted = self.watched.topics.iter().filter(is_counted);
         counted.map(|spec| &*spec.topic).filter(move |topic| {
             let is_diagnostics = self.watched.diagnostics.iter().any(|it| same_topic(&it.topic, topic));
             !is_diagnostics && !is_signal(topic) && self.watched.recorded(topic).is_none()

@@ -114,6 +114,9 @@ pub enum FieldKind {
     /// An array of positions, or of messages that contain one; `[]` in its path stands for each element, and
     /// may be omitted at its end.
     Positions,
+    /// Any part of the message, as a fingerprint of its values; without a path the whole message. Times with the
+    /// name `stamp` in it do not count.
+    Content,
 }
 
 /// The type of a [`FieldKind::Scalar`].
@@ -144,6 +147,46 @@ pub enum ProbeTarget {
     Service { name: Box<str> },
     /// Whether all publishers and subscribers of a topic match.
     Qos { topic: Box<str> },
+    /// The computer on which Telltale runs.
+    System(Resource),
+}
+
+/// A resource of a computer, or a process on it.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Resource {
+    /// What its cores are busy with together, in percent.
+    Cpu,
+    /// What is not available to a new program, in percent.
+    Memory,
+    /// What is used of the file system with this path, in percent.
+    Disk { path: Box<str> },
+    /// In degrees Celsius, by the name that the kernel gives the sensor.
+    Temperature { sensor: Box<str> },
+    /// All processes of a program; without a measure, whether there is any.
+    Process { name: Box<str>, measure: Option<ProcessMeasure> },
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ProcessMeasure {
+    /// In percent of one core.
+    Cpu,
+    /// Resident, in megabytes.
+    Memory,
+}
+
+impl Resource {
+    /// Its path or name, or what it is.
+    pub fn name(&self) -> &str {
+        match self {
+            Resource::Cpu => "cpu",
+            Resource::Memory => "memory",
+            Resource::Disk { path } => path,
+            Resource::Temperature { sensor } => sensor,
+            Resource::Process { name, .. } => name,
+        }
+    }
 }
 
 impl ProbeTarget {
@@ -153,6 +196,7 @@ impl ProbeTarget {
             ProbeTarget::Icmp { host } => host,
             ProbeTarget::Tcp { address } => address,
             ProbeTarget::Qos { topic } => topic,
+            ProbeTarget::System(resource) => resource.name(),
             ProbeTarget::Node { name } | ProbeTarget::Service { name } => name,
         }
     }
@@ -200,6 +244,23 @@ pub enum ValueRule {
 impl Default for ValueRule {
     fn default() -> ValueRule {
         ValueRule::Bands(Bands::default())
+    }
+}
+
+/// Limits of what repeats itself; only those above are set.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FrozenLimits {
+    /// From the first of the equal messages to the last, in seconds.
+    pub time: Bands,
+    /// The equal messages in a row without the first.
+    pub repeats: Bands,
+}
+
+impl FrozenLimits {
+    /// The longest time that is allowed.
+    pub fn longest(&self) -> Span {
+        let limits = [self.time.warning_above, self.time.error_above].into_iter().flatten();
+        Span::from_nanos((limits.fold(0.0, f64::max) * 1e9) as u64)
     }
 }
 
@@ -253,10 +314,20 @@ pub enum MonitorSpec {
         source: ValueSource,
         rule: ValueRule,
     },
+    /// How long, and how many messages in a row, a value may stay the same.
+    Frozen {
+        source: ValueSource,
+        limits: FrozenLimits,
+    },
     /// This many misses in a row make an ERROR; bands on the response time, in seconds.
     Watchdog {
         watchdog: WatchdogId,
         misses: u32,
+        bands: Bands,
+    },
+    /// Bands on what is measured of a [`Resource`].
+    System {
+        watchdog: WatchdogId,
         bands: Bands,
     },
     /// Bands on the output rate divided by the input rate.
@@ -336,7 +407,9 @@ impl MonitorSpec {
             MonitorSpec::Frequency { .. }
             | MonitorSpec::Latency { .. }
             | MonitorSpec::Value { .. }
+            | MonitorSpec::Frozen { .. }
             | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::System { .. }
             | MonitorSpec::RateRatio { .. }
             | MonitorSpec::Sequence { .. }
             | MonitorSpec::Agreement { .. }
@@ -428,7 +501,7 @@ impl ProbeTarget {
     /// Whether the answer comes from DDS.
     pub(crate) fn asks_dds(&self) -> bool {
         match self {
-            ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } => false,
+            ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } | ProbeTarget::System(_) => false,
             ProbeTarget::Node { .. } | ProbeTarget::Service { .. } | ProbeTarget::Qos { .. } => true,
         }
     }

@@ -49,7 +49,9 @@ impl Quantity {
             MonitorSpec::External { .. }
             | MonitorSpec::Frequency { .. }
             | MonitorSpec::Latency { .. }
+            | MonitorSpec::Frozen { .. }
             | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::System { .. }
             | MonitorSpec::RateRatio { .. }
             | MonitorSpec::Agreement { .. }
             | MonitorSpec::Constant { .. }

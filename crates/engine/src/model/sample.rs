@@ -36,7 +36,11 @@ impl Sample {
         let held = |value: &FieldValue| match value {
             FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
             FieldValue::Positions(list) => size_of_val(&*list.taken) + size_of::<Positions>(),
-            FieldValue::Number(_) | FieldValue::Bool(_) | FieldValue::Pose(_) | FieldValue::Absent => 0,
+            FieldValue::Number(_)
+            | FieldValue::Bool(_)
+            | FieldValue::Pose(_)
+            | FieldValue::Content(_)
+            | FieldValue::Absent => 0,
         };
         size_of_val(&*self.values) + self.values.iter().map(held).sum::<usize>()
     }
@@ -51,10 +55,33 @@ pub enum FieldValue {
     Text(Box<str>),
     Pose(Pose),
     Positions(Arc<Positions>),
+    /// Equal for equal content.
+    Content(Fingerprint),
     /// The message does not contain it: no element has the requested property. The last value stays and ages.
     Absent,
     /// The reason why it cannot be read, for a developer: the message ends early, or the element is missing.
     Unreadable(Box<str>),
+}
+
+/// A hash of a part of a message; in files 16 hexadecimal digits, because many readers of JSON take numbers for doubles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Fingerprint(pub u64);
+
+impl From<Fingerprint> for String {
+    fn from(fingerprint: Fingerprint) -> String {
+        format!("{:016x}", fingerprint.0)
+    }
+}
+
+impl TryFrom<String> for Fingerprint {
+    type Error = &'static str;
+
+    fn try_from(text: String) -> Result<Fingerprint, &'static str> {
+        let digits = Some(&text).filter(|it| it.len() == 16 && it.bytes().all(|it| it.is_ascii_hexdigit()));
+        let number = digits.and_then(|digits| u64::from_str_radix(digits, 16).ok());
+        number.map(Fingerprint).ok_or("a fingerprint has 16 hexadecimal digits")
+    }
 }
 
 /// Metres, and a rotation as a quaternion that need not be normalized.
@@ -126,13 +153,13 @@ pub struct PublisherReport {
 }
 
 /// The result of a probe.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Probe {
     pub source: Arc<WatchdogSpec>,
     pub outcome: ProbeOutcome,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProbeOutcome {
     Answered {
@@ -144,6 +171,8 @@ pub enum ProbeOutcome {
     /// A node that several participants announce at once: one that crashed counts until its leases end, so each but the
     /// last is a restart, or the node runs more than once.
     Repeated { times: u32 },
+    /// What was measured, in the unit of the target.
+    Measured(#[serde(with = "float")] f64),
     /// It is not there, with the reason: refused, no answer in time, no such node or service.
     Missed(Box<str>),
     /// This machine cannot probe it, so nothing is known: no permission, or a name that does not resolve.

@@ -13,6 +13,12 @@ impl Engine {
         self.report_on_self(SystemCheck::Aggregator, state, words);
     }
 
+    pub(crate) fn take_nodes(&mut self, repeated: Option<&str>) {
+        let state = if repeated.is_some() { State::Warning } else { State::Ok };
+        let words = repeated.map(system::repeated_nodes).unwrap_or_default();
+        self.report_on_self(SystemCheck::Nodes, state, words);
+    }
+
     pub(crate) fn take_storage(&mut self, fault: Option<&str>) {
         let state = if fault.is_some() { State::Warning } else { State::Ok };
         self.report_on_self(SystemCheck::Storage, state, fault.unwrap_or_default());

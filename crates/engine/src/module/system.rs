@@ -53,10 +53,12 @@ pub enum SystemCheck {
     Certificate,
     /// Incidents can be recorded, with as much of the past as they need.
     Recording,
+    /// No two nodes have one name.
+    Nodes,
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 14] = [
+    pub const ALL: [SystemCheck; 15] = [
         SystemCheck::Invariants,
         SystemCheck::Reception,
         SystemCheck::Active,
@@ -71,6 +73,7 @@ impl SystemCheck {
         SystemCheck::Clock,
         SystemCheck::Certificate,
         SystemCheck::Recording,
+        SystemCheck::Nodes,
     ];
 
     pub(crate) fn id(self) -> &'static str {
@@ -89,6 +92,7 @@ impl SystemCheck {
             SystemCheck::Clock => "telltale/clock",
             SystemCheck::Certificate => "telltale/certificate",
             SystemCheck::Recording => "telltale/recording",
+            SystemCheck::Nodes => "telltale/nodes",
         }
     }
 
@@ -111,6 +115,7 @@ impl SystemCheck {
             SystemCheck::Writers => ("Senders contradict each other", "Sender widersprechen sich"),
             SystemCheck::Clock => ("Clock is wrong", "Uhr geht falsch"),
             SystemCheck::Certificate => ("Certificate has to be renewed", "Zertifikat muss erneuert werden"),
+            SystemCheck::Nodes => ("Node runs twice", "Node läuft doppelt"),
             SystemCheck::Recording => {
                 ("Recordings are missing or too short", "Aufzeichnungen fehlen oder sind zu kurz")
             }
@@ -148,7 +153,8 @@ impl SystemCheck {
             | SystemCheck::Memory
             | SystemCheck::Clock
             | SystemCheck::Certificate
-            | SystemCheck::Recording => {
+            | SystemCheck::Recording
+            | SystemCheck::Nodes => {
                 help.warning = driving(
                     "You may drive. Report it.",
                     "Weiterfahren möglich. Melden.",
@@ -215,6 +221,15 @@ pub(crate) fn other_aggregator(other: &str) -> Text {
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
         other = other
+    )
+}
+
+/// The message while several nodes have one name.
+pub(crate) fn repeated_nodes(names: &str) -> Text {
+    say!(
+        "several nodes have one name: {names}",
+        "mehrere Nodes haben denselben Namen: {names}",
+        names = names
     )
 }
 

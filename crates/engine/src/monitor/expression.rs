@@ -107,6 +107,7 @@ impl Expression {
                 FieldValue::Text(text) => format!("\"{}\"", cut(text)).into(),
                 FieldValue::Pose(_)
                 | FieldValue::Positions(_)
+                | FieldValue::Content(_)
                 | FieldValue::Absent
                 | FieldValue::Unreadable(_) => return None,
             };

@@ -219,7 +219,7 @@ impl Watching {
             topics.push(topic);
         }
         let mut from_dds = !matches!(spec, MonitorSpec::Constant { .. } | MonitorSpec::Count { .. });
-        if let MonitorSpec::Watchdog { watchdog, .. } = spec {
+        if let MonitorSpec::Watchdog { watchdog, .. } | MonitorSpec::System { watchdog, .. } = spec {
             let (spec, readers) = &mut self.probes[watchdog.0 as usize];
             from_dds = spec.target.asks_dds();
             readers.push(watch);

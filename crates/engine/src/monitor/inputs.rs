@@ -71,7 +71,8 @@ impl Inputs {
             let place = match source {
                 ValueSource::Field { topic, field } => {
                     let topic = &watched.topics[topic.0 as usize];
-                    format!("{} {}", topic.topic, topic.fields[*field as usize].path)
+                    let path = &topic.fields[*field as usize].path;
+                    if path.is_empty() { topic.topic.to_string() } else { format!("{} {path}", topic.topic) }
                 }
                 ValueSource::Key { status, key, .. } => format!("{status}: {key}"),
             };
@@ -184,6 +185,7 @@ impl Inputs {
             | FieldValue::Bool(_)
             | FieldValue::Pose(_)
             | FieldValue::Positions(_)
+            | FieldValue::Content(_)
             | FieldValue::Absent
             | FieldValue::Unreadable(_) => None,
         }
@@ -294,7 +296,9 @@ fn wrong_kind(slot: usize, wanted: ValueKind, value: &FieldValue) -> UnusableInp
         FieldValue::Pose(_) => ValueKind::Pose,
         FieldValue::Positions(_) => ValueKind::Positions,
         FieldValue::Bool(_) => ValueKind::Bool,
-        FieldValue::Text(_) | FieldValue::Absent | FieldValue::Unreadable(_) => ValueKind::Words,
+        FieldValue::Text(_) | FieldValue::Content(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
+            ValueKind::Words
+        }
     };
     UnusableInput { slot, fault: InputFault::WrongKind { wanted, is } }
 }

@@ -50,7 +50,9 @@ impl MonitorSpec {
             MonitorSpec::Frequency { .. } => "frequency",
             MonitorSpec::Latency { .. } => "latency",
             MonitorSpec::Value { .. } => "value",
+            MonitorSpec::Frozen { .. } => "frozen",
             MonitorSpec::Watchdog { .. } => "watchdog",
+            MonitorSpec::System { .. } => "system",
             MonitorSpec::RateRatio { .. } => "rate_ratio",
             MonitorSpec::Sequence { .. } => "sequence",
             MonitorSpec::Agreement { .. } => "agreement",
@@ -63,10 +65,13 @@ impl MonitorSpec {
     /// Its class in the paper's classification.
     pub fn class(&self) -> Class {
         match self {
-            MonitorSpec::Value { .. } | MonitorSpec::Constant { .. } => SELF_STATE,
+            MonitorSpec::Value { .. } | MonitorSpec::Frozen { .. } | MonitorSpec::Constant { .. } => {
+                SELF_STATE
+            }
             MonitorSpec::Frequency { .. }
             | MonitorSpec::Latency { .. }
             | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::System { .. }
             | MonitorSpec::Count { .. } => class("isolated", "meta", None),
             MonitorSpec::RateRatio { .. } => class("contextual", "meta", Some("sequential")),
             MonitorSpec::Sequence { .. } => class("contextual", "content", Some("sequential")),
@@ -81,11 +86,13 @@ impl MonitorSpec {
             MonitorSpec::Frequency { .. }
             | MonitorSpec::RateRatio { .. }
             | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::System { .. }
             | MonitorSpec::Constant { .. }
             | MonitorSpec::Count { .. } => true,
             MonitorSpec::External { .. }
             | MonitorSpec::Latency { .. }
             | MonitorSpec::Value { .. }
+            | MonitorSpec::Frozen { .. }
             | MonitorSpec::Sequence { .. }
             | MonitorSpec::Agreement { .. }
             | MonitorSpec::Expression { .. } => false,
@@ -117,11 +124,11 @@ impl MonitorSpec {
                 name_topic(input);
                 name_topic(output);
             }
-            MonitorSpec::Watchdog { watchdog, .. } => {
+            MonitorSpec::Watchdog { watchdog, .. } | MonitorSpec::System { watchdog, .. } => {
                 let id = std::mem::replace(watchdog, WatchdogId(0));
                 probe = Some(&*watched.watchdogs[id.0 as usize]);
             }
-            MonitorSpec::Value { source, .. } => values.push(source),
+            MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => values.push(source),
             MonitorSpec::Sequence { earlier, later, .. } => values.extend([earlier, later]),
             MonitorSpec::Agreement { a, b, .. } => values.extend([a, b]),
             MonitorSpec::Expression { inputs, .. } => {

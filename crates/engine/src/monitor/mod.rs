@@ -6,6 +6,7 @@ mod count;
 mod expression;
 pub(super) mod feeds;
 mod frequency;
+mod frozen;
 mod inputs;
 mod latency;
 mod meaning;
@@ -27,6 +28,7 @@ use agreement::Agreement;
 use count::Count;
 use expression::Expression;
 use frequency::Frequency;
+use frozen::Frozen;
 use inputs::Inputs;
 pub(super) use inputs::NO_SUCH_KEY;
 use latency::Latency;
@@ -63,6 +65,7 @@ pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
     match spec {
         MonitorSpec::External { .. }
         | MonitorSpec::Watchdog { .. }
+        | MonitorSpec::System { .. }
         | MonitorSpec::Constant { .. }
         | MonitorSpec::Count { .. } => Vec::new(),
         MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => {
@@ -73,7 +76,9 @@ pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
             feeds[RateRatio::OUTPUT] = Feed::Messages(*output);
             feeds
         }
-        MonitorSpec::Value { source, .. } => vec![Feed::Values(source)],
+        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => {
+            vec![Feed::Values(source)]
+        }
         MonitorSpec::Sequence { earlier, later, .. } => vec![Feed::Values(earlier), Feed::Values(later)],
         MonitorSpec::Agreement { a, b, .. } => vec![Feed::Values(a), Feed::Values(b)],
         MonitorSpec::Expression { inputs, .. } => {
@@ -89,6 +94,7 @@ pub(super) enum Monitor {
     Frequency(Frequency),
     Latency(Latency),
     Value(Value),
+    Frozen(Frozen),
     Watchdog(Watchdog),
     RateRatio(RateRatio),
     Sequence(Sequence),
@@ -115,9 +121,16 @@ impl Monitor {
             MonitorSpec::Value { source, rule } => {
                 Monitor::Value(Value::new(one(source, None), rule.clone()))
             }
+            MonitorSpec::Frozen { source, limits } => {
+                Monitor::Frozen(Frozen::new(one(source, None), *limits))
+            }
             MonitorSpec::Watchdog { watchdog, misses, bands } => {
                 let spec = &watched.watchdogs[watchdog.0 as usize];
                 Monitor::Watchdog(Watchdog::new(spec, *misses, *bands))
+            }
+            MonitorSpec::System { watchdog, bands } => {
+                let spec = &watched.watchdogs[watchdog.0 as usize];
+                Monitor::Watchdog(Watchdog::new(spec, 1, *bands))
             }
             MonitorSpec::RateRatio { window, bands, .. } => {
                 Monitor::RateRatio(RateRatio::new(*window, *bands))
@@ -148,6 +161,7 @@ impl Monitor {
             (Monitor::Frequency(monitor), Monitor::Frequency(kept)) => monitor.resume(kept),
             (Monitor::Latency(monitor), Monitor::Latency(kept)) => monitor.resume(kept),
             (Monitor::Value(monitor), Monitor::Value(kept)) => monitor.resume(kept),
+            (Monitor::Frozen(monitor), Monitor::Frozen(kept)) => monitor.resume(kept),
             (Monitor::Watchdog(monitor), Monitor::Watchdog(kept)) => {
                 monitor.resume(kept);
                 Ok(())
@@ -170,6 +184,8 @@ impl Monitor {
         match self {
             Monitor::Value(value) => value.wants_words(),
             Monitor::Expression(expression) => expression.wants_words(slot),
+            // Whatever it is, its text is compared.
+            Monitor::Frozen(_) => true,
             Monitor::Frequency(_)
             | Monitor::Latency(_)
             | Monitor::Watchdog(_)
@@ -187,11 +203,12 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.set_relevant(relevant, now),
             Monitor::RateRatio(monitor) => monitor.set_relevant(relevant, now),
             Monitor::Watchdog(monitor) => monitor.set_relevant(relevant, now),
-            Monitor::Latency(_) | Monitor::Agreement(_) if relevant => {
+            Monitor::Latency(_) | Monitor::Agreement(_) | Monitor::Frozen(_) if relevant => {
                 self.begin_anew(now);
             }
             Monitor::Latency(_)
             | Monitor::Value(_)
+            | Monitor::Frozen(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
             | Monitor::Constant(_)
@@ -205,6 +222,7 @@ impl Monitor {
         match self {
             Monitor::Frequency(monitor) => monitor.recover(now),
             Monitor::RateRatio(monitor) => monitor.recover(now),
+            Monitor::Frozen(monitor) => monitor.begin_anew(now),
             Monitor::Latency(_)
             | Monitor::Value(_)
             | Monitor::Watchdog(_)
@@ -222,6 +240,7 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.set_relevant(true, now),
             Monitor::RateRatio(monitor) => monitor.set_relevant(true, now),
             Monitor::Latency(monitor) => monitor.begin_anew(),
+            Monitor::Frozen(monitor) => monitor.begin_anew(now),
             Monitor::Agreement(monitor) => return monitor.begin_anew(),
             Monitor::Watchdog(_)
             | Monitor::Value(_)
@@ -240,6 +259,7 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.search(until),
             Monitor::Latency(_)
             | Monitor::Value(_)
+            | Monitor::Frozen(_)
             | Monitor::Watchdog(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
@@ -256,6 +276,7 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.found(slot, now),
             Monitor::Latency(_)
             | Monitor::Value(_)
+            | Monitor::Frozen(_)
             | Monitor::Watchdog(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
@@ -273,6 +294,7 @@ impl Monitor {
             Monitor::RateRatio(monitor) => monitor.late(now),
             Monitor::Latency(_)
             | Monitor::Value(_)
+            | Monitor::Frozen(_)
             | Monitor::Watchdog(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)
@@ -291,6 +313,7 @@ impl Monitor {
             (Monitor::Value(monitor), Taken::Value(value)) => {
                 monitor.inputs.take(slot, value, now);
             }
+            (Monitor::Frozen(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
             (Monitor::Sequence(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
             (Monitor::Agreement(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
             (Monitor::Expression(monitor), Taken::Value(value)) => monitor.take(slot, value, now),
@@ -302,7 +325,11 @@ impl Monitor {
             | (Monitor::Watchdog(_), Taken::Message(_) | Taken::Value(_))
             | (Monitor::Constant(_) | Monitor::Count(_), _)
             | (
-                Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Agreement(_) | Monitor::Expression(_),
+                Monitor::Value(_)
+                | Monitor::Frozen(_)
+                | Monitor::Sequence(_)
+                | Monitor::Agreement(_)
+                | Monitor::Expression(_),
                 Taken::Message(_) | Taken::Probe(_),
             ) => {}
         }
@@ -314,6 +341,7 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.judge(now),
             Monitor::Latency(monitor) => monitor.judge(now),
             Monitor::Value(monitor) => monitor.judge(now),
+            Monitor::Frozen(monitor) => monitor.judge(now),
             Monitor::Watchdog(monitor) => monitor.judge(now),
             Monitor::RateRatio(monitor) => monitor.judge(now),
             Monitor::Sequence(monitor) => monitor.judge(),
@@ -334,7 +362,7 @@ impl Monitor {
             Monitor::Agreement(monitor) => monitor.due(now),
             Monitor::Expression(monitor) => monitor.due(now),
             Monitor::Count(monitor) => monitor.due(),
-            Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Constant(_) => None,
+            Monitor::Value(_) | Monitor::Frozen(_) | Monitor::Sequence(_) | Monitor::Constant(_) => None,
         };
         due.filter(|&due| due > now)
     }
@@ -345,7 +373,11 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.moves(),
             Monitor::Latency(monitor) => monitor.moves(),
             Monitor::RateRatio(monitor) => monitor.moves(),
-            Monitor::Value(_) | Monitor::Sequence(_) | Monitor::Constant(_) | Monitor::Count(_) => false,
+            Monitor::Value(_)
+            | Monitor::Frozen(_)
+            | Monitor::Sequence(_)
+            | Monitor::Constant(_)
+            | Monitor::Count(_) => false,
             Monitor::Watchdog(_) | Monitor::Agreement(_) | Monitor::Expression(_) => self.due(now).is_some(),
         }
     }
@@ -358,6 +390,7 @@ impl Monitor {
             Monitor::Frequency(_)
             | Monitor::Latency(_)
             | Monitor::Value(_)
+            | Monitor::Frozen(_)
             | Monitor::Watchdog(_)
             | Monitor::RateRatio(_)
             | Monitor::Sequence(_)
@@ -372,6 +405,7 @@ impl Monitor {
             Monitor::Frequency(monitor) => monitor.words(now),
             Monitor::Latency(monitor) => monitor.words(),
             Monitor::Value(monitor) => monitor.words(now),
+            Monitor::Frozen(monitor) => monitor.words(now),
             Monitor::Watchdog(monitor) => monitor.words(now),
             Monitor::RateRatio(monitor) => monitor.words(now),
             Monitor::Sequence(monitor) => monitor.words(),

@@ -1,7 +1,7 @@
-//! Watchdogs: whether a target answers, and how soon.
+//! Watchdogs: whether a target answers, and how soon; and what is measured of the computer.
 
 use super::words::{Words, cut, span};
-use crate::model::monitors::{Bands, ProbeTarget, WatchdogSpec};
+use crate::model::monitors::{Bands, ProbeTarget, ProcessMeasure, Resource, WatchdogSpec};
 use crate::model::sample::ProbeOutcome;
 use crate::state::State;
 use crate::text::say;
@@ -18,6 +18,9 @@ pub(crate) struct Watchdog {
     /// Whether it checks the QoS of a topic.
     #[serde(skip)]
     qos: bool,
+    /// What it measures of the computer.
+    #[serde(skip)]
+    resource: Option<Resource>,
     /// Without any result for this long, nothing is known.
     #[serde(skip)]
     patience: Span,
@@ -28,6 +31,9 @@ pub(crate) struct Watchdog {
     misses: u32,
     state: Option<State>,
 }
+
+/// Bytes of a reason that are shown: enough for a path and what to do.
+const WHY_MAX: usize = 200;
 
 /// All announcements but the last.
 fn restarts(times: u32) -> f64 {
@@ -44,6 +50,10 @@ impl Watchdog {
             misses_max,
             bands,
             qos: matches!(spec.target, ProbeTarget::Qos { .. }),
+            resource: match &spec.target {
+                ProbeTarget::System(resource) => Some(resource.clone()),
+                _ => None,
+            },
             patience: patience.max(Span::from_millis(1)),
             since: None,
             last: None,
@@ -54,7 +64,17 @@ impl Watchdog {
 
     /// Goes on with the state of a keyframe.
     pub(super) fn resume(&mut self, kept: Watchdog) {
-        let Watchdog { misses_max: _, bands: _, qos: _, patience: _, since, last, misses, state } = kept;
+        let Watchdog {
+            misses_max: _,
+            bands: _,
+            qos: _,
+            resource: _,
+            patience: _,
+            since,
+            last,
+            misses,
+            state,
+        } = kept;
         (self.since, self.last, self.misses, self.state) = (since, last, misses, state);
     }
 
@@ -72,6 +92,7 @@ impl Watchdog {
                 (self.misses, self.state) = (0, Some(self.bands.judge(after.as_nanos() as f64 / 1e9)));
             }
             ProbeOutcome::Announced => (self.misses, self.state) = (0, Some(State::Ok)),
+            ProbeOutcome::Measured(value) => (self.misses, self.state) = (0, Some(self.bands.judge(*value))),
             ProbeOutcome::Repeated { times } => {
                 (self.misses, self.state) = (0, Some(self.bands.judge(restarts(*times))));
             }
@@ -119,7 +140,7 @@ impl Watchdog {
             Some((_, ProbeOutcome::Missed(why))) if self.qos => Words::plain(say!(
                 "publishers and subscribers never come together: {why}",
                 "Publisher und Subscriber kommen nie zusammen: {why}",
-                why = cut(why)
+                why = &why[..why.floor_char_boundary(WHY_MAX)]
             )),
             Some((_, ProbeOutcome::Answered { after })) => {
                 // In milliseconds for people, like the values beside it.
@@ -145,6 +166,15 @@ impl Watchdog {
                 ),
                 values: self.bands.values("restarts", restarts(*times)),
             },
+            Some((_, ProbeOutcome::Measured(value))) => self.measured(*value),
+            Some((_, ProbeOutcome::Missed(why))) if self.resource.is_some() => {
+                Words::plain(say!("not running: {why}", "läuft nicht: {why}", why = cut(why)))
+            }
+            Some((_, ProbeOutcome::Impossible(why))) if self.resource.is_some() => Words::plain(say!(
+                "cannot be read: {why}",
+                "nicht lesbar: {why}",
+                why = &why[..why.floor_char_boundary(WHY_MAX)]
+            )),
             Some((_, ProbeOutcome::Missed(why))) => Words {
                 message: say!(
                     "no answer, {misses} of {all} in a row: {why}",
@@ -159,6 +189,21 @@ impl Watchdog {
                 Words::plain(say!("it cannot be asked: {why}", "nicht zu fragen: {why}", why = &**why))
             }
         }
+    }
+
+    fn measured(&self, value: f64) -> Words {
+        let (name, unit) = match &self.resource {
+            Some(Resource::Cpu) => ("cpu_percent", say!("% of the processor", "% des Prozessors")),
+            Some(Resource::Memory) => ("memory_percent", say!("% of the memory", "% des Speichers")),
+            Some(Resource::Disk { .. }) => ("disk_percent", say!("% of the disk", "% der Platte")),
+            Some(Resource::Temperature { .. }) => ("celsius", "°C".into()),
+            Some(Resource::Process { measure: Some(ProcessMeasure::Cpu), .. }) => {
+                ("cpu_percent", say!("% of a core", "% eines Kerns"))
+            }
+            Some(Resource::Process { .. }) => ("memory_mb", "MB".into()),
+            None => ("measured", "".into()),
+        };
+        Words { message: self.bands.say(value, unit), values: self.bands.values(name, value) }
     }
 
     fn late_at(&self) -> Option<Timestamp> {

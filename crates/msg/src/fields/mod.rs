@@ -7,6 +7,7 @@
 //! the number of elements. `detections[].bbox` are all elements, for lists of positions. A Time or Duration
 //! is a number of seconds.
 
+mod content;
 mod definition;
 mod event;
 mod library;
@@ -211,7 +212,9 @@ impl Definitions {
 
 fn compile(shape: &Arc<Shape>, field: &FieldSpec) -> Result<Program, FieldError> {
     let error = |text, help| FieldError { path: Some(field.path.clone()), text, help };
-    let steps = path::parse(&field.path)
+    let is_whole = field.kind == FieldKind::Content && field.path.is_empty();
+    let steps = if is_whole { Ok(Vec::new()) } else { path::parse(&field.path) };
+    let steps = steps
         .map_err(|why| error(format!("`{}` is no path of a field: {why}", field.path), PATHS.to_owned()))?;
     Program::compile(shape, &steps, field.kind)
         .map_err(|wrong| error(format!("`{}`: {}", field.path, wrong.text), wrong.help))

@@ -5,6 +5,7 @@ mod range;
 use std::fmt;
 use std::sync::Arc;
 
+use super::content;
 use super::definition::Primitive;
 use super::path::Step;
 use super::positions::Positions;
@@ -47,6 +48,7 @@ enum Leaf {
     Pose,
     Length(Array),
     Positions(Box<Positions>),
+    Content(Arc<Shape>),
 }
 
 #[derive(Debug, Clone)]
@@ -102,7 +104,7 @@ impl Program {
             let is_last = index + 1 == steps.len();
             if let (Step::Member(name), true, ShapeKind::Array(array)) = (step, is_last, &compiler.here.kind)
                 && **name == *"length"
-                && kind == FieldKind::Scalar
+                && matches!(kind, FieldKind::Scalar | FieldKind::Content)
             {
                 let leaf = Leaf::Length(array.clone());
                 return Ok(Program { moves: compiler.moves, leaf });
@@ -111,17 +113,18 @@ impl Program {
         }
         match kind {
             FieldKind::Pose => compiler.pose(),
+            FieldKind::Content => compiler.content(),
             FieldKind::Scalar | FieldKind::Positions => compiler.scalar(),
         }
     }
 
-    /// The kind of its value; `None` for a pose and for positions.
+    /// The kind of its value; `None` for a pose, for positions and for a fingerprint.
     pub fn kind(&self) -> Option<ScalarKind> {
         Some(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
             Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
             Leaf::Text => ScalarKind::Text,
-            Leaf::Pose | Leaf::Positions(_) => return None,
+            Leaf::Pose | Leaf::Positions(_) | Leaf::Content(_) => return None,
         })
     }
 
@@ -146,6 +149,7 @@ impl Program {
             Leaf::Pose => FieldValue::Pose(pose(reader)?),
             Leaf::Length(array) => FieldValue::Number(f64::from(array.count(reader)?)),
             Leaf::Positions(positions) => FieldValue::Positions(positions.read(reader)?.into()),
+            Leaf::Content(shape) => FieldValue::Content(content::fingerprint(shape, reader)?),
         })
     }
 
@@ -369,6 +373,14 @@ impl Compiler {
         Ok(Program { moves: self.moves, leaf })
     }
 
+    /// Whatever is here.
+    fn content(self) -> Result<Program, PathError> {
+        if self.here.wide {
+            return Err(wide("it"));
+        }
+        Ok(Program { moves: self.moves, leaf: Leaf::Content(self.here) })
+    }
+
     /// Goes on into `pose` and `transform` until it reaches a pose.
     fn pose(mut self) -> Result<Program, PathError> {
         loop {
@@ -421,7 +433,7 @@ fn wide(what: &str) -> PathError {
     }
 }
 
-fn is_time(message: &Message) -> bool {
+pub(super) fn is_time(message: &Message) -> bool {
     let known =
         ["builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"].contains(&&*message.type_name);
     known && has_members(message, &[("sec", Primitive::I32), ("nanosec", Primitive::U32)])

@@ -1,3 +1,4 @@
+mod content;
 mod lists;
 
 use std::time::{Duration, UNIX_EPOCH};

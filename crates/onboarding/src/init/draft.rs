@@ -15,6 +15,8 @@ use telltale_engine::time::Timestamp;
 const MODULES_MAX: usize = 100;
 /// Nodes of one group that are watched.
 const NODES_MAX: usize = 20;
+/// What repeats itself for as long as this many messages take is frozen.
+const FROZEN_MESSAGES: f64 = 10.0;
 /// Lines on one subject.
 const LINES_MAX: usize = 10;
 /// How a remark on what is left out begins.
@@ -69,10 +71,25 @@ pub struct Module {
 
 #[derive(Debug)]
 pub enum ModuleKind {
-    Status { name: String, timeout_ms: u64 },
-    Rate { topic: String, type_name: String, limits: RateLimits },
-    Age { topic: String, type_name: String, warning_ms: u64 },
-    Node { name: String },
+    Status {
+        name: String,
+        timeout_ms: u64,
+    },
+    Rate {
+        topic: String,
+        type_name: String,
+        limits: RateLimits,
+        /// For how long it may repeat itself, if it never did.
+        frozen_ms: Option<u64>,
+    },
+    Age {
+        topic: String,
+        type_name: String,
+        warning_ms: u64,
+    },
+    Node {
+        name: String,
+    },
 }
 
 /// What may be concluded from observations that began and ended then.
@@ -345,7 +362,10 @@ fn measure(
     let about = format!("{rate:.1} Hz{several}, longest pause {longest_s:.2} s.");
     let id = names::id(&format!("{}_rate", topic.name), "topic_rate", taken);
     let limits = RateLimits::of(rate);
-    let kind = ModuleKind::Rate { topic: of_topic.clone(), type_name: of_type.clone(), limits };
+    // Several publishers say different things even if each repeats itself.
+    let frozen_ms =
+        (publishers == 1 && messages.never_repeats()).then(|| at_least_ms((FROZEN_MESSAGES / rate).max(1.0)));
+    let kind = ModuleKind::Rate { topic: of_topic.clone(), type_name: of_type.clone(), limits, frozen_ms };
     group.modules.push(Module { id, kind, about, nodes: nodes.clone(), proposals: Vec::new() });
     let Some((least, most)) = messages.age_ns.map(|(least, most)| (least as f64 / 1e9, most as f64 / 1e9))
     else {

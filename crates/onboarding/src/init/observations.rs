@@ -7,7 +7,7 @@ use super::names::{is_full_name, is_tool, is_type};
 use super::rhythm::Rhythm;
 use telltale_engine::discovery::{Discovery, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId};
-use telltale_engine::model::sample::Sample;
+use telltale_engine::model::sample::{FieldValue, Fingerprint, Sample};
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
 
@@ -61,6 +61,17 @@ pub struct Messages {
     pub rhythm: Rhythm,
     /// The least and greatest time from the stamp to the receipt.
     pub age_ns: Option<(i64, i64)>,
+    /// The content of the last one, if it can be read.
+    content: Option<Fingerprint>,
+    /// Messages with the same content as the one before them.
+    pub repeated: u64,
+}
+
+impl Messages {
+    /// Whether all of them could be compared, and each differed from the one before it.
+    pub fn never_repeats(&self) -> bool {
+        self.content.is_some() && self.repeated == 0
+    }
 }
 
 impl Observations {
@@ -119,6 +130,14 @@ impl Observations {
         }
         let messages = self.topics.entry(topic.clone()).or_default();
         messages.rhythm.beat(at);
+        let content = match sample.values[..] {
+            [FieldValue::Content(content)] => Some(content),
+            _ => None,
+        };
+        if content.is_none() || content == messages.content {
+            messages.repeated += 1;
+        }
+        messages.content = content;
         if let Some(stamp_ns) = sample.stamp_ns {
             let age = sample.received_wall_ns.saturating_sub(stamp_ns);
             let (least, most) = messages.age_ns.unwrap_or((age, age));

@@ -48,8 +48,19 @@ pub fn text(draft: &Draft, accept_guesses: bool) -> String {
         write_group(&mut out, group, accept_guesses);
     }
     write_quiet(&mut out, draft);
+    out.push_str(COMPUTER);
     out
 }
+
+/// Telltale may be heard from another computer than the robot's, so nothing of this one is in force.
+const COMPUTER: &str = "
+# The computer on which Telltale runs. If that is the robot's, make it a group of `groups`:
+#   - id: computer
+#     modules:
+#       - { id: processor, monitor: { system: { cpu: used, warning_above: 90, error_above: 98 } }, raise_after: 10s }
+#       - { id: memory, monitor: { system: { memory: used, warning_above: 80, error_above: 95 } } }
+#       - { id: disk, monitor: { system: { disk: /, warning_above: 85, error_above: 95 } } }
+";
 
 /// A configuration that shows every status that was heard, by node, and judges nothing else.
 pub fn heard_text(draft: &Draft) -> String {
@@ -139,7 +150,7 @@ fn write_module(out: &mut String, module: &Module, accept_guesses: bool) {
     }
     if open.is_empty() {
         let _ = writeln!(out, "      - {{ id: {}, {} }}", module.id, keys.join(", "));
-        return;
+        return write_frozen(out, module);
     }
     let (advice, hash) = match accept_guesses {
         true => ("A guess from the graph, in force as asked:", ""),
@@ -153,6 +164,20 @@ fn write_module(out: &mut String, module: &Module, accept_guesses: bool) {
     }
     let on: Vec<&str> = open.iter().flat_map(|it| &it.on).map(|name| &**name).collect();
     let _ = writeln!(out, "        {hash}depends_on: [{}]", on.join(", "));
+    write_frozen(out, module);
+}
+
+/// What never repeated itself may be watched for it. A machine at rest may well repeat itself, so that is a comment.
+fn write_frozen(out: &mut String, module: &Module) {
+    let ModuleKind::Rate { topic, type_name, frozen_ms: Some(frozen_ms), .. } = &module.kind else { return };
+    let id = module.id.strip_suffix("_rate").unwrap_or(&module.id);
+    let (warning, error) = (duration(*frozen_ms), duration(2 * frozen_ms));
+    out.push_str("      # Each message differed from the one before it. If they do so at rest too, or with a `when`, watch that:\n");
+    let _ = writeln!(
+        out,
+        "      # - {{ id: {id}_frozen, monitor: {{ frozen: {{ topic: {topic}, type: {type_name}, warning_above: {warning}, \
+         error_above: {error} }} }} }}"
+    );
 }
 
 fn write_evidence(out: &mut String, proposals: &[&Proposal]) {
@@ -168,7 +193,7 @@ fn keys(kind: &ModuleKind) -> Vec<String> {
         ModuleKind::Status { name, timeout_ms } => {
             vec![format!("status: {}", scalar(name)), format!("timeout: {}", duration(*timeout_ms))]
         }
-        ModuleKind::Rate { topic, type_name, limits } => vec![format!(
+        ModuleKind::Rate { topic, type_name, limits, frozen_ms: _ } => vec![format!(
             "monitor: {{ frequency: {{ topic: {topic}, type: {type_name}, window: {}s, warning_below: {}, \
              error_below: {} }} }}",
             limits.window_s, limits.warning_below, limits.error_below

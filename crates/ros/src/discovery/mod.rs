@@ -5,4 +5,5 @@ pub(super) mod graph;
 pub(super) mod nodes;
 pub(super) mod peers;
 pub(super) mod presence;
+pub(super) mod repeated;
 pub(super) mod status_writers;

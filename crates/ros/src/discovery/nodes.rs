@@ -43,6 +43,8 @@ pub struct Nodes {
 struct Announcement {
     /// Whole names.
     names: BTreeSet<Box<str>>,
+    /// Those of them that several of its nodes have.
+    twice: BTreeSet<Box<str>>,
     /// The node to which a reader or writer belongs.
     endpoints: BTreeMap<Guid, Box<str>>,
 }
@@ -91,6 +93,24 @@ impl Nodes {
         let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
         let endpoints = present.flat_map(|(_, announcement)| &announcement.endpoints);
         endpoints.map(|(guid, name)| (*guid, &**name)).collect()
+    }
+
+    /// The nodes whose name another one has too: by name, their participants' writers, each with a number.
+    pub fn repeated(&self) -> BTreeSet<(&str, Guid, u8)> {
+        let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
+        let mut by_name: BTreeMap<&str, Vec<(Guid, u8)>> = BTreeMap::new();
+        for (writer, said) in present {
+            for name in &said.names {
+                by_name.entry(&**name).or_default().push((*writer, 0));
+            }
+            for name in &said.twice {
+                by_name.entry(&**name).or_default().push((*writer, 1));
+            }
+        }
+        let several = by_name.into_iter().filter(|(_, nodes)| nodes.len() > 1);
+        several
+            .flat_map(|(name, nodes)| nodes.into_iter().map(move |(writer, number)| (name, writer, number)))
+            .collect()
     }
 
     /// Whether a node exists, by its name with namespace, `/ns/name`.
@@ -177,8 +197,10 @@ fn read_nodes(reader: &mut Reader<'_>, gid_bytes: usize, by: &Guid) -> Result<An
                 }
             }
         }
-        if let Some(name) = whole.filter(|_| found.names.len() < NODES_MAX) {
-            found.names.insert(name);
+        if let Some(name) = whole.filter(|_| found.names.len() < NODES_MAX)
+            && !found.names.insert(name.clone())
+        {
+            found.twice.insert(name);
         }
     }
     Ok(found)

@@ -8,6 +8,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 
 use super::nodes::Nodes;
+use super::repeated::Repeated;
 use crate::library::Participant;
 use crate::outbox::stopped;
 use telltale_clock::Clock;
@@ -90,6 +91,7 @@ pub async fn run(
     let mut looks = tokio::time::interval(LOOK);
     looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut speakers = StatusWriters::new(clock.now());
+    let mut repeated = Repeated::default();
     loop {
         tokio::select! {
             () = stopped(&mut stop) => return,
@@ -98,12 +100,18 @@ pub async fn run(
         // Taken before discovery is asked: messages that come meanwhile are newer than its answer.
         let now = clock.now();
         let is_searching = participant.is_searching();
-        let list = speakers.look(&writers(&participant), &nodes.borrow().endpoints(), (now, is_searching));
-        let Some(list) = list else { continue };
-        let input = Stamped::new(Input::Writers(Arc::new(list)), now);
-        tokio::select! {
-            () = stopped(&mut stop) => return,
-            sent = inputs.send(input) => if sent.is_err() { return },
+        let (list, names) = {
+            let nodes = nodes.borrow();
+            let list = speakers.look(&writers(&participant), &nodes.endpoints(), (now, is_searching));
+            (list, repeated.look(&nodes.repeated(), now))
+        };
+        let list = list.map(|list| Input::Writers(Arc::new(list)));
+        let names = names.map(|repeated| Input::Nodes { repeated });
+        for input in [list, names].into_iter().flatten() {
+            tokio::select! {
+                () = stopped(&mut stop) => return,
+                sent = inputs.send(Stamped::new(input, now)) => if sent.is_err() { return },
+            }
         }
     }
 }

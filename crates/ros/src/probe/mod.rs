@@ -1,6 +1,7 @@
 //! Watchdogs: ask repeatedly whether hosts, ports, nodes and services are there.
 
 pub(super) mod icmp_echo;
+mod system;
 
 use std::io::{self, ErrorKind};
 use std::sync::Arc;
@@ -15,8 +16,9 @@ use super::discovery::nodes::Nodes;
 use super::name_lookup::Lookup;
 use super::outbox::stopped;
 use icmp_echo::EchoError;
+use system::System;
 use telltale_clock::Clock;
-use telltale_engine::discovery::{Discovery, Mismatch};
+use telltale_engine::discovery::Discovery;
 use telltale_engine::input::Input;
 use telltale_engine::model::monitors::{ProbeTarget, WatchdogSpec};
 use telltale_engine::model::sample::{Probe, ProbeOutcome};
@@ -74,6 +76,7 @@ async fn watch(spec: Arc<WatchdogSpec>, kennel: ProbeContext, turns: Arc<Semapho
         let Ok(turn) = turns.acquire().await else { return };
         let outcome = asker.ask(period).await;
         drop(turn);
+        let Some(outcome) = outcome else { continue };
         let received = kennel.clock.now();
         let input = Input::Probe(Probe { source: spec.clone(), outcome });
         if kennel.inputs.send(Stamped::new(input, received)).await.is_err() {
@@ -93,6 +96,7 @@ enum How {
     Node { name: Box<str>, nodes: watch::Receiver<Nodes> },
     Service { name: Box<str>, nodes: watch::Receiver<Nodes> },
     Qos { topic: Box<str>, discovery: watch::Receiver<Arc<Discovery>> },
+    System(System),
 }
 
 impl Asker {
@@ -104,35 +108,38 @@ impl Asker {
             ProbeTarget::Qos { topic } => {
                 How::Qos { topic: topic.clone(), discovery: kennel.discovery.clone() }
             }
+            ProbeTarget::System(resource) => How::System(System::new(resource)),
             ProbeTarget::Node { name } => How::Node { name: name.clone(), nodes: kennel.nodes.clone() },
             ProbeTarget::Service { name } => How::Service { name: name.clone(), nodes: kennel.nodes.clone() },
         };
         Asker { clock, how }
     }
 
-    async fn ask(&mut self, patience: Duration) -> ProbeOutcome {
+    /// `None`: nothing can be said yet.
+    async fn ask(&mut self, patience: Duration) -> Option<ProbeOutcome> {
         let clock = self.clock;
         let asked = match &mut self.how {
-            How::Node { name, nodes } => return nodes.borrow().ask(name, clock.now()),
-            How::Service { name, nodes } => return nodes.borrow().ask_service(name, clock.now()),
-            How::Qos { topic, discovery } => return matching(topic, &discovery.borrow()),
+            How::Node { name, nodes } => return Some(nodes.borrow().ask(name, clock.now())),
+            How::Service { name, nodes } => return Some(nodes.borrow().ask_service(name, clock.now())),
+            How::Qos { topic, discovery } => return Some(matching(topic, &discovery.borrow())),
+            How::System(system) => return system.ask(patience).await,
             How::Icmp(lookup) => tokio::time::timeout(patience, icmp(lookup, clock)).await,
             How::Tcp(lookup) => tokio::time::timeout(patience, tcp(lookup, clock)).await,
         };
-        match asked {
+        Some(match asked {
             Ok(Ok(after)) => ProbeOutcome::Answered { after },
             Ok(Err(outcome)) => outcome,
             Err(_) if self.is_looking_up() => {
                 ProbeOutcome::Impossible(format!("its name is not resolved within {patience:?}").into())
             }
             Err(_) => ProbeOutcome::Missed(format!("no answer within {patience:?}").into()),
-        }
+        })
     }
 
     fn is_looking_up(&self) -> bool {
         match &self.how {
             How::Icmp(lookup) | How::Tcp(lookup) => lookup.is_pending(),
-            How::Node { .. } | How::Service { .. } | How::Qos { .. } => false,
+            How::Node { .. } | How::Service { .. } | How::Qos { .. } | How::System(_) => false,
         }
     }
 }
@@ -148,8 +155,7 @@ fn matching(topic: &str, seen: &Discovery) -> ProbeOutcome {
             _ => ProbeOutcome::Impossible("there are more topics than are looked at".into()),
         };
     };
-    let why: Vec<&str> = topic.mismatches().into_iter().map(Mismatch::as_str).collect();
-    if why.is_empty() { ProbeOutcome::Announced } else { ProbeOutcome::Missed(why.join(", ").into()) }
+    topic.why_mismatched().map_or(ProbeOutcome::Announced, |why| ProbeOutcome::Missed(why.into()))
 }
 
 /// The time that the target took, without the resolution of its name.
@@ -209,23 +215,31 @@ mod tests {
 
     async fn ask(target: ProbeTarget) -> ProbeOutcome {
         let (kennel, ..) = bench();
-        Asker::new(&target, &kennel).ask(Duration::from_secs(5)).await
+        Asker::new(&target, &kennel)
+            .ask(Duration::from_secs(5))
+            .await
+            .expect("each of these has an answer at once")
     }
 
     #[test]
     fn a_topic_whose_ends_never_match_is_a_miss_and_ignorance_is_none() {
-        let end = |reliable| Endpoint { type_name: "a".into(), reliable, ..Endpoint::default() };
+        let end = |node: &str, reliable| Endpoint {
+            node: Some(node.into()),
+            type_name: "a".into(),
+            reliable,
+            ..Endpoint::default()
+        };
         let topic = |name: &str, publisher, subscriber| TopicSeen {
             name: name.into(),
-            publishers: vec![end(publisher)],
-            subscribers: vec![end(subscriber)],
+            publishers: vec![end("/p", publisher)],
+            subscribers: vec![end("/s", subscriber)],
             rate_hz: None,
         };
         let topics = vec![topic("/bad", false, true), topic("/good", true, true)];
         let mut seen = Discovery { topics, ..Discovery::default() };
         assert!(matches!(matching("/bad", &seen), ProbeOutcome::Impossible(_)), "nobody has looked yet");
         seen.at = Some(Timestamp::ZERO);
-        let why = "reliability is asked for and not offered".into();
+        let why = "/s asks for reliability, /p does not offer it".into();
         assert_eq!(matching("/bad", &seen), ProbeOutcome::Missed(why));
         assert_eq!(matching("/good", &seen), ProbeOutcome::Announced);
         let nobody = "nobody publishes or subscribes to it".into();
@@ -290,7 +304,10 @@ mod tests {
             let right = match &outcome {
                 ProbeOutcome::Answered { .. } => true,
                 ProbeOutcome::Impossible(why) => why.contains("ping_group_range"),
-                ProbeOutcome::Announced | ProbeOutcome::Repeated { .. } | ProbeOutcome::Missed(_) => false,
+                ProbeOutcome::Announced
+                | ProbeOutcome::Repeated { .. }
+                | ProbeOutcome::Measured(_)
+                | ProbeOutcome::Missed(_) => false,
             };
             assert!(right, "{outcome:?}");
         }

@@ -23,7 +23,7 @@ use super::{DevFrame, NodeLink, Page, PageQuery};
 const COLUMNS: usize = 5;
 /// Kinds of monitor whose technique is about a component: what it says of itself or is said of it,
 /// whether it answers, what it makes of its input. The others judge what is in a data stream.
-const OF_COMPONENTS: [&str; 4] = ["self_state", "external", "watchdog", "rate_ratio"];
+const OF_COMPONENTS: [&str; 5] = ["self_state", "external", "watchdog", "system", "rate_ratio"];
 /// Groups of one page.
 const ROWS: usize = 120;
 /// Modules listed of one cell.

@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 use super::span;
 use telltale_engine::model::monitors::Class;
 use telltale_engine::model::monitors::{
-    AgreementRule, Bands, Condition, FieldKind, ProbeTarget, TopicId, ValueRule, ValueSource,
+    AgreementRule, Bands, Condition, FieldKind, FrozenLimits, ProbeTarget, ProcessMeasure, Resource, TopicId,
+    ValueRule, ValueSource,
 };
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::model::{Model, ModuleMonitor, MonitorSpec};
@@ -32,6 +33,11 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
             format!("the latency of {of} over {}: {}", span(*window), limits(bands, " s"))
         }
         MonitorSpec::Value { source, rule } => format!("{}: {}", value(model, source), self::rule(rule)),
+        MonitorSpec::Frozen { source, limits: FrozenLimits { time, repeats } } => {
+            let parts =
+                [("the same for a time", time, " s"), ("the same again and again", repeats, " repetitions")];
+            format!("{}: {}", value(model, source), self::parts(parts))
+        }
         MonitorSpec::Watchdog { watchdog, misses, bands } => {
             let spec = &model.watched.watchdogs[watchdog.0 as usize];
             let mut text =
@@ -41,6 +47,18 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
                 let _ = write!(text, ", {}", limits(bands, unit));
             }
             text
+        }
+        MonitorSpec::System { watchdog, bands } => {
+            let spec = &model.watched.watchdogs[watchdog.0 as usize];
+            let ProbeTarget::System(resource) = &spec.target else { return target(&spec.target) };
+            let judged = match resource {
+                Resource::Process { measure: None, .. } => "error if there is none".to_owned(),
+                Resource::Process { .. } => {
+                    format!("error if there is none, {}", limits(bands, unit(resource)))
+                }
+                _ => limits(bands, unit(resource)),
+            };
+            format!("{} every {}: {judged}", target(&spec.target), span(spec.every))
         }
         MonitorSpec::RateRatio { input, output, window, bands } => {
             let (input, output) = (topic(model, *input), topic(model, *output));
@@ -94,6 +112,10 @@ pub(super) fn field(model: &Model, id: TopicId, field: u32) -> String {
     let field = &model.watched.topics[id.0 as usize].fields[field as usize];
     let what = match field.kind {
         FieldKind::Scalar => "",
+        FieldKind::Content if field.path.is_empty() => {
+            return format!("the messages of {}", topic(model, id));
+        }
+        FieldKind::Content => "all in ",
         FieldKind::Pose => "the pose ",
         FieldKind::Positions => "the positions in ",
     };
@@ -118,7 +140,27 @@ fn target(target: &ProbeTarget) -> String {
             format!("the node {name} (one that crashed counts as running for 10 to 30 s)")
         }
         ProbeTarget::Service { name } => format!("who serves {name}"),
+        ProbeTarget::System(resource) => match resource {
+            Resource::Cpu => "what the processor of this computer is busy with".to_owned(),
+            Resource::Memory => "the used memory of this computer".to_owned(),
+            Resource::Disk { path } => format!("the used space of the disk at {path}"),
+            Resource::Temperature { sensor } => format!("the temperature {sensor}"),
+            Resource::Process { name, measure } => match measure {
+                None => format!("the process {name}"),
+                Some(ProcessMeasure::Cpu) => format!("what the process {name} takes of a core"),
+                Some(ProcessMeasure::Memory) => format!("the memory of the process {name}"),
+            },
+        },
         ProbeTarget::Qos { topic } => format!("matching publishers and subscribers of {topic}"),
+    }
+}
+
+fn unit(resource: &Resource) -> &'static str {
+    match resource {
+        Resource::Cpu | Resource::Memory | Resource::Disk { .. } => " %",
+        Resource::Process { measure: Some(ProcessMeasure::Memory), .. } => " MB",
+        Resource::Process { .. } => " % of a core",
+        Resource::Temperature { .. } => " °C",
     }
 }
 
@@ -156,9 +198,11 @@ fn literal(value: &FieldValue) -> String {
         FieldValue::Bool(value) => value.to_string(),
         FieldValue::Text(text) => format!("'{text}'"),
         // No configuration can contain these.
-        FieldValue::Pose(_) | FieldValue::Positions(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
-            String::new()
-        }
+        FieldValue::Pose(_)
+        | FieldValue::Positions(_)
+        | FieldValue::Content(_)
+        | FieldValue::Absent
+        | FieldValue::Unreadable(_) => String::new(),
     }
 }
 

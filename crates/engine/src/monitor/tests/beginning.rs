@@ -8,7 +8,7 @@ use State::{Error, Ok, Unknown, Warning};
 use super::*;
 use crate::input::OperatorAction;
 use crate::model::monitors::Class;
-use crate::model::monitors::{AgreementRule, Condition, ValueRule, WatchdogId};
+use crate::model::monitors::{AgreementRule, Condition, FrozenLimits, ValueRule, WatchdogId};
 use crate::model::{Dependency, DependsOn, NodeId, Within};
 use crate::restart::resume::Restored;
 
@@ -36,6 +36,10 @@ fn each_kind() -> Vec<(MonitorSpec, Policy)> {
         MonitorSpec::Frequency { topic: A, window, bands: at_least(8.0, 5.0) },
         MonitorSpec::Latency { topic: A, window, bands: at_most(0.05, 0.1) },
         MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)) },
+        MonitorSpec::Frozen {
+            source: field(A, 1),
+            limits: FrozenLimits { time: at_most(0.3, 0.5), repeats: at_most(2.0, 3.0) },
+        },
         MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands: Bands::default() },
         MonitorSpec::RateRatio { input: A, output: B, window, bands: at_least(0.8, 0.5) },
         MonitorSpec::Sequence {

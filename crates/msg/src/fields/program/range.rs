@@ -9,7 +9,7 @@ impl Program {
         match &self.leaf {
             Leaf::Primitive(primitive) => range(*primitive),
             Leaf::Length(_) => range(Primitive::U32),
-            Leaf::Text | Leaf::Time | Leaf::Pose | Leaf::Positions(_) => None,
+            Leaf::Text | Leaf::Time | Leaf::Pose | Leaf::Positions(_) | Leaf::Content(_) => None,
         }
     }
 }

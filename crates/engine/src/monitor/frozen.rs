@@ -1,0 +1,108 @@
+//! Whether what a topic sends still changes: a source that repeats itself is fresh and wrong.
+
+use super::inputs::{InputFault, Inputs, UnusableInput};
+use super::words::Words;
+use crate::files::{KeyframeError, count};
+use crate::model::monitors::{Bands, FrozenLimits};
+use crate::model::sample::FieldValue;
+use crate::state::State;
+use crate::text::say;
+use crate::time::Timestamp;
+use serde::{Deserialize, Serialize};
+
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Frozen {
+    inputs: Inputs,
+    #[serde(skip)]
+    limits: FrozenLimits,
+    run: Option<Run>,
+}
+
+/// Equal messages in a row.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Run {
+    value: FieldValue,
+    /// When the first of them came.
+    since: Timestamp,
+    /// When the last of them came.
+    last: Timestamp,
+    /// All but the first.
+    #[serde(deserialize_with = "count")]
+    repeats: u32,
+}
+
+impl Run {
+    fn seconds(&self) -> f64 {
+        self.last.since(self.since).as_nanos() as f64 / 1e9
+    }
+}
+
+impl Frozen {
+    pub(super) fn new(inputs: Inputs, limits: FrozenLimits) -> Frozen {
+        Frozen { inputs, limits, run: None }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(super) fn resume(&mut self, kept: Frozen) -> Result<(), KeyframeError> {
+        let Frozen { inputs, limits: _, run } = kept;
+        self.run = run;
+        self.inputs.resume(inputs)
+    }
+
+    /// What repeated itself so far does not count.
+    pub(super) fn begin_anew(&mut self, now: Timestamp) {
+        if let Some(run) = &mut self.run {
+            (run.since, run.last, run.repeats) = (now, now, 0);
+        }
+    }
+
+    /// A message that cannot be read neither repeats the one before it nor differs from it.
+    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+        self.inputs.take(slot, value, now);
+        if self.inputs.value(slot, now).is_err() {
+            return;
+        }
+        match &mut self.run {
+            Some(run) if run.value == *value => {
+                (run.last, run.repeats) = (now, run.repeats.saturating_add(1));
+            }
+            run => *run = Some(Run { value: value.clone(), since: now, last: now, repeats: 0 }),
+        }
+    }
+
+    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
+        let unreadable = self.unusable(now).map(|_| State::Unknown);
+        self.run.as_ref().map(|run| self.by_time(run).max(self.by_number(run))).max(unreadable)
+    }
+
+    pub(super) fn words(&self, now: Timestamp) -> Words {
+        if let Some(unusable) = self.unusable(now) {
+            return Words::plain(self.inputs.say(unusable));
+        }
+        let Some(run) = &self.run else { return Words::default() };
+        let FrozenLimits { time, repeats } = &self.limits;
+        let (seconds, number) = (run.seconds(), f64::from(run.repeats));
+        let of_number = *time == Bands::default() || self.by_number(run) > self.by_time(run);
+        let message = if of_number {
+            repeats.say(number, say!("repetitions in a row", "Wiederholungen in Folge"))
+        } else {
+            time.say(seconds, say!("s unchanged", "s unverändert"))
+        };
+        let limits = if of_number { repeats } else { time };
+        let measured = if of_number { ("repeats", number) } else { ("unchanged_s", seconds) };
+        Words { message, values: limits.values(measured.0, measured.1) }
+    }
+
+    /// Why the last message says nothing.
+    fn unusable(&self, now: Timestamp) -> Option<UnusableInput> {
+        self.inputs.value(0, now).err().filter(|unusable| unusable.fault != InputFault::Missing)
+    }
+
+    fn by_time(&self, run: &Run) -> State {
+        self.limits.time.judge(run.seconds())
+    }
+
+    fn by_number(&self, run: &Run) -> State {
+        self.limits.repeats.judge(f64::from(run.repeats))
+    }
+}
