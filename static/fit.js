@@ -132,6 +132,7 @@
   const shorten = (name) => {
     name.removeAttribute("data-short");
     const text = name.firstChild;
+    if (text === null) return;
     const full = text.data;
     const fits = () => name.scrollHeight <= name.clientHeight + GLYPHS;
     if (fits()) return;

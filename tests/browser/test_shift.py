@@ -33,6 +33,12 @@ def test_after_a_wrong_choice_the_stop_is_chosen_again(server, vehicle, page, tr
     expect(tile(page, "localization")).to_have_attribute("data-state", "error")
     expect(page.locator("#instruction strong")).to_have_text("Choose the stop again.")
     expect(page.locator("#step")).to_contain_text("Chosen: Campus")
+    # Another choice is not accused of the ERROR of the one before.
+    step(page, "stops").click()
+    page.locator("#all-stops button[value=station]").click()
+    expect(page.locator("#step")).to_contain_text("Checking the position: Main Station")
+    # It lasts.
+    expect(page.locator("#instruction strong")).to_have_text("Choose the stop again.")
     # What was not confirmed is no knowledge.
     expect(page.locator("#all-stops [data-known]")).to_have_count(0)
 
@@ -41,7 +47,7 @@ def test_after_a_wrong_choice_the_stop_is_chosen_again(server, vehicle, page, tr
     expect_standing(page)
     expect(told).not_to_have_text("The operator chooses the stop.")
     known = page.locator("#all-stops button").first
-    expect(known).to_have_attribute("value", "campus")
+    expect(known).to_have_attribute("value", "station")
     expect(known.locator(".told")).to_have_text("Chosen here last")
     # The next operator finds it, also after a restart.
     step(page, "logout").click()
@@ -50,7 +56,7 @@ def test_after_a_wrong_choice_the_stop_is_chosen_again(server, vehicle, page, tr
     server.start()
     log_in(page, server)
     stage(page, "localizing")
-    expect(page.locator("#step [data-known]")).to_have_attribute("value", "campus")
+    expect(page.locator("#step [data-known]")).to_have_attribute("value", "station")
     trouble.expect("ERR_CONNECTION", "WebSocket", "401", "Failed to fetch")
     looks.context.close()
 

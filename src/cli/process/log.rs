@@ -85,6 +85,8 @@ fn plain_fields() -> impl for<'w> FormatFields<'w> + 'static {
         let value = plain::escaped(&format!("{value:?}")).replace('\n', "\n    ");
         match field.name() {
             "message" => write!(out, "{value}"),
+            // Where in its source a library speaks.
+            name if name.starts_with("log.") => Ok(()),
             name => write!(out, "{name}={value}"),
         }
     };

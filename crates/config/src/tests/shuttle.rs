@@ -34,7 +34,7 @@ fn check_words(module: &ModuleSpec) {
             for driving in ["Take over", "Watch the road", "take over", "Be ready"] {
                 assert!(!en.contains(driving), "{id} {state:?} {stage:?}: {en}");
             }
-            for driving in ["bernehmen", "Straße beobachten", "ereit sein", "Bremsbereit"] {
+            for driving in ["bernehmen", "Straße beobachten", "bereithalten", "Bremsbereit"] {
                 assert!(!de.contains(driving), "{id} {state:?} {stage:?}: {de}");
             }
         }
@@ -48,7 +48,7 @@ fn urgency_of(advice: &str) -> Option<Urgency> {
         "Watch the road",
         "Stop",
         "Withdraw",
-        "Bereit sein",
+        "Zum Übernehmen bereithalten",
         "Straße",
         "Anhalten",
         "Am nächsten",

@@ -222,9 +222,9 @@ impl Monitor {
         match self {
             Monitor::Frequency(monitor) => monitor.recover(now),
             Monitor::RateRatio(monitor) => monitor.recover(now),
-            Monitor::Frozen(monitor) => monitor.begin_anew(now),
             Monitor::Latency(_)
             | Monitor::Value(_)
+            | Monitor::Frozen(_)
             | Monitor::Watchdog(_)
             | Monitor::Sequence(_)
             | Monitor::Agreement(_)

@@ -82,9 +82,11 @@ impl Engine {
 
     /// The goal is used up: the next drive needs its own. Requests stay until the end of the drive is certain.
     fn arrived(&mut self) {
+        // A drive that was asked to slow down or to stop may have ended anywhere.
+        let is_asked = self.countermeasures.moving().next().is_some();
         self.countermeasures.arrive(self.now + ARRIVAL);
         let stop = self.motion.shown().destination.map(|index| &self.model.driving.stops[index]);
-        if let Some(stop) = stop {
+        if let Some(stop) = stop.filter(|_| !is_asked) {
             self.vehicle.localization.last_known = Some(KnownPlace { pose: stop.into(), driven: true });
         }
         self.forget_destination();

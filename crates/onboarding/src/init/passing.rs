@@ -64,12 +64,17 @@ pub fn find<'a>(statuses: &[(&'a str, &'a Status)], end: Timestamp) -> Vec<(Pass
         }
     }
     let passing = |(regex, all): (String, Vec<(&'a str, &'a Status)>)| {
-        let (gone, going): (Vec<&Status>, Vec<&Status>) =
-            all.iter().map(|(_, it)| *it).partition(|it| it.rhythm.has_ended(end));
         let follows = |it: &Status, gone: &Status| {
-            it.rhythm.follows(&gone.rhythm) && !it.writers.is_disjoint(&gone.writers)
+            gone.rhythm.has_ended(end)
+                && !it.rhythm.has_ended(end)
+                && it.rhythm.follows(&gone.rhythm)
+                && !it.writers.is_disjoint(&gone.writers)
         };
-        let ended = gone.iter().filter(|gone| going.iter().any(|it| follows(it, gone))).count();
+        let is_followed = |gone: &Status| all.iter().any(|(_, it)| follows(it, gone));
+        let ended = all.iter().filter(|(_, it)| is_followed(it)).count();
+        // Those that were there all the time are declared, and so are those that ended without a follower.
+        let passes = |it: &Status| is_followed(it) || all.iter().any(|(_, gone)| follows(it, gone));
+        let all: Vec<_> = all.iter().copied().filter(|(_, it)| passes(it)).collect();
         let longest_s = all.iter().filter_map(|(_, it)| it.rhythm.longest_between_s()).fold(0.0, f64::max);
         let timeout_ms = at_least_ms((3.0 * longest_s).max(1.0));
         let passing = Passing {
@@ -120,6 +125,14 @@ mod tests {
         ];
         assert_eq!(found(&jobs), [(2, 1, r"worker: job [0-9A-Za-z]+".to_owned())]);
         let ids = [("a.b (3f-9c1)", spoken(1, 0, 3)), ("a.b (77-x2)", spoken(1, 4, 10))];
+        let mixed = [
+            ("channel 1", spoken(1, 0, 3)),
+            ("channel 2", spoken(1, 0, 10)),
+            ("channel 5", spoken(1, 4, 10)),
+        ];
+        let statuses: Vec<(&str, &Status)> = mixed.iter().map(|(name, status)| (*name, status)).collect();
+        let names = find(&statuses, Timestamp::from_millis(10_000)).remove(0).1;
+        assert_eq!(names, ["channel 1", "channel 5"], "one that was there all the time is declared");
         assert_eq!(found(&ids), [(2, 1, r"a\.b \([0-9A-Za-z]+\-[0-9A-Za-z]+\)".to_owned())]);
     }
 

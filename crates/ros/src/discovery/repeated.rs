@@ -16,6 +16,7 @@ const LISTED: usize = 5;
 #[derive(Debug, Default)]
 pub struct Repeated {
     since: BTreeMap<(Box<str>, Guid, u8), Timestamp>,
+    began: Option<Timestamp>,
     said: Option<Option<Box<str>>>,
 }
 
@@ -41,7 +42,9 @@ impl Repeated {
             1..=LISTED => Some(listed.into()),
             all => Some(format!("{listed} and {} more", all - LISTED).into()),
         };
-        if self.said.as_ref() == Some(&text) {
+        // Who has looked for less than that knows of no name that it is not taken twice.
+        let knows = now.since(*self.began.get_or_insert(now)) >= LASTING;
+        if self.said.as_ref() == Some(&text) || text.is_none() && !knows {
             return None;
         }
         self.said = Some(text.clone());
@@ -65,7 +68,7 @@ mod tests {
     fn two_that_stay_are_reported_until_one_leaves() {
         let mut repeated = Repeated::default();
         let two = BTreeSet::from([("/planner", A, 0), ("/planner", B, 0)]);
-        assert_eq!(repeated.look(&two, at(0)), Some(None), "the first look says that there are none");
+        assert_eq!(repeated.look(&two, at(0)), None, "nothing is known yet");
         assert_eq!(repeated.look(&two, at(89)), None);
         assert_eq!(repeated.look(&two, at(90)), Some(Some("/planner".into())));
         assert_eq!(repeated.look(&two, at(91)), None, "nothing is new");
@@ -89,7 +92,7 @@ mod tests {
         let mut repeated = Repeated::default();
         let names: Vec<String> = (0..7).map(|number| format!("/n{number}")).collect();
         let nodes = names.iter().flat_map(|name| [(&**name, A, 0), (&**name, A, 1)]).collect();
-        assert_eq!(repeated.look(&nodes, at(0)), Some(None));
+        assert_eq!(repeated.look(&nodes, at(0)), None);
         assert_eq!(repeated.look(&nodes, at(90)), Some(Some("/n0, /n1, /n2, /n3, /n4 and 2 more".into())));
     }
 }

@@ -426,7 +426,12 @@ mod tests {
         assert!(clock.now().since(began) < Span::from_secs(3), "{:?}", clock.now().since(began));
         assert!(store.fault().borrow().as_deref().is_some_and(|fault| fault.contains("locked")));
         other.execute_batch("COMMIT").unwrap();
-        store.fault().wait_for(Option::is_none).await.unwrap();
+        let mut fault = store.fault();
+        let mended = fault.wait_for(Option::is_none);
+        tokio::time::timeout(std::time::Duration::from_secs(60), mended)
+            .await
+            .expect("it is mended")
+            .unwrap();
     }
 
     #[test]

@@ -195,13 +195,19 @@ fn the_oldest_go_and_the_present_stays_known() {
 #[tokio::test]
 async fn a_database_that_fails_is_survived_and_what_was_lost_is_told() {
     let mut disk = Disk::new(ROWS_MAX);
-    disk.connection.execute_batch("ALTER TABLE records RENAME TO away").unwrap();
+    disk.connection.execute_batch("PRAGMA query_only = ON").unwrap();
     let batch = [Record { at: Timestamp::ZERO, what: shown("a", State::Ok, None) }];
     let now = (SystemTime::UNIX_EPOCH, Timestamp::ZERO);
     assert!(disk.writer.write(&mut disk.connection, &batch, now).is_err());
-    disk.connection.execute_batch("ALTER TABLE away RENAME TO records").unwrap();
+    disk.connection.execute_batch("PRAGMA query_only = OFF").unwrap();
     disk.write(10, &[shown("a", State::Error, None)]);
     assert_eq!(disk.past(&[], 0, 20).events, [(START_MS + 10, PastEvent::Lost(1))]);
+    assert_eq!(disk.stretches("a", 0, 20), [(10, 20, State::Error)]);
+    // A trigger that comes meanwhile never acts.
+    let trigger = "CREATE TRIGGER empty AFTER INSERT ON records BEGIN DELETE FROM records; END";
+    disk.connection.execute_batch(trigger).unwrap();
+    let refused = disk.writer.write(&mut disk.connection, &batch, now).unwrap_err();
+    assert!(refused.to_string().contains("the trigger empty"), "{refused}");
     assert_eq!(disk.stretches("a", 0, 20), [(10, 20, State::Error)]);
 
     let temporary = tempfile::tempdir().unwrap();

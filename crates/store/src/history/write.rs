@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use rusqlite::{Connection, Transaction, params};
+use crate::database::foreign::damage;
+use rusqlite::{Connection, Transaction, TransactionBehavior, params};
 
 use telltale_clock::wall_at;
 use telltale_engine::event::Said;
@@ -33,6 +34,8 @@ pub struct Writer {
     /// When the previous program that wrote this file was last alive.
     alive_before_ms: Option<i64>,
     lost: u64,
+    /// The version of the schema that was found to be Telltale's.
+    schema: Option<i64>,
 }
 
 /// One row without its time.
@@ -56,7 +59,14 @@ impl Writer {
         if missing > 0 {
             tracing::error!("{missing} records of the history were removed: the timeline has a gap");
         }
-        Ok(Writer { names: HashMap::new(), rows, rows_max, alive_before_ms: alive, lost: missing })
+        Ok(Writer {
+            names: HashMap::new(),
+            rows,
+            rows_max,
+            alive_before_ms: alive,
+            lost: missing,
+            schema: None,
+        })
     }
 
     /// Records that are not written.
@@ -101,7 +111,15 @@ impl Writer {
         batch: &[Record],
         now: (SystemTime, Timestamp),
     ) -> rusqlite::Result<usize> {
-        let transaction = connection.transaction()?;
+        let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        // A trigger of somebody else would act with the first write.
+        let schema: i64 = transaction.pragma_query_value(None, "schema_version", |row| row.get(0))?;
+        if self.schema != Some(schema) {
+            if let Some(strange) = super::damage::strange(&transaction)? {
+                return Err(damage(&strange));
+            }
+            self.schema = Some(schema);
+        }
         let now_ms = millis(now.0);
         let mut rows = self.rows;
         if self.lost > 0 {

@@ -117,7 +117,7 @@ fn running(stat: &[u8]) -> Option<Stat> {
     let (_, rest) = text.rsplit_once(')')?;
     let fields: Vec<&str> = rest.split_ascii_whitespace().collect();
     let number = |at: usize| fields.get(at)?.parse::<u64>().ok();
-    if matches!(*fields.first()?, "Z" | "X" | "x") {
+    if matches!(*fields.first()?, "Z" | "X" | "x" | "T" | "t") {
         return None;
     }
     Some(Stat { started: number(19)?, ticks: number(11)?.saturating_add(number(12)?) })

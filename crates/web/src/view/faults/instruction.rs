@@ -10,6 +10,10 @@ use telltale_engine::model::wording;
 use telltale_engine::model::{LOCALIZATION_GROUP, NodeId, Stage};
 use telltale_engine::snapshot::{Moving, Reason};
 use telltale_engine::state::State;
+use telltale_engine::time::Span;
+
+/// A localization that takes longer does not find the vehicle where it is said to be.
+const LOCALIZING: Span = Span::from_secs(10);
 
 /// A longer text is too long for one line of large type: its later sentences stand beside the fault.
 const TITLE_LETTERS: usize = 36;
@@ -158,10 +162,15 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
 /// fault finds nothing.
 pub fn is_wrong_stop(view: &View<'_>) -> bool {
     let snapshot = view.snapshot;
-    let localization = snapshot.node(LOCALIZATION_GROUP).map(|node| snapshot.shown(node).0);
-    snapshot.stage == Stage::Localizing
-        && snapshot.localization.given.is_some()
-        && localization == Some(State::Error)
+    let (Some(NodeId::Group(id)), Some(given)) =
+        (snapshot.node(LOCALIZATION_GROUP), snapshot.localization.given)
+    else {
+        return false;
+    };
+    let group = snapshot.group(id).1;
+    // An ERROR from before the choice may be that of the choice before.
+    let is_of_choice = group.since >= given || snapshot.now.since(given) >= LOCALIZING;
+    snapshot.stage == Stage::Localizing && group.state == State::Error && is_of_choice
 }
 
 /// What somebody reads who may not act: nobody is told to do what only the operator may.

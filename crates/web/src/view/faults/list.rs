@@ -117,6 +117,7 @@ struct AllCausesHtml {
     words: &'static Words,
     steps: &'static StepWords,
     swap: bool,
+    replay: bool,
     entries: Vec<EntryHtml>,
     more: Option<String>,
 }
@@ -128,6 +129,7 @@ pub fn all_causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         words: view.words,
         steps: view.lang.steps(),
         swap: view.swap,
+        replay: view.replay,
         entries: entries.iter().take(SHEET_MAX).map(|entry| of_entry(view, entry)).collect(),
         more: (more > 0).then(|| view.lang.and_more(more)),
     });

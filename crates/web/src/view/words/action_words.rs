@@ -16,7 +16,7 @@ words! {
     choose_again: "Choose the stop again.", "Haltestelle erneut wählen.";
     stop_is_wrong: "The position does not fit", "Die Position passt nicht";
     chosen: "Chosen", "Gewählt";
-    driven_here: "Last drive went here", "Ziel der letzten Fahrt";
+    driven_here: "Destination of the last drive", "Ziel der letzten Fahrt";
     chosen_here: "Chosen here last", "Zuletzt hier gewählt";
     for_operator: "For the operator:", "Für die Fahrbegleitung:";
     operator_chooses: "The operator chooses the stop.", "Die Fahrbegleitung wählt die Haltestelle.";

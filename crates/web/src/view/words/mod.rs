@@ -105,7 +105,7 @@ words! {
     login_wrong: "Name or PIN is wrong.", "Name oder PIN ist falsch.";
     login_unavailable: "Logins cannot be checked now. Try again.", "Anmeldung zurzeit nicht prüfbar. Noch einmal versuchen.";
     login_storage: "The disk is full or broken, so nothing was changed. Call the control room.", "Speicher voll oder defekt, daher nichts geändert. Leitstelle rufen.";
-    login_drives: "The vehicle drives. Its operator changes at a display in the vehicle, or after it has arrived.", "Das Fahrzeug fährt. Ablösen nur an einer Anzeige im Fahrzeug oder nach der Ankunft.";
+    login_drives: "The vehicle drives. Take the operator's place at a display in the vehicle, or after it has arrived.", "Das Fahrzeug fährt. Ablösen nur an einer Anzeige im Fahrzeug oder nach der Ankunft.";
     login_pin_elsewhere: "A PIN works at the displays in the vehicle only. Here a password is needed.", "Eine PIN gilt nur an den Anzeigen im Fahrzeug. Hier ist ein Passwort nötig.";
     login_late: "That took too long. Enter the PIN or password again.", "Das hat zu lange gedauert. PIN oder Passwort noch einmal eingeben.";
     login_no_users: "No user exists yet. On the vehicle: telltale user add NAME --role operator", "Noch kein Benutzer. Auf dem Fahrzeug: telltale user add NAME --role operator";
