@@ -417,6 +417,9 @@ pub struct Localization {
     /// Where the vehicle was last known to be.
     #[serde(default)]
     pub last_known: Option<KnownPlace>,
+    /// The group `localization` was not OK for so long after the pose that this may be a wrong one.
+    #[serde(default)]
+    pub late: bool,
 }
 
 impl Localization {

@@ -205,6 +205,7 @@ impl Engine {
             done: false,
             skipped,
             last_known: restored.last_known,
+            late: false,
         };
         let nodes = self.find_again(restored);
         let find = |name: &str| nodes.get(name).copied();

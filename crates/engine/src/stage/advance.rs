@@ -16,7 +16,11 @@ use crate::snapshot::{Asked, Countermeasure, KnownPlace, Localization, Unreached
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
+use crate::time::Span;
 use crate::timers::TimerKey;
+
+/// A localization that takes longer does not find the vehicle where it is said to be.
+const LOCALIZES_WITHIN: Span = Span::from_secs(10);
 
 /// The last reports of Telltale's own modules about the vehicle.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -163,9 +167,18 @@ impl Engine {
             }
             Some(_) => None,
         };
-        self.vehicle_changed |= since != ok_since;
+        let late_at = given + LOCALIZES_WITHIN;
+        let late = since.is_none() && late_at <= self.now;
+        self.vehicle_changed |= (since, late) != (ok_since, self.vehicle.localization.late);
         self.vehicle.localization.ok_since = since;
-        let Some(due) = since.map(|since| since + self.model.driving.localized_after) else { return };
+        self.vehicle.localization.late = late;
+        let Some(since) = since else {
+            if !late {
+                self.timers.arm(TimerKey::Localization, late_at);
+            }
+            return;
+        };
+        let due = since + self.model.driving.localized_after;
         if due > self.now {
             self.timers.arm(TimerKey::Localization, due);
             return;

@@ -142,6 +142,7 @@ impl Vehicle {
                 ok_since: None,
                 done: false,
                 skipped: false,
+                late: false,
                 ..self.localization
             };
         }
@@ -164,6 +165,7 @@ impl Vehicle {
             given: Some(now),
             ok_since: None,
             done: false,
+            late: false,
             ..self.localization
         };
     }

@@ -10,10 +10,6 @@ use telltale_engine::model::wording;
 use telltale_engine::model::{LOCALIZATION_GROUP, NodeId, Stage};
 use telltale_engine::snapshot::{Moving, Reason};
 use telltale_engine::state::State;
-use telltale_engine::time::Span;
-
-/// A localization that takes longer does not find the vehicle where it is said to be.
-const LOCALIZING: Span = Span::from_secs(10);
 
 /// A longer text is too long for one line of large type: its later sentences stand beside the fault.
 const TITLE_LETTERS: usize = 36;
@@ -169,7 +165,7 @@ pub fn is_wrong_stop(view: &View<'_>) -> bool {
     };
     let group = snapshot.group(id).1;
     // An ERROR from before the choice may be that of the choice before.
-    let is_of_choice = group.since >= given || snapshot.now.since(given) >= LOCALIZING;
+    let is_of_choice = group.since >= given || snapshot.localization.late;
     snapshot.stage == Stage::Localizing && group.state == State::Error && is_of_choice
 }
 
