@@ -1,4 +1,6 @@
-//! `telltale history`: draws what a vehicle showed, from its history.
+//! `telltale history`: draws what a vehicle showed, or sums it up, from its history.
+
+mod sums;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -14,20 +16,33 @@ use crate::picture::strips::{Segment, Strip, merged, recorded, stamp};
 use crate::record::writer::unix_ms;
 use crate::store::{HistoryQuery, NodePast, Past, PastEvent, Period, past_in};
 
-/// Draw what a vehicle showed around a moment, as the figures of scenarios are drawn.
+/// Draw what a vehicle showed around a moment, as the figures of scenarios are drawn, or sum up its alarms.
+///
+/// With `--stats` it says how many alarms there were in the last seven days or between `--since` and `--until`: an hour
+/// and of which nodes, for how long, how soon they were acknowledged, and the time in each stage.
 ///
 /// It reads `history.db` in the data folder and changes nothing, also while `serve` writes it.
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example:\n  telltale history --data /var/lib/telltale --at 2026-11-22T03:50:00Z --before 2s --after 8s \\\n    \
-    --node sensors --node localization --node localization/tf_quality --signal active --figure outage.svg"
+    --node sensors --node localization --node localization/tf_quality --signal active --figure outage.svg\n  \
+    telltale history --data /var/lib/telltale --stats --since 2026-11-20T00:00:00Z"
 )]
 pub struct Args {
     #[command(flatten)]
     data: DataFolder,
+    /// Sum up the alarms in place of drawing
+    #[arg(long, conflicts_with_all = ["at", "nodes", "signals", "figure"])]
+    stats: bool,
+    /// The first instant that is summed up, in UTC
+    #[arg(long, value_name = "TIME", requires = "stats", value_parser = humantime::parse_rfc3339_weak)]
+    since: Option<SystemTime>,
+    /// The last instant that is summed up, in UTC
+    #[arg(long, value_name = "TIME", requires = "stats", value_parser = humantime::parse_rfc3339_weak)]
+    until: Option<SystemTime>,
     /// The moment that is drawn as zero, in UTC
-    #[arg(long, value_name = "TIME", value_parser = humantime::parse_rfc3339_weak)]
-    at: SystemTime,
+    #[arg(long, value_name = "TIME", required_unless_present = "stats", value_parser = humantime::parse_rfc3339_weak)]
+    at: Option<SystemTime>,
     /// How much of the time before it is drawn
     #[arg(long, value_name = "TIME", default_value = "2s", value_parser = humantime::parse_duration)]
     before: Duration,
@@ -35,7 +50,7 @@ pub struct Args {
     #[arg(long, value_name = "TIME", default_value = "8s", value_parser = humantime::parse_duration)]
     after: Duration,
     /// A group or module by its whole name; may be repeated
-    #[arg(long = "node", value_name = "NAME", required = true)]
+    #[arg(long = "node", value_name = "NAME", required_unless_present = "stats")]
     nodes: Vec<String>,
     /// A signal; may be repeated
     #[arg(long = "signal", value_name = "NAME")]
@@ -47,13 +62,16 @@ pub struct Args {
     #[arg(long, value_name = "TEXT", default_value = "")]
     event: String,
     /// Where to draw it
-    #[arg(long, value_name = "OUT.svg")]
-    figure: PathBuf,
+    #[arg(long, value_name = "OUT.svg", required_unless_present = "stats")]
+    figure: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let folder = args.data.path()?;
-    let zero_ms = unix_ms(args.at);
+    let (Some(at), Some(figure)) = (args.at, &args.figure) else {
+        return sums::run(&folder, args.since, args.until);
+    };
+    let zero_ms = unix_ms(at);
     let millis = |span: Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX / 4);
     let query = HistoryQuery {
         nodes: args.nodes.clone(),
@@ -72,8 +90,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         );
         return Ok(ExitCode::from(EXIT_NO));
     }
-    std::fs::write(&args.figure, figure::draw(&[panel]))
-        .with_context(|| format!("the figure cannot be written to {}", args.figure.display()))?;
+    std::fs::write(figure, figure::draw(&[panel]))
+        .with_context(|| format!("the figure cannot be written to {}", figure.display()))?;
     Ok(ExitCode::SUCCESS)
 }
 

@@ -10,6 +10,7 @@ mod damage;
 mod lines;
 mod read;
 mod reader;
+mod statistics;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -25,6 +26,7 @@ pub use damage::{SavedHistory, history_damage, repair_history};
 pub use lines::{HistoryLine, LineKind, LineQuery};
 pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
 use reader::Reader;
+pub use statistics::{NodeStatistics, Statistics};
 pub use telltale_engine::view::record::Stretch;
 
 use super::StoreError;
@@ -83,11 +85,23 @@ pub struct History {
 /// # Errors
 /// If there is none in `folder`, or it cannot be read.
 pub fn past_in(folder: &Path, query: &HistoryQuery) -> Result<Past, StoreError> {
+    Ok(read::past(&opened_in(folder)?, query)?)
+}
+
+/// Statistics of a history that another process may write.
+///
+/// # Errors
+/// If there is none in `folder`, or it cannot be read.
+pub fn statistics_in(folder: &Path, from_ms: i64, to_ms: i64) -> Result<Statistics, StoreError> {
+    Ok(statistics::statistics(&opened_in(folder)?, from_ms, to_ms)?)
+}
+
+fn opened_in(folder: &Path) -> Result<Connection, StoreError> {
     let path = folder.join(HISTORY_FILE);
     let connection = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)
         .map_err(|reason| StoreError::Open { path, reason })?;
     connection.busy_timeout(Duration::from_secs(2))?;
-    Ok(read::past(&connection, query)?)
+    Ok(connection)
 }
 
 impl History {
@@ -184,6 +198,16 @@ impl History {
     /// An error of the database, or that it took too long.
     pub async fn lines(&self, query: LineQuery) -> Result<Vec<HistoryLine>, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| lines::lines(connection, &query)).await
+    }
+
+    /// How many alarms there were, and in which stages, between two instants in milliseconds since 1970.
+    ///
+    /// # Errors
+    /// An error of the database, or that it took too long.
+    pub async fn statistics(&self, from_ms: i64, to_ms: i64) -> Result<Statistics, StoreError> {
+        self.reader
+            .read(READ_WITHIN, move |connection| statistics::statistics(connection, from_ms, to_ms))
+            .await
     }
 
     /// The last alarms, the newest first.

@@ -94,6 +94,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/moment", Roles(&[Developer, Authority]), replays::moment),
         on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking::get),
         on_get("/developer/coverage", Roles(&[Developer, Authority]), developer::coverage::get),
+        on_get("/developer/statistics", Roles(&[Developer, Authority]), developer::statistics::get),
         on_get("/developer/topics", Roles(&[Developer, Authority]), developer::topics::get),
         on_get("/developer/live", Roles(&[Developer, Authority]), socket::pulse),
         on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration::get),
@@ -125,6 +126,8 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/api/v1/statuses", Roles(&[Developer, Authority]), exports::statuses::get)
             .told(&op::STATUSES),
         on_get("/api/v1/history", Roles(&[Developer, Authority]), exports::history::get).told(&op::HISTORY),
+        on_get("/api/v1/statistics", Roles(&[Developer, Authority]), exports::statistics::get)
+            .told(&op::STATISTICS),
         on_get("/api/v1/topics", Roles(&[Developer, Authority]), exports::topics::get).told(&op::TOPICS),
         on_get("/api/v1/audit", Roles(&[Developer, Authority]), exports::audit::get).told(&op::AUDIT),
         on_get("/api/v1/openapi.json", Session, description::openapi).told(&op::OPENAPI),

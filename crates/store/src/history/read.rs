@@ -94,11 +94,11 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
         past.cut |= rows.len() >= STRETCHES_MAX;
         past.nodes.push(NodePast { name: name.clone(), stretches: stretches(rows, &starts, query) });
     }
-    let rows = levels(connection, STAGE, None, query)?;
+    let rows = levels(connection, STAGE, None, query, STRETCHES_MAX as i64)?;
     past.cut |= rows.len() >= STRETCHES_MAX;
     past.stage = held(rows, &starts, query, |value| value.and_then(stage));
     for name in &query.signals {
-        let rows = levels(connection, SIGNAL, Some(name), query)?;
+        let rows = levels(connection, SIGNAL, Some(name), query, STRETCHES_MAX as i64)?;
         past.cut |= rows.len() >= STRETCHES_MAX;
         let held = held(rows, &starts, query, |value| Some(value.map(|value| value == 1)));
         past.signals.push((name.clone(), held));
@@ -106,6 +106,18 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
     past.events = events(connection, query)?;
     past.cut |= past.events.len() >= EVENTS_MAX;
     Ok(past)
+}
+
+/// The stages in their order. Between two there may be a gap in which nothing was recorded.
+pub(super) fn stages(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec<Period<Stage>>> {
+    let starts = starts(connection, query)?;
+    let rows = levels(connection, STAGE, None, query, -1)?;
+    Ok(held(rows, &starts, query, |value| value.and_then(stage)))
+}
+
+/// When the program that wrote last was surely alive.
+pub(super) fn alive_ms(connection: &Connection) -> rusqlite::Result<Option<i64>> {
+    connection.query_row("SELECT max(at_ms) FROM alive", [], |row| row.get(0))
 }
 
 /// The program started or took another configuration: earlier states end here.
@@ -195,6 +207,7 @@ fn levels(
     kind: i64,
     name: Option<&str>,
     query: &HistoryQuery,
+    limit: i64,
 ) -> rusqlite::Result<Vec<Dated<Option<i64>>>> {
     // A stage has no name, so its row refers to no node.
     const COLUMNS: &str = "SELECT id, at_ms, state FROM records
@@ -210,7 +223,6 @@ fn levels(
     let mut rows: Vec<Dated<Option<i64>>> = before.into_iter().collect();
     let within = format!("{COLUMNS} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, id LIMIT ?");
     let mut within = connection.prepare_cached(&within)?;
-    let limit = STRETCHES_MAX as i64;
     for found in within.query_map(params![kind, name, query.from_ms, query.to_ms, limit], level)? {
         rows.push(found?);
     }

@@ -13,6 +13,7 @@ mod pager;
 pub mod reload;
 mod request;
 pub mod search;
+pub mod statistics;
 pub mod statuses;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -47,6 +48,8 @@ pub enum Page {
     Topics,
     Configuration,
     Audit,
+    /// The incidents lead there.
+    Statistics,
     /// The interface for programs; the help leads there.
     Api,
 }
@@ -75,6 +78,7 @@ impl Page {
             Page::Topics => "/developer/topics",
             Page::Configuration => "/developer/configuration",
             Page::Audit => "/developer/audit",
+            Page::Statistics => "/developer/statistics",
             Page::Api => "/developer/api",
         }
     }
@@ -84,7 +88,7 @@ impl Page {
         match self {
             Page::Statuses | Page::Graph | Page::Timeline => true,
             Page::Masking | Page::Coverage | Page::Topics => true,
-            Page::Incidents | Page::Configuration | Page::Audit | Page::Api => false,
+            Page::Incidents | Page::Configuration | Page::Audit | Page::Statistics | Page::Api => false,
         }
     }
 
@@ -99,6 +103,7 @@ impl Page {
             Page::Topics => words.topics,
             Page::Configuration => words.configuration,
             Page::Audit => words.audit,
+            Page::Statistics => words.statistics,
             Page::Api => words.api,
         }
     }

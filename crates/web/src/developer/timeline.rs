@@ -3,14 +3,13 @@
 
 pub(super) mod strips;
 
-use std::time::{SystemTime, UNIX_EPOCH};
-
 use askama::Template;
 
 use axum::extract;
 use axum::response::Html;
 
 use crate::AppState;
+use crate::incidents::wall_ms;
 use crate::incidents::wall_time as wall;
 use crate::source::{Source, gap_marks};
 use telltale_engine::model::Stage;
@@ -122,7 +121,7 @@ impl Window {
 
     /// With so many seconds where the address names no span.
     pub fn over(published: &Published, query: &PageQuery, unasked_s: u64) -> Window {
-        let now_ms = millis(published.at);
+        let now_ms = wall_ms(published.at);
         let span_s = query.number("span").unwrap_or(unasked_s).clamp(1, SPANS_S[SPANS_S.len() - 1]);
         let until = query.number("until").and_then(|until| i64::try_from(until).ok());
         let to_ms = until.unwrap_or(now_ms).min(now_ms);
@@ -346,10 +345,6 @@ fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> 
 
 fn percent(share: f64) -> String {
     format!("{share:.2}%")
-}
-
-fn millis(at: SystemTime) -> i64 {
-    at.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
 }
 
 /// `12:03:04.5` in UTC; the page's script replaces it by local time.

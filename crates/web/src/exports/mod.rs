@@ -3,5 +3,6 @@
 pub mod audit;
 pub mod description;
 pub mod history;
+pub mod statistics;
 pub mod statuses;
 pub mod topics;

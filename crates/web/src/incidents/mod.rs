@@ -34,7 +34,7 @@ use telltale_store::audit::{Action, Record};
 use telltale_store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, StoreError};
 
 pub use download::get as download;
-pub use json::{Listed, Marked, Whole, listed, time as wall_time, whole};
+pub use json::{Listed, Marked, Whole, listed, time as wall_time, wall_ms, whole};
 pub(crate) use mark::mark_moment;
 pub use mark::{MarkForm, Marker, Marking, NotMarked, mark};
 pub use reading::{Read, read, story};

@@ -17,6 +17,7 @@ use super::api::operation::{Content, Operation, Tag};
 use super::exports::audit::{AuditAnswer, AuditAsked};
 use super::exports::description;
 use super::exports::history::{HistoryAnswer, HistoryAsked};
+use super::exports::statistics::{StatisticsAnswer, StatisticsAsked};
 use super::exports::statuses::{StatusesAnswer, StatusesAsked};
 use super::exports::topics::{TopicsAnswer, TopicsAsked};
 use super::live::frame::{SnapshotSchema, StreamMessage};
@@ -71,6 +72,19 @@ pub const HISTORY: Operation = Operation {
     answer: Content::Table(of::<HistoryAnswer<'static>>),
     refusals: &[BAD_QUERY, LOCKED, UNAVAILABLE],
     example: "?node=sensors&since=2026-11-20T12:00:00Z&count=100",
+    ..Operation::PLAIN
+};
+
+pub const STATISTICS: Operation = Operation {
+    id: "statistics",
+    tag: Tag::Tables,
+    summary: "The alarms between two instants summed up, and the time in each stage",
+    about: "As ISA-18.2 counts: alarms an hour and in ten minutes, how soon they were acknowledged, and of each node \
+        how many, how long and whether it chatters. Without `since` of a week. A CSV has the nodes.",
+    query: Some(of::<StatisticsAsked>),
+    answer: Content::Table(of::<StatisticsAnswer<'static>>),
+    refusals: &[BAD_QUERY, LOCKED, UNAVAILABLE],
+    example: "?since=2026-11-20T12:00:00Z",
     ..Operation::PLAIN
 };
 

@@ -1,0 +1,118 @@
+//! `telltale history --stats`: the alarms of some days, and the time in each stage.
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::{Duration, SystemTime};
+
+use anyhow::Context as _;
+
+use crate::cli::EXIT_NO;
+use crate::cli::print::{Lines, note, text};
+use crate::clock::Clock;
+use crate::engine::time::{Span, how_long};
+use crate::record::writer::unix_ms;
+use crate::store::{Statistics, statistics_in};
+
+const WEEK: Duration = Duration::from_secs(7 * 24 * 3600);
+/// As ISA-18.2 counts.
+const MOST_FREQUENT: usize = 10;
+
+pub fn run(folder: &Path, since: Option<SystemTime>, until: Option<SystemTime>) -> anyhow::Result<ExitCode> {
+    let until = until.unwrap_or_else(|| Clock::start().wall());
+    let since = since.unwrap_or_else(|| until.checked_sub(WEEK).unwrap_or(SystemTime::UNIX_EPOCH));
+    let found =
+        statistics_in(folder, unix_ms(since), unix_ms(until)).context("the history cannot be read")?;
+    if found.recorded_ms == 0 {
+        note!(
+            "telltale: nothing is recorded in that time: look at `--since` and `--until`, which are in UTC"
+        );
+        return Ok(ExitCode::from(EXIT_NO));
+    }
+    text(told(&found).text());
+    Ok(ExitCode::SUCCESS)
+}
+
+fn told(found: &Statistics) -> Lines {
+    let mut lines = Lines::default();
+    lines.add(format_args!("recorded        {}", long(found.recorded_ms)));
+    for (stage, ms) in &found.stages {
+        let share = 100.0 * *ms as f64 / found.recorded_ms as f64;
+        lines.add(format_args!("  {:<14}{}, {share:.0} %", stage.as_str(), long(*ms)));
+    }
+    lines.add(format_args!("alarms          {}, {} an hour", found.alarms, rate(found, found.alarms)));
+    lines.add(format_args!("most in 10 min  {}", found.most_in_10_min));
+    let soon = found.to_acknowledge_ms.map(|ms| format!(", half of them within {}", long(ms)));
+    lines.add(format_args!("acknowledged    {}{}", found.acknowledged, soon.unwrap_or_default()));
+    if found.lost > 0 {
+        lines.add(format_args!("missing         {} records", found.lost));
+    }
+    if !found.nodes.is_empty() {
+        lines.add("");
+        lines.add("alarms  an hour  between two  in all      longest     node");
+    }
+    for node in found.nodes.iter().take(MOST_FREQUENT) {
+        let between = found.between_alarms_ms(node).map_or_else(String::new, long);
+        let chatters = if node.chatters { "  (chatters)" } else { "" };
+        lines.add(format_args!(
+            "{:>6}  {:>7}  {between:<11}  {:<10}  {:<10}  {}{chatters}",
+            node.alarms,
+            rate(found, node.alarms),
+            long(node.alarmed_ms),
+            long(node.longest_ms),
+            node.node,
+        ));
+    }
+    match found.nodes.len().saturating_sub(MOST_FREQUENT) {
+        0 => {}
+        more => lines.add(format_args!("and {more} nodes more")),
+    }
+    lines
+}
+
+fn long(ms: i64) -> String {
+    how_long(Span::from_millis(u64::try_from(ms).unwrap_or(0)))
+}
+
+fn rate(found: &Statistics, alarms: u64) -> String {
+    found.per_hour(alarms).map_or_else(String::new, |rate| format!("{rate:.2}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::engine::model::Stage;
+    use crate::store::NodeStatistics;
+
+    #[test]
+    fn a_week_is_told_in_lines() {
+        let node = NodeStatistics {
+            node: "sensors/gnss".to_owned(),
+            alarms: 3,
+            alarmed_ms: 15_000,
+            longest_ms: 5_000,
+            chatters: true,
+        };
+        let found = Statistics {
+            recorded_ms: 7_200_000,
+            alarms: 4,
+            most_in_10_min: 3,
+            acknowledged: 1,
+            to_acknowledge_ms: Some(3_000),
+            stages: vec![(Stage::Standby, 5_400_000), (Stage::Active, 1_800_000)],
+            nodes: vec![node],
+            ..Statistics::default()
+        };
+        let expected = "\
+recorded        2 h 0 min
+  standby       1 h 30 min, 75 %
+  active        30 min, 25 %
+alarms          4, 2.00 an hour
+most in 10 min  3
+acknowledged    1, half of them within 3 s
+
+alarms  an hour  between two  in all      longest     node
+     3     1.50  40 min       15 s        5 s         sensors/gnss  (chatters)
+";
+        assert_eq!(told(&found).text(), expected);
+    }
+}
