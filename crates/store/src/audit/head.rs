@@ -5,7 +5,7 @@ use crate::private_file::give_to_owner_of;
 use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use telltale_yaml::input_file;
 
@@ -45,9 +45,18 @@ pub(crate) fn remove_leftovers(file: &Path) {
     }
 }
 
+/// The temporary file of this process, which has one store of a folder.
+fn temporary(file: &Path) -> PathBuf {
+    let process = std::process::id();
+    // A test has several, each with a thread of its own.
+    #[cfg(test)]
+    let process = format!("{process}.{:?}", std::thread::current().id());
+    file.with_extension(format!("head.{process}"))
+}
+
 /// Writes the file atomically, so that a loss of power leaves the old or the new head.
 pub(crate) fn write_head(file: &Path, head: Head) -> io::Result<()> {
-    let new = file.with_extension(format!("head.{}", std::process::id()));
+    let new = temporary(file);
     let mut options = OpenOptions::new();
     options.write(true).create(true).truncate(true).mode(0o600);
     let mut writer = options.open(&new)?;
