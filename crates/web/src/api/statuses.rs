@@ -7,9 +7,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use super::query::{Asked, Count};
+use super::table::{Format, Table};
 use crate::AppState;
-use crate::api::query::{Asked, Count};
-use crate::api::table::{Format, Table};
 use crate::developer::statuses::StatusFilter;
 use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};

@@ -12,16 +12,16 @@ pub use operator::{
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::json;
 
-use super::api::of;
-use super::api::operation::{Content, Operation, Tag};
-use super::exports::audit::{AuditAnswer, AuditAsked};
-use super::exports::description;
-use super::exports::history::{HistoryAnswer, HistoryAsked};
-use super::exports::statistics::{StatisticsAnswer, StatisticsAsked};
-use super::exports::statuses::{StatusesAnswer, StatusesAsked};
-use super::exports::topics::{TopicsAnswer, TopicsAsked};
-use super::live::frame::{SnapshotSchema, StreamMessage};
-use super::live::stream_query::StreamQuery;
+use super::audit::{AuditAnswer, AuditAsked};
+use super::history::{HistoryAnswer, HistoryAsked};
+use super::openapi;
+use super::operation::{Content, Operation, Tag};
+use super::statistics::{StatisticsAnswer, StatisticsAsked};
+use super::statuses::{StatusesAnswer, StatusesAsked};
+use super::topics::{TopicsAnswer, TopicsAsked};
+use crate::live::frame::{SnapshotSchema, StreamMessage};
+use crate::live::stream_query::StreamQuery;
+use crate::schema::of;
 
 const BAD_QUERY: (u16, &str) = (400, "A parameter is unknown or has a wrong value; the answer names it.");
 const LOCKED: (u16, &str) = (409, "The vehicle is locked: no diagnosis is shown before an operator logs in.");
@@ -117,7 +117,7 @@ pub const OPENAPI: Operation = Operation {
     tag: Tag::Description,
     summary: "This document",
     about: "It says nothing about the vehicle. `telltale api` prints it without a server.",
-    answer: Content::Description(description::OPENAPI),
+    answer: Content::Description(openapi::OPENAPI),
     ..Operation::PLAIN
 };
 
@@ -126,7 +126,7 @@ pub const SNAPSHOT_SCHEMA: Operation = Operation {
     tag: Tag::Description,
     summary: "The JSON Schema of a snapshot",
     about: "`telltale api snapshot` prints it without a server.",
-    answer: Content::Description(description::SCHEMA),
+    answer: Content::Description(openapi::SCHEMA),
     ..Operation::PLAIN
 };
 
@@ -135,7 +135,7 @@ pub const STREAM_SCHEMA: Operation = Operation {
     tag: Tag::Description,
     summary: "The JSON Schema of the messages of the stream",
     about: "`telltale api stream` prints it without a server.",
-    answer: Content::Description(description::SCHEMA),
+    answer: Content::Description(openapi::SCHEMA),
     ..Operation::PLAIN
 };
 

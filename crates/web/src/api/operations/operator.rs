@@ -1,11 +1,11 @@
 //! The operations of the operator, and of sessions.
 
 use super::BAD_FORM;
-use crate::api::of;
 use crate::api::operation::{Content, Operation, Tag};
 use crate::auth::login::{LoggedIn, LoginForm};
 use crate::operator::actions::{AcknowledgeOverForm, ConfirmForm, Done, Granted, LocalizeForm, StopForm};
 use crate::operator::tap::Versioned;
+use crate::schema::of;
 
 const REFUSED: (u16, &str) = (409, "It was not done: one reason for each check that fails.");
 const STORAGE: (u16, &str) = (503, "It was not done: it cannot be recorded, or others wait.");

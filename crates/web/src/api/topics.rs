@@ -6,9 +6,9 @@ use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::query::{Asked, Count};
+use super::table::{Format, Table};
 use crate::AppState;
-use crate::api::query::{Asked, Count};
-use crate::api::table::{Format, Table};
 use crate::developer::topics::matches;
 use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};

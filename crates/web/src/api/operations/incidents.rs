@@ -1,9 +1,10 @@
 //! The operations about incidents and marks.
 
 use super::{BAD_FORM, UNAVAILABLE, list};
-use crate::api::of;
+use crate::api::incidents::ListQuery;
 use crate::api::operation::{Content, Operation, Tag};
-use crate::incidents::{KeepForm, ListQuery, Listed, MarkForm, Marked, NoteForm, Whole};
+use crate::incidents::{KeepForm, Listed, MarkForm, Marked, NoteForm, Whole};
+use crate::schema::of;
 
 const ID: (&str, &str) = ("The number of an incident.", "1");
 const NO_INCIDENT: (u16, &str) = (404, "There is no incident with this number.");

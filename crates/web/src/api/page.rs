@@ -6,9 +6,9 @@ use axum::Extension;
 use axum::response::Html;
 use serde_json::{Map, Value};
 
-use super::request::PageRequest;
-use super::{DevFrame, Page};
-use crate::api::Description;
+use super::openapi::Description;
+use crate::developer::request::PageRequest;
+use crate::developer::{self, DevFrame, Page};
 use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
 
@@ -68,7 +68,7 @@ pub async fn get(
     let groups = list(&document["tags"]).iter().map(|tag| group(&document, tag)).collect();
     let about = text(&document["info"]["description"]).split("\n\n").collect();
     let version = text(&document["info"]["version"]);
-    Html(html(&ApiHtml { frame: super::frame(&context), dev, version, about, groups }))
+    Html(html(&ApiHtml { frame: developer::frame(&context), dev, version, about, groups }))
 }
 
 fn group<'a>(document: &'a Value, tag: &'a Value) -> RouteGroup<'a> {

@@ -6,13 +6,13 @@ use axum::response::Response;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
 
+use super::query::{Asked, Count, Moment};
+use super::table::{Format, Table};
 use crate::AppState;
-use crate::api::query::{Asked, Count, Moment};
-use crate::api::table::{Format, Table};
-use crate::api::words;
 use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::incidents::wall_time;
+use crate::schema::words;
 use telltale_engine::time::Span;
 use telltale_store::{HistoryLine, LineKind, LineQuery};
 

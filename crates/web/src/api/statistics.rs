@@ -6,13 +6,13 @@ use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::query::{Asked, Moment};
+use super::table::{Format, Table};
 use crate::AppState;
-use crate::api::query::{Asked, Moment};
-use crate::api::table::{Format, Table};
-use crate::api::words;
 use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::incidents::{wall_ms, wall_time};
+use crate::schema::words;
 use telltale_store::{NodeStatistics, Statistics};
 
 /// What is summed up without `since`.
