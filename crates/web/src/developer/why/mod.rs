@@ -108,6 +108,8 @@ struct WhyHtml {
     is_matched: bool,
     incidents: Vec<IncidentRow>,
     incidents_address: String,
+    /// The numbers of the last minutes for a spreadsheet.
+    csv: String,
     has_incidents: bool,
 }
 
@@ -223,6 +225,10 @@ pub fn page(
         incidents_address: format!(
             "/incidents{}",
             super::page_query::address([(field, &**raw_name)].into_iter())
+        ),
+        csv: format!(
+            "/api/v1/values{}",
+            super::page_query::address([("node", &**raw_name), ("format", "csv")].into_iter())
         ),
         has_incidents: !context.replay,
         node: name,
