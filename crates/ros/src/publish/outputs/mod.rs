@@ -5,7 +5,6 @@
 //! the snapshot is there; the aggregated diagnosis is sent at its own pace.
 
 mod aggregate;
-mod announce;
 mod beside;
 mod diagnosis;
 mod levels;
@@ -32,6 +31,7 @@ use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::model::sample::Pose;
 use telltale_engine::snapshot::{MapPose, Snapshot};
 use telltale_engine::time::Span;
+use telltale_msg::messages::GidSize;
 use telltale_msg::messages::encode;
 use telltale_msg::messages::encode::{Header, Motion};
 use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
@@ -197,7 +197,7 @@ async fn run(
                 let control = tokio::spawn(control(publisher.clone(), ground.clone(), levels));
                 tasks.spawn(listeners::watch(publisher.clone(), ground.clone()));
                 let end = ground.end.clone();
-                tasks.spawn(announce::run(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
+                tasks.spawn(announce(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
                 let rivals =
                     beside::OtherAggregators::new(&publisher, &ground.topics, graph.discovery.clone());
                 graph.siblings.add(publisher.participant());
@@ -379,5 +379,24 @@ fn covariance() -> [f64; 36] {
 fn log(published: Result<(), PublishError>) {
     if let Err(error) = published {
         tracing::debug!("{error}");
+    }
+}
+
+/// Announces the node of the outputs, which has a name of its own: tools look an endpoint up among the nodes of its own
+/// participant, and warn of two participants with one name. It is announced as soon as the size of a gid is known; the writer keeps the announcement for late
+/// joiners.
+async fn announce(
+    publisher: Arc<Publisher>,
+    node: String,
+    mut gid_size: watch::Receiver<Option<GidSize>>,
+    mut end: watch::Receiver<bool>,
+) {
+    let known = tokio::select! {
+        () = stopped(&mut end) => return,
+        known = gid_size.wait_for(Option::is_some) => known.ok().and_then(|size| *size),
+    };
+    let Some(size) = known else { return };
+    if let Err(error) = publisher.announce(&[(&node, publisher.topics())], size).await {
+        tracing::warn!("the node {node} was not announced to ROS 2: {error}");
     }
 }
