@@ -110,7 +110,9 @@ impl Asker {
             }
             ProbeTarget::System(resource) => How::System(System::new(resource)),
             ProbeTarget::Node { name } => How::Node { name: name.clone(), nodes: context.nodes.clone() },
-            ProbeTarget::Service { name } => How::Service { name: name.clone(), nodes: context.nodes.clone() },
+            ProbeTarget::Service { name } => {
+                How::Service { name: name.clone(), nodes: context.nodes.clone() }
+            }
         };
         Asker { clock, how }
     }

@@ -6,10 +6,10 @@
 
 mod aggregate;
 mod announce;
-mod other_aggregators;
 mod diagnosis;
 mod levels;
 mod listeners;
+mod other_aggregators;
 mod rosout;
 mod send_failures;
 
@@ -198,10 +198,18 @@ async fn run(
                 tasks.spawn(listeners::watch(publisher.clone(), context.clone()));
                 let end = context.end.clone();
                 tasks.spawn(announce::run(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
-                let others =
-                    other_aggregators::OtherAggregators::new(&publisher, &context.topics, graph.discovery.clone());
+                let others = other_aggregators::OtherAggregators::new(
+                    &publisher,
+                    &context.topics,
+                    graph.discovery.clone(),
+                );
                 graph.siblings.add(publisher.participant());
-                tasks.spawn(other_aggregators::tell(others.clone(), context.inputs.clone(), clock, context.end.clone()));
+                tasks.spawn(other_aggregators::tell(
+                    others.clone(),
+                    context.inputs.clone(),
+                    clock,
+                    context.end.clone(),
+                ));
                 let rosout = context.topics.iter().find(|it| it.publication == Publication::Rosout);
                 if let Some(topic) = rosout.cloned() {
                     tasks.spawn(rosout::run(publisher.clone(), topic, context.clone()));
