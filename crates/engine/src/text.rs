@@ -38,8 +38,6 @@ impl Text {
 
 /// One sentence in both languages. Each argument is inserted by its name, in its own language if it is a
 /// [`Text`]: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`.
-/// A message without German does not compile. Patterns over the English text would translate words of publishers
-/// that happen to look alike.
 macro_rules! say {
     ($en:literal, $de:literal $(, $name:ident = $value:expr)*) => {{
         $(let $name = $crate::text::Text::from($value);)*

@@ -1,5 +1,4 @@
-//! Where a caller is: at the vehicle or elsewhere. All bounds that differ between the two use this,
-//! those of `web` too.
+//! Where a caller is: at the vehicle or elsewhere. All bounds that differ between the two use this.
 
 /// Where a caller is. Callers at the vehicle never wait for callers elsewhere, and have shares of their own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -3,8 +3,7 @@
 use crate::model::sample::Position;
 
 /// The largest distance of any position of one list to the nearest of the other, in metres (the
-/// Hausdorff distance): 0 for two empty lists, infinite where one of them is empty. It
-/// finds an object that one source alone sees, and needs no pairing, whose ties would make it jump.
+/// Hausdorff distance): 0 for two empty lists, infinite where one of them is empty.
 pub(super) fn apart_m(a: &[Position], b: &[Position]) -> f64 {
     farthest(a, b).max(farthest(b, a))
 }
