@@ -1,5 +1,5 @@
 """Measures how soon each kind of monitor notices, over real DDS, and prints a table: what the table in
-docs/architecture.md states for the windows, limits and rates used here, and what passed between a fault
+docs/reference/detection-times.md states for the windows, limits and rates used here, and what passed between a fault
 at the foreign publisher (Cyclone DDS) and the frame on `/api/v1/stream` that shows it. Every fault comes
 at a random phase. Not a test, but it fails when a median is not as stated, or when a healthy vehicle
 shows a WARNING or an ERROR after a start or a reload.

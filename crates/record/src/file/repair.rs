@@ -31,6 +31,7 @@ pub struct Repair {
 
 /// Completes a file. A complete one stays as it is (`None`). The new file is written beside it and takes its
 /// name only when it is on the disk, so this can be interrupted and repeated at any time.
+/// Appending to the damaged file would save the copy, but change the only evidence.
 ///
 /// # Errors
 /// It is no MCAP file, or the disk failed; the file is then as before.

@@ -56,7 +56,7 @@ pub enum News {
 /// Why nothing can be recorded; `None`: it can. It is told apart from the news, which wait for the database.
 pub type Fault = Option<Arc<str>>;
 
-/// What the writer needs beside the recorder.
+/// What the writer needs in addition to what the recorder gives.
 #[derive(Debug, Clone)]
 pub struct Place {
     /// The folder of the files.

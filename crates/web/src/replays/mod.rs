@@ -57,7 +57,8 @@ pub struct Replays {
     turn: Arc<tokio::sync::Mutex<()>>,
 }
 
-/// A replay by one session.
+/// A replay by one session. Its tabs show the same instant: each place costs an engine with its marks, a history and
+/// a server.
 #[derive(Debug, Clone)]
 struct OpenReplay {
     subject: Subject,
