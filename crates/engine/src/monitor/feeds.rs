@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
+use super::{Feed, Machine, Monitor, WORDS_EVERY, Words, feeds};
 use crate::model::monitors::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use crate::model::sample::{FieldValue, Probe, PublisherReport, Sample};
 use crate::model::{Model, ModuleId, Policy};
@@ -261,22 +261,24 @@ impl Watching {
         }
         (topic.heard, topic.left) = (true, false);
         for reader in &topic.readers {
-            let taken = match reader.field {
+            let (watch, slot) = (&mut self.watches[reader.watch as usize], reader.slot as usize);
+            match reader.field.map(|field| &sample.values[field as usize]) {
                 None if sample.late => {
-                    if self.watches[reader.watch as usize].late(reader.slot as usize, now) {
+                    if watch.late(slot, now) {
                         judge.push(reader.watch);
                     }
                     continue;
                 }
-                None => Taken::Message(sample),
-                Some(field) => match &sample.values[field as usize] {
-                    FieldValue::Absent => continue,
-                    value => Taken::Value(value),
-                },
-            };
-            let watch = &mut self.watches[reader.watch as usize];
-            watch.found(reader.slot as usize, now);
-            watch.monitor.take(reader.slot as usize, taken, now);
+                None => {
+                    watch.found(slot, now);
+                    watch.monitor.take_message(slot, sample, now);
+                }
+                Some(FieldValue::Absent) => continue,
+                Some(value) => {
+                    watch.found(slot, now);
+                    watch.monitor.take_value(slot, value, now);
+                }
+            }
             watch.pending = true;
             if judge.last() != Some(&reader.watch) {
                 judge.push(reader.watch);
@@ -311,7 +313,7 @@ impl Watching {
         let (_, readers) = self.probes.iter().find(|(spec, _)| same(spec))?;
         for &index in readers {
             let watch = &mut self.watches[index as usize];
-            watch.monitor.take(0, Taken::Probe(&probe.outcome), now);
+            watch.monitor.take_probe(&probe.outcome, now);
             watch.pending = true;
             judge.push(index);
         }

@@ -1,6 +1,8 @@
 //! Watchdogs: whether a target answers, and how soon; and what is measured of the computer.
 
+use super::Machine;
 use super::words::{Words, cut, span};
+use crate::files::KeyframeError;
 use crate::model::monitors::{Bands, ProbeTarget, ProcessMeasure, Resource, WatchdogSpec};
 use crate::model::sample::ProbeOutcome;
 use crate::state::State;
@@ -61,9 +63,10 @@ impl Watchdog {
             state: None,
         }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Watchdog) {
+impl Machine for Watchdog {
+    fn resume(&mut self, kept: Watchdog) -> Result<(), KeyframeError> {
         let Watchdog {
             misses_max: _,
             bands: _,
@@ -76,14 +79,15 @@ impl Watchdog {
             state,
         } = kept;
         (self.since, self.last, self.misses, self.state) = (since, last, misses, state);
+        Ok(())
     }
 
-    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
         self.since = relevant.then_some(now);
         (self.last, self.misses, self.state) = (None, 0, None);
     }
 
-    pub(super) fn take(&mut self, outcome: &ProbeOutcome, now: Timestamp) {
+    fn take_probe(&mut self, outcome: &ProbeOutcome, now: Timestamp) {
         if self.since.is_none() {
             return;
         }
@@ -109,15 +113,15 @@ impl Watchdog {
     }
 
     /// Fewer misses than make an ERROR leave the state unchanged.
-    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         if now >= self.late_at()? { self.state.max(Some(State::Unknown)) } else { self.state }
     }
 
-    pub(super) fn due(&self) -> Option<Timestamp> {
+    fn due(&self, _now: Timestamp) -> Option<Timestamp> {
         self.late_at()
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
+    fn words(&self, now: Timestamp) -> Words {
         let Some(late_at) = self.late_at() else {
             return Words::plain(say!(
                 "not asked while it does not matter",
@@ -190,7 +194,9 @@ impl Watchdog {
             }
         }
     }
+}
 
+impl Watchdog {
     fn measured(&self, value: f64) -> Words {
         let (name, unit) = match &self.resource {
             Some(Resource::Cpu) => ("cpu_percent", say!("% of the processor", "% des Prozessors")),
