@@ -12,6 +12,7 @@ mod policy;
 pub mod quantity;
 pub mod sample;
 pub mod service;
+mod watched;
 pub mod wording;
 
 use super::text::Text;
