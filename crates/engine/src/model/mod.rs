@@ -3,7 +3,6 @@
 
 pub mod countermeasure;
 pub mod filter;
-mod memory;
 pub mod monitors;
 pub mod motion;
 pub mod order;
@@ -418,6 +417,16 @@ impl Model {
     pub fn new(parts: Parts) -> Result<Model, Cycle> {
         let order = Order::of(&parts)?;
         Ok(Model { parts, order })
+    }
+
+    /// The longest window, timeout or delay by which a state depends on earlier messages. A recording for another
+    /// configuration needs as much of the past.
+    pub fn longest_memory(&self) -> Span {
+        let policies = self.modules.iter().map(|module| module.policy.memory());
+        let monitors = self.modules.iter().map(|module| module.monitor.memory(&self.watched));
+        let signals = self.signals.iter().filter_map(|signal| signal.present_for);
+        let all = policies.chain([self.discovered.memory()]).chain(monitors).chain(signals);
+        all.max().unwrap_or_default()
     }
 
     /// Whether some module accepts its status only from certain writers.

@@ -182,33 +182,197 @@ impl ModuleMonitor {
         }
     }
 
+    fn about(&self) -> About<'_> {
+        match self {
+            ModuleMonitor::SelfState(status) => {
+                About { status: Some(status), ..About::of("self_state", CONTENT) }
+            }
+            ModuleMonitor::Other(spec) => spec.about(),
+        }
+    }
+
+    /// Its kind, as in the configuration.
+    pub fn kind(&self) -> &'static str {
+        self.about().kind
+    }
+
+    /// Its class in the paper's classification.
+    pub fn class(&self) -> Class {
+        self.about().class
+    }
+
+    /// Whether the monitor itself judges silence, so that the module's timeout has no effect.
+    pub fn by_the_clock(&self) -> bool {
+        self.about().by_the_clock
+    }
+
     /// The status whose level is the module's report. No other module declares it.
     pub fn status(&self) -> Option<&Arc<str>> {
-        match self {
-            ModuleMonitor::SelfState(status) => Some(status),
-            ModuleMonitor::Other(spec) => spec.status(),
+        self.about().status
+    }
+
+    /// The statuses that the monitor reads.
+    pub fn statuses(&self) -> impl Iterator<Item = Arc<str>> {
+        let keyed = self.other().map(MonitorSpec::keyed_statuses).unwrap_or_default();
+        self.status().cloned().into_iter().chain(keyed)
+    }
+
+    /// The longest time by which its judgement depends on earlier inputs.
+    pub(super) fn memory(&self, watched: &Watched) -> Span {
+        let About { memory, probe, .. } = self.about();
+        let rounds = probe.map_or(Span::ZERO, |(WatchdogId(id), rounds)| {
+            let every = watched.watchdogs[id as usize].every;
+            Span::from_nanos(every.as_nanos().saturating_mul(u64::from(rounds)))
+        });
+        memory.max(rounds)
+    }
+
+    /// Whether it judges the same sources in the same way, whatever their indices are.
+    pub(crate) fn means_the_same(&self, watched: &Watched, other: &ModuleMonitor, others: &Watched) -> bool {
+        match (self, other) {
+            (ModuleMonitor::Other(spec), ModuleMonitor::Other(other)) => {
+                spec.means_the_same(watched, other, others)
+            }
+            _ => self == other,
         }
     }
 }
 
+/// What is true of a monitor by its kind.
+pub(crate) struct About<'a> {
+    kind: &'static str,
+    class: Class,
+    pub(crate) by_the_clock: bool,
+    /// How far back it looks.
+    memory: Span,
+    /// Its probe, and how many of its rounds it looks back.
+    probe: Option<(WatchdogId, u32)>,
+    status: Option<&'a Arc<str>>,
+}
+
+const META: Class = Class { location: "isolated", information: "meta", flow: None };
+const CONTENT: Class = Class { location: "isolated", information: "content", flow: None };
+
+const fn contextual(information: &'static str, flow: &'static str) -> Class {
+    Class { location: "contextual", information, flow: Some(flow) }
+}
+
+impl About<'_> {
+    /// A kind that takes all defaults.
+    fn of(kind: &'static str, class: Class) -> Self {
+        About { kind, class, by_the_clock: false, memory: Span::ZERO, probe: None, status: None }
+    }
+}
+
+/// A source of a monitor, in the order of the slots of its machine.
+pub(crate) enum Source<'a> {
+    Messages(&'a mut TopicId),
+    Value(&'a mut ValueSource),
+    Probe(&'a mut WatchdogId),
+}
+
+/// What a source is, without the index that one configuration gives to it.
+#[derive(PartialEq)]
+enum Meaning<'a> {
+    Topic(&'a str, &'a str, Option<&'a FieldSpec>),
+    Probe(&'a WatchdogSpec),
+}
+
 impl MonitorSpec {
-    /// The status whose level is the module's report.
-    pub fn status(&self) -> Option<&Arc<str>> {
+    pub(crate) fn about(&self) -> About<'_> {
+        use MonitorSpec as Of;
+        let of = About::of;
         match self {
-            MonitorSpec::External { status, .. } => Some(status),
-            MonitorSpec::Frequency { .. }
-            | MonitorSpec::Latency { .. }
-            | MonitorSpec::Value { .. }
-            | MonitorSpec::Frozen { .. }
-            | MonitorSpec::Watchdog { .. }
-            | MonitorSpec::System { .. }
-            | MonitorSpec::RateRatio { .. }
-            | MonitorSpec::Sequence { .. }
-            | MonitorSpec::Agreement { .. }
-            | MonitorSpec::Constant { .. }
-            | MonitorSpec::Count { .. }
-            | MonitorSpec::Expression { .. } => None,
+            Of::External { status, class } => About { status: Some(status), ..of("external", *class) },
+            Of::Frequency { window, .. } => {
+                About { by_the_clock: true, memory: *window, ..of("frequency", META) }
+            }
+            Of::Latency { window, .. } => About { memory: *window, ..of("latency", META) },
+            Of::Value { .. } => of("value", CONTENT),
+            Of::Frozen { limits, .. } => About { memory: limits.longest(), ..of("frozen", CONTENT) },
+            Of::Watchdog { watchdog, misses, .. } => {
+                About { by_the_clock: true, probe: Some((*watchdog, *misses)), ..of("watchdog", META) }
+            }
+            Of::System { watchdog, .. } => {
+                About { by_the_clock: true, probe: Some((*watchdog, 1)), ..of("system", META) }
+            }
+            Of::RateRatio { window, .. } => {
+                let of = of("rate_ratio", contextual("meta", "sequential"));
+                About { by_the_clock: true, memory: *window, ..of }
+            }
+            Of::Sequence { max_gap, .. } => {
+                About { memory: *max_gap, ..of("sequence", contextual("content", "sequential")) }
+            }
+            Of::Agreement { max_age, motion_over, .. } => {
+                let memory = motion_over.unwrap_or_default().max(*max_age);
+                About { memory, ..of("agreement", contextual("content", "parallel")) }
+            }
+            Of::Constant { .. } => About { by_the_clock: true, ..of("constant", CONTENT) },
+            Of::Count { .. } => About { by_the_clock: true, ..of("count", META) },
+            Of::Expression { max_age, class, .. } => About { memory: *max_age, ..of("expression", *class) },
         }
+    }
+
+    pub(crate) fn sources(&mut self) -> Vec<Source<'_>> {
+        match self {
+            MonitorSpec::External { .. } | MonitorSpec::Constant { .. } | MonitorSpec::Count { .. } => {
+                Vec::new()
+            }
+            MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => {
+                vec![Source::Messages(topic)]
+            }
+            MonitorSpec::RateRatio { input, output, .. } => {
+                vec![Source::Messages(input), Source::Messages(output)]
+            }
+            MonitorSpec::Watchdog { watchdog, .. } | MonitorSpec::System { watchdog, .. } => {
+                vec![Source::Probe(watchdog)]
+            }
+            MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => {
+                vec![Source::Value(source)]
+            }
+            MonitorSpec::Sequence { earlier: a, later: b, .. } | MonitorSpec::Agreement { a, b, .. } => {
+                vec![Source::Value(a), Source::Value(b)]
+            }
+            MonitorSpec::Expression { inputs, .. } => {
+                inputs.iter_mut().map(|(_, source)| Source::Value(source)).collect()
+            }
+        }
+    }
+
+    /// The statuses whose KeyValues it reads.
+    pub fn keyed_statuses(&self) -> Vec<Arc<str>> {
+        let status = |source| match source {
+            Source::Value(ValueSource::Key { status, .. }) => Some(status.clone()),
+            Source::Value(ValueSource::Field { .. }) | Source::Messages(_) | Source::Probe(_) => None,
+        };
+        self.clone().sources().into_iter().filter_map(status).collect()
+    }
+
+    /// Whether it judges the same sources in the same way, whatever their indices are.
+    pub(crate) fn means_the_same(&self, watched: &Watched, other: &MonitorSpec, others: &Watched) -> bool {
+        self.meaning(watched) == other.meaning(others)
+    }
+
+    /// The monitor without indices, and what is behind the indices.
+    fn meaning<'a>(&self, watched: &'a Watched) -> (MonitorSpec, Vec<Meaning<'a>>) {
+        let (mut bare, mut meaning) = (self.clone(), Vec::new());
+        for source in bare.sources() {
+            let (topic, field) = match source {
+                Source::Messages(topic) => (topic, None),
+                Source::Value(ValueSource::Field { topic, field }) => (topic, Some(field)),
+                Source::Value(ValueSource::Key { .. }) => continue,
+                Source::Probe(probe) => {
+                    let WatchdogId(id) = std::mem::replace(probe, WatchdogId(0));
+                    meaning.push(Meaning::Probe(&watched.watchdogs[id as usize]));
+                    continue;
+                }
+            };
+            let TopicId(id) = std::mem::replace(topic, TopicId(0));
+            let spec = &watched.topics[id as usize];
+            let field = field.map(|field| &spec.fields[std::mem::take(field) as usize]);
+            meaning.push(Meaning::Topic(&spec.topic, &spec.type_name, field));
+        }
+        (bare, meaning)
     }
 }
 

@@ -2,8 +2,7 @@
 
 use super::Machine;
 use super::inputs::{Inputs, UnusableInput};
-use super::motion::{History, Motion, TooShort};
-use super::nearest::apart_m;
+use super::motion::{History, Motion, TooShort, apart_m};
 use super::sequence::slack;
 use super::words::{Words, span};
 use crate::files::KeyframeError;

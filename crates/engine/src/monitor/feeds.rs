@@ -1,7 +1,5 @@
 //! Passes messages, probe results and KeyValues to the monitors that watch them.
 
-mod conditions;
-mod counts;
 pub(crate) mod kept;
 mod keys;
 mod topic_fault;
@@ -11,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::{Feed, Machine, Monitor, WORDS_EVERY, Words, feeds};
-use crate::model::monitors::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
+use super::{Machine, Monitor, WORDS_EVERY, Words};
+use crate::model::monitors::{MonitorSpec, Source, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use crate::model::sample::{FieldValue, Probe, PublisherReport, Sample};
 use crate::model::{Model, ModuleId, Policy};
 use crate::signals::SignalSample;
@@ -196,39 +194,34 @@ impl Watching {
 
     fn add(&mut self, purpose: Purpose, spec: &MonitorSpec, monitor: Monitor) {
         let watch = self.watches.len() as u32;
-        let mut topics = Vec::new();
-        for (slot, feed) in feeds(spec).into_iter().enumerate() {
-            let slot = slot as u32;
-            let (topic, field) = match feed {
-                Feed::Messages(topic) => (topic, None),
-                Feed::Values(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
-                Feed::Values(ValueSource::Key { status, key, unit }) => {
-                    let keyed = self.statuses.entry(status.clone()).or_default();
-                    let as_text = monitor.wants_words(slot as usize);
-                    keyed.keys.push(KeyWatcher {
-                        watch,
-                        slot,
-                        key: key.clone(),
-                        unit: unit.clone(),
-                        as_text,
-                    });
+        let (mut topics, mut from_dds) = (Vec::new(), false);
+        for (slot, source) in (0..).zip(spec.clone().sources()) {
+            from_dds = true;
+            let (topic, field) = match source {
+                Source::Messages(topic) => (*topic, None),
+                Source::Value(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
+                Source::Value(ValueSource::Key { status, key, unit }) => {
+                    let (key, unit) = (key.clone(), unit.clone());
+                    let reader =
+                        KeyWatcher { watch, slot, key, unit, as_text: monitor.wants_words(slot as usize) };
+                    self.statuses.entry(status.clone()).or_default().keys.push(reader);
+                    continue;
+                }
+                Source::Probe(probe) => {
+                    let (spec, readers) = &mut self.probes[probe.0 as usize];
+                    from_dds = spec.target.asks_dds();
+                    readers.push(watch);
                     continue;
                 }
             };
             self.topics[topic.0 as usize].readers.push(FieldWatcher { watch, slot, field });
             topics.push(topic);
         }
-        let mut from_dds = !matches!(spec, MonitorSpec::Constant { .. } | MonitorSpec::Count { .. });
-        if let MonitorSpec::Watchdog { watchdog, .. } | MonitorSpec::System { watchdog, .. } = spec {
-            let (spec, readers) = &mut self.probes[watchdog.0 as usize];
-            from_dds = spec.target.asks_dds();
-            readers.push(watch);
-        }
         self.watches.push(Watch {
             purpose,
             monitor,
             topics: topics.into(),
-            by_the_clock: spec.by_the_clock(),
+            by_the_clock: spec.about().by_the_clock,
             from_dds,
             said: None,
             due: None,
@@ -384,6 +377,31 @@ impl Watching {
         watch.monitor = before.monitor.clone();
         (watch.said, watch.worded) = (before.said, before.worded);
         (watch.pending, watch.running, watch.blocked) = (before.pending, before.running, before.blocked);
+    }
+
+    /// Continues the inputs of a condition with the same meaning from before a reload.
+    pub(crate) fn keep_condition(&mut self, signal: usize, old: &Watching, before: usize) {
+        let of = |watch: &Watch, signal| watch.purpose == Purpose::Signal(signal);
+        let Some(before) = old.watches.iter().find(|watch| of(watch, before)) else { return };
+        if let Some(watch) = self.watches.iter_mut().find(|watch| of(watch, signal)) {
+            watch.monitor = before.monitor.clone();
+        }
+    }
+
+    /// The modules that count the modules of their group, each with its monitor and the number of nested groups.
+    pub(crate) fn counts(&self) -> impl Iterator<Item = (ModuleId, u32, usize)> {
+        self.counts.iter().copied()
+    }
+
+    /// Sets what a monitor counts. Returns whether it has to be judged.
+    pub(crate) fn set_count(&mut self, index: u32, found: u32, now: Timestamp) -> bool {
+        let watch = &mut self.watches[index as usize];
+        let Monitor::Count(count) = &mut watch.monitor else { return false };
+        let changed = count.set(found, now);
+        if changed {
+            (watch.worded, watch.pending) = (None, true);
+        }
+        changed
     }
 
     /// Keeps the reports of discovery about topics that stay, and the remaining time of the search for

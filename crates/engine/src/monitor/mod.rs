@@ -10,9 +10,7 @@ mod frequency;
 mod frozen;
 mod inputs;
 mod latency;
-mod meaning;
 mod motion;
-mod nearest;
 mod rate_ratio;
 mod sequence;
 #[cfg(test)]
@@ -22,7 +20,7 @@ mod watchdog;
 mod window;
 mod words;
 
-use super::model::monitors::{MonitorSpec, TopicId, ValueSource, Watched};
+use super::model::monitors::{MonitorSpec, Watched};
 use super::model::sample::{FieldValue, ProbeOutcome, Sample};
 use super::state::State;
 use super::text::{Text, say};
@@ -46,40 +44,6 @@ pub(super) use words::{Words, cut};
 
 /// The least time between two texts while the state stays.
 pub(super) const WORDS_EVERY: Span = Span::from_millis(250);
-
-/// A source of a monitor. Its index in [`feeds`] is the slot of its inputs.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Feed<'a> {
-    Messages(TopicId),
-    Values(&'a ValueSource),
-}
-
-/// The sources of a monitor, by slot. A watchdog has none.
-pub(super) fn feeds(spec: &MonitorSpec) -> Vec<Feed<'_>> {
-    match spec {
-        MonitorSpec::External { .. }
-        | MonitorSpec::Watchdog { .. }
-        | MonitorSpec::System { .. }
-        | MonitorSpec::Constant { .. }
-        | MonitorSpec::Count { .. } => Vec::new(),
-        MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => {
-            vec![Feed::Messages(*topic)]
-        }
-        MonitorSpec::RateRatio { input, output, .. } => {
-            let mut feeds = vec![Feed::Messages(*input); 2];
-            feeds[RateRatio::OUTPUT] = Feed::Messages(*output);
-            feeds
-        }
-        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => {
-            vec![Feed::Values(source)]
-        }
-        MonitorSpec::Sequence { earlier, later, .. } => vec![Feed::Values(earlier), Feed::Values(later)],
-        MonitorSpec::Agreement { a, b, .. } => vec![Feed::Values(a), Feed::Values(b)],
-        MonitorSpec::Expression { inputs, .. } => {
-            inputs.iter().map(|(_, source)| Feed::Values(source)).collect()
-        }
-    }
-}
 
 /// A kind of monitor over time. It holds no ids, so it survives a change of the configuration. What a kind does not
 /// say of itself is as it is for most.
