@@ -2,12 +2,11 @@
 
 use super::Machine;
 use super::window::{Recovery, Window};
-use super::words::{Words, span};
+use super::words::{Words, measuring, not_measured};
 use crate::files::KeyframeError;
 use crate::model::monitors::Bands;
 use crate::model::sample::Sample;
 use crate::state::State;
-use crate::text::say;
 use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -114,19 +113,10 @@ impl Machine for Frequency {
     }
 
     fn words(&self, now: Timestamp) -> Words {
-        let Some(full_at) = self.full_at() else {
-            return Words::plain(say!(
-                "not measured while it does not matter",
-                "zählt zurzeit nicht, nicht gemessen"
-            ));
-        };
+        let Some(full_at) = self.full_at() else { return not_measured() };
         let rate = self.window.rate(self.window.count());
         if now < full_at && self.too_many() == State::Ok {
-            return Words::plain(say!(
-                "measuring for {time}",
-                "wird gemessen seit {time}",
-                time = span(self.window.span())
-            ));
+            return measuring(self.window.span());
         }
         Words { message: self.bands.say(rate, "Hz".into()), values: self.bands.values("rate_hz", rate) }
     }

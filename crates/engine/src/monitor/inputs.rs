@@ -1,6 +1,6 @@
 //! The latest values of a monitor's inputs, and why one cannot be used.
 
-use super::words::{cut, span};
+use super::words::{cut, reason, span};
 use crate::files::KeyframeError;
 use crate::model::monitors::{ValueSource, Watched};
 use crate::model::quantity::Quantity;
@@ -12,9 +12,6 @@ use serde::{Deserialize, Serialize};
 
 /// The reason for an unreadable KeyValue that the status does not have.
 pub(crate) const NO_SUCH_KEY: &str = "the status has no such key";
-
-/// Bytes of a reason that are shown: enough for the name of a type and of the intended field.
-const WHY_MAX: usize = 200;
 
 /// By slot: the position of a source in its monitor.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -228,7 +225,7 @@ impl Inputs {
                     "{label} cannot be read: {why}",
                     "{label} nicht lesbar: {why}",
                     label = label,
-                    why = &why[..why.floor_char_boundary(WHY_MAX)]
+                    why = reason(why)
                 ),
                 _ => say!("{label} cannot be read", "{label} nicht lesbar", label = label),
             },

@@ -2,7 +2,7 @@
 
 use super::Machine;
 use super::window::{Recovery, Window};
-use super::words::{Words, span};
+use super::words::{Words, measuring, not_measured, span};
 use crate::files::KeyframeError;
 use crate::model::monitors::Bands;
 use crate::model::quantity::number;
@@ -27,9 +27,6 @@ pub(crate) struct RateRatio {
 }
 
 impl RateRatio {
-    pub(super) const INPUT: usize = 0;
-    pub(super) const OUTPUT: usize = 1;
-
     pub(super) fn new(window: Span, bands: Bands) -> RateRatio {
         let (input, output) = (Window::new(window), Window::new(window));
         RateRatio { input, output, bands, since: None, known: [false; 2], recovery: None }
@@ -126,18 +123,9 @@ impl Machine for RateRatio {
     }
 
     fn words(&self, now: Timestamp) -> Words {
-        let Some(full_at) = self.full_at() else {
-            return Words::plain(say!(
-                "not measured while it does not matter",
-                "zählt zurzeit nicht, nicht gemessen"
-            ));
-        };
+        let Some(full_at) = self.full_at() else { return not_measured() };
         if now < full_at {
-            return Words::plain(say!(
-                "measuring for {time}",
-                "wird gemessen seit {time}",
-                time = span(self.input.span())
-            ));
+            return measuring(self.input.span());
         }
         let rates = [
             ("input_hz", number(self.input.rate(self.input.count()))),
@@ -163,9 +151,10 @@ impl RateRatio {
         self.recovery = None;
     }
 
+    /// A message of the input, which has slot 0, or of the output.
     fn count(&mut self, slot: usize, now: Timestamp) {
         if self.since.is_some() {
-            let window = if slot == RateRatio::INPUT { &mut self.input } else { &mut self.output };
+            let window = if slot == 0 { &mut self.input } else { &mut self.output };
             window.push(0.0, now);
         }
     }
@@ -208,7 +197,7 @@ mod tests {
             let mut millis = 0;
             for (gap, is_input) in messages {
                 millis += gap;
-                ratio.count(if is_input { RateRatio::INPUT } else { RateRatio::OUTPUT }, Timestamp::from_millis(millis));
+                ratio.count(usize::from(!is_input), Timestamp::from_millis(millis));
             }
             let mut now = Timestamp::from_millis(millis.max(1000));
             let mut state = ratio.judge(now);

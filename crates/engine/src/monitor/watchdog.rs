@@ -1,7 +1,7 @@
 //! Watchdogs: whether a target answers, and how soon; and what is measured of the computer.
 
 use super::Machine;
-use super::words::{Words, cut, span};
+use super::words::{Words, cut, reason, span};
 use crate::files::KeyframeError;
 use crate::model::monitors::{Bands, ProbeTarget, ProcessMeasure, Resource, WatchdogSpec};
 use crate::model::sample::ProbeOutcome;
@@ -33,9 +33,6 @@ pub(crate) struct Watchdog {
     misses: u32,
     state: Option<State>,
 }
-
-/// Bytes of a reason that are shown: enough for a path and what to do.
-const WHY_MAX: usize = 200;
 
 /// All announcements but the last.
 fn restarts(times: u32) -> f64 {
@@ -144,7 +141,7 @@ impl Machine for Watchdog {
             Some((_, ProbeOutcome::Missed(why))) if self.qos => Words::plain(say!(
                 "publishers and subscribers never come together: {why}",
                 "Publisher und Subscriber kommen nie zusammen: {why}",
-                why = &why[..why.floor_char_boundary(WHY_MAX)]
+                why = reason(why)
             )),
             Some((_, ProbeOutcome::Answered { after })) => {
                 // In milliseconds for people, like the values beside it.
@@ -174,11 +171,9 @@ impl Machine for Watchdog {
             Some((_, ProbeOutcome::Missed(why))) if self.resource.is_some() => {
                 Words::plain(say!("not running: {why}", "läuft nicht: {why}", why = cut(why)))
             }
-            Some((_, ProbeOutcome::Impossible(why))) if self.resource.is_some() => Words::plain(say!(
-                "cannot be read: {why}",
-                "nicht lesbar: {why}",
-                why = &why[..why.floor_char_boundary(WHY_MAX)]
-            )),
+            Some((_, ProbeOutcome::Impossible(why))) if self.resource.is_some() => {
+                Words::plain(say!("cannot be read: {why}", "nicht lesbar: {why}", why = reason(why)))
+            }
             Some((_, ProbeOutcome::Missed(why))) => Words {
                 message: say!(
                     "no answer, {misses} of {all} in a row: {why}",

@@ -10,6 +10,9 @@ use crate::time::Span;
 /// Bytes of a quoted text.
 const QUOTED_MAX: usize = 80;
 
+/// Bytes of a reason that are shown: enough for a path or the name of a type, and what to do.
+const WHY_MAX: usize = 200;
+
 /// The message of a monitor beside its state.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Words {
@@ -176,6 +179,21 @@ pub(super) fn quoted(text: &str) -> String {
 
 pub(crate) fn cut(text: &str) -> &str {
     &text[..text.floor_char_boundary(QUOTED_MAX)]
+}
+
+/// What a reader or a probe gives as its reason, cut if it is too long.
+pub(super) fn reason(why: &str) -> &str {
+    &why[..why.floor_char_boundary(WHY_MAX)]
+}
+
+/// Nothing is measured while the module is not relevant.
+pub(super) fn not_measured() -> Words {
+    Words::plain(say!("not measured while it does not matter", "zählt zurzeit nicht, nicht gemessen"))
+}
+
+/// The first window is not full.
+pub(super) fn measuring(window: Span) -> Words {
+    Words::plain(say!("measuring for {time}", "wird gemessen seit {time}", time = span(window)))
 }
 
 #[cfg(test)]

@@ -175,71 +175,11 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
 }
 
 /// Words that no German sentence has. What is quoted from outside is as it is.
-const ENGLISH: &[&str] = &[
-    "a",
-    "ago",
-    "and",
-    "another",
-    "answer",
-    "answers",
-    "asked",
-    "at",
-    "away",
-    "behind",
-    "by",
-    "came",
-    "cannot",
-    "clock",
-    "configuration",
-    "days",
-    "deg",
-    "differ",
-    "earlier",
-    "false",
-    "for",
-    "from",
-    "future",
-    "has",
-    "holds",
-    "infinite",
-    "is",
-    "it",
-    "late",
-    "later",
-    "least",
-    "length",
-    "measured",
-    "measuring",
-    "message",
-    "more",
-    "most",
-    "motions",
-    "nobody",
-    "not",
-    "number",
-    "of",
-    "older",
-    "other",
-    "over",
-    "publishes",
-    "row",
-    "says",
-    "stamp",
-    "than",
-    "the",
-    "their",
-    "they",
-    "to",
-    "too",
-    "true",
-    "type",
-    "wanted",
-    "was",
-    "where",
-    "with",
-    "yet",
-    "zero",
-];
+const ENGLISH: &str = "\
+    a ago and another answer answers asked at away behind by came cannot clock configuration days deg \
+    differ earlier false for from future has holds infinite is it late later least length measured \
+    measuring message more most motions nobody not number of older other over publishes row says stamp \
+    than the their they to too true type wanted was where with yet zero";
 
 /// Whatever a test makes a monitor say, it says in German too.
 #[track_caller]
@@ -257,7 +197,7 @@ fn expect_german(view: &ModuleView) {
         .filter(names)
         .map(|word| word.trim_matches(|letter: char| !letter.is_alphabetic()));
     // Sources are called `/a x`, inputs of conditions as the tests like.
-    let english = words.find(|word| ENGLISH.contains(word) && *word != "a");
+    let english = words.find(|word| ENGLISH.split(' ').any(|it| it == *word) && *word != "a");
     assert!(english.is_none(), "{english:?} in: {german}");
 }
 
