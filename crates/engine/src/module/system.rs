@@ -201,7 +201,7 @@ pub(crate) fn display_late(whose: &str) -> Text {
     say!(
         "the display of {whose} does not say what it shows",
         "die Anzeige von {whose} meldet nicht, was sie zeigt",
-        whose = whose
+        whose
     )
 }
 
@@ -210,8 +210,8 @@ pub(crate) fn words_cut(limits: &Limits) -> Text {
     say!(
         "statuses say more than is kept: limits.status_bytes is {all}, limits.source_bytes {one}; the longest are cut, their states hold",
         "Meldungen sind länger, als behalten wird: limits.status_bytes ist {all}, limits.source_bytes {one}; die längsten sind gekürzt, ihre Zustände gelten",
-        all = limits.status_bytes.to_string(),
-        one = limits.source_bytes.to_string()
+        all = limits.status_bytes,
+        one = limits.source_bytes
     )
 }
 
@@ -220,17 +220,13 @@ pub(crate) fn other_aggregator(other: &str) -> Text {
     say!(
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
-        other = other
+        other
     )
 }
 
 /// The message while several nodes have one name.
 pub(crate) fn repeated_nodes(names: &str) -> Text {
-    say!(
-        "several nodes have one name: {names}",
-        "mehrere Nodes haben denselben Namen: {names}",
-        names = names
-    )
+    say!("several nodes have one name: {names}", "mehrere Nodes haben denselben Namen: {names}", names)
 }
 
 /// The message while the DDS process is down.
@@ -238,7 +234,7 @@ pub(crate) fn dds_down(reason: &str) -> Text {
     say!(
         "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
         "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
-        reason = reason
+        reason
     )
 }
 

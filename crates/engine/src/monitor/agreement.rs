@@ -158,7 +158,7 @@ impl Machine for Agreement {
         match self.difference(now) {
             Ok(Difference::Number(difference, _, bands)) => {
                 let by = bands.say_in(difference, self.inputs.common_quantity());
-                let message = say!("they differ by {by}", "Abweichung {by}", by = by);
+                let message = say!("they differ by {by}", "Abweichung {by}", by);
                 let mut values = bands.values("difference", difference);
                 for (name, slot) in [("a", 0), ("b", 1)] {
                     if let Some(FieldValue::Number(value)) = self.inputs.last(slot) {
@@ -179,14 +179,14 @@ impl Machine for Agreement {
                     TooShort::Young => say!(
                         "{label} has not been followed for {over} yet",
                         "{label} noch keine {over} verfolgt",
-                        label = label,
-                        over = over
+                        label,
+                        over
                     ),
                     TooShort::Gap => say!(
                         "of {label} too little came {over} ago",
                         "von {label} kam vor {over} zu wenig",
-                        label = label,
-                        over = over
+                        label,
+                        over
                     ),
                 })
             }
@@ -210,7 +210,7 @@ impl Agreement {
         let message = say!(
             "{what} {shift}; {turn}",
             "{what} {shift}; {turn}",
-            what = what,
+            what,
             shift = translation.say(metres, "m".into()),
             turn = rotation_deg.say(degrees, say!("deg", "Grad"))
         );
@@ -280,8 +280,8 @@ impl Lists {
         let counts = say!(
             "{a} against {b} objects: {by}",
             "{a} gegen {b} Objekte: {by}",
-            a = a.to_string(),
-            b = b.to_string(),
+            a,
+            b,
             by = count.say(self.difference(), "".into())
         );
         let mut values = vec![("a", a.to_string()), ("b", b.to_string())];
@@ -295,7 +295,7 @@ impl Lists {
             say!(
                 "of more than {most} the distances are not known",
                 "bei mehr als {most} sind die Abstände nicht bekannt",
-                most = POSITIONS_MAX.to_string()
+                most = POSITIONS_MAX
             )
         } else if apart_m.is_infinite() {
             say!("an empty list has no counterpart", "leere Liste ohne Gegenstück")
@@ -307,7 +307,7 @@ impl Lists {
                 metres = nearest.say(apart_m, "m".into())
             )
         };
-        let message = say!("{counts}; {apart}", "{counts}; {apart}", counts = counts, apart = apart);
+        let message = say!("{counts}; {apart}", "{counts}; {apart}", counts, apart);
         Words { message, values }
     }
 }

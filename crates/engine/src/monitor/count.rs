@@ -67,8 +67,8 @@ impl Machine for Count {
         let message = say!(
             "{found} of {wanted} statuses",
             "{found} von {wanted} Status",
-            found = self.found.to_string(),
-            wanted = self.wanted.to_string()
+            found = self.found,
+            wanted = self.wanted
         );
         Words { message, values: vec![("statuses", self.found.to_string())] }
     }

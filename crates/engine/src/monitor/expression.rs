@@ -114,18 +114,13 @@ impl Machine for Expression {
                 | FieldValue::Absent
                 | FieldValue::Unreadable(_) => return None,
             };
-            Some(say!("{name} = {text}", "{name} = {text}", name = &*self.names[slot], text = text))
+            Some(say!("{name} = {text}", "{name} = {text}", name = &*self.names[slot], text))
         });
-        let joined = |all: Text, next: Text| say!("{all}, {next}", "{all}; {next}", all = all, next = next);
+        let joined = |all: Text, next: Text| say!("{all}, {next}", "{all}; {next}", all, next);
         let values = values.reduce(joined).unwrap_or_else(|| "".into());
         let holds = |condition: &Option<Condition>, values: Text| {
             let condition = condition.as_ref().map_or("", |condition| cut(&condition.text));
-            say!(
-                "{condition} holds: {values}",
-                "{condition} trifft zu: {values}",
-                condition = condition,
-                values = values
-            )
+            say!("{condition} holds: {values}", "{condition} trifft zu: {values}", condition, values)
         };
         let message = match &self.answer {
             Some(Answer::State(State::Error)) => holds(&self.error, values),
@@ -133,7 +128,7 @@ impl Machine for Expression {
             Some(Answer::Failed(why)) => say!(
                 "no answer for {values}: {why}",
                 "keine Antwort für {values}: {why}",
-                values = values,
+                values,
                 why = cut(why)
             ),
             Some(Answer::State(State::Ok | State::Unknown | State::Ignore)) | None => values,

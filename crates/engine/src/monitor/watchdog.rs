@@ -163,7 +163,7 @@ impl Machine for Watchdog {
                 message: say!(
                     "announced {times} times: it crashed and was started again, or runs more than once",
                     "{times}-mal angekündigt: abgestürzt und neu gestartet, oder mehrfach gestartet",
-                    times = times.to_string()
+                    times
                 ),
                 values: self.bands.values("restarts", restarts(*times)),
             },
@@ -179,7 +179,7 @@ impl Machine for Watchdog {
                     "no answer, {misses} of {all} in a row: {why}",
                     "keine Antwort, {misses} von {all} in Folge: {why}",
                     misses = self.misses.min(self.misses_max).to_string(),
-                    all = self.misses_max.to_string(),
+                    all = self.misses_max,
                     why = cut(why)
                 ),
                 values: vec![("misses", self.misses.to_string())],

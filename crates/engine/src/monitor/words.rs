@@ -81,33 +81,24 @@ impl Bands {
         let upper = self.warning_above.or(self.error_above);
         let limits = [self.warning_below, self.error_below, self.warning_above, self.error_above];
         let value = numeral(measured(value, &limits));
-        let value = if unit.en.is_empty() {
-            value
-        } else {
-            say!("{value} {unit}", "{value} {unit}", value = value, unit = unit)
-        };
+        let value =
+            if unit.en.is_empty() { value } else { say!("{value} {unit}", "{value} {unit}", value, unit) };
         let lower = lower.map(|limit| numeral(number(limit)));
         let upper = upper.map(|limit| numeral(number(limit)));
         match (lower, upper) {
             (Some(lower), Some(upper)) => say!(
                 "{value}, {lower} to {upper} wanted",
                 "{value}, erwartet {lower} bis {upper}",
-                value = value,
-                lower = lower,
-                upper = upper
+                value,
+                lower,
+                upper
             ),
-            (Some(lower), None) => say!(
-                "{value}, at least {lower} wanted",
-                "{value}, erwartet mindestens {lower}",
-                value = value,
-                lower = lower
-            ),
-            (None, Some(upper)) => say!(
-                "{value}, at most {upper} wanted",
-                "{value}, erwartet höchstens {upper}",
-                value = value,
-                upper = upper
-            ),
+            (Some(lower), None) => {
+                say!("{value}, at least {lower} wanted", "{value}, erwartet mindestens {lower}", value, lower)
+            }
+            (None, Some(upper)) => {
+                say!("{value}, at most {upper} wanted", "{value}, erwartet höchstens {upper}", value, upper)
+            }
             (None, None) => value,
         }
     }
@@ -168,7 +159,7 @@ pub(super) fn span(span: Span) -> Text {
         ..172_800.0 => (seconds / 3600.0, Text::plain("h")),
         _ => (seconds / 86_400.0, say!("days", "Tage")),
     };
-    say!("{count} {unit}", "{count} {unit}", count = numeral(number(count)), unit = unit)
+    say!("{count} {unit}", "{count} {unit}", count = numeral(number(count)), unit)
 }
 
 /// A quoted text, cut if it is too long.
