@@ -81,7 +81,7 @@ pub enum StampClock {
 
 /// A topic and the fields that are read from its messages. Each sample carries it, so a sample that was read
 /// for another configuration is recognized.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct TopicSpec {
     /// As ROS names it: `/odometry`.
     pub topic: Box<str>,

@@ -1,6 +1,5 @@
 //! Passes messages, probe results and KeyValues to the monitors that watch them.
 
-pub(crate) mod kept;
 mod keys;
 mod topic_fault;
 mod windows;
@@ -10,6 +9,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::{Machine, Monitor, WORDS_EVERY, Words};
+use crate::files::KeyframeError;
 use crate::model::monitors::{MonitorSpec, Source, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use crate::model::sample::{FieldValue, Probe, PublisherReport, Sample};
 use crate::model::{Model, ModuleId, Policy};
@@ -19,23 +19,32 @@ use crate::time::Timestamp;
 use topic_fault::Judged;
 use windows::Blocked;
 
-/// All monitors and their inputs.
-#[derive(Debug, Clone, Default)]
+/// All monitors and their inputs. A keyframe has what does not follow from the configuration, and is not about one
+/// input that is over.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Watching {
+    #[serde(rename = "monitors")]
     pub(crate) watches: Vec<Watch>,
     /// By [`ModuleId`], for declared modules.
+    #[serde(skip)]
     of_module: Vec<Option<u32>>,
     /// By [`TopicId`].
     topics: Vec<WatchedTopic>,
+    #[serde(skip)]
     topic_names: HashMap<Box<str>, u32>,
     /// Each probe with its monitors.
+    #[serde(skip)]
     probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
+    #[serde(skip)]
     statuses: HashMap<Arc<str>, WatchedStatus>,
     /// The modules that count the modules of their group, each with its monitor and the number of nested groups.
+    #[serde(skip)]
     counts: Vec<(ModuleId, u32, usize)>,
     /// Names of the present array, kept to save allocations.
+    #[serde(skip)]
     touched: Vec<Arc<str>>,
     /// Monitors to judge, kept to save allocations.
+    #[serde(skip)]
     pub(crate) judge: Vec<u32>,
     /// Modules that became relevant or ceased to be.
     pub(crate) turned: Vec<ModuleId>,
@@ -51,14 +60,24 @@ pub(crate) enum Purpose {
     Signal(usize),
 }
 
+impl Default for Purpose {
+    fn default() -> Purpose {
+        Purpose::Signal(0)
+    }
+}
+
 /// A monitor, and its published judgement.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Watch {
+    #[serde(skip)]
     pub(crate) purpose: Purpose,
     monitor: Monitor,
+    #[serde(skip)]
     topics: Box<[TopicId]>,
+    #[serde(skip)]
     by_the_clock: bool,
     /// Its inputs come over DDS.
+    #[serde(skip)]
     from_dds: bool,
     said: Option<State>,
     /// The time at which time alone changes its state, or somewhat earlier.
@@ -71,10 +90,12 @@ pub(crate) struct Watch {
     blocked: Option<Blocked>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct WatchedTopic {
+    #[serde(skip)]
     spec: Arc<TopicSpec>,
     /// In the order of the monitors, then of their slots.
+    #[serde(skip)]
     readers: Vec<FieldWatcher>,
     /// The publishers, from discovery; without them nothing is concluded.
     news: Option<Publishers>,
@@ -154,14 +175,7 @@ impl Watch {
 
 impl Watching {
     pub(crate) fn new(model: &Model) -> Watching {
-        let topic = |spec: &Arc<TopicSpec>| WatchedTopic {
-            spec: spec.clone(),
-            readers: Vec::new(),
-            news: None,
-            heard: false,
-            left: false,
-            searched_until: None,
-        };
+        let topic = |spec: &Arc<TopicSpec>| WatchedTopic { spec: spec.clone(), ..WatchedTopic::default() };
         let names = model.watched.topics.iter().zip(0..).map(|(spec, index)| (spec.topic.clone(), index));
         let mut watching = Watching {
             topics: model.watched.topics.iter().map(topic).collect(),
@@ -414,6 +428,28 @@ impl Watching {
                 topic.searched_until = same.searched_until;
             }
         }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(crate) fn resume(&mut self, kept: Watching) -> Result<(), KeyframeError> {
+        let Watching { watches, topics, turned, searching_until, .. } = kept;
+        KeyframeError::unless_same("monitors", watches.len(), self.watches.len())?;
+        KeyframeError::unless_same("topics", topics.len(), self.topics.len())?;
+        if turned.iter().any(|id| id.0 as usize >= self.of_module.len()) {
+            return Err(KeyframeError::new("a monitor turns for a module that does not exist"));
+        }
+        (self.turned, self.searching_until) = (turned, searching_until);
+        for (watch, kept) in self.watches.iter_mut().zip(watches) {
+            let Watch { monitor, said, due, worded, pending, running, blocked, .. } = kept;
+            watch.monitor.resume(monitor)?;
+            (watch.said, watch.due, watch.worded) = (said, due, worded);
+            (watch.pending, watch.running, watch.blocked) = (pending, running, blocked);
+        }
+        for (topic, kept) in self.topics.iter_mut().zip(topics) {
+            let (spec, readers) = (topic.spec.clone(), std::mem::take(&mut topic.readers));
+            *topic = WatchedTopic { spec, readers, ..kept };
+        }
+        Ok(())
     }
 
     /// Discovery searches for all publishers until then.
