@@ -17,7 +17,7 @@ use super::model::wording::{Advice, Urgency, Wording};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
 use super::persistent::PersistentVec;
 use super::state::State;
-use super::text::Text;
+use super::text::{Text, words};
 use super::time::{Since, Timestamp};
 
 /// The state of the whole vehicle at one instant.
@@ -403,26 +403,17 @@ pub struct CountermeasureCause {
     pub acknowledged: bool,
 }
 
-/// The progress of a request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CountermeasureState {
-    /// Made; the vehicle has not confirmed it, or has no confirmation configured.
-    Requested,
-    /// The vehicle confirmed that it carries it out.
-    Engaged,
-    /// The vehicle did not confirm it in time, or it could not be sent: an ERROR of its own.
-    Unconfirmed,
-}
-
-impl CountermeasureState {
-    /// The word on the wire.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            CountermeasureState::Requested => "requested",
-            CountermeasureState::Engaged => "engaged",
-            CountermeasureState::Unconfirmed => "unconfirmed",
-        }
+words! {
+    /// The progress of a request. Its words are those on the wire.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum CountermeasureState {
+        /// Made; the vehicle has not confirmed it, or has no confirmation configured.
+        Requested = "requested",
+        /// The vehicle confirmed that it carries it out.
+        Engaged = "engaged",
+        /// The vehicle did not confirm it in time, or it could not be sent: an ERROR of its own.
+        Unconfirmed = "unconfirmed",
     }
 }
 
@@ -528,25 +519,14 @@ impl Motion {
     }
 }
 
-/// Whether the vehicle moves. Nothing is concluded from what was not heard.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Moving {
-    Yes,
-    No,
-    #[default]
-    Unknown,
-}
-
-impl Moving {
-    pub const ALL: [Moving; 3] = [Moving::Yes, Moving::No, Moving::Unknown];
-
-    /// The word on the wire.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Moving::Yes => "yes",
-            Moving::No => "no",
-            Moving::Unknown => "unknown",
-        }
+words! {
+    /// Whether the vehicle moves. Nothing is concluded from what was not heard. Its words are those on the wire.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Moving {
+        Yes = "yes",
+        No = "no",
+        #[default]
+        Unknown = "unknown",
     }
 }

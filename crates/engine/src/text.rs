@@ -46,4 +46,24 @@ macro_rules! say {
     }};
 }
 
-pub(super) use say;
+/// An enum whose variants have words: for files, for the wire, or for people. `ALL` has them in order.
+macro_rules! words {
+    ($(#[$about:meta])* pub enum $name:ident { $($(#[$of:meta])* $variant:ident = $word:literal,)* }) => {
+        $(#[$about])*
+        pub enum $name {
+            $($(#[$of])* $variant,)*
+        }
+
+        impl $name {
+            pub const ALL: [$name; [$($word),*].len()] = [$($name::$variant),*];
+
+            pub const fn as_str(self) -> &'static str {
+                match self {
+                    $($name::$variant => $word),*
+                }
+            }
+        }
+    };
+}
+
+pub(super) use {say, words};

@@ -92,7 +92,7 @@ pub(crate) fn layout(model: &Model) -> Layout {
             name: Some(Wording::name(check.name()).into()),
             // A machine without stages is not driven: the page has general words for it.
             help: (model.stages == StageModel::Shuttle).then(|| check.help().into()),
-            ..self_reporting(check.id().into(), system)
+            ..self_reporting(check.as_str().into(), system)
         }));
     }
     Layout {
