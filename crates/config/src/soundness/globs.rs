@@ -45,7 +45,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
 }
 
 /// The names of the statuses that a monitor reads.
-fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
+pub(crate) fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
     let sources: Vec<&ValueSource> = match monitor {
         MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => vec![source],
         MonitorSpec::Sequence { earlier: a, later: b, .. }
