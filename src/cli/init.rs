@@ -65,7 +65,7 @@ pub struct Args {
     dds: dds::DdsFlags,
 }
 
-fn listening(text: &str) -> Result<Duration, String> {
+pub(super) fn listening(text: &str) -> Result<Duration, String> {
     let length = humantime::parse_duration(text).map_err(|error| format!("{error}; write it as `10s`"))?;
     let (least, most) = (Duration::from_secs(1), Duration::from_secs(3600));
     if (least..=most).contains(&length) { Ok(length) } else { Err("choose from 1s to 1h".to_owned()) }
@@ -78,16 +78,9 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let options = args.dds.resolve()?;
     let listens_to = dds::describe(&options);
-    note!("Listens to {listens_to} for {} s.", (DISCOVERY + args.length).as_secs());
-    let runtime = tokio::runtime::Runtime::new().context("the async runtime cannot be started")?;
     let definitions = options.definitions.clone();
-    let (mut draft, empty) = runtime.block_on(async {
-        let mut signal = ShutdownSignal::listen()?;
-        tokio::select! {
-            looked = look(options, args.length) => looked,
-            _ = signal.requested() => bail!("interrupted; nothing is written"),
-        }
-    })?;
+    let heard = listen(options, args.length, None)?;
+    let (mut draft, empty) = (heard.draft(), heard.seen.is_empty());
     draft.message_folders = message_folders(&draft, &definitions);
     let text = init::text(&draft, args.accept_guesses);
     let mut is_wrong = false;
@@ -122,16 +115,53 @@ fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
     folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
 }
 
-/// Listens to a system for a while, and drafts. Returns too whether nothing was heard of anybody.
+/// What was heard between two times.
+pub(super) struct Heard {
+    pub seen: Observations,
+    pub start: Timestamp,
+    pub end: Timestamp,
+}
+
+impl Heard {
+    pub fn draft(&self) -> Draft {
+        init::draft(&self.seen, self.start, self.end)
+    }
+
+    pub fn length_s(&self) -> u64 {
+        (self.end.since(self.start).as_millis() + 500) / 1000
+    }
+}
+
+/// The topics of diagnostics that a configuration reads.
+pub(super) fn diagnostics_of(loaded: &config::Loaded) -> Option<Vec<DiagnosticsTopic>> {
+    let default = || vec![DiagnosticsTopic { topic: DIAGNOSTICS.0.into(), prefix: Box::default() }];
+    let written = loaded.model.watched.diagnostics.clone();
+    Some(if written.is_empty() { default() } else { written })
+}
+
+/// Listens to a system for a while: on these topics of diagnostics, or else on all that are found.
 ///
 /// # Errors
-/// DDS cannot be started.
-async fn look(options: BridgeOptions, length: Duration) -> anyhow::Result<(Draft, bool)> {
-    let mut lookout = Lookout::open(options, true).await?;
-    lookout.listen(DISCOVERY + length).await?;
-    let result = (lookout.draft(), lookout.seen.is_empty());
-    lookout.close().await;
-    Ok(result)
+/// DDS cannot be started, or a signal ended it.
+pub(super) fn listen(
+    options: BridgeOptions,
+    length: Duration,
+    diagnostics: Option<Vec<DiagnosticsTopic>>,
+) -> anyhow::Result<Heard> {
+    note!("Listens to {} for {} s.", dds::describe(&options), (DISCOVERY + length).as_secs());
+    let runtime = tokio::runtime::Runtime::new().context("the async runtime cannot be started")?;
+    runtime.block_on(async {
+        let mut signal = ShutdownSignal::listen()?;
+        let look = async {
+            let mut lookout = Lookout::open(options, true, diagnostics).await?;
+            lookout.listen(DISCOVERY + length).await?;
+            anyhow::Ok(lookout.close().await)
+        };
+        tokio::select! {
+            looked = look => looked,
+            _ = signal.requested() => bail!("interrupted before the end"),
+        }
+    })
 }
 
 /// Listens to a system and remembers what it heard.
@@ -143,6 +173,8 @@ pub(super) struct Lookout {
     watched: Watched,
     /// Topics are read, too.
     measures: bool,
+    /// The only topics of diagnostics that are read; `None`: all that are found.
+    given: Option<Vec<DiagnosticsTopic>>,
     definitions: Definitions,
     clock: Clock,
     start: Timestamp,
@@ -151,15 +183,20 @@ pub(super) struct Lookout {
 impl Lookout {
     /// # Errors
     /// DDS cannot be started.
-    pub async fn open(options: BridgeOptions, measures: bool) -> anyhow::Result<Lookout> {
+    pub async fn open(
+        options: BridgeOptions,
+        measures: bool,
+        given: Option<Vec<DiagnosticsTopic>>,
+    ) -> anyhow::Result<Lookout> {
         let options = BridgeOptions { node: NODE, ..options };
         let clock = Clock::start();
         let definitions = options.definitions.clone();
         let (sender, inputs) = mpsc::channel(QUEUE);
-        let bridge = ros::start(options, &model(Watched::default()), sender, clock).await?;
+        let watched = Watched { diagnostics: given.clone().unwrap_or_default(), ..Watched::default() };
+        let bridge = ros::start(options, &model(watched.clone()), sender, clock).await?;
         let (discovery, start) = (bridge.discovery(), clock.now());
-        let (seen, watched) = (Observations::default(), Watched::default());
-        Ok(Lookout { bridge, inputs, discovery, seen, watched, measures, definitions, clock, start })
+        let seen = Observations::default();
+        Ok(Lookout { bridge, inputs, discovery, seen, watched, measures, given, definitions, clock, start })
     }
 
     /// # Errors
@@ -186,8 +223,10 @@ impl Lookout {
         init::draft(&self.seen, self.start, self.clock.now())
     }
 
-    async fn close(self) {
+    async fn close(self) -> Heard {
+        let heard = Heard { seen: self.seen, start: self.start, end: self.clock.now() };
         self.bridge.shutdown().await;
+        heard
     }
 
     /// What is to be read now: what was read before, and what was found since.
@@ -197,9 +236,10 @@ impl Lookout {
         let new = self.seen.measurable().filter(|(topic, _)| self.measures && !known.contains(*topic));
         topics.extend(new.filter_map(|(topic, type_name)| readable(topic, type_name, &self.definitions)));
         topics.truncate(TOPICS_MAX);
-        let all = std::iter::once(DIAGNOSTICS.0.to_owned()).chain(self.seen.more_diagnostics());
-        let diagnostics = all.map(|topic| DiagnosticsTopic { topic: topic.into(), prefix: Box::default() });
-        Watched { topics, diagnostics: diagnostics.collect(), ..Watched::default() }
+        let all = || std::iter::once(DIAGNOSTICS.0.to_owned()).chain(self.seen.more_diagnostics());
+        let found = || all().map(|topic| DiagnosticsTopic { topic: topic.into(), prefix: Box::default() });
+        let diagnostics = self.given.clone().unwrap_or_else(|| found().collect());
+        Watched { topics, diagnostics, ..Watched::default() }
     }
 }
 

@@ -2,3 +2,6 @@
 
 pub mod import;
 pub mod init;
+pub mod live;
+#[cfg(test)]
+mod pretend;

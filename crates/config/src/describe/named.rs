@@ -27,10 +27,7 @@ pub enum What<'m> {
         of_type: Option<Span>,
     },
     /// A status, and the silence that its module allows.
-    Status {
-        name: &'m str,
-        timeout: time::Span,
-    },
+    Status { name: &'m str, timeout: time::Span },
     /// Its full name.
     Node(&'m str),
     /// Its full name.
