@@ -11,6 +11,7 @@ pub use telltale_engine as engine;
 pub use telltale_onboarding::import;
 pub use telltale_onboarding::init;
 pub use telltale_onboarding::live;
+pub use telltale_onboarding::update;
 pub use telltale_yaml::input_file;
 pub mod metrics;
 pub use telltale_msg as msg;

@@ -3,6 +3,7 @@
 #[cfg(test)]
 mod tests;
 pub mod unconfigured;
+mod update;
 
 use std::collections::BTreeSet;
 use std::fs::OpenOptions;
@@ -48,18 +49,27 @@ const QUEUE: usize = 4096;
 /// what it usually does; what rests is not measured.
 ///
 /// The exit code is 1 if nothing was heard; a file to begin with is written all the same.
+///
+/// `--update` adds to an existing configuration what was heard and what nothing in it watches, each addition below a line
+/// that says when it was heard. What stands in the file stays as it is; what the file names and was not heard is told, and
+/// the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale init -o robot.yaml && telltale serve --config robot.yaml\n  \
-    telltale init --domain 7 --interface loopback --for 30s > robot.yaml")]
+    telltale init --domain 7 --interface loopback --for 30s > robot.yaml\n  \
+    telltale init --update robot.yaml | diff robot.yaml -\n  \
+    telltale init --update robot.yaml -o robot.yaml")]
 pub struct Args {
     /// How long to listen once everybody had time to be found
     #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = listening)]
     length: Duration,
-    /// The file to write, which must not exist [default: standard output]
+    /// The file to write, which must not exist, or is the one of `--update` [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// The configuration to which what is new is added
+    #[arg(long, value_name = "FILE")]
+    update: Option<PathBuf>,
     /// Put the dependencies in force that the graph suggests
-    #[arg(long)]
+    #[arg(long, conflicts_with = "update")]
     accept_guesses: bool,
     #[command(flatten)]
     dds: dds::DdsFlags,
@@ -73,6 +83,9 @@ pub(super) fn listening(text: &str) -> Result<Duration, String> {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("warn");
+    if let Some(file) = &args.update {
+        return update::run(args, file);
+    }
     if let Some(file) = args.output.as_deref().filter(|file| file.exists()) {
         return Err(refusal(file));
     }

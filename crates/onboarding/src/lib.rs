@@ -5,3 +5,4 @@ pub mod init;
 pub mod live;
 #[cfg(test)]
 mod pretend;
+pub mod update;

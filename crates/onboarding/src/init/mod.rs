@@ -8,10 +8,10 @@ pub(crate) mod draft;
 mod grouping;
 pub(crate) mod names;
 mod observations;
-mod passing;
+pub(crate) mod passing;
 mod proposals;
 mod rhythm;
-mod yaml;
+pub(crate) mod yaml;
 
 pub use draft::{Draft, Group, ModuleKind, draft};
 pub use observations::{DIAGNOSTICS, Observations, STATUSES_MAX, TOPICS_MAX};
