@@ -146,10 +146,10 @@ impl Heard {
 }
 
 /// The topics of diagnostics that a configuration reads.
-pub(super) fn diagnostics_of(loaded: &config::Loaded) -> Option<Vec<DiagnosticsTopic>> {
+pub(super) fn diagnostics_of(loaded: &config::Loaded) -> Vec<DiagnosticsTopic> {
     let default = || vec![DiagnosticsTopic { topic: DIAGNOSTICS.0.into(), prefix: Box::default() }];
     let written = loaded.model.watched.diagnostics.clone();
-    Some(if written.is_empty() { default() } else { written })
+    if written.is_empty() { default() } else { written }
 }
 
 /// Listens to a system for a while: on these topics of diagnostics, or else on all that are found.

@@ -38,7 +38,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
         }
     };
     options.definitions = options.definitions.with(&loaded.message_folders);
-    let heard = listen(options, args.length, diagnostics_of(&loaded))?;
+    let heard = listen(options, args.length, Some(diagnostics_of(&loaded)))?;
     let comparison = compare(&loaded, &heard);
     if !comparison.problems.is_empty() {
         print::problems(&Problems::new(loaded.sources().clone(), comparison.problems.clone()));
