@@ -2,9 +2,8 @@
 //! is there.
 
 use crate::Loaded;
-use crate::soundness::globs::statuses;
 use telltale_engine::model::filter::Filter;
-use telltale_engine::model::monitors::{MonitorSpec, ProbeTarget};
+use telltale_engine::model::monitors::{AgreementRule, MonitorSpec, ProbeTarget, ValueSource};
 use telltale_engine::model::{ModuleSpec, Policy};
 use telltale_engine::time;
 use telltale_yaml::Span;
@@ -102,4 +101,20 @@ impl Loaded {
 
 fn writers(policy: &Policy) -> impl Iterator<Item = &str> {
     policy.writers.iter().flat_map(|nodes| nodes.iter()).map(|node| &**node)
+}
+
+/// The names of the statuses that a monitor reads.
+pub(crate) fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
+    let sources: Vec<&ValueSource> = match monitor {
+        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => vec![source],
+        MonitorSpec::Sequence { earlier: a, later: b, .. }
+        | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => vec![a, b],
+        MonitorSpec::Expression { inputs, .. } => inputs.iter().map(|(_, source)| source).collect(),
+        _ => Vec::new(),
+    };
+    let named = sources.into_iter().filter_map(|source| match source {
+        ValueSource::Key { status, .. } => Some(&**status),
+        ValueSource::Field { .. } => None,
+    });
+    monitor.status().map(|status| &**status).into_iter().chain(named).collect()
 }

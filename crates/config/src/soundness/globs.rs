@@ -2,10 +2,10 @@
 //! `regex`, every character stands for itself.
 
 use super::{Finding, FindingKind};
+use crate::describe::named::statuses;
 use crate::glob::{as_regex, is_glob};
 use telltale_engine::model::filter::Filter;
-use telltale_engine::model::monitors::{AgreementRule, ValueSource};
-use telltale_engine::model::{GroupId, Model, ModuleId, ModuleMonitor, MonitorSpec, NodeId};
+use telltale_engine::model::{GroupId, Model, ModuleId, ModuleMonitor, NodeId};
 
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -42,20 +42,4 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         }
     }
     found
-}
-
-/// The names of the statuses that a monitor reads.
-pub(crate) fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
-    let sources: Vec<&ValueSource> = match monitor {
-        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => vec![source],
-        MonitorSpec::Sequence { earlier: a, later: b, .. }
-        | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => vec![a, b],
-        MonitorSpec::Expression { inputs, .. } => inputs.iter().map(|(_, source)| source).collect(),
-        _ => Vec::new(),
-    };
-    let named = sources.into_iter().filter_map(|source| match source {
-        ValueSource::Key { status, .. } => Some(&**status),
-        ValueSource::Field { .. } => None,
-    });
-    monitor.status().map(|status| &**status).into_iter().chain(named).collect()
 }

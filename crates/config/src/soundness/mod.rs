@@ -11,7 +11,7 @@ mod conditions;
 mod earlier;
 mod finding;
 mod fractions;
-pub(crate) mod globs;
+mod globs;
 pub mod judge;
 mod late;
 mod shared;
