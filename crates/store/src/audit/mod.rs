@@ -278,7 +278,7 @@ impl Database {
         }
         let wall = self.clock.wall();
         // The end of the chain is read under the lock: another process may write too.
-        let transaction = Database::begin(&mut self.connection, &mut self.schema, &mut self.health)?;
+        let transaction = Database::begin(&mut self.connection, &mut self.schema)?;
         let news = if records().next().is_none() { None } else { self.log.check(&transaction)? };
         let value = change(&transaction)?;
         let mut head = None;
