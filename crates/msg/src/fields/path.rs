@@ -57,8 +57,7 @@ fn member<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
 
 /// The text between brackets; the opening bracket is already read.
 fn element<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
-    const WRITE: &str =
-        "write a number from 0 on, `[0]`, `[-1]` for the last, or a field and its value, `[child_frame_id=base_link]`";
+    const WRITE: &str = "write a number from 0 on, `[0]`, `[-1]` for the last, or a field and its value, `[child_frame_id=base_link]`";
     let (inside, rest) = text.split_once(']').ok_or_else(|| format!("`[{text}` has no `]`"))?;
     let step = match inside.split_once('=') {
         None if inside.trim().is_empty() => Step::Each,

@@ -129,7 +129,7 @@ fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
 }
 
 /// What was heard between two times.
-pub(super) struct Heard {
+pub struct Heard {
     pub seen: Observations,
     pub start: Timestamp,
     pub end: Timestamp,
