@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::cli::configuration::init::{self, Heard, listening};
+use crate::cli::configuration::init::{self, listening};
 use crate::cli::process::{dds, log};
 use crate::config::Loaded;
 use crate::live::{self, Comparison};
@@ -44,17 +44,10 @@ pub fn look(args: &LiveArgs, loaded: &Loaded) -> anyhow::Result<Beside> {
     options.definitions = options.definitions.with(&loaded.message_folders);
     let listens_to = dds::describe(&options);
     let heard = init::listen(options, args.length, Some(init::diagnostics_of(loaded)))?;
-    let comparison = compare(loaded, &heard);
+    let comparison = heard.compare(loaded);
     let problems = comparison.problems.clone();
     let problems = (!problems.is_empty()).then(|| Problems::new(loaded.sources().clone(), problems));
     Ok(Beside { comparison, problems, listened_s: heard.length_s(), listens_to })
-}
-
-/// Compares what was heard with a configuration.
-pub fn compare(loaded: &Loaded, heard: &Heard) -> Comparison {
-    let Heard { seen, start, end } = heard;
-    let draft = heard.draft();
-    live::compare(loaded, &live::Heard { seen, draft: &draft, start: *start, end: *end })
 }
 
 impl Beside {

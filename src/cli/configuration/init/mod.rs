@@ -28,6 +28,7 @@ use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, Top
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::engine::time::Timestamp;
 use crate::init::{self, DIAGNOSTICS, Draft, Observations, TOPICS_MAX};
+use crate::live::{self, Comparison};
 use crate::msg::fields::Definitions;
 use crate::msg::received::Stamped;
 use crate::ros::{self, Bridge, BridgeOptions};
@@ -138,6 +139,12 @@ pub struct Heard {
 impl Heard {
     pub fn draft(&self) -> Draft {
         init::draft(&self.seen, self.start, self.end)
+    }
+
+    /// Compares a configuration with it.
+    pub fn compare(&self, loaded: &config::Loaded) -> Comparison {
+        let Heard { seen, start, end } = self;
+        live::compare(loaded, &live::Heard { seen, draft: &self.draft(), start: *start, end: *end })
     }
 
     pub fn length_s(&self) -> u64 {

@@ -8,7 +8,6 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 
 use super::{Args, diagnostics_of, listen, refusal, write};
-use crate::cli::configuration::check::live::compare;
 use crate::cli::print::{self, note};
 use crate::cli::{EXIT_NO, fields};
 use crate::clock::Clock;
@@ -39,7 +38,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
     };
     options.definitions = options.definitions.with(&loaded.message_folders);
     let heard = listen(options, args.length, Some(diagnostics_of(&loaded)))?;
-    let comparison = compare(&loaded, &heard);
+    let comparison = heard.compare(&loaded);
     if !comparison.problems.is_empty() {
         print::problems(&Problems::new(loaded.sources().clone(), comparison.problems.clone()));
         if comparison.absent > 0 {
