@@ -355,7 +355,7 @@ fn ten_thousand_nodes_are_few_groups() {
 }
 
 /// Runs the program against a domain.
-fn telltale(domain: &Domain, words: &[&str]) -> Output {
+pub(super) fn telltale(domain: &Domain, words: &[&str]) -> Output {
     let domain = domain.id.to_string();
     run([words, &["--interface", "loopback", "--domain", &domain]].concat())
 }
@@ -371,14 +371,14 @@ fn a_domain_without_anybody_is_said() {
 }
 
 /// Peers that write as fast as a robot does, until they are dropped.
-struct Robot {
+pub(super) struct Robot {
     stop: Arc<AtomicBool>,
     threads: Vec<std::thread::JoinHandle<()>>,
 }
 
 impl Robot {
     /// When it returns, each peer runs: on a busy machine they start slowly.
-    fn start(mut peers: Vec<(Peer, Vec<Value>)>) -> Robot {
+    pub fn start(mut peers: Vec<(Peer, Vec<Value>)>) -> Robot {
         for (peer, commands) in &mut peers {
             commands.iter().for_each(|command| peer.write(command));
         }

@@ -44,6 +44,7 @@ mod hostile;
 mod imports;
 mod incidents;
 mod learned_types;
+mod live;
 mod memory;
 mod misspelt_names;
 mod monitoring;

@@ -15,6 +15,7 @@ pub mod services;
 pub mod soundness;
 
 pub use describe::difference::{Change, Difference, difference};
+pub use describe::named::{Named, What};
 pub use describe::places::ModelPlace;
 pub use file::system::resource;
 
@@ -84,6 +85,11 @@ impl Loaded {
             .collect();
         let problems = (!problems.is_empty()).then(|| Problems::new(self.places.sources.clone(), problems));
         (found, problems)
+    }
+
+    /// The place of a part of it, if the file has one.
+    pub fn place(&self, place: ModelPlace) -> Option<Span> {
+        self.places.span(place)
     }
 
     /// Problems that the definitions of messages show: each with its place, a sentence without a full stop, and

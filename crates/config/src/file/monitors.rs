@@ -21,7 +21,7 @@ use telltale_engine::state::State;
 use telltale_engine::time;
 use telltale_yaml::decode::did_you_mean;
 use telltale_yaml::schema::{Json, needs_any};
-use telltale_yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, key, map, suggest};
+use telltale_yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, key, map, suggest};
 
 pub(crate) type Decoder = fn(&Node, &mut Log) -> Option<Monitor>;
 
@@ -80,6 +80,8 @@ pub(crate) enum Monitor {
     },
     Watchdog {
         target: ProbeTarget,
+        /// Of the target.
+        place: Span,
         every: time::Span,
         misses: u32,
         bands: Bands,

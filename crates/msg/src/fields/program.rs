@@ -29,6 +29,8 @@ pub(super) enum Move {
         array: Array,
         index: u32,
     },
+    /// To the last element.
+    Last(Array),
     /// To the first element with this key.
     Where {
         array: Array,
@@ -172,6 +174,12 @@ impl Program {
                     }
                     array.skip(*index, reader)?;
                 }
+                Move::Last(array) => {
+                    let Some(index) = array.count(reader)?.checked_sub(1) else {
+                        return Err(NoValue::Refused("there is no last element: there are 0".to_owned()));
+                    };
+                    array.skip(index, reader)?;
+                }
                 Move::Where { array, key, wanted } => find(array, key, wanted, reader)?,
             }
         }
@@ -300,6 +308,12 @@ impl Compiler {
                 }
                 self.here = array.element.clone();
                 self.moves.push(Move::Index { array, index: *index });
+                Ok(())
+            }
+            Step::Last => {
+                let array = self.array("[-1]")?;
+                self.here = array.element.clone();
+                self.moves.push(Move::Last(array));
                 Ok(())
             }
             Step::Where { key, value } => self.choose(key, value),

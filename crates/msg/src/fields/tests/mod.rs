@@ -238,6 +238,20 @@ fn what_is_cut_behind_its_fields_has_their_values_and_a_fault() {
 }
 
 #[test]
+fn the_last_element_is_that_of_each_message() {
+    let path = ["poses[-1].position.x"];
+    let reader = reader(encode::POSE_ARRAY, true, &scalars(&path));
+    for (poses, expected) in [
+        (&[at(1.0, 2.0)][..], number(1.0)),
+        (&[at(1.0, 2.0), at(3.0, 4.0), at(5.0, 6.0)], number(5.0)),
+        (&[], FieldValue::Unreadable("there is no last element: there are 0".into())),
+    ] {
+        let bytes = encode::pose_array(header("map"), poses);
+        assert_eq!(&*reader.read(&bytes, Endian::Little).values, [expected]);
+    }
+}
+
+#[test]
 fn what_is_not_there_is_unreadable_and_says_why() {
     let poses = encode::pose_array(header("map"), &[at(1.0, 2.0)]);
     let reader = reader(
