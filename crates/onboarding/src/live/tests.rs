@@ -1,3 +1,5 @@
+//! What is said of a configuration beside what was heard of a running system.
+
 use super::*;
 use crate::pretend::{Robot, between};
 use telltale_yaml::Problems;

@@ -1,3 +1,5 @@
+//! What an update adds to a configuration, and that it keeps what people wrote.
+
 use super::*;
 use crate::init;
 use crate::live;
