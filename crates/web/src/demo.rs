@@ -12,12 +12,12 @@ use serde_json::json;
 use tokio::sync::mpsc;
 
 use super::admission::peer::{Peer, source_of};
-use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, Speaks, json_answer, refusal};
 use super::pages::page_context;
 use super::view::{self, DemoFault};
 use super::{AppState, Live};
+use crate::texts::HttpError;
 use telltale_store::audit::{Action, Record};
 
 /// The faults of the simulated machine, and the channel that switches them.

@@ -9,10 +9,10 @@ use axum::response::{Html, IntoResponse, Response};
 use tokio::time::timeout;
 
 use super::AppState;
-use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
 use super::http::respond::{Reader, refusal};
 use super::view::{self, PageContext, permitted};
+use crate::texts::HttpError;
 use telltale_store::Session;
 
 /// `GET /`

@@ -8,13 +8,12 @@ use axum::response::{Html, IntoResponse, Response};
 use tokio::sync::oneshot;
 
 use crate::AppState;
-use crate::http::errors::HttpError;
 use crate::http::respond::refusal;
+use crate::texts::{HttpError, MESSAGE, NAME, clean, clean_lines};
 use telltale_store::Role;
 
 use super::request::PageRequest;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean, clean_lines};
 use crate::view::{PageContext, View, html};
 use telltale_runtime::Published;
 use telltale_runtime::Reread;

@@ -9,9 +9,9 @@ use serde_json::json;
 
 use crate::Live;
 use crate::admission::peer::{Peer, source_of};
-use crate::http::errors::HttpError;
 use crate::http::guard::bearer;
 use crate::http::respond::{Speaks, json_answer, refusal};
+use crate::texts::HttpError;
 use telltale_engine::time::Span;
 use telltale_runtime::Rereading;
 use telltale_store::audit::{Action, Record};

@@ -10,9 +10,9 @@ use crate::AppState;
 use crate::api::query::{Asked, Count};
 use crate::api::table::{Format, Table};
 use crate::api::words;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::incidents::wall_time;
+use crate::texts::HttpError;
 use telltale_store::audit::Entry;
 
 #[derive(Debug, Deserialize, JsonSchema)]

@@ -10,9 +10,9 @@ use crate::AppState;
 use crate::api::query::{Asked, Count, Moment};
 use crate::api::table::{Format, Table};
 use crate::api::words;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::incidents::wall_time;
+use crate::texts::HttpError;
 use telltale_engine::time::Span;
 use telltale_store::{HistoryLine, LineKind, LineQuery};
 
@@ -97,10 +97,6 @@ pub async fn get(
     headers: HeaderMap,
     reader: Reader,
 ) -> Response {
-    if app.published().is_locked() {
-        return refusal(&reader, HttpError::Locked);
-    }
-    let Some(history) = &app.settings.history else { return refusal(&reader, HttpError::Unavailable) };
     if asked.node.as_ref().is_some_and(|node| node.len() > NODE_BYTES_MAX) {
         return refusal(&reader, HttpError::NotFound);
     }
@@ -112,12 +108,9 @@ pub async fn get(
         after: i64::try_from(asked.after).unwrap_or(i64::MAX),
         count: asked.count.0,
     };
-    let lines = match history.lines(query).await {
+    let lines = match app.past(&app.published(), |history| history.lines(query)).await {
         Ok(lines) => lines,
-        Err(error) => {
-            tracing::warn!(%error, "the history cannot be read");
-            return refusal(&reader, HttpError::Unavailable);
-        }
+        Err(error) => return refusal(&reader, error),
     };
     let rows: Vec<HistoryRow<'_>> = lines.iter().map(row).collect();
     let is_full = rows.len() == asked.count.0 as usize;

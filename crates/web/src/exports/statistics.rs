@@ -10,7 +10,6 @@ use crate::AppState;
 use crate::api::query::{Asked, Moment};
 use crate::api::table::{Format, Table};
 use crate::api::words;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::incidents::{wall_ms, wall_time};
 use telltale_store::{NodeStatistics, Statistics};
@@ -81,18 +80,12 @@ pub async fn get(
     headers: HeaderMap,
     reader: Reader,
 ) -> Response {
-    if app.published().is_locked() {
-        return refusal(&reader, HttpError::Locked);
-    }
-    let Some(history) = &app.settings.history else { return refusal(&reader, HttpError::Unavailable) };
-    let to_ms = asked.until.map_or_else(|| wall_ms(app.published().at), |Moment(ms)| ms);
+    let published = app.published();
+    let to_ms = asked.until.map_or_else(|| wall_ms(published.at), |Moment(ms)| ms);
     let from_ms = asked.since.map_or(to_ms - WEEK_MS, |Moment(ms)| ms);
-    let found = match history.statistics(from_ms, to_ms).await {
+    let found = match app.past(&published, |history| history.statistics(from_ms, to_ms)).await {
         Ok(found) => found,
-        Err(error) => {
-            tracing::warn!(%error, "the statistics cannot be read");
-            return refusal(&reader, HttpError::Unavailable);
-        }
+        Err(error) => return refusal(&reader, error),
     };
     let rows: Vec<NodeRow<'_>> = found.nodes.iter().map(|node| row(&found, node)).collect();
     let table = Table { name: "statistics", columns: &COLUMNS, rows: &rows, next: None };

@@ -11,10 +11,10 @@ use crate::AppState;
 use crate::api::query::{Asked, Count};
 use crate::api::table::{Format, Table};
 use crate::developer::statuses::StatusFilter;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::live::frame::{ModuleSchema, modules};
-use crate::view::{Lang, View};
+use crate::texts::{HttpError, Lang};
+use crate::view::View;
 
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

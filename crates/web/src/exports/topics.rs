@@ -10,8 +10,8 @@ use crate::AppState;
 use crate::api::query::{Asked, Count};
 use crate::api::table::{Format, Table};
 use crate::developer::topics::matches;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
+use crate::texts::HttpError;
 use telltale_engine::discovery::{Endpoint, TopicSeen};
 
 /// Nodes that are named.

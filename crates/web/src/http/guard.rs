@@ -17,12 +17,11 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
 use tokio::time::timeout;
 
-use super::errors::HttpError;
 use super::respond::{Reader, Speaks, cookies, header, refusal};
 use crate::admission::connections::ConnectionHandle;
 use crate::admission::peer::{Peer, place_of, source_of};
 use crate::assets;
-use crate::view::Lang;
+use crate::texts::{HttpError, Lang};
 use crate::{AppState, Live};
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Role, Session, SessionKind, Token};
@@ -120,7 +119,7 @@ pub async fn guard(
         _ => None,
     };
     if let Some(trouble) = trouble {
-        let (source, record) = refused(&request, caller.session.as_ref(), trouble.say(Lang::En).1);
+        let (source, record) = refused(&request, caller.session.as_ref(), Lang::En.error_text(trouble));
         app.record_refused(record, source).await;
         return refusal(&reader, trouble);
     }

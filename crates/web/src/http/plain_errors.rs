@@ -6,8 +6,8 @@ use axum::http::header::{CONTENT_TYPE, RETRY_AFTER};
 use axum::middleware::Next;
 use axum::response::Response;
 
-use super::errors::HttpError;
 use super::respond::{Reader, refusal};
+use crate::texts::HttpError;
 
 /// Replaces refusals in plain text. Pages and JSON pass.
 pub async fn in_words(request: Request, next: Next) -> Response {

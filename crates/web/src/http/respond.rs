@@ -12,10 +12,9 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::errors::HttpError;
+use crate::texts::{HttpError, Lang, Words, plain_json};
 use crate::view;
-use crate::view::text::plain_json;
-use crate::view::{Lang, PagePart, Palette};
+use crate::view::{PagePart, Palette};
 use telltale_engine::input::Refusal;
 
 /// The format that a client reads.
@@ -118,15 +117,20 @@ pub struct RefusedAnswer<'a> {
 
 /// Says what is wrong: a page, or `{"error": ...}`.
 pub fn refusal(reader: &Reader, trouble: HttpError) -> Response {
-    let status = trouble.status();
+    refusal_with(reader, trouble, reader.lang.error_text(trouble))
+}
+
+/// The same with a text that says more.
+fn refusal_with(reader: &Reader, trouble: HttpError, text: &str) -> Response {
     match reader.speaks {
-        Speaks::Json => ErrorAnswer { error: trouble.say(reader.lang).1 }.with(status),
-        Speaks::Html => {
-            let (title, text) = trouble.say(reader.lang);
-            (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
-                .into_response()
-        }
+        Speaks::Json => ErrorAnswer { error: text }.with(trouble.status()),
+        Speaks::Html => page(reader, trouble.status(), reader.lang.error_title(trouble), text),
     }
+}
+
+fn page(reader: &Reader, status: StatusCode, title: &str, text: &str) -> Response {
+    (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
+        .into_response()
 }
 
 /// Names the field of a form that cannot be read.
@@ -141,33 +145,17 @@ pub fn bad_form(reader: &Reader, rejection: &FormRejection) -> Response {
 /// Names the fields of a form that was read and has a wrong value.
 pub fn bad_field(reader: &Reader, field: &str) -> Response {
     let is_name = |c: char| c.is_ascii_alphanumeric() || "_, ".contains(c);
-    let (title, general) = HttpError::BadForm.say(reader.lang);
-    let text = match reader.lang {
-        _ if field.is_empty() || field.len() > FIELD_MAX || !field.chars().all(is_name) => general.to_owned(),
-        Lang::En => format!("{general} Missing or wrong: {field}."),
-        Lang::De => format!("{general} Es fehlt oder ist falsch: {field}."),
-    };
-    let status = HttpError::BadForm.status();
-    match reader.speaks {
-        Speaks::Json => ErrorAnswer { error: &text }.with(status),
-        Speaks::Html => {
-            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
-                .into_response()
-        }
+    let general = reader.lang.error_text(HttpError::BadForm);
+    if field.is_empty() || field.len() > FIELD_MAX || !field.chars().all(is_name) {
+        return refusal(reader, HttpError::BadForm);
     }
+    refusal_with(reader, HttpError::BadForm, &reader.lang.wrong_field(general, field))
 }
 
 /// A parameter of an address is unknown or has a wrong value: 400, and what to write.
 pub fn bad_query(reader: &Reader, why: &str) -> Response {
     let why = &why[..why.floor_char_boundary(WHY_BYTES_MAX)];
-    let text = match reader.lang {
-        Lang::En => {
-            format!("The address is not understood: {why}. /api/v1/openapi.json lists the parameters.")
-        }
-        Lang::De => {
-            format!("Die Adresse ist nicht verständlich: {why}. /api/v1/openapi.json nennt die Parameter.")
-        }
-    };
+    let text = reader.lang.bad_address(why);
     ErrorAnswer { error: &text }.with(StatusCode::BAD_REQUEST)
 }
 
@@ -190,14 +178,7 @@ pub fn refused_in_words(reader: &Reader, reasons: &[String], seq: Option<u64>) -
             (StatusCode::CONFLICT, axum::Json(RefusedAnswer { refused: reasons, seq })).into_response()
         }
         Speaks::Html => {
-            let title = match reader.lang {
-                Lang::En => "Refused",
-                Lang::De => "Abgelehnt",
-            };
-            let text = reasons.join(" ");
-            let status = StatusCode::CONFLICT;
-            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
-                .into_response()
+            page(reader, StatusCode::CONFLICT, Words::of(reader.lang).refused_title, &reasons.join(" "))
         }
     }
 }

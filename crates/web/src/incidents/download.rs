@@ -10,8 +10,8 @@ use tower_http::services::ServeFile;
 
 use super::find;
 use crate::AppState;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
+use crate::texts::HttpError;
 use telltale_record::folder;
 
 /// The recording of the incident with this number: the whole file, or the range that is asked for. It is read while it is sent.

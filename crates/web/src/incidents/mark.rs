@@ -15,9 +15,9 @@ use tokio::task;
 
 use super::Marked;
 use crate::admission::peer::{Peer, source_of};
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, Speaks, bad_form, refusal};
+use crate::texts::HttpError;
 use crate::{AppState, Live};
 use telltale_record::incident::NOTE_BYTES_MAX;
 use telltale_store::audit::{Action, Record};

@@ -8,13 +8,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::act::act;
-use super::not_done::{InvalidTap, NotDone};
+use super::not_done::NotDone;
 use super::tap::{Tap, TapValidity, TappedAction, Versioned};
 use super::two_steps::{CONFIRM_WITHIN, TwoSteps};
-use crate::http::errors::HttpError;
 use crate::http::respond::{Speaks, bad_field, bad_form, refusal, refused_in_words};
+use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view;
-use crate::view::Lang;
 use crate::view::versions::Aspect;
 use telltale_engine::input::{AlarmRef, OperatorAction, Place};
 use telltale_engine::model::NodeId;
@@ -184,8 +183,9 @@ async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> R
     let (requested, confirmed_until) = match redeemed {
         Ok(redeemed) => redeemed,
         Err(invalid) => {
-            tap.tell_recorder(&action, &invalid.words(Lang::En), &invalid.words(Lang::De));
-            tap.app.store.record(record.refused(invalid.words(Lang::En)), None).await;
+            let [why, why_de] = Lang::ALL.map(|lang| lang.invalid_tap(invalid));
+            tap.tell_recorder(&action, why, why_de);
+            tap.app.store.record(record.refused(why), None).await;
             return answer(&tap, Err(invalid.into()), Done {});
         }
     };
@@ -278,7 +278,7 @@ fn answer(tap: &Tap, done: Result<(), NotDone>, granted: impl Serialize) -> Resp
             // What was shown is old: the page asks for what is.
             let is_old = matches!(invalid, InvalidTap::Stale | InvalidTap::Late);
             let seq = is_old.then(|| tap.app.published().snapshot.seq);
-            refused_in_words(reader, &[invalid.words(reader.lang)], seq)
+            refused_in_words(reader, &[reader.lang.invalid_tap(invalid).to_owned()], seq)
         }
         Err(NotDone::HttpError(error)) => refusal(reader, error),
     }

@@ -4,7 +4,6 @@ use axum::extract::State;
 use axum::response::{Html, IntoResponse as _, Response};
 
 use crate::AppState;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::view;
 
@@ -14,15 +13,8 @@ const SHOWN: u32 = 10;
 /// `GET /alarms/last`: a part of the operator's page.
 pub async fn get(State(app): State<AppState>, reader: Reader) -> Response {
     let published = app.published();
-    if published.is_locked() {
-        return refusal(&reader, HttpError::Locked);
-    }
-    let Some(history) = &app.settings.history else { return refusal(&reader, HttpError::Unavailable) };
-    match history.last_alarms(SHOWN).await {
+    match app.past(&published, |history| history.last_alarms(SHOWN)).await {
         Ok(alarms) => Html(view::last_alarms(&published, reader.lang, &alarms)).into_response(),
-        Err(error) => {
-            tracing::warn!(%error, "the last alarms cannot be read");
-            refusal(&reader, HttpError::Unavailable)
-        }
+        Err(error) => refusal(&reader, error),
     }
 }

@@ -8,13 +8,13 @@ use axum::response::Response;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::not_done::InvalidTap;
 use crate::admission::peer::{Peer, source_of};
 use crate::auth::expiry::is_in_charge;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, Speaks};
+use crate::texts::{InvalidTap, Lang};
 use crate::view::versions::Aspect;
-use crate::view::{Lang, PagePart, Palette};
+use crate::view::{PagePart, Palette};
 use crate::{AppState, Live};
 use telltale_clock::wall_at;
 use telltale_engine::input::OperatorAction;

@@ -13,15 +13,12 @@ use super::page::{about_name, asked_ms, beyond};
 use crate::AppState;
 use crate::developer::incidents::content::broken;
 use crate::developer::incidents::sentences::{stage_word, state_word};
-use crate::developer::incidents::words::IncidentWords;
-use crate::developer::words::DevWords;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, Speaks, json_answer, refusal};
 use crate::incidents::wall_time;
+use crate::texts::{DevWords, HttpError, IncidentWords, Lang, MESSAGE, NAME, VALUE, clean};
+use crate::view::html;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, VALUE, clean};
-use crate::view::{Lang, html};
 use telltale_replay::difference::{Differences, Fact, NodeChange, NodeThen, VehicleChange};
 
 /// Two moments: milliseconds since 1970, or UTC.

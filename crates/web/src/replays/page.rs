@@ -18,14 +18,12 @@ use super::screen::is_page;
 use super::{OpenReplay, Subject};
 use crate::AppState;
 use crate::developer::incidents::content::{Content, Medium};
-use crate::developer::incidents::words::IncidentWords;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, bad_field, bad_form, json_answer, refusal};
 use crate::incidents::{Read, find, wall_time};
+use crate::texts::{HttpError, IncidentWords, NAME, Words, clean};
+use crate::view::html;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{NAME, clean};
-use crate::view::{Lang, html};
 use telltale_store::{Incident, Session};
 
 /// No address of a screen is longer.
@@ -182,7 +180,7 @@ pub async fn get(
         shown: wall_time(state.at_ms),
         other,
         screens: [
-            ("/", operator_word(lang)),
+            ("/", Words::of(lang).operator),
             ("/developer", words.statuses),
             ("/developer/graph", words.graph),
             ("/developer/timeline", words.timeline),
@@ -201,13 +199,6 @@ pub async fn get(
 /// Whether a screen of the replay has this address. Another one would leave it.
 fn is_screen(address: &str) -> bool {
     address.len() <= SCREEN_BYTES_MAX && is_page(address)
-}
-
-const fn operator_word(lang: Lang) -> &'static str {
-    match lang {
-        Lang::En => "Operator",
-        Lang::De => "Fahrbegleitung",
-    }
 }
 
 /// The moment that an address asks for, in milliseconds since 1970; `None` if it asks for none.

@@ -12,10 +12,10 @@ use sha2::{Digest as _, Sha256};
 
 use super::content::{Content, Medium};
 use crate::AppState;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
 use crate::incidents::{Read, find, story, wall_time};
-use crate::view::{Lang, html};
+use crate::texts::{HttpError, Lang};
+use crate::view::html;
 use telltale_record::folder::file_name;
 use telltale_record::proof::Proof;
 use telltale_record::writer::unix_ms;

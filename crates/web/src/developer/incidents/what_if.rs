@@ -2,7 +2,6 @@
 //! kept. Nothing of it touches the vehicle.
 
 mod shown;
-mod words;
 
 use askama::Template;
 use axum::Form;
@@ -13,15 +12,13 @@ use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde_json::json;
 
 use self::shown::{Row, Strips};
-use self::words::WhatIfWords;
 use crate::developer::configuration::reread;
 use crate::developer::request::PageRequest;
 use crate::developer::{DevFrame, Page, frame};
-use crate::http::errors::HttpError;
 use crate::http::respond::{Speaks, bad_field, bad_form, json_answer, refusal};
 use crate::incidents::{Progress, WhatIf, find, recorded_texts, start_what_if};
+use crate::texts::{HttpError, IncidentWords, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean};
 use crate::view::{View, html};
 use crate::{AppState, Live};
 use telltale_replay::compare::Mistake;
@@ -69,7 +66,7 @@ enum Phase {
 struct WhatIfHtml {
     frame: PageFrame,
     dev: DevFrame,
-    it: &'static WhatIfWords,
+    it: &'static IncidentWords,
     id: u64,
     causes: Vec<String>,
     files: Vec<File>,
@@ -171,7 +168,7 @@ fn what_if(
     run: Option<&WhatIf>,
 ) -> WhatIfHtml {
     let lang = page.context.lang;
-    let it = WhatIfWords::of(lang);
+    let it = IncidentWords::of(lang);
     let view = &View::new(&page.published, lang, false);
     let id = incident.summary.id;
     let state = run.map(WhatIf::state);

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::developer::tests::{english, holds, query};
+use crate::texts::Lang;
 use crate::view::tests::jump;
 
 #[test]

@@ -1,4 +1,5 @@
 use super::*;
+use crate::texts::Lang;
 
 fn hot(published: &Published) -> Vec<(String, String)> {
     let html = fragment(published, Lang::En, "arrows");

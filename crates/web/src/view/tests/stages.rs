@@ -1,4 +1,5 @@
 use super::*;
+use crate::texts::Lang;
 use telltale_engine::snapshot::{Layout, NotRelevant};
 
 #[test]
