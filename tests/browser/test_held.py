@@ -1,5 +1,5 @@
 """A held vehicle stays held when the server is killed, or ends as systemd asks it, and is started again: over DDS, with the simulated shuttle as a
-process of its own. Virtual time tries the other requests and ends (`src/cli/demo/tests/held.rs`)."""
+process of its own. Virtual time tries the other requests and ends (`src/cli/running/demo/tests/held.rs`)."""
 
 import contextlib
 import json

@@ -47,7 +47,7 @@ impl Published {
         let loaded = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
         let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
         let (snapshots, latest) = watch::channel(engine.snapshot());
-        let topics = telltale::cli::server::outputs::topics(&loaded.publishing);
+        let topics = telltale::cli::running::server::outputs::topics(&loaded.publishing);
         let options = BridgeOptions::loopback(domain.id);
         let (inputs, news) = mpsc::channel(64);
         let (clock, heard) = (Clock::start(), inputs.clone());

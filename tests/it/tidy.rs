@@ -1,5 +1,5 @@
-//! The rules of the house that neither the compiler nor clippy holds: circles of imports, how long a file may be, that
-//! no template is dead, how pages, scripts and styles begin, and what the documentation says of the house.
+//! The rules of the house that neither the compiler nor clippy holds: circles of imports, where modules stand, how long a
+//! file may be, that no template is dead, how pages, scripts and styles begin, and what the documentation says of the house.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -226,10 +226,18 @@ fn no_circle_of_imports_goes_through_a_folder() {
             }
             seen
         };
-        let folders = edges.keys().filter(|it| src.join(it).join("mod.rs").is_file());
+        let folders = edges.keys().filter(|it| src.join(it).is_dir());
         let circles: Vec<&String> = folders.filter(|it| reached(it).contains(it.as_str())).collect();
         assert!(circles.is_empty(), "these of {name} import what imports them: {circles:#?}");
     }
+}
+
+/// A module with parts has one form: the folder holds all of it, in `mod.rs` and beside.
+#[test]
+fn no_file_stands_beside_a_folder_of_its_name() {
+    let all = sources().into_iter().chain(files(&root().join("tests/it"), "rs"));
+    let beside: Vec<PathBuf> = all.filter(|file| file.with_extension("").is_dir()).collect();
+    assert!(beside.is_empty(), "move these to `mod.rs` in their folders: {beside:#?}");
 }
 
 #[test]
@@ -300,7 +308,8 @@ fn no_template_is_dead() {
 fn the_languages_of_the_pages_stand_in_one_table() {
     let web = root().join("crates/web/src");
     let outside = files(&web, "rs").into_iter().filter(|file| !file.starts_with(web.join("texts")));
-    let pages = files(&root().join("templates"), "html").into_iter().chain(files(&root().join("static"), "js"));
+    let pages =
+        files(&root().join("templates"), "html").into_iter().chain(files(&root().join("static"), "js"));
     for file in outside.chain(pages).filter(|file| !file.iter().any(|it| it == "vendor" || it == "tests")) {
         let code = if file.ends_with("tests.rs") { continue } else { code(&file) };
         let found = ["Lang::De", "Lang::En =>", "== Lang::En", ".choose(\"", "\"de\"", "ä", "ö", "ü", "ß"]

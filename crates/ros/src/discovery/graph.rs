@@ -1,8 +1,8 @@
 //! A list of all topics with their publishers and subscribers, from discovery, once a second. The
 //! developer's page of topics shows it.
 
-use crate::library::discovered::PREFIX;
 use crate::library::discovered::participant_name;
+use crate::library::spdp::PREFIX;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

@@ -74,7 +74,8 @@ fn row(then: &FlowThen, at_ms: i64) -> Row {
 mod tests {
     use super::*;
     use crate::view::tests::{context, jump};
-    use crate::view::{Lang, Palette};
+    use crate::texts::Lang;
+    use crate::view::Palette;
     use telltale_record::file::Channel;
 
     #[test]
