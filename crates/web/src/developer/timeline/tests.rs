@@ -7,6 +7,7 @@ use crate::view::Palette;
 use crate::view::tests::context;
 use crate::view::tests::sample::Sample;
 use telltale_engine::event::Said;
+use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
 use telltale_store::{NodePast, Period, Stretch};

@@ -1,5 +1,4 @@
 use super::*;
-use crate::texts::Lang;
 
 fn hot(published: &Published) -> Vec<(String, String)> {
     let html = fragment(published, Lang::En, "arrows");

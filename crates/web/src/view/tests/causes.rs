@@ -1,5 +1,4 @@
 use super::*;
-use crate::texts::Lang;
 
 #[test]
 fn a_root_cause_stands_with_what_to_do_and_how_many_wait() {

@@ -1,7 +1,6 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::texts::Lang;
 use telltale_engine::input::Input;
 use telltale_engine::model::MonitorSpec;
 use telltale_engine::model::filter::Filter;

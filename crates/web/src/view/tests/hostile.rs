@@ -1,5 +1,4 @@
 use super::*;
-use crate::texts::Lang;
 
 #[test]
 fn text_from_outside_is_text_and_nothing_else() {

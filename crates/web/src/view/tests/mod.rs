@@ -16,7 +16,6 @@ use std::collections::BTreeSet;
 
 use super::versions::Versions;
 use super::*;
-use crate::texts::Lang;
 use sample::{Sample, group, module, on_group, parts, text};
 use telltale_engine::input::{AlarmRef, OperatorAction, TroubleKind};
 use telltale_engine::model::{DISPLAY_DPI, GroupId, Parts as ModelParts, StageModel, When};

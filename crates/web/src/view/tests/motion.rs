@@ -1,7 +1,6 @@
 //! Tests of the motion in words and numbers.
 
 use super::*;
-use crate::texts::Lang;
 use telltale_engine::input::Refusal;
 use telltale_engine::model::countermeasure::Request;
 use telltale_engine::model::output::Output;

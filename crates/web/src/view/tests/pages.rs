@@ -1,5 +1,4 @@
 use super::*;
-use crate::texts::Lang;
 
 /// Every kind of page in every state that people meet. `TELLTALE_PAGES=DIR cargo test
 /// every_page` also writes them there, to be looked at in a browser.

@@ -1,5 +1,4 @@
 use super::*;
-use crate::texts::Lang;
 use telltale_engine::snapshot::{Layout, NotRelevant};
 
 #[test]

@@ -1,5 +1,4 @@
 use super::*;
-use crate::texts::Lang;
 
 #[test]
 fn a_tile_that_is_ok_says_so_with_its_count() {

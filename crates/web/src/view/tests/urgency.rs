@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use super::*;
-use crate::texts::Lang;
 use telltale_engine::Engine;
 use telltale_engine::model::Model;
 use telltale_engine::model::wording::{Advice, Urgency, Wording};

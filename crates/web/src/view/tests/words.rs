@@ -1,7 +1,6 @@
 //! Tests of texts: at each level, in each stage, of silent modules, and of one status at several places.
 
 use super::*;
-use crate::texts::Lang;
 use telltale_engine::model::output::Output;
 use telltale_engine::model::wording::{ByStage, Wording};
 use telltale_engine::model::{ModuleMonitor, Policy, Stage};
