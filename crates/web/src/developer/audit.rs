@@ -3,11 +3,10 @@
 use askama::Template;
 
 use axum::extract::State;
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::Html;
 use tokio::sync::{Mutex, MutexGuard};
 
 use crate::AppState;
-use crate::http::respond::refusal;
 use crate::texts::{HttpError, Lang, MESSAGE, NAME, clean};
 use telltale_store::StoreError;
 
@@ -70,10 +69,10 @@ impl AuditReading {
 }
 
 /// `GET /developer/audit?before=NUMBER`: the audit log, newest first, and whether its chain is whole.
-pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Result<Html<String>, HttpError> {
     let before = request.query.get("before");
     if !before.is_empty() && request.query.number("before").is_none() {
-        return refusal(&request.reader, HttpError::NotFound);
+        return Err(HttpError::NotFound);
     }
     let (before, count) = match request.query.wants_all_rows() {
         true => (None, ROWS_MAX as u32),
@@ -88,13 +87,13 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
         Ok(read) => read,
         Err(error) => {
             tracing::error!(%error, "the audit log cannot be read");
-            return refusal(&request.reader, HttpError::Unavailable);
+            return Err(HttpError::Unavailable);
         }
     };
     let is_full = entries.len() == count as usize;
     let older = entries.last().filter(|last| is_full && last.number > 1).map(|last| last.number);
     let audit = AuditPage { entries, older, verdict };
-    Html(page(&request.published, &audit, &request.context)).into_response()
+    Ok(Html(page(&request.published, &audit, &request.context)))
 }
 
 pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> String {

@@ -2,14 +2,16 @@
 
 use std::convert::Infallible;
 
-use axum::extract::FromRequestParts;
 use axum::extract::rejection::FormRejection;
+use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::header::{ACCEPT, ACCEPT_LANGUAGE, CONTENT_TYPE, COOKIE};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{Html, IntoResponse, Response};
+use axum::{Extension, Form};
 use schemars::JsonSchema;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::texts::{HttpError, Lang, Words, plain_json};
@@ -115,6 +117,13 @@ pub struct RefusedAnswer<'a> {
     pub seq: Option<u64>,
 }
 
+/// An answer without words, which [`in_words`](super::plain_errors::in_words) says to the reader.
+impl IntoResponse for HttpError {
+    fn into_response(self) -> Response {
+        (self.status(), Extension(self)).into_response()
+    }
+}
+
 /// Says what is wrong: a page, or `{"error": ...}`.
 pub fn refusal(reader: &Reader, trouble: HttpError) -> Response {
     refusal_with(reader, trouble, reader.lang.error_text(trouble))
@@ -131,6 +140,20 @@ fn refusal_with(reader: &Reader, trouble: HttpError, text: &str) -> Response {
 fn page(reader: &Reader, status: StatusCode, title: &str, text: &str) -> Response {
     (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
         .into_response()
+}
+
+/// A form that was sent.
+#[derive(Debug)]
+pub struct FormOf<T>(pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for FormOf<T> {
+    type Rejection = Response;
+
+    async fn from_request(request: Request, state: &S) -> Result<FormOf<T>, Response> {
+        let reader = Reader::of(request.uri(), request.headers());
+        let form = Form::from_request(request, state).await;
+        form.map(|Form(form)| FormOf(form)).map_err(|rejection| bad_form(&reader, &rejection))
+    }
 }
 
 /// Names the field of a form that cannot be read.

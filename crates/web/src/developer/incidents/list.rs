@@ -8,9 +8,8 @@ use crate::AppState;
 use crate::developer::pager::ROWS_MAX;
 use crate::developer::request::PageRequest;
 use crate::developer::{DevFrame, Page, PageQuery, frame};
-use crate::http::respond::refusal;
 use crate::incidents::{failed, wall_time};
-use crate::texts::{IncidentWords, Lang, MESSAGE, NAME, clean};
+use crate::texts::{HttpError, IncidentWords, Lang, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
 use telltale_engine::model::Stage;
@@ -67,17 +66,14 @@ struct ListHtml {
 }
 
 /// `GET /incidents?cause=TEXT&group=PATH&stage=STAGE&marked=true&kept=true&before=ID`
-pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Result<Response, HttpError> {
     let query = &request.query;
     let now_ms = unix_ms(app.clock.wall());
     let read = async {
         let found = found(&app, query).await?;
         Ok((found, app.store.incidents_on_disk(now_ms.saturating_sub(DAY_MS)).await?))
     };
-    let (found, on_disk) = match read.await {
-        Ok(read) => read,
-        Err(error) => return refusal(&request.reader, failed(error)),
-    };
+    let (found, on_disk) = read.await.map_err(failed)?;
     let state = app.settings.recording.as_ref();
     let policy = state.map(|state| *state.policy.borrow());
     let fault = state.and_then(|state| state.fault.borrow().as_deref().map(|why| clean(why, MESSAGE)));
@@ -116,7 +112,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
         it,
         dev,
     };
-    Html(html(&page)).into_response()
+    Ok(Html(html(&page)).into_response())
 }
 
 /// One more than the page shows; for a file, all that fit the filter.

@@ -182,9 +182,9 @@ fn endpoints(endpoints: &[Endpoint], ours: bool) -> EndpointList {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::tests::{context, jump};
     use crate::texts::Lang;
     use crate::view::Palette;
+    use crate::view::tests::{context, jump};
     use telltale_engine::time::{Span, Timestamp};
     use telltale_record::ring::Held;
 

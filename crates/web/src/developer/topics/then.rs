@@ -73,9 +73,9 @@ fn row(then: &FlowThen, at_ms: i64) -> Row {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::tests::{context, jump};
     use crate::texts::Lang;
     use crate::view::Palette;
+    use crate::view::tests::{context, jump};
     use telltale_record::file::Channel;
 
     #[test]

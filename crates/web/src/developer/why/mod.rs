@@ -13,7 +13,6 @@ use axum::extract;
 use axum::response::{Html, IntoResponse, Response};
 
 use crate::AppState;
-use crate::http::respond::refusal;
 use crate::texts::{DevWords, HttpError, MESSAGE, NAME, clean};
 
 use super::request::PageRequest;
@@ -107,10 +106,13 @@ struct WhyHtml {
 }
 
 /// `GET /developer/why?node=group/module&span=SECONDS&until=MS`
-pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Response {
-    let PageRequest { published, context, query, reader, .. } = request;
+pub async fn get(
+    extract::State(app): extract::State<AppState>,
+    request: PageRequest,
+) -> Result<Response, HttpError> {
+    let PageRequest { published, context, query, .. } = request;
     let Some(node) = published.snapshot.node(query.get("node")) else {
-        return refusal(&reader, HttpError::NotFound);
+        return Err(HttpError::NotFound);
     };
     let window = Window::over(&published, &only(&query), SPAN_S);
     let read = match published.snapshot.stage {
@@ -118,7 +120,7 @@ pub async fn get(extract::State(app): extract::State<AppState>, request: PageReq
         Stage::Locked => NodeRead::default(),
         _ => read(&app, &published, &window, node, &context).await,
     };
-    Html(page((&published, &app.trends), node, &context, (&query, &window), &read)).into_response()
+    Ok(Html(page((&published, &app.trends), node, &context, (&query, &window), &read)).into_response())
 }
 
 /// One node, with the span of time.
