@@ -8,6 +8,7 @@ mod api;
 mod completions;
 mod configuration;
 pub mod fields;
+mod junit;
 mod print;
 mod process;
 mod recordings;
