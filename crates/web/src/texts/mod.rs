@@ -80,6 +80,7 @@ mod errors;
 pub mod incidents;
 pub mod operator;
 mod refusals;
+mod states;
 
 pub use clean::{ID, MESSAGE, NAME, VALUE, address, clean, clean_configured, clean_lines, plain_json};
 pub use developer::DevWords;

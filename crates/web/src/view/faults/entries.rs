@@ -161,16 +161,26 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
     if state == State::Unknown || (module.received.is_some() && is_behind_tile && is_named) {
         message.text.clear();
     }
-    let node = NodeId::Module(id);
+    let entry = plain(view, NodeId::Module(id), state, (title, place), module.since);
+    FaultEntry { message, places: vec![component], ..entry }
+}
+
+fn plain(
+    view: &View<'_>,
+    node: NodeId,
+    state: State,
+    (title, place): (String, String),
+    since: Timestamp,
+) -> FaultEntry {
     let urgency = view.asks(node, state);
     FaultEntry {
         node,
         state,
-        message,
         title,
+        message: ModuleMessage::default(),
         place,
-        places: vec![component],
-        since: module.since,
+        places: Vec::new(),
+        since,
         waits: String::new(),
         masks: 0,
         help: help(view, node, state, urgency),
@@ -238,27 +248,8 @@ fn is_held(view: &View<'_>, node: NodeId) -> bool {
 }
 
 fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultEntry {
-    let node = NodeId::Group(id);
-    let urgency = view.asks(node, state);
-    FaultEntry {
-        node,
-        state,
-        title: view.group_name(id),
-        message: ModuleMessage::default(),
-        place,
-        places: Vec::new(),
-        since: view.snapshot.group(id).1.since,
-        waits: String::new(),
-        masks: 0,
-        help: help(view, node, state, urgency),
-        urgency,
-        second: false,
-        unacknowledged: false,
-        over: false,
-        lasted: None,
-        seen: None,
-        acknowledge: None,
-    }
+    let since = view.snapshot.group(id).1.since;
+    plain(view, NodeId::Group(id), state, (view.group_name(id), place), since)
 }
 
 /// Adds faults that are no root causes. Several of one state in one component are one entry. A component
