@@ -31,14 +31,14 @@ pub fn motion(view: &View<'_>) -> Fragment {
 fn word(view: &View<'_>) -> &'static str {
     let (snapshot, words) = (view.snapshot, view.words);
     match snapshot.motion.moving {
-        Moving::Unknown if snapshot.motion.has_source => words.unknown,
+        Moving::Unknown if snapshot.motion.has_source => words.no_speed,
         Moving::Unknown if view.has_stages() => words.no_signal,
         Moving::Unknown => view.lang.runs(snapshot),
         Moving::No => words.standing,
         Moving::Yes if !drives(view) => words.moving,
         Moving::Yes if snapshot.maneuver_stop() => words.stopping,
         Moving::Yes if snapshot.deceleration().is_some() => words.slowing,
-        Moving::Yes => words.driving,
+        Moving::Yes => words.moves_itself,
     }
 }
 
