@@ -309,7 +309,8 @@ fn the_languages_of_the_pages_stand_in_one_table() {
     const BESIDE: [&str; 5] = ["Lang::De", "Lang::En =>", "== Lang::En", ".choose(\"", "\"de\""];
     let web = root().join("crates/web/src");
     let outside = files(&web, "rs").into_iter().filter(|file| !file.starts_with(web.join("texts")));
-    let pages = files(&root().join("templates"), "html").into_iter().chain(files(&root().join("static"), "js"));
+    let pages =
+        files(&root().join("templates"), "html").into_iter().chain(files(&root().join("static"), "js"));
     for file in outside.chain(pages) {
         if file.iter().any(|it| it == "vendor" || it == "tests" || it == "tests.rs") {
             continue;
