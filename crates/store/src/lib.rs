@@ -34,9 +34,9 @@ pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{
-    HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, NodePast, NodeStatistics, Past,
-    PastAlarm, PastEvent, Period, SavedHistory, Statistics, Stretch, history_damage, past_in, repair_history,
-    statistics_in,
+    HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, NodeFigures, NodePast,
+    NodeStatistics, Past, PastAlarm, PastEvent, Period, SavedHistory, Statistics, Stretch, history_damage,
+    how_long_ms, past_in, repair_history, statistics_in,
 };
 pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,

@@ -26,7 +26,7 @@ pub use damage::{SavedHistory, history_damage, repair_history};
 pub use lines::{HistoryLine, LineKind, LineQuery};
 pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
 use reader::Reader;
-pub use statistics::{NodeStatistics, Statistics};
+pub use statistics::{NodeFigures, NodeStatistics, Statistics, how_long_ms};
 pub use telltale_engine::view::record::Stretch;
 
 use super::StoreError;

@@ -25,12 +25,11 @@ use super::pacing::Pacing;
 use super::stream_query::{StreamQuery, how_to_stream};
 use crate::admission::peer::{Peer, source_of};
 use crate::auth::handover::HandOver;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, refusal};
 use crate::operator::actions::{StopForm, request_stop};
 use crate::operator::tap::Tap;
-use crate::view::Lang;
+use crate::texts::{HttpError, Lang, NAME, clean};
 use crate::{AppState, turned};
 use telltale_runtime::{Published, Version};
 use telltale_store::audit::{Action, Record};
@@ -300,7 +299,7 @@ impl LiveConnection {
         was_told: bool,
     ) -> Result<(), Ending> {
         let Feed::Page { lang, .. } = self.feed else { return Ok(()) };
-        let words = said.borrow_and_update().as_ref().map(|said| lang.hand_over(said.to()));
+        let words = said.borrow_and_update().as_ref().map(|said| lang.hand_over(&clean(said.to(), NAME)));
         let message = (was_told || words.is_some()).then(|| frame::hand_over(words.as_deref()));
         self.client.send_some(message).await.map(|_| ())
     }
