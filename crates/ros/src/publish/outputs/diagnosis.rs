@@ -33,14 +33,14 @@ pub(super) async fn run(
             () = stopped(&mut ground.end) => return,
             () = tick(&mut trees) => Due { tree: true, top: false },
             () = tick(&mut tops) => Due { tree: false, top: true },
-            changed = ground.snapshots.changed() => {
+            changed = ground.snapshots.tools.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                told.changed(whole(&ground.snapshots.borrow_and_update()))
+                told.changed(whole(&ground.snapshots.tools.borrow_and_update()))
             }
         };
-        let snapshot = ground.snapshots.borrow().clone();
+        let snapshot = ground.snapshots.tools.borrow().clone();
         if let Some(OutputTopic { topic, .. }) = tree.as_ref().filter(|_| due.tree)
             && !rivals.silence(topic)
         {

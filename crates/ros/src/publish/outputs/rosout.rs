@@ -30,7 +30,7 @@ pub async fn run(publisher: Arc<Publisher>, topic: OutputTopic, mut ground: Outp
     let mut rate = Bucket::new(RATE, ground.clock.now());
     let mut left_out = 0_u64;
     let mut waiting: VecDeque<Arc<LogLine>> =
-        causes.news(&ground.snapshots.borrow_and_update().clone()).into();
+        causes.news(&ground.snapshots.tools.borrow_and_update().clone()).into();
     loop {
         while let Some(line) = waiting.pop_front() {
             if line.level < topic.level {
@@ -48,11 +48,11 @@ pub async fn run(publisher: Arc<Publisher>, topic: OutputTopic, mut ground: Outp
         }
         tokio::select! {
             () = stopped(&mut ground.end) => return,
-            changed = ground.snapshots.changed() => {
+            changed = ground.snapshots.tools.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                waiting.extend(causes.news(&ground.snapshots.borrow_and_update().clone()));
+                waiting.extend(causes.news(&ground.snapshots.tools.borrow_and_update().clone()));
             }
             line = lines.recv() => match line {
                 Ok(line) => waiting.push_back(line),
