@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
@@ -23,6 +22,7 @@ use telltale::store::audit::{Action, COMMAND_LINE, Record};
 use telltale::store::{DemoSecrets, Store};
 
 use crate::folder::TestFolder;
+use crate::program::{run, said};
 
 /// The wall time at which the scenarios begin.
 pub const BEGAN_NS: i64 = 1_800_000_000_000_000_000;
@@ -120,11 +120,7 @@ impl Files {
 }
 
 fn what_if(words: &[&str]) -> (String, String, Option<i32>) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.args(["replay", "--what-if"]).args(words).env_remove("AMENT_PREFIX_PATH");
-    let output = command.output().expect("the program can be run");
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (text(&output.stdout), text(&output.stderr), output.status.code())
+    said(&run([&["replay", "--what-if"], words].concat()))
 }
 
 fn objects(words: &[&str]) -> (Vec<Value>, Option<i32>) {
@@ -173,11 +169,7 @@ fn what_led_to_the_first_instant_is_printed_on_demand() {
     let files = Files::new("replay-before");
     let recording = files.recording("a.mcap");
     let lines = |words: &[&str]| -> Vec<Value> {
-        let run = Command::new(env!("CARGO_BIN_EXE_telltale"))
-            .args(["replay", &recording, "--json"])
-            .args(words)
-            .output();
-        let run = run.unwrap();
+        let run = run([&["replay", &recording, "--json"], words].concat());
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
         let lines = String::from_utf8(run.stdout).unwrap();
         lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
@@ -210,6 +202,34 @@ fn the_same_configuration_changes_nothing_and_a_folder_has_many_recordings() {
     let (out, _, code) = what_if(&[&same, &folder]);
     assert_eq!((out.matches("nothing differs").count(), code), (2, Some(0)), "{out}");
     assert!(out.ends_with("0 of 2 differ\n"), "{out}");
+}
+
+#[test]
+fn a_suite_of_recordings_keeps_its_order_on_all_cores_and_is_written_for_continuous_integration() {
+    let files = Files::new("what-if-suite");
+    let same = files.write("same.yaml", SHUTTLE);
+    let recordings: Vec<String> = (0..40).map(|number| files.recording(&format!("{number}.mcap"))).collect();
+    let results = files.0.join("results.xml");
+    let words =
+        [&same, "/nowhere.mcap", &files.0.display().to_string(), "--junit", &results.display().to_string()];
+    let (found, code) = objects(&words);
+    assert_eq!(code, Some(1));
+    let named: Vec<&str> = found.iter().filter_map(|it| it["recording"].as_str()).collect();
+    assert_eq!(named[0], "/nowhere.mcap");
+    assert_eq!(named[1..], recordings);
+    // All of them are of the same seconds of one vehicle, which count once.
+    let total = found.last().unwrap();
+    assert_eq!((&total["total"], &total["recorded"]), (&json!(40), &found[1]["recorded"]), "{total}");
+    let text = std::fs::read_to_string(&results).unwrap();
+    assert!(text.contains("tests=\"41\" failures=\"0\" errors=\"1\""), "{text}");
+    assert!(
+        text.contains("name=\"/nowhere.mcap\"")
+            && text.contains("<error message=\"there is no such file\"/>")
+    );
+    let new = files.write("new.yaml", without_sensors());
+    let (_, _, code) = what_if(&[&new, &recordings[0], "--junit", &results.display().to_string()]);
+    let text = std::fs::read_to_string(&results).unwrap();
+    assert!(code == Some(1) && text.contains("<failure message=\"differs from "), "{text}");
 }
 
 #[test]

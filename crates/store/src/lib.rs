@@ -14,10 +14,8 @@ mod incidents;
 mod outbox;
 mod private_file;
 mod queue;
-mod role;
 mod sessions;
 mod temporary_folder;
-mod unix_time;
 mod users;
 mod vehicle;
 
@@ -30,7 +28,7 @@ use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
 
 pub use audit::chain::{Acknowledged, Breach, Hash, Head, Verdict};
-pub use caller::Caller;
+pub use caller::{Caller, Role};
 pub use database::schema::FILE_NAME;
 pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
@@ -45,7 +43,6 @@ pub use incidents::{
     OnDisk, StoredIncident, clean_note,
 };
 pub use private_file::{give_to_owner_of, make_folder};
-pub use role::Role;
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use temporary_folder::TemporaryFolder;
@@ -56,6 +53,7 @@ pub use vehicle::VehicleMemory;
 
 use audit::Log;
 use audit::known::Knowledge;
+use database::foreign::Schema;
 use database::schema;
 use disk::health::Health;
 use disk::stall::JobWatch;
@@ -224,8 +222,7 @@ struct Database {
     stored_vehicle: Option<VehicleMemory>,
     /// SQLite's count of changes by other processes, at the last look.
     data_version: i64,
-    /// SQLite's count of changes of the schema, when that was found right.
-    schema_version: Option<i64>,
+    schema: Schema,
     /// This store is the server's, which notes the changes of users that it has taken in.
     serves: bool,
     /// Somebody wants it closed, and waits for that.
@@ -344,7 +341,7 @@ impl Store {
             backups: database::backup::Schedule::default(),
             stored_vehicle: None,
             data_version: 0,
-            schema_version: None,
+            schema: Schema::new(serves),
             serves,
             closing: None,
         };

@@ -17,8 +17,8 @@ use super::discovery::WriterList;
 use super::event::Events;
 pub use super::files::KeyframeError;
 use super::lookalikes::COMPARISONS_MAX;
+use super::mask::kept::KeptNet;
 use super::mask::net::Change;
-use super::mask::net::kept::KeptNet;
 use super::mask::node::{ModuleKind, UNSEEN};
 use super::membership::Departed;
 use super::model::{GroupId, Model, ModuleId, NodeId, Stage, StageModel};
@@ -26,7 +26,7 @@ use super::module::contradictions::Disputes;
 use super::module::names::kept::KeptNames;
 use super::module::overflow::Overflow;
 use super::module::system::ReceptionCheck;
-use super::monitor::feeds::kept::KeptWatching;
+use super::monitor::feeds::Watching;
 use super::motion::MotionState;
 use super::react::alarms::Alarms;
 use super::react::held::Countermeasures;
@@ -83,7 +83,7 @@ struct Kept {
     timers: Vec<KeptTimer>,
     overflow: Overflow,
     departed: Departed,
-    watching: KeptWatching,
+    watching: Watching,
     reception: ReceptionCheck,
     writers: WriterList,
     disputes: Disputes,
@@ -167,7 +167,7 @@ impl Engine {
             timers: timers.kept(),
             overflow: overflow.clone(),
             departed: departed.clone(),
-            watching: watching.kept(),
+            watching: watching.clone(),
             reception: reception.clone(),
             writers: writers.clone(),
             disputes: disputes.clone(),

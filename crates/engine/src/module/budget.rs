@@ -1,5 +1,5 @@
 //! Bounds the bytes of all statuses. Beyond the bound the longest statuses are cut first, so a flood never
-//! affects a status of ordinary length.
+//! affects a status of ordinary length. To drop new statuses instead would hide what came last.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap};
@@ -8,8 +8,6 @@ use super::system::{self, SystemCheck};
 use crate::Engine;
 use crate::discovery::WriterId;
 use crate::model::{Limits, ModuleId};
-use crate::state::State;
-use crate::text::Text;
 
 /// Updated with each changed report, at the cost of a few lookups.
 #[derive(Debug, Clone, Default)]
@@ -44,7 +42,7 @@ fn key(id: ModuleId, bytes: u32) -> (u8, Reverse<ModuleId>) {
     ((u32::BITS - bytes.leading_zeros()) as u8, Reverse(id))
 }
 
-/// The memory of a module beside the texts of its report, with its view and what its monitor remembers.
+/// The memory of a module apart from the texts of its report, with its view and what its monitor remembers.
 const MODULE_BYTES: usize = 1024;
 
 impl Engine {
@@ -145,9 +143,7 @@ impl Engine {
     pub(crate) fn say_cut(&mut self) {
         let cut = self.views.budget.cut() > 0;
         if std::mem::replace(&mut self.reports_cut, cut) != cut {
-            let state = if cut { State::Warning } else { State::Ok };
-            let words = if cut { system::words_cut(&self.model.limits) } else { Text::default() };
-            self.report_on_self(SystemCheck::Memory, state, words);
+            self.take_fault(SystemCheck::Memory, cut.then(|| system::words_cut(&self.model.limits)));
         }
     }
 }

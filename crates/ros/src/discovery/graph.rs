@@ -1,8 +1,8 @@
 //! A list of all topics with their publishers and subscribers, from discovery, once a second. The
 //! developer's page of topics shows it.
 
-use crate::library::discovered::PREFIX;
 use crate::library::discovered::participant_name;
+use crate::library::spdp::PREFIX;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -43,7 +43,7 @@ impl MessageCounts {
     }
 }
 
-/// Our participants beside the bridge's own, in hexadecimal digits, including the last ones that ended: a
+/// Our participants other than the bridge's own, in hexadecimal digits, including the last ones that ended: a
 /// killed participant said no goodbye, and discovery knows it until its lease is over.
 #[derive(Debug, Clone, Default)]
 pub struct OwnParticipants(Arc<Mutex<VecDeque<String>>>);

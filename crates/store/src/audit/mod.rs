@@ -18,11 +18,11 @@ use std::net::IpAddr;
 use std::path::Path;
 use std::time::SystemTime;
 
-use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::database::schema;
-use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::database::{from_unix_ms, to_unix_ms};
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
@@ -277,9 +277,8 @@ impl Database {
             }
         }
         let wall = self.clock.wall();
-        self.check_schema()?;
         // The end of the chain is read under the lock: another process may write too.
-        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let transaction = Database::begin(&mut self.connection, &mut self.schema)?;
         let news = if records().next().is_none() { None } else { self.log.check(&transaction)? };
         let value = change(&transaction)?;
         let mut head = None;

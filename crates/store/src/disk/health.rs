@@ -126,7 +126,10 @@ impl Health {
             )
         {
             let is_damage = matches!(failure.code, ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase);
-            self.is_suspect |= is_damage;
+            if is_damage {
+                self.is_suspect = true;
+                self.doubt();
+            }
             self.report(Some(&error.to_string()));
         }
     }
@@ -208,20 +211,27 @@ impl Database {
             files.check_room()?;
         }
         self.open_again()?;
-        if let Err(error) = self.check_schema() {
-            let Some(strange) = error.damage() else { return Err(error.to_string()) };
-            return Err(self.go_on_in_memory(&strange));
+        if let Err(error) = self.beat() {
+            return Err(match error.damage() {
+                Some(strange) => self.go_on_in_memory(&strange),
+                None => format!("the database failed: {error}"),
+            });
         }
         if let Some(fault) = self.log.fault() {
             return Err(fault.to_owned());
         }
-        let failed = |error| format!("the database failed: {error}");
-        self.connection.execute("UPDATE beat SET count = count + 1", []).map_err(failed)?;
         // A log that was emptied under it shows now, by its first bytes.
         self.check_files().map_err(|fault| fault.to_string())?;
         self.check_size()?;
         self.look_through()?;
         self.health.broken.as_ref().map_or(Ok(()), |broken| Err(broken.to_string()))
+    }
+
+    /// Writes, to see whether that works.
+    fn beat(&mut self) -> Result<(), StoreError> {
+        let transaction = Database::begin(&mut self.connection, &mut self.schema)?;
+        transaction.execute("UPDATE beat SET count = count + 1", [])?;
+        Ok(transaction.commit()?)
     }
 
     /// Checks that the files are those that were opened. If not, it saves what was acknowledged as far as
