@@ -96,6 +96,8 @@ fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
     command.arg0("telltale").args(["--log", log, "dds-process"]);
     command.arg(std::process::id().to_string()).arg(megabytes.to_string());
     command.stdin(Stdio::from(OwnedFd::from(socket))).stdout(Stdio::null());
+    // Its threads take turns, and a heap for each of them costs memory.
+    command.env("MALLOC_ARENA_MAX", "1");
     // Signals of a terminal to all processes are for the program only.
     command.process_group(0).spawn().map(Runner::Process)
 }

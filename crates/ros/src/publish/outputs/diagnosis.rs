@@ -33,14 +33,14 @@ pub(super) async fn run(
             () = stopped(&mut context.end) => return,
             () = tick(&mut trees) => Due { tree: true, top: false },
             () = tick(&mut tops) => Due { tree: false, top: true },
-            changed = context.snapshots.changed() => {
+            changed = context.snapshots.tools.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                told.changed(whole(&context.snapshots.borrow_and_update()))
+                told.changed(whole(&context.snapshots.tools.borrow_and_update()))
             }
         };
-        let snapshot = context.snapshots.borrow().clone();
+        let snapshot = context.snapshots.tools.borrow().clone();
         if let Some(OutputTopic { topic, .. }) = tree.as_ref().filter(|_| due.tree)
             && !others.silence(topic)
         {

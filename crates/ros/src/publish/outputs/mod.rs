@@ -84,9 +84,18 @@ pub struct Outputs {
     task: JoinHandle<()>,
 }
 
+/// The latest snapshot, for each kind of output.
+#[derive(Debug, Clone)]
+pub struct Snapshots {
+    /// For the vehicle, which goes first.
+    pub vehicle: watch::Receiver<Arc<Snapshot>>,
+    /// For the tools of ROS 2.
+    pub tools: watch::Receiver<Arc<Snapshot>>,
+}
+
 /// State that outlives a participant.
 struct LastingState {
-    snapshots: watch::Receiver<Arc<Snapshot>>,
+    snapshots: Snapshots,
     inputs: mpsc::Sender<Stamped>,
     graph: Graph,
     clock: Clock,
@@ -96,7 +105,7 @@ struct LastingState {
 #[derive(Clone)]
 struct OutputContext {
     topics: Arc<[OutputTopic]>,
-    snapshots: watch::Receiver<Arc<Snapshot>>,
+    snapshots: Snapshots,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
     /// The end of this participant's life.
@@ -111,7 +120,7 @@ struct OutputContext {
 pub async fn start(
     options: BridgeOptions,
     topics: Vec<OutputTopic>,
-    snapshots: watch::Receiver<Arc<Snapshot>>,
+    snapshots: Snapshots,
     inputs: mpsc::Sender<Stamped>,
     graph: Graph,
     clock: Clock,
@@ -169,7 +178,7 @@ async fn run(
 ) {
     let LastingState { snapshots, inputs, graph, clock } = around;
     let node = format!("{}_outputs", options.node);
-    let mut levels = Levels::new(REPEAT, &snapshots.borrow());
+    let mut levels = Levels::new(REPEAT, &snapshots.vehicle.borrow());
     let mut next = Some(publisher);
     let mut refused = false;
     loop {
@@ -218,7 +227,7 @@ async fn run(
                 look_after(&publisher, &options, &mut wanted, &mut stop).await;
                 // The receivers live in the tasks; without tasks there is nothing to end.
                 let _ = ends.send(true);
-                levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.borrow()));
+                levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.vehicle.borrow()));
                 tasks.join_all().await;
                 if let Some(publisher) = Arc::into_inner(publisher) {
                     publisher.shutdown().await;
@@ -287,7 +296,7 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
         levels.every = period;
     }
     loop {
-        let snapshot = context.snapshots.borrow_and_update().clone();
+        let snapshot = context.snapshots.vehicle.borrow_and_update().clone();
         for say in levels.due(&snapshot, context.clock.now()) {
             if speech.say(say, &context).await {
                 levels.said(say, context.clock.now());
@@ -303,7 +312,7 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
         tokio::select! {
             biased;
             () = stopped(&mut context.end) => break,
-            changed = context.snapshots.changed() => if changed.is_err() { break },
+            changed = context.snapshots.vehicle.changed() => if changed.is_err() { break },
             () = repeated => {}
         }
     }
