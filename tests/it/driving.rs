@@ -1,7 +1,7 @@
 //! Messages to the vehicle, against foreign DDS peers: what Telltale publishes, and how the simulated
 //! shuttle reacts.
 
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -25,6 +25,7 @@ use telltale::runtime::Stamped;
 use tokio::sync::{mpsc, watch};
 
 use crate::peer::{Domain, Limit, Peer, Vendor};
+use crate::program::telltale;
 
 /// An engine whose snapshots are published, and what the foreign peer hears.
 pub struct Published {
@@ -241,10 +242,10 @@ impl Drop for Shuttle {
 impl Shuttle {
     fn start(domain: &Domain) -> Shuttle {
         let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/shuttle.yaml");
-        let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-        command.args(["sim", "--interface", "127.0.0.1", "--config", config]);
-        command.args(["--domain", &domain.id.to_string()]).stdout(Stdio::null()).stderr(Stdio::null());
-        Shuttle(command.spawn().expect("the program starts"))
+        let domain = domain.id.to_string();
+        let words = ["sim", "--interface", "127.0.0.1", "--config", config, "--domain", &domain];
+        let mut command = telltale(words);
+        Shuttle(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"))
     }
 }
 

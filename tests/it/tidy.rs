@@ -277,10 +277,10 @@ fn scripts_and_styles_have_lines_that_can_be_read() {
 }
 
 #[test]
-fn pages_scripts_and_styles_say_first_what_they_are_for() {
-    for (folder, extension, opening) in
-        [("static", "js", "// "), ("static", "css", "/* "), ("templates", "html", "{# ")]
-    {
+fn files_say_first_what_they_are_for() {
+    let rust = ["src", "crates", "tests", "benches"].map(|folder| (folder, "rs", "//! "));
+    let pages = [("static", "js", "// "), ("static", "css", "/* "), ("templates", "html", "{# ")];
+    for (folder, extension, opening) in rust.into_iter().chain(pages) {
         for file in files(&root().join(folder), extension) {
             let text = fs::read_to_string(&file).expect("they are readable");
             let is_vendored = file.iter().any(|it| it == "vendor");

@@ -49,7 +49,7 @@ pub struct Loaded {
     /// `None`: the recording is switched off.
     pub recording: Option<Recording>,
     pub services: Services,
-    /// Folders with definitions of messages, beside the built-in ones.
+    /// Folders with definitions of messages, in addition to the built-in ones.
     pub message_folders: Vec<PathBuf>,
     places: Arc<Places>,
 }

@@ -16,7 +16,7 @@ pub struct Recording {
     pub disk: u64,
     /// The age at which a recording is removed.
     pub keep: Span,
-    /// Topics beside those that are read anyway.
+    /// Topics in addition to those that are read anyway.
     pub topics: Vec<RecordedTopic>,
 }
 

@@ -64,7 +64,8 @@ use time::Timestamp;
 use timers::{TimerKey, Timers};
 use view::views::Views;
 
-/// The aggregation engine of one vehicle.
+/// The aggregation engine of one vehicle. A clone is a complete engine of its own, from which a replay or a
+/// second configuration goes on: it shares model, reports and snapshots, and copies the states.
 #[derive(Debug, Clone)]
 pub struct Engine {
     model: Arc<Model>,

@@ -1,4 +1,5 @@
 //! The time on `/clock`, by which the nodes of a simulation or a replay stamp their messages.
+//! Latencies of messages alone go by it: a simulation that pauses must not keep an old value fresh.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};

@@ -1,4 +1,5 @@
 //! What people said of an incident, in a file beside its recording, so that it outlives the database.
+//! The recording itself cannot hold it, because its hash is in the audit log by then.
 
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};

@@ -1,5 +1,5 @@
-//! What happens to single modules that may be a reason to record: told by the engine's events, so that nothing is too
-//! short to be noticed.
+//! Collects from the engine's events what happens to single modules and may be a reason to record. Snapshots alone
+//! would miss what is short.
 
 use std::collections::HashSet;
 use std::sync::Arc;

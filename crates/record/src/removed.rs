@@ -1,5 +1,5 @@
-//! Recordings whose room was needed before the database could take the record of their removal, as on a full disk. An
-//! empty file stays in their place until it has: so a crash forgets none.
+//! Recordings that were removed before the database could record that, because a full disk needed their room first.
+//! An empty file stays in the place of each until its removal is recorded, so a crash forgets none.
 
 use std::fs::{self, File};
 use std::io;

@@ -1,5 +1,5 @@
-//! How much room the recordings have: never more than the configuration says, nor than the disk has, at every instant.
-//! The writer asks before it writes, and wakes up who removes old recordings before room is short.
+//! How much room the recordings have: never more than the configuration says, nor than the disk has, at every
+//! instant. The writer asks before it writes, and wakes the task that removes old recordings before room is short.
 
 use std::io;
 use std::path::Path;

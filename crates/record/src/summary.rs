@@ -1,4 +1,4 @@
-//! What is known of an incident beside its recording: the content of a list and of the first lines of a page.
+//! What is known of an incident apart from its recording: the content of a list and of the first lines of a page.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,5 @@
-//! Stands for the DDS bridge where messages of a recording are judged by another configuration than the one that
-//! counted when they were recorded, or by the first one.
+//! Takes the place of the DDS bridge in a replay by another configuration, and in one of a bag: decodes the messages,
+//! and tells the engine of their publishers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

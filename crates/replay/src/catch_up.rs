@@ -1,4 +1,5 @@
-//! What a recorded state of the engine changes behind a gap of the recording: nobody saw when.
+//! The changes between the state before a gap of a recording and the recorded state behind it. Their instants are not
+//! known.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,7 @@
 //! What two configurations make of one recording: where they part, and how much each of them shows.
+//!
+//! Both take the same inputs at the same times, so there is no tolerance: the smallest difference comes from the
+//! configuration. A node that only one side has counts where it shows something.
 
 use std::cmp::Reverse;
 use std::collections::BTreeSet;

@@ -1,4 +1,5 @@
-//! Topics of a configuration of which a recording has no message, and those of the recording that may be meant.
+//! Names the topics of a configuration for which a recording has no message, and the topics of the recording that
+//! were probably meant.
 
 use std::sync::Arc;
 

@@ -117,12 +117,12 @@ pub async fn start(
     let definitions = options.definitions.clone();
     let (nodes, known_nodes) = watch::channel(Nodes::default());
     let (seen, discovery) = watch::channel(Arc::default());
-    let kennel =
+    let probes =
         ProbeContext { inputs: inputs.clone(), nodes: known_nodes, discovery: discovery.clone(), clock };
     let (learn, gid_size) = watch::channel(options.gid_size);
     let siblings = OwnParticipants::default();
     let (works, working) = watch::channel(clock.now());
-    let ground = BridgeContext {
+    let context = BridgeContext {
         options,
         plan: planned,
         inputs,
@@ -137,9 +137,9 @@ pub async fn start(
         works,
         rebuild: rebuilding,
     };
-    let probing = probe::run(kennel, ground.plan.clone(), ground.stop.clone());
+    let probing = probe::run(probes, context.plan.clone(), context.stop.clone());
     let probing = tokio::spawn(probing);
-    let reading = read(participant, Arc::new(ground));
+    let reading = read(participant, Arc::new(context));
     let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
     Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, working, task })
 }
@@ -202,31 +202,31 @@ impl Bridge {
 }
 
 /// Reads until the bridge is to end. A fault of its own is reported, and it begins again.
-async fn read(mut participant: Participant, ground: Arc<BridgeContext>) {
+async fn read(mut participant: Participant, context: Arc<BridgeContext>) {
     let mut down = false;
     loop {
         let running = {
-            let ground = ground.clone();
-            async move { run(participant, &ground, down).await }
+            let context = context.clone();
+            async move { run(participant, &context, down).await }
         };
         let Err(panic) = tokio::spawn(running).await else { return };
         tracing::error!("the DDS bridge failed and begins again: {panic}");
-        down = tell_of_dds(&ground, Some("the DDS bridge failed and begins again")).await;
-        match reopen(&ground, RETRY, &mut down).await {
+        down = tell_of_dds(&context, Some("the DDS bridge failed and begins again")).await;
+        match reopen(&context, RETRY, &mut down).await {
             Some(next) => participant = next,
             None => return,
         }
     }
 }
 
-async fn run(mut participant: Participant, ground: &BridgeContext, mut down: bool) {
+async fn run(mut participant: Participant, context: &BridgeContext, mut down: bool) {
     let mut legacy = Carryover::default();
     // Kept while a participant follows another.
     let _announced = participant.announced();
     loop {
-        let started = ground.clock.now();
+        let started = context.clock.now();
         let end = {
-            let mut session = std::pin::pin!(session::run(&participant, ground, &mut legacy));
+            let mut session = std::pin::pin!(session::run(&participant, context, &mut legacy));
             let over = tokio::select! {
                 end = &mut session => Some(end),
                 () = settled(&participant), if down => None,
@@ -234,7 +234,7 @@ async fn run(mut participant: Participant, ground: &BridgeContext, mut down: boo
             match over {
                 Some(end) => end,
                 None => {
-                    down = !tell_of_dds(ground, None).await;
+                    down = !tell_of_dds(context, None).await;
                     session.await
                 }
             }
@@ -246,14 +246,14 @@ async fn run(mut participant: Participant, ground: &BridgeContext, mut down: boo
             }
             End::Lost(reason) => {
                 tracing::error!("the DDS process is ill and is replaced: {reason}");
-                down |= tell_of_dds(ground, Some(&reason)).await;
+                down |= tell_of_dds(context, Some(&reason)).await;
             }
             End::Stopped | End::NobodyListens => return drop(closed.await),
         }
         // Others know the next one only after they have forgotten this one. It may be slow to end.
         let _ = tokio::time::timeout(CLOSING_MAX, closed).await;
-        let lived = Duration::from_nanos(ground.clock.now().since(started).as_nanos());
-        match reopen(ground, RETRY.saturating_sub(lived), &mut down).await {
+        let lived = Duration::from_nanos(context.clock.now().since(started).as_nanos());
+        match reopen(context, RETRY.saturating_sub(lived), &mut down).await {
             Some(next) => participant = next,
             None => return,
         }
@@ -268,10 +268,10 @@ async fn settled(participant: &Participant) {
 }
 
 /// Reports whether the vehicle can be heard. Returns whether the report was received.
-async fn tell_of_dds(ground: &BridgeContext, fault: Option<&str>) -> bool {
+async fn tell_of_dds(context: &BridgeContext, fault: Option<&str>) -> bool {
     let input = Input::Dds { fault: fault.map(Box::from) };
-    let said = ground.inputs.send(Stamped::new(input, ground.clock.now()));
-    let mut stop = ground.stop.clone();
+    let said = context.inputs.send(Stamped::new(input, context.clock.now()));
+    let mut stop = context.stop.clone();
     tokio::select! {
         said = said => said.is_ok(),
         () = stopped(&mut stop) => false,
@@ -279,8 +279,8 @@ async fn tell_of_dds(ground: &BridgeContext, fault: Option<&str>) -> bool {
 }
 
 /// Tries again after `pause` until there is a participant, or the bridge is to end.
-async fn reopen(ground: &BridgeContext, mut pause: Duration, down: &mut bool) -> Option<Participant> {
-    let mut stop = ground.stop.clone();
+async fn reopen(context: &BridgeContext, mut pause: Duration, down: &mut bool) -> Option<Participant> {
+    let mut stop = context.stop.clone();
     let mut told = false;
     loop {
         tokio::select! {
@@ -288,12 +288,12 @@ async fn reopen(ground: &BridgeContext, mut pause: Duration, down: &mut bool) ->
             () = stopped(&mut stop) => return None,
             () = tokio::time::sleep(pause) => {}
         }
-        ground.works.send_replace(ground.clock.now());
-        match Participant::open(&ground.options).await {
+        context.works.send_replace(context.clock.now());
+        match Participant::open(&context.options).await {
             Ok(participant) => return Some(participant),
             Err(error) if !told => {
                 tracing::error!("no DDS for now, trying again: {error}");
-                *down |= tell_of_dds(ground, Some(&error.to_string())).await;
+                *down |= tell_of_dds(context, Some(&error.to_string())).await;
                 told = true;
             }
             Err(_) => {}

@@ -8,7 +8,7 @@ use tokio::sync::{mpsc, watch};
 use telltale_engine::input::Input;
 use telltale_msg::received::Stamped;
 
-/// Bytes of messages that may wait for the engine from one topic, beside the last message.
+/// Bytes of messages that may wait for the engine from one topic, apart from the last message.
 const WAITING_BYTES_MAX: usize = 16 << 20;
 
 /// Why a topic is no longer read.

@@ -56,18 +56,18 @@ pub struct BridgeContext {
 
 /// Reads until the end. When it returns, the readers and everything else that holds the participant are
 /// gone.
-pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut Carryover) -> End {
-    let _announcer = peers::announce(participant, &ground.options);
+pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mut Carryover) -> End {
+    let _announcer = peers::announce(participant, &context.options);
     let (stop, stopping) = watch::channel(false);
     let around = TopicContext {
         participant: participant.clone(),
-        inputs: ground.inputs.clone(),
-        clock: ground.clock,
-        tallies: ground.tallies.clone(),
-        ros_clock: ground.ros_clock.clone(),
+        inputs: context.inputs.clone(),
+        clock: context.clock,
+        tallies: context.tallies.clone(),
+        ros_clock: context.ros_clock.clone(),
         stop: stopping.clone(),
     };
-    let mut plan = ground.plan.clone();
+    let mut plan = context.plan.clone();
     let first = plan.borrow_and_update().clone();
     legacy.keep_what_is_read(&first);
     let mut topics = Topics::start(around, &first, legacy);
@@ -75,25 +75,25 @@ pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut
     others.spawn(presence::run(
         participant.clone(),
         presence::PresenceContext {
-            nodes: ground.nodes.clone(),
-            gid_size: ground.gid_size.clone(),
-            clock: ground.clock,
-            node: ground.options.whole_name(ground.options.node),
+            nodes: context.nodes.clone(),
+            gid_size: context.gid_size.clone(),
+            clock: context.clock,
+            node: context.options.whole_name(context.options.node),
         },
         stopping.clone(),
     ));
-    let (seen, tallies) = (ground.discovery.clone(), ground.tallies.clone());
+    let (seen, tallies) = (context.discovery.clone(), context.tallies.clone());
     others.spawn(graph::run(
         participant.clone(),
         tallies,
         seen,
-        (ground.nodes.subscribe(), ground.siblings.clone()),
-        ground.clock,
+        (context.nodes.subscribe(), context.siblings.clone()),
+        context.clock,
         stopping.clone(),
     ));
-    let (nodes, inputs) = (ground.nodes.subscribe(), ground.inputs.clone());
-    others.spawn(status_writers::run(participant.clone(), nodes, inputs, ground.clock, stopping));
-    let end = watch_over(participant, ground, plan, (&mut topics, &mut others), legacy).await;
+    let (nodes, inputs) = (context.nodes.subscribe(), context.inputs.clone());
+    others.spawn(status_writers::run(participant.clone(), nodes, inputs, context.clock, stopping));
+    let end = watch_over(participant, context, plan, (&mut topics, &mut others), legacy).await;
     // The receivers live in the tasks; without tasks there is nothing to stop.
     let _ = stop.send(true);
     topics.close(legacy).await;
@@ -103,17 +103,17 @@ pub async fn run(participant: &Participant, ground: &BridgeContext, legacy: &mut
 
 async fn watch_over(
     participant: &Participant,
-    ground: &BridgeContext,
+    context: &BridgeContext,
     mut plan: watch::Receiver<Arc<Plan>>,
     (topics, others): (&mut Topics, &mut JoinSet<()>),
     legacy: &mut Carryover,
 ) -> End {
     let mut news = participant.news();
-    let clock = ground.clock;
+    let clock = context.clock;
     let mut steps = StepWatch::new(clock.wall(), clock.now());
     let now = interfaces::addresses().unwrap_or_default();
-    let mut addresses = AddressWatch::new(ground.options.interface, &now);
-    let (mut stop, mut rebuild) = (ground.stop.clone(), ground.rebuild.clone());
+    let mut addresses = AddressWatch::new(context.options.interface, &now);
+    let (mut stop, mut rebuild) = (context.stop.clone(), context.rebuild.clone());
     rebuild.mark_unchanged();
     let mut looks = tokio::time::interval(LOOK);
     looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -128,25 +128,25 @@ async fn watch_over(
                     return end;
                 }
                 topics.learn(legacy);
-                topics.record(&next, &ground.siblings, legacy);
+                topics.record(&next, &context.siblings, legacy);
             }
             ended = participant.ended() => return lost(ended),
             Some(ended) = topics.tasks.join_next() => if let Some(end) = topics.ended(ended, legacy) {
                 return end;
             },
             Some(ended) = others.join_next() => return match ended {
-                Ok(()) if ground.inputs.is_closed() => End::NobodyListens,
+                Ok(()) if context.inputs.is_closed() => End::NobodyListens,
                 Ok(()) => End::Lost("discovery is no longer followed, and nobody asked for that".to_owned()),
                 Err(panic) => End::Lost(format!("the task of discovery failed: {panic}")),
             },
             Ok(()) = news.changed() => topics.tell_all(),
             _ = looks.tick() => {
                 look += 1;
-                ground.works.send_replace(clock.now());
+                context.works.send_replace(clock.now());
                 topics.learn(legacy);
                 if look.is_multiple_of(4) {
                     let plan = plan.borrow().clone();
-                    topics.record(&plan, &ground.siblings, legacy);
+                    topics.record(&plan, &context.siblings, legacy);
                 }
                 if let Some(back) = steps.look(clock.wall(), clock.now()) {
                     return End::Rebuild(format!("the wall clock was set back by {back:?}"));

@@ -1,5 +1,5 @@
 //! Records that the disk has not taken yet. They are written with the next change that the disk takes,
-//! before the records of that change.
+//! before the records of that change. With a queue for each purpose they would get out of order.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};

@@ -127,6 +127,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/api/v1/history", Roles(&[Developer, Authority]), api::history::get).told(&op::HISTORY),
         on_get("/api/v1/statistics", Roles(&[Developer, Authority]), api::statistics::get)
             .told(&op::STATISTICS),
+        on_get("/api/v1/values", Roles(&[Developer, Authority]), api::values::get).told(&op::VALUES),
         on_get("/api/v1/topics", Roles(&[Developer, Authority]), api::topics::get).told(&op::TOPICS),
         on_get("/api/v1/audit", Roles(&[Developer, Authority]), api::audit::get).told(&op::AUDIT),
         on_get("/api/v1/openapi.json", Session, api::openapi::get).told(&op::OPENAPI),

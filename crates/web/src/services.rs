@@ -1,10 +1,10 @@
-//! What other ROS 2 nodes ask Telltale to do. DDS proves nobody, so they may do only what moves nothing, and each
-//! of it is recorded with the node that asked.
+//! Does what other ROS 2 nodes ask for by services. DDS authenticates nobody, so they may do only what moves nothing,
+//! and each call is recorded with the node that asked.
 
 use super::Live;
 use super::developer::reload::have_taken;
 use super::incidents::mark_moment;
-use super::operator::act::{Deed, act_in_turn};
+use super::operator::act::{AskedAction, act_in_turn};
 use super::operator::not_done::{InvalidTap, NotDone};
 use super::view;
 use super::view::Lang;
@@ -110,8 +110,8 @@ impl ServiceRequest {
                 Ok(action.clone())
             }
         };
-        let deed = Deed { app, record: &record, until, judged: &judged, tell_recorder: &|_, _| {} };
-        act_in_turn(deed).await.map_err(|not_done| match not_done {
+        let asked = AskedAction { app, record: &record, until, judged: &judged, tell_recorder: &|_, _| {} };
+        act_in_turn(asked).await.map_err(|not_done| match not_done {
             NotDone::Refused(reasons) => view::refusals(&app.published(), Lang::En, &reasons).join(" "),
             NotDone::Invalid(invalid) => invalid.words(Lang::En),
             NotDone::HttpError(error) => words(error),

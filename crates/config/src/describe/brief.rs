@@ -1,4 +1,4 @@
-//! Two long values, told by what differs in them.
+//! Shortens two long values to the parts in which they differ.
 
 /// Shorter values are told whole.
 const WHOLE_BYTES_MAX: usize = 80;

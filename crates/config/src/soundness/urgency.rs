@@ -1,5 +1,5 @@
-//! Finds less urgent faults before more urgent ones: while the cause explains the other, its words are on the screen,
-//! with the advice of the more urgent one.
+//! Finds less urgent faults that hide more urgent ones: while the first explains the second, the page has the words
+//! of the first and the advice of the second.
 
 use super::late::{dependencies, depends_on, is_inside};
 use super::{Finding, FindingKind};

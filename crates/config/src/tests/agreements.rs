@@ -1,3 +1,5 @@
+//! Tests of agreements: their sources and their limits.
+
 use super::monitors::{TOPIC, means, wrong};
 
 #[test]

@@ -1,3 +1,5 @@
+//! Tests of monitors of what repeats itself.
+
 use super::monitors::{means, wrong};
 
 #[test]

@@ -1,3 +1,5 @@
+//! Tests of configurations: what is read, what is refused, and with which words.
+
 mod agreements;
 mod countermeasures;
 mod diagnostics;

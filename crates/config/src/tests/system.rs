@@ -1,3 +1,5 @@
+//! Tests of monitors of the computer.
+
 use super::monitors::{means, wrong};
 
 #[test]

@@ -1,3 +1,5 @@
+//! Tests of watchdogs: their targets and their limits.
+
 use super::monitors::{means, wrong};
 
 #[test]

@@ -1,4 +1,4 @@
-//! Whether a keyframe is of a configuration: by the names of all that the state refers to.
+//! Checks whether a keyframe is of a configuration: by the names of all that the state refers to.
 
 use crate::model::{Model, SignalSource};
 

@@ -357,7 +357,7 @@ pub enum MonitorSpec {
     Constant {
         state: State,
     },
-    /// The number of modules in its group, beside itself and without those of nested groups.
+    /// The number of modules in its group, other than itself and without those of nested groups.
     Count {
         wanted: u32,
         /// None at all is OK too.

@@ -1,5 +1,5 @@
 //! Bounds the bytes of all statuses. Beyond the bound the longest statuses are cut first, so a flood never
-//! affects a status of ordinary length.
+//! affects a status of ordinary length. To drop new statuses instead would hide what came last.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap};
@@ -44,7 +44,7 @@ fn key(id: ModuleId, bytes: u32) -> (u8, Reverse<ModuleId>) {
     ((u32::BITS - bytes.leading_zeros()) as u8, Reverse(id))
 }
 
-/// The memory of a module beside the texts of its report, with its view and what its monitor remembers.
+/// The memory of a module apart from the texts of its report, with its view and what its monitor remembers.
 const MODULE_BYTES: usize = 1024;
 
 impl Engine {

@@ -10,7 +10,7 @@ use crate::snapshot::{ModuleView, Report};
 use crate::text::Text;
 use crate::time::{Span, Timestamp};
 
-/// The memory of a KeyValue beside its text: two strings.
+/// The memory of a KeyValue apart from its text: two strings.
 const VALUE_BYTES: usize = 64;
 
 impl Report {

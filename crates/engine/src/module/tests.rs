@@ -1,3 +1,5 @@
+//! Tests of a module's own state: silence, debounce, grace, latch.
+
 use super::*;
 use State::*;
 

@@ -1,4 +1,5 @@
-//! The number of modules in a group: all of them must be there, and no others.
+//! The number of modules in a group: all of them must be there, and no others. It is a module, because a
+//! group in ERROR whose members are all well would be a cause without an alarm and without a message.
 
 use serde::{Deserialize, Serialize};
 

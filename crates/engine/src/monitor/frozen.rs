@@ -1,4 +1,5 @@
 //! Whether what a topic sends still changes: a source that repeats itself is fresh and wrong.
+//! The time runs from the first equal message to the last, so a silence is no repetition.
 
 use super::inputs::{InputFault, Inputs, UnusableInput};
 use super::words::Words;

@@ -93,7 +93,8 @@ impl History {
     }
 
     /// The motion during the last `over`. It is interpolated between the two poses around its beginning, if
-    /// they are at most `gap_max` apart.
+    /// they are at most `gap_max` apart. It ends with the latest pose of its own source: at a common instant the
+    /// newer source would wait for the older one.
     pub(super) fn motion(&self, over: Span, gap_max: Span) -> Result<Motion, TooShort> {
         let (until, end) = self.latest.ok_or(TooShort::Young)?;
         let begins = until.as_nanos().checked_sub(over.as_nanos()).ok_or(TooShort::Young)?;

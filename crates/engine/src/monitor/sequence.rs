@@ -1,4 +1,7 @@
 //! A value at a later stage of processing against the same value at an earlier stage.
+//!
+//! A later value is compared when it comes. A new earlier one has no answer yet: comparing it with the old later value
+//! would report every step of a set point.
 
 use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, span};

@@ -1,4 +1,5 @@
 //! Fingerprints of parts of messages: equal values have the same one, whatever stands between them in the message.
+//! Writers leave anything in the padding, so it does not count.
 
 use std::hash::Hasher;
 

@@ -1,4 +1,4 @@
-//! Whether a message follows its type completely: an event counts only then.
+//! Checks whether a message follows its type completely: an event counts only then.
 
 use std::sync::Arc;
 

@@ -1,3 +1,5 @@
+//! Tests of the messages that Telltale itself reads and writes.
+
 use std::time::{Duration, UNIX_EPOCH};
 
 use proptest::prelude::*;

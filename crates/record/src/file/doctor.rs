@@ -9,7 +9,7 @@ use flate2::Crc;
 use mcap::MAGIC;
 use mcap::records::{AttachmentIndex, ChunkIndex, Footer, MetadataIndex, Statistics, SummaryOffset, op};
 
-use super::error::FileError;
+use super::FileError;
 use super::records::{self, ChunkHead, Fields};
 use super::source::{CHUNK_BYTES_MAX, Head, Source, crc};
 

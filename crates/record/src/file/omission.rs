@@ -1,4 +1,4 @@
-//! What of a file could not be used, and why.
+//! The parts of a file that could not be used, and why.
 
 use std::collections::BTreeMap;
 use std::fmt;

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata};
 
+use super::FileError;
 use super::definitions::RawChannel;
 use super::entry::{Item, Raw};
-use super::error::FileError;
 use super::omission::{MISSING, Missing, Omissions};
 use super::output::{Output, sync_folder_of};
 use super::reader::Reader;
@@ -31,6 +31,7 @@ pub struct Repair {
 
 /// Completes a file. A complete one stays as it is (`None`). The new file is written beside it and takes its
 /// name only when it is on the disk, so this can be interrupted and repeated at any time.
+/// Appending to the damaged file would save the copy, but change the only evidence.
 ///
 /// # Errors
 /// It is no MCAP file, or the disk failed; the file is then as before.

@@ -26,10 +26,10 @@ const THINNED_AFTER: Span = Span::from_secs(60);
 /// Topics that are accounted for by name. Messages of further ones are not kept.
 const TOPICS_MAX: usize = 1024;
 
-/// The memory of an entry beside what it holds, with its places in the queues, which grow by doubling.
+/// The memory of an entry apart from what it holds, with its places in the queues, which grow by doubling.
 const ENTRY_BYTES: usize = 160;
 
-/// The memory of a message beside its body, and of what an input, a change of what is shown or a word of the program
+/// The memory of a message apart from its body, and of what an input, a change of what is shown or a word of the program
 /// takes.
 const MESSAGE_BYTES: usize = size_of::<Message>() + 96;
 const INPUT_BYTES: usize = size_of::<Input>() + 32;

@@ -2,7 +2,6 @@
 //! concerned, and how much of each topic is there.
 
 mod moment;
-mod operator;
 mod series;
 mod strips;
 
@@ -17,12 +16,10 @@ use super::journal::{Line, Took};
 use super::summary::{Summary, TriggerLine, kind};
 use super::transition::{Change, Transition};
 pub use moment::{Happened, Moment};
-use operator::done;
-pub use operator::word as operator_word;
 pub use series::{Limit, Series};
 pub use strips::{NodeStrip, Period};
 use strips::{signals, stages, strips};
-use telltale_engine::input::Input;
+use telltale_engine::input::{AlarmRef, Input, OperatorAction};
 
 /// Entries that are read of one file; further ones are left out, which is said.
 pub(super) const ENTRIES_MAX: u64 = 2_000_000;
@@ -399,6 +396,33 @@ fn add(moments: &mut Vec<Moment>, at_ms: i64, masked_by: Option<&str>, node: &st
             };
             moments.push(Moment { at_ms, what });
         }
+    }
+}
+
+/// What an action did; a first step of two does nothing.
+fn done(action: &OperatorAction) -> Option<Happened> {
+    let is_first = matches!(action, OperatorAction::AskClearance { .. } | OperatorAction::AskRelease { .. });
+    let (action, on) = operator_word(action);
+    (!is_first).then_some(Happened::Operator { action, on })
+}
+
+/// The word of an action, and on what it acts. Both steps of one have the same.
+pub fn operator_word(action: &OperatorAction) -> (&'static str, String) {
+    match action {
+        OperatorAction::Login { name } => ("login", name.to_string()),
+        OperatorAction::Logout => ("logout", String::new()),
+        OperatorAction::Shutdown => ("shutdown", String::new()),
+        OperatorAction::Localize { .. } => ("localize", String::new()),
+        OperatorAction::AskClearance { .. } | OperatorAction::Clear { .. } => ("clearance", String::new()),
+        OperatorAction::RequestStop => ("stop", String::new()),
+        OperatorAction::Withdraw => ("withdraw", String::new()),
+        OperatorAction::AskRelease { .. } | OperatorAction::Release { .. } => ("release", String::new()),
+        OperatorAction::Acknowledge { alarm: AlarmRef::Node(node) } => ("acknowledge", node.to_string()),
+        OperatorAction::Acknowledge { alarm: AlarmRef::Number(number) } => {
+            ("acknowledge", number.to_string())
+        }
+        OperatorAction::Acknowledge { alarm: AlarmRef::Over { .. } } => ("acknowledge", String::new()),
+        OperatorAction::Reset { module } => ("reset", module.to_string()),
     }
 }
 

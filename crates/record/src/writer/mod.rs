@@ -3,24 +3,23 @@
 
 mod left_out;
 mod open_file;
-mod recent;
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 
 use super::file::{FileError, IncidentFile};
+use super::folder::file_name;
 use super::job::Job;
 use super::recorder::{Recorder, Shared};
 use super::ring::Entry;
-use super::room::{Part, Room, check_room};
+use super::room::{FREE_MIN, Part, Room, check_room, free_bytes};
 use super::summary::Summary;
 use open_file::OpenFile;
 pub use open_file::{digest, hash_file, unix_ms};
-pub use recent::write_recent;
 use telltale_clock::Clock;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::fields::Definitions;
@@ -57,7 +56,7 @@ pub enum News {
 /// Why nothing can be recorded; `None`: it can. It is told apart from the news, which wait for the database.
 pub type Fault = Option<Arc<str>>;
 
-/// What the writer needs beside the recorder.
+/// What the writer needs in addition to what the recorder gives.
 #[derive(Debug, Clone)]
 pub struct Place {
     /// The folder of the files.
@@ -288,6 +287,30 @@ impl Writer {
         // Incidents open once a minute: this many only wait if the receiver is gone for an hour.
         self.untold.truncate(NEWS_MAX);
     }
+}
+
+/// Writes what the ring holds at once, for a look at the last minutes, which is no incident: into a file of this folder, of the vehicle and its definitions at `place`. Blocks.
+/// `None` if the ring holds no state of the engine yet.
+///
+/// # Errors
+/// If the disk takes no such file.
+pub fn write_recent(recorder: &Recorder, place: &Place, folder: &Path) -> Result<Option<PathBuf>, FileError> {
+    let shared = &recorder.0;
+    let Some(job) = shared.lock().everything() else { return Ok(None) };
+    let place = Place { folder: folder.to_owned(), ..place.clone() };
+    let most = free_bytes(folder)?.saturating_sub(FREE_MIN);
+    let mut file = OpenFile::begin(&place, &job, most, shared.clock())?;
+    // A piece after the other: all of it at once would keep a second ring in memory. The oldest is what the ring forgets
+    // next, so it is written first; what a slow disk loses is counted in the file.
+    while job.end.is_some_and(|end| file.next < end) {
+        let (entries, gone) = shared.lock().ring.read(file.next, BATCH_BYTES);
+        if entries.is_empty() {
+            break;
+        }
+        file.take(&entries, gone, &place)?;
+    }
+    file.finish(shared.clock()).1?;
+    Ok(Some(folder.join(file_name(job.number))))
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ impl MessageCounts {
     }
 }
 
-/// Our participants beside the bridge's own, in hexadecimal digits, including the last ones that ended: a
+/// Our participants other than the bridge's own, in hexadecimal digits, including the last ones that ended: a
 /// killed participant said no goodbye, and discovery knows it until its lease is over.
 #[derive(Debug, Clone, Default)]
 pub struct OwnParticipants(Arc<Mutex<VecDeque<String>>>);

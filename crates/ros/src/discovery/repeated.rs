@@ -1,4 +1,4 @@
-//! Names that several nodes have for so long that it is no restart.
+//! Finds node names that two nodes have had for longer than a restart takes.
 
 use std::collections::{BTreeMap, BTreeSet};
 

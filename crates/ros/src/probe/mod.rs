@@ -43,7 +43,7 @@ pub struct ProbeContext {
 
 /// Runs the watchdogs of the plan until it is stopped. A new plan restarts all of them.
 pub async fn run(
-    kennel: ProbeContext,
+    context: ProbeContext,
     mut plan: watch::Receiver<Arc<Plan>>,
     mut stop: watch::Receiver<bool>,
 ) {
@@ -52,7 +52,7 @@ pub async fn run(
         let mut tasks = JoinSet::new();
         let watchdogs = plan.borrow_and_update().watchdogs.clone();
         for spec in watchdogs {
-            tasks.spawn(watch(spec, kennel.clone(), turns.clone()));
+            tasks.spawn(watch(spec, context.clone(), turns.clone()));
         }
         tokio::select! {
             () = stopped(&mut stop) => return,
@@ -65,9 +65,9 @@ pub async fn run(
 }
 
 /// Probes one target, never twice at once, until nobody listens.
-async fn watch(spec: Arc<WatchdogSpec>, kennel: ProbeContext, turns: Arc<Semaphore>) {
+async fn watch(spec: Arc<WatchdogSpec>, context: ProbeContext, turns: Arc<Semaphore>) {
     let period = Duration::from_nanos(spec.every.as_nanos()).max(EVERY_MIN);
-    let mut asker = Asker::new(&spec.target, &kennel);
+    let mut asker = Asker::new(&spec.target, &context);
     let mut looks = tokio::time::interval(period);
     looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -77,9 +77,9 @@ async fn watch(spec: Arc<WatchdogSpec>, kennel: ProbeContext, turns: Arc<Semapho
         let outcome = asker.ask(period).await;
         drop(turn);
         let Some(outcome) = outcome else { continue };
-        let received = kennel.clock.now();
+        let received = context.clock.now();
         let input = Input::Probe(Probe { source: spec.clone(), outcome });
-        if kennel.inputs.send(Stamped::new(input, received)).await.is_err() {
+        if context.inputs.send(Stamped::new(input, received)).await.is_err() {
             return;
         }
     }
@@ -100,17 +100,19 @@ enum How {
 }
 
 impl Asker {
-    fn new(target: &ProbeTarget, kennel: &ProbeContext) -> Asker {
-        let clock = kennel.clock;
+    fn new(target: &ProbeTarget, context: &ProbeContext) -> Asker {
+        let clock = context.clock;
         let how = match target {
             ProbeTarget::Icmp { host } => How::Icmp(Lookup::of_host(host, clock)),
             ProbeTarget::Tcp { address } => How::Tcp(Lookup::of_address(address, clock)),
             ProbeTarget::Qos { topic } => {
-                How::Qos { topic: topic.clone(), discovery: kennel.discovery.clone() }
+                How::Qos { topic: topic.clone(), discovery: context.discovery.clone() }
             }
             ProbeTarget::System(resource) => How::System(System::new(resource)),
-            ProbeTarget::Node { name } => How::Node { name: name.clone(), nodes: kennel.nodes.clone() },
-            ProbeTarget::Service { name } => How::Service { name: name.clone(), nodes: kennel.nodes.clone() },
+            ProbeTarget::Node { name } => How::Node { name: name.clone(), nodes: context.nodes.clone() },
+            ProbeTarget::Service { name } => {
+                How::Service { name: name.clone(), nodes: context.nodes.clone() }
+            }
         };
         Asker { clock, how }
     }
@@ -214,8 +216,8 @@ mod tests {
     }
 
     async fn ask(target: ProbeTarget) -> ProbeOutcome {
-        let (kennel, ..) = bench();
-        Asker::new(&target, &kennel)
+        let (context, ..) = bench();
+        Asker::new(&target, &context)
             .ask(Duration::from_secs(5))
             .await
             .expect("each of these has an answer at once")
@@ -315,11 +317,11 @@ mod tests {
 
     #[tokio::test]
     async fn another_plan_starts_anew_and_the_end_leaves_nothing() {
-        let (kennel, mut received, told) = bench();
+        let (context, mut received, told) = bench();
         let node = |name: &str| ProbeTarget::Node { name: name.into() };
         let (change, planned) = watch::channel(plan(vec![node("/a"), node("/b")]));
         let (stop, stopping) = watch::channel(false);
-        let running = tokio::spawn(run(kennel, planned, stopping));
+        let running = tokio::spawn(run(context, planned, stopping));
         let first = received.recv().await.unwrap().input;
         assert!(matches!(first, Input::Probe(Probe { outcome: ProbeOutcome::Impossible(_), .. })));
         let next = plan(vec![node("/c")]);

@@ -1,4 +1,5 @@
-//! Which messages of a topic a recording has whole. A monitor that only counts a point cloud needs none of its points.
+//! Decides which messages of a topic a recording keeps whole. A monitor that only counts a point cloud needs none of
+//! its points.
 
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::subscription::{Keeping, LARGE_BYTES_PER_S};

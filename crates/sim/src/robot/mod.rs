@@ -6,7 +6,7 @@ mod statuses;
 mod tests;
 mod world;
 
-use crate::machine::clockwork::Clockwork;
+use crate::machine::Clockwork;
 use crate::machine::route::Route;
 use crate::machine::{self, FaultInfo, Order};
 use telltale_engine::input::StatusArray;

@@ -1,3 +1,5 @@
+//! Tests of the simulated robot: its drive, its topics and its faults.
+
 use super::*;
 
 fn at(ms: u64) -> Timestamp {

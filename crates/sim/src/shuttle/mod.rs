@@ -10,10 +10,10 @@ mod statuses;
 mod topics;
 mod world;
 
-use crate::machine::clockwork::{Clockwork, STEP_MS};
 use crate::machine::drive::{Departure, Drive, Pace};
 use crate::machine::route::{Pose2d, Route};
 use crate::machine::{self, FaultInfo, Order};
+use crate::machine::{Clockwork, STEP_MS};
 use statuses::Node;
 use telltale_engine::input::StatusArray;
 use telltale_engine::model::Stop;

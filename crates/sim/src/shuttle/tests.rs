@@ -1,3 +1,5 @@
+//! Tests of the simulated shuttle: its drive, its faults, and how it obeys requests.
+
 use super::*;
 
 const STEP_S: f64 = 0.01;

@@ -22,7 +22,7 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::database::schema;
-use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::database::{from_unix_ms, to_unix_ms};
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};

@@ -1,3 +1,5 @@
+//! Tests of the audit log: what somebody changes in it is found.
+
 use super::*;
 use crate::{Breach, DemoSecrets, FILE_NAME, Head};
 use telltale_clock::Clock;

@@ -1,5 +1,6 @@
 //! Daily copies of the database, in the folder `backups` beside it. A copy counts once it was checked and
-//! found whole.
+//! found whole. SQLite's backup makes it: a copy of the file is torn while somebody writes, and `VACUUM INTO` leaves
+//! out the damage that the check should find.
 
 use std::fs::{self, File};
 use std::io;

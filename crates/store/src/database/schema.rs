@@ -120,7 +120,7 @@ pub(super) const MIGRATIONS: &[&str] = &[
     ) STRICT, WITHOUT ROWID;
     CREATE INDEX devices_by_user ON devices(user);
 ",
-    // Incidents beside their recordings. `causes` has each node between two line feeds.
+    // Incidents apart from their recordings. `causes` has each node between two line feeds.
     "
     CREATE TABLE incidents (
         id INTEGER PRIMARY KEY,

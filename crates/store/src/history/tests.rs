@@ -1,3 +1,5 @@
+//! Tests of the history: what it keeps, its bound, and damage.
+
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::write::Writer;

@@ -1,4 +1,4 @@
-//! The other end of a connection.
+//! The address of the other end of a connection.
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 

@@ -18,6 +18,7 @@ pub mod incidents;
 pub mod statistics;
 pub mod statuses;
 pub mod topics;
+pub mod values;
 
 /// The version of the interface. Within it keys and routes are added and never removed.
 pub const VERSION: &str = "1";

@@ -1,5 +1,5 @@
-//! Does what an operator's tap asks for, or somebody else: judged, written, judged again, done. It waits for others and for
-//! the disk no longer than the tap counts.
+//! Does the actions that operators and services ask for: each is judged, written, judged again, done. It waits for
+//! others and for the disk only as long as the action counts.
 
 use std::sync::Arc;
 
@@ -50,7 +50,7 @@ impl Turns {
 
 /// An action that somebody asks for, at a page or elsewhere.
 #[derive(Clone, Copy)]
-pub struct Deed<'a> {
+pub struct AskedAction<'a> {
     pub app: &'a Live,
     pub record: &'a Record,
     /// It counts until then.
@@ -69,7 +69,7 @@ pub struct Deed<'a> {
 pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
     let (app, arrived) = (tapped.tap.app.clone(), tapped.tap.arrived);
     let acting = tokio::spawn(async move {
-        let deed = Deed {
+        let asked = AskedAction {
             app: &tapped.tap.app,
             record: &tapped.record,
             until: tapped.until(),
@@ -77,8 +77,8 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
             tell_recorder: &|why, why_de| tapped.tell_recorder(why, why_de),
         };
         match tapped.action {
-            OperatorAction::RequestStop => stop(deed).await,
-            _ => act_in_turn(deed).await,
+            OperatorAction::RequestStop => stop(asked).await,
+            _ => act_in_turn(asked).await,
         }
     });
     // It ends early only if the whole program does.
@@ -93,10 +93,10 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
 ///
 /// # Errors
 /// Why nothing has changed.
-pub async fn act_in_turn(deed: Deed<'_>) -> Result<(), NotDone> {
-    let Deed { app, record, until, judged, tell_recorder } = deed;
+pub async fn act_in_turn(asked: AskedAction<'_>) -> Result<(), NotDone> {
+    let AskedAction { app, record, until, judged, tell_recorder } = asked;
     if let Err(invalid) = judged() {
-        return Err(refused(deed, None, invalid.into()).await);
+        return Err(refused(asked, None, invalid.into()).await);
     }
     let Some(place) = app.turns.place() else {
         let (why, de) = ("too many others waited", "zu viele andere warteten");
@@ -114,9 +114,9 @@ pub async fn act_in_turn(deed: Deed<'_>) -> Result<(), NotDone> {
             HttpError::Storage
         }));
     };
-    let preview = match preview(deed).await {
+    let preview = match preview(asked).await {
         Ok(preview) => preview,
-        Err(not_done) => return Err(refused(deed, None, not_done).await),
+        Err(not_done) => return Err(refused(asked, None, not_done).await),
     };
     let seq = preview.seq;
     let memory = Some(app.remembering(preview));
@@ -124,18 +124,18 @@ pub async fn act_in_turn(deed: Deed<'_>) -> Result<(), NotDone> {
         tell_recorder("it could not be stored", "es konnte nicht gespeichert werden");
         return Err(error.into());
     }
-    let Err(not_done) = carry_out(deed).await else { return Ok(()) };
+    let Err(not_done) = carry_out(asked).await else { return Ok(()) };
     tracing::warn!("an action was written and is not done");
     let memory = app.memory();
     let memory = VehicleMemory { seq: memory.seq.max(seq), ..memory };
-    Err(refused(deed, Some(memory), not_done).await)
+    Err(refused(asked, Some(memory), not_done).await)
 }
 
 /// A stop waits for no disk: it is done, then recorded.
-async fn stop(deed: Deed<'_>) -> Result<(), NotDone> {
-    let Deed { app, record, .. } = deed;
-    if let Err(not_done) = carry_out(deed).await {
-        return Err(refused(deed, None, not_done).await);
+async fn stop(asked: AskedAction<'_>) -> Result<(), NotDone> {
+    let AskedAction { app, record, .. } = asked;
+    if let Err(not_done) = carry_out(asked).await {
+        return Err(refused(asked, None, not_done).await);
     }
     let until = app.clock.now() + RECORDED_WITHIN;
     let is_recorded = if let Some(_acting) = app.clock.by(until, app.turns.take()).await {
@@ -156,23 +156,23 @@ async fn stop(deed: Deed<'_>) -> Result<(), NotDone> {
 }
 
 /// The vehicle's state after the action, if the engine would grant it and it still counts then.
-async fn preview(deed: Deed<'_>) -> Result<Preview, NotDone> {
-    let preview = deed.app.rehearse((deed.judged)()?).await?.map_err(NotDone::Refused)?;
+async fn preview(asked: AskedAction<'_>) -> Result<Preview, NotDone> {
+    let preview = asked.app.rehearse((asked.judged)()?).await?.map_err(NotDone::Refused)?;
     // The engine may have taken its time.
-    (deed.judged)()?;
+    (asked.judged)()?;
     Ok(preview)
 }
 
-async fn carry_out(deed: Deed<'_>) -> Result<(), NotDone> {
-    match deed.app.command((deed.judged)()?).await? {
+async fn carry_out(asked: AskedAction<'_>) -> Result<(), NotDone> {
+    match asked.app.command((asked.judged)()?).await? {
         Response::Done => Ok(()),
         Response::Refused(reasons) => Err(NotDone::Refused(reasons)),
     }
 }
 
 /// Records why an action was not done, with the vehicle's state if another one was written.
-async fn refused(deed: Deed<'_>, memory: Option<VehicleMemory>, not_done: NotDone) -> NotDone {
-    let Deed { app, record, tell_recorder, .. } = deed;
+async fn refused(asked: AskedAction<'_>, memory: Option<VehicleMemory>, not_done: NotDone) -> NotDone {
+    let AskedAction { app, record, tell_recorder, .. } = asked;
     let [why, why_de] = [Lang::En, Lang::De].map(|lang| match &not_done {
         NotDone::Refused(reasons) => view::refusals(&app.published(), lang, reasons).join(" "),
         NotDone::Invalid(invalid) => invalid.words(lang),

@@ -1,4 +1,4 @@
-//! Executes a STOP once that arrives in two ways. A page sends each tap on STOP over HTTP and over its
+//! Executes a STOP once, although it arrives in two ways. A page sends each tap on STOP over HTTP and over its
 //! socket, so that it arrives even if no other connection is possible; both ways get the same answer.
 
 use std::collections::VecDeque;

@@ -18,7 +18,7 @@ use axum::Router;
 use tokio::sync::watch;
 
 use super::incidents::WhatIf;
-use super::live::{first_changes, trend_sampling};
+use super::live::{first_changes, sample_trends};
 use super::source::Player;
 use super::{AppState, Settings};
 pub use differences::differences;
@@ -57,7 +57,8 @@ pub struct Replays {
     turn: Arc<tokio::sync::Mutex<()>>,
 }
 
-/// A replay by one session.
+/// A replay by one session. Its tabs show the same instant: each place costs an engine with its marks, a history and
+/// a server.
 #[derive(Debug, Clone)]
 struct OpenReplay {
     subject: Subject,
@@ -153,7 +154,7 @@ fn start(
     let inner = AppState::new(source, app.store.clone(), app.clock, settings);
     // They end with the source.
     tokio::spawn(first_changes::watch(inner.clone()));
-    tokio::spawn(trend_sampling::watch(inner.clone()));
+    tokio::spawn(sample_trends(inner.clone()));
     let (used, screen) = (app.clock.now(), (app.replays.routes)(inner));
     let session = session.clone();
     Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, missing, edited })

@@ -1,4 +1,4 @@
-//! The thread of a replay: it goes through the recording as somebody wants, and shows where it is.
+//! The thread of a replay: moves through the recording as its page asks, and shows the state at that instant.
 
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};

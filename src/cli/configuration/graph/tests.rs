@@ -1,3 +1,5 @@
+//! Tests of the drawn graph of a configuration.
+
 use std::collections::HashMap;
 
 use super::*;

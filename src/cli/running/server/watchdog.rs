@@ -85,7 +85,8 @@ async fn feed(systemd: Systemd, check: SelfCheck, status: String) {
     }
 }
 
-/// The socket of systemd.
+/// The socket of systemd. Nothing here waits: a systemd that does not read must not stop the task, as it would with
+/// the crate `sd-notify`.
 #[derive(Debug, Clone)]
 struct Systemd {
     socket: OsString,

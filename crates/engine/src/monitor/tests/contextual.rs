@@ -1,3 +1,5 @@
+//! Tests of monitors that compare several sources.
+
 use State::{Error, Ok, Unknown, Warning};
 
 use super::*;

@@ -1,3 +1,5 @@
+//! Tests of monitors of one source.
+
 use State::{Error, Ok, Unknown, Warning};
 
 use super::*;

@@ -1,4 +1,4 @@
-//! The shown state, as the rest of the engine needs it.
+//! What the rest of the engine asks of the shown state.
 
 use super::Views;
 use crate::model::wording::{Advice, Wording};

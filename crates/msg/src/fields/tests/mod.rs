@@ -1,3 +1,5 @@
+//! Tests of fields: paths are compiled, and values are read from the bytes of messages.
+
 mod content;
 mod lists;
 

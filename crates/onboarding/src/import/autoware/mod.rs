@@ -5,8 +5,8 @@ mod links;
 mod tree;
 mod unit;
 
+use super::Findings;
 use super::Lookup;
-use super::findings::Findings;
 use super::write;
 use telltale_yaml::{Node, Problem, Sources};
 use unit::Graph;

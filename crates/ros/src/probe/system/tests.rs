@@ -1,3 +1,5 @@
+//! Tests of the measurements of the computer, with files made by hand in place of the kernel's.
+
 use std::fs;
 use std::path::Path;
 use std::sync::mpsc;

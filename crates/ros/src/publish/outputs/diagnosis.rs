@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::MissedTickBehavior;
 
 use super::aggregate::{self, Level};
-use super::{OutputContext, OutputTopic, beside, log};
+use super::{OutputContext, OutputTopic, log, other_aggregators};
 use crate::Publisher;
 use crate::outbox::stopped;
 use telltale_engine::model::output::Publication;
@@ -18,10 +18,10 @@ use telltale_msg::messages::encode_diagnostic_status;
 /// Publishes until the end of the participant.
 pub(super) async fn run(
     publisher: Arc<Publisher>,
-    rivals: beside::OtherAggregators,
-    mut ground: OutputContext,
+    others: other_aggregators::OtherAggregators,
+    mut context: OutputContext,
 ) {
-    let of = |publication| ground.topics.iter().find(|topic| topic.publication == publication).cloned();
+    let of = |publication| context.topics.iter().find(|topic| topic.publication == publication).cloned();
     let (tree, top) = (of(Publication::DiagnosticsAgg), of(Publication::TopLevelState));
     let form = tree.as_ref().or(top.as_ref()).map(|it| it.tree.clone()).unwrap_or_default();
     let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
@@ -30,25 +30,25 @@ pub(super) async fn run(
     let mut told = Told { at_once: form.at_once, last: None };
     loop {
         let due = tokio::select! {
-            () = stopped(&mut ground.end) => return,
+            () = stopped(&mut context.end) => return,
             () = tick(&mut trees) => Due { tree: true, top: false },
             () = tick(&mut tops) => Due { tree: false, top: true },
-            changed = ground.snapshots.changed() => {
+            changed = context.snapshots.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                told.changed(whole(&ground.snapshots.borrow_and_update()))
+                told.changed(whole(&context.snapshots.borrow_and_update()))
             }
         };
-        let snapshot = ground.snapshots.borrow().clone();
+        let snapshot = context.snapshots.borrow().clone();
         if let Some(OutputTopic { topic, .. }) = tree.as_ref().filter(|_| due.tree)
-            && !rivals.silence(topic)
+            && !others.silence(topic)
         {
             let tree = aggregate::tree(&snapshot, &form);
-            log(publisher.statuses(topic, &tree, ground.clock.wall()).await);
+            log(publisher.statuses(topic, &tree, context.clock.wall()).await);
         }
         if let Some(OutputTopic { topic, .. }) = top.as_ref().filter(|_| due.top)
-            && !rivals.silence(topic)
+            && !others.silence(topic)
         {
             let top = aggregate::top(&snapshot, &form);
             log(publisher.publish(topic, encode_diagnostic_status(top.get(0))).await);

@@ -20,22 +20,22 @@ const LOOK: Duration = Duration::from_millis(250);
 const DISCOVERED_WITHIN: Span = Span::from_secs(3);
 
 /// Reports each change to the engine, until this participant's life is over.
-pub async fn watch(publisher: Arc<Publisher>, mut ground: OutputContext) {
-    let requests: Vec<(Output, Box<str>)> = ground.topics.iter().filter_map(request).collect();
-    let opened = ground.clock.now();
+pub async fn watch(publisher: Arc<Publisher>, mut context: OutputContext) {
+    let requests: Vec<(Output, Box<str>)> = context.topics.iter().filter_map(request).collect();
+    let opened = context.clock.now();
     let mut told: BTreeMap<Output, bool> = BTreeMap::new();
     let mut looks = tokio::time::interval(LOOK);
     looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
         tokio::select! {
-            () = stopped(&mut ground.end) => return,
+            () = stopped(&mut context.end) => return,
             _ = looks.tick() => {}
         }
         for (output, topic) in &requests {
             let (type_name, quality) = offer(Publication::Vehicle(*output));
             let heard = publisher.has_reader(topic, type_name, quality);
-            if is_news(heard, told.get(output).copied(), opened, ground.clock.now())
-                && tell(&ground, ListenerReport { output: *output, topic: topic.clone(), heard })
+            if is_news(heard, told.get(output).copied(), opened, context.clock.now())
+                && tell(&context, ListenerReport { output: *output, topic: topic.clone(), heard })
             {
                 told.insert(*output, heard);
             }
@@ -61,14 +61,14 @@ fn is_news(heard: bool, told: Option<bool>, opened: Timestamp, now: Timestamp) -
 }
 
 /// A full queue is tried again with the next look.
-fn tell(ground: &OutputContext, news: ListenerReport) -> bool {
+fn tell(context: &OutputContext, news: ListenerReport) -> bool {
     let ListenerReport { topic, heard, .. } = &news;
     match heard {
         true => tracing::info!("the vehicle listens to {topic}"),
         false => tracing::warn!("nobody listens to {topic}"),
     }
-    let stamped = Stamped::new(Input::Listened(news), ground.clock.now());
-    ground.inputs.try_send(stamped).is_ok()
+    let stamped = Stamped::new(Input::Listened(news), context.clock.now());
+    context.inputs.try_send(stamped).is_ok()
 }
 
 #[cfg(test)]

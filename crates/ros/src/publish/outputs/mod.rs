@@ -5,11 +5,10 @@
 //! the snapshot is there; the aggregated diagnosis is sent at its own pace.
 
 mod aggregate;
-mod announce;
-mod beside;
 mod diagnosis;
 mod levels;
 mod listeners;
+mod other_aggregators;
 mod rosout;
 mod send_failures;
 
@@ -32,6 +31,7 @@ use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::model::sample::Pose;
 use telltale_engine::snapshot::{MapPose, Snapshot};
 use telltale_engine::time::Span;
+use telltale_msg::messages::GidSize;
 use telltale_msg::messages::encode;
 use telltale_msg::messages::encode::{Header, Motion};
 use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
@@ -180,7 +180,7 @@ async fn run(
         };
         let (ends, ending) = watch::channel(false);
         let opened_at = clock.now();
-        let ground = OutputContext {
+        let context = OutputContext {
             topics,
             snapshots: snapshots.clone(),
             inputs: inputs.clone(),
@@ -190,23 +190,31 @@ async fn run(
         match opened {
             Ok(publisher) => {
                 if std::mem::take(&mut refused) {
-                    tell_all(&ground, None);
+                    tell_all(&context, None);
                 }
                 let publisher = Arc::new(publisher);
                 let mut tasks = JoinSet::new();
-                let control = tokio::spawn(control(publisher.clone(), ground.clone(), levels));
-                tasks.spawn(listeners::watch(publisher.clone(), ground.clone()));
-                let end = ground.end.clone();
-                tasks.spawn(announce::run(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
-                let rivals =
-                    beside::OtherAggregators::new(&publisher, &ground.topics, graph.discovery.clone());
+                let control = tokio::spawn(control(publisher.clone(), context.clone(), levels));
+                tasks.spawn(listeners::watch(publisher.clone(), context.clone()));
+                let end = context.end.clone();
+                tasks.spawn(announce(publisher.clone(), node.clone(), graph.gid_size.clone(), end));
+                let others = other_aggregators::OtherAggregators::new(
+                    &publisher,
+                    &context.topics,
+                    graph.discovery.clone(),
+                );
                 graph.siblings.add(publisher.participant());
-                tasks.spawn(beside::tell(rivals.clone(), ground.inputs.clone(), clock, ground.end.clone()));
-                let rosout = ground.topics.iter().find(|it| it.publication == Publication::Rosout);
+                tasks.spawn(other_aggregators::tell(
+                    others.clone(),
+                    context.inputs.clone(),
+                    clock,
+                    context.end.clone(),
+                ));
+                let rosout = context.topics.iter().find(|it| it.publication == Publication::Rosout);
                 if let Some(topic) = rosout.cloned() {
-                    tasks.spawn(rosout::run(publisher.clone(), topic, ground.clone()));
+                    tasks.spawn(rosout::run(publisher.clone(), topic, context.clone()));
                 }
-                tasks.spawn(diagnosis::run(publisher.clone(), rivals, ground));
+                tasks.spawn(diagnosis::run(publisher.clone(), others, context));
                 look_after(&publisher, &options, &mut wanted, &mut stop).await;
                 // The receivers live in the tasks; without tasks there is nothing to end.
                 let _ = ends.send(true);
@@ -227,7 +235,7 @@ async fn run(
                 if !std::mem::replace(&mut refused, true) {
                     tracing::error!("nothing can be published for now, trying again: {error}");
                 }
-                tell_all(&ground, Some(&error.to_string()));
+                tell_all(&context, Some(&error.to_string()));
                 tokio::select! {
                     () = stopped(&mut stop) => {}
                     () = tokio::time::sleep(RETRY) => {}
@@ -273,19 +281,19 @@ async fn look_after(
 }
 
 /// Publishes the outputs for the vehicle at once.
-async fn control(publisher: Arc<Publisher>, mut ground: OutputContext, mut levels: Levels) -> Levels {
-    let mut speech = VehicleSender::new(publisher, &ground);
+async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut levels: Levels) -> Levels {
+    let mut speech = VehicleSender::new(publisher, &context);
     if let Some(period) = speech.period {
         levels.every = period;
     }
     loop {
-        let snapshot = ground.snapshots.borrow_and_update().clone();
-        for say in levels.due(&snapshot, ground.clock.now()) {
-            if speech.say(say, &ground).await {
-                levels.said(say, ground.clock.now());
+        let snapshot = context.snapshots.borrow_and_update().clone();
+        for say in levels.due(&snapshot, context.clock.now()) {
+            if speech.say(say, &context).await {
+                levels.said(say, context.clock.now());
             }
         }
-        let repeat = levels.repeat_at(&snapshot).map(|at| Instant::from_std(ground.clock.instant(at)));
+        let repeat = levels.repeat_at(&snapshot).map(|at| Instant::from_std(context.clock.instant(at)));
         let repeated = async {
             match repeat {
                 Some(at) => tokio::time::sleep_until(at).await,
@@ -294,13 +302,13 @@ async fn control(publisher: Arc<Publisher>, mut ground: OutputContext, mut level
         };
         tokio::select! {
             biased;
-            () = stopped(&mut ground.end) => break,
-            changed = ground.snapshots.changed() => if changed.is_err() { break },
+            () = stopped(&mut context.end) => break,
+            changed = context.snapshots.changed() => if changed.is_err() { break },
             () = repeated => {}
         }
     }
     if levels.cleared() {
-        speech.say(VehicleMessage::Clearance(false), &ground).await;
+        speech.say(VehicleMessage::Clearance(false), &context).await;
     }
     levels
 }
@@ -316,29 +324,29 @@ struct VehicleSender {
 }
 
 impl VehicleSender {
-    fn new(publisher: Arc<Publisher>, ground: &OutputContext) -> VehicleSender {
+    fn new(publisher: Arc<Publisher>, context: &OutputContext) -> VehicleSender {
         let of = |topic: &OutputTopic| match topic.publication {
             Publication::Vehicle(output) => Some((output, topic.topic.clone())),
             _ => None,
         };
         let deceleration = Publication::Vehicle(Output::Deceleration);
         let period =
-            ground.topics.iter().find(|topic| topic.publication == deceleration).and_then(|it| it.period);
+            context.topics.iter().find(|topic| topic.publication == deceleration).and_then(|it| it.period);
         VehicleSender {
             publisher,
-            topics: ground.topics.iter().filter_map(of).collect(),
+            topics: context.topics.iter().filter_map(of).collect(),
             period,
             failed: BTreeMap::new(),
         }
     }
 
     /// Whether it was sent, or has no topic.
-    async fn say(&mut self, say: VehicleMessage, ground: &OutputContext) -> bool {
+    async fn say(&mut self, say: VehicleMessage, context: &OutputContext) -> bool {
         let Some(topic) = self.topics.get(&say.output()) else { return true };
-        let stamp = ground.clock.wall();
+        let stamp = context.clock.wall();
         let sent = self.publisher.publish(topic, body(say, stamp)).await;
         let failed = sent.is_err();
-        if self.failed.get(&say.output()) != Some(&failed) && tell(ground, say.output(), topic, sent.err()) {
+        if self.failed.get(&say.output()) != Some(&failed) && tell(context, say.output(), topic, sent.err()) {
             self.failed.insert(say.output(), failed);
         }
         !failed
@@ -379,5 +387,24 @@ fn covariance() -> [f64; 36] {
 fn log(published: Result<(), PublishError>) {
     if let Err(error) = published {
         tracing::debug!("{error}");
+    }
+}
+
+/// Announces the node of the outputs, which has a name of its own: tools look an endpoint up among the nodes of its own
+/// participant, and warn of two participants with one name. It is announced as soon as the size of a gid is known; the writer keeps the announcement for late
+/// joiners.
+async fn announce(
+    publisher: Arc<Publisher>,
+    node: String,
+    mut gid_size: watch::Receiver<Option<GidSize>>,
+    mut end: watch::Receiver<bool>,
+) {
+    let known = tokio::select! {
+        () = stopped(&mut end) => return,
+        known = gid_size.wait_for(Option::is_some) => known.ok().and_then(|size| *size),
+    };
+    let Some(size) = known else { return };
+    if let Err(error) = publisher.announce(&[(&node, publisher.topics())], size).await {
+        tracing::warn!("the node {node} was not announced to ROS 2: {error}");
     }
 }

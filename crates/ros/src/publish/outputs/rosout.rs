@@ -24,35 +24,35 @@ const RATE: Rate = Rate { burst: 50, refill: Span::from_millis(200) };
 const CAUSES_MAX: usize = 256;
 
 /// Publishes until this participant's life is over. A new participant says again which causes are there.
-pub async fn run(publisher: Arc<Publisher>, topic: OutputTopic, mut ground: OutputContext) {
+pub async fn run(publisher: Arc<Publisher>, topic: OutputTopic, mut context: OutputContext) {
     let mut lines = log_lines::subscribe();
     let mut causes = Causes::default();
-    let mut rate = Bucket::new(RATE, ground.clock.now());
+    let mut rate = Bucket::new(RATE, context.clock.now());
     let mut left_out = 0_u64;
     let mut waiting: VecDeque<Arc<LogLine>> =
-        causes.news(&ground.snapshots.borrow_and_update().clone()).into();
+        causes.news(&context.snapshots.borrow_and_update().clone()).into();
     loop {
         while let Some(line) = waiting.pop_front() {
             if line.level < topic.level {
                 continue;
             }
-            if !rate.take(ground.clock.now()) {
+            if !rate.take(context.clock.now()) {
                 left_out += 1;
                 continue;
             }
             let missed = std::mem::take(&mut left_out);
             if missed > 0 {
-                publish(&publisher, &topic, &missing(missed), &ground).await;
+                publish(&publisher, &topic, &missing(missed), &context).await;
             }
-            publish(&publisher, &topic, &line, &ground).await;
+            publish(&publisher, &topic, &line, &context).await;
         }
         tokio::select! {
-            () = stopped(&mut ground.end) => return,
-            changed = ground.snapshots.changed() => {
+            () = stopped(&mut context.end) => return,
+            changed = context.snapshots.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                waiting.extend(causes.news(&ground.snapshots.borrow_and_update().clone()));
+                waiting.extend(causes.news(&context.snapshots.borrow_and_update().clone()));
             }
             line = lines.recv() => match line {
                 Ok(line) => waiting.push_back(line),
@@ -64,13 +64,13 @@ pub async fn run(publisher: Arc<Publisher>, topic: OutputTopic, mut ground: Outp
     }
 }
 
-async fn publish(publisher: &Publisher, topic: &OutputTopic, line: &LogLine, ground: &OutputContext) {
+async fn publish(publisher: &Publisher, topic: &OutputTopic, line: &LogLine, context: &OutputContext) {
     let severity = match line.level {
         LogLevel::Warning => encode::Severity::Warn,
         LogLevel::Error => encode::Severity::Error,
     };
     let LogLine { name, text, file, line, .. } = line;
-    let body = encode::log(ground.clock.wall(), severity, name, text, (file, *line));
+    let body = encode::log(context.clock.wall(), severity, name, text, (file, *line));
     log(publisher.publish(&topic.topic, body).await);
 }
 

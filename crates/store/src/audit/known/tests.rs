@@ -1,3 +1,5 @@
+//! Tests of users and tokens that the audit log does or does not know.
+
 use std::path::Path;
 
 use crate::audit::verify_audit_in;

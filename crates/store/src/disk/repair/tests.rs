@@ -1,3 +1,5 @@
+//! Tests of damaged databases: how a server starts on one, and what a repair saves.
+
 use std::os::unix::fs::{FileExt as _, PermissionsExt as _};
 use std::time::UNIX_EPOCH;
 

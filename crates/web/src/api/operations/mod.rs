@@ -19,6 +19,7 @@ use super::operation::{Content, Operation, Tag};
 use super::statistics::{StatisticsAnswer, StatisticsAsked};
 use super::statuses::{StatusesAnswer, StatusesAsked};
 use super::topics::{TopicsAnswer, TopicsAsked};
+use super::values::{ValuesAnswer, ValuesAsked};
 use crate::live::frame::{SnapshotSchema, StreamMessage};
 use crate::live::stream_query::StreamQuery;
 use crate::schema::of;
@@ -85,6 +86,18 @@ pub const STATISTICS: Operation = Operation {
     answer: Content::Table(of::<StatisticsAnswer<'static>>),
     refusals: &[BAD_QUERY, LOCKED, UNAVAILABLE],
     example: "?since=2026-11-20T12:00:00Z",
+    ..Operation::PLAIN
+};
+
+pub const VALUES: Operation = Operation {
+    id: "values",
+    tag: Tag::Tables,
+    summary: "The numbers of a module in the last five minutes",
+    about: "What the page of a node draws: one row for each number and instant, every two seconds.",
+    query: Some(of::<ValuesAsked>),
+    answer: Content::Table(of::<ValuesAnswer<'static>>),
+    refusals: &[BAD_QUERY, (404, "There is no such module."), LOCKED],
+    example: "?node=sensors/velodyne_packet_alive&format=csv",
     ..Operation::PLAIN
 };
 

@@ -46,7 +46,7 @@ const INCIDENTS: u32 = 8;
 const SPAN_S: u64 = 300;
 const RENEW_MS: u32 = 1000;
 
-/// What is read for the page beside the snapshot.
+/// What is read for the page in addition to the snapshot.
 #[derive(Default)]
 pub struct NodeRead {
     /// `None` if it cannot be read.
@@ -108,6 +108,8 @@ struct WhyHtml {
     is_matched: bool,
     incidents: Vec<IncidentRow>,
     incidents_address: String,
+    /// The numbers of the last minutes for a spreadsheet.
+    csv: String,
     has_incidents: bool,
 }
 
@@ -224,6 +226,10 @@ pub fn page(
             "/incidents{}",
             super::page_query::address([(field, &**raw_name)].into_iter())
         ),
+        csv: format!(
+            "/api/v1/values{}",
+            super::page_query::address([("node", &**raw_name), ("format", "csv")].into_iter())
+        ),
         has_incidents: !context.replay,
         node: name,
         frame: super::frame(context),
@@ -338,4 +344,38 @@ fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::developer::tests::{english, holds, query};
+    use crate::view::tests::jump;
+
+    #[test]
+    fn a_why_page_leads_to_what_it_names() {
+        let published = jump().pass(4).published();
+        let NodeId::Group(_) = published.snapshot.node("perception").expect("it is there") else { panic!() };
+        let node = published.snapshot.node("perception").expect("it is there");
+        let query = query(&[("node", "perception")]);
+        let window = Window::over(&published, &query, 300);
+        let (trends, read) = (Trends::default(), NodeRead::default());
+        let page = page((&published, &trends), node, &english(), (&query, &window), &read);
+        holds(&page, &["/developer/why?node=localization%2Ftf_quality", "perception/costmap_delay"]);
+    }
+
+    #[test]
+    fn the_neighbours_of_a_node_are_what_it_needs_and_what_needs_it() {
+        let published = jump().pass(4).published();
+        let view = &View::new(&published, Lang::En, false);
+        let around = |name: &str| {
+            let node = published.snapshot.node(name).expect("it is there");
+            graph::neighbourhood(view, node).map(|(drawing, more)| (drawing.svg, more))
+        };
+        let (svg, more) = around("localization").expect("it has neighbours");
+        holds(&svg, &["data-here", "sensors", "perception", "data-hot"]);
+        assert_eq!((more, svg.matches("data-here").count()), (0, 1));
+        assert!(!svg.contains("toggle"), "the page of a node has nothing to open: {svg}");
+        // A member has the dependencies of its group, and is shown in it without the others.
+        let (svg, _) = around("localization/tf_quality").expect("its group has neighbours");
+        holds(&svg, &["sensors", "tf_quality"]);
+        assert!(!svg.contains("localization%2Fodometry"), "{svg}");
+    }
+}

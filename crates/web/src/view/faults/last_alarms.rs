@@ -1,4 +1,4 @@
-//! The last alarms: what it was, when, for how long, and whether somebody has acknowledged it.
+//! The list of the last alarms: what each was, when, for how long, and whether somebody has acknowledged it.
 
 use std::time::{Duration, UNIX_EPOCH};
 

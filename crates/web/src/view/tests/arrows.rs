@@ -1,3 +1,5 @@
+//! Tests of the arrows between tiles.
+
 use super::*;
 
 fn hot(published: &Published) -> Vec<(String, String)> {

@@ -1,3 +1,5 @@
+//! Tests of the list of faults.
+
 use super::*;
 
 #[test]

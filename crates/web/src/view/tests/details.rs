@@ -1,3 +1,5 @@
+//! Tests of the panels behind tiles.
+
 use std::sync::Arc;
 
 use super::*;

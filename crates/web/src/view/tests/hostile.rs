@@ -1,3 +1,5 @@
+//! Tests of hostile text from outside.
+
 use super::*;
 
 #[test]

@@ -1,3 +1,5 @@
+//! Tests of whole pages: every page, in every form.
+
 use super::*;
 
 /// Every kind of page in every state that people meet. `TELLTALE_PAGES=DIR cargo test

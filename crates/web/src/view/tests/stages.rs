@@ -1,3 +1,5 @@
+//! Tests of the page in each stage of the vehicle.
+
 use super::*;
 use telltale_engine::snapshot::{Layout, NotRelevant};
 

@@ -1,3 +1,5 @@
+//! Tests of tiles in each state.
+
 use super::*;
 
 #[test]

@@ -1,3 +1,5 @@
+//! Tests of scenario files: what is read and refused, and every file in the repository.
+
 mod samples;
 
 use super::*;

@@ -1,3 +1,5 @@
+//! Tests of reloads: what is taken, what is refused, and what hangs.
+
 use super::*;
 use crate::clock::Clock;
 use crate::engine::input::{Input, StatusArray};

@@ -81,7 +81,7 @@ fn yields_to(own: &str, other: &Endpoint) -> bool {
 
 /// Reports each change to the log and to the engine.
 pub async fn tell(
-    mut rivals: OtherAggregators,
+    mut others: OtherAggregators,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
     mut end: watch::Receiver<bool>,
@@ -89,7 +89,7 @@ pub async fn tell(
     // An earlier participant may have reported a publisher that is gone.
     let mut told = Some(Some(String::new()));
     loop {
-        let words = rivals.words();
+        let words = others.words();
         if told.as_ref() != Some(&words) {
             if let Some(words) = &words {
                 tracing::warn!(
@@ -105,7 +105,7 @@ pub async fn tell(
         }
         tokio::select! {
             () = stopped(&mut end) => return,
-            changed = rivals.discovery.changed() => if changed.is_err() { return },
+            changed = others.discovery.changed() => if changed.is_err() { return },
         }
     }
 }
