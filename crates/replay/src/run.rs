@@ -119,9 +119,6 @@ impl Run {
     }
 
     /// The same for a recording by a known configuration.
-    ///
-    /// # Errors
-    /// The same.
     pub fn judged_anew(
         recording: Recording,
         model: Arc<Model>,
@@ -236,9 +233,6 @@ impl Run {
     }
 
     /// The same; `None` too if the next step is later than `until`.
-    ///
-    /// # Errors
-    /// The same.
     pub fn step_until(&mut self, until: Timestamp) -> Result<Option<Taken>, ReplayError> {
         if let Some(at) = self.reload_at.take() {
             return Ok(Some(self.reload(at)));

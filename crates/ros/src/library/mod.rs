@@ -287,9 +287,6 @@ impl Writer {
     }
 
     /// The same, as the reply to another sample.
-    ///
-    /// # Errors
-    /// As above.
     pub async fn write_related(&self, body: Vec<u8>, related: Option<SampleId>) -> Result<(), String> {
         let number = self.participant.next();
         let written = self.participant.0.shared.expect_written(number);
