@@ -46,7 +46,6 @@ pub(crate) fn agreement(node: &Node, log: &mut Log) -> Option<Monitor> {
         Some((kind, _)) => limits.check(kind, node, fields.log),
         None => {}
     }
-    fields.finish();
     let rule = limits.rule(kinds.map_or(FieldKind::Scalar, |(a, _)| a));
     Some(Monitor::Agreement { a: a?, b: b?, max_age, motion_over, rule })
 }

@@ -74,20 +74,15 @@ impl FromNode for Filter {
             Found::One(pattern) => Some(pattern),
             Found::None if fields.key_span("expected").is_some() => None,
             Found::None if let Some(problem) = unknown(&fields, node) => {
-                fields.log.push(problem);
+                fields.refuse(problem);
                 return None;
             }
             Found::None | Found::Several => {
                 without_kind(node.span, fields.log);
-                fields.finish();
                 return None;
             }
-            Found::Unreadable => {
-                fields.finish();
-                return None;
-            }
+            Found::Unreadable => return None,
         };
-        fields.finish();
         Some(Filter { span: node.span, pattern, except, prefixes, expected, policy, writers })
     }
 }
@@ -101,13 +96,12 @@ impl FromNode for Pattern {
         let found = pattern(&mut fields, node);
         match found {
             Found::None if let Some(problem) = unknown(&fields, node) => {
-                fields.log.push(problem);
+                fields.refuse(problem);
                 return None;
             }
             Found::None | Found::Several => without_kind(node.span, fields.log),
             Found::One(_) | Found::Unreadable => {}
         }
-        fields.finish();
         if let Found::One(pattern) = found { Some(pattern) } else { None }
     }
 }

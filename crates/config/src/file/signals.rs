@@ -83,7 +83,6 @@ impl FromNode for Signal {
                 None
             }
         };
-        fields.finish();
         Some(Signal { from, title, timeout, present_for })
     }
 }

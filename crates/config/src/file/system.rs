@@ -57,7 +57,6 @@ pub(crate) fn system(node: &Node, log: &mut Log) -> Option<Monitor> {
         }
         _ => {}
     }
-    fields.finish();
     Some(Monitor::System { resource: resource?, every, bands })
 }
 
