@@ -59,18 +59,6 @@ pub struct Session {
     pub(super) ended: watch::Receiver<()>,
 }
 
-impl Session {
-    /// Whether both are the same login.
-    pub fn is_same(&self, other: &Session) -> bool {
-        self.key == other.key
-    }
-
-    /// Whether its holder has logged out, or it was ended otherwise.
-    pub fn has_ended(&self) -> bool {
-        self.ended.has_changed().is_err()
-    }
-}
-
 impl Token {
     pub fn random() -> Result<Token, StoreError> {
         let mut bytes = [0; 32];
