@@ -4,12 +4,11 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::bridge::Bridge;
-use super::catch_up;
 use super::flows::Flows;
 use super::gaps::Gaps;
 use super::recording::{Facts, Recording, ReplayError};
 use super::steps::{self, Loss, Notes, Step, Steps};
-use super::unheard;
+use super::{catch_up, unheard};
 use telltale_engine::Engine;
 use telltale_engine::event::Event;
 use telltale_engine::input::Input;

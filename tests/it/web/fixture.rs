@@ -19,8 +19,7 @@ use telltale::engine::model::{
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
-use telltale::runtime::Stamped;
-use telltale::runtime::{self, Link, Rehearsal, Reread};
+use telltale::runtime::{self, Link, Rehearsal, Reread, Stamped};
 use telltale::store::{DemoSecrets, History, Store};
 use telltale::web::{AppState, DemoFault, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
 use tokio::sync::{mpsc, watch};

@@ -8,8 +8,7 @@ use axum::http::{Method, StatusCode};
 use telltale::engine::model::Stage;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Span;
-use telltale::store::Role;
-use telltale::store::Token;
+use telltale::store::{Role, Token};
 use telltale::web::{
     AppState, DEVELOPER_IDLE_MAX, Enrolled, Origins, Peer, Proxies, Settings, VehicleDisplay, router,
 };

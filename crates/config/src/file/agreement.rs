@@ -1,7 +1,6 @@
 //! Agreements as they are written: two sources of one kind, and their limits.
 
-use super::bands;
-use super::bands::{Unit, bands};
+use super::bands::{self, Unit, bands};
 use super::monitors::{MAX_AGE, Monitor, Source, WINDOW_MAX, age, span};
 use super::sources::AnySource;
 use crate::fields::Fields;

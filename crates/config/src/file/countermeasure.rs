@@ -1,12 +1,10 @@
 //! Countermeasures as they are written: the request, when it is made, and how it is confirmed.
 
-use super::forms;
-use super::forms::default_span;
+use super::forms::{self, default_span};
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
 use telltale_engine::model::Stage;
-use telltale_engine::model::countermeasure::Request;
-use telltale_engine::model::countermeasure::RequestKind;
+use telltale_engine::model::countermeasure::{Request, RequestKind};
 use telltale_engine::state::State;
 use telltale_engine::time;
 use telltale_yaml::decode::{scalar, word};

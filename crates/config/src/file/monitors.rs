@@ -1,20 +1,15 @@
 //! Monitors as they are written: one kind each, with its sources, its limits and its window.
 
-use super::agreement;
-use super::bands;
-use super::bands::{Unit, bands, some_bands};
+use super::bands::{self, Unit, bands, some_bands};
 use super::forms::default_span;
-use super::frozen;
 use super::sources::ScalarSource;
 pub(crate) use super::sources::{Source, Topic};
-use super::system;
-use super::watchdog;
+use super::{agreement, frozen, system, watchdog};
 use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::expression::TEXT_BYTES_MAX;
 use crate::fields::Fields;
-use telltale_engine::model::monitors::Class;
 use telltale_engine::model::monitors::{
-    AgreementRule, Bands, FrozenLimits, ProbeTarget, Resource, ValueRule,
+    AgreementRule, Bands, Class, FrozenLimits, ProbeTarget, Resource, ValueRule,
 };
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::state::State;

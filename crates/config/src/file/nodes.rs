@@ -1,8 +1,7 @@
 //! Groups and modules as they are written, and their relations.
 
 use super::filters::{Filter, Writers};
-use super::forms;
-use super::forms::{ID, WRITERS};
+use super::forms::{self, ID, WRITERS};
 use super::monitors::Monitor;
 use super::policy::Policy;
 use super::wording::RawWording;

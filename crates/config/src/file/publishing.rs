@@ -1,8 +1,7 @@
 //! Published topics as they are written: only the differences from the default.
 
 use super::bands::hertz;
-use super::forms;
-use super::forms::TOPIC;
+use super::forms::{self, TOPIC};
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
 use telltale_engine::model::output::{Like, LogLevel};

@@ -1,11 +1,9 @@
 //! The sources of monitors' values, and the terms of the paper's classification, as written.
 
-use super::forms;
-use super::forms::{FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
+use super::forms::{self, FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
-use telltale_engine::model::monitors::Class;
-use telltale_engine::model::monitors::{FieldKind, StampClock};
+use telltale_engine::model::monitors::{Class, FieldKind, StampClock};
 use telltale_engine::model::sample::POSITIONS_MAX;
 use telltale_yaml::decode::{scalar, word};
 use telltale_yaml::schema::{default, needs_one, not_empty, one_of, words};

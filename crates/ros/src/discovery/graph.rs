@@ -1,8 +1,7 @@
 //! A list of all topics with their publishers and subscribers, from discovery, once a second. The
 //! developer's page of topics shows it.
 
-use crate::library::discovered::PREFIX;
-use crate::library::discovered::participant_name;
+use crate::library::discovered::{PREFIX, participant_name};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

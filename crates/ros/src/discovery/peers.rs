@@ -14,8 +14,7 @@ use tokio::time::MissedTickBehavior;
 use crate::library::Participant;
 use crate::library::spdp::{PARTICIPANT_READER, PARTICIPANT_WRITER, VENDOR, discovery_port};
 use crate::name_lookup::Lookup;
-use crate::options::interfaces;
-use crate::options::{BridgeOptions, Interface};
+use crate::options::{BridgeOptions, Interface, interfaces};
 use telltale_clock::Clock;
 
 /// The interval of announcements, and so the time to find a peer that is started later.

@@ -18,8 +18,7 @@ use crate::library::{Participant, Quality, ReaderEvent, Seen, Writer};
 use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_msg::cdr::Endian;
-use telltale_msg::messages;
-use telltale_msg::messages::{GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
+use telltale_msg::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use telltale_msg::sample_bytes::Guid;
 
 /// Samples of the topic that the library keeps: one for each participant, in case all announce at once.

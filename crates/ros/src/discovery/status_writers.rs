@@ -14,8 +14,7 @@ use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, NodeOf, WriterId, WriterList};
 use telltale_engine::time::{Span, Timestamp};
-use telltale_msg::messages;
-use telltale_msg::messages::DIAGNOSTIC_ARRAY;
+use telltale_msg::messages::{self, DIAGNOSTIC_ARRAY};
 use telltale_msg::received::Stamped;
 use telltale_msg::sample_bytes::Guid;
 

@@ -28,13 +28,12 @@ use tokio::time::MissedTickBehavior;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use super::busy_discovery::BusyDiscovery;
-use super::discovered;
 use super::echo_check::EchoCheck;
 use super::losses::Losses;
 use super::open_readers::{OpenReader, OpenReaders};
 use super::qos::{self, RawWriter};
 use super::wire::{self, Frame, FromChild, Order};
-use super::{BEAT, SampleId, WRITING_MAX};
+use super::{BEAT, SampleId, WRITING_MAX, discovered};
 use telltale_clock::Clock;
 use telltale_engine::time::{Span, Timestamp};
 

@@ -45,8 +45,7 @@ use inbox::Shared;
 pub use qos::Quality;
 use qos::Via;
 use telltale_engine::time::{Span, Timestamp};
-use telltale_msg::sample_bytes::Guid;
-use telltale_msg::sample_bytes::RawBody;
+use telltale_msg::sample_bytes::{Guid, RawBody};
 
 /// The interval of the DDS process's beats.
 const BEAT: Duration = Duration::from_millis(250);

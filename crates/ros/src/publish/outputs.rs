@@ -21,8 +21,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, MissedTickBehavior};
 
-use crate::options::interfaces;
-use crate::options::interfaces::AddressWatch;
+use crate::options::interfaces::{self, AddressWatch};
 use crate::outbox::stopped;
 use crate::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
 pub use levels::{Levels, VehicleMessage};
@@ -32,8 +31,7 @@ use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::model::sample::Pose;
 use telltale_engine::snapshot::{MapPose, Snapshot};
 use telltale_engine::time::Span;
-use telltale_msg::messages::encode;
-use telltale_msg::messages::encode::{Header, Motion};
+use telltale_msg::messages::encode::{self, Header, Motion};
 use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
 use telltale_msg::received::Stamped;
 

@@ -16,8 +16,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinHandle;
 use tokio::time::MissedTickBehavior;
 
-use super::options::interfaces;
-use super::options::interfaces::AddressWatch;
+use super::options::interfaces::{self, AddressWatch};
 use super::outbox::stopped;
 use super::{BridgeOptions, Graph};
 use server::Server;

@@ -1,9 +1,8 @@
 //! A history that is damaged: how that is found, what is saved of it, and how another one begins beside it.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
+use std::{fs, io};
 
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension as _};
 

@@ -5,9 +5,8 @@ mod links;
 mod tree;
 mod unit;
 
-use super::Lookup;
 use super::findings::Findings;
-use super::write;
+use super::{Lookup, write};
 use telltale_yaml::{Node, Problem, Sources};
 use unit::Graph;
 
