@@ -16,6 +16,7 @@ mod history;
 mod import;
 mod incident;
 mod init;
+mod junit;
 mod print;
 mod process;
 mod replay;

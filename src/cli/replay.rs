@@ -46,7 +46,8 @@ const DIFFERENCES_MAX: usize = 20;
 /// node shows, and the time from the first symptom to the root cause of the first alarm; below it the first instant
 /// at which both differ. With `--json`, an object for each recording and one in total. Exit code 1 where anything
 /// differs or a recording cannot be used, which does not stop the others: a configuration that is not to change what
-/// was shown is tested so.
+/// was shown is tested so. Recordings are compared on all cores. `--junit` writes the results for the pages of
+/// continuous integration.
 ///
 /// Exit codes: 0; 1 where the changes differ from the expected ones; 2 where no recording, or the configuration,
 /// can be used. What of a recording cannot be used is said on standard error: for each part of the time that is
@@ -57,7 +58,8 @@ const DIFFERENCES_MAX: usize = 20;
     telltale replay incident-12.mcap --config new.yaml --expect expected.jsonl\n  \
     telltale replay rosbag2_2026_11_20/ --config robot.yaml --stage active\n  \
     telltale replay --what-if new.yaml incident-12.mcap incident-13.mcap\n  \
-    telltale replay --what-if new.yaml --data /var/lib/telltale")]
+    telltale replay --what-if new.yaml --data /var/lib/telltale\n  \
+    telltale replay --what-if new.yaml --junit results.xml recordings/")]
 pub struct Args {
     /// The recording: an MCAP file, a database of rosbag2, or the folder of a bag. With `--what-if` any number, also
     /// folders of recordings, and with `--data` numbers of incidents
@@ -72,6 +74,9 @@ pub struct Args {
     /// The data folder of the vehicle, whose incidents are meant; those that are kept, if none is named
     #[arg(long, value_name = "DIR", requires = "what_if")]
     data: Option<PathBuf>,
+    /// Write the result of each recording to this file as JUnit's XML
+    #[arg(long, value_name = "OUT.xml", requires = "what_if")]
+    junit: Option<PathBuf>,
     /// Print a JSON object for each change, in a line of its own
     #[arg(long)]
     json: bool,

@@ -3,12 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context as _;
 use serde_json::json;
 
+use super::junit::{self, Case, Verdict};
 use super::print::{self, Lines};
 use super::{EXIT_NO, EXIT_USAGE};
+use crate::clock::Clock;
 use crate::config;
 use crate::engine::time::Timestamp;
 use crate::picture::figure::{self, Panel};
@@ -31,6 +34,9 @@ pub struct Args {
     /// Draw the states over time, one panel for each file
     #[arg(long, value_name = "OUT.svg")]
     figure: Option<PathBuf>,
+    /// Write the result of each file to this file as JUnit's XML
+    #[arg(long, value_name = "OUT.xml")]
+    junit: Option<PathBuf>,
     /// The scenario files
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
@@ -38,24 +44,36 @@ pub struct Args {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let mut code = 0;
-    let mut panels = Vec::new();
+    let (mut panels, mut cases) = (Vec::new(), Vec::new());
+    let clock = Clock::start();
     for path in &args.files {
-        match scenario_file::load(path).and_then(|file| run_file(&file).map(|run| (file, run))) {
+        let began = clock.now();
+        let result = match scenario_file::load(path).and_then(|file| run_file(&file).map(|run| (file, run))) {
             Ok((file, Run { outcome, panel })) => {
                 match args.json {
                     true => drop(print::json(&json(path, &file, &outcome))),
                     false => drop(print::text(&summary(path, &file, &outcome))),
                 }
                 panels.push(panel);
-                if !outcome.failures.is_empty() {
-                    code = code.max(EXIT_NO);
+                match &outcome.failures[..] {
+                    [] => Verdict::Passed,
+                    [first, ..] => {
+                        code = code.max(EXIT_NO);
+                        Verdict::Failed(problem(first).message, summary(path, &file, &outcome))
+                    }
                 }
             }
             Err(problems) => {
                 print::problems(&problems);
                 code = EXIT_USAGE;
+                Verdict::Broken(problems.to_string())
             }
-        }
+        };
+        let took = Duration::from_nanos(clock.now().since(began).as_nanos());
+        cases.push(Case { name: path.display().to_string(), took, result });
+    }
+    if let Some(path) = &args.junit {
+        junit::write(path, "telltale scenario", &cases)?;
     }
     if let Some(path) = args.figure.as_ref().filter(|_| code != EXIT_USAGE) {
         std::fs::write(path, figure::draw(&panels))

@@ -213,6 +213,34 @@ fn the_same_configuration_changes_nothing_and_a_folder_has_many_recordings() {
 }
 
 #[test]
+fn a_suite_of_recordings_keeps_its_order_on_all_cores_and_is_written_for_continuous_integration() {
+    let files = Files::new("what-if-suite");
+    let same = files.write("same.yaml", SHUTTLE);
+    let recordings: Vec<String> = (0..40).map(|number| files.recording(&format!("{number}.mcap"))).collect();
+    let results = files.0.join("results.xml");
+    let words =
+        [&same, "/nowhere.mcap", &files.0.display().to_string(), "--junit", &results.display().to_string()];
+    let (found, code) = objects(&words);
+    assert_eq!(code, Some(1));
+    let named: Vec<&str> = found.iter().filter_map(|it| it["recording"].as_str()).collect();
+    assert_eq!(named[0], "/nowhere.mcap");
+    assert_eq!(named[1..], recordings);
+    // All of them are of the same seconds of one vehicle, which count once.
+    let total = found.last().unwrap();
+    assert_eq!((&total["total"], &total["recorded"]), (&json!(40), &found[1]["recorded"]), "{total}");
+    let text = std::fs::read_to_string(&results).unwrap();
+    assert!(text.contains("tests=\"41\" failures=\"0\" errors=\"1\""), "{text}");
+    assert!(
+        text.contains("name=\"/nowhere.mcap\"")
+            && text.contains("<error message=\"there is no such file\"/>")
+    );
+    let new = files.write("new.yaml", without_sensors());
+    let (_, _, code) = what_if(&[&new, &recordings[0], "--junit", &results.display().to_string()]);
+    let text = std::fs::read_to_string(&results).unwrap();
+    assert!(code == Some(1) && text.contains("<failure message=\"differs from "), "{text}");
+}
+
+#[test]
 fn what_cannot_be_used_is_said_and_the_rest_is_compared() {
     let files = Files::new("what-if-wrong");
     let (recording, same) = (files.recording("good.mcap"), files.write("same.yaml", SHUTTLE));

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::line::seconds;
-use super::trace::{Changes, Shown, Totals, Trace};
+use super::trace::{Changes, Counts, Shown, Totals, Trace};
 use super::{Facts, Recording, ReplayError, Run};
 use telltale_config::{Loaded, difference};
 use telltale_engine::model::Stage;
@@ -34,9 +34,7 @@ pub struct Comparison {
     pub more_nodes: usize,
     pub recorded: Totals,
     pub new: Totals,
-    /// The same without what an earlier recording has too.
-    pub recorded_alone: Totals,
-    pub new_alone: Totals,
+    counts: [Counts; 2],
     /// The nodes of alarms that one of the two alone raises.
     pub alarms_gone: Vec<Arc<str>>,
     pub alarms_new: Vec<Arc<str>>,
@@ -124,7 +122,7 @@ impl Candidate {
     pub fn compare(&self, path: &Path, go_on: &dyn Fn() -> bool) -> Result<Comparison, ReplayError> {
         let mut recorded = Run::recorded(Recording::open(path)?)?;
         let mut new = judged(path, &self.loaded, &self.definitions, None)?;
-        compare(&mut recorded, &mut new, None, go_on)
+        compare(&mut recorded, &mut new, go_on)
     }
 }
 
@@ -144,20 +142,19 @@ pub fn judged(
     Run::judged_by(recording, loaded.model, &definitions, stage)
 }
 
-/// Compares two runs of one recording. An earlier one has everything until `covered` too.
+/// Compares two runs of one recording.
 ///
 /// # Errors
 /// One of them cannot be run, or it was stopped.
 pub fn compare(
     recorded: &mut Run,
     new: &mut Run,
-    covered: Option<SystemTime>,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Comparison, ReplayError> {
     let facts = recorded.facts().clone();
     // Only one side has recorded states: behind a gap they would look like differences of the configurations.
     recorded.leave_recorded_states();
-    let (left, right) = (Trace::of(recorded, go_on)?, Trace::of(new, go_on)?);
+    let (mut left, mut right) = (Trace::of(recorded, go_on)?, Trace::of(new, go_on)?);
     let cut = [left.cut, right.cut].into_iter().flatten().min();
     let to = cut.unwrap_or(left.to.max(right.to));
     let mut notes = notes(recorded, new);
@@ -168,13 +165,12 @@ pub fn compare(
         ));
     }
     let symptom = left.symptom.into_iter().chain(right.symptom).min().unwrap_or(facts.from);
-    let totals = |side: &Trace, since| Totals {
+    let counts = [&mut left, &mut right].map(Trace::take_counts);
+    let totals = |side: &Trace, counts: &Counts| Totals {
         to_root_s: side.root.map(|root| seconds(symptom, root.max(symptom))),
-        ..side.totals(since)
+        ..counts.since(facts.from)
     };
-    let alone = covered.map_or(facts.from, |covered| facts.at_wall(covered).max(facts.from));
-    let [recorded, new] = [&left, &right].map(|side| totals(side, facts.from));
-    let [recorded_alone, new_alone] = [&left, &right].map(|side| totals(side, alone));
+    let [recorded, new] = [totals(&left, &counts[0]), totals(&right, &counts[1])];
     let first_of_whole = whole_parting(&left, &right, to);
     let (only_recorded, only_new) = (only(&left, &right), only(&right, &left));
     let (alarms_gone, alarms_new) = (left.alarms_beyond(&right), right.alarms_beyond(&left));
@@ -204,8 +200,7 @@ pub fn compare(
         more_nodes,
         recorded,
         new,
-        recorded_alone,
-        new_alone,
+        counts,
         alarms_gone,
         alarms_new,
         only_recorded,
@@ -323,6 +318,16 @@ impl Comparison {
     /// Whether anything that was shown or asked for differs.
     pub fn differs(&self) -> bool {
         self.first.is_some()
+    }
+
+    /// How much both sides show without what an earlier recording has too, which ends at `covered`.
+    pub fn alone(&self, covered: Option<SystemTime>) -> [Totals; 2] {
+        let since = covered.map_or(self.facts.from, |it| self.facts.at_wall(it).max(self.facts.from));
+        let [recorded, new] = &self.counts;
+        [
+            Totals { to_root_s: self.recorded.to_root_s, ..recorded.since(since) },
+            Totals { to_root_s: self.new.to_root_s, ..new.since(since) },
+        ]
     }
 
     /// Everything but what the nodes showed, for programs.

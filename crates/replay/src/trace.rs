@@ -63,6 +63,30 @@ pub struct Totals {
     pub to_root_s: Option<f64>,
 }
 
+/// The instants of what is counted.
+#[derive(Debug, Default)]
+pub(super) struct Counts {
+    alarms: Vec<Timestamp>,
+    /// The last instant of each node that was ignored because of a root cause.
+    masked: Vec<Timestamp>,
+    requests: Vec<Timestamp>,
+    transitions: Vec<Timestamp>,
+}
+
+impl Counts {
+    /// How much was shown from an instant on, without the time to the root cause.
+    pub fn since(&self, since: Timestamp) -> Totals {
+        let count = |all: &[Timestamp]| all.iter().filter(|at| **at >= since).count() as u64;
+        Totals {
+            alarms: count(&self.alarms),
+            masked: count(&self.masked),
+            countermeasures: count(&self.requests),
+            transitions: count(&self.transitions),
+            to_root_s: None,
+        }
+    }
+}
+
 /// Values with the instants from which they hold, in order, each unlike the one before.
 pub(super) type Changes<T> = Vec<(Timestamp, T)>;
 
@@ -82,9 +106,7 @@ pub(super) struct Trace {
     /// The alarms that were raised: their numbers and nodes.
     alarms: Vec<(u64, Arc<str>)>,
     requests: Vec<RequestKind>,
-    /// When alarms were raised and requests made.
-    alarms_at: Vec<Timestamp>,
-    requests_at: Vec<Timestamp>,
+    counts: Counts,
     kept: usize,
 }
 
@@ -116,30 +138,27 @@ impl Trace {
             return Err(ReplayError::Empty);
         }
         trace.to = trace.to.max(from);
+        trace.count_changes();
         Ok(trace)
     }
 
-    /// How much was shown from an instant on.
-    pub fn totals(&self, since: Timestamp) -> Totals {
-        let count = |all: &[Timestamp]| all.iter().filter(|at| **at >= since).count() as u64;
-        let masked = |changes: &&Changes<Option<Shown>>| {
-            let is_masked = |shown: &Option<Shown>| shown.as_ref().is_some_and(|shown| shown.cause.is_some());
-            changes.iter().any(|(at, shown)| *at >= since && is_masked(shown))
-        };
+    fn count_changes(&mut self) {
+        let is_masked = |shown: &Option<Shown>| shown.as_ref().is_some_and(|shown| shown.cause.is_some());
         // A reload tells every node anew, so its events are not counted.
         let state = |(_, shown): &(Timestamp, Option<Shown>)| shown.as_ref().map(|shown| shown.state);
-        let other = |pair: &&[(Timestamp, Option<Shown>)]| match (state(&pair[0]), state(&pair[1])) {
-            (Some(before), Some(after)) => pair[1].0 >= since && before != after,
-            _ => false,
-        };
-        let changes = self.nodes.values().map(|changes| changes.windows(2).filter(other).count());
-        Totals {
-            alarms: count(&self.alarms_at),
-            masked: self.nodes.values().filter(masked).count() as u64,
-            countermeasures: count(&self.requests_at),
-            transitions: changes.sum::<usize>() as u64,
-            to_root_s: None,
+        for changes in self.nodes.values() {
+            self.counts.masked.extend(changes.iter().rev().find(|(_, it)| is_masked(it)).map(|(at, _)| *at));
+            let others = changes.windows(2).filter(|pair| match (state(&pair[0]), state(&pair[1])) {
+                (Some(before), Some(after)) => before != after,
+                _ => false,
+            });
+            self.counts.transitions.extend(others.map(|pair| pair[1].0));
         }
+    }
+
+    /// The instants of all that is counted.
+    pub fn take_counts(&mut self) -> Counts {
+        std::mem::take(&mut self.counts)
     }
 
     /// The nodes of the alarms that were raised and that the other side lacks, each as often.
@@ -164,7 +183,7 @@ impl Trace {
         for event in &taken.events {
             let is_shown = event.at >= self.from;
             if is_shown && matches!(event.what, EventKind::AlarmRaised { .. }) {
-                note(&mut self.alarms_at, event.at, 1);
+                note(&mut self.counts.alarms, event.at, 1);
             }
             let Some(snapshot) = taken.snapshot_of(event) else { continue };
             match Record::of(event.clone(), snapshot).map(|record| record.what) {
@@ -227,7 +246,7 @@ impl Trace {
         let kinds: Vec<RequestKind> = snapshot.countermeasures.iter().map(|it| it.request.kind()).collect();
         let new = kinds.iter().filter(|kind| !self.requests.contains(kind)).count();
         if snapshot.now >= self.from && !self.whole.is_empty() {
-            note(&mut self.requests_at, snapshot.now, new);
+            note(&mut self.counts.requests, snapshot.now, new);
         }
         self.requests = kinds;
         if self.cut.is_none() {

@@ -56,6 +56,7 @@ pub use vehicle::VehicleMemory;
 
 use audit::Log;
 use audit::known::Knowledge;
+use database::foreign::Schema;
 use database::schema;
 use disk::health::Health;
 use disk::stall::JobWatch;
@@ -224,8 +225,7 @@ struct Database {
     stored_vehicle: Option<VehicleMemory>,
     /// SQLite's count of changes by other processes, at the last look.
     data_version: i64,
-    /// SQLite's count of changes of the schema, when that was found right.
-    schema_version: Option<i64>,
+    schema: Schema,
     /// This store is the server's, which notes the changes of users that it has taken in.
     serves: bool,
     /// Somebody wants it closed, and waits for that.
@@ -341,7 +341,7 @@ impl Store {
             backups: database::backup::Schedule::default(),
             stored_vehicle: None,
             data_version: 0,
-            schema_version: None,
+            schema: Schema::new(serves),
             serves,
             closing: None,
         };

@@ -3,16 +3,21 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
+use std::num::NonZero;
+use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::time::SystemTime;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, SystemTime};
 
 use anyhow::bail;
 use serde_json::{Value, json};
 
 use super::{Args, check_stage};
+use crate::cli::junit::{self, Case, Verdict};
 use crate::cli::print::{self, Lines, note};
 use crate::cli::{EXIT_NO, EXIT_USAGE, fields};
+use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::record::folder;
 use crate::replay::compare::{Comparison, Parting, PartingOf, compare, judged};
@@ -23,6 +28,8 @@ use crate::yaml::Problems;
 
 /// Names in one line.
 const NAMED_MAX: usize = 5;
+/// Recordings for each core that are compared before the first of them is printed.
+const AT_ONCE_PER_CORE: usize = 8;
 
 /// One recording, under the name that is printed.
 struct Named {
@@ -47,38 +54,52 @@ enum Trouble {
 pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
     let recordings = recordings(args)?;
     let (mut compared, mut failed) = (Vec::new(), 0);
-    let mut covered = Covered::default();
-    for named in &recordings {
-        let result = match &named.path {
-            Ok(path) => one(args, path, new, &mut covered),
-            Err(why) => Err(Trouble::Recording(why.clone())),
-        };
-        match result {
-            Ok(comparison) => {
-                if compared.is_empty() && !args.json {
-                    print::line(&heading());
+    let (mut covered, mut cases) = (Covered::default(), Vec::new());
+    let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
+    'all: for batch in recordings.chunks(AT_ONCE_PER_CORE * cores) {
+        for (named, (result, took)) in
+            batch.iter().zip(on_all_cores(cores, batch, |named| one(args, named, new)))
+        {
+            let outcome;
+            let is_read = match result {
+                Ok(comparison) => {
+                    if compared.is_empty() && !args.json {
+                        print::line(&heading());
+                    }
+                    let [recorded, new] = comparison.alone(covered.until(&comparison.facts));
+                    covered.add(&comparison);
+                    compared.push((comparison.differs(), recorded, new));
+                    let said = text(&named.name, &comparison);
+                    outcome = match &comparison.first {
+                        None => Verdict::Passed,
+                        Some(first) => Verdict::Failed(parting(&comparison, first), said.text().to_owned()),
+                    };
+                    match args.json {
+                        true => print::json(&with_name(comparison.json(), &named.name)),
+                        false => print::text(said.text()),
+                    }
                 }
-                compared.push((comparison.differs(), comparison.recorded_alone, comparison.new_alone));
-                let is_read = match args.json {
-                    true => print::json(&with_name(comparison.json(), &named.name)),
-                    false => print::text(text(&named.name, &comparison).text()),
-                };
-                if !is_read {
-                    break;
+                Err(Trouble::Configuration(problems)) => {
+                    print::problems(&problems);
+                    return Ok(ExitCode::from(EXIT_USAGE));
                 }
-            }
-            Err(Trouble::Configuration(problems)) => {
-                print::problems(&problems);
-                return Ok(ExitCode::from(EXIT_USAGE));
-            }
-            Err(Trouble::Recording(why)) => {
-                failed += 1;
-                note!("telltale: {}: {why}", named.name);
-                if args.json {
-                    print::json(&with_name(json!({ "error": why }), &named.name));
+                Err(Trouble::Recording(why)) => {
+                    failed += 1;
+                    note!("telltale: {}: {why}", named.name);
+                    let is_read = !args.json || print::json(&with_name(json!({ "error": why }), &named.name));
+                    outcome = Verdict::Broken(why);
+                    is_read
                 }
+            };
+            if args.junit.is_some() {
+                cases.push(Case { name: named.name.clone(), took, result: outcome });
+            } else if !is_read {
+                break 'all;
             }
         }
+    }
+    if let Some(path) = &args.junit {
+        junit::write(path, "telltale replay --what-if", &cases)?;
     }
     let differ = compared.iter().filter(|(differs, ..)| *differs).count();
     let (recorded, new) = (sum(compared.iter().map(|it| it.1)), sum(compared.iter().map(|it| it.2)));
@@ -96,6 +117,33 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
         (_, _) if compared.is_empty() => ExitCode::from(EXIT_USAGE),
         _ => ExitCode::from(EXIT_NO),
     })
+}
+
+/// Does something with each of these on all cores. Returns what came of it, in order, and how long each took.
+fn on_all_cores<T: Sync, R: Send>(
+    cores: usize,
+    all: &[T],
+    of: impl Fn(&T) -> R + Sync,
+) -> Vec<(R, Duration)> {
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let (clock, mut done) = (Clock::start(), Vec::new());
+        while let index = next.fetch_add(1, Ordering::Relaxed)
+            && let Some(it) = all.get(index)
+        {
+            let began = clock.now();
+            let result = of(it);
+            done.push((index, (result, Duration::from_nanos(clock.now().since(began).as_nanos()))));
+        }
+        done
+    };
+    let mut done: Vec<(usize, (R, Duration))> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..cores.min(all.len())).map(|_| scope.spawn(work)).collect();
+        let joined = threads.into_iter().map(std::thread::ScopedJoinHandle::join);
+        joined.flat_map(|it| it.unwrap_or_else(|panic| resume_unwind(panic))).collect()
+    });
+    done.sort_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, it)| it).collect()
 }
 
 /// The recordings that are meant.
@@ -202,7 +250,8 @@ impl Covered {
     }
 }
 
-fn one(args: &Args, file: &Path, new: &Path, covered: &mut Covered) -> Result<Comparison, Trouble> {
+fn one(args: &Args, named: &Named, new: &Path) -> Result<Comparison, Trouble> {
+    let file = named.path.as_deref().map_err(|why| Trouble::Recording(why.clone()))?;
     let trouble = |error: ReplayError| {
         let said = error.to_string();
         // It names the file, as its line does.
@@ -210,7 +259,7 @@ fn one(args: &Args, file: &Path, new: &Path, covered: &mut Covered) -> Result<Co
         Trouble::Recording(said)
     };
     let recording = Recording::open(file).map_err(trouble)?;
-    let (loaded, already) = (load(args, new, &recording)?, covered.until(recording.facts()));
+    let loaded = load(args, new, &recording)?;
     let definitions = args.definitions.definitions();
     let mut recorded = match &args.config {
         Some(old) => {
@@ -230,9 +279,7 @@ fn one(args: &Args, file: &Path, new: &Path, covered: &mut Covered) -> Result<Co
     };
     let definitions = definitions.with(&loaded.message_folders);
     let mut new = judged(file, &loaded, &definitions, args.stage).map_err(trouble)?;
-    let comparison = compare(&mut recorded, &mut new, already, &|| true).map_err(trouble)?;
-    covered.add(&comparison);
-    Ok(comparison)
+    compare(&mut recorded, &mut new, &|| true).map_err(trouble)
 }
 
 /// A configuration whose fields the messages of a recording have.

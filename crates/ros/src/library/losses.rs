@@ -43,11 +43,7 @@ impl Losses {
                 let participant = spdp::prefix(&dpd.guid.to_bytes());
                 let is_copy =
                     dpd.lease_duration.is_some_and(|lease| spdp::is_of_copy(lease.to_nanoseconds()));
-                match self.once.contains(&participant) {
-                    true => (participant, Change::Back),
-                    false if is_copy => return None,
-                    false => (participant, Change::Here),
-                }
+                (participant, self.found(&participant, is_copy)?)
             }
             _ => return None,
         };
@@ -57,6 +53,15 @@ impl Losses {
             Change::Here | Change::Lost | Change::Back => {}
         }
         Some((participant, change))
+    }
+
+    /// What it means that the library finds a participant: nothing if that is the answer to a copy of its announcement.
+    fn found(&self, participant: &Prefix, is_copy: bool) -> Option<Change> {
+        match self.once.contains(participant) {
+            true => Some(Change::Back),
+            false if is_copy => None,
+            false => Some(Change::Here),
+        }
     }
 
     /// A lost participant is gone.
@@ -126,6 +131,22 @@ mod tests {
         losses.forget(&[2; 12]);
         losses.look(&all(&[1, 2]), &mut all(&[1]));
         assert_eq!(losses.look(&all(&[1, 2]), &mut all(&[1])), [[2; 16]]);
+    }
+
+    /// The library matches nothing of it any more: only another process hears it.
+    #[test]
+    fn a_participant_that_was_lost_once_is_back_when_it_is_found_by_a_copy_too() {
+        for reason in [timeout(), LostReason::Disposed] {
+            let mut losses = Losses::default();
+            assert_eq!(
+                [true, false].map(|is_copy| losses.found(&[2; 12], is_copy)),
+                [None, Some(Change::Here)]
+            );
+            losses.hear(&lost(2, reason));
+            assert_eq!([true, false].map(|is_copy| losses.found(&[2; 12], is_copy)), [Some(Change::Back); 2]);
+            losses.forget(&[2; 12]);
+            assert_eq!(losses.found(&[2; 12], false), Some(Change::Back), "however long it was away");
+        }
     }
 
     #[test]

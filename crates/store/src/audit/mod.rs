@@ -18,7 +18,7 @@ use std::net::IpAddr;
 use std::path::Path;
 use std::time::SystemTime;
 
-use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
+use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::database::schema;
@@ -271,9 +271,8 @@ impl Database {
             }
         }
         let wall = self.clock.wall();
-        self.check_schema()?;
         // The end of the chain is read under the lock: another process may write too.
-        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let transaction = Database::begin(&mut self.connection, &mut self.schema, &mut self.health)?;
         let news = if records().next().is_none() { None } else { self.log.check(&transaction)? };
         let value = change(&transaction)?;
         let mut head = None;

@@ -3,9 +3,10 @@
 
 use std::collections::BTreeMap;
 
-use rusqlite::Connection;
+use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use super::schema::MIGRATIONS;
+use crate::disk::health::Health;
 use crate::{Database, StoreError};
 use telltale_yaml::plain::escaped;
 
@@ -102,20 +103,52 @@ impl Database {
     /// # Errors
     /// The schema is no longer Telltale's. The next probe, which is due at once, goes on in memory.
     pub(crate) fn check_schema(&mut self) -> Result<(), StoreError> {
-        if !self.serves || self.health.folder().is_none() {
+        self.schema.check(&self.connection, &mut self.health)
+    }
+
+    /// Begins to write. The schema is checked under the lock, so no other program changes it before the end.
+    ///
+    /// # Errors
+    /// As [`Database::check_schema`], or if the lock is held for too long.
+    pub(crate) fn begin<'a>(
+        connection: &'a mut Connection,
+        schema: &mut Schema,
+        health: &mut Health,
+    ) -> Result<Transaction<'a>, StoreError> {
+        let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        schema.check(&transaction, health)?;
+        Ok(transaction)
+    }
+}
+
+/// The version of the schema that was found to be Telltale's.
+#[derive(Debug)]
+pub(crate) struct Schema {
+    /// A command of a short life reads what there is.
+    is_checked: bool,
+    checked: Option<i64>,
+}
+
+impl Schema {
+    pub(crate) fn new(is_checked: bool) -> Schema {
+        Schema { is_checked, checked: None }
+    }
+
+    fn check(&mut self, connection: &Connection, health: &mut Health) -> Result<(), StoreError> {
+        if !self.is_checked || health.folder().is_none() {
             return Ok(());
         }
-        let version = self.connection.pragma_query_value(None, "schema_version", |row| row.get(0))?;
-        if self.schema_version == Some(version) {
+        let version = connection.pragma_query_value(None, "schema_version", |row| row.get(0))?;
+        if self.checked == Some(version) {
             return Ok(());
         }
-        match strange_in(&self.connection) {
+        match strange_in(connection) {
             None => {
-                self.schema_version = Some(version);
+                self.checked = Some(version);
                 Ok(())
             }
             Some(what) => {
-                self.health.doubt();
+                health.doubt();
                 Err(StoreError::Database(damage(&what)))
             }
         }
@@ -133,8 +166,10 @@ pub(crate) fn damage(what: &str) -> rusqlite::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::audit::{Action, COMMAND_LINE, Record};
     use crate::{DemoSecrets, FILE_NAME, Role, Store, check_data, repair};
     use std::path::Path;
+    use std::sync::{Condvar, Mutex};
     use telltale_clock::Clock;
 
     const HANGS: &str = "CREATE TRIGGER hang AFTER INSERT ON audit BEGIN SELECT (WITH RECURSIVE n(i) AS
@@ -213,6 +248,35 @@ mod tests {
             fault.wait_for(|fault| fault.as_deref().is_some_and(|it| it.contains("data repair"))).await;
         assert!(said.unwrap().as_deref().is_some_and(|it| it.contains("the trigger hang of audit")));
         store.open_session(&user).await.expect("people go on in memory");
+        store.close().await;
+    }
+
+    /// Held where the store waits for the lock.
+    static WAITS: (Mutex<bool>, Condvar) = (Mutex::new(false), Condvar::new());
+
+    #[tokio::test]
+    async fn a_trigger_that_comes_while_a_write_waits_for_the_lock_never_acts() {
+        let temporary = folder().await;
+        let store = serve(temporary.path());
+        let other = Connection::open(temporary.path().join(FILE_NAME)).unwrap();
+        other.execute_batch(&format!("BEGIN IMMEDIATE; {HANGS}")).unwrap();
+        let writing = store.call(|database| {
+            database.connection.busy_handler(Some(|_| {
+                *WAITS.0.lock().unwrap() = true;
+                WAITS.1.notify_all();
+                true
+            }))?;
+            database.write(&[Record::of(Action::Login, COMMAND_LINE)], |_| Ok(()))
+        });
+        let committing = tokio::task::spawn_blocking(move || {
+            let (waits, said) = (WAITS.0.lock().unwrap(), &WAITS.1);
+            drop(said.wait_while(waits, |waits| !*waits).unwrap());
+            other.execute_batch("COMMIT").unwrap();
+        });
+        let (written, committed) = tokio::join!(writing, committing);
+        committed.unwrap();
+        let refused = written.expect_err("the trigger would never end");
+        assert!(refused.to_string().contains("the trigger hang of audit"), "{refused}");
         store.close().await;
     }
 }

@@ -208,20 +208,27 @@ impl Database {
             files.check_room()?;
         }
         self.open_again()?;
-        if let Err(error) = self.check_schema() {
-            let Some(strange) = error.damage() else { return Err(error.to_string()) };
-            return Err(self.go_on_in_memory(&strange));
+        if let Err(error) = self.beat() {
+            return Err(match error.damage() {
+                Some(strange) => self.go_on_in_memory(&strange),
+                None => format!("the database failed: {error}"),
+            });
         }
         if let Some(fault) = self.log.fault() {
             return Err(fault.to_owned());
         }
-        let failed = |error| format!("the database failed: {error}");
-        self.connection.execute("UPDATE beat SET count = count + 1", []).map_err(failed)?;
         // A log that was emptied under it shows now, by its first bytes.
         self.check_files().map_err(|fault| fault.to_string())?;
         self.check_size()?;
         self.look_through()?;
         self.health.broken.as_ref().map_or(Ok(()), |broken| Err(broken.to_string()))
+    }
+
+    /// Writes, to see whether that works.
+    fn beat(&mut self) -> Result<(), StoreError> {
+        let transaction = Database::begin(&mut self.connection, &mut self.schema, &mut self.health)?;
+        transaction.execute("UPDATE beat SET count = count + 1", [])?;
+        Ok(transaction.commit()?)
     }
 
     /// Checks that the files are those that were opened. If not, it saves what was acknowledged as far as

@@ -41,7 +41,9 @@ impl Database {
         if let Some((made, taken_in)) = changes.filter(|(made, taken_in)| made != taken_in) {
             tracing::debug!(made, taken_in, "users or tokens were changed");
             self.backups.hasten(self.clock.now());
-            self.connection.execute("UPDATE user_changes SET taken_in = ?1", [made])?;
+            let transaction = Database::begin(&mut self.connection, &mut self.schema, &mut self.health)?;
+            transaction.execute("UPDATE user_changes SET taken_in = ?1", [made])?;
+            transaction.commit()?;
         }
         self.data_version = version;
         Ok(())
