@@ -16,6 +16,7 @@ use super::outbox::{End, stopped};
 use super::reading::clock_step::StepWatch;
 use super::reading::topic::TopicContext;
 use super::reading::topics::{Carryover, Topics};
+use crate::every;
 use telltale_clock::Clock;
 use telltale_engine::discovery::Discovery;
 use telltale_engine::time::Timestamp;
@@ -111,8 +112,7 @@ async fn watch_over(
     let mut addresses = AddressWatch::new(ground.options.interface, &now);
     let (mut stop, mut rebuild) = (ground.stop.clone(), ground.rebuild.clone());
     rebuild.mark_unchanged();
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     let mut look = 0_u64;
     loop {
         tokio::select! {

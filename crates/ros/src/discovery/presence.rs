@@ -4,13 +4,13 @@
 //! Nothing is announced before the size of a gid is known: an announcement of the wrong size makes other
 //! processes throw.
 
+use crate::every;
 use crate::library::discovered::TOPIC;
 use std::collections::BTreeSet;
 use std::future::poll_fn;
 use std::time::Duration;
 
 use tokio::sync::watch;
-use tokio::time::MissedTickBehavior;
 
 use super::nodes::{self, Nodes};
 use crate::library::qos::Via;
@@ -85,8 +85,7 @@ async fn announce(
 async fn listen(participant: &Participant, around: &PresenceContext, nodes: &watch::Sender<Nodes>) {
     let learn = &around.gid_size;
     let mut reader = participant.reader(TOPIC, &type_name(), Via::LastValue, DEPTH);
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     loop {
         tokio::select! {
             _ = looks.tick() => {

@@ -21,6 +21,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::{Instant, MissedTickBehavior};
 
+use crate::every;
 use crate::options::interfaces::{self, AddressWatch};
 use crate::outbox::stopped;
 use crate::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
@@ -247,8 +248,7 @@ async fn look_after(
 ) {
     let now = interfaces::addresses().unwrap_or_default();
     let mut addresses = AddressWatch::new(options.interface, &now);
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     let mut look = 0_u64;
     loop {
         tokio::select! {
