@@ -10,8 +10,11 @@ use telltale::record::file::{Reader, check_bytes};
 
 fuzz_target!(|bytes: &[u8]| {
     let path = Path::new("fuzz");
-    let Ok(mut reader) = Reader::new(path, Cursor::new(bytes)) else { return };
-    let sound = check_bytes(path, Cursor::new(bytes)).expect("it is read").is_empty();
+    let sound = check_bytes(path, Cursor::new(bytes)).expect("memory can be read").is_empty();
+    let Ok(mut reader) = Reader::new(path, Cursor::new(bytes)) else {
+        assert!(!sound);
+        return;
+    };
     while reader.next_entry().is_some() {}
     let names: Vec<_> = reader.attachments().map(|(name, _)| name.to_owned()).collect();
     for name in &names {

@@ -1,7 +1,7 @@
 //! Verifies a complete recording: all of it can be read, and its checksums are right.
 
 use std::fs::File;
-use std::io::{Read, Seek};
+use std::io::{ErrorKind, Read, Seek};
 use std::path::Path;
 
 use mcap::McapResult;
@@ -19,7 +19,7 @@ const STEP_BYTES: usize = 1 << 20;
 /// complete and undamaged one. A record of more than `CHUNK_BYTES_MAX` is a finding.
 ///
 /// # Errors
-/// It is no MCAP file, or the disk cannot read it.
+/// The disk cannot read it.
 pub fn check(path: &Path) -> Result<Vec<String>, FileError> {
     let file = File::open(path).map_err(|error| FileError::io(path, "opened", error))?;
     check_bytes(path, file)
@@ -28,9 +28,14 @@ pub fn check(path: &Path) -> Result<Vec<String>, FileError> {
 /// `path` is for messages only.
 ///
 /// # Errors
-/// They are no MCAP file, or cannot be read.
+/// They cannot be read.
 pub fn check_bytes(path: &Path, mut bytes: impl Read + Seek) -> Result<Vec<String>, FileError> {
-    let mut reader = Reader::new(path, &mut bytes)?;
+    let mut reader = match Reader::new(path, &mut bytes) {
+        Err(FileError::Io { why, .. }) if why.kind() == ErrorKind::InvalidData => {
+            return Ok(vec![why.to_string()]);
+        }
+        opened => opened?,
+    };
     reader.read_through();
     let omissions = reader.omissions().list().iter();
     let findings: Vec<_> = omissions.map(|it| format!("at byte {}: {}", it.at, it.why)).collect();
@@ -38,11 +43,13 @@ pub fn check_bytes(path: &Path, mut bytes: impl Read + Seek) -> Result<Vec<Strin
         return Ok(findings);
     }
     bytes.rewind().map_err(|error| FileError::io(path, "read", error))?;
-    Ok(checksums(&mut bytes).err().map(|error| error.to_string()).into_iter().collect())
+    let mut at = 0;
+    let wrong = checksums(&mut bytes, &mut at).err();
+    Ok(wrong.map(|error| format!("at byte {at} or before: {error}")).into_iter().collect())
 }
 
-/// The library goes over every byte of the file, without unpacking its chunks.
-fn checksums(bytes: &mut impl Read) -> McapResult<()> {
+/// The library goes over every byte of the file, without unpacking its chunks. `at` is how far it came.
+fn checksums(bytes: &mut impl Read, at: &mut usize) -> McapResult<()> {
     let options = LinearReaderOptions::default()
         .with_emit_chunks(true)
         .with_validate_data_section_crc(true)
@@ -54,6 +61,7 @@ fn checksums(bytes: &mut impl Read) -> McapResult<()> {
         if let LinearReadEvent::ReadRequest(wanted) = event? {
             let read = bytes.read(reader.insert(wanted.min(STEP_BYTES)))?;
             reader.notify_read(read);
+            *at += read;
         }
     }
     Ok(())

@@ -80,7 +80,7 @@ impl Layout {
         omissions: &mut Omissions,
     ) -> io::Result<Layout> {
         if source.read(0, MAGIC.len() as u64)? != MAGIC {
-            return Err(io::Error::other("it is no MCAP file"));
+            return Err(io::Error::new(io::ErrorKind::InvalidData, "it is no MCAP file"));
         }
         let mut layout = Layout::default();
         let summary = Summary::read(source, definitions, omissions)?;
