@@ -1,16 +1,39 @@
 #!/usr/bin/env bash
 # The tests of every change: format, clippy, unit tests, scenarios, integration tests that need no other DDS program, scripts.
-# It installs nothing. tests/run.sh runs everything.
+# It installs nothing, says how long each part took, and ends at the first that fails.
+#
+# Left to tests/run.sh: what needs foreign DDS programs, the pages of docs/ that are followed to the letter, the browser and the
+# package; and nine of ten random cases of the properties.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # The same random cases each time, as in .ci/run; tests/run.sh takes new ones.
-export PROPTEST_RNG_SEED=${PROPTEST_RNG_SEED-20261122}
-cargo fmt --all --check
-cargo clippy --locked --all-targets --quiet -- -D warnings
-cargo test --locked --quiet --lib
+export PROPTEST_RNG_SEED=${PROPTEST_RNG_SEED-20261122} PROPTEST_CASES=${PROPTEST_CASES-200}
+# Tests wait most of the time, as in tests/run.sh.
+cores=$(nproc)
+export RUST_TEST_THREADS=${RUST_TEST_THREADS-$((cores < 3 ? 8 : 4 * cores))}
 # Those that need the programs of tests/run.sh.
 others=(cyclone:: fast_dds:: dds:: book::commands driving:: first_configuration::the_file_of_a_foreign_robot goals::a_goal_that_is_no_pose
     network:: recording_files::a_recording_is_read_by recording_schemas:: source_messages::)
-cargo test --locked --quiet --test it -- "${others[@]/#/--skip=}"
-for file in config/scenarios/*.yaml; do target/debug/telltale scenario "$file" >/dev/null || { echo "failed: $file" >&2; exit 1; }; done
-if command -v npm >/dev/null; then tests/lint.sh; else echo "npm is missing: the scripts of the pages were not linted" >&2; fi
+
+# part NAME COMMAND: says how long it took.
+part() {
+    local start=$SECONDS
+    "${@:2}"
+    printf '%4d s  %s\n' $((SECONDS - start)) "$1"
+}
+
+# One process for all; what it prints matters only where an expectation fails.
+scenarios() {
+    local said
+    said=$("${CARGO_TARGET_DIR:-target}/debug/telltale" scenario config/scenarios/*.yaml) || { echo "$said"; return 1; }
+}
+
+part format cargo fmt --all --check
+part clippy cargo clippy --locked --all-targets --quiet -- -D warnings
+# Built at once: what both kinds of tests need is compiled side by side.
+part build cargo test --locked --quiet --lib --test it --no-run
+part "unit tests" cargo test --locked --quiet --lib
+part "integration tests" cargo test --locked --quiet --test it -- "${others[@]/#/--skip=}"
+part scenarios scenarios
+if command -v npm >/dev/null; then part scripts tests/lint.sh; else echo "npm is missing: the scripts of the pages were not linted" >&2; fi
+printf '%4d s  in all\n' "$SECONDS"

@@ -39,8 +39,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent / "browser"))
 
 import websockets  # noqa: E402
+from programs import TELLTALE, forger, peer, until  # noqa: E402
 from stall import MACHINE  # noqa: E402
-from vehicle import OPERATOR, PYTHON, ROOT, TELLTALE, Client, Server, Vehicle, own_domain, until  # noqa: E402
+from vehicle import OPERATOR, Client, Server, Vehicle, own_domain  # noqa: E402
 
 DEVELOPER = ("dora", "a long enough phrase of dora")
 LATE_S = 1.0
@@ -126,23 +127,20 @@ class Soak:
         self.vehicle.drive(True)
 
     def publisher_comes_and_goes(self):
-        peer = self.peer("load", "--statuses", "200", "--rate", "20", "--seconds", "3")
+        publisher = self.peer("load", "--statuses", 200, "--rate", 20, "--seconds", 3)
         if random.random() < 0.5:
             time.sleep(random.uniform(0, 4))
-            peer.kill()
-        peer.wait(timeout=60)
+            publisher.kill()
+        else:
+            publisher.ends(60)
 
     def forged_packets(self):
         attack = random.choice(["heartbeat", "builtin", "gap", "fuzz"])
-        self.program("rtps.py", attack, "--seconds", "5", "--seed", str(random.randrange(10**6))).wait(timeout=60)
+        words = [attack, "--seconds", 5, "--seed", random.randrange(10**6)]
+        forger(self.server.domain, *words, log=self.folder / "peers.log").ends(60)
 
     def peer(self, *words):
-        return self.program("peer.py", *words)
-
-    def program(self, name, *words):
-        command = [PYTHON, str(ROOT / "tests/dds" / name), "--domain", str(self.server.domain), *words]
-        with open(self.folder / "peers.log", "ab") as log:
-            return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        return peer(self.server.domain, *words, log=self.folder / "peers.log")
 
     # Other clients and attackers.
 
@@ -288,7 +286,7 @@ class Soak:
         self.vehicle.drive(True)
         until(lambda: self.operator.snapshot()["stage"] == "active", 20, "the vehicle drives")
         self.operator.stop()
-        load = self.peer("load", "--statuses", "300", "--rate", "50", "--seconds", str(self.seconds))
+        load = self.peer("load", "--statuses", "300", "--rate", 50, "--seconds", self.seconds)
         self.streams(10)
         for seconds, what in (
             (1, self.stop_vehicle),
@@ -339,7 +337,6 @@ class Soak:
         if code != 0 or took > ENDS_S:
             self.fault(f"the end took {took:.1f} s, exit code {code}")
         load.kill()
-        load.wait()
         self.vehicle.close()
         return self.judge(rows)
 

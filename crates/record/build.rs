@@ -1,7 +1,8 @@
 //! Tells the program its version with the commit that it was built from, as `TELLTALE_VERSION`.
 //!
 //! The commit is `TELLTALE_COMMIT` of the environment, or what git says, or what `cargo package` noted. Without any
-//! of these the version has none. Cargo runs this again only when another commit is checked out or made.
+//! of these the version has none. Cargo runs this again only when another commit is checked out or made. A debug build
+//! asks no git: this package and all above it would be compiled anew after each commit.
 
 use std::path::Path;
 use std::process::Command;
@@ -28,8 +29,9 @@ fn given() -> Option<String> {
 }
 
 fn from_git() -> Option<String> {
+    let is_debug = std::env::var("PROFILE").is_ok_and(|profile| profile == "debug");
     // A source without a repository of its own may lie inside another one.
-    if !Path::new(ROOT).join(".git").exists() {
+    if is_debug || !Path::new(ROOT).join(".git").exists() {
         return None;
     }
     // Each commit and each checkout adds a line to this log; a name that is not there would run this always.

@@ -1,39 +1,29 @@
-//! The subcommands, one in a file: its `Args`, and `run`, which returns the exit code. This module connects
-//! all others.
+//! The subcommands, in folders by what they are for, one in a file or folder: its `Args`, and `run`, which returns the exit
+//! code. This module connects all others.
 //!
 //! Exit codes: 0; 1, the answer is no; 2, wrong usage or configuration.
 
+mod administration;
 mod api;
-mod audit;
-mod check;
 mod completions;
-mod data;
-mod demo;
-mod diff;
+mod configuration;
 pub mod fields;
-mod graph;
-mod history;
-mod import;
-mod incident;
-mod init;
 mod junit;
 mod print;
 mod process;
-mod replay;
-mod scenario;
-mod serve;
-pub mod server;
-mod sim;
-mod tls;
-mod user;
-mod vehicle;
-mod watch;
+mod recordings;
+pub mod running;
 
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use self::print::note;
+use administration::{audit, data, tls, user};
+use configuration::{check, diff, import, init, scenario};
+use print::note;
+use recordings::{history, incident, replay};
+use running::{demo, serve, sim, watch};
+
 use crate::ros;
 
 /// The answer is no: an expectation fails, a chain is broken.

@@ -21,7 +21,6 @@ import signal
 import socket
 import statistics
 import struct
-import subprocess
 import sys
 import tempfile
 import time
@@ -29,7 +28,9 @@ from pathlib import Path
 
 from websockets.asyncio.client import connect
 
-from vehicle import OPERATOR, PYTHON, ROOT, TELLTALE, Client, Server, own_domain
+import programs
+from programs import ROOT, TELLTALE
+from vehicle import OPERATOR, Client, Server, own_domain
 
 sys.path.insert(0, str(ROOT / "tests/dds"))
 import cyclone
@@ -247,21 +248,17 @@ class Process:
         self.recover()
 
     def recover(self):
-        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(self.domain), "--durability", "transient_local", "--depth", "1"]
-        words += ["pub", "--topic", "ros_discovery_info", "--type", "ParticipantEntitiesInfo"]
-        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
-        self.process.stdin.write('{"info": {"size": 16, "name": "crashing"}}\n')
-        self.process.stdin.flush()
+        words = ["--durability", "transient_local", "--depth", 1, "pub", "--topic", "ros_discovery_info"]
+        self.process = programs.peer(self.domain, *words, "--type", "ParticipantEntitiesInfo")
+        self.process.tell(info={"size": 16, "name": "crashing"})
 
     async def crash(self):
         await asyncio.sleep(random.random())
         self.process.kill()
-        self.process.wait()
         return time.monotonic()
 
     def close(self):
         self.process.kill()
-        self.process.wait()
 
 
 class Case:

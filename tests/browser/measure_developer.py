@@ -12,9 +12,9 @@ it. Where one is after all, the measurement fails. `work` is the processor time 
 with all that they do besides: what is far above it waited for the machine.
 """
 
+import contextlib
 import os
 import platform
-import subprocess
 import sys
 import tempfile
 import threading
@@ -23,7 +23,8 @@ from pathlib import Path
 
 from playwright.sync_api import expect, sync_playwright
 
-from vehicle import CHROMIUM, PYTHON, ROOT, TELLTALE, Server, Writer, own_domain
+from programs import TELLTALE, peer
+from vehicle import CHROMIUM, Server, Writer, own_domain
 
 GROUPS, MODULES = 100, 50
 # A Python participant of Cyclone takes no more than 32 topics of one opaque type.
@@ -91,23 +92,13 @@ class Traffic:
         self.writer.close()
 
 
-class Others:
-    """Participants that read many topics."""
-
-    def __init__(self, domain, folder):
-        self.log = open(folder / "others.log", "ab")
-        self.processes = [self.start(domain, number) for number in range(PARTICIPANTS)]
-
-    def start(self, domain, number):
+def others(domain, folder):
+    """Participants that read many topics, until the end of the block."""
+    ending = contextlib.ExitStack()
+    for number in range(PARTICIPANTS):
         topics = [f"rt/other/p{number}/topic_{index:02}=Bool" for index in range(TOPICS_EACH)]
-        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "sub", "--topic", *topics]
-        return subprocess.Popen(words, stdin=subprocess.PIPE, stdout=self.log, stderr=self.log)
-
-    def close(self):
-        for process in self.processes:
-            process.terminate()
-            process.wait(timeout=10)
-        self.log.close()
+        ending.callback(peer(domain, "sub", "--topic", *topics, log=folder / "others.log").close)
+    return ending
 
 
 def work_ms(pids):
@@ -318,7 +309,7 @@ def main():
     server = Server(folder, own_domain() + 45, config=configuration(folder / "large.yaml"))
     server.add_user(*DEVELOPER, role="developer")
     server.start()
-    traffic, others = Traffic(server.domain, folder), Others(server.domain, folder)
+    traffic, readers = Traffic(server.domain, folder), others(server.domain, folder)
     try:
         with sync_playwright() as playwright:
             arguments = ["--no-sandbox"] if os.geteuid() == 0 else []
@@ -342,7 +333,7 @@ def main():
             browser.close()
     finally:
         traffic.close()
-        others.close()
+        readers.close()
         server.stop()
     over = [name for name, p95 in watch.rows if p95 >= GOAL_MS]
     print(f"{len(watch.rows)} inputs, {len(over)} with a p95 of {GOAL_MS} ms or more; {time.monotonic() - began:.0f} s in all")

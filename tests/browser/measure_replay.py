@@ -7,7 +7,6 @@ and how long from a request for a moment to the snapshot of that moment. Not a t
 import argparse
 import json
 import random
-import re
 import subprocess
 import tempfile
 import time
@@ -15,8 +14,9 @@ from datetime import datetime, timezone
 from pathlib import Path
 from types import SimpleNamespace
 
+from programs import TELLTALE, shown
 from test_replay import BEGIN_NS, DIAGNOSTICS, STATUS, STORE, bag, cdr, header
-from vehicle import TELLTALE, Client
+from vehicle import Client
 
 SECONDS, RATE_HZ, STATUSES = 3600, 10, 40
 CONFIG = "vehicle: { stages: none }\ngroups:\n  - id: robot\n    match: [{ contains: part }]\n"
@@ -39,19 +39,13 @@ def measure_speed(words):
     print(f"an hour in {took:.2f} s, {SECONDS / took:,.0f} times real time, {lines} changes printed")
 
 
-def measure_seeks(words, number):
-    shown = subprocess.Popen([*words, "--serve", "--listen", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
-    try:
-        url = re.search(r"http://\S+", shown.stdout.readline())[0]
-        secret = re.search(r"password `(\w+)`", shown.stdout.readline())[1]
-        client = Client(SimpleNamespace(url=url), "developer", secret)
+def measure_seeks(recorded, config, number):
+    with shown(recorded, config) as (url, name, secret):
+        client = Client(SimpleNamespace(url=url), name, secret)
         client.opener.open(url + "/replay/file", timeout=10).close()
         times = sorted(seek(client, second) for second in random.Random(1).choices(range(SECONDS), k=number))
         median, p95 = times[number // 2], times[number * 95 // 100]
         print(f"{number} seeks: median {median:.0f} ms, p95 {p95:.0f} ms, worst {times[-1]:.0f} ms")
-    finally:
-        shown.terminate()
-        shown.wait()
 
 
 def seek(client, second):
@@ -77,9 +71,8 @@ def main():
         config = Path(folder, "config.yaml")
         config.write_text(CONFIG)
         recorded = bag(Path(folder, "hour"), hour())
-        words = [TELLTALE, "replay", recorded, "--config", config]
-        measure_speed(words)
-        measure_seeks(words, options.seeks)
+        measure_speed([TELLTALE, "replay", recorded, "--config", config])
+        measure_seeks(recorded, config, options.seeks)
 
 
 main()

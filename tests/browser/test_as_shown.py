@@ -14,8 +14,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from demo import Stream, brief, masked_by, roots, state
+from programs import ROOT, TELLTALE, simulation, until
 from test_developer import DEVELOPER
-from vehicle import OPERATOR, ROOT, TELLTALE, Client, Server, own_domain, until
+from vehicle import OPERATOR, Client, Server, own_domain
 
 # The simulations live in real time, and three vehicles at once leave little for others.
 pytestmark = pytest.mark.alone
@@ -102,14 +103,10 @@ class Live:
         self.stream = Stream(self.server, self.developer)
         open_until.callback(self.stream.close)
         threading.Thread(target=self.follow, daemon=True).start()
-        words = [TELLTALE, "sim", "--config", config, "--interface", "127.0.0.1", "--domain", domain]
-        words += ["--robot"] if name == "robot" else ["--drive"]
+        flags = ["--robot"] if name == "robot" else ["--drive"]
         for fault, begin, end in story["faults"]:
-            words += ["--fault", f"{fault}@{begin}..{end}"]
-        with open(folder / "sim.log", "ab") as log:
-            sim = subprocess.Popen(list(map(str, words)), stdout=log, stderr=log, stdin=subprocess.DEVNULL)
-        open_until.callback(sim.wait, 20)
-        open_until.callback(sim.terminate)
+            flags += ["--fault", f"{fault}@{begin}..{end}"]
+        open_until.enter_context(simulation(domain, config, *flags, log=folder / "sim.log"))
         if name == "shuttle":
             until(self.is_localized, 10, lambda: brief(self.seen[-1:]))
 

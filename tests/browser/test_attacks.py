@@ -3,7 +3,6 @@
 import json
 import os
 import socket
-import subprocess
 import threading
 import time
 import urllib.error
@@ -12,7 +11,8 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import step
-from vehicle import OPERATOR, PYTHON, ROOT, Client, megabytes, until
+from programs import peer, until
+from vehicle import OPERATOR, Client, megabytes
 
 pytestmark = pytest.mark.timed
 
@@ -207,10 +207,7 @@ class Swell:
     on the memory of the server."""
 
     def __init__(self, server):
-        words = ["--domain", str(server.domain), "--depth", "4", "swell", "--seconds", str(SWELLS_S)]
-        self.process = subprocess.Popen(
-            [PYTHON, str(ROOT / "tests/dds/peer.py"), *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True
-        )
+        self.publisher = peer(server.domain, "--depth", "4", "swell", "--seconds", SWELLS_S)
         self.server, self.ended = server, threading.Event()
         self.program_mb, self.memory_mb = 0.0, 0.0
         self.thread = threading.Thread(target=self.weigh)
@@ -227,12 +224,12 @@ class Swell:
     def close(self):
         """Waits for its end, and returns what it said last."""
         try:
-            said, _ = self.process.communicate(timeout=30)
+            self.publisher.ends(30)
         finally:
-            self.process.kill()
+            self.publisher.kill()
             self.ended.set()
             self.thread.join()
-        return json.loads(said.splitlines()[-1])
+        return json.loads(self.publisher.lines[-1])
 
 
 # Alone, since the publisher takes all of the machine that it gets.

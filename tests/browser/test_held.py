@@ -1,18 +1,17 @@
 """A held vehicle stays held when the server is killed, or ends as systemd asks it, and is started again: over DDS, with the simulated shuttle as a
-process of its own. Virtual time tries the other requests and ends (`src/cli/demo/tests/held.rs`)."""
+process of its own. Virtual time tries the other requests and ends (`src/cli/running/demo/tests/held.rs`)."""
 
 import contextlib
 import json
 import re
 import sqlite3
-import subprocess
-import threading
 import time
 
 import pytest
 from playwright.sync_api import expect
 
-from vehicle import OPERATOR, PYTHON, ROOT, TELLTALE, Client, own_domain, serving, until
+from programs import ROOT, peer, simulation, until
+from vehicle import OPERATOR, Client, own_domain, serving
 
 # The simulation lives in real time.
 pytestmark = pytest.mark.timed
@@ -30,39 +29,19 @@ class Speed:
     """What the wheels say, with the time at which it came."""
 
     def __init__(self, domain):
-        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "sub", "--topic", "rt/can/speed=TwistStamped"]
-        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.said = []
-        threading.Thread(target=self.read, daemon=True).start()
+        self.close = peer(domain, "sub", "--topic", "rt/can/speed=TwistStamped", hear=self.hear).close
 
-    def read(self):
-        for line in self.process.stdout:
-            value = json.loads(line).get("value")
-            if value:
-                self.said.append((time.monotonic(), value["linear"][0]))
+    def hear(self, line):
+        value = json.loads(line).get("value")
+        if value:
+            self.said.append((time.monotonic(), value["linear"][0]))
 
     def now(self):
         return self.said[-1][1] if self.said else 0
 
     def since(self, at):
         return [mps for heard, mps in self.said if heard >= at]
-
-    def close(self):
-        self.process.terminate()
-        self.process.wait(timeout=10)
-
-
-@contextlib.contextmanager
-def shuttle(domain, log):
-    """A shuttle that drives by itself, and whose planner stalls once for a moment."""
-    words = [TELLTALE, "sim", "--config", str(SHUTTLE), "--interface", "127.0.0.1", "--domain", str(domain)]
-    with open(log, "ab") as output:
-        process = subprocess.Popen([*words, "--drive", "--fault", STALL], stdout=output, stderr=output)
-        try:
-            yield
-        finally:
-            process.terminate()
-            process.wait(timeout=10)
 
 
 def goes_on(client, speed):
@@ -85,7 +64,7 @@ def test_a_shuttle_held_by_a_deceleration_alone_stays_held_when_the_server_ends(
     with serving(tmp_path, config=SHUTTLE) as server, contextlib.closing(Speed(domain)) as speed:
         client = Client(server, *OPERATOR)
         moving = lambda: [it for it in client.snapshot()["countermeasures"] if it["request"] != "notify"]
-        with shuttle(domain, tmp_path / "sim.log"):
+        with simulation(domain, SHUTTLE, "--drive", "--fault", STALL, log=tmp_path / "sim.log"):
             until(lambda: "decelerate" in [it["request"] for it in moving()], 60, lambda: f"it is slowed down: {moving()}")
             until(lambda: "decelerate" in requests_on_disk(server), 5, "the request is stored")
             getattr(server, end)()

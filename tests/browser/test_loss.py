@@ -11,7 +11,8 @@ import time
 
 import pytest
 
-from vehicle import OPERATOR, PYTHON, ROOT, Client, Writer, own_domain, serving, until
+from programs import PYTHON, ROOT, peer, until
+from vehicle import OPERATOR, Client, Writer, own_domain, serving
 
 pytestmark = pytest.mark.timed
 
@@ -63,10 +64,9 @@ class Speaking:
     def start_again(self, name):
         """Fast DDS 2.9 may abort when one reader follows another (docs/dds-library.md): that is its own fault, and a vehicle
         starts such a node again. No other end is let pass."""
-        code, log = self.writers[name].process.wait(timeout=10), (self.folder / f"{name}.log").read_text()
+        code, log = self.writers[name].ends(), (self.folder / f"{name}.log").read_text()
         assert code == -signal.SIGABRT and "OutputTrafficManager" in log, f"{name} ended with {code}: {log[-1000:]}"
         print(f"{name} aborted, and is started again")
-        self.writers[name].close()
         self.writers[name] = self.writer(name)
 
     def close(self):
@@ -80,22 +80,15 @@ class Control:
     """A reader of another library beside the server."""
 
     def __init__(self, options):
-        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(own_domain()), *options, "sub"]
-        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self.heard = {}
-        threading.Thread(target=self.listen, daemon=True).start()
+        self.close = peer(own_domain(), *options, "sub", hear=self.hear).close
 
-    def listen(self):
-        for line in self.process.stdout:
-            for status in json.loads(line).get("value", {}).get("statuses", []):
-                self.heard[status["name"]] = time.monotonic()
+    def hear(self, line):
+        for status in json.loads(line).get("value", {}).get("statuses", []):
+            self.heard[status["name"]] = time.monotonic()
 
     def misses(self, names):
         return [name for name in names if time.monotonic() - self.heard.get(name, 0) > 2]
-
-    def close(self):
-        self.process.terminate()
-        self.process.wait(timeout=10)
 
 
 def configuration(folder, names):
@@ -179,13 +172,11 @@ def test_of_many_participants_none_is_lost(tmp_path):
     if ALONE not in os.environ:
         return run_alone("test_of_many_participants_none_is_lost")
     names = [f"crowd {number}" for number in range(CROWD)]
-    words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(own_domain()), *PUBLISHERS["cyclone"][1]]
-    words += ["--depth", "10", "crowd", "--participants", str(CROWD)]
+    words = [*PUBLISHERS["cyclone"][1], "--depth", "10", "crowd", "--participants", CROWD]
     with contextlib.ExitStack() as stack:
         server = stack.enter_context(serving(tmp_path, config=configuration(tmp_path, names)))
         client = Client(server, *OPERATOR)
-        crowd = stack.enter_context(subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL))
-        stack.callback(crowd.send_signal, signal.SIGKILL)
+        stack.callback(peer(own_domain(), *words).kill)
         until(lambda: not unheard(client, names), 90, lambda: f"all are heard: {unheard(client, names)}")
         worst, ends = 0, time.monotonic() + CROWD_FOR_S
         while time.monotonic() < ends:

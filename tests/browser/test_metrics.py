@@ -3,14 +3,14 @@
 import contextlib
 import json
 import re
-import subprocess
 import urllib.error
 import urllib.parse
 import urllib.request
 
 import pytest
 
-from vehicle import ROOT, Client, Server, free_port, own_domain, until
+from programs import ROOT, Program, until
+from vehicle import Client, Server, free_port, own_domain
 
 # Without a fault there is no such series.
 ONLY_IN_A_FAULT = {"telltale_root_cause_masked_nodes"}
@@ -42,8 +42,7 @@ def prometheus(tmp_path_factory, demo, metrics_port):
     words = ["prometheus", f"--config.file={folder}/prometheus.yml", f"--storage.tsdb.path={folder}/data"]
     words += [f"--web.listen-address=127.0.0.1:{port}", "--log.level=warn"]
     log = folder / "prometheus.log"
-    with log.open("w") as out:
-        process = subprocess.Popen(words, stdout=out, stderr=out, stdin=subprocess.DEVNULL)
+    program = Program(*words, log=log)
 
     def query(expression):
         address = f"http://127.0.0.1:{port}/api/v1/query?" + urllib.parse.urlencode({"query": expression})
@@ -64,8 +63,7 @@ def prometheus(tmp_path_factory, demo, metrics_port):
         until(is_up, 30, lambda: f"prometheus has read the metrics: {log.read_text()}")
         yield query
     finally:
-        process.terminate()
-        process.wait(timeout=20)
+        program.close(seconds=20)
 
 
 def value(result):

@@ -202,7 +202,7 @@ def it_serves(debian):
         done = subprocess.run(["nsenter", f"--target={debian.systemd}", "--net", *words], capture_output=True, timeout=60)
         assert done.returncode == 0, (path, journal(debian))
     # Each entry has its fields, and its priority: the address of the page is no warning.
-    assert "the display is on" in journal(debian, "TELLTALE_TARGET=telltale::cli::server")
+    assert "the display is on" in journal(debian, "TELLTALE_TARGET=telltale::cli::running::server")
     assert "the display is on" in journal(debian) and "the sockets of DDS" in journal(debian, "--priority=warning")
     assert "the display is on" not in journal(debian, "--priority=warning")
     monotonic = lambda key: int(debian.shows(f"{key}TimestampMonotonic"))

@@ -12,7 +12,8 @@ import time
 import pytest
 from websockets.sync.client import connect
 
-from vehicle import OPERATOR, PYTHON, ROOT, STOP, Client, Writer, megabytes, own_domain, serving, until
+from programs import PYTHON, ROOT, forger, until
+from vehicle import OPERATOR, Client, Writer, listener, megabytes, own_domain, serving
 
 pytestmark = pytest.mark.timed
 
@@ -121,8 +122,7 @@ def watched(tmp_path):
 
 
 def attacker(*words, seconds):
-    words = [PYTHON, str(ROOT / "tests/dds/rtps.py"), "--domain", str(own_domain()), *words, "--seconds", str(seconds)]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+    return forger(own_domain(), *words, "--seconds", seconds)
 
 
 def attack(*words, seconds):
@@ -130,14 +130,13 @@ def attack(*words, seconds):
     return sent_by(attacker(*words, seconds=seconds), seconds)
 
 
-def sent_by(process, seconds):
-    with process:
-        try:
-            said, _ = process.communicate(timeout=seconds + 30)
-        finally:
-            process.kill()
-    sent = json.loads(said.splitlines()[-1])["sent"]
-    assert process.returncode == 0 and sent > 0, sent
+def sent_by(attacker, seconds):
+    try:
+        code = attacker.ends(seconds + 30)
+    finally:
+        attacker.kill()
+    sent = json.loads(attacker.lines[-1])["sent"]
+    assert code == 0 and sent > 0, (code, sent)
     return sent
 
 
@@ -205,7 +204,7 @@ def test_data_are_back_five_seconds_after_each_round_of_fuzzing(watched, tmp_pat
 def test_sigterm_ends_all_within_three_seconds_in_the_middle_of_it(tmp_path):
     with serving(tmp_path) as server, contextlib.closing(Watched(server, tmp_path)) as watched:
         fuzzing = attacker("fuzz", seconds=6)
-        assert json.loads(fuzzing.stdout.readline())["under_way"]
+        until(lambda: fuzzing.said("under_way"), 20, "packets are sent")
         processes = [server.process.pid, *watched.server.children()]
         watched.ended.set()
         started = time.monotonic()
@@ -229,21 +228,16 @@ def test_a_dds_process_that_is_gone_or_hangs_is_replaced(watched, number):
 
 
 def test_what_is_asked_of_the_vehicle_is_said_again(watched, tmp_path):
-    words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(own_domain()), "sub", "--topic", f"{STOP}=Bool"]
-    with contextlib.ExitStack() as stack:
-        listener = stack.enter_context(subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
-        stack.callback(listener.terminate)
-        said = []
-        reading = threading.Thread(target=lambda: said.extend(json.loads(line) for line in listener.stdout), daemon=True)
-        reading.start()
+    with contextlib.closing(listener(own_domain())) as vehicle:
+        heard = lambda: [line for line in vehicle.said("value") if line["value"] == {"data": True}]
         watched.drives = True
         until(lambda: watched.client.snapshot()["stage"] == "active", 10, "it drives")
         watched.client.stop()
-        until(lambda: any(line.get("value") == {"data": True} for line in said), 10, lambda: f"the stop is heard: {said}")
+        until(heard, 10, lambda: f"the stop is heard: {vehicle.lines}")
         for pid in watched.server.children():
             os.kill(pid, signal.SIGKILL)
-        before = len(said)
-        until(lambda: any(line.get("value") == {"data": True} for line in said[before:]), BACK_S, lambda: f"and again: {said}")
+        before = len(heard())
+        until(lambda: heard()[before:], BACK_S, lambda: f"and again: {vehicle.lines}")
 
 
 def test_the_dds_processes_end_with_a_server_that_is_killed(tmp_path):
@@ -297,5 +291,5 @@ def at_one_end_of_the_cable(folder):
             watched.wait_for_data()
             until(is_well, BACK_S, lambda: f"all is well again: {watched.module('outputs')} {watched.module('dds')}")
             watched.check()
-            watched.diagnostics.process.kill()
+            watched.diagnostics.kill()
             until(lambda: watched.module(STATUS)["own"] == "unknown", 5, "a publisher that is killed is missed")

@@ -5,13 +5,12 @@ import json
 import os
 import re
 import shutil
-import signal
 import sqlite3
 import subprocess
 import urllib.error
 import urllib.parse
 import urllib.request
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy
@@ -25,9 +24,10 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from operating import log_in
+from programs import TELLTALE, shown, until
 from sizes import FAULTS, SIZES
 from test_replay_pages import actions, answer
-from vehicle import TELLTALE, Client, until
+from vehicle import Client
 
 POWER, ODOMETRY = "robo_msgs/msg/Power", "nav_msgs/msg/Odometry"
 STATUS, DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray"
@@ -306,19 +306,6 @@ def test_a_vehicle_begins_in_the_stage_that_is_named(plain, folder):
     assert planner("--stage", "active") == [(0, "ok", None), (3.5, "error", None)]
     assert planner("--stage", "standby") == planner()
     assert {state for _, state, _ in planner()} == {"ignore"}
-
-
-@contextmanager
-def shown(recording, config):
-    """The address of the display that shows it, and a user with a password."""
-    words = [TELLTALE, "replay", recording, "--config", config, "--serve", "--listen", "127.0.0.1:0"]
-    serving = subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True)
-    try:
-        url = re.search(r"http://127\.0\.0\.1:\d+", serving.stdout.readline()).group()
-        yield (url, *re.findall("`(.*?)`", serving.stdout.readline()))
-    finally:
-        serving.send_signal(signal.SIGINT)
-        assert serving.wait(20) == 0
 
 
 def test_a_bag_is_shown_in_the_display(plain, config, page):

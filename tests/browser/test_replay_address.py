@@ -8,7 +8,8 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import log_in, watch
-from test_replay import BEGIN_NS, config, folder, plain, shown  # noqa: F401
+from programs import shown
+from test_replay import BEGIN_NS, config, folder, plain  # noqa: F401
 from vehicle import Client
 
 BEGIN_MS = BEGIN_NS // 10**6

@@ -1,10 +1,7 @@
 """The services of a running server, called by clients of Cyclone DDS and of Fast DDS, and its log on /rosout."""
 
-import json
-import subprocess
-import threading
-
-from vehicle import PYTHON, ROOT, Writer, serving, until
+from programs import peer, until
+from vehicle import Writer, serving
 
 CONFIG = """
 vehicle: { stages: none }
@@ -13,35 +10,10 @@ groups: [{ id: base, modules: [{ id: motor, status: motor, latch: 100ms }] }]
 """
 
 
-class Peer:
-    """A `peer.py` in a process of its own, and what it has said so far."""
-
-    def __init__(self, domain, vendor, *arguments):
-        command = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "--dds", vendor, *arguments]
-        self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self.lines = []
-        threading.Thread(target=self.read, daemon=True).start()
-
-    def read(self):
-        for line in self.process.stdout:
-            self.lines.append(json.loads(line))
-
-    def tell(self, **command):
-        self.process.stdin.write(json.dumps(command) + "\n")
-        self.process.stdin.flush()
-
-    def said(self, key):
-        return [line for line in self.lines if key in line]
-
-    def close(self):
-        self.process.kill()
-        self.process.wait()
-
-
 def call(server, vendor, name, **argument):
     """One call by a client of its own: its answer."""
     kind = "diagnostic_msgs::srv::dds_::AddDiagnostics" if argument else "std_srvs::srv::dds_::Trigger"
-    client = Peer(server.domain, vendor, "client", "--service", f"/telltale/{name}", "--type", kind)
+    client = peer(server.domain, "--dds", vendor, "client", "--service", f"/telltale/{name}", "--type", kind)
     try:
         client.tell(wait_matched=1, timeout=30)
         until(lambda: client.said("matched"), 35, f"the service {name}")
@@ -50,14 +22,14 @@ def call(server, vendor, name, **argument):
         reply = next(it for it in client.said("reply") if it["mine"])["reply"]
         return reply["success"], reply["message"]
     finally:
-        client.close()
+        client.kill()
 
 
 def test_nodes_call_every_service_and_read_the_log(tmp_path):
     config = tmp_path / "vehicle.yaml"
     config.write_text(CONFIG)
     with serving(tmp_path, config=config) as server:
-        log = Peer(server.domain, "cyclone", "--durability", "transient_local", "sub", "--topic", "rt/rosout=Log")
+        log = peer(server.domain, "--durability", "transient_local", "sub", "--topic", "rt/rosout=Log")
         motor = Writer(server.domain, "rt/diagnostics", "DiagnosticArray", tmp_path / "motor.log")
 
         def report(level):
@@ -94,4 +66,4 @@ def test_nodes_call_every_service_and_read_the_log(tmp_path):
             assert (refused["level"], refused["name"]) == (40, "telltale")
         finally:
             motor.close()
-            log.close()
+            log.kill()

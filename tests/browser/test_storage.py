@@ -18,7 +18,7 @@ from playwright.sync_api import expect
 
 from operating import expect_standing, log_in, stage, step
 from sizes import SIZES, faults
-from vehicle import CONFIG, OPERATOR, STARTUP_S, TELLTALE, Client, Server, Vehicle, own_domain, serving, until
+from vehicle import CONFIG, OPERATOR, TELLTALE, Client, Server, Vehicle, own_domain, serving, until
 
 DEVELOPER = ("dora", "a long password")
 IS_ROOT = os.geteuid() == 0
@@ -45,12 +45,8 @@ class Mounted(Server):
             exec {' '.join(map(str, serve))}
         """
         self.words = serve
-        self.log = open(self.folder / "serve.log", "ab")
         words = ["unshare", "--mount", "--propagation", "private", *([] if IS_ROOT else ["--map-root-user"])]
-        words += ["sh", "-c", script]
-        self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
-        until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
-        return self
+        return self.run([*words, "sh", "-c", script])
 
     def enter(self, *words):
         user = [] if IS_ROOT else ["--user", "--preserve-credentials"]
@@ -61,13 +57,10 @@ class Mounted(Server):
         stays = subprocess.Popen(self.enter("sleep", "600"))
         namespace = lambda pid: os.readlink(f"/proc/{pid}/ns/mnt")
         until(lambda: namespace(stays.pid) == namespace(self.process.pid), 5, "the namespace is entered")
-        self.process.kill()
-        self.process.wait(timeout=10)
+        self.kill()
         self.process = stays
-        words = self.enter(*self.words)
-        self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
         try:
-            until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
+            self.run(self.enter(*self.words))
         finally:
             stays.kill()
             stays.wait(timeout=10)

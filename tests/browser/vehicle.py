@@ -1,4 +1,4 @@
-"""The processes around a browser test: the real server, and the foreign DDS peers of a vehicle."""
+"""What stands around a browser test: the real server, and the foreign DDS peers of a vehicle."""
 
 import contextlib
 import functools
@@ -11,9 +11,7 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
-import time
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -22,28 +20,14 @@ from pathlib import Path
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from stall import MACHINE
+from programs import PYTHON, ROOT, TELLTALE, peer, until  # noqa: F401
 
-ROOT = Path(__file__).resolve().parents[2]
-TELLTALE = os.environ.get("TELLTALE", str(ROOT / "target/debug/telltale"))
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
-PYTHON = sys.executable
 # The vehicle of these tests speaks on /diagnostics alone.
 CONFIG = ROOT / "config/self-diagnosing-shuttle.yaml"
 OPERATOR = ("anna", "975310")
 STARTUP_S = 20
 STOP = "rt/telltale/maneuver_stop_request"
-
-
-def until(condition, seconds, what):
-    """Waits for a condition, at most so long while the machine runs; returns what it returned."""
-    deadline = time.monotonic() + seconds - MACHINE.total_s
-    while True:
-        value = condition()
-        if value:
-            return value
-        assert time.monotonic() < deadline + MACHINE.total_s, f"not within {seconds} s: {what() if callable(what) else what}"
-        time.sleep(0.02)
 
 
 def lock(domain):
@@ -112,8 +96,12 @@ class Server:
         words = [TELLTALE, self.command, "--listen", f"127.0.0.1:{self.port}", "--domain", str(self.domain), *self.flags]
         if self.command == "serve":
             words += ["--config", str(self.config), "--data", str(self.folder), "--interface", self.interface]
+        return self.run(words)
+
+    def run(self, words):
+        """Starts it by these words, and waits until it answers."""
         self.log = open(self.folder / f"{self.command}.log", "ab")
-        self.process = subprocess.Popen(words, stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
+        self.process = subprocess.Popen(list(map(str, words)), stdout=self.log, stderr=self.log, stdin=subprocess.DEVNULL)
         until(self.answers, STARTUP_S, lambda: f"the server answers\n{self.read_log()}")
         return self
 
@@ -277,40 +265,13 @@ class Writer:
     """One topic of a foreign DDS participant in a process of its own, elsewhere where `by` and `options` say so."""
 
     def __init__(self, domain, topic, type_name, log, by=(), options=()):
-        self.log = open(log, "ab")
-        words = [*by, PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), *options]
-        words += ["pub", "--topic", topic, "--type", type_name]
-        self.process = subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=self.log, stderr=self.log, text=True, bufsize=1
-        )
-
-    def write(self, **message):
-        self.process.stdin.write(json.dumps(message) + "\n")
-        self.process.stdin.flush()
-
-    def close(self):
-        try:
-            self.process.stdin.close()
-        except BrokenPipeError:
-            pass
-        self.process.terminate()
-        self.process.wait(timeout=10)
-        self.log.close()
+        self.program = peer(domain, *options, "pub", "--topic", topic, "--type", type_name, by=by, log=log)
+        self.write, self.close, self.kill, self.ends = self.program.tell, self.program.close, self.program.kill, self.program.ends
 
 
-class Listener:
+def listener(domain, **more):
     """A node of the vehicle that listens to what it may be asked for."""
-
-    def __init__(self, domain, log):
-        self.log = open(log, "ab")
-        words = [PYTHON, str(ROOT / "tests/dds/peer.py"), "--domain", str(domain), "sub", "--topic", f"{STOP}=Bool"]
-        self.process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=self.log, stderr=self.log)
-
-    def close(self):
-        self.process.stdin.close()
-        self.process.terminate()
-        self.process.wait(timeout=10)
-        self.log.close()
+    return peer(domain, "sub", "--topic", f"{STOP}=Bool", **more)
 
 
 class Vehicle:
@@ -326,7 +287,7 @@ class Vehicle:
         self.active = False
         self.diagnostics = Writer(domain, "rt/diagnostics", "DiagnosticArray", folder / "diagnostics.log")
         self.signal = Writer(domain, "rt/mission/active", "Bool", folder / "active.log")
-        self.listener = Listener(domain, folder / "listener.log")
+        self.listener = listener(domain, log=folder / "listener.log")
         self.lock = threading.Lock()
         self.ended = threading.Event()
         self.thread = threading.Thread(target=self.run, daemon=True)

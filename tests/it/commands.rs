@@ -1,34 +1,14 @@
 //! The commands `check`, `user` and others as programs and shells use them.
 
-use std::io::Write as _;
 use std::path::PathBuf;
-use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
 
 use crate::folder::TestFolder;
-
-fn telltale(words: &[&str], input: &str) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.args(words).env_remove("AMENT_PREFIX_PATH");
-    let mut child = command
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program can be run");
-    // It may end before it reads.
-    let _ = child.stdin.take().expect("it is piped").write_all(input.as_bytes());
-    child.wait_with_output().expect("it ends")
-}
-
-fn said(output: &Output) -> (String, String, Option<i32>) {
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (text(&output.stdout), text(&output.stderr), output.status.code())
-}
+use crate::program::{run_with, said};
 
 fn problems(input: &str) -> (Value, Option<i32>) {
-    let (out, err, code) = said(&telltale(&["check", "--json", "-"], input));
+    let (out, err, code) = said(&run_with(&["check", "--json", "-"], input));
     assert_eq!(err, "", "{out}");
     (serde_json::from_str(&out).expect("it is JSON"), code)
 }
@@ -37,11 +17,11 @@ const GOOD: &str = "vehicle: { stages: none }\ngroups: [{ id: a, modules: [{ id:
 
 #[test]
 fn check_reads_standard_input_and_is_quiet_when_asked() {
-    let (out, err, code) = said(&telltale(&["check", "-"], GOOD));
+    let (out, err, code) = said(&run_with(&["check", "-"], GOOD));
     assert!(out.contains("1 group, 1 module, 0 stops. No errors.") && err.is_empty(), "{out}{err}");
     assert_eq!(code, Some(0));
-    assert_eq!(said(&telltale(&["check", "-q", "-"], GOOD)), (String::new(), String::new(), Some(0)));
-    let (out, err, code) = said(&telltale(&["check", "--quiet", "-"], "groups: 1\n"));
+    assert_eq!(said(&run_with(&["check", "-q", "-"], GOOD)), (String::new(), String::new(), Some(0)));
+    let (out, err, code) = said(&run_with(&["check", "--quiet", "-"], "groups: 1\n"));
     assert!(out.is_empty() && err.contains("standard input:1:9"), "{out}{err}");
     assert_eq!(code, Some(2));
 }
@@ -68,11 +48,11 @@ fn check_tells_programs_where_what_is_wrong() {
         "{found}"
     );
     assert_eq!(code, Some(0));
-    let (out, _, code) = said(&telltale(&["check", "--json", "/nowhere.yaml"], ""));
+    let (out, _, code) = said(&run_with(&["check", "--json", "/nowhere.yaml"], ""));
     let found: Value = serde_json::from_str(&out).expect("it is JSON");
     assert_eq!((&found["problems"][0]["line"], code), (&Value::Null, Some(2)), "{found}");
     assert_eq!(found["problems"][0]["file"], "/nowhere.yaml");
-    let quietly = |input| said(&telltale(&["check", "--json", "-q", "-"], input));
+    let quietly = |input| said(&run_with(&["check", "--json", "-q", "-"], input));
     assert_eq!(quietly(GOOD), (String::new(), String::new(), Some(0)), "nothing where nothing is wrong");
     let (out, _, code) = quietly("groups: 1\n");
     let found: Value = serde_json::from_str(&out).expect("it is JSON");
@@ -95,26 +75,26 @@ fn diff_says_what_two_files_mean_differently() {
         "vehicle: { stages: none }\ngroups: [{ id: a, modules: [{ id: m, status: s, timeout: 3s }, { id: n, status: t }] }]\n",
     );
     let wrong = path("wrong.yaml", "groups:\n  - 1\n");
-    assert_eq!(said(&telltale(&["diff", &good, &same], "")), (String::new(), String::new(), Some(0)));
-    assert_eq!(said(&telltale(&["diff", "-", &good], GOOD)).2, Some(0));
-    let (out, err, code) = said(&telltale(&["diff", &good, &new], ""));
+    assert_eq!(said(&run_with(&["diff", &good, &same], "")), (String::new(), String::new(), Some(0)));
+    assert_eq!(said(&run_with(&["diff", "-", &good], GOOD)).2, Some(0));
+    let (out, err, code) = said(&run_with(&["diff", &good, &new], ""));
     let lines: Vec<&str> = out.lines().collect();
     assert!(lines[0].starts_with("module `a/m`: policy from "), "{out}{err}");
     assert_eq!((lines[1], lines.len(), code), ("module `a/n` is new", 2, Some(1)));
-    let (out, _, code) = said(&telltale(&["diff", "--json", &new, &good], ""));
+    let (out, _, code) = said(&run_with(&["diff", "--json", &new, &good], ""));
     let found: Value = serde_json::from_str(&out).expect("it is JSON");
     assert_eq!((&found["differs"], code), (&json!(true), Some(1)));
     assert_eq!(
         found["differences"][0],
         json!({ "change": "removed", "subject": "module `a/n`", "detail": "" })
     );
-    let (out, _, code) = said(&telltale(&["diff", "--json", &good, &same], ""));
+    let (out, _, code) = said(&run_with(&["diff", "--json", &good, &same], ""));
     assert_eq!((&*out, code), ("{\"differences\":[],\"differs\":false}\n", Some(0)));
     // Both are told.
-    let (out, err, code) = said(&telltale(&["diff", &wrong, "/nowhere.yaml"], ""));
+    let (out, err, code) = said(&run_with(&["diff", &wrong, "/nowhere.yaml"], ""));
     assert!(out.is_empty() && err.contains("wrong.yaml:2:5") && err.contains("/nowhere.yaml"), "{err}");
     assert_eq!(code, Some(2));
-    let (_, err, code) = said(&telltale(&["diff", "-", "-"], GOOD));
+    let (_, err, code) = said(&run_with(&["diff", "-", "-"], GOOD));
     assert!(err.contains("only one of the two"), "{err}");
     assert_eq!(code, Some(2));
 }
@@ -124,7 +104,7 @@ fn check_says_what_it_assumes_of_a_type_that_is_left_out() {
     let text = GOOD.replace("groups:", "signals: { s: { topic: /b, field: percentage, when: value < 0.2 }, t: { topic: /c, present_for: 1s } }\ngroups:");
     let sentence =
         "/b is read as the type that its publisher says; that it has `percentage` cannot be checked before";
-    let (out, _, code) = said(&telltale(&["check", "-"], &text));
+    let (out, _, code) = said(&run_with(&["check", "-"], &text));
     assert!(out.contains(&format!("Assumed: {sentence}.\n")), "{out}");
     assert!(
         out.contains("signal s: true if `value < 0.2` with value = percentage of /b (type as published)\n"),
@@ -166,9 +146,9 @@ fn users_are_listed_for_programs() {
     let _ = std::fs::remove_dir_all(&folder);
     let data = folder.to_str().expect("the path is text");
     let secret = "a long enough secret\na long enough secret\n";
-    let added = telltale(&["user", "add", "dora", "--role", "developer", "--data", data], secret);
+    let added = run_with(&["user", "add", "dora", "--role", "developer", "--data", data], secret);
     assert_eq!(added.status.code(), Some(0), "{added:?}");
-    let (out, _, code) = said(&telltale(&["user", "list", "--json", "--data", data], ""));
+    let (out, _, code) = said(&run_with(&["user", "list", "--json", "--data", data], ""));
     let users: Value = serde_json::from_str(&out).expect("it is JSON");
     assert_eq!((&users[0]["name"], &users[0]["role"], code), (&json!("dora"), &json!("developer"), Some(0)));
     let created = users[0]["created"].as_str().expect("it has a date");
@@ -180,7 +160,7 @@ fn data_is_checked_repaired_and_restored_while_nobody_serves() {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("commands-data");
     let _ = std::fs::remove_dir_all(&folder);
     let data = folder.to_str().expect("the path is text");
-    let run = |words: &[&str], input: &str| said(&telltale(&[words, &["--data", data]].concat(), input));
+    let run = |words: &[&str], input: &str| said(&run_with(&[words, &["--data", data]].concat(), input));
     let (_, err, code) = run(&["data", "check"], "");
     assert!(code == Some(2) && err.contains("there is no database") && err.contains("--data"), "{err}");
     assert!(!folder.exists(), "a folder that is misspelt is not made");

@@ -2,9 +2,8 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Output;
 use std::time::UNIX_EPOCH;
 
 use telltale::config;
@@ -22,6 +21,7 @@ use telltale::replay::line::lines;
 use telltale::replay::{Gap, Playback, Recording, ReplayError, Run};
 
 use crate::folder::TestFolder;
+use crate::program::run;
 
 const MAIN: &str = "vehicle: { id: v, stages: none }\ninclude: [sensors.yaml]\n";
 const INCLUDED: &str =
@@ -190,8 +190,7 @@ fn with_wrong_chunk(folder: &TestFolder, wrong: Option<usize>) -> PathBuf {
 }
 
 fn replay(path: &Path, options: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.arg("replay").arg(path).args(options).output().unwrap()
+    run([&["replay", path.to_str().unwrap()], options].concat())
 }
 
 fn lines_of(text: &[u8]) -> Vec<String> {
@@ -352,21 +351,13 @@ fn a_damaged_configuration_is_told_as_that_and_another_one_takes_its_place() {
         assert!(matches!(error, ReplayError::DamagedConfiguration(_)), "at byte {at}: {error}");
         let said = error.to_string();
         assert!(said.contains("is damaged") && said.contains("name the right one with --config"), "{said}");
-        let replay = |words: &[&OsStr]| {
-            Command::new(env!("CARGO_BIN_EXE_telltale"))
-                .arg("replay")
-                .arg(&path)
-                .args(words)
-                .output()
-                .unwrap()
-        };
-        let run = replay(&[]);
+        let run = replay(&path, &[]);
         let (err, code) = (String::from_utf8_lossy(&run.stderr), run.status.code());
         assert!(
             code == Some(2) && err.contains("the configuration in the recording is damaged"),
             "{code:?} {err}"
         );
-        let run = replay(&["--config".as_ref(), folder.join("main.yaml").as_ref()]);
+        let run = replay(&path, &["--config", folder.join("main.yaml").to_str().unwrap()]);
         let out = String::from_utf8_lossy(&run.stdout);
         assert!(run.status.success() && out.contains("sensors/imu"), "{out}");
     }

@@ -1,7 +1,7 @@
 //! Messages to the vehicle, against foreign DDS peers: what Telltale publishes, and how the simulated
 //! shuttle reacts.
 
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -23,6 +23,7 @@ use telltale::runtime::Stamped;
 use tokio::sync::{mpsc, watch};
 
 use crate::peer::{Domain, Limit, Peer, Vendor};
+use crate::program::telltale;
 
 /// An engine whose snapshots are published, and what the foreign peer hears.
 pub struct Published {
@@ -45,7 +46,7 @@ impl Published {
         let loaded = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}"));
         let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
         let (snapshots, latest) = watch::channel(engine.snapshot());
-        let topics = telltale::cli::server::outputs::topics(&loaded.publishing);
+        let topics = telltale::cli::running::server::outputs::topics(&loaded.publishing);
         let options = BridgeOptions::loopback(domain.id);
         let (inputs, news) = mpsc::channel(64);
         let (clock, heard) = (Clock::start(), inputs.clone());
@@ -239,10 +240,10 @@ impl Drop for Shuttle {
 impl Shuttle {
     fn start(domain: &Domain) -> Shuttle {
         let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/shuttle.yaml");
-        let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-        command.args(["sim", "--interface", "127.0.0.1", "--config", config]);
-        command.args(["--domain", &domain.id.to_string()]).stdout(Stdio::null()).stderr(Stdio::null());
-        Shuttle(command.spawn().expect("the program starts"))
+        let domain = domain.id.to_string();
+        let words = ["sim", "--interface", "127.0.0.1", "--config", config, "--domain", &domain];
+        let mut command = telltale(words);
+        Shuttle(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"))
     }
 }
 

@@ -14,6 +14,7 @@ use telltale::engine::view::record::{Record, Recorded};
 use telltale::store::History;
 
 use crate::folder::TestFolder;
+use crate::program::run;
 
 /// All files of a folder by name.
 fn files(folder: &Path) -> BTreeMap<String, String> {
@@ -112,22 +113,10 @@ fn a_history_is_drawn_as_it_was() {
     let at = humantime::format_rfc3339_millis(start + Duration::from_secs(1)).to_string();
     let figure = folder.join("figure.svg");
     let draw = |node: &str| {
-        Command::new(env!("CARGO_BIN_EXE_telltale"))
-            .args([
-                "history",
-                "--data",
-                &folder.to_string_lossy(),
-                "--at",
-                &at,
-                "--before",
-                "1s",
-                "--after",
-                "3s",
-            ])
-            .args(["--node", "sensors", "--node", node, "--signal", "active", "--event", "it jumps"])
-            .args(["--figure", &figure.to_string_lossy()])
-            .output()
-            .expect("it can be run")
+        let folder = folder.to_string_lossy();
+        let when = ["history", "--data", &folder, "--at", &at, "--before", "1s", "--after", "3s"];
+        let what = ["--node", "sensors", "--node", node, "--signal", "active", "--event", "it jumps"];
+        run([&when[..], &what, &["--figure", &figure.to_string_lossy()]].concat())
     };
     let deadline = clock.now() + Span::from_secs(30);
     while !draw("localization").status.success() {

@@ -1,6 +1,7 @@
 //! `telltale init`: what is concluded from observations, and from a foreign robot over DDS.
 
-use std::process::{Command, Output, Stdio};
+use std::path::Path;
+use std::process::Output;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -20,6 +21,7 @@ use telltale::{config, runtime};
 
 use crate::folder::TestFolder;
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};
+use crate::program::run;
 
 const SCAN: &str = "sensor_msgs/msg/LaserScan";
 
@@ -354,9 +356,7 @@ fn ten_thousand_nodes_are_few_groups() {
 /// Runs the program against a domain.
 fn telltale(domain: &Domain, words: &[&str]) -> Output {
     let domain = domain.id.to_string();
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.args(words).args(["--interface", "loopback", "--domain", &domain]);
-    command.stdin(Stdio::null()).output().expect("the program can be run")
+    run([words, &["--interface", "loopback", "--domain", &domain]].concat())
 }
 
 #[test]
@@ -455,8 +455,7 @@ async fn the_file_of_a_foreign_robot_passes_check_and_shows_it_ok() {
     }
     let written = std::fs::read_to_string(&file).expect("it was written");
     has(&written, &wanted);
-    let checked = Command::new(env!("CARGO_BIN_EXE_telltale")).arg("check").arg(&file).output();
-    let checked = checked.expect("the program can be run");
+    let checked = run([Path::new("check"), &file]);
     assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
 
     let model = config::load(&file).unwrap_or_else(|problems| panic!("{problems}")).model;

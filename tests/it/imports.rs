@@ -2,13 +2,13 @@
 //! stand beside it. With TELLTALE_BLESS=1 they are written anew, for a person to read.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use telltale::config;
 use telltale::import::{Imported, Lookup, import};
 use telltale::yaml::Sources;
 
 use crate::folder::TestFolder;
+use crate::program::telltale;
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/import")
@@ -207,8 +207,7 @@ fn a_long_chain_of_units_ends_where_a_configuration_could_not_be_read() {
 #[test]
 fn the_command_says_with_its_exit_code_whether_all_was_carried_over() {
     let run = |arguments: &[&str]| {
-        let output =
-            Command::new(env!("CARGO_BIN_EXE_telltale")).args(arguments).current_dir(folder()).output();
+        let output = telltale(arguments).current_dir(folder()).output();
         let output = output.unwrap();
         let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
         (output.status.code(), text(output.stdout), text(output.stderr))

@@ -14,6 +14,7 @@ use telltale::record::writer::hash_file;
 use telltale::store::{DemoSecrets, Store};
 
 use crate::folder::TestFolder;
+use crate::program::{said, telltale};
 
 const DAY_MS: i64 = 24 * 3600 * 1000;
 
@@ -97,11 +98,8 @@ fn recording(path: &Path, id: u64) -> u64 {
 }
 
 fn incident(data: &Path, words: &[&str]) -> (String, String, Option<i32>) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.arg("incident").args(words).arg("--data").arg(data).current_dir(std::env::temp_dir());
-    let output = command.output().expect("the program can be run");
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (text(&output.stdout), text(&output.stderr), output.status.code())
+    let mut command = telltale([&["incident"], words, &["--data", data.to_str().unwrap()]].concat());
+    said(&command.current_dir(std::env::temp_dir()).output().expect("the program can be run"))
 }
 
 #[tokio::test]

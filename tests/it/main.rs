@@ -52,6 +52,7 @@ mod network;
 mod optional_topics;
 mod peer;
 mod printed;
+mod program;
 mod properties;
 mod publishers;
 mod recorded_messages;

@@ -1,11 +1,12 @@
 //! What commands print: outside text begins no line of its own, and a reader who has had enough ends nothing by a panic.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 
 use serde_json::Value;
 
 use crate::folder::TestFolder;
+use crate::program::{self, run_with, telltale};
 
 const CONFIG: &str = "vehicle: { id: r, stages: none }\nother: { show: counted }\ngroups:\n  - id: base\n    \
                       modules: [{ id: motors, status: 'base: motors', timeout: 2s, stale: error }]\n  - id: odd\n    \
@@ -27,14 +28,8 @@ fn root(path: &str) -> String {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(path).display().to_string()
 }
 
-fn command(words: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.args(words).env_remove("AMENT_PREFIX_PATH").stdin(Stdio::null());
-    command
-}
-
 fn run(words: &[&str]) -> (String, String, Option<i32>) {
-    let Output { stdout, stderr, status } = command(words).output().expect("the program can be run");
+    let Output { stdout, stderr, status } = program::run(words);
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).expect("it is text");
     (text(stdout), text(stderr), status.code())
 }
@@ -46,7 +41,7 @@ fn unread(words: &[&str]) -> Option<i32> {
         drop(reader);
         Stdio::from(writer)
     };
-    let status = command(words).stdout(closed()).stderr(closed()).status();
+    let status = telltale(words).stdout(closed()).stderr(closed()).status();
     status.expect("the program can be run").code()
 }
 
@@ -129,15 +124,8 @@ fn no_command_panics_where_nobody_reads() {
     let data = folder.join("data").display().to_string();
     telltale::store::make_folder(Path::new(&data)).expect("a folder can be made");
     let secret = "a long secret of one\n".repeat(2);
-    let mut adding = command(&["user", "add", "dora", "--role", "developer", "--data", &data])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the program can be run");
-    std::io::Write::write_all(&mut adding.stdin.take().expect("it is piped"), secret.as_bytes())
-        .expect("it reads");
-    assert!(adding.wait().expect("it ends").success());
+    let added = run_with(["user", "add", "dora", "--role", "developer", "--data", &data], &secret);
+    assert!(added.status.success());
     let (recording, scenario) =
         (root("tests/record/newlines.mcap"), root("config/scenarios/forget-after.yaml"));
     let (arm, none) = (root("tests/import/arm.yaml"), folder.join("none").display().to_string());
@@ -214,7 +202,7 @@ fn no_command_panics_where_nobody_reads() {
 #[test]
 fn what_cannot_be_written_is_an_error() {
     let full = || std::fs::File::options().write(true).open("/dev/full").expect("Linux has it");
-    let output = command(&["api"]).stdout(full()).output().expect("the program can be run");
+    let output = telltale(["api"]).stdout(full()).output().expect("the program can be run");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(said.contains("standard output cannot be written") && output.status.code() == Some(2), "{said}");
 }

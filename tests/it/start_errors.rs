@@ -2,21 +2,19 @@
 
 use std::net::TcpListener;
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::Output;
+
+use crate::program;
 
 const SHUTTLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/config/shuttle.yaml");
 
 fn telltale(words: &[&str]) -> Output {
-    telltale_with(words, &[])
+    program::run(words)
 }
 
 /// The same, with variables of the environment.
 fn telltale_with(words: &[&str], variables: &[(&str, &str)]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    for variable in ["ROS_DOMAIN_ID", "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE", "RUST_LOG"] {
-        command.env_remove(variable);
-    }
-    command.envs(variables.iter().copied()).args(words).output().expect("the program can be run")
+    program::telltale(words).envs(variables.iter().copied()).output().expect("the program can be run")
 }
 
 /// A folder for this test, below the folder that cargo provides.
@@ -182,19 +180,7 @@ fn an_origin_that_is_none_is_told() {
 
 /// Runs `telltale user ...` with a secret on standard input.
 fn user(words: &[&str], secret: &str) -> Output {
-    use std::io::Write as _;
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.arg("user").args(words).stdin(std::process::Stdio::piped());
-    let mut child = command
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .expect("it runs");
-    let mut input = child.stdin.take().expect("it is piped");
-    // A command that asks for nothing may have ended already.
-    let _ = write!(input, "{secret}\n{secret}\n");
-    drop(input);
-    child.wait_with_output().expect("it ends")
+    program::run_with([&["user"], words].concat(), &format!("{secret}\n{secret}\n"))
 }
 
 #[test]

@@ -1,5 +1,5 @@
-//! The rules of the house that neither the compiler nor clippy holds: circles of imports, how long a file may be, that
-//! no template is dead, how pages, scripts and styles begin, and what the documentation says of the house.
+//! The rules of the house that neither the compiler nor clippy holds: circles of imports, where modules stand, how long a
+//! file may be, that no template is dead, how pages, scripts and styles begin, and what the documentation says of the house.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -226,10 +226,18 @@ fn no_circle_of_imports_goes_through_a_folder() {
             }
             seen
         };
-        let folders = edges.keys().filter(|it| src.join(it).join("mod.rs").is_file());
+        let folders = edges.keys().filter(|it| src.join(it).is_dir());
         let circles: Vec<&String> = folders.filter(|it| reached(it).contains(it.as_str())).collect();
         assert!(circles.is_empty(), "these of {name} import what imports them: {circles:#?}");
     }
+}
+
+/// A module with parts has one form: the folder holds all of it, in `mod.rs` and beside.
+#[test]
+fn no_file_stands_beside_a_folder_of_its_name() {
+    let all = sources().into_iter().chain(files(&root().join("tests/it"), "rs"));
+    let beside: Vec<PathBuf> = all.filter(|file| file.with_extension("").is_dir()).collect();
+    assert!(beside.is_empty(), "move these to `mod.rs` in their folders: {beside:#?}");
 }
 
 #[test]

@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
@@ -23,6 +22,7 @@ use telltale::store::audit::{Action, COMMAND_LINE, Record};
 use telltale::store::{DemoSecrets, Store};
 
 use crate::folder::TestFolder;
+use crate::program::{run, said};
 
 /// The wall time at which the scenarios begin.
 pub const BEGAN_NS: i64 = 1_800_000_000_000_000_000;
@@ -120,11 +120,7 @@ impl Files {
 }
 
 fn what_if(words: &[&str]) -> (String, String, Option<i32>) {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_telltale"));
-    command.args(["replay", "--what-if"]).args(words).env_remove("AMENT_PREFIX_PATH");
-    let output = command.output().expect("the program can be run");
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (text(&output.stdout), text(&output.stderr), output.status.code())
+    said(&run([&["replay", "--what-if"], words].concat()))
 }
 
 fn objects(words: &[&str]) -> (Vec<Value>, Option<i32>) {
@@ -173,11 +169,7 @@ fn what_led_to_the_first_instant_is_printed_on_demand() {
     let files = Files::new("replay-before");
     let recording = files.recording("a.mcap");
     let lines = |words: &[&str]| -> Vec<Value> {
-        let run = Command::new(env!("CARGO_BIN_EXE_telltale"))
-            .args(["replay", &recording, "--json"])
-            .args(words)
-            .output();
-        let run = run.unwrap();
+        let run = run([&["replay", &recording, "--json"], words].concat());
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
         let lines = String::from_utf8(run.stdout).unwrap();
         lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect()

@@ -14,10 +14,8 @@ mod incidents;
 mod outbox;
 mod private_file;
 mod queue;
-mod role;
 mod sessions;
 mod temporary_folder;
-mod unix_time;
 mod users;
 mod vehicle;
 
@@ -30,7 +28,7 @@ use rusqlite::Connection;
 use tokio::sync::{oneshot, watch};
 
 pub use audit::chain::{Acknowledged, Breach, Hash, Head, Verdict};
-pub use caller::Caller;
+pub use caller::{Caller, Role};
 pub use database::schema::FILE_NAME;
 pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
@@ -45,7 +43,6 @@ pub use incidents::{
     OnDisk, StoredIncident, clean_note,
 };
 pub use private_file::{give_to_owner_of, make_folder};
-pub use role::Role;
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use temporary_folder::TemporaryFolder;

@@ -7,7 +7,7 @@ use std::time::{Duration, SystemTime};
 use rusqlite::{Connection, OptionalExtension, Row, params};
 
 use super::audit::Record;
-use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::database::{from_unix_ms, to_unix_ms};
 use super::{Database, Store, StoreError};
 use telltale_engine::model::Stage;
 use telltale_engine::model::countermeasure::Request;

@@ -18,19 +18,17 @@ use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
 
 use super::AppState;
-use super::api::Description;
-use super::api::openapi::{Described, document};
+use super::api::openapi::{Described, Description, document};
 use super::api::operation::Operation;
+use super::api::operations as op;
 use super::auth::login;
 use super::developer::incidents::what_if;
-use super::exports::description;
 use super::http::guard::Access::{Asset, Open, Roles, Session};
 use super::http::guard::{Access, AccessTable, guard};
 use super::http::{headers, plain_errors};
 use super::live::socket;
-use super::operations as op;
 use super::operator::{actions, last_alarms};
-use super::{demo, developer, exports, incidents, pages, replays};
+use super::{api, demo, developer, incidents, pages, replays};
 use telltale_store::Role::{Authority, Developer, Operator};
 
 /// The largest body of a request.
@@ -98,7 +96,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/topics", Roles(&[Developer, Authority]), developer::topics::get),
         on_get("/developer/live", Roles(&[Developer, Authority]), socket::pulse),
         on_get("/developer/configuration", Roles(&[Developer, Authority]), developer::configuration::get),
-        on_get("/developer/api", Roles(&[Developer, Authority]), developer::api::get),
+        on_get("/developer/api", Roles(&[Developer, Authority]), api::page::get),
         on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit::get),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload::post),
         on_get("/incidents", Roles(&[Developer, Authority]), developer::incidents::list::get),
@@ -116,24 +114,26 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/replay/{id}/differences", Roles(&[Developer, Authority]), replays::differences),
         on_get("/replay/{id}/screen/", Roles(&[Developer, Authority]), replays::first_screen),
         on_get("/replay/{id}/screen/{*path}", Roles(&[Developer, Authority]), replays::screen),
-        on_get("/api/v1/incidents", Roles(&[Developer, Authority]), incidents::list).told(&op::INCIDENTS),
-        on_get("/api/v1/incidents/{id}", Roles(&[Developer, Authority]), incidents::one).told(&op::INCIDENT),
+        on_get("/api/v1/incidents", Roles(&[Developer, Authority]), api::incidents::list)
+            .told(&op::INCIDENTS),
+        on_get("/api/v1/incidents/{id}", Roles(&[Developer, Authority]), api::incidents::one)
+            .told(&op::INCIDENT),
         on_post("/api/v1/incidents/{id}/note", Roles(&[Developer]), incidents::note).told(&op::NOTE),
         on_post("/api/v1/incidents/{id}/keep", Roles(&[Developer]), incidents::keep).told(&op::KEEP),
         on_post("/api/v1/mark", Roles(&[Operator, Developer]), incidents::mark).told(&op::MARK),
         on_get("/api/v1/snapshot", Session, pages::snapshot).told(&op::SNAPSHOT),
         on_get("/api/v1/stream", Session, socket::stream).told(&op::STREAM),
-        on_get("/api/v1/statuses", Roles(&[Developer, Authority]), exports::statuses::get)
-            .told(&op::STATUSES),
-        on_get("/api/v1/history", Roles(&[Developer, Authority]), exports::history::get).told(&op::HISTORY),
-        on_get("/api/v1/statistics", Roles(&[Developer, Authority]), exports::statistics::get)
+        on_get("/api/v1/statuses", Roles(&[Developer, Authority]), api::statuses::get).told(&op::STATUSES),
+        on_get("/api/v1/history", Roles(&[Developer, Authority]), api::history::get).told(&op::HISTORY),
+        on_get("/api/v1/statistics", Roles(&[Developer, Authority]), api::statistics::get)
             .told(&op::STATISTICS),
-        on_get("/api/v1/topics", Roles(&[Developer, Authority]), exports::topics::get).told(&op::TOPICS),
-        on_get("/api/v1/audit", Roles(&[Developer, Authority]), exports::audit::get).told(&op::AUDIT),
-        on_get("/api/v1/openapi.json", Session, description::openapi).told(&op::OPENAPI),
-        on_get("/api/v1/schema/snapshot.json", Session, description::snapshot_schema)
+        on_get("/api/v1/values", Roles(&[Developer, Authority]), api::values::get).told(&op::VALUES),
+        on_get("/api/v1/topics", Roles(&[Developer, Authority]), api::topics::get).told(&op::TOPICS),
+        on_get("/api/v1/audit", Roles(&[Developer, Authority]), api::audit::get).told(&op::AUDIT),
+        on_get("/api/v1/openapi.json", Session, api::openapi::get).told(&op::OPENAPI),
+        on_get("/api/v1/schema/snapshot.json", Session, api::openapi::snapshot_schema)
             .told(&op::SNAPSHOT_SCHEMA),
-        on_get("/api/v1/schema/stream.json", Session, description::stream_schema).told(&op::STREAM_SCHEMA),
+        on_get("/api/v1/schema/stream.json", Session, api::openapi::stream_schema).told(&op::STREAM_SCHEMA),
         on_get("/healthz", Open, pages::healthz).told(&op::HEALTHZ),
         on_get("/readyz", Open, pages::readyz).told(&op::READYZ),
         on_get("/static/{*path}", Asset, pages::asset),

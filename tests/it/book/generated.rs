@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::Command;
 
 use super::{read, root, schema};
+use crate::program::run;
 
 /// Compares a page with what is made today, or with BLESS=1 writes it.
 #[track_caller]
@@ -21,8 +21,7 @@ fn up_to_date(page: &str, made: &str) {
 }
 
 fn telltale(words: &[&str]) -> String {
-    let output =
-        Command::new(env!("CARGO_BIN_EXE_telltale")).args(words).output().expect("the program can be run");
+    let output = run(words);
     assert!(output.status.success(), "telltale {words:?}: {output:?}");
     String::from_utf8(output.stdout).expect("it prints text")
 }

@@ -76,6 +76,7 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("GET", "/api/v1/statuses", [false, true, true, false]),
     ("GET", "/api/v1/history", [false, true, true, false]),
     ("GET", "/api/v1/statistics", [false, true, true, false]),
+    ("GET", "/api/v1/values", [false, true, true, false]),
     ("GET", "/api/v1/topics", [false, true, true, false]),
     ("GET", "/api/v1/audit", [false, true, true, false]),
     ("GET", "/api/v1/openapi.json", [true, true, true, false]),

@@ -79,7 +79,8 @@ async fn answers_are_as_they_are_described() {
         let described = methods["get"]["responses"]["200"]["content"].as_object();
         let media = described.and_then(|it| it.keys().find(|media| media.contains("json")));
         let Some(media) = media.filter(|_| !path.contains('{')) else { continue };
-        let answer = fixture.get(path, Some(&cookie)).await;
+        let needed = if path == "/api/v1/values" { "?node=sensors/lidar" } else { "" };
+        let answer = fixture.get(&format!("{path}{needed}"), Some(&cookie)).await;
         assert_eq!(answer.status, StatusCode::OK, "{path}: {}", answer.body);
         assert_eq!(answer.headers["content-type"], **media, "{path}");
         let value = serde_json::from_str(&answer.body).unwrap();
@@ -185,6 +186,24 @@ async fn the_columns_of_a_table_are_those_of_its_rows() {
 }
 
 #[tokio::test]
+async fn the_numbers_of_a_module_come_as_they_are_drawn() {
+    let (fixture, cookie) = fixture().await;
+    fixture.app.trends.sample(&fixture.app.published());
+    let path = "/api/v1/values?node=sensors/lidar";
+    let answer = fixture.get(path, Some(&cookie)).await;
+    let value: Value = serde_json::from_str(&answer.body).unwrap();
+    let row = &value["values"][0];
+    assert_eq!((&row["key"], &row["value"]), (&json!("n"), &json!(1.0)), "{value}");
+    assert!(humantime::parse_rfc3339(row["at"].as_str().unwrap()).is_ok());
+    let csv = fixture.get(&format!("{path}&format=csv"), Some(&cookie)).await;
+    assert!(csv.body.starts_with("at,key,value\r\n") && csv.body.contains(",n,1.0\r\n"), "{}", csv.body);
+    for node in ["sensors", "nobody"] {
+        let answer = fixture.get(&format!("/api/v1/values?node={node}"), Some(&cookie)).await;
+        assert_eq!(answer.status, StatusCode::NOT_FOUND, "{node}");
+    }
+}
+
+#[tokio::test]
 async fn a_wrong_address_is_answered_with_what_to_write() {
     let (fixture, cookie) = fixture().await;
     let long = "x".repeat(3000);
@@ -219,7 +238,7 @@ async fn a_locked_vehicle_tells_no_table_of_itself() {
     let fixture = Fixture::new().await;
     let cookie = fixture.cookie_of("developer").await;
     fixture.status("lidar", 2, "broken").await;
-    for path in ["statuses", "history", "topics"] {
+    for path in ["statuses", "history", "topics", "values?node=sensors/lidar"] {
         let answer = fixture.get(&format!("/api/v1/{path}"), Some(&cookie)).await;
         assert_eq!(answer.status, StatusCode::CONFLICT, "{path}");
         assert!(answer.body.contains("locked") && !answer.body.contains("lidar"), "{}", answer.body);

@@ -1,7 +1,6 @@
 //! TLS: the vehicle's own certificate, faults of other certificates, and a page over TLS.
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
@@ -21,6 +20,7 @@ use tokio_rustls::client::TlsStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 
 use super::fixture::Fixture;
+use crate::program;
 
 const DAY: Duration = Duration::from_secs(24 * 3600);
 
@@ -34,7 +34,7 @@ fn self_signed(name: &str) -> Files {
     let _ = std::fs::remove_dir_all(&folder);
     let run = |more: &[&str]| {
         let words = ["tls", "self-signed", "--name", "shuttle-1.example", "--data", folder.to_str().unwrap()];
-        Command::new(env!("CARGO_BIN_EXE_telltale")).args(words).args(more).output().unwrap()
+        program::run([&words[..], more].concat())
     };
     let made = run(&[]);
     assert!(made.status.success(), "{made:?}");

@@ -2,7 +2,7 @@
 
 use axum::http::StatusCode;
 use serde_json::{Value, json};
-use telltale::cli::server::what_if::examiner;
+use telltale::cli::running::server::what_if::examiner;
 use telltale::msg::fields::Definitions;
 use telltale::record::folder::{file_name, folder_in};
 use telltale::record::summary::{Recording, Summary, TriggerLine, kind};

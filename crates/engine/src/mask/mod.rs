@@ -2,6 +2,8 @@
 
 pub(super) mod causes;
 pub(super) mod dropped;
+pub(super) mod explained;
+pub(super) mod kept;
 pub(super) mod net;
 pub(super) mod node;
 pub(super) mod paths;

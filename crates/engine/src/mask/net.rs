@@ -3,16 +3,12 @@
 //! Nothing is computed twice: groups fold tallies, dependencies count their blocking members, and a change
 //! walks upward in the order of [`Order`](crate::model::order), each node at most once.
 
-pub(crate) mod explained;
-pub(crate) mod kept;
-
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 use std::sync::Arc;
 
-use explained::Beginnings;
-
 use super::dropped::{self, OnlyDropped};
+use super::explained::Beginnings;
 use super::node::{GroupNode, ModuleKind, ModuleNode, Node, NodeFacts, Policies, UNSEEN};
 use super::relevance::unmet;
 use super::rules;
@@ -37,7 +33,7 @@ pub(crate) struct Change {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Visit {
+pub(super) enum Visit {
     Enter(u32),
     Module(u32),
     Leave(u32),
@@ -52,15 +48,15 @@ pub(crate) struct Net {
     pub(crate) root: Tally,
     /// The least state that may mask: UNKNOWN only if a dependency asks for that.
     pub(crate) threshold: State,
-    locked: bool,
+    pub(super) locked: bool,
     /// Relevant modules in ERROR by themselves, masked or not; without those in `other`.
     pub(crate) own_errors: usize,
     /// The policies of the declared modules.
-    policies: Policies,
-    built_in_policy: Policy,
+    pub(super) policies: Policies,
+    pub(super) built_in_policy: Policy,
     /// Some report counts as another state than the reported one.
-    recounts: bool,
-    queue: BinaryHeap<Reverse<(u32, Visit)>>,
+    pub(super) recounts: bool,
+    pub(super) queue: BinaryHeap<Reverse<(u32, Visit)>>,
     /// The number of modules that were discovered so far.
     pub(crate) arrivals: u64,
     /// Modules that left since the list was last taken.
@@ -76,7 +72,7 @@ pub(crate) struct Net {
     /// Blocked modules in ERROR: each is masked only while a cause explains it.
     pub(crate) blocked_errors: BTreeSet<ModuleId>,
     /// Beginnings of causes that are known in this evaluation.
-    beginnings: Beginnings,
+    pub(super) beginnings: Beginnings,
 }
 
 impl Net {

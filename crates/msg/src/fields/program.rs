@@ -1,7 +1,5 @@
 //! Compiled paths: the parts of a message to skip, and the value to read.
 
-mod range;
-
 use std::fmt;
 use std::sync::Arc;
 
@@ -189,6 +187,15 @@ impl Program {
             _ => false,
         })
     }
+
+    /// The smallest and the largest number of a field, if its type has limits.
+    pub fn range(&self) -> Option<(f64, f64)> {
+        match &self.leaf {
+            Leaf::Primitive(primitive) => range(*primitive),
+            Leaf::Length(_) => range(Primitive::U32),
+            Leaf::Text | Leaf::Time | Leaf::Pose | Leaf::Positions(_) | Leaf::Content(_) => None,
+        }
+    }
 }
 
 fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) -> Result<(), NoValue> {
@@ -235,6 +242,21 @@ fn time(reader: &mut Reader<'_>) -> Result<(i32, u32), Fault> {
 fn pose(reader: &mut Reader<'_>) -> Result<Pose, Fault> {
     let mut next = || reader.scalar().map(f64::from_le_bytes);
     Ok(Pose { x_m: next()?, y_m: next()?, z_m: next()?, qx: next()?, qy: next()?, qz: next()?, qw: next()? })
+}
+
+/// The doubles nearest to the largest integers.
+fn range(primitive: Primitive) -> Option<(f64, f64)> {
+    Some(match primitive {
+        Primitive::Bool | Primitive::F32 | Primitive::F64 => return None,
+        Primitive::U8 => (0.0, f64::from(u8::MAX)),
+        Primitive::I8 => (f64::from(i8::MIN), f64::from(i8::MAX)),
+        Primitive::U16 => (0.0, f64::from(u16::MAX)),
+        Primitive::I16 => (f64::from(i16::MIN), f64::from(i16::MAX)),
+        Primitive::U32 => (0.0, f64::from(u32::MAX)),
+        Primitive::I32 => (f64::from(i32::MIN), f64::from(i32::MAX)),
+        Primitive::U64 => (0.0, u64::MAX as f64),
+        Primitive::I64 => (i64::MIN as f64, i64::MAX as f64),
+    })
 }
 
 /// A position on the way along a path.

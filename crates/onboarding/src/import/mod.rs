@@ -3,12 +3,10 @@
 
 mod aggregator;
 mod autoware;
-mod findings;
 mod write;
 
 use std::path::PathBuf;
 
-use findings::Findings;
 use telltale_yaml::{Kind, Log, Node, Problem, Problems, Sources, Span, tree};
 
 /// What the sources alone do not say: of a graph, what its paths of files refer to; of parameters, whose they are.
@@ -133,6 +131,43 @@ fn list(sources: &Sources, problems: &[Problem]) -> Vec<String> {
 /// `analyzers.yaml:12`: where the source says something, for comments in the result.
 fn line(sources: &Sources, span: Span) -> String {
     sources.place(span)
+}
+
+/// Findings beyond this many are counted, not kept.
+const FINDINGS_MAX: usize = 1000;
+
+/// What an import found: what could not be carried over, and what has another meaning.
+#[derive(Debug, Default)]
+struct Findings {
+    list: Vec<Problem>,
+    lost: usize,
+}
+
+impl Findings {
+    /// Something could not be carried over.
+    fn lost(&mut self, problem: Problem) {
+        self.lost += 1;
+        self.keep(problem);
+    }
+
+    /// Something means another thing here.
+    fn differs(&mut self, problem: Problem) {
+        self.keep(problem.as_warning());
+    }
+
+    fn keep(&mut self, problem: Problem) {
+        if self.list.len() < FINDINGS_MAX {
+            self.list.push(problem);
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.lost
+    }
+
+    fn into_problems(self) -> Vec<Problem> {
+        self.list
+    }
 }
 
 #[cfg(test)]

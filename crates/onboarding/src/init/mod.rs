@@ -1,5 +1,5 @@
 //! A first configuration of a running ROS 2 system: what was heard and who publishes what becomes groups, modules
-//! and monitors, each with its evidence as a comment. Pure: `cli/init` listens, this room concludes and writes.
+//! and monitors, each with its evidence as a comment. Pure: `cli/configuration/init` listens, this room concludes and writes.
 //!
 //! [`Observations`] -> [`Draft`] -> [`text`].
 

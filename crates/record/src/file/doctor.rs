@@ -7,7 +7,7 @@ use std::path::Path;
 use mcap::McapResult;
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::error::FileError;
+use super::FileError;
 use super::reader::Reader;
 use super::source::CHUNK_BYTES_MAX;
 

@@ -5,7 +5,6 @@ mod budget;
 mod definitions;
 mod doctor;
 mod entry;
-mod error;
 mod json;
 mod layout;
 mod omission;
@@ -16,11 +15,13 @@ mod repair;
 mod source;
 mod writer;
 
+use std::io;
+use std::path::{Path, PathBuf};
+
 pub use budget::{Budget, SPENT};
 pub use definitions::Channel;
 pub use doctor::{check, check_bytes};
 pub use entry::Entry;
-pub use error::FileError;
 pub use json::{JOURNAL, JsonChannel, KEYFRAMES, TRANSITIONS};
 pub use omission::{Missing, Omission, Omissions};
 pub use reader::{Place, Reader};
@@ -39,6 +40,33 @@ pub const LEFT_OUT: &str = "telltale:left_out";
 
 /// The schema of a type whose definition is not known.
 const UNDEFINED: &str = "# The definition of this type was not known where it was recorded.\n";
+
+/// Why a file of a recording could not be written, read or repaired.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    #[error("{} cannot be {doing}: {why}", path.display())]
+    Io { path: PathBuf, doing: &'static str, why: io::Error },
+    #[error("{}: {why}", path.display())]
+    Format { path: PathBuf, why: String },
+}
+
+impl FileError {
+    pub fn io(path: &Path, doing: &'static str, why: io::Error) -> FileError {
+        FileError::Io { path: path.to_owned(), doing, why }
+    }
+
+    pub fn format(path: &Path, why: impl Into<String>) -> FileError {
+        FileError::Format { path: path.to_owned(), why: why.into() }
+    }
+
+    /// The fault of the disk, if it is one.
+    pub fn kind(&self) -> Option<io::ErrorKind> {
+        match self {
+            FileError::Io { why, .. } => Some(why.kind()),
+            FileError::Format { .. } => None,
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests;

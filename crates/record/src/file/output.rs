@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use mcap::{Compression, McapResult, WriteOptions, Writer};
 
-use super::error::FileError;
+use super::FileError;
 
 /// A vehicle's computer has little time: the fastest level is enough for sensor data.
 const COMPRESSION_LEVEL: u32 = 1;

@@ -9,10 +9,10 @@ use std::sync::Arc;
 use bytes::Bytes;
 use mcap::records::op;
 
+use super::FileError;
 use super::budget::{Budget, SPENT};
 use super::definitions::{Channel, Definitions, Format};
 use super::entry::{Entry, Item, Raw};
-use super::error::FileError;
 use super::json;
 use super::layout::{Layout, Part};
 use super::omission::{MISSING, Missing, Omissions};

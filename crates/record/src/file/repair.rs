@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata};
 
+use super::FileError;
 use super::definitions::RawChannel;
 use super::entry::{Item, Raw};
-use super::error::FileError;
 use super::omission::{MISSING, Missing, Omissions};
 use super::output::{Output, sync_folder_of};
 use super::reader::Reader;

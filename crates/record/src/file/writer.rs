@@ -9,7 +9,7 @@ use mcap::Attachment;
 use mcap::records::{MessageHeader, Metadata};
 use serde::Serialize;
 
-use super::error::FileError;
+use super::FileError;
 use super::json::{self, JsonChannel};
 use super::output::Output;
 use super::{ABOUT, UNDEFINED};

@@ -2,7 +2,8 @@
 //! developer's page of topics shows it.
 
 use crate::every;
-use crate::library::discovered::{PREFIX, participant_name};
+use crate::library::discovered::participant_name;
+use crate::library::spdp::PREFIX;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

@@ -6,8 +6,8 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use telltale_engine::time::Span;
 use telltale_msg::sample_bytes::Guid;
 
-use super::discovered::PREFIX;
-
+/// The bytes of a GUID that name its participant.
+pub const PREFIX: usize = 12;
 /// The part of a GUID that names the participant.
 pub type Prefix = [u8; PREFIX];
 

@@ -12,7 +12,7 @@ use super::learning::Learning;
 use super::topic::{Memory, Orders, Topic, TopicContext, Trial};
 use crate::discovery::graph::OwnParticipants;
 use crate::library::Found;
-use crate::library::discovered::PREFIX;
+use crate::library::spdp::PREFIX;
 use crate::outbox::End;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::messages;

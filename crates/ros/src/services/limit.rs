@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::library::discovered::PREFIX;
+use crate::library::spdp::PREFIX;
 use crate::rate::{Bucket, Rate};
 use telltale_engine::model::service::Service;
 use telltale_engine::time::{Span, Timestamp};

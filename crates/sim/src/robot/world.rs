@@ -2,7 +2,7 @@
 
 use super::{Fault, Lidar, Message};
 use crate::machine::Order;
-use crate::machine::clockwork::STEP_MS;
+use crate::machine::STEP_MS;
 use crate::machine::drive::{Departure, Drive, Pace};
 use crate::machine::feed::{Feed, Noise};
 use crate::machine::route::{Pose2d, Route};

@@ -22,7 +22,7 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::database::schema;
-use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::database::{from_unix_ms, to_unix_ms};
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
@@ -272,7 +272,7 @@ impl Database {
         }
         let wall = self.clock.wall();
         // The end of the chain is read under the lock: another process may write too.
-        let transaction = Database::begin(&mut self.connection, &mut self.schema, &mut self.health)?;
+        let transaction = Database::begin(&mut self.connection, &mut self.schema)?;
         let news = if records().next().is_none() { None } else { self.log.check(&transaction)? };
         let value = change(&transaction)?;
         let mut head = None;

@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use super::schema::MIGRATIONS;
-use crate::disk::health::Health;
 use crate::{Database, StoreError};
 use telltale_yaml::plain::escaped;
 
@@ -101,9 +100,9 @@ impl Database {
     /// with the first write.
     ///
     /// # Errors
-    /// The schema is no longer Telltale's. The next probe, which is due at once, goes on in memory.
+    /// The schema is no longer Telltale's.
     pub(crate) fn check_schema(&mut self) -> Result<(), StoreError> {
-        self.schema.check(&self.connection, &mut self.health)
+        self.schema.check(&self.connection)
     }
 
     /// Begins to write. The schema is checked under the lock, so no other program changes it before the end.
@@ -113,10 +112,9 @@ impl Database {
     pub(crate) fn begin<'a>(
         connection: &'a mut Connection,
         schema: &mut Schema,
-        health: &mut Health,
     ) -> Result<Transaction<'a>, StoreError> {
         let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        schema.check(&transaction, health)?;
+        schema.check(&transaction)?;
         Ok(transaction)
     }
 }
@@ -134,8 +132,8 @@ impl Schema {
         Schema { is_checked, checked: None }
     }
 
-    fn check(&mut self, connection: &Connection, health: &mut Health) -> Result<(), StoreError> {
-        if !self.is_checked || health.folder().is_none() {
+    fn check(&mut self, connection: &Connection) -> Result<(), StoreError> {
+        if !self.is_checked {
             return Ok(());
         }
         let version = connection.pragma_query_value(None, "schema_version", |row| row.get(0))?;
@@ -147,10 +145,7 @@ impl Schema {
                 self.checked = Some(version);
                 Ok(())
             }
-            Some(what) => {
-                health.doubt();
-                Err(StoreError::Database(damage(&what)))
-            }
+            Some(what) => Err(StoreError::Database(damage(&what))),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use rusqlite::Connection;
 
-use crate::unix_time::{from_unix_ms, to_unix_ms};
+use crate::database::{from_unix_ms, to_unix_ms};
 use crate::{Database, Store, StoreError};
 use telltale_clock::earliest;
 

@@ -126,7 +126,10 @@ impl Health {
             )
         {
             let is_damage = matches!(failure.code, ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase);
-            self.is_suspect |= is_damage;
+            if is_damage {
+                self.is_suspect = true;
+                self.doubt();
+            }
             self.report(Some(&error.to_string()));
         }
     }
@@ -226,7 +229,7 @@ impl Database {
 
     /// Writes, to see whether that works.
     fn beat(&mut self) -> Result<(), StoreError> {
-        let transaction = Database::begin(&mut self.connection, &mut self.schema, &mut self.health)?;
+        let transaction = Database::begin(&mut self.connection, &mut self.schema)?;
         transaction.execute("UPDATE beat SET count = count + 1", [])?;
         Ok(transaction.commit()?)
     }

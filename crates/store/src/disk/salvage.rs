@@ -11,8 +11,8 @@ use rusqlite::{Connection, Row, params, params_from_iter};
 
 use crate::audit::known::Known;
 use crate::audit::{KEY_FILE_NAME, Key, Log};
+use crate::database::to_unix_ms;
 use crate::database::{backup, schema};
-use crate::unix_time::to_unix_ms;
 use crate::{Database, FILE_NAME, SessionKind, StoreError};
 
 /// The number of rows of one table that fit into memory, whatever a damaged file claims to hold.

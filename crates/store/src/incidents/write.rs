@@ -7,7 +7,7 @@ use super::bounds::{bounded, note};
 use super::logged::{columns, kept_target, note_target, recorded_target};
 use super::read::{last_number, surely};
 use crate::audit::{Action, Record, TELLTALE};
-use crate::unix_time::to_unix_ms;
+use crate::database::to_unix_ms;
 use crate::{Database, Store, StoreError};
 use telltale_record::retention::INCIDENTS_MAX;
 use telltale_record::summary::Summary;

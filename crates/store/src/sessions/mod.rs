@@ -15,7 +15,7 @@ use tokio::sync::watch;
 
 use super::audit::Record;
 use super::audit::known::Mark;
-use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::database::{from_unix_ms, to_unix_ms};
 use super::{Database, Role, Store, StoreError, Verified};
 use table::Row;
 use telltale_engine::model::Stage;

@@ -4,7 +4,7 @@
 
 use rusqlite::params;
 
-use crate::unix_time::to_unix_ms;
+use crate::database::to_unix_ms;
 use crate::{Caller, Store, StoreError, Token, Verified};
 
 /// Cookies for each user; a new one replaces the oldest.

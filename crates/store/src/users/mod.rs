@@ -5,7 +5,7 @@ pub(super) mod noticed;
 pub(super) mod secret;
 pub(super) mod tokens;
 
-use super::unix_time::{from_unix_ms, to_unix_ms};
+use super::database::{from_unix_ms, to_unix_ms};
 use std::time::SystemTime;
 
 use rusqlite::{Connection, OptionalExtension, params};

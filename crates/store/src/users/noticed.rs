@@ -41,7 +41,7 @@ impl Database {
         if let Some((made, taken_in)) = changes.filter(|(made, taken_in)| made != taken_in) {
             tracing::debug!(made, taken_in, "users or tokens were changed");
             self.backups.hasten(self.clock.now());
-            let transaction = Database::begin(&mut self.connection, &mut self.schema, &mut self.health)?;
+            let transaction = Database::begin(&mut self.connection, &mut self.schema)?;
             transaction.execute("UPDATE user_changes SET taken_in = ?1", [made])?;
             transaction.commit()?;
         }

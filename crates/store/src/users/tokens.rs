@@ -7,7 +7,7 @@ use rusqlite::{OptionalExtension, params};
 use super::noticed;
 use crate::audit::known::Mark;
 use crate::audit::{Action, COMMAND_LINE, Record};
-use crate::unix_time::{from_unix_ms, to_unix_ms};
+use crate::database::{from_unix_ms, to_unix_ms};
 use crate::{Role, Store, StoreError, Token};
 
 /// A program's token ends this long after it was made, unless another time is given.

@@ -1,75 +1,24 @@
-//! The description of the routes for programs: what each takes and answers, as OpenAPI and JSON Schema.
+//! The interface for programs, in the order in which a request meets it. `operations` is the table of what a program can
+//! call, in words and types (`operation`); `openapi` makes one document of it and of the routes, `page` shows that to people.
+//! Then come the handlers that answer programs alone: their parameters are a `query`, their answer a `table`, JSON or CSV.
+//! What a page calls as well is answered where the page is: actions in `operator`, the stream in `live`.
+
+pub mod operation;
+pub mod operations;
 
 pub mod openapi;
-pub mod operation;
-pub mod query;
-pub mod table;
-pub mod words;
+pub mod page;
 
-use std::sync::Arc;
+mod query;
+mod table;
 
-use schemars::generate::SchemaSettings;
-use schemars::transform::RecursiveTransform;
-use schemars::{JsonSchema, Schema, SchemaGenerator};
-use serde_json::Value;
+pub mod audit;
+pub mod history;
+pub mod incidents;
+pub mod statistics;
+pub mod statuses;
+pub mod topics;
+pub mod values;
 
 /// The version of the interface. Within it keys and routes are added and never removed.
 pub const VERSION: &str = "1";
-
-/// The OpenAPI document of a server.
-#[derive(Debug, Clone)]
-pub struct Description(pub Arc<Value>);
-
-/// The schema of what is sent, in a document of its own.
-pub fn schema_of<T: JsonSchema>() -> Value {
-    let mut schema = sent(SchemaSettings::draft2020_12()).into_generator().into_root_schema_for::<T>();
-    schema.insert(
-        "$comment".to_owned(),
-        "Within version 1 keys are added and never removed: take no notice of others.".into(),
-    );
-    schema.to_value()
-}
-
-/// For what is sent: a member that may be left out is never null.
-fn sent(settings: SchemaSettings) -> SchemaSettings {
-    settings.for_serialize().with_transform(RecursiveTransform(|schema: &mut Schema| {
-        let required = schema.get("required").and_then(Value::as_array).cloned().unwrap_or_default();
-        let properties = schema.get_mut("properties").and_then(Value::as_object_mut);
-        for (name, property) in properties.into_iter().flatten() {
-            if !required.iter().any(|it| it == name) {
-                without_null(property);
-            }
-        }
-    }))
-}
-
-/// The schema of a member that is there or not, and never null.
-fn without_null(schema: &mut Value) {
-    let Some(object) = schema.as_object_mut() else { return };
-    if let Some(Value::Array(kinds)) = object.get_mut("type") {
-        kinds.retain(|kind| kind != "null");
-        if let [kind] = &kinds[..] {
-            let kind = kind.clone();
-            object.insert("type".to_owned(), kind);
-        }
-    }
-    if let Some(Value::Array(words)) = object.get_mut("enum") {
-        words.retain(|word| !word.is_null());
-    }
-    if let Some(Value::Array(forms)) = object.get_mut("anyOf") {
-        forms.retain(|form| form.get("type").is_none_or(|kind| kind != "null"));
-        if let [Value::Object(form)] = &forms[..] {
-            let form = form.clone();
-            object.remove("anyOf");
-            object.extend(form);
-        }
-    }
-    if object.get("default").is_some_and(Value::is_null) {
-        object.remove("default");
-    }
-}
-
-/// The schema of a type, for an operation.
-pub fn of<T: JsonSchema>(schemas: &mut SchemaGenerator) -> Schema {
-    schemas.subschema_for::<T>()
-}

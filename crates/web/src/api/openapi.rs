@@ -1,14 +1,21 @@
-//! The OpenAPI document, made of the table of routes.
+//! The OpenAPI document, made of the table of routes; it and the schemas for who asks for them.
 
+use std::sync::Arc;
+
+use axum::Extension;
 use axum::http::Method;
+use axum::http::header::CONTENT_TYPE;
+use axum::response::{IntoResponse, Response};
 use schemars::SchemaGenerator;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
+use super::VERSION;
 use super::operation::{Content, Operation, SchemaOf, Tag};
-use super::{VERSION, of, sent, without_null};
 use crate::http::guard::{Access, cookie_name};
 use crate::http::respond::{ErrorAnswer, RefusedAnswer};
+use crate::live::frame;
+use crate::schema::{of, sent, without_null};
 use telltale_store::Role;
 
 const ABOUT: &str = "The interface of Telltale for programs. Programs send `Authorization: Bearer TOKEN`, with a token from \
@@ -17,6 +24,34 @@ const ABOUT: &str = "The interface of Telltale for programs. Programs send `Auth
     does not permit is `{\"refused\": [...]}`.\n\nThe version of the interface is the `1` in its paths. Within it routes, \
     parameters, keys and words may be added, and none is removed or changes its meaning: take no notice of what you \
     do not know.";
+
+/// The media type of the OpenAPI document.
+pub const OPENAPI: &str = "application/vnd.oai.openapi+json;version=3.1";
+/// The media type of a JSON Schema.
+pub const SCHEMA: &str = "application/schema+json";
+
+/// The OpenAPI document of a server.
+#[derive(Debug, Clone)]
+pub struct Description(pub Arc<Value>);
+
+/// `GET /api/v1/openapi.json`
+pub async fn get(Extension(Description(document)): Extension<Description>) -> Response {
+    ([(CONTENT_TYPE, OPENAPI)], document.to_string()).into_response()
+}
+
+/// `GET /api/v1/schema/snapshot.json`
+pub async fn snapshot_schema() -> Response {
+    schema_answer(&frame::snapshot_schema())
+}
+
+/// `GET /api/v1/schema/stream.json`
+pub async fn stream_schema() -> Response {
+    schema_answer(&frame::stream_schema())
+}
+
+fn schema_answer(schema: &Value) -> Response {
+    ([(CONTENT_TYPE, SCHEMA)], schema.to_string()).into_response()
+}
 
 /// A route with its description.
 #[derive(Debug, Clone)]

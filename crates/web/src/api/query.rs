@@ -7,8 +7,8 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::de::{DeserializeOwned, Error as _};
 use serde::{Deserialize, Deserializer};
 
-use super::words;
 use crate::http::respond::{Reader, bad_query};
+use crate::schema::words;
 
 /// The parameters of an address. Unknown ones are for the type to refuse.
 #[derive(Debug)]

@@ -1,7 +1,6 @@
-//! The developer pages, one in a file with its handler. All have the same frame: the vehicle, its stage,
-//! whether the page is live, and links to the other pages.
+//! The developer pages, one in a file with its handler; that of the interface for programs is `api/page.rs`. All have the
+//! same frame: the vehicle, its stage, whether the page is live, and links to the other pages.
 
-pub mod api;
 pub mod audit;
 pub mod configuration;
 pub mod coverage;
@@ -11,7 +10,7 @@ pub mod masking;
 mod page_query;
 mod pager;
 pub mod reload;
-mod request;
+pub(crate) mod request;
 pub mod search;
 pub mod statistics;
 pub mod statuses;
@@ -110,42 +109,42 @@ impl Page {
 }
 
 /// A page in the navigation.
-struct NavLink {
-    path: &'static str,
-    word: &'static str,
+pub(crate) struct NavLink {
+    pub(crate) path: &'static str,
+    pub(crate) word: &'static str,
     /// The key that leads there.
-    key: usize,
-    here: bool,
+    pub(crate) key: usize,
+    pub(crate) here: bool,
     /// A moment of the past has this page too.
-    then: bool,
+    pub(crate) then: bool,
 }
 
 /// The frame of every developer page.
-struct DevFrame {
-    words: &'static DevWords,
-    title: String,
+pub(crate) struct DevFrame {
+    pub(crate) words: &'static DevWords,
+    pub(crate) title: String,
     /// Where it stands in the navigation.
-    path: &'static str,
-    links: Vec<NavLink>,
-    vehicle: String,
-    stage: &'static str,
-    stage_word: &'static str,
-    overall: &'static str,
-    user: String,
-    locked: bool,
-    at: String,
-    seq: u64,
-    revision: u64,
+    pub(crate) path: &'static str,
+    pub(crate) links: Vec<NavLink>,
+    pub(crate) vehicle: String,
+    pub(crate) stage: &'static str,
+    pub(crate) stage_word: &'static str,
+    pub(crate) overall: &'static str,
+    pub(crate) user: String,
+    pub(crate) locked: bool,
+    pub(crate) at: String,
+    pub(crate) seq: u64,
+    pub(crate) revision: u64,
     /// Milliseconds after which the page asks again without news, because times in it count on; zero if
     /// none do.
-    renew_ms: u32,
+    pub(crate) renew_ms: u32,
     /// The content does not change by itself: it is from the past, or complete.
-    fixed: bool,
-    replay: bool,
+    pub(crate) fixed: bool,
+    pub(crate) replay: bool,
 }
 
 impl DevFrame {
-    fn new(view: &View<'_>, context: &PageContext, page: Page, renew_ms: u32) -> DevFrame {
+    pub(crate) fn new(view: &View<'_>, context: &PageContext, page: Page, renew_ms: u32) -> DevFrame {
         let snapshot = view.snapshot;
         let words = DevWords::of(context.lang);
         let has = |page: Page| match page {
@@ -181,7 +180,7 @@ impl DevFrame {
     }
 }
 
-fn frame(context: &PageContext) -> PageFrame {
+pub(crate) fn frame(context: &PageContext) -> PageFrame {
     PageFrame { part: context.part, ..PageFrame::new(context.lang, context.palette) }
 }
 

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
-use crate::api::words;
+use crate::schema::words;
 use telltale_record::proof::Proof;
 use telltale_record::story::Story;
 use telltale_record::summary::{FrozenNode, Recording, Summary, TriggerLine};

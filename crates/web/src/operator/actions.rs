@@ -227,7 +227,7 @@ pub async fn acknowledge_over(tap: Tap, form: FormOf<AcknowledgeOverForm>) -> Re
     done(tap, validity, OperatorAction::Acknowledge { alarm: AlarmRef::Over { last } }, record).await
 }
 
-/// The acknowledged alarm for the log, with all nodes that its status feeds.
+/// The acknowledged alarm for the log, with its node and all others that its status feeds.
 fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
     let node = match alarm {
         AlarmRef::Number(number) => snapshot.alarms.iter().find(|it| it.id == *number).map(|it| it.node),
@@ -235,11 +235,12 @@ fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
         AlarmRef::Over { .. } => None,
     };
     let places = node.map(|node| snapshot.places_of(node)).unwrap_or_default();
-    if places.len() < 2 {
-        return id.to_owned();
-    }
     let names: Vec<&str> = places.iter().map(|&node| &**snapshot.node_name(node)).collect();
-    format!("{id}: {}", names.join(", "))
+    match &names[..] {
+        [] => id.to_owned(),
+        [name] if *name == id => id.to_owned(),
+        names => format!("{id}: {}", names.join(", ")),
+    }
 }
 
 /// `POST /modules/{id}/reset`, where the id is `group/module`.

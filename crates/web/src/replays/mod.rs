@@ -18,7 +18,7 @@ use axum::Router;
 use tokio::sync::watch;
 
 use super::incidents::WhatIf;
-use super::live::{first_changes, trend_sampling};
+use super::live::{first_changes, sample_trends};
 use super::source::Player;
 use super::{AppState, Settings};
 pub use differences::differences;
@@ -153,7 +153,7 @@ fn start(
     let inner = AppState::new(source, app.store.clone(), app.clock, settings);
     // They end with the source.
     tokio::spawn(first_changes::watch(inner.clone()));
-    tokio::spawn(trend_sampling::watch(inner.clone()));
+    tokio::spawn(sample_trends(inner.clone()));
     let (used, screen) = (app.clock.now(), (app.replays.routes)(inner));
     let session = session.clone();
     Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, missing, edited })

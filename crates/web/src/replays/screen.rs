@@ -31,7 +31,7 @@ const PAGES: [&str; 8] = [
     "developer/topics",
 ];
 /// What the operator's page and programs read of a replay.
-const OTHERS: [&str; 8] = [
+const OTHERS: [&str; 9] = [
     "",
     "ws",
     "developer/live",
@@ -40,6 +40,7 @@ const OTHERS: [&str; 8] = [
     "api/v1/statuses",
     "api/v1/history",
     "api/v1/topics",
+    "api/v1/values",
 ];
 /// No page is larger.
 const PAGE_BYTES_MAX: usize = 64 << 20;

@@ -23,7 +23,7 @@ use crate::admission::connections::ConnectionPlace;
 use crate::admission::peer::Peer;
 use crate::auth::expiry;
 use crate::live::byte_budget::{Meter, Metered};
-use crate::live::{displays, first_changes, trend_sampling};
+use crate::live::{displays, first_changes, sample_trends};
 use crate::router::router;
 use crate::vehicle_memory::VehicleMemoryTask;
 use crate::{AppState, turned};
@@ -110,8 +110,7 @@ pub async fn serve(
     let live_watches = app
         .live()
         .map(|live| [tokio::spawn(expiry::watch(live.clone())), tokio::spawn(displays::watch(live))]);
-    let watches =
-        [tokio::spawn(first_changes::watch(app.clone())), tokio::spawn(trend_sampling::watch(app.clone()))];
+    let watches = [tokio::spawn(first_changes::watch(app.clone())), tokio::spawn(sample_trends(app.clone()))];
     let mut notes = interval(NOTE_EVERY);
     notes.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut shutdown = pin!(shutdown);

@@ -2,7 +2,7 @@
 
 use super::TIMEOUT_S;
 use super::parameters::{Entry, Parameters, Value};
-use crate::import::findings::Findings;
+use crate::import::Findings;
 use crate::import::write::{Ids, OutGroup, duration, list, quoted};
 use telltale_engine::model::filter::Filter;
 use telltale_yaml::{Problem, Span};

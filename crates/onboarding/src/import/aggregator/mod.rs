@@ -4,7 +4,7 @@ mod analyzer;
 mod parameters;
 mod sections;
 
-use super::findings::Findings;
+use super::Findings;
 use super::write::{self, Ids, OutGroup, duration, quoted};
 use analyzer::Import;
 use parameters::Parameters;

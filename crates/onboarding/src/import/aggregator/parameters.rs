@@ -1,7 +1,7 @@
 //! Parameters of a ROS node as a tree: names with dots and maps in maps are the same.
 
 use super::sections::Name;
-use crate::import::findings::Findings;
+use crate::import::Findings;
 use telltale_yaml::decode::scalar;
 use telltale_yaml::{Kind, Node, Problem, Span};
 

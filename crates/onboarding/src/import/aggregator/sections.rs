@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 use super::parameters::Parameters;
-use crate::import::findings::Findings;
+use crate::import::Findings;
 use telltale_yaml::decode::scalar;
 use telltale_yaml::{Kind, Node, Problem, Span};
 

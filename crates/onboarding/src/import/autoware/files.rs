@@ -4,8 +4,8 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use super::unit::{Edit, Graph};
+use crate::import::Findings;
 use crate::import::Lookup;
-use crate::import::findings::Findings;
 use telltale_yaml::decode::scalar;
 use telltale_yaml::{Kind, Log, Node, Problem, Sources, Span, tree};
 

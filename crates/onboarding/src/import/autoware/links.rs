@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::unit::{Graph, What};
-use crate::import::findings::Findings;
+use crate::import::Findings;
 use telltale_yaml::{Problem, suggest};
 
 /// Replaces each link by the unit that it leads to.

@@ -5,8 +5,7 @@ mod links;
 mod tree;
 mod unit;
 
-use super::findings::Findings;
-use super::{Lookup, write};
+use super::{Findings, Lookup, write};
 use telltale_yaml::{Node, Problem, Sources};
 use unit::Graph;
 

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::unit::{Graph, What};
-use crate::import::findings::Findings;
+use crate::import::Findings;
 use crate::import::write::{Ids, OutGroup, OutModule, duration, quoted};
 use telltale_yaml::{Problem, Sources};
 

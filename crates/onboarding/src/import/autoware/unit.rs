@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::import::findings::Findings;
+use crate::import::Findings;
 use telltale_engine::state::State;
 use telltale_yaml::decode::scalar;
 use telltale_yaml::{Kind, Node, Problem, Span, suggest};

@@ -8,7 +8,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Serialize;
 
 use super::wire::{Signals, Values, Wall};
-use crate::api::words;
+use crate::schema::words;
 use telltale_clock::wall_at;
 use telltale_engine::input::TroubleKind;
 use telltale_engine::model::{GroupId, ModuleId, NodeId};

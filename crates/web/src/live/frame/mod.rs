@@ -24,7 +24,7 @@ pub use json::Module as ModuleSchema;
 pub use parts::{Form, Sent, modules};
 pub use schema::{Snapshot as SnapshotSchema, StreamMessage};
 
-use crate::api::schema_of;
+use crate::schema::schema_of;
 use crate::view;
 use crate::view::versions::{Seen, Versions};
 use crate::view::{Lang, RecorderState, Trends, permitted};

@@ -1,0 +1,381 @@
+//! The page of a node: why it has its state, its states and values over time, its place in the configuration,
+//! its neighbours and its incidents.
+
+mod excerpt;
+mod past;
+mod plots;
+mod words;
+
+use std::sync::Arc;
+
+use askama::Template;
+
+use axum::extract;
+use axum::response::{Html, IntoResponse, Response};
+
+use crate::AppState;
+use crate::http::errors::HttpError;
+use crate::http::respond::refusal;
+
+use super::request::PageRequest;
+use crate::incidents::wall_time;
+use crate::view::page::frame::PageFrame;
+use crate::view::text::{MESSAGE, NAME, clean};
+use crate::view::{Lang, PageContext, Trends, View, html};
+use telltale_engine::model::{NodeId, Stage};
+use telltale_engine::state::State;
+use telltale_engine::view::why::WhyStep;
+use telltale_picture::bars::patterns;
+use telltale_picture::graph::Drawing;
+use telltale_runtime::{Published, Written};
+use telltale_store::{Incident, IncidentFilter, Past};
+
+use super::incidents::list::length;
+use super::timeline::{SpanOption, Window, spans};
+use super::{DevFrame, NodeLink, Page, PageQuery, graph};
+use excerpt::{Excerpt, excerpt};
+use past::{NodeStates, states};
+use plots::{Plots, plots};
+use words::NodeWords;
+
+/// Nodes named in one step; a group may have thousands of members.
+const NAMED: usize = 20;
+const VALUES: usize = 64;
+const INCIDENTS: u32 = 8;
+/// The span of the strip if the address names none: as long as numbers are kept.
+const SPAN_S: u64 = 300;
+const RENEW_MS: u32 = 1000;
+
+/// What is read for the page beside the snapshot.
+#[derive(Default)]
+pub struct NodeRead {
+    /// `None` if it cannot be read.
+    pub past: Option<Past>,
+    /// The newest first.
+    pub incidents: Vec<Incident>,
+    pub written: Option<Arc<Written>>,
+}
+
+/// A sentence, and the nodes that it is about.
+struct Explanation {
+    text: String,
+    nodes: Vec<NodeLink>,
+    more: Option<String>,
+}
+
+struct IncidentRow {
+    id: u64,
+    since: String,
+    /// Empty while it lasts.
+    length: String,
+    note: String,
+}
+
+#[derive(Template)]
+#[template(path = "developer/why.html")]
+struct WhyHtml {
+    frame: PageFrame,
+    dev: DevFrame,
+    it: &'static NodeWords,
+    node: String,
+    state: &'static str,
+    word: &'static str,
+    since: String,
+    message: String,
+    /// A word and what stands beside it.
+    facts: Vec<(&'static str, String)>,
+    steps: Vec<Explanation>,
+    paths: Vec<Vec<NodeLink>>,
+    /// Keys with their values.
+    values: Vec<(String, String)>,
+    more_values: usize,
+    plots: Plots,
+    members: Vec<(NodeLink, &'static str, &'static str)>,
+    more_members: Option<String>,
+    /// The patterns of states; the stylesheet says their colours.
+    patterns: String,
+    states: Option<NodeStates>,
+    spans: Vec<SpanOption>,
+    from_ms: i64,
+    to_ms: i64,
+    live: bool,
+    present: String,
+    /// Where the page of the timeline shows this node.
+    timeline: String,
+    around: Option<(Drawing, usize)>,
+    excerpt: Option<Excerpt>,
+    /// The excerpt is that of its group.
+    is_matched: bool,
+    incidents: Vec<IncidentRow>,
+    incidents_address: String,
+    /// The numbers of the last minutes for a spreadsheet.
+    csv: String,
+    has_incidents: bool,
+}
+
+/// `GET /developer/why?node=group/module&span=SECONDS&until=MS`
+pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Response {
+    let PageRequest { published, context, query, reader, .. } = request;
+    let Some(node) = published.snapshot.node(query.get("node")) else {
+        return refusal(&reader, HttpError::NotFound);
+    };
+    let window = Window::over(&published, &only(&query), SPAN_S);
+    let read = match published.snapshot.stage {
+        // While the vehicle is locked, its past is not shown either.
+        Stage::Locked => NodeRead::default(),
+        _ => read(&app, &window, node, &context).await,
+    };
+    Html(page((&published, &app.trends), node, &context, (&query, &window), &read)).into_response()
+}
+
+/// One node, with the span of time.
+fn only(query: &PageQuery) -> PageQuery {
+    let kept = ["node", "span", "until"].map(|name| (name.to_owned(), query.get(name).to_owned()));
+    PageQuery::of(kept.into())
+}
+
+async fn read(app: &AppState, window: &Window, node: NodeId, context: &PageContext) -> NodeRead {
+    let past = match &app.settings.history {
+        Some(history) => {
+            let past = history.past(window.query.clone()).await;
+            past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read")).ok()
+        }
+        None => None,
+    };
+    let name = window.query.nodes.first().cloned().unwrap_or_default();
+    let filter = match node {
+        // Causes stand on lines of their own.
+        NodeId::Module(_) => IncidentFilter { cause: format!("\n{name}\n"), ..IncidentFilter::default() },
+        NodeId::Group(_) => IncidentFilter { group: name, ..IncidentFilter::default() },
+    };
+    let incidents = match context.replay {
+        true => Vec::new(),
+        false => {
+            let found = app.store.incidents(IncidentFilter { count: INCIDENTS, ..filter }).await;
+            found
+                .inspect_err(|error| tracing::warn!(%error, "the incidents cannot be read"))
+                .unwrap_or_default()
+        }
+    };
+    NodeRead { past, incidents, written: app.settings.written.as_ref().map(|it| it.borrow().clone()) }
+}
+
+pub fn page(
+    (published, trends): (&Published, &Trends),
+    node: NodeId,
+    context: &PageContext,
+    (query, window): (&PageQuery, &Window),
+    read: &NodeRead,
+) -> String {
+    let view = &View::new(published, context.lang, false);
+    let snapshot = view.snapshot;
+    let raw_name = snapshot.node_name(node);
+    let name = clean(raw_name, 2 * NAME);
+    let link = |node: NodeId| NodeLink::of(view, node);
+    let mut dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
+    dev.title = format!("{}: {name}", dev.words.why);
+    let it = NodeWords::of(context.lang);
+    let (state, _) = snapshot.shown(node);
+    let steps = snapshot.why(node).into_iter().map(|step| {
+        let (text, nodes) = explain(view, &step);
+        let more = nodes.len().saturating_sub(NAMED);
+        Explanation {
+            text,
+            nodes: nodes.into_iter().take(NAMED).map(link).collect(),
+            more: (more > 0).then(|| view.lang.and_more(more)),
+        }
+    });
+    let (from_ms, to_ms) = (window.query.from_ms, window.query.to_ms);
+    let written = read.written.as_deref();
+    let own_excerpt = written.and_then(|written| excerpt(written, raw_name));
+    let is_matched = own_excerpt.is_none();
+    let of_group = || {
+        let NodeId::Module(id) = node else { return None };
+        excerpt(written?, snapshot.node_name(NodeId::Group(snapshot.module(id).0.group)))
+    };
+    let field = if matches!(node, NodeId::Group(_)) { "group" } else { "cause" };
+    let mut page = WhyHtml {
+        state: state.as_str(),
+        word: view.lang.state(state),
+        since: String::new(),
+        message: String::new(),
+        facts: Vec::new(),
+        steps: steps.collect(),
+        paths: Vec::new(),
+        values: Vec::new(),
+        more_values: 0,
+        plots: plots(published, node, trends, (from_ms, to_ms)),
+        members: Vec::new(),
+        more_members: None,
+        patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
+        states: read.past.as_ref().map(|past| states(context.lang, query, window, past)),
+        spans: spans(window),
+        from_ms,
+        to_ms,
+        live: window.live,
+        present: query.without(&["until"]),
+        timeline: format!(
+            "/developer/timeline{}",
+            super::page_query::address([("node", &**raw_name)].into_iter())
+        ),
+        around: graph::neighbourhood(view, node),
+        excerpt: own_excerpt.or_else(of_group),
+        is_matched,
+        incidents: read.incidents.iter().map(incident_row).collect(),
+        incidents_address: format!(
+            "/incidents{}",
+            super::page_query::address([(field, &**raw_name)].into_iter())
+        ),
+        csv: format!(
+            "/api/v1/values{}",
+            super::page_query::address([("node", &**raw_name), ("format", "csv")].into_iter())
+        ),
+        has_incidents: !context.replay,
+        node: name,
+        frame: super::frame(context),
+        it,
+        dev,
+    };
+    match node {
+        NodeId::Module(id) => {
+            let (info, module) = snapshot.module(id);
+            page.since = view.wall(module.since);
+            page.message = view.message_text(module);
+            let facts = [
+                (it.status, info.status.as_deref().unwrap_or_default()),
+                (it.monitor, info.kind),
+                (it.class, &super::statuses::class(info)),
+                (it.hardware, &module.report.hardware_id),
+            ];
+            let said = facts.into_iter().filter(|(_, text)| !text.is_empty());
+            page.facts = said.map(|(word, text)| (word, clean(text, 2 * NAME))).collect();
+            let values = module.report.values.iter().take(VALUES);
+            page.values = values.map(|(key, value)| (clean(key, NAME), clean(value, MESSAGE))).collect();
+            page.more_values = module.report.values.len().saturating_sub(VALUES);
+        }
+        NodeId::Group(id) => {
+            let (info, group) = snapshot.group(id);
+            page.since = view.wall(group.since);
+            let paths = group.paths.iter().take(NAMED);
+            page.paths = paths.map(|path| path.iter().map(|&node| link(node)).collect()).collect();
+            let inner = info.groups.iter().map(|&id| NodeId::Group(id));
+            let members = inner.chain(info.modules.iter().map(|&id| NodeId::Module(id)));
+            let member = |node: NodeId| {
+                let (state, _) = snapshot.shown(node);
+                (link(node), state.as_str(), view.lang.state(state))
+            };
+            let count = info.groups.len() + info.modules.len();
+            page.members = members.take(5 * NAMED).map(member).collect();
+            page.more_members = (count > 5 * NAMED).then(|| view.lang.and_more(count - 5 * NAMED));
+        }
+    }
+    html(&page)
+}
+
+fn incident_row(incident: &Incident) -> IncidentRow {
+    IncidentRow {
+        id: incident.summary.id,
+        since: wall_time(incident.summary.since_ms),
+        length: length(incident),
+        note: incident.note.as_ref().map(|note| clean(&note.text, MESSAGE)).unwrap_or_default(),
+    }
+}
+
+fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
+    let lang = view.lang;
+    let state = |state: State| lang.state(state).to_owned();
+    let text = |en: &str, de: &str| match lang {
+        Lang::En => en.to_owned(),
+        Lang::De => de.to_owned(),
+    };
+    match step {
+        WhyStep::OnlyFrom(writers) => {
+            let only = text("It counts only from", "Es zählt nur von");
+            (format!("{only} {}.", clean(&writers.join(", "), 2 * NAME)), Vec::new())
+        }
+        WhyStep::NeverReported => (text("It has never reported.", "Es hat sich nie gemeldet."), Vec::new()),
+        WhyStep::Reported(is) => (format!("{}: {}", text("It reports", "Es meldet"), state(*is)), Vec::new()),
+        WhyStep::Silent(is) => {
+            let silent = text(
+                "Nothing came for its timeout; it counts as",
+                "Nichts kam innerhalb der Frist; es gilt als",
+            );
+            (format!("{silent}: {}", state(*is)), Vec::new())
+        }
+        WhyStep::Debounced(is) => {
+            let still = text(
+                "The change is too fresh; it still counts as",
+                "Der Wechsel ist zu frisch; es gilt noch als",
+            );
+            (format!("{still}: {}", state(*is)), Vec::new())
+        }
+        WhyStep::Latched => (
+            text("An error is held until it is reset.", "Ein Fehler wird bis zum Zurücksetzen festgehalten."),
+            Vec::new(),
+        ),
+        WhyStep::Grace => {
+            (text("It is given time to report.", "Es hat noch Zeit, sich zu melden."), Vec::new())
+        }
+        WhyStep::Members { own, responsible } => {
+            let members =
+                text("Its members make it, by themselves,", "Seine Teile ergeben, für sich genommen,");
+            (format!("{members} {}", state(*own)), responsible.clone())
+        }
+        WhyStep::NotRelevant(because) => {
+            let out = text("It does not matter now", "Es ist jetzt nicht wichtig");
+            (format!("{out}: {}", lang.not_relevant(because, &view.snapshot.layout)), Vec::new())
+        }
+        WhyStep::Waits { holder, on } => {
+            let needs = text("needs what fails or waits itself", "braucht, was ausfällt oder selbst wartet");
+            (format!("{} {needs}", clean(view.snapshot.node_name(*holder), 2 * NAME)), vec![*on])
+        }
+        WhyStep::Masked { by } => {
+            (text("It is put aside because of", "Es wird zurückgestellt wegen"), by.clone())
+        }
+        WhyStep::SecondFault => (
+            text(
+                "A fault of its own: none of these began near it.",
+                "Eine eigene Störung: Keine davon begann zur gleichen Zeit.",
+            ),
+            Vec::new(),
+        ),
+        WhyStep::Shown(is) => (format!("{}: {}", text("It shows", "Es zeigt"), state(*is)), Vec::new()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::developer::tests::{english, holds, query};
+    use crate::view::tests::jump;
+
+    #[test]
+    fn a_why_page_leads_to_what_it_names() {
+        let published = jump().pass(4).published();
+        let NodeId::Group(_) = published.snapshot.node("perception").expect("it is there") else { panic!() };
+        let node = published.snapshot.node("perception").expect("it is there");
+        let query = query(&[("node", "perception")]);
+        let window = Window::over(&published, &query, 300);
+        let (trends, read) = (Trends::default(), NodeRead::default());
+        let page = page((&published, &trends), node, &english(), (&query, &window), &read);
+        holds(&page, &["/developer/why?node=localization%2Ftf_quality", "perception/costmap_delay"]);
+    }
+
+    #[test]
+    fn the_neighbours_of_a_node_are_what_it_needs_and_what_needs_it() {
+        let published = jump().pass(4).published();
+        let view = &View::new(&published, Lang::En, false);
+        let around = |name: &str| {
+            let node = published.snapshot.node(name).expect("it is there");
+            graph::neighbourhood(view, node).map(|(drawing, more)| (drawing.svg, more))
+        };
+        let (svg, more) = around("localization").expect("it has neighbours");
+        holds(&svg, &["data-here", "sensors", "perception", "data-hot"]);
+        assert_eq!((more, svg.matches("data-here").count()), (0, 1));
+        assert!(!svg.contains("toggle"), "the page of a node has nothing to open: {svg}");
+        // A member has the dependencies of its group, and is shown in it without the others.
+        let (svg, _) = around("localization/tf_quality").expect("its group has neighbours");
+        holds(&svg, &["sensors", "tf_quality"]);
+        assert!(!svg.contains("localization%2Fodometry"), "{svg}");
+    }
+}

@@ -1,0 +1,260 @@
+//! `telltale init`: writes a first configuration of a running system.
+
+#[cfg(test)]
+mod tests;
+pub mod unconfigured;
+
+use std::collections::BTreeSet;
+use std::fs::OpenOptions;
+use std::io::{ErrorKind, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow, bail};
+use tokio::sync::{mpsc, watch};
+
+use crate::cli::print::{self, note};
+use crate::cli::process::shutdown_signal::ShutdownSignal;
+use crate::cli::process::{dds, log};
+use crate::cli::{EXIT_NO, fields};
+use crate::clock::Clock;
+use crate::config;
+use crate::config::describe::words::counted;
+use crate::engine::discovery::Discovery;
+use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, TopicSpec, Watched};
+use crate::engine::model::{Model, Parts, StageModel};
+use crate::engine::time::Timestamp;
+use crate::init::{self, DIAGNOSTICS, Draft, Observations, TOPICS_MAX};
+use crate::msg::fields::Definitions;
+use crate::msg::received::Stamped;
+use crate::ros::{self, Bridge, BridgeOptions};
+
+/// Its name in the graph of ROS 2.
+const NODE: &str = "telltale_init";
+/// What discovery needs to find everybody.
+const DISCOVERY: Duration = Duration::from_secs(4);
+/// Inputs that may wait; then the library keeps the newest messages.
+const QUEUE: usize = 4096;
+
+/// Look at a running ROS 2 system and write a first configuration.
+///
+/// It listens for a while and changes nothing. The file has a group for each namespace or node, the statuses that were
+/// heard, and monitors of the rates and ages that were measured, each with its evidence as a comment. Which part
+/// depends on which is a guess from the graph of publishers and subscribers, and a comment too.
+///
+/// Every topic is read meanwhile, large ones too: over a slow network that takes its share of it. Let the robot do
+/// what it usually does; what rests is not measured.
+///
+/// The exit code is 1 if nothing was heard; a file to begin with is written all the same.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  telltale init -o robot.yaml && telltale serve --config robot.yaml\n  \
+    telltale init --domain 7 --interface loopback --for 30s > robot.yaml")]
+pub struct Args {
+    /// How long to listen once everybody had time to be found
+    #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = listening)]
+    length: Duration,
+    /// The file to write, which must not exist [default: standard output]
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Put the dependencies in force that the graph suggests
+    #[arg(long)]
+    accept_guesses: bool,
+    #[command(flatten)]
+    dds: dds::DdsFlags,
+}
+
+fn listening(text: &str) -> Result<Duration, String> {
+    let length = humantime::parse_duration(text).map_err(|error| format!("{error}; write it as `10s`"))?;
+    let (least, most) = (Duration::from_secs(1), Duration::from_secs(3600));
+    if (least..=most).contains(&length) { Ok(length) } else { Err("choose from 1s to 1h".to_owned()) }
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    log::start("warn");
+    if let Some(file) = args.output.as_deref().filter(|file| file.exists()) {
+        return Err(refusal(file));
+    }
+    let options = args.dds.resolve()?;
+    let listens_to = dds::describe(&options);
+    note!("Listens to {listens_to} for {} s.", (DISCOVERY + args.length).as_secs());
+    let runtime = tokio::runtime::Runtime::new().context("the async runtime cannot be started")?;
+    let definitions = options.definitions.clone();
+    let (mut draft, empty) = runtime.block_on(async {
+        let mut signal = ShutdownSignal::listen()?;
+        tokio::select! {
+            looked = look(options, args.length) => looked,
+            _ = signal.requested() => bail!("interrupted; nothing is written"),
+        }
+    })?;
+    draft.message_folders = message_folders(&draft, &definitions);
+    let text = init::text(&draft, args.accept_guesses);
+    let mut is_wrong = false;
+    // As `check` and `serve` read the file, which know nothing of the flags here.
+    let known = Definitions::default();
+    let examined = config::examine_from("the draft", text.as_bytes());
+    if let Err(problems) = fields::whole(examined, |loaded| known.with(&loaded.message_folders)) {
+        is_wrong = true;
+        print::problems(&problems);
+        note!(
+            "telltale: this is a fault of `telltale init`; please report it. The draft is written all the same."
+        );
+    }
+    match &args.output {
+        Some(file) => write(file, &text)?,
+        None => drop(print::text(&text)),
+    }
+    tell(&draft, empty, &listens_to, args.output.as_deref());
+    Ok(ExitCode::from(if empty || is_wrong { EXIT_NO } else { 0 }))
+}
+
+/// The folders, as whole paths, that define the types of the measured topics that are not built in.
+fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
+    let is_strange = |&(type_name, stamp): &(&str, bool)| {
+        let (topic, type_name) = ("".into(), type_name.into());
+        Definitions::default().check(&TopicSpec { topic, type_name, stamp, fields: Vec::new() }).is_err()
+    };
+    let types = draft.types().into_iter().filter(is_strange);
+    let folders: BTreeSet<&Path> =
+        types.flat_map(|(type_name, _)| definitions.folders_of(type_name)).collect();
+    let whole = |folder: &Path| std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
+}
+
+/// Listens to a system for a while, and drafts. Returns too whether nothing was heard of anybody.
+///
+/// # Errors
+/// DDS cannot be started.
+async fn look(options: BridgeOptions, length: Duration) -> anyhow::Result<(Draft, bool)> {
+    let mut lookout = Lookout::open(options, true).await?;
+    lookout.listen(DISCOVERY + length).await?;
+    let result = (lookout.draft(), lookout.seen.is_empty());
+    lookout.close().await;
+    Ok(result)
+}
+
+/// Listens to a system and remembers what it heard.
+pub(super) struct Lookout {
+    bridge: Bridge,
+    inputs: mpsc::Receiver<Stamped>,
+    discovery: watch::Receiver<Arc<Discovery>>,
+    seen: Observations,
+    watched: Watched,
+    /// Topics are read, too.
+    measures: bool,
+    definitions: Definitions,
+    clock: Clock,
+    start: Timestamp,
+}
+
+impl Lookout {
+    /// # Errors
+    /// DDS cannot be started.
+    pub async fn open(options: BridgeOptions, measures: bool) -> anyhow::Result<Lookout> {
+        let options = BridgeOptions { node: NODE, ..options };
+        let clock = Clock::start();
+        let definitions = options.definitions.clone();
+        let (sender, inputs) = mpsc::channel(QUEUE);
+        let bridge = ros::start(options, &model(Watched::default()), sender, clock).await?;
+        let (discovery, start) = (bridge.discovery(), clock.now());
+        let (seen, watched) = (Observations::default(), Watched::default());
+        Ok(Lookout { bridge, inputs, discovery, seen, watched, measures, definitions, clock, start })
+    }
+
+    /// # Errors
+    /// A topic cannot be read.
+    pub async fn listen(&mut self, length: Duration) -> anyhow::Result<()> {
+        let mut over = std::pin::pin!(tokio::time::sleep(length));
+        loop {
+            tokio::select! {
+                () = &mut over => return Ok(()),
+                Some(stamped) = self.inputs.recv() => self.seen.take(&stamped.input, stamped.received),
+                Ok(()) = self.discovery.changed() => {
+                    self.seen.see(self.discovery.borrow_and_update().clone());
+                    let wanted = self.wanted();
+                    if wanted != self.watched {
+                        self.bridge.follow(&model(wanted.clone()))?;
+                        self.watched = wanted;
+                    }
+                }
+            }
+        }
+    }
+
+    pub fn draft(&self) -> Draft {
+        init::draft(&self.seen, self.start, self.clock.now())
+    }
+
+    async fn close(self) {
+        self.bridge.shutdown().await;
+    }
+
+    /// What is to be read now: what was read before, and what was found since.
+    fn wanted(&self) -> Watched {
+        let mut topics = self.watched.topics.clone();
+        let known: BTreeSet<Box<str>> = topics.iter().map(|spec| spec.topic.clone()).collect();
+        let new = self.seen.measurable().filter(|(topic, _)| self.measures && !known.contains(*topic));
+        topics.extend(new.filter_map(|(topic, type_name)| readable(topic, type_name, &self.definitions)));
+        topics.truncate(TOPICS_MAX);
+        let all = std::iter::once(DIAGNOSTICS.0.to_owned()).chain(self.seen.more_diagnostics());
+        let diagnostics = all.map(|topic| DiagnosticsTopic { topic: topic.into(), prefix: Box::default() });
+        Watched { topics, diagnostics: diagnostics.collect(), ..Watched::default() }
+    }
+}
+
+/// A topic with its stamps and what tells its messages apart, if its type has them.
+fn readable(topic: &str, type_name: &str, definitions: &Definitions) -> Option<Arc<TopicSpec>> {
+    let whole = || FieldSpec { path: Box::default(), kind: FieldKind::Content };
+    let spec = |(stamp, content): (bool, bool)| TopicSpec {
+        topic: topic.into(),
+        type_name: type_name.into(),
+        stamp,
+        fields: content.then(whole).into_iter().collect(),
+    };
+    let ways = [(true, true), (false, true), (true, false), (false, false)];
+    ways.map(spec).into_iter().find(|spec| definitions.check(spec).is_ok()).map(Arc::new)
+}
+
+/// The bridge reads what a model names.
+fn model(watched: Watched) -> Arc<Model> {
+    let parts = Parts { watched, ..Parts::empty("init", StageModel::None) };
+    Arc::new(Model::new(parts).unwrap_or_else(|_| unreachable!("nothing in it depends on anything")))
+}
+
+fn refusal(file: &Path) -> anyhow::Error {
+    anyhow!("{} exists and is not overwritten: name another file with -o", file.display())
+}
+
+fn write(file: &Path, text: &str) -> anyhow::Result<()> {
+    let mut opened =
+        OpenOptions::new().write(true).create_new(true).open(file).map_err(|error| match error.kind() {
+            ErrorKind::AlreadyExists => refusal(file),
+            _ => anyhow::Error::new(error).context(format!("{} cannot be written", file.display())),
+        })?;
+    opened.write_all(text.as_bytes()).with_context(|| format!("{} cannot be written", file.display()))
+}
+
+fn tell(draft: &Draft, empty: bool, listens_to: &str, output: Option<&Path>) {
+    if empty {
+        note!(
+            "Nothing was heard: no other DDS participant was found on {listens_to}. Does the robot run, with the same \
+             ROS_DOMAIN_ID (--domain)? Is it reached over this interface (--interface), or only without multicast \
+             (--peer)? Does a firewall drop UDP? The file takes whatever comes."
+        );
+    } else {
+        let modules: usize = draft.groups.iter().map(|group| group.modules.len()).sum();
+        let modules_with = draft.groups.iter().flat_map(|group| &group.modules);
+        let proposals = modules_with.flat_map(|it| &it.proposals).filter(|it| !it.circular).count();
+        note!(
+            "{} with {}. {} from the graph: see the comments at `depends_on`.",
+            counted(draft.groups.len(), "group"),
+            counted(modules, "module"),
+            counted(proposals, "guessed dependency").replace("dependencys", "dependencies"),
+        );
+        draft.notes.iter().for_each(|note| note!("{note}"));
+    }
+    if let Some(file) = output.map(Path::display) {
+        note!("Next: `telltale check {file}`, then `telltale serve --config {file}`.");
+    }
+}

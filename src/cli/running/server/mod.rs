@@ -1,0 +1,393 @@
+//! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
+
+mod left_over;
+pub mod metrics;
+mod other_diagnostics;
+pub mod outputs;
+mod recording;
+pub mod reload;
+mod services;
+mod timekeeping;
+mod watchdog;
+pub mod what_if;
+
+use std::io::ErrorKind;
+use std::net::{IpAddr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::SyncSender;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context as _, anyhow, bail};
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, watch};
+use tokio::time::timeout_at;
+
+use self::metrics::MetricsListener;
+use self::recording::Recording;
+use self::services::Serving;
+use self::watchdog::Watchdog;
+use crate::cli::process::dds;
+use crate::cli::process::shutdown_signal::ShutdownSignal;
+use crate::clock::Clock;
+use crate::config::Loaded;
+use crate::engine::input::Input;
+use crate::engine::model::Model;
+use crate::engine::view::record::Record as Happening;
+use crate::ros::publish::outputs::Outputs;
+use crate::ros::{self, Bridge, BridgeOptions};
+use crate::runtime::{self, Followers, Link};
+use crate::runtime::{Stamped, Written};
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{History, Store, TemporaryFolder};
+use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
+
+/// Reads `ADDRESS:PORT`.
+///
+/// # Errors
+/// What to write instead.
+pub fn address(text: &str) -> Result<SocketAddr, String> {
+    let host = text.strip_prefix("localhost").map(|rest| format!("127.0.0.1{rest}"));
+    let text = host.as_deref().unwrap_or(text);
+    text.parse().map_err(|_| {
+        let port = text.strip_prefix(':').unwrap_or(text).parse::<u16>();
+        match (port, text.trim_matches(['[', ']']).parse::<IpAddr>()) {
+            (Ok(port), _) => {
+                format!(
+                    "a port alone: write `127.0.0.1:{port}` for this machine alone, `0.0.0.0:{port}` for all"
+                )
+            }
+            (_, Ok(ip)) => format!("no port: write `{}`", SocketAddr::new(ip, 8080)),
+            _ => "write an address with its port, for example `127.0.0.1:8080`".to_owned(),
+        }
+    })
+}
+
+/// The address of the display if none is given: this machine alone.
+pub const LISTEN: &str = "127.0.0.1:8080";
+
+/// The steps of the end, each within its time from the signal on, so that none takes the time of the next. The pages
+/// and the vehicle's state go before (`web::serve`); after all of them the program ends by force (`ShutdownSignal`).
+const RECORDED_WITHIN: Duration = Duration::from_millis(1900);
+const INCIDENT_WITHIN: Duration = Duration::from_millis(2200);
+const CLOSED_WITHIN: Duration = Duration::from_millis(2400);
+
+/// The parts of a running display.
+pub struct Server {
+    pub loaded: Loaded,
+    /// The file of the configuration, for reloads.
+    pub file: Option<PathBuf>,
+    /// Without a file: texts of configurations that are taken one after the other.
+    pub drafts: Option<mpsc::Receiver<String>>,
+    pub store: Store,
+    /// The folder of the history; without one it is kept in memory.
+    pub folder: Option<PathBuf>,
+    pub options: BridgeOptions,
+    pub listener: TcpListener,
+    /// Without it browsers come over plain HTTP.
+    pub tls: Option<Tls>,
+    /// The vehicle's own displays, where a PIN suffices.
+    pub enrolled: Enrolled,
+    /// Addresses by which browsers reach it, beside that of the listener.
+    pub origins: Vec<String>,
+    pub demo: Option<DemoFaults>,
+    pub metrics: Option<MetricsListener>,
+    pub clock: Clock,
+}
+
+impl Server {
+    /// Runs until the program is asked to end.
+    ///
+    /// # Errors
+    /// If DDS or the database cannot be started, or an origin is wrong.
+    pub async fn run(self, mut signal: ShutdownSignal) -> anyhow::Result<()> {
+        let Server {
+            loaded,
+            file,
+            drafts,
+            store,
+            folder,
+            options,
+            listener,
+            tls,
+            enrolled,
+            origins,
+            demo,
+            metrics,
+            clock,
+        } = self;
+        let address = listener.local_addr().context("the listener has no address")?;
+        let listens_to = dds::describe(&options);
+        let (history, records) = open_history(folder.as_deref(), clock).unzip();
+        let past = history.clone();
+        let (feed, turns) = recording::queue(&loaded, clock);
+        let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
+        TemporaryFolder::remove_left_over();
+        let recordings = recording::Folder::of(folder.as_deref())?;
+        let incidents = recordings.path().to_owned();
+        let recording = match turns {
+            Some(turns) => {
+                let around = recording::Around {
+                    folder: recordings,
+                    definitions: options.definitions.clone(),
+                    is_demo: demo.is_some(),
+                };
+                recording::start(&loaded, turns, &link, &store, around, clock).await?
+            }
+            None => None,
+        };
+        let reloads = file
+            .map(|file| {
+                let definitions = options.definitions.clone();
+                reload::start(file, loaded.clone(), definitions, link.reloads.clone())
+            })
+            .transpose()?;
+        let followed =
+            drafts.map(|texts| reload::follow(texts, loaded.clone(), link.reloads.clone())).transpose()?;
+        let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
+        let secure = tls.is_some();
+        let hosts = origins.iter().filter_map(|origin| Origins::secure_host(origin)).collect();
+        let origins = known_origins(address, secure, &origins)?;
+        let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
+        let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
+        let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
+        let unread = tokio::spawn(other_diagnostics::say(bridge.discovery()));
+        let (discovery, working) = (Some(bridge.discovery()), Some(bridge.working()));
+        let (write, written) = watch::channel(reload::written(&loaded));
+        let settings = Settings {
+            origins,
+            secure,
+            enrolled,
+            demo,
+            rereads,
+            written: Some(written),
+            history,
+            discovery,
+            working,
+            recordings: Some(incidents),
+            what_if: Some(what_if::examiner(options.definitions.clone())),
+            marker: recording.as_ref().map(Recording::marker),
+            recording: recording.as_ref().map(Recording::state),
+            replayed: None,
+        };
+        let start = Record::of(Action::Start, TELLTALE).on(crate::record::VERSION);
+        store.record(start, None).await;
+        let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
+        let watched = recording.as_ref().map(Recording::watched);
+        let watching =
+            timekeeping::watch(tls.clone(), hosts, store.floor(), watched, link.inputs.clone(), clock);
+        let time = tokio::spawn(watching);
+        let status = format!("the display is on {}; it listens to {listens_to}", url(address, secure));
+        tracing::info!("{status}");
+        let end = store.clone();
+        let (engine, ending) = (link.inputs.clone(), link.ending.clone());
+        let app = AppState::new(link, store, clock, settings);
+        let metrics = metrics.map(|metrics| metrics.serve(app.clone()));
+        let watchdog = Watchdog::start(&status, app.clone());
+        let requested = {
+            let serving = web::serve(listener, tls, app.clone(), signal.requested());
+            let running = reloads.map(|reloads| reloads.running).or(followed);
+            let parts = Followed {
+                bridge: &bridge,
+                outputs: &outputs,
+                services: &services,
+                recording: recording.as_ref(),
+            };
+            // It ends with the services, and nothing that it does is cut off.
+            app.live().map(|live| tokio::spawn(services::answer(calls, live)));
+            tokio::select! {
+                requested = while_serving(serving, parts, running, (&app, write)) => requested?,
+                () = engine.closed() => bail!(
+                    "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
+                     shown any more. Start it again, and report the fault"
+                ),
+            }
+        };
+        tracing::info!("ending");
+        if let Some(watchdog) = watchdog {
+            watchdog.end();
+        }
+        storage.abort();
+        time.abort();
+        unread.abort();
+        if let Some(metrics) = metrics {
+            metrics.abort();
+        }
+        let by = requested + RECORDED_WITHIN;
+        let recorded = async {
+            let recording = end.record(Record::of(Action::End, TELLTALE), None);
+            if timeout_at(by.into(), recording).await != Ok(true) {
+                tracing::error!("the end is not recorded");
+            }
+        };
+        let goodbyes = async {
+            let said = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()) };
+            tokio::select! {
+                said = timeout_at(by.into(), said) => {
+                    if said.is_err() {
+                        tracing::warn!("the DDS processes do not end in time");
+                    }
+                }
+                _ = signal.requested() => {}
+            }
+        };
+        tokio::join!(recorded, goodbyes);
+        ending.end();
+        if let Some(recording) = recording {
+            recording.end(requested + INCIDENT_WITHIN).await;
+        }
+        let written = async {
+            if let Some(history) = past {
+                history.written().await;
+            }
+        };
+        let last = async { tokio::join!(written, end.close()) };
+        if timeout_at((requested + CLOSED_WITHIN).into(), last).await.is_err() {
+            tracing::error!("the disk does not answer: what it was given last may be lost");
+        }
+        Ok(())
+    }
+}
+
+/// Opens the history. Without one the server starts all the same, and the page of the history says so.
+fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSender<Vec<Happening>>)> {
+    let opened = folder.map_or_else(|| History::in_memory(clock), |folder| History::open(folder, clock));
+    opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
+}
+
+/// What follows each new configuration.
+struct Followed<'a> {
+    bridge: &'a Bridge,
+    outputs: &'a Outputs,
+    services: &'a Serving,
+    recording: Option<&'a Recording>,
+}
+
+/// Serves until the end, and lets everything follow each new configuration. The engine runs by it already:
+/// an engine that changed later would forget what the bridge reports anew.
+async fn while_serving(
+    serving: impl Future<Output = std::io::Result<Instant>>,
+    Followed { bridge, outputs: publishing, services, recording }: Followed<'_>,
+    mut running: Option<watch::Receiver<Loaded>>,
+    (app, written): (&AppState, watch::Sender<Arc<Written>>),
+) -> anyhow::Result<Instant> {
+    let mut serving = std::pin::pin!(serving);
+    loop {
+        let next = tokio::select! {
+            served = &mut serving => return Ok(served?),
+            next = changed(&mut running) => next,
+        };
+        written.send_replace(reload::written(&next));
+        publishing.follow(outputs::topics(&next.publishing));
+        services.follow(&next.services);
+        if let Some(recording) = recording {
+            recording.follow(&next);
+        }
+        // Nobody is served while this waits, so it waits for no disk.
+        app.store.note(Record::of(Action::Configuration, TELLTALE).on("another configuration is taken"));
+        if let Err(error) = bridge.follow(&next.model) {
+            tracing::error!("the old topics are read still: {error}");
+        }
+    }
+}
+
+/// Waits for the next configuration that is taken.
+async fn changed(running: &mut Option<watch::Receiver<Loaded>>) -> Loaded {
+    if let Some(running) = running
+        && running.changed().await.is_ok()
+    {
+        return running.borrow_and_update().clone();
+    }
+    std::future::pending().await
+}
+
+/// Listens for browsers.
+///
+/// # Errors
+/// Why that fails, and what to do.
+pub async fn bind(address: SocketAddr) -> anyhow::Result<TcpListener> {
+    bind_as(address, "--listen").await
+}
+
+/// The same for the address of this flag.
+async fn bind_as(address: SocketAddr, flag: &str) -> anyhow::Result<TcpListener> {
+    TcpListener::bind(address).await.map_err(|error| match error.kind() {
+        ErrorKind::AddrInUse => {
+            anyhow!(
+                "{address} is in use, perhaps by another telltale. End that, or choose another with {flag}"
+            )
+        }
+        ErrorKind::AddrNotAvailable => {
+            anyhow!("this machine has no address {}. Choose one that it has with {flag}", address.ip())
+        }
+        ErrorKind::PermissionDenied => {
+            anyhow!("port {} is for the system alone. Choose one above 1023 with {flag}", address.port())
+        }
+        _ => anyhow::Error::new(error).context(format!("nothing can listen on {address}")),
+    })
+}
+
+/// The address at which a browser on this machine finds the display.
+pub fn url(address: SocketAddr, secure: bool) -> String {
+    let host = match address.ip() {
+        ip if ip.is_unspecified() => "localhost".to_owned(),
+        IpAddr::V4(ip) => ip.to_string(),
+        IpAddr::V6(ip) => format!("[{ip}]"),
+    };
+    let scheme = if secure { "https" } else { "http" };
+    format!("{scheme}://{host}:{}", address.port())
+}
+
+fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::Result<Origins> {
+    let mut origins = Origins::of_listener(address, secure);
+    for origin in more {
+        origins.add(origin).context("--origin")?;
+    }
+    Ok(origins)
+}
+
+/// Reports the faults of the storage to the engine.
+async fn tell_of_storage(store: Store, inputs: mpsc::Sender<Stamped>, clock: Clock) {
+    let mut faults = store.fault();
+    drop(store);
+    loop {
+        let fault = faults.borrow_and_update().as_deref().map(Box::from);
+        let news = Stamped::new(Input::Storage { fault }, clock.now());
+        if inputs.send(news).await.is_err() || faults.changed().await.is_err() {
+            return;
+        }
+    }
+}
+
+/// Refuses plain HTTP beyond this machine, which shows secrets and sessions to everybody on the way, unless
+/// the flag `--insecure-http` is given.
+///
+/// # Errors
+/// What to do instead.
+pub fn check_plain(address: SocketAddr, has_tls: bool, insecure: bool) -> anyhow::Result<()> {
+    if has_tls || insecure || address.ip().is_loopback() {
+        return Ok(());
+    }
+    bail!(
+        "{address} is beyond this machine, and plain HTTP shows secrets to everybody on the way. Give a \
+         certificate with --tls-cert and --tls-key (`telltale tls self-signed` makes one), listen on \
+         127.0.0.1, or ask for plain HTTP by name with --insecure-http"
+    )
+}
+
+/// Starts the engine where the last run ended: a restart during a drive must not leave the vehicle without a
+/// display. The states of modules are unknown until they are heard.
+async fn resume(
+    model: &Arc<Model>,
+    store: &Store,
+    clock: Clock,
+    followers: Followers,
+) -> anyhow::Result<Link> {
+    let Some(restored) = store.recall().await? else {
+        return Ok(runtime::start_followed(model.clone(), clock, followers));
+    };
+    let (stage, alarms) = (restored.stage.as_str(), restored.alarms.len());
+    let operator = restored.operator.as_deref().unwrap_or("nobody");
+    tracing::info!("going on: the vehicle was {stage}, the operator is {operator}, {alarms} alarms are open");
+    Ok(runtime::resume(model.clone(), &restored, clock, followers))
+}
