@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
@@ -18,7 +17,7 @@ use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::init::{self, Observations};
 use telltale::ros::{self, BridgeOptions};
-use telltale::runtime;
+use telltale::{config, runtime};
 
 use crate::folder::TestFolder;
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};

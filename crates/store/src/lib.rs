@@ -296,9 +296,6 @@ impl Store {
     }
 
     /// A store in memory, for tests and demonstrations.
-    ///
-    /// # Errors
-    /// If SQLite fails.
     pub fn in_memory(clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
         Store::start(schema::open_in_memory()?, None, clock, demo, false)
     }

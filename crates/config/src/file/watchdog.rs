@@ -62,7 +62,6 @@ pub(crate) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
     }
     let bands = limits(&mut fields, target.as_ref(), every);
     let bands = restarts(&mut fields, target.as_ref()).unwrap_or(bands);
-    fields.finish();
     let misses = misses.map_or(MISSES, |misses| misses.value as u32);
     let place = found.first().map_or(node.span, |(_, target)| target.span);
     Some(Monitor::Watchdog { target: target?, place, every, misses, bands })

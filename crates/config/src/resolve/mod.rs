@@ -18,14 +18,12 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::Loaded;
 use super::describe::places::{NodePlace, Places};
 use super::describe::words;
-use super::file;
 use super::file::other::RawOther;
 use super::file::publishing::RawPublishing;
-use crate::decode::All;
-use crate::decode::Spanned;
+use super::{Loaded, file};
+use crate::decode::{All, Spanned};
 use names::{Names, check_id};
 use relations::Signals;
 use telltale_engine::model::wording::Wording;

@@ -2,10 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::monitors;
 use super::names::check_id;
 use super::topics::Topics;
-use super::twice;
+use super::{monitors, twice};
 use crate::decode::Spanned;
 use crate::describe::places::SignalPlace;
 use crate::expression;

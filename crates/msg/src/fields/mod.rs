@@ -141,9 +141,6 @@ impl Definitions {
     }
 
     /// A reader for a boolean field.
-    ///
-    /// # Errors
-    /// Why the field cannot be read.
     pub fn boolean(&self, type_name: &str, path: &str) -> Result<BooleanReader, FieldError> {
         let shape = Library::new(self).shape(type_name);
         let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
@@ -327,8 +324,6 @@ impl Reader {
 pub struct BooleanReader(Program);
 
 impl BooleanReader {
-    /// # Errors
-    /// Why this message has none.
     pub fn read(&self, body: &[u8], endian: Endian) -> Result<bool, NoValue> {
         match self.0.read(cdr::Reader::new(body, endian))? {
             FieldValue::Bool(value) => Ok(value),

@@ -133,8 +133,6 @@ impl Program {
         matches!(self.leaf, Leaf::Time)
     }
 
-    /// # Errors
-    /// Why there is no value.
     pub fn read(&self, mut reader: Reader<'_>) -> Result<FieldValue, NoValue> {
         let reader = &mut reader;
         self.go(reader)?;
@@ -219,8 +217,6 @@ fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) 
     Err(NoValue::Absent)
 }
 
-/// # Errors
-/// The body ends too early.
 pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f64, Fault> {
     Ok(match primitive {
         Primitive::Bool => f64::from(u8::from(reader.u8()? != 0)),

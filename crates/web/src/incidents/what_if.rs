@@ -122,7 +122,7 @@ impl Run {
 
     /// Whether somebody still wants it.
     fn is_wanted(&self) -> bool {
-        !self.is_cancelled.load(Ordering::Relaxed) && !self.session.has_ended()
+        !self.is_cancelled.load(Ordering::Relaxed) && self.session.is_open()
     }
 }
 

@@ -8,8 +8,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use proptest::prelude::*;
 
 use super::*;
-use crate::messages::encode;
-use crate::messages::encode::{Header, Motion, Transform};
+use crate::messages::encode::{self, Header, Motion, Transform};
 use telltale_engine::model::sample::{POSITIONS_MAX, Pose, Position, Positions};
 
 fn spec(type_name: &str, stamp: bool, fields: &[(&str, FieldKind)]) -> TopicSpec {

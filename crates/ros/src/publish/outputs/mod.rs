@@ -18,10 +18,10 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
-use tokio::time::{Instant, MissedTickBehavior};
+use tokio::time::Instant;
 
-use crate::options::interfaces;
-use crate::options::interfaces::AddressWatch;
+use crate::every;
+use crate::options::interfaces::{self, AddressWatch};
 use crate::outbox::stopped;
 use crate::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
 pub use levels::{Levels, VehicleMessage};
@@ -31,10 +31,8 @@ use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::model::sample::Pose;
 use telltale_engine::snapshot::{MapPose, Snapshot};
 use telltale_engine::time::Span;
-use telltale_msg::messages::GidSize;
-use telltale_msg::messages::encode;
-use telltale_msg::messages::encode::{Header, Motion};
-use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
+use telltale_msg::messages::encode::{self, Header, Motion};
+use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY, GidSize};
 use telltale_msg::received::Stamped;
 
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
@@ -266,8 +264,7 @@ async fn look_after(
 ) {
     let now = interfaces::addresses().unwrap_or_default();
     let mut addresses = AddressWatch::new(options.interface, &now);
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     let mut look = 0_u64;
     loop {
         tokio::select! {

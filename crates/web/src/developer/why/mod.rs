@@ -299,8 +299,8 @@ fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::texts::Lang;
     use crate::developer::tests::{english, holds, query};
+    use crate::texts::Lang;
     use crate::view::tests::jump;
 
     #[test]
