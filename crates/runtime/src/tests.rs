@@ -1,6 +1,7 @@
 //! Tests of the loop that owns the engine.
 
 use super::*;
+use std::sync::mpsc::TryRecvError;
 use telltale_engine::input::{Input, StatusArray};
 use telltale_engine::model::{
     Combine, GroupId, GroupSpec, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, StageModel,
@@ -38,8 +39,9 @@ async fn a_status_comes_out_and_a_command_is_answered_after_its_effect_is_publis
 #[tokio::test]
 async fn the_vehicle_and_programs_are_told_before_all_others() {
     let clock = Clock::start();
-    let Link { inputs, commands, mut snapshots, mut vehicle, mut afterwards, .. } =
-        start(empty_model(), clock);
+    let link = start(empty_model(), clock);
+    let (mut snapshots, mut vehicle, mut afterwards) =
+        (link.snapshots.clone(), link.vehicle.clone(), link.afterwards.clone());
     let is_heard = |snapshot: &Snapshot| snapshot.node("other/pump").is_some();
     // Each looks at what the others have when it runs.
     let (program_sees, vehicle_sees) = (afterwards.clone(), afterwards.clone());
@@ -53,13 +55,14 @@ async fn the_vehicle_and_programs_are_told_before_all_others() {
     });
     let mut array = StatusArray::default();
     array.push_status(2, "pump", "broken", "");
-    inputs.send(Stamped::new(Input::Diagnostics(array), clock.now())).await.unwrap();
+    link.inputs.send(Stamped::new(Input::Diagnostics(array), clock.now())).await.unwrap();
     afterwards.wait_for(|it| is_heard(&it.snapshot)).await.unwrap();
     assert_eq!((program.await.unwrap(), vehicle.await.unwrap()), (false, false));
 
     // Who commanded finds the effect everywhere.
     let (reply, answer) = oneshot::channel();
-    commands.send(Command { action: OperatorAction::Login { name: "anna".into() }, reply }).await.unwrap();
+    let action = OperatorAction::Login { name: "anna".into() };
+    link.commands.send(Command { action, reply }).await.unwrap();
     assert_eq!(answer.await.unwrap(), Response::Done);
     assert_eq!(afterwards.borrow().snapshot.stage, Stage::Localizing);
 }
@@ -113,7 +116,17 @@ async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {
         let Recorded::Shown { node, state, .. } = &record.what else { return false };
         &**node == "sensors/gnss" && *state == State::Error
     };
-    assert!(told.try_iter().flatten().any(|record| shown(&record)));
+    // At its end the engine hands on what still waits.
+    drop(link);
+    let mut records = Vec::new();
+    loop {
+        match told.try_recv() {
+            Ok(batch) => records.extend(batch),
+            Err(TryRecvError::Empty) => tokio::task::yield_now().await,
+            Err(TryRecvError::Disconnected) => break,
+        }
+    }
+    assert!(records.iter().any(shown));
 }
 
 #[tokio::test]
@@ -166,6 +179,8 @@ async fn a_recording_has_the_times_of_the_engine_in_order() {
     // The recorder's thread may be behind.
     while taken.len() < 6 {
         (times, taken) = (Vec::new(), Vec::new());
+        // The engine hands on to the recorder after all others.
+        tokio::task::yield_now().await;
         let Some(path) = write_recent(&recorder, &place, &folder).unwrap() else { continue };
         let mut reader = Reader::open(&path).unwrap();
         while let Some(Entry::Message { stamps, .. } | Entry::Json { stamps, .. }) = reader.next_entry() {
