@@ -30,6 +30,7 @@ use tokio::sync::{mpsc, watch};
 
 use self::view::Trends;
 use admission::connections::Connections;
+use admission::readers::Readers;
 use auth::handover::HandOvers;
 use auth::login::Proofs;
 use auth::session_ends::SessionEnds;
@@ -116,6 +117,7 @@ pub struct Shared {
     pub frames: Frames,
     pub displays: Displays,
     pub connections: Connections,
+    readers: Readers,
     /// From the arrival of an operator's action until it is done or refused.
     pub action_latency: Latency,
     first_changes: FirstChanges,
@@ -147,6 +149,7 @@ impl AppState {
             frames: Frames::default(),
             displays: Displays::default(),
             connections: Connections::default(),
+            readers: Readers::default(),
             action_latency: Latency::default(),
             first_changes: FirstChanges::default(),
             accounts: Accounts::default(),
