@@ -49,7 +49,8 @@ pub(crate) fn filters(
     for filter in raw {
         let except: Vec<(Filter, Span)> =
             filter.except.iter().filter_map(|it| Some((resolve(it, room, log)?, it.span))).collect();
-        let resolved = filter.pattern.as_ref().and_then(|pattern| Some((pattern, resolve(pattern, room, log)?)));
+        let resolved =
+            filter.pattern.as_ref().and_then(|pattern| Some((pattern, resolve(pattern, room, log)?)));
         let policy = policy(filter, defaults, log);
         let Some((pattern, resolved)) = resolved else { continue };
         if let Some((_, first)) = filters.iter().find(|(earlier, _)| covers(earlier, &resolved)) {
@@ -201,8 +202,7 @@ fn point(span: Span, pattern: &str, at: usize) -> Span {
 
 /// An expression without a shortest match never matches, nor does one whose automaton never accepts.
 fn never_matches(hir: &Hir, nfa: Option<&NFA>, room: &mut Room) -> bool {
-    hir.properties().minimum_len().is_none()
-        || nfa.and_then(|nfa| accepts_nothing(nfa, room)) == Some(true)
+    hir.properties().minimum_len().is_none() || nfa.and_then(|nfa| accepts_nothing(nfa, room)) == Some(true)
 }
 
 /// Walks every state of the automaton. `None` if it is too large, or cannot be built because of a word border
@@ -214,7 +214,8 @@ fn accepts_nothing(nfa: &NFA, room: &mut Room) -> Option<bool> {
         .determinize_size_limit(Some(AUTOMATON_BYTES_MAX))
         .start_kind(StartKind::Anchored);
     let built = dense::Builder::new().configure(config).build_from_nfa(nfa);
-    room.automata = room_left + built.as_ref().map_or(0, |dfa| AUTOMATON_BYTES_MAX.saturating_sub(dfa.memory_usage()));
+    room.automata =
+        room_left + built.as_ref().map_or(0, |dfa| AUTOMATON_BYTES_MAX.saturating_sub(dfa.memory_usage()));
     let dfa = built.ok()?;
     let start = dfa.start_state(&start::Config::new().anchored(Anchored::Yes)).ok()?;
     let mut seen = HashSet::from([start]);

@@ -83,7 +83,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let limits = limits(file.limits.as_ref(), log);
     let dpi = file.display.as_ref().and_then(|display| display.dpi);
     let display_dpi = within(dpi, DISPLAY_DPI as usize, file::DPI, log) as u32;
-    let unclaimed = file.other.as_ref().map(|other| unclaimed(other, &discovered, &mut room, log)).unwrap_or_default();
+    let unclaimed =
+        file.other.as_ref().map(|other| unclaimed(other, &discovered, &mut room, log)).unwrap_or_default();
     let parts = Parts {
         vehicle_id: id,
         vehicle_name: name,

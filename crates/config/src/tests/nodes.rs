@@ -87,10 +87,7 @@ fn filters_can_take_something() {
     let many: Vec<String> = (0..400).map(|number| format!("{{ regex: '\\w{{200}}{number}' }}")).collect();
     let problems = parse("c", &filters(&many.join(", "))).unwrap_err();
     let [problem] = problems.list() else { panic!("{problems}") };
-    assert_eq!(
-        problem.message,
-        "the regular expressions up to this one take more than 10 MiB of memory"
-    );
+    assert_eq!(problem.message, "the regular expressions up to this one take more than 10 MiB of memory");
     assert!(parse("c", &filters(&many[..2].join(", "))).is_ok());
     check(
         &filters("{ name: s }"),
