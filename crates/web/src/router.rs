@@ -19,7 +19,6 @@ use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
 
 use super::AppState;
-use super::admission::readers;
 use super::api::openapi::{Described, Description, document};
 use super::api::operation::Operation;
 use super::api::operations as op;
@@ -27,7 +26,7 @@ use super::auth::login;
 use super::developer::incidents::what_if;
 use super::http::guard::Access::{Asset, Open, Roles, Session};
 use super::http::guard::{Access, AccessTable, guard};
-use super::http::{headers, plain_errors};
+use super::http::{headers, plain_errors, readers};
 use super::live::socket;
 use super::operator::{actions, last_alarms};
 use super::{api, demo, developer, incidents, pages, replays};

@@ -344,6 +344,23 @@ async fn files_are_found_with_and_without_their_version_and_kept_with_it_alone()
 }
 
 #[tokio::test]
+async fn what_an_account_does_that_is_recorded_has_a_bound_and_a_stop_has_none() {
+    let fixture = Fixture::new().await;
+    let (developer, operator) = (fixture.cookie_of("developer").await, fixture.cookie_of("operator").await);
+    let note = async || fixture.post("/api/v1/incidents/9/note", Some(&developer), "note=x").await;
+    for number in 0..60 {
+        assert_eq!(note().await.status, StatusCode::NOT_FOUND, "{number}");
+    }
+    let refused = note().await;
+    assert_eq!((refused.status, refused.header("retry-after")), (StatusCode::TOO_MANY_REQUESTS, Some("10")));
+    for _ in 0..70 {
+        let stop = fixture.post("/vehicle/stop", Some(&operator), "version=0").await;
+        assert_ne!(stop.status, StatusCode::TOO_MANY_REQUESTS, "{}", stop.body);
+    }
+    assert_eq!(fixture.post("/logout", Some(&developer), "").await.status, StatusCode::SEE_OTHER);
+}
+
+#[tokio::test]
 async fn descriptions_are_compressed_once_and_not_for_each_request() {
     let fixture = Fixture::new().await;
     for role in ["operator", "authority"] {
