@@ -8,21 +8,20 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use std::thread::available_parallelism;
 use std::time::Duration;
 
-use axum::body::{Body, to_bytes};
+use axum::body::to_bytes;
 use axum::extract::{Request, State};
 use axum::http::header::{CONTENT_ENCODING, RETRY_AFTER};
 use axum::http::{HeaderValue, Method};
 use axum::middleware::Next;
-use axum::response::Response;
+use axum::response::{IntoResponse as _, Response};
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 
+use super::guard::SignedIn;
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::guard::SignedIn;
-use crate::http::respond::{Reader, refusal};
+use crate::texts::HttpError;
 use telltale_store::Role;
 
 /// Requests of one account that are worked on at once. Others of it wait; its connections are their bound.
@@ -87,7 +86,7 @@ pub async fn apart(State(app): State<AppState>, request: Request, next: Next) ->
     let user = session.map(|SignedIn(session)| session.user.clone());
     let (Some(user), Some(threads)) = (user, &*THREADS) else { return next.run(request).await };
     let Some(place) = app.readers.enter(&user).await else {
-        let mut answer = refusal(&Reader::of(request.uri(), request.headers()), HttpError::TooMany);
+        let mut answer = HttpError::TooMany.into_response();
         answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(TRY_AGAIN_AFTER_S));
         return answer;
     };
@@ -102,15 +101,9 @@ pub async fn apart(State(app): State<AppState>, request: Request, next: Next) ->
     match work.join_next().await {
         Some(Ok(answer)) => answer,
         Some(Err(error)) if error.is_panic() => resume_unwind(error.into_panic()),
-        _ => refusal_of_the_end(),
+        // The threads end with the program.
+        _ => HttpError::Unavailable.into_response(),
     }
-}
-
-/// Only the end of the program ends the threads.
-fn refusal_of_the_end() -> Response {
-    let mut answer = Response::new(Body::empty());
-    *answer.status_mut() = HttpError::Unavailable.status();
-    answer
 }
 
 /// Compresses here what is compressed while it is sent. A file that is only passed on is not.
@@ -124,7 +117,7 @@ async fn whole(answer: Response) -> Response {
         Ok(bytes) => Response::from_parts(parts, bytes.into()),
         Err(error) => {
             tracing::error!(%error, "an answer could not be compressed");
-            refusal_of_the_end()
+            HttpError::Unavailable.into_response()
         }
     }
 }

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::OnceCell;
 
 use super::not_done::NotDone;
-use crate::http::errors::HttpError;
+use crate::texts::HttpError;
 use telltale_store::Session;
 
 /// Taps that are remembered; the oldest is forgotten for a new one.

@@ -4,17 +4,16 @@ use std::net::IpAddr;
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
-use axum::response::Response;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::not_done::InvalidTap;
 use crate::admission::peer::{Peer, source_of};
 use crate::auth::expiry::is_in_charge;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, Speaks};
+use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view::versions::Aspect;
-use crate::view::{Lang, PagePart, Palette};
+use crate::view::{PagePart, Palette};
 use crate::{AppState, Live};
 use telltale_clock::wall_at;
 use telltale_engine::input::OperatorAction;
@@ -73,9 +72,9 @@ pub struct TapValidity {
 }
 
 impl FromRequestParts<AppState> for Tap {
-    type Rejection = Response;
+    type Rejection = HttpError;
 
-    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Tap, Response> {
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Tap, HttpError> {
         let arrived = app.clock.now();
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
         let app = Live::from_request_parts(parts, app).await?;
