@@ -1,7 +1,8 @@
-"""STOP is answered within a second while strangers attack the server."""
+"""STOP is answered within a second while strangers, or accounts that may only read, attack the server."""
 
 import json
 import os
+import selectors
 import socket
 import threading
 import time
@@ -73,7 +74,8 @@ def check_stops(client, attack, driving, stops=STOPS, replaced=False):
             try:
                 client.post("/vehicle/stop", version=version)
             except urllib.error.HTTPError as error:
-                assert replaced and error.code == 503 and "Nobody listens" in (told := error.read().decode()), told
+                told = error.read().decode()
+                assert replaced and error.code == 503 and "Nobody listens" in told, (error.code, told)
             took.append(time.monotonic() - asked)
             time.sleep(STOP_EVERY_S)
     finally:
@@ -117,6 +119,80 @@ def test_stops_are_answered_beside_strangers(server, driving, trouble, strangers
     count, begin = STRANGERS[strangers]
     check_stops(client, Attack(server, count * [begin(server)]), driving)
     until(lambda: megabytes(server.process.pid) < before_mb + KEPT_MB, 5, "the memory returns")
+
+
+# What accounts that may only read ask for, compressed, eight times at once on each of 40 connections.
+READ = {
+    "description": "/api/v1/openapi.json",
+    "history": "/api/v1/history?since=1970-01-01T00:00:00Z&count=5000",
+    "schema": "/api/v1/schema/snapshot.json",
+    "page": "/developer/api",
+}
+READ_AT_ONCE = 8
+READING = 40
+
+
+class Reading:
+    """Asks again for each answer, as fast as they come."""
+
+    def __init__(self, server, readers, path):
+        self.server, self.ended = server, threading.Event()
+        host = f"Host: 127.0.0.1:{server.port}\r\nAccept-Encoding: br, gzip\r\n"
+        self.asks = [f"GET {path} HTTP/1.1\r\n{host}Cookie: {it.cookie()}\r\n\r\n".encode() for it in readers]
+        self.answers = 0
+        self.thread = threading.Thread(target=self.read)
+        self.thread.start()
+
+    def connect(self, ask):
+        it = socket.create_connection(("127.0.0.1", self.server.port), timeout=5)
+        it.sendall(READ_AT_ONCE * ask)
+        it.setblocking(False)
+        self.selector.register(it, selectors.EVENT_READ, ask)
+
+    def read(self):
+        with selectors.DefaultSelector() as self.selector:
+            for ask in READING * self.asks:
+                self.connect(ask)
+            while not self.ended.is_set():
+                for key, _ in self.selector.select(0.1):
+                    self.go_on(key.fileobj, key.data)
+            for key in list(self.selector.get_map().values()):
+                key.fileobj.close()
+
+    def go_on(self, it, ask):
+        try:
+            read = it.recv(1 << 18)
+            count = read.count(b"HTTP/1.1 200")
+            self.answers += count
+            it.send(max(count, read.count(b"HTTP/1.1 ")) * ask)
+        except BlockingIOError:
+            return
+        except OSError:
+            read = b""
+        if not read:
+            self.selector.unregister(it)
+            it.close()
+            self.connect(ask)
+
+    def renew(self):
+        """It goes on by itself."""
+
+    def close(self):
+        self.ended.set()
+        self.thread.join()
+        return self.answers
+
+
+@pytest.mark.parametrize("read", READ)
+def test_stops_are_answered_beside_accounts_that_read(server, driving, trouble, read):
+    client = Client(server, *OPERATOR)
+    client.stop()
+    readers = []
+    for name in ("carl", "cora"):
+        server.add_user(name, "a long password", role="authority")
+        readers.append(Client(server, name, "a long password"))
+    answers = check_stops(client, Reading(server, readers, READ[read]), driving)
+    assert answers > STOPS, "they are answered too"
 
 
 FRAGMENTS = b"\x01\x80\0\0\0\0" + b"\0\x80\0\0\0\0" * 20_000

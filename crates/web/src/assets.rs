@@ -36,13 +36,15 @@ const ROOT: &str = "/static/";
 const KEPT_BY_ALL: HeaderValue = HeaderValue::from_static("public, max-age=31536000, immutable");
 const KEPT_BY_THE_BROWSER: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
-/// A file in the forms in which it is sent.
-struct File {
+/// A file, or a document that stays as it is, in the forms in which it is sent.
+#[derive(Debug)]
+pub struct File {
     plain: Form,
     /// `None` where it is hardly smaller.
     compressed: Option<Form>,
 }
 
+#[derive(Debug)]
 struct Form {
     data: Bytes,
     tag: HeaderValue,
@@ -71,15 +73,43 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 impl File {
     fn of(file: rust_embed::EmbeddedFile) -> File {
         let hash = hex(&file.metadata.sha256_hash());
-        let data = Bytes::from(file.data.into_owned());
+        File::new(file.data.into_owned().into(), &hash)
+    }
+
+    /// A document, compressed here once and for all.
+    pub fn json(document: &serde_json::Value) -> File {
+        let data = Bytes::from(document.to_string());
+        let hash = hex(&Sha256::digest(&data));
+        File::new(data, &hash)
+    }
+
+    fn new(data: Bytes, hash: &str) -> File {
         let mut small = Vec::new();
         // Only the disk makes reading fail.
         let _ = GzEncoder::new(&*data, Compression::best()).read_to_end(&mut small);
         let is_worth_it = !small.is_empty() && small.len() < data.len() / 10 * 9;
         File {
-            plain: Form::new(data, &hash),
+            plain: Form::new(data, hash),
             compressed: is_worth_it.then(|| Form::new(small.into(), &format!("{hash}-gzip"))),
         }
+    }
+
+    /// The form that the browser takes; nothing if it has that already.
+    pub fn answer(&self, content_type: &'static str, headers: &HeaderMap) -> Response {
+        let compressed = self.compressed.as_ref().filter(|_| takes_gzip(headers));
+        let form = compressed.unwrap_or(&self.plain);
+        let mut answer = match has(headers, &form.tag) {
+            true => StatusCode::NOT_MODIFIED.into_response(),
+            false => form.data.clone().into_response(),
+        };
+        let about = answer.headers_mut();
+        about.insert(ETAG, form.tag.clone());
+        about.insert(VARY, HeaderValue::from_static("accept-encoding"));
+        about.insert(CONTENT_TYPE, HeaderValue::from_static(content_type));
+        if compressed.is_some() {
+            about.insert(CONTENT_ENCODING, HeaderValue::from_static("gzip"));
+        }
+        answer
     }
 }
 
@@ -114,22 +144,10 @@ pub fn is_open(address: &str) -> bool {
 /// version: at that address it never changes.
 pub fn answer(address: &str, headers: &HeaderMap) -> Option<Response> {
     let (name, is_versioned) = parts(address);
-    let file = FILES.get(name)?;
-    let compressed = file.compressed.as_ref().filter(|_| takes_gzip(headers));
-    let form = compressed.unwrap_or(&file.plain);
-    let mut answer = match has(headers, &form.tag) {
-        true => StatusCode::NOT_MODIFIED.into_response(),
-        false => form.data.clone().into_response(),
-    };
-    let about = answer.headers_mut();
-    about.insert(ETAG, form.tag.clone());
-    about.insert(VARY, HeaderValue::from_static("accept-encoding"));
+    let mut answer = FILES.get(name)?.answer(content_type(name), headers);
     if is_versioned {
-        about.insert(CACHE_CONTROL, if is_open(address) { KEPT_BY_ALL } else { KEPT_BY_THE_BROWSER });
-    }
-    about.insert(CONTENT_TYPE, HeaderValue::from_static(content_type(name)));
-    if compressed.is_some() {
-        about.insert(CONTENT_ENCODING, HeaderValue::from_static("gzip"));
+        let kept = if is_open(address) { KEPT_BY_ALL } else { KEPT_BY_THE_BROWSER };
+        answer.headers_mut().insert(CACHE_CONTROL, kept);
     }
     Some(answer)
 }

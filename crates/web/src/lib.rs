@@ -31,6 +31,7 @@ use tokio::sync::{mpsc, watch};
 
 use self::view::Trends;
 use admission::connections::Connections;
+use admission::recorded::Recorded;
 use auth::handover::HandOvers;
 use auth::login::Proofs;
 use auth::session_ends::SessionEnds;
@@ -38,6 +39,7 @@ use auth::sign_in_out::OperatorChange;
 use auth::take_over::TakeOvers;
 use developer::audit::AuditReading;
 use developer::reload::Reloading;
+use http::readers::Readers;
 use live::byte_budget::Accounts;
 use live::displays::Displays;
 use live::first_changes::FirstChanges;
@@ -118,6 +120,8 @@ pub struct Shared {
     pub frames: Frames,
     pub displays: Displays,
     pub connections: Connections,
+    readers: Readers,
+    recorded: Recorded,
     /// From the arrival of an operator's action until it is done or refused.
     pub action_latency: Latency,
     first_changes: FirstChanges,
@@ -149,6 +153,8 @@ impl AppState {
             frames: Frames::default(),
             displays: Displays::default(),
             connections: Connections::default(),
+            readers: Readers::default(),
+            recorded: Recorded::default(),
             action_latency: Latency::default(),
             first_changes: FirstChanges::default(),
             accounts: Accounts::default(),

@@ -12,6 +12,7 @@ use axum::response::Redirect;
 use axum::routing::{MethodRouter, get, post};
 use axum::{Extension, Router};
 use serde_json::Value;
+use tower_http::CompressionLevel;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{DefaultPredicate, Predicate as _};
 use tower_http::limit::RequestBodyLimitLayer;
@@ -25,7 +26,7 @@ use super::auth::login;
 use super::developer::incidents::what_if;
 use super::http::guard::Access::{Asset, Open, Roles, Session};
 use super::http::guard::{Access, AccessTable, guard};
-use super::http::{headers, plain_errors};
+use super::http::{headers, plain_errors, readers};
 use super::live::socket;
 use super::operator::{actions, last_alarms};
 use super::{api, demo, developer, incidents, pages, replays};
@@ -173,11 +174,15 @@ pub fn router(app: AppState) -> Router {
         let router = if route.body_bytes_max == BODY_BYTES_MAX { &mut plain } else { &mut with_text };
         *router = std::mem::take(router).route(route.path, route.answer);
     }
-    let description = Description(Arc::new(openapi(app.settings.secure)));
+    let description = Description::of(openapi(app.settings.secure));
     let guard = from_fn_with_state((app.clone(), Arc::new(table)), guard);
+    let readers = from_fn_with_state(app.clone(), readers::apart);
+    let packed = CompressionLayer::new().quality(CompressionLevel::Fastest);
+    let packed = packed.compress_when(DefaultPredicate::new().and(is_made_now));
     let guarded = |router: Router<AppState>, bytes: usize| {
         let router = router.method_not_allowed_fallback(pages::wrong_method);
-        let router = router.layer(DefaultBodyLimit::max(bytes)).layer(guard.clone());
+        let router = router.layer(DefaultBodyLimit::max(bytes));
+        let router = router.layer(packed.clone()).layer(readers.clone()).layer(guard.clone());
         router.layer(RequestBodyLimitLayer::new(bytes))
     };
     guarded(plain.fallback(pages::not_found), BODY_BYTES_MAX)
@@ -185,7 +190,6 @@ pub fn router(app: AppState) -> Router {
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
         .layer(from_fn(plain_errors::in_words))
         .layer(from_fn_with_state(app.settings.secure, headers::secure))
-        .layer(CompressionLayer::new().compress_when(DefaultPredicate::new().and(is_made_now)))
         .layer(Extension(description))
         .with_state(app)
 }

@@ -344,6 +344,47 @@ async fn files_are_found_with_and_without_their_version_and_kept_with_it_alone()
 }
 
 #[tokio::test]
+async fn what_an_account_does_that_is_recorded_has_a_bound_and_a_stop_has_none() {
+    let fixture = Fixture::new().await;
+    let (developer, operator) = (fixture.cookie_of("developer").await, fixture.cookie_of("operator").await);
+    let note = async || fixture.post("/api/v1/incidents/9/note", Some(&developer), "note=x").await;
+    for number in 0..60 {
+        assert_eq!(note().await.status, StatusCode::NOT_FOUND, "{number}");
+    }
+    let refused = note().await;
+    assert_eq!((refused.status, refused.header("retry-after")), (StatusCode::TOO_MANY_REQUESTS, Some("10")));
+    for _ in 0..70 {
+        let stop = fixture.post("/vehicle/stop", Some(&operator), "version=0").await;
+        assert_ne!(stop.status, StatusCode::TOO_MANY_REQUESTS, "{}", stop.body);
+    }
+    assert_eq!(fixture.post("/logout", Some(&developer), "").await.status, StatusCode::SEE_OTHER);
+}
+
+#[tokio::test]
+async fn descriptions_are_compressed_once_and_not_for_each_request() {
+    let fixture = Fixture::new().await;
+    for role in ["operator", "authority"] {
+        let cookie = fixture.cookie_of(role).await;
+        for path in ["/api/v1/openapi.json", "/api/v1/schema/snapshot.json", "/api/v1/schema/stream.json"] {
+            let ask = async |accepts: &str, has: &str| {
+                let mut asked = request(Method::GET, path, Some(&cookie));
+                asked.headers_mut().insert("accept-encoding", accepts.parse().unwrap());
+                asked.headers_mut().insert("if-none-match", has.parse().unwrap());
+                fixture.send(asked).await
+            };
+            let (plain, small) = (ask("br", "").await, ask("br, gzip", "").await);
+            assert_eq!(
+                (plain.header("content-encoding"), small.header("content-encoding")),
+                (None, Some("gzip"))
+            );
+            serde_json::from_str::<serde_json::Value>(&plain.body).unwrap();
+            let known = ask("gzip", small.header("etag").unwrap()).await;
+            assert_eq!(known.status, StatusCode::NOT_MODIFIED, "{path} {role}");
+        }
+    }
+}
+
+#[tokio::test]
 async fn a_file_is_sent_compressed_and_only_to_who_does_not_have_it() {
     let fixture = Fixture::new().await;
     let ask = async |name: &str, accepts: &str, has: &str| {

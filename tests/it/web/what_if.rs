@@ -1,5 +1,7 @@
 //! The page of a what-if: who may run it, what it finds, its mistakes and its bounds.
 
+use std::sync::{Mutex, mpsc};
+
 use axum::http::StatusCode;
 use serde_json::{Value, json};
 use telltale::cli::running::server::what_if::examiner;
@@ -7,7 +9,7 @@ use telltale::msg::fields::Definitions;
 use telltale::record::folder::{file_name, folder_in};
 use telltale::record::summary::{Recording, Summary, TriggerLine, kind};
 use telltale::store::audit::{Action, COMMAND_LINE, Record};
-use telltale::web::{AppState, Origins, Settings, router};
+use telltale::web::{AppState, Examiner, Origins, Settings, router};
 
 use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request, settings, until};
 use crate::folder::TestFolder;
@@ -22,12 +24,16 @@ pub struct Vehicle {
 
 impl Vehicle {
     pub async fn new(name: &str, incidents: u64) -> Vehicle {
+        Vehicle::examined_by(examiner(Definitions::default()), name, incidents).await
+    }
+
+    async fn examined_by(examiner: Examiner, name: &str, incidents: u64) -> Vehicle {
         let data = TestFolder::new(&format!("what-if-{name}"));
         std::fs::create_dir_all(folder_in(&data)).unwrap();
         let mut fixture = Fixture::new().await;
         let settings = Settings {
             recordings: Some(folder_in(&data)),
-            what_if: Some(examiner(Definitions::default())),
+            what_if: Some(examiner),
             ..settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
         };
         fixture.app = AppState::new(fixture.link.clone(), fixture.store.clone(), fixture.clock, settings);
@@ -203,6 +209,28 @@ async fn mistakes_and_recordings_that_cannot_be_used_are_told_in_their_place() {
     vehicle.post(2, SHUTTLE, "this").await;
     assert_eq!(vehicle.told(2).await["compared"][0]["error"], "the recording is missing");
     assert!(vehicle.page("/incidents/2/what-if").await.contains("The recording is missing."));
+}
+
+#[tokio::test]
+async fn of_the_what_ifs_of_one_person_the_newest_waits_and_the_others_are_gone() {
+    let (tell, read) = mpsc::channel();
+    let (end, held) = mpsc::channel::<()>();
+    let held = Mutex::new(held);
+    let examiner = Examiner::new(move |texts, _| {
+        tell.send(texts[0].text.clone()).unwrap();
+        // Until the other end is dropped.
+        let _ = held.lock().unwrap().recv();
+        Err(Vec::new())
+    });
+    let vehicle = Vehicle::examined_by(examiner, "newest", 1).await;
+    vehicle.post(1, "first", "this").await;
+    assert_eq!(read.recv().unwrap(), "first");
+    for number in 0..20 {
+        vehicle.post(1, &number.to_string(), "this").await;
+    }
+    drop(end);
+    assert_eq!(vehicle.told(1).await["progress"], "wrong");
+    assert_eq!(read.try_iter().collect::<Vec<_>>(), ["19"]);
 }
 
 #[tokio::test]

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use regex_automata::Anchored;
 use regex_automata::dfa::{Automaton, StartKind, dense};
+use regex_automata::nfa::thompson::{NFA, WhichCaptures};
 use regex_automata::util::start;
 use regex_syntax::hir::Hir;
 
@@ -16,14 +17,39 @@ use telltale_yaml::{Log, Problem, Span};
 
 /// Larger automata are not examined.
 const AUTOMATON_BYTES_MAX: usize = 1 << 20;
+/// All automata that are made to examine the expressions of a configuration. The rest is not examined.
+const AUTOMATA_BYTES_MAX: usize = 32 * AUTOMATON_BYTES_MAX;
+/// All regular expressions of a configuration, compiled.
+const REGEXES_BYTES_MAX: usize = 10 << 20;
 
-pub(crate) fn filters(raw: &[file::Filter], names: &Names, defaults: &Policy, log: &mut Log) -> Vec<Match> {
+/// The room that the regular expressions of a configuration have together: a short text may mean a large one.
+#[derive(Debug)]
+pub(crate) struct Room {
+    /// `None` once they were too large, which is said once.
+    regexes: Option<usize>,
+    automata: usize,
+}
+
+impl Default for Room {
+    fn default() -> Room {
+        Room { regexes: Some(REGEXES_BYTES_MAX), automata: AUTOMATA_BYTES_MAX }
+    }
+}
+
+pub(crate) fn filters(
+    raw: &[file::Filter],
+    names: &Names,
+    defaults: &Policy,
+    room: &mut Room,
+    log: &mut Log,
+) -> Vec<Match> {
     let mut filters: Vec<(Filter, Span)> = Vec::new();
     let mut matches = Vec::new();
     for filter in raw {
         let except: Vec<(Filter, Span)> =
-            filter.except.iter().filter_map(|it| Some((resolve(it, log)?, it.span))).collect();
-        let resolved = filter.pattern.as_ref().and_then(|pattern| Some((pattern, resolve(pattern, log)?)));
+            filter.except.iter().filter_map(|it| Some((resolve(it, room, log)?, it.span))).collect();
+        let resolved =
+            filter.pattern.as_ref().and_then(|pattern| Some((pattern, resolve(pattern, room, log)?)));
         let policy = policy(filter, defaults, log);
         let Some((pattern, resolved)) = resolved else { continue };
         if let Some((_, first)) = filters.iter().find(|(earlier, _)| covers(earlier, &resolved)) {
@@ -74,17 +100,18 @@ pub(crate) fn prefixes(filter: &file::Filter) -> Prefixes {
 }
 
 /// The filter for a pattern; `None` if the log has the reason.
-pub(crate) fn resolve(filter: &file::Pattern, log: &mut Log) -> Option<Filter> {
+pub(crate) fn resolve(filter: &file::Pattern, room: &mut Room, log: &mut Log) -> Option<Filter> {
     let text: Box<str> = filter.text.value.as_str().into();
     match filter.kind {
         FilterKind::Name => Some(Filter::Name(text)),
         FilterKind::Namespace => Some(Filter::Namespace(text)),
         FilterKind::Contains => Some(Filter::Contains(text)),
-        FilterKind::Regex => regex(filter, log),
+        FilterKind::Regex => regex(filter, room, log),
     }
 }
 
-fn regex(filter: &file::Pattern, log: &mut Log) -> Option<Filter> {
+fn regex(filter: &file::Pattern, room: &mut Room, log: &mut Log) -> Option<Filter> {
+    let left = room.regexes?;
     let pattern = &filter.text.value;
     let span = filter.text.span;
     let hir = match regex_syntax::parse(pattern) {
@@ -109,9 +136,22 @@ fn regex(filter: &file::Pattern, log: &mut Log) -> Option<Filter> {
                 .help(format!("write {}; if it is meant so, `(?:{letter})*`", glob::instead(pattern))),
         );
     }
-    if never_matches(&hir, pattern) {
+    let config = NFA::config().which_captures(WhichCaptures::None).nfa_size_limit(Some(REGEXES_BYTES_MAX));
+    let nfa = NFA::compiler().configure(config).build(&format!(r"\A(?:{pattern})\z")).ok();
+    if never_matches(&hir, nfa.as_ref(), room) {
         let problem = Problem::at(span, "this regular expression can never match").label("matches nothing");
         log.push(problem.help("remove the filter, or what contradicts itself in the expression"));
+    }
+    room.regexes = left.checked_sub(nfa.map_or(0, |nfa| nfa.memory_usage()));
+    if room.regexes.is_none() {
+        let text = format!(
+            "the regular expressions up to this one take more than {} MiB of memory",
+            REGEXES_BYTES_MAX >> 20
+        );
+        log.push(Problem::at(span, text).help(
+            "repeat less (write `\\w+`, not `\\w{200}`), or take `contains` or `namespace` where they do",
+        ));
+        return None;
     }
     match Filter::regex(pattern) {
         Ok(filter) => Some(filter),
@@ -160,18 +200,22 @@ fn point(span: Span, pattern: &str, at: usize) -> Span {
 }
 
 /// An expression without a shortest match never matches, nor does one whose automaton never accepts.
-fn never_matches(hir: &Hir, pattern: &str) -> bool {
-    hir.properties().minimum_len().is_none() || accepts_nothing(pattern) == Some(true)
+fn never_matches(hir: &Hir, nfa: Option<&NFA>, room: &mut Room) -> bool {
+    hir.properties().minimum_len().is_none() || nfa.and_then(|nfa| accepts_nothing(nfa, room)) == Some(true)
 }
 
 /// Walks every state of the automaton. `None` if it is too large, or cannot be built because of a word border
 /// that depends on more than one byte.
-fn accepts_nothing(pattern: &str) -> Option<bool> {
+fn accepts_nothing(nfa: &NFA, room: &mut Room) -> Option<bool> {
+    let room_left = room.automata.checked_sub(AUTOMATON_BYTES_MAX)?;
     let config = dense::Config::new()
         .dfa_size_limit(Some(AUTOMATON_BYTES_MAX))
         .determinize_size_limit(Some(AUTOMATON_BYTES_MAX))
         .start_kind(StartKind::Anchored);
-    let dfa = dense::Builder::new().configure(config).build(&format!(r"\A(?:{pattern})\z")).ok()?;
+    let built = dense::Builder::new().configure(config).build_from_nfa(nfa);
+    room.automata =
+        room_left + built.as_ref().map_or(0, |dfa| AUTOMATON_BYTES_MAX.saturating_sub(dfa.memory_usage()));
+    let dfa = built.ok()?;
     let start = dfa.start_state(&start::Config::new().anchored(Anchored::Yes)).ok()?;
     let mut seen = HashSet::from([start]);
     let mut waiting = vec![start];

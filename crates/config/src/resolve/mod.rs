@@ -24,6 +24,7 @@ use super::file::other::RawOther;
 use super::file::publishing::RawPublishing;
 use super::{Loaded, file};
 use crate::decode::{All, Spanned};
+use filters::Room;
 use names::{Names, check_id};
 use relations::Signals;
 use telltale_engine::model::wording::Wording;
@@ -57,7 +58,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let (stops, unpublished) = (stops(file, log), Vec::new());
     let speed = motion::speed(file.motion.as_ref(), &mut topics, log);
     let mut driving = Driving { stops, localized_after, countermeasures, unpublished, speed, goal: None };
-    let groups = groups(&names, &index, (&discovered, explains), log);
+    let mut room = Room::default();
+    let groups = groups(&names, &index, (&discovered, explains), &mut room, log);
     let mut modules = modules(&names, &index, (&declared, explains), &mut topics, log);
     let implied = implied::modules(&names, &declared, log);
     let implied_places: Vec<Span> = implied.iter().map(|(_, span)| *span).collect();
@@ -79,7 +81,8 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let limits = limits(file.limits.as_ref(), log);
     let dpi = file.display.as_ref().and_then(|display| display.dpi);
     let display_dpi = within(dpi, DISPLAY_DPI as usize, file::DPI, log) as u32;
-    let unclaimed = file.other.as_ref().map(|other| unclaimed(other, &discovered, log)).unwrap_or_default();
+    let unclaimed =
+        file.other.as_ref().map(|other| unclaimed(other, &discovered, &mut room, log)).unwrap_or_default();
     let parts = Parts {
         vehicle_id: id,
         vehicle_name: name,
@@ -190,12 +193,12 @@ pub(super) fn policy(raw: &file::Policy, around: &Policy, log: &mut Log) -> Poli
 }
 
 /// What holds for the statuses that no group takes.
-fn unclaimed(raw: &RawOther, around: &Policy, log: &mut Log) -> Unclaimed {
+fn unclaimed(raw: &RawOther, around: &Policy, room: &mut Room, log: &mut Log) -> Unclaimed {
     let policy = Policy {
         counts_as: raw.state.map_or(CountsAs::Reported, |_| CountsAs::Error),
         ..policy(&raw.policy, around, log)
     };
-    let except = raw.except.iter().filter_map(|pattern| filters::resolve(pattern, log)).collect();
+    let except = raw.except.iter().filter_map(|pattern| filters::resolve(pattern, room, log)).collect();
     Unclaimed { policy: Some(policy).filter(|policy| policy != around), except }
 }
 
@@ -276,6 +279,7 @@ fn groups(
     names: &Names,
     signals: &Signals,
     (defaults, explains): (&Policy, Within),
+    room: &mut Room,
     log: &mut Log,
 ) -> Vec<GroupSpec> {
     let mut tiles: HashMap<(u8, u8), Span> = HashMap::new();
@@ -291,7 +295,7 @@ fn groups(
             combine: raw.combine.unwrap_or(Combine::Worst),
             when: raw.when.as_ref().and_then(|when| relations::when(when, signals, log)),
             depends_on: relations::depends_on(names, NodeId::Group(id), (&raw.depends_on, explains), log),
-            filters: filters::filters(&raw.filters, names, defaults, log),
+            filters: filters::filters(&raw.filters, names, defaults, room, log),
             may_be_empty: raw.empty == Some(State::Ok),
             tile,
         });

@@ -83,6 +83,12 @@ fn filters_can_take_something() {
             "1:69: this regular expression cannot be used: Compiled regex exceeds size limit of 10485760 bytes. (make it shorter)",
         ],
     );
+    // Each of them may be used, and many of them would fill the memory: the first that is too much is told, once.
+    let many: Vec<String> = (0..400).map(|number| format!("{{ regex: '\\w{{200}}{number}' }}")).collect();
+    let problems = parse("c", &filters(&many.join(", "))).unwrap_err();
+    let [problem] = problems.list() else { panic!("{problems}") };
+    assert_eq!(problem.message, "the regular expressions up to this one take more than 10 MiB of memory");
+    assert!(parse("c", &filters(&many[..2].join(", "))).is_ok());
     check(
         &filters("{ name: s }"),
         &["1:60: the declared module `a/m` takes this status before any filter (remove the filter)"],

@@ -5,6 +5,7 @@
 //! and the next program that closes the database would delete the log under the server.
 
 use std::fs::File;
+use std::io;
 use std::mem::ManuallyDrop;
 use std::os::unix::fs::{FileExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
@@ -20,6 +21,44 @@ const FREE_BYTES_MIN: u64 = 1 << 20;
 const DATABASE_STARTS_WITH: &[u8; 16] = b"SQLite format 3\0";
 /// The first four bytes of the log, without the last bit, which gives the order of bytes.
 const LOG_STARTS_WITH: u32 = 0x377f_0682;
+
+/// The ends of the names of the files that SQLite makes beside a database.
+const BESIDE: [&str; 3] = ["-journal", "-wal", "-shm"];
+
+/// What lies in the place of a file that SQLite makes beside this database and is none: a folder, a pipe, a device, or
+/// a link to nothing. SQLite would wait for ever for a pipe, and fail at the others.
+pub(crate) fn odd_beside(database: &Path) -> Option<PathBuf> {
+    let beside = BESIDE.map(|end| {
+        let mut path = database.as_os_str().to_owned();
+        path.push(end);
+        PathBuf::from(path)
+    });
+    let is_odd =
+        |path: &PathBuf| path.symlink_metadata().is_ok() && !path.metadata().is_ok_and(|file| file.is_file());
+    beside.into_iter().find(is_odd)
+}
+
+/// Moves such things out of the way, before the database is opened.
+///
+/// # Errors
+/// Of the disk: SQLite must not open the database then.
+pub(crate) fn put_odd_aside(database: &Path) -> io::Result<()> {
+    while let Some(odd) = odd_beside(database) {
+        let mut number = 1_u32;
+        let mut aside = odd.with_added_extension("odd-1");
+        while aside.symlink_metadata().is_ok() {
+            number += 1;
+            aside = odd.with_added_extension(format!("odd-{number}"));
+        }
+        std::fs::rename(&odd, &aside)?;
+        tracing::error!(
+            "{} is no file, and the database needs its place: it is now {}",
+            odd.display(),
+            aside.display()
+        );
+    }
+    Ok(())
+}
 
 /// The data folder with the files that were opened in it.
 #[derive(Debug)]
@@ -188,6 +227,34 @@ mod tests {
 
     fn fault(files: &OpenFiles) -> String {
         files.check_files(false).unwrap_err()
+    }
+
+    #[test]
+    fn what_is_no_file_makes_way_for_the_files_of_the_database() {
+        use rustix::fs::{CWD, FileType, Mode, mknodat};
+        for (end, kind) in
+            BESIDE.into_iter().flat_map(|end| ["pipe", "folder", "link"].map(|kind| (end, kind)))
+        {
+            let temporary = tempfile::tempdir().unwrap();
+            let database = temporary.path().join(FILE_NAME);
+            let odd = temporary.path().join(format!("{FILE_NAME}{end}"));
+            match kind {
+                "pipe" => mknodat(CWD, &odd, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).unwrap(),
+                "folder" => {
+                    std::fs::create_dir(&odd).unwrap();
+                    std::fs::write(odd.join("x"), "x").unwrap();
+                }
+                _ => std::os::unix::fs::symlink(&odd, &odd).unwrap(),
+            }
+            assert_eq!(odd_beside(&database), Some(odd.clone()), "{kind}");
+            // Something was put aside before.
+            std::fs::write(odd.with_added_extension("odd-1"), "kept").unwrap();
+            let open = || crate::database::schema::open(temporary.path(), std::time::Duration::ZERO);
+            drop(open().unwrap_or_else(|error| panic!("{end} {kind}: {error}")));
+            assert!(odd.with_added_extension("odd-2").symlink_metadata().is_ok(), "{end} {kind}");
+            assert_eq!(std::fs::read(odd.with_added_extension("odd-1")).unwrap(), b"kept");
+            assert_eq!(odd_beside(&database), None, "a link to a file, or a file, stays");
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use rusqlite::{Connection, OpenFlags, TransactionBehavior, ffi};
 
+use super::files::{odd_beside, put_odd_aside};
 use super::{backup, foreign};
 use crate::StoreError;
 
@@ -185,6 +186,7 @@ pub(crate) fn open(folder: &Path, wait: Duration) -> Result<Connection, StoreErr
         return Err(gone(path, trace));
     }
     make_private_file(&path).map_err(folder_error)?;
+    put_odd_aside(&path).map_err(folder_error)?;
     let open_error = |reason| StoreError::Open { path: path.clone(), reason };
     let mut connection = Connection::open(&path).map_err(open_error)?;
     // SQLite opens a file that it may not write for reading only, and reports that at the first write.
@@ -286,6 +288,9 @@ pub(crate) fn read_only(folder: &Path, wait: Duration) -> Result<(Connection, Pa
 /// A connection for reading only, with a parameter of SQLite: `mode=ro`, or `immutable=1` for a file that
 /// nobody writes.
 pub(crate) fn connect_reading(path: &Path, parameter: &str, wait: Duration) -> rusqlite::Result<Connection> {
+    if let Some(odd) = odd_beside(path) {
+        return Err(rusqlite::Error::InvalidPath(odd));
+    }
     let flags =
         OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(uri(path, parameter), flags)?;

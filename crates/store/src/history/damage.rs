@@ -8,6 +8,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension as _};
 
 use super::{HISTORY_FILE, prepare};
 use crate::StoreError;
+use crate::database::files::odd_beside;
 use crate::database::foreign::{Compare, difference};
 use crate::disk::salvage;
 use crate::private_file::{make_folder, make_private_file};
@@ -26,6 +27,9 @@ pub fn history_damage(folder: &Path) -> Option<String> {
     let path = folder.join(HISTORY_FILE);
     if !fs::metadata(&path).is_ok_and(|file| file.is_file()) {
         return None;
+    }
+    if let Some(odd) = odd_beside(&path) {
+        return Some(format!("{} is no file", odd.display()));
     }
     let looked =
         Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY).and_then(|connection| {
@@ -81,7 +85,7 @@ pub(super) fn put_aside(folder: &Path, wall: SystemTime) -> io::Result<PathBuf> 
     let kept = folder.join(format!("damaged-{day}"));
     make_folder(&kept)?;
     // The log first: it must not be taken for that of the next one.
-    for suffix in ["-wal", "-shm", ""] {
+    for suffix in ["-journal", "-wal", "-shm", ""] {
         let name = format!("{HISTORY_FILE}{suffix}");
         match fs::rename(folder.join(&name), kept.join(&name)) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),

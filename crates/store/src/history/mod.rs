@@ -30,6 +30,7 @@ pub use statistics::{NodeFigures, NodeStatistics, Statistics, how_long_ms};
 pub use telltale_engine::view::record::Stretch;
 
 use super::StoreError;
+use super::database::files::{odd_beside, put_odd_aside};
 use super::database::foreign;
 use super::private_file::make_private_file;
 use telltale_clock::Clock;
@@ -98,8 +99,11 @@ pub fn statistics_in(folder: &Path, from_ms: i64, to_ms: i64) -> Result<Statisti
 
 fn opened_in(folder: &Path) -> Result<Connection, StoreError> {
     let path = folder.join(HISTORY_FILE);
-    let connection = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)
-        .map_err(|reason| StoreError::Open { path, reason })?;
+    let opened = match odd_beside(&path) {
+        Some(odd) => Err(rusqlite::Error::InvalidPath(odd)),
+        None => Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY),
+    };
+    let connection = opened.map_err(|reason| StoreError::Open { path, reason })?;
     connection.busy_timeout(Duration::from_secs(2))?;
     Ok(connection)
 }
@@ -265,6 +269,7 @@ impl Opened {
         let path = folder.join(HISTORY_FILE);
         // It tells where and when the vehicle failed, so only the owner may read it.
         make_private_file(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
+        put_odd_aside(&path).map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
         let writing = Connection::open(&path)?;
         writing.busy_timeout(Duration::from_secs(2))?;
         writing.pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(()))?;

@@ -1,17 +1,17 @@
 //! The OpenAPI document, made of the table of routes; it and the schemas for who asks for them.
 
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock, OnceLock};
 
 use axum::Extension;
-use axum::http::Method;
-use axum::http::header::CONTENT_TYPE;
-use axum::response::{IntoResponse, Response};
+use axum::http::{HeaderMap, Method};
+use axum::response::Response;
 use schemars::SchemaGenerator;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
 use super::VERSION;
 use super::operation::{Content, Operation, SchemaOf, Tag};
+use crate::assets::File;
 use crate::http::guard::{Access, cookie_name};
 use crate::http::respond::{ErrorAnswer, RefusedAnswer};
 use crate::live::frame;
@@ -32,25 +32,34 @@ pub const SCHEMA: &str = "application/schema+json";
 
 /// The OpenAPI document of a server.
 #[derive(Debug, Clone)]
-pub struct Description(pub Arc<Value>);
+pub struct Description {
+    pub document: Arc<Value>,
+    /// Made when somebody asks for it.
+    file: Arc<OnceLock<File>>,
+}
+
+impl Description {
+    pub fn of(document: Value) -> Description {
+        Description { document: Arc::new(document), file: Arc::default() }
+    }
+}
 
 /// `GET /api/v1/openapi.json`
-pub async fn get(Extension(Description(document)): Extension<Description>) -> Response {
-    ([(CONTENT_TYPE, OPENAPI)], document.to_string()).into_response()
+pub async fn get(Extension(description): Extension<Description>, headers: HeaderMap) -> Response {
+    let file = description.file.get_or_init(|| File::json(&description.document));
+    file.answer(OPENAPI, &headers)
 }
 
 /// `GET /api/v1/schema/snapshot.json`
-pub async fn snapshot_schema() -> Response {
-    schema_answer(&frame::snapshot_schema())
+pub async fn snapshot_schema(headers: HeaderMap) -> Response {
+    static FILE: LazyLock<File> = LazyLock::new(|| File::json(&frame::snapshot_schema()));
+    FILE.answer(SCHEMA, &headers)
 }
 
 /// `GET /api/v1/schema/stream.json`
-pub async fn stream_schema() -> Response {
-    schema_answer(&frame::stream_schema())
-}
-
-fn schema_answer(schema: &Value) -> Response {
-    ([(CONTENT_TYPE, SCHEMA)], schema.to_string()).into_response()
+pub async fn stream_schema(headers: HeaderMap) -> Response {
+    static FILE: LazyLock<File> = LazyLock::new(|| File::json(&frame::stream_schema()));
+    FILE.answer(SCHEMA, &headers)
 }
 
 /// A route with its description.

@@ -58,7 +58,7 @@ impl ApiHtml<'_> {
 /// `GET /developer/api`
 pub async fn get(
     request: PageRequest,
-    Extension(Description(document)): Extension<Description>,
+    Extension(Description { document, .. }): Extension<Description>,
 ) -> Html<String> {
     let PageRequest { published, context, .. } = request;
     let view = &View::new(&published, context.lang, false);

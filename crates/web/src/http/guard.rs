@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use axum::body::{Body, Bytes};
 use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Request, State};
-use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, UPGRADE, WWW_AUTHENTICATE};
+use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::middleware::Next;
@@ -20,6 +20,7 @@ use tokio::time::timeout;
 use super::respond::{Reader, Speaks, cookies, header};
 use crate::admission::connections::ConnectionHandle;
 use crate::admission::peer::{Peer, place_of, source_of};
+use crate::admission::recorded::{TRY_AGAIN_AFTER_S, is_bounded};
 use crate::assets;
 use crate::texts::{HttpError, Lang};
 use crate::{AppState, Live};
@@ -114,12 +115,22 @@ pub async fn guard(
         Some(session) if matches!(access, Access::Roles(roles) if !roles.contains(&session.role)) => {
             Some(HttpError::Forbidden)
         }
+        Some(session)
+            if is_bounded(request.method(), request.uri().path(), session.role)
+                && !app.recorded.admit(app.clock.now(), &session.user) =>
+        {
+            Some(HttpError::TooMany)
+        }
         _ => None,
     };
     if let Some(trouble) = trouble {
         let (source, record) = refused(&request, caller.session.as_ref(), Lang::En.error_text(trouble));
         app.record_refused(record, source).await;
-        return trouble.into_response();
+        let mut answer = trouble.into_response();
+        if trouble == HttpError::TooMany {
+            answer.headers_mut().insert(RETRY_AFTER, TRY_AGAIN_AFTER_S.into());
+        }
+        return answer;
     }
     let mut request = match admitted(request, caller.session.as_ref()).await {
         Ok(request) => request,

@@ -4,4 +4,5 @@ pub(super) mod guard;
 pub(super) mod headers;
 pub(super) mod origins;
 pub(super) mod plain_errors;
+pub(super) mod readers;
 pub(super) mod respond;

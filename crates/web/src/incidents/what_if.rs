@@ -29,6 +29,7 @@ const INCIDENTS_MAX: u32 = 50;
 const RECORDING_BYTES_MAX: u64 = 256 << 20;
 /// All recordings of a run must be done within this time.
 const RUN_WITHIN: Span = Span::from_secs(120);
+const NICENESS: i32 = 10;
 /// Mistakes that are told.
 const MISTAKES_MAX: usize = 50;
 
@@ -56,11 +57,24 @@ impl fmt::Debug for Examiner {
 
 /// The last what-if of each person.
 #[derive(Debug, Default)]
-pub struct WhatIfs {
-    /// The newest at the end.
-    runs: Mutex<Vec<Arc<Run>>>,
-    /// Held while one runs: one after the other, the vehicle has the rest of the machine.
-    turn: Arc<tokio::sync::Mutex<()>>,
+pub struct WhatIfs(Mutex<Runs>);
+
+#[derive(Debug, Default)]
+struct Runs {
+    /// The newest at the end. Those that wait are run in this order, and nothing else waits.
+    all: Vec<Arc<Run>>,
+    /// One after the other: the vehicle has the rest of the machine.
+    is_running: bool,
+}
+
+/// Held while one runs; then it is the next one's turn.
+struct Turn(AppState);
+
+impl Drop for Turn {
+    fn drop(&mut self) {
+        self.0.what_ifs.runs().is_running = false;
+        run_next(&self.0);
+    }
 }
 
 /// A what-if of one person.
@@ -72,6 +86,8 @@ pub struct Run {
     pub is_all: bool,
     /// The texts that were sent.
     pub texts: Vec<ConfigurationText>,
+    /// The incidents that are run, that one first.
+    summaries: Vec<Summary>,
     session: Session,
     is_cancelled: AtomicBool,
     state: Mutex<State>,
@@ -127,25 +143,53 @@ impl Run {
 }
 
 impl WhatIfs {
-    fn runs(&self) -> MutexGuard<'_, Vec<Arc<Run>>> {
-        self.runs.lock().unwrap_or_else(PoisonError::into_inner)
+    fn runs(&self) -> MutexGuard<'_, Runs> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The last what-if of this person, if it was started from the page of this incident.
     pub fn of(&self, session: &Session, incident: u64) -> Option<Arc<Run>> {
         let mut runs = self.runs();
-        runs.retain(|run| run.is_wanted());
-        runs.iter().find(|run| run.incident == incident && run.session.user == session.user).cloned()
+        runs.all.retain(|run| run.is_wanted());
+        runs.all.iter().find(|run| run.incident == incident && run.session.user == session.user).cloned()
     }
 
     /// Adds one in place of the person's last one, which ends.
     fn add(&self, run: Arc<Run>) {
-        let mut runs = self.runs();
-        let own = runs.iter().position(|it| it.session.user == run.session.user);
-        if let Some(index) = own.or((runs.len() >= RUNS_MAX).then_some(0)) {
-            runs.remove(index).is_cancelled.store(true, Ordering::Relaxed);
+        let Runs { all, .. } = &mut *self.runs();
+        let own = all.iter().position(|it| it.session.user == run.session.user);
+        if let Some(index) = own.or((all.len() >= RUNS_MAX).then_some(0)) {
+            all.remove(index).is_cancelled.store(true, Ordering::Relaxed);
         }
-        runs.push(run);
+        all.push(run);
+    }
+
+    /// The next one that waits, if it is its turn.
+    fn next(&self) -> Option<Arc<Run>> {
+        let mut runs = self.runs();
+        runs.all.retain(|run| run.is_wanted());
+        let waits = |run: &&Arc<Run>| run.state().progress == Progress::Waiting;
+        let next = runs.all.iter().find(waits).filter(|_| !runs.is_running).cloned()?;
+        next.state().progress = Progress::Running;
+        runs.is_running = true;
+        Some(next)
+    }
+}
+
+/// Runs the next one that waits, if none is run.
+fn run_next(app: &AppState) {
+    let Some(run) = app.what_ifs.next() else { return };
+    let (turn, started) = (Turn(app.clone()), run.clone());
+    let work = move || {
+        // On Linux this sets the priority of the calling thread only: the vehicle goes first.
+        let _ = rustix::process::setpriority_process(None, NICENESS);
+        run.run(&turn.0);
+    };
+    if let Err(error) = std::thread::Builder::new().name("what-if".into()).spawn(work) {
+        let result = Err(Trouble::Bad(error.to_string()));
+        let mut state = started.state();
+        state.compared.push(Compared { incident: started.incident, result });
+        state.progress = Progress::Done;
     }
 }
 
@@ -160,8 +204,9 @@ pub async fn start(
     texts: Vec<ConfigurationText>,
     is_all: bool,
 ) -> Result<(), HttpError> {
-    let folder = app.settings.recordings.clone().filter(|_| app.settings.what_if.is_some());
-    let folder = folder.ok_or(HttpError::NotFound)?;
+    if app.settings.recordings.is_none() || app.settings.what_if.is_none() {
+        return Err(HttpError::NotFound);
+    }
     let id = incident.summary.id;
     let mut summaries = vec![incident.summary.clone()];
     if is_all {
@@ -169,42 +214,26 @@ pub async fn start(
         let kept = app.store.incidents(filter).await.map_err(failed)?;
         summaries.extend(kept.into_iter().map(|it| it.summary).filter(|it| it.id != id));
     }
-    let run = Arc::new(Run {
+    let state = State { count: summaries.len(), ..State::default() };
+    app.what_ifs.add(Arc::new(Run {
         incident: id,
         is_all,
         texts,
+        summaries,
         session: session.clone(),
         is_cancelled: AtomicBool::new(false),
-        state: Mutex::new(State { count: summaries.len(), ..State::default() }),
-    });
-    app.what_ifs.add(run.clone());
-    let (app, turn) = (app.clone(), app.what_ifs.turn.clone().lock_owned());
-    tokio::spawn(async move {
-        let held = turn.await;
-        let started = run.clone();
-        let work = move || {
-            let _held = held;
-            // On Linux this sets the priority of the calling thread only: the vehicle goes first.
-            let _ = rustix::process::nice(10);
-            run.run(&app, &folder, &summaries);
-        };
-        if let Err(error) = std::thread::Builder::new().name("what-if".into()).spawn(work) {
-            let result = Err(Trouble::Bad(error.to_string()));
-            let mut state = started.state();
-            state.compared.push(Compared { incident: id, result });
-            state.progress = Progress::Done;
-        }
-    });
+        state: Mutex::new(state),
+    }));
+    run_next(app);
     Ok(())
 }
 
 impl Run {
     /// Runs all of them. Blocks.
-    fn run(&self, app: &AppState, folder: &Path, summaries: &[Summary]) {
-        self.state().progress = Progress::Running;
+    fn run(&self, app: &AppState) {
         let until = app.clock.now() + RUN_WITHIN;
-        for summary in summaries {
-            let result = self.one(app, folder, summary, until);
+        for summary in &self.summaries {
+            let result = self.one(app, summary, until);
             let mut state = self.state();
             match result {
                 // Nobody looks at it.
@@ -256,13 +285,8 @@ impl Run {
         })
     }
 
-    fn one(
-        &self,
-        app: &AppState,
-        folder: &Path,
-        summary: &Summary,
-        until: Timestamp,
-    ) -> Result<Comparison, Stop> {
+    fn one(&self, app: &AppState, summary: &Summary, until: Timestamp) -> Result<Comparison, Stop> {
+        let folder = app.settings.recordings.as_deref().ok_or(Trouble::Missing)?;
         let path = recording(folder, summary)?;
         let recording = Recording::open(&path).map_err(Stop::of)?;
         let Some(Examiner(examine)) = &app.settings.what_if else {

@@ -101,7 +101,7 @@ pub(super) fn start(
     let (state, states) = watch::channel(thread.state());
     std::thread::Builder::new().name("replay".into()).spawn(move || {
         // On Linux this sets the priority of the calling thread only: the vehicle goes first.
-        let _ = rustix::process::nice(10);
+        let _ = rustix::process::setpriority_process(None, 10);
         thread.run(&taken, &state);
     })?;
     Ok((Controls(orders), states))

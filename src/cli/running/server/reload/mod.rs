@@ -50,11 +50,14 @@ pub enum ReloadError {
     #[error("the engine has ended")]
     Ended,
     #[error(
-        "the files were not read within {} s: a disk or a network does not answer. The old configuration stays; ask \
-         again when it answers", READ_WITHIN.as_secs()
+        "the configuration was not read within {} s: a disk or a network does not answer, or there is too much to \
+         read. The old configuration stays; ask again when that is mended", READ_WITHIN.as_secs()
     )]
     Slow,
-    #[error("{READINGS_MAX} earlier readings wait for a disk that does not answer: restart when it answers")]
+    #[error(
+        "{READINGS_MAX} earlier readings have not ended: a disk does not answer, or there is too much to read. Restart \
+         when that is mended"
+    )]
     Stuck,
 }
 

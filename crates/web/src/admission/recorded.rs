@@ -1,0 +1,94 @@
+//! How often an account may do what is recorded: what one person does all day long must not push the records of
+//! others out of the audit log. What an operator does to the vehicle has no such bound.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use axum::http::Method;
+
+use telltale_engine::time::{Span, Timestamp};
+use telltale_store::Role;
+
+/// Actions that may come at once.
+const BURST: u32 = 60;
+/// And then one after each of these: some thousand in a day, and the log has room for a million.
+const REFILL: Span = Span::from_secs(10);
+pub const TRY_AGAIN_AFTER_S: u16 = 10;
+
+/// What the accounts have left. There are no more than users who log in between two restarts.
+#[derive(Debug, Default)]
+pub struct Recorded(Mutex<HashMap<Arc<str>, Bucket>>);
+
+#[derive(Debug)]
+struct Bucket {
+    tokens: u32,
+    filled: Timestamp,
+}
+
+impl Recorded {
+    /// Whether this account may do one more thing that is recorded.
+    pub fn admit(&self, now: Timestamp, user: &Arc<str>) -> bool {
+        let mut accounts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        // A full bucket is that of a new account.
+        accounts.retain(|_, it| it.fill(now) < BURST);
+        let bucket = accounts.entry(user.clone()).or_insert(Bucket { tokens: BURST, filled: now });
+        let admits = bucket.tokens > 0;
+        bucket.tokens = bucket.tokens.saturating_sub(1);
+        admits
+    }
+}
+
+impl Bucket {
+    fn fill(&mut self, now: Timestamp) -> u32 {
+        let refills = now.since(self.filled).as_nanos() / REFILL.as_nanos();
+        self.tokens = self.tokens.saturating_add(u32::try_from(refills).unwrap_or(BURST)).min(BURST);
+        self.filled = self.filled + Span::from_nanos(refills * REFILL.as_nanos());
+        self.tokens
+    }
+}
+
+/// Whether a request of a session leaves a record of what it does, and is none by which an operator drives.
+pub fn is_bounded(method: &Method, path: &str, role: Role) -> bool {
+    let acts = !matches!(*method, Method::GET | Method::HEAD);
+    let is_mark = matches!(path, "/api/v1/mark" | "/incidents/mark");
+    // A replay is moved often and leaves no record. Everybody may log out.
+    acts && (is_mark || role != Role::Operator && !path.starts_with("/replay/") && path != "/logout")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_of_one_account_is_refused_and_others_go_on() {
+        let (recorded, anna, bert) = (Recorded::default(), "anna".into(), "bert".into());
+        let mut admitted = 0_u32;
+        for second in 0..24 * 3600 {
+            let now = Timestamp::ZERO + Span::from_secs(second);
+            admitted += (0..10).map(|_| u32::from(recorded.admit(now, &anna))).sum::<u32>();
+            if second % 3600 == 0 {
+                assert!(recorded.admit(now, &bert), "at {second} s");
+            }
+        }
+        assert!((8640..=8640 + BURST).contains(&admitted), "{admitted}");
+        let later = Timestamp::ZERO + Span::from_secs(48 * 3600);
+        assert!((0..BURST).all(|_| recorded.admit(later, &bert)));
+        assert!(!recorded.admit(later, &bert));
+        assert_eq!(recorded.0.lock().unwrap().len(), 1, "who has a full bucket is forgotten");
+    }
+
+    #[test]
+    fn what_an_operator_does_to_the_vehicle_has_no_bound() {
+        for path in ["/vehicle/stop", "/vehicle/clearance/withdraw", "/alarms/1/acknowledge", "/logout"] {
+            assert!(!is_bounded(&Method::POST, path, Role::Operator), "{path}");
+        }
+        assert!(!is_bounded(&Method::POST, "/logout", Role::Authority));
+        assert!(!is_bounded(&Method::GET, "/incidents", Role::Developer));
+        assert!(!is_bounded(&Method::POST, "/replay/1/state", Role::Developer));
+        for path in ["/api/v1/incidents/1/note", "/incidents/1/keep", "/api/v1/mark", "/incidents/1/what-if"]
+        {
+            assert!(is_bounded(&Method::POST, path, Role::Developer), "{path}");
+        }
+        assert!(is_bounded(&Method::POST, "/api/v1/mark", Role::Operator));
+    }
+}
