@@ -379,3 +379,25 @@ countermeasures:
     assert_eq!(vehicle.release(), Response::Done);
     assert_eq!(asked(&vehicle.look()), None);
 }
+
+#[test]
+fn every_stop_of_the_operator_is_counted_over_reloads_and_keyframes_too() {
+    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    let mut seq = vehicle.look().seq;
+    for number in 1..=3 {
+        assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
+        let snapshot = vehicle.look();
+        assert_eq!(snapshot.last_stop, number);
+        assert!(snapshot.seq > seq, "it is a change of the state");
+        seq = snapshot.seq;
+    }
+    vehicle.engine.reload(model(), vehicle.now);
+    assert_eq!(vehicle.look().last_stop, 3);
+    let resumed = Engine::from_keyframe(model(), &vehicle.engine.keyframe()).unwrap();
+    assert_eq!(resumed.last_stop(), 3);
+    vehicle.active(false);
+    vehicle.now = vehicle.now + Span::from_secs(60);
+    vehicle.active(false);
+    assert!(matches!(vehicle.does(OperatorAction::RequestStop), Response::Refused(_)));
+    assert_eq!(vehicle.look().last_stop, 4, "also one that is refused");
+}

@@ -64,6 +64,10 @@ pub struct Snapshot {
     /// Whether the vehicle must not go on before it is released; a level for its topic. `None`: after a restart
     /// nobody knows, until the vehicle stands at a stop or is released.
     pub hold: Option<bool>,
+    /// The number of the operator's last STOP; 0 if there was none in this run of the program.
+    pub last_stop: u64,
+    /// Nothing tells whether a vehicle with stages drives: no word on `active`, and no source of its speed.
+    pub drive_unknown: bool,
     /// The reasons against a clearance now, without those that only the display and the store know.
     pub clearance_refusals: Arc<[Refusal]>,
     /// Every check of a release that fails now, but for display and store. Empty: a release is offered.

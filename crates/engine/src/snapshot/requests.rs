@@ -9,7 +9,7 @@ use crate::time::Since;
 impl Snapshot {
     /// Whether the vehicle moves, or may: it is cleared or drives by itself, or is not known to stand.
     pub fn may_move(&self) -> bool {
-        matches!(self.stage, Stage::Cleared | Stage::Active) || self.motion.may_move()
+        matches!(self.stage, Stage::Cleared | Stage::Active) || self.motion.may_move() || self.drive_unknown
     }
 
     /// The strongest countermeasure: the operator has to know it first.

@@ -46,6 +46,8 @@ pub enum InvalidTap {
     Stale,
     /// While the vehicle is cleared or drives, it is for the operator alone.
     ForOperator,
+    /// It confirms a request, and the operator tapped STOP since.
+    StoppedSince,
     /// It waited too long, on its way or here.
     Late,
     /// It confirms a request that was used, replaced, or made by somebody else.
@@ -62,6 +64,7 @@ impl InvalidTap {
             InvalidTap::NotInCharge => words.not_in_charge.to_owned(),
             InvalidTap::Stale => words.refused_stale.to_owned(),
             InvalidTap::ForOperator => words.refused_driving.to_owned(),
+            InvalidTap::StoppedSince => words.refused_stopped.to_owned(),
             InvalidTap::Late => words.refused_late.to_owned(),
             InvalidTap::NotPending => lang.not_pending(false),
             InvalidTap::ConfirmedLate => lang.not_pending(true),

@@ -115,6 +115,7 @@ words! {
     pad_erase: "Delete the last one", "Letztes löschen";
     not_in_charge: "Somebody else leads the vehicle. Log in again to take their place.", "Jemand anderes führt das Fahrzeug. Zum Ablösen neu anmelden.";
     refused_stale: "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
+    refused_stopped: "STOP was tapped in the meantime, so this was not done. Look again.", "Inzwischen wurde STOP getippt, daher nicht ausgeführt. Neu hinsehen.";
     refused_driving: "While the vehicle is cleared or drives, this is for its operator at the page.", "Während das Fahrzeug freigegeben ist oder fährt, ist das Sache des Bedieners an der Anzeige.";
     refused_late: "This waited too long and was not done. Look again.", "Das hat zu lange gewartet und wurde nicht ausgeführt. Neu hinsehen.";
     login_demo: "Demo: operator with PIN 246810", "Demo: operator mit PIN 246810";

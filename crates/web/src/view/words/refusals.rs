@@ -57,6 +57,7 @@ impl Lang {
             (Lang::De, Refusal::StillInError(module)) => {
                 format!("{} meldet noch immer einen Fehler. Zuerst die Ursache beheben.", name(module))
             }
+            (_, Refusal::StoppedSince) => self.words().refused_stopped.to_owned(),
             _ => self.plain_refusal(refusal).to_owned(),
         }
     }
