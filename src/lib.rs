@@ -10,6 +10,8 @@ pub use telltale_config as config;
 pub use telltale_engine as engine;
 pub use telltale_onboarding::import;
 pub use telltale_onboarding::init;
+pub use telltale_onboarding::live;
+pub use telltale_onboarding::update;
 pub use telltale_yaml::input_file;
 pub mod metrics;
 pub use telltale_msg as msg;

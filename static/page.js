@@ -21,8 +21,10 @@
     remember("palette", root.dataset.palette);
   };
 
-  const switchLanguage = () => {
-    const lang = root.lang === "de" ? "en" : "de";
+  // The button has its words in each language; the next one follows.
+  const switchLanguage = (button) => {
+    const all = [...button.querySelectorAll(":scope > [lang]")].map((words) => words.lang);
+    const lang = all[(all.indexOf(root.lang) + 1) % all.length];
     remember("lang", lang);
     const live = new CustomEvent("telltale:language", { detail: { lang }, cancelable: true });
     // A page with a live connection gets its new texts from there; any other page reloads.
@@ -30,8 +32,9 @@
   };
 
   document.addEventListener("click", (event) => {
-    const tool = event.target.closest?.("[data-tool]")?.dataset.tool;
+    const button = event.target.closest?.("[data-tool]");
+    const tool = button?.dataset.tool;
     if (tool === "palette") switchPalette();
-    if (tool === "language") switchLanguage();
+    if (tool === "language") switchLanguage(button);
   });
 })();

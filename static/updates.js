@@ -81,7 +81,7 @@
 
   // A new element closes the old connection and opens one of its own.
   const connect = () => {
-    const lang = document.documentElement.lang === "de" ? "de" : "en";
+    const lang = encodeURIComponent(document.documentElement.lang);
     htmx.swap({
       sourceElement: body,
       target: "#socket",

@@ -9,8 +9,9 @@ use libfuzzer_sys::fuzz_target;
 use telltale::record::file::{Reader, check_bytes};
 
 fuzz_target!(|bytes: &[u8]| {
-    let sound = check_bytes(Cursor::new(bytes)).expect("memory can be read").is_empty();
-    let Ok(mut reader) = Reader::new(Path::new("fuzz"), Cursor::new(bytes)) else {
+    let path = Path::new("fuzz");
+    let sound = check_bytes(path, Cursor::new(bytes)).expect("memory can be read").is_empty();
+    let Ok(mut reader) = Reader::new(path, Cursor::new(bytes)) else {
         assert!(!sound);
         return;
     };

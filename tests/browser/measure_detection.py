@@ -351,7 +351,7 @@ def cases(publisher):
                [], nodes.end, (0.2, 0.4), recover=nodes.recover)
     process = Process(publisher.domain)
     yield Case("watchdog", "a node's process is killed; lease of 10 s", "watchdog: { node: /crashing, every: 200ms, misses: 2 }",
-               [], process.crash, (29, 32.5), recover=process.recover, times=0.2)
+               [], process.crash, (29, 34.5), recover=process.recover, times=0.2)
     a, b = stream(), stream()
     yield Case("rate_ratio", "the output stops; 1 s, at least 0.5", f"rate_ratio: {{ input: {{ {source(a, None)} }}, output: {{ {source(b, None)} }}, window: 1s, error_below: 0.5 }}",
                [a, b], lambda b=b: b.turn_to(0), (window * 0.5 - 1 / 20, window * 0.5 + 1 / 20))

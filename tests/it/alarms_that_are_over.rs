@@ -1,9 +1,10 @@
 //! Acknowledging all alarms that are over: never one that is active, and none that nobody was shown.
 
-use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, Response, StatusArray};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Response};
 use telltale::engine::time::Timestamp;
+
+use crate::by_hand::{model, said};
 
 const CONFIG: &str = "
 vehicle: { stages: none }
@@ -19,15 +20,11 @@ fn alarms(engine: &mut Engine) -> Vec<(u64, bool, bool)> {
 
 #[test]
 fn all_that_is_over_is_acknowledged_up_to_the_last_that_was_shown() {
-    let model = config::parse("c", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
-    let mut engine = Engine::new(model, Timestamp::ZERO);
+    let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
     // One status in two places: at one it is over, at the other it stays.
     for (at_ms, lidar, radar) in [(0, 0, 0), (100, 2, 0), (200, 0, 2), (300, 0, 0), (400, 0, 2), (500, 0, 0)]
     {
-        let mut array = StatusArray::default();
-        array.push_status(lidar, "lidar", "", "");
-        array.push_status(radar, "radar", "", "");
-        engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(at_ms));
+        engine.handle(&said(&[("lidar", lidar), ("radar", radar)]), Timestamp::from_millis(at_ms));
     }
     let (over, here) = (|id| (id, false, false), |id| (id, true, false));
     assert_eq!(alarms(&mut engine), [over(1), here(2), over(3), over(4)]);

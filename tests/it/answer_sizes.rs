@@ -14,7 +14,8 @@ use telltale::runtime::Published;
 use telltale::store::Role;
 use telltale::web::developer::{PageQuery, Window, coverage, graph, masking, statuses, topics, why};
 use telltale::web::live::frame::Frames;
-use telltale::web::view::{Lang, PageContext, PagePart, Palette, RecorderState, Trends, operator_page};
+use telltale::web::texts::Lang;
+use telltale::web::view::{PageContext, PagePart, Palette, RecorderState, Trends, operator_page};
 
 const PAGE_BYTES: usize = 1 << 20;
 const ANSWER_BYTES: usize = 16 << 20;

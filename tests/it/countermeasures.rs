@@ -1,16 +1,15 @@
 //! Countermeasures, acceptances and stages in cases that scenarios cannot express: topics that cannot be
 //! sent, restarts, reloads and many modules.
 
-use std::sync::Arc;
-
-use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, OutputReport, Place, Response, StatusArray};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, OutputReport, Place, Response};
+use telltale::engine::model::Stage;
 use telltale::engine::model::output::Output;
-use telltale::engine::model::{Model, Stage};
 use telltale::engine::snapshot::{Alarm, CountermeasureState, Snapshot};
 use telltale::engine::state::State;
-use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::time::Span;
+
+use crate::by_hand::{Vehicle, model};
 
 const CONFIG: &str = "
 signals:
@@ -25,45 +24,15 @@ countermeasures:
   - { request: decelerate, mps2: 1.5, when: { modules: [planning/planner], state: error } }
 ";
 
-fn model() -> Arc<Model> {
-    config::parse("c.yaml", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model
-}
-
-struct Vehicle {
-    engine: Engine,
-    now: Timestamp,
-}
-
 impl Vehicle {
-    fn in_stage(stage: Stage) -> Vehicle {
-        let mut engine = Engine::new(model(), Timestamp::ZERO);
-        engine.start_in(stage);
-        let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    fn reporting(stage: Stage) -> Vehicle {
+        let mut vehicle = Vehicle::of(CONFIG, stage);
         vehicle.report(&[("lidar", 0), ("planner", 0)]);
         vehicle
     }
 
-    fn input(&mut self, input: &Input) -> Response {
-        self.now = Timestamp::from_nanos(self.now.as_nanos() + 1_000_000);
-        self.engine.handle(input, self.now)
-    }
-
-    fn report(&mut self, levels: &[(&str, u8)]) {
-        let mut array = StatusArray::default();
-        levels.iter().for_each(|(name, level)| array.push_status(*level, name, "", ""));
-        self.input(&Input::Diagnostics(array));
-    }
-
-    fn does(&mut self, action: OperatorAction) -> Response {
-        self.input(&Input::Operator(action))
-    }
-
     fn acknowledge(&mut self, node: &str) -> Response {
         self.does(OperatorAction::Acknowledge { alarm: AlarmRef::Node(node.into()) })
-    }
-
-    fn release(&mut self) -> Response {
-        self.does(OperatorAction::Release { display_live: true, storage_ok: true })
     }
 
     fn clear(&mut self) -> Response {
@@ -73,19 +42,6 @@ impl Vehicle {
     fn send(&mut self, output: Output, error: Option<&str>) {
         let news = OutputReport { output, topic: "/t".into(), error: error.map(Box::from) };
         self.input(&Input::Output(news));
-    }
-
-    fn active(&mut self, value: bool) {
-        self.input(&Input::Signal { name: "active".into(), value });
-    }
-
-    /// The program ends and starts again with its stored state.
-    fn restart(&mut self) {
-        self.engine = Engine::resume(model(), &self.look().to_restore(), self.now);
-    }
-
-    fn look(&mut self) -> Arc<Snapshot> {
-        self.engine.snapshot()
     }
 }
 
@@ -102,7 +58,7 @@ fn asked(snapshot: &Snapshot) -> Option<(&'static str, Vec<&str>, bool)> {
 
 #[test]
 fn a_masked_node_lets_its_root_ask_for_what_it_would_have_asked() {
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    let mut vehicle = Vehicle::reporting(Stage::Active);
     vehicle.report(&[("lidar", 2), ("planner", 2)]);
     let snapshot = vehicle.look();
     assert_eq!(state(&snapshot, "planning/planner"), State::Ignore);
@@ -118,7 +74,7 @@ fn a_masked_node_lets_its_root_ask_for_what_it_would_have_asked() {
 
 #[test]
 fn a_request_stays_while_the_cause_that_was_named_for_it_is_there() {
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    let mut vehicle = Vehicle::reporting(Stage::Active);
     vehicle.report(&[("lidar", 2), ("planner", 2)]);
     let held = Some(("decelerate", vec!["sensors/lidar"], false));
     assert_eq!(asked(&vehicle.look()), held);
@@ -135,10 +91,7 @@ fn a_request_stays_while_the_cause_that_was_named_for_it_is_there() {
 #[test]
 fn silence_lets_a_rule_for_unknown_ask() {
     let text = CONFIG.replace("[planning/planner], state: error", "[planning/planner], state: unknown");
-    let model = config::parse("c.yaml", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
-    let mut engine = Engine::new(model, Timestamp::ZERO);
-    engine.start_in(Stage::Active);
-    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
     vehicle.report(&[("lidar", 0), ("planner", 1)]);
     assert!(asked(&vehicle.look()).is_some(), "nothing was heard at the start");
     assert_eq!(vehicle.release(), Response::Done);
@@ -146,14 +99,13 @@ fn silence_lets_a_rule_for_unknown_ask() {
     vehicle.now = vehicle.now + Span::from_secs(9);
     vehicle.report(&[("lidar", 0)]);
     assert_eq!(asked(&vehicle.look()), None);
-    vehicle.now = vehicle.now + Span::from_secs(1);
-    vehicle.input(&Input::Tick);
+    vehicle.pass(Span::from_secs(1));
     assert_eq!(asked(&vehicle.look()), Some(("decelerate", vec!["planning/planner"], false)));
 }
 
 #[test]
 fn a_request_that_cannot_be_sent_is_an_error_of_its_own() {
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    let mut vehicle = Vehicle::reporting(Stage::Active);
     vehicle.send(Output::Deceleration, Some("no network"));
     assert_eq!(state(&vehicle.look(), "telltale/outputs"), State::Warning);
     assert_eq!(state(&vehicle.look(), "telltale/countermeasure"), State::Ok);
@@ -168,10 +120,10 @@ fn a_request_that_cannot_be_sent_is_an_error_of_its_own() {
 
 #[test]
 fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    let mut vehicle = Vehicle::reporting(Stage::Active);
     vehicle.report(&[("planner", 2)]);
     assert_eq!(vehicle.acknowledge("planning/planner"), Response::Done);
-    vehicle.restart();
+    vehicle.restart(CONFIG);
     let snapshot = vehicle.look();
     assert_eq!((snapshot.stage, snapshot.operator.as_deref()), (Stage::Active, Some("operator")));
     // Nothing says yet whether it drives, and nothing says that the fault is over.
@@ -179,7 +131,7 @@ fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
     assert_eq!(asked(&snapshot), Some(("decelerate", vec!["planning/planner"], false)));
     assert_eq!(snapshot.alarms[0].id, 1);
     assert!(snapshot.alarms[0].active);
-    vehicle.active(true);
+    vehicle.signal("active", true);
     vehicle.report(&[("lidar", 0), ("planner", 2)]);
     assert_eq!(state(&vehicle.look(), "telltale/active"), State::Ok);
     assert_eq!(vehicle.look().alarms[0].id, 1, "the same alarm");
@@ -191,12 +143,12 @@ fn a_restart_in_the_middle_of_a_fault_takes_nothing_back() {
 #[test]
 fn after_a_restart_active_has_its_time_to_be_heard() {
     for heard in [true, false] {
-        let mut vehicle = Vehicle::in_stage(Stage::Active);
-        vehicle.active(true);
-        vehicle.restart();
+        let mut vehicle = Vehicle::reporting(Stage::Active);
+        vehicle.signal("active", true);
+        vehicle.restart(CONFIG);
         let start = vehicle.now;
         if heard {
-            vehicle.active(true);
+            vehicle.signal("active", true);
         }
         vehicle.report(&[("lidar", 0), ("planner", 0)]);
         let expected = if heard { State::Ok } else { State::Unknown };
@@ -218,12 +170,12 @@ fn alarms(snapshot: &Snapshot) -> Vec<(u64, &str, bool, bool)> {
 
 #[test]
 fn after_a_restart_an_alarm_is_over_once_its_module_is_known_and_no_root() {
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
-    vehicle.active(true);
+    let mut vehicle = Vehicle::reporting(Stage::Active);
+    vehicle.signal("active", true);
     vehicle.report(&[("planner", 2)]);
     vehicle.acknowledge("planning/planner");
-    vehicle.restart();
-    vehicle.active(true);
+    vehicle.restart(CONFIG);
+    vehicle.signal("active", true);
     assert_eq!(alarms(&vehicle.look()), [(1, "planning/planner", true, true)]);
     vehicle.report(&[("lidar", 0), ("planner", 0)]);
     assert_eq!(alarms(&vehicle.look()), []);
@@ -233,19 +185,16 @@ fn after_a_restart_an_alarm_is_over_once_its_module_is_known_and_no_root() {
 
 #[test]
 fn a_fault_of_the_vehicles_side_that_lasts_over_a_restart_keeps_its_number() {
-    let seconds = |vehicle: &mut Vehicle, seconds| {
-        vehicle.now = vehicle.now + Span::from_secs(seconds);
-        vehicle.input(&Input::Tick);
-    };
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
-    vehicle.active(true);
+    let seconds = |vehicle: &mut Vehicle, seconds| vehicle.pass(Span::from_secs(seconds));
+    let mut vehicle = Vehicle::reporting(Stage::Active);
+    vehicle.signal("active", true);
     vehicle.send(Output::Deceleration, Some("no writer"));
     vehicle.report(&[("planner", 2)]);
     let before = alarms(&vehicle.look()).len();
-    vehicle.restart();
+    vehicle.restart(CONFIG);
     let restored: Vec<u64> = vehicle.look().alarms.iter().map(|it| it.id).collect();
     assert_eq!(restored.len(), before);
-    vehicle.active(true);
+    vehicle.signal("active", true);
     vehicle.report(&[("lidar", 0), ("planner", 2)]);
     seconds(&mut vehicle, 1);
     vehicle.send(Output::Deceleration, Some("no writer"));
@@ -253,18 +202,18 @@ fn a_fault_of_the_vehicles_side_that_lasts_over_a_restart_keeps_its_number() {
     let ids: Vec<u64> = vehicle.look().alarms.iter().filter(|it| it.active).map(|it| it.id).collect();
     assert_eq!((ids, state(&vehicle.look(), "telltale/countermeasure")), (restored, State::Error));
     // Nobody says whether it drives, before the restart and after it.
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
-    vehicle.active(true);
-    vehicle.restart();
+    let mut vehicle = Vehicle::reporting(Stage::Active);
+    vehicle.signal("active", true);
+    vehicle.restart(CONFIG);
     vehicle.report(&[("lidar", 0), ("planner", 0)]);
     seconds(&mut vehicle, 5);
     assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", true, false)]);
-    vehicle.restart();
+    vehicle.restart(CONFIG);
     vehicle.report(&[("lidar", 0), ("planner", 0)]);
     seconds(&mut vehicle, 5);
     assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", true, false)]);
-    vehicle.restart();
-    vehicle.active(true);
+    vehicle.restart(CONFIG);
+    vehicle.signal("active", true);
     assert_eq!(alarms(&vehicle.look()), [(1, "telltale/active", false, false)], "over as soon as it is said");
 }
 
@@ -277,9 +226,9 @@ fn after_a_restart_the_stage_is_the_same_but_nothing_is_cleared() {
         (Stage::Cleared, Stage::Standby),
         (Stage::Active, Stage::Active),
     ] {
-        let mut vehicle = Vehicle::in_stage(stage);
+        let mut vehicle = Vehicle::reporting(stage);
         assert_eq!(vehicle.look().stage, stage);
-        vehicle.restart();
+        vehicle.restart(CONFIG);
         assert_eq!(vehicle.look().stage, after);
         assert!(!vehicle.look().clearance);
     }
@@ -287,15 +236,14 @@ fn after_a_restart_the_stage_is_the_same_but_nothing_is_cleared() {
 
 #[test]
 fn an_accepted_warning_outlives_a_restart_and_a_reload_but_not_its_end() {
-    let mut vehicle = Vehicle::in_stage(Stage::Standby);
+    let mut vehicle = Vehicle::reporting(Stage::Standby);
     vehicle.report(&[("lidar", 1)]);
     assert!(matches!(vehicle.clear(), Response::Refused(_)));
     assert_eq!(vehicle.acknowledge("sensors"), Response::Done);
     assert_eq!(vehicle.look().accepted.len(), 1);
-    vehicle.restart();
+    vehicle.restart(CONFIG);
     vehicle.report(&[("lidar", 1), ("planner", 0)]);
-    let now = vehicle.now;
-    vehicle.engine.reload(model(), now);
+    vehicle.reload(CONFIG);
     assert_eq!(*vehicle.look().clearance_refusals, []);
     vehicle.report(&[("lidar", 0)]);
     vehicle.report(&[("lidar", 1)]);
@@ -305,32 +253,30 @@ fn an_accepted_warning_outlives_a_restart_and_a_reload_but_not_its_end() {
 
 #[test]
 fn a_reload_keeps_what_is_held_and_another_configuration_withdraws_a_clearance() {
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    let mut vehicle = Vehicle::reporting(Stage::Active);
     vehicle.report(&[("lidar", 2), ("planner", 2)]);
     let before = vehicle.look();
-    let other = config::parse("c.yaml", &CONFIG.replace("1.5", "2.5")).unwrap_or_else(|it| panic!("{it}"));
-    let now = vehicle.now;
-    vehicle.engine.reload(other.model.clone(), now);
+    let other = CONFIG.replace("1.5", "2.5");
+    vehicle.reload(&other);
     assert_eq!(asked(&vehicle.look()), asked(&before));
 
-    let mut vehicle = Vehicle::in_stage(Stage::Standby);
+    let mut vehicle = Vehicle::reporting(Stage::Standby);
     assert_eq!(vehicle.clear(), Response::Done);
-    let now = vehicle.now;
-    vehicle.engine.reload(model(), now);
+    vehicle.reload(CONFIG);
     assert_eq!(vehicle.look().stage, Stage::Cleared);
-    vehicle.engine.reload(other.model, now);
+    vehicle.reload(&other);
     assert_eq!((vehicle.look().stage, vehicle.look().clearance), (Stage::Standby, false));
 }
 
 #[test]
 fn a_pose_grows_the_number_that_is_published_by() {
-    let mut vehicle = Vehicle::in_stage(Stage::Localizing);
+    let mut vehicle = Vehicle::reporting(Stage::Localizing);
     let at_depot = || OperatorAction::Localize { place: Place::Stop("depot".into()) };
     assert_eq!(vehicle.look().localization.number, 0);
     assert_eq!(vehicle.does(at_depot()), Response::Done);
     assert_eq!(vehicle.does(at_depot()), Response::Done);
     assert_eq!((vehicle.look().localization.number, vehicle.look().stage), (2, Stage::Localizing));
-    vehicle.restart();
+    vehicle.restart(CONFIG);
     assert_eq!(vehicle.look().localization.number, 2);
 }
 
@@ -341,17 +287,14 @@ fn what_is_worse_asks_for_more_after_a_reload_too() {
   - {{ request: decelerate, mps2: 1.0, when: {{ groups: [sensors], state: warning }} }}
 "
     );
-    let model = || config::parse("c.yaml", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
-    let mut engine = Engine::new(model(), Timestamp::ZERO);
-    engine.start_in(Stage::Active);
-    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
     vehicle.report(&[("lidar", 1), ("planner", 0)]);
     // What nobody had said anything of at the start is well now.
     vehicle.report(&[("lidar", 0), ("planner", 0)]);
     assert_eq!(vehicle.release(), Response::Done);
     vehicle.report(&[("lidar", 1), ("planner", 0)]);
     assert_eq!(vehicle.look().deceleration(), Some(1.0));
-    vehicle.engine.reload(model(), vehicle.now);
+    vehicle.reload(&text);
     assert_eq!(vehicle.look().deceleration(), Some(1.0));
     vehicle.report(&[("lidar", 2)]);
     assert_eq!(vehicle.look().deceleration(), Some(3.0));
@@ -367,10 +310,7 @@ groups:
 countermeasures:
   - { request: maneuver_stop, when: { groups: [sensors], state: error } }
 ";
-    let model = config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model;
-    let mut engine = Engine::new(model, Timestamp::ZERO);
-    engine.start_in(Stage::Active);
-    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
+    let mut vehicle = Vehicle::of(text, Stage::Active);
     vehicle.report(&[("front", 2), ("rear", 2)]);
     let causes = vec!["sensors/front", "sensors/rear"];
     assert_eq!(asked(&vehicle.look()), Some(("maneuver_stop", causes.clone(), false)));
@@ -382,7 +322,7 @@ countermeasures:
 
 #[test]
 fn every_stop_of_the_operator_is_counted_over_reloads_and_keyframes_too() {
-    let mut vehicle = Vehicle::in_stage(Stage::Active);
+    let mut vehicle = Vehicle::reporting(Stage::Active);
     let mut seq = vehicle.look().seq;
     for number in 1..=3 {
         assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
@@ -391,13 +331,12 @@ fn every_stop_of_the_operator_is_counted_over_reloads_and_keyframes_too() {
         assert!(snapshot.seq > seq, "it is a change of the state");
         seq = snapshot.seq;
     }
-    vehicle.engine.reload(model(), vehicle.now);
+    vehicle.reload(CONFIG);
     assert_eq!(vehicle.look().last_stop, 3);
-    let resumed = Engine::from_keyframe(model(), &vehicle.engine.keyframe()).unwrap();
+    let resumed = Engine::from_keyframe(model(CONFIG), &vehicle.engine.keyframe()).unwrap();
     assert_eq!(resumed.last_stop(), 3);
-    vehicle.active(false);
-    vehicle.now = vehicle.now + Span::from_secs(60);
-    vehicle.active(false);
+    vehicle.signal("active", false);
+    vehicle.pass(Span::from_secs(60));
     assert!(matches!(vehicle.does(OperatorAction::RequestStop), Response::Refused(_)));
     assert_eq!(vehicle.look().last_stop, 4, "also one that is refused");
 }

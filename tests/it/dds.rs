@@ -1,5 +1,7 @@
 //! The bridge against Eclipse Cyclone DDS and eProsima Fast DDS, in processes of their own.
 
+use std::time::Duration;
+
 use serde_json::{Value, json};
 use telltale::clock::Clock;
 use telltale::engine::input::{Input, ReceptionTrouble, StatusArray, TroubleKind};
@@ -27,6 +29,15 @@ impl Reading {
         let (sender, inputs) = mpsc::channel(1024);
         let bridge = ros::start(options, &model(), sender, Clock::start()).await.expect("the bridge starts");
         Reading { bridge, inputs, received: Vec::new() }
+    }
+
+    /// Beside a publisher of diagnostics that has found it.
+    pub async fn beside_publisher(vendor: Vendor) -> (Domain, Reading, Peer) {
+        let domain = Domain::of(vendor);
+        let reading = Reading::start(&domain).await;
+        let mut peer = Peer::start(&domain, "pub");
+        peer.wait_matched(1);
+        (domain, reading, peer)
     }
 
     /// Receives until an input fits; earlier ones stay in `received`.
@@ -96,6 +107,20 @@ fn model() -> Model {
     Model::new(parts).expect("nothing depends on anything")
 }
 
+/// Says something again and again until it is heard.
+pub async fn until_heard<T>(heard: impl Future<Output = T>, mut say: impl FnMut()) -> T {
+    let again = async {
+        loop {
+            say();
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+    };
+    tokio::select! {
+        heard = heard => heard,
+        () = again => unreachable!("it goes on"),
+    }
+}
+
 pub fn one(name: &str) -> Value {
     json!({"statuses": [{"name": name, "level": 1, "message": "m", "hardware_id": "h", "values": {"k": "v"}}]})
 }
@@ -142,10 +167,7 @@ async fn every_quality_of_service_in_both_orders_of_start(vendor: Vendor) {
 }
 
 async fn one_bad_string_does_not_lose_its_array(vendor: Vendor) {
-    let domain = Domain::of(vendor);
-    let mut reading = Reading::start(&domain).await;
-    let mut peer = Peer::start(&domain, "pub");
-    peer.wait_matched(1);
+    let (_domain, mut reading, mut peer) = Reading::beside_publisher(vendor).await;
     // A lone surrogate is a byte that is not UTF-8.
     peer.tell_raw(r#"{"statuses": [{"name": "a", "message": "b\udcffc"}, {"name": "b"}]}"#);
     let array = reading.status("b").await;
@@ -155,10 +177,7 @@ async fn one_bad_string_does_not_lose_its_array(vendor: Vendor) {
 }
 
 async fn a_cut_message_is_told_and_the_next_one_is_read(vendor: Vendor) {
-    let domain = Domain::of(vendor);
-    let mut reading = Reading::start(&domain).await;
-    let mut peer = Peer::start(&domain, "pub");
-    peer.wait_matched(1);
+    let (_domain, mut reading, mut peer) = Reading::beside_publisher(vendor).await;
     peer.write(&json!({"statuses": [{"name": "kept"}, {"name": "lost"}], "cut": 64}));
     let array = reading.status("kept").await;
     assert_eq!(array.len(), 1);
@@ -175,10 +194,7 @@ async fn a_cut_message_is_told_and_the_next_one_is_read(vendor: Vendor) {
 }
 
 async fn a_flood_of_bad_messages_is_summed_up(vendor: Vendor) {
-    let domain = Domain::of(vendor);
-    let mut reading = Reading::start(&domain).await;
-    let mut peer = Peer::start(&domain, "pub");
-    peer.wait_matched(1);
+    let (_domain, mut reading, mut peer) = Reading::beside_publisher(vendor).await;
     // Losses count from the first received message of a publisher.
     peer.write(&one("first"));
     reading.status("first").await;
@@ -283,16 +299,7 @@ async fn a_late_joiner_learns_the_last_value_of_a_signal_but_no_old_event(vendor
     let mut volatile = Peer::start(&domain, "pub --topic rt/mission/active --type Bool");
     volatile.wait_matched(1);
     // It may match the best-effort reader that every topic begins with, which has nothing sent again.
-    let again = async {
-        loop {
-            volatile.write(&json!({"bool": true}));
-            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-        }
-    };
-    tokio::select! {
-        () = reading.signal("active", true) => {}
-        () = again => {}
-    }
+    until_heard(reading.signal("active", true), || volatile.write(&json!({"bool": true}))).await;
     goal.wait_matched(1);
     assert!(
         reading
@@ -323,16 +330,7 @@ async fn a_new_participant_goes_on_where_the_old_one_ended(vendor: Vendor) {
         peer.wait_matched(1);
         let name = format!("round {round}");
         peer.write(&one(&name));
-        let again = async {
-            loop {
-                peer.write(&one(&name));
-                tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-            }
-        };
-        tokio::select! {
-            _ = reading.status(&name) => {}
-            () = again => {}
-        }
+        until_heard(reading.status(&name), || peer.write(&one(&name))).await;
     }
     active.write(&json!({"bool": false}));
     reading.signal("active", false).await;
@@ -378,24 +376,13 @@ async fn what_is_missed_between_two_participants_is_told_as_lost(vendor: Vendor)
     }
     peer.write(&one("missed"));
     peer.wait_matched(1);
-    let again = async {
-        loop {
-            peer.write(&one("after"));
-            tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-        }
-    };
-    tokio::select! {
-        trouble = reading.trouble(TroubleKind::Lost) => assert_eq!(&*trouble.topic, "/diagnostics"),
-        () = again => {}
-    }
+    let trouble = until_heard(reading.trouble(TroubleKind::Lost), || peer.write(&one("after"))).await;
+    assert_eq!(&*trouble.topic, "/diagnostics");
     reading.bridge.shutdown().await;
 }
 
 async fn large_arrays_arrive_from_both_sides(vendor: Vendor) {
-    let domain = Domain::of(vendor);
-    let mut reading = Reading::start(&domain).await;
-    let mut peer = Peer::start(&domain, "pub");
-    peer.wait_matched(1);
+    let (_domain, mut reading, mut peer) = Reading::beside_publisher(vendor).await;
     peer.write(&json!({"count": 10_000, "times": 3}));
     for _ in 0..3 {
         assert_eq!(reading.status("/load/node_09999: rate").await.len(), 10_000);
@@ -413,12 +400,12 @@ async fn large_arrays_arrive_from_both_sides(vendor: Vendor) {
         array.push_status(2, &format!("node {index}"), "an odd length of text", "");
     }
     // No event tells when the reader has matched, so it publishes until the reader hears it.
-    let stamp = std::time::UNIX_EPOCH + std::time::Duration::new(1_700_000_000, 5);
+    let stamp = std::time::UNIX_EPOCH + Duration::new(1_700_000_000, 5);
     let mut names = std::collections::BTreeSet::new();
     let mut largest = 0;
     for _ in 0..300 {
         publisher.diagnostics(&array, stamp).await.expect("a reader takes it");
-        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        tokio::time::sleep(Duration::from_millis(100)).await;
         for line in foreign.so_far() {
             assert_eq!(line["value"]["stamp"], json!([1_700_000_000, 5]));
             largest = largest.max(line["bytes"].as_u64().expect("it counts bytes"));

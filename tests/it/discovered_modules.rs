@@ -2,15 +2,16 @@
 
 use std::sync::Arc;
 
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::event::EventKind;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, StatusArray};
-use telltale::engine::model::{Model, NodeId};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction};
+use telltale::engine::model::NodeId;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::engine::view::record::{Record, Recorded};
+
+use crate::by_hand::{alarms, model, said};
 
 const CONFIG: &str = "
 vehicle: { stages: none }
@@ -22,20 +23,12 @@ groups:
   - { id: all, match: [{ contains: both, forget_after: 10s }] }
 ";
 
-fn model(text: &str) -> Arc<Model> {
-    config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model
-}
-
 fn at(millis: u64) -> Timestamp {
     Timestamp::from_millis(millis)
 }
 
 fn report(engine: &mut Engine, statuses: &[(&str, u8)], millis: u64) -> Arc<Snapshot> {
-    let mut array = StatusArray::default();
-    for (name, level) in statuses {
-        array.push_status(*level, name, "said", "");
-    }
-    engine.handle(&Input::Diagnostics(array), at(millis));
+    engine.handle(&said(statuses), at(millis));
     engine.snapshot()
 }
 
@@ -50,13 +43,6 @@ fn names(snapshot: &Snapshot) -> Vec<String> {
     names.retain(|name| !name.ends_with("(names past the limit)"));
     names.sort_unstable();
     names
-}
-
-/// Numbers and nodes of all alarms that are kept, with whether each is active.
-fn alarms(snapshot: &Snapshot) -> Vec<(u64, String, bool)> {
-    let alarm =
-        |it: &telltale::engine::snapshot::Alarm| (it.id, snapshot.node_name(it.node).to_string(), it.active);
-    snapshot.alarms.iter().map(alarm).collect()
 }
 
 #[test]

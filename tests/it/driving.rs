@@ -16,10 +16,8 @@ use telltale::engine::model::sample::Pose;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Timestamp;
 use telltale::msg::messages::GidSize;
-use telltale::msg::messages::encode;
-use telltale::msg::messages::encode::{Header, Motion};
-use telltale::ros::publish::outputs;
-use telltale::ros::publish::outputs::Outputs;
+use telltale::msg::messages::encode::{self, Header, Motion};
+use telltale::ros::publish::outputs::{self, Outputs, Snapshots};
 use telltale::ros::{self, Bridge, BridgeOptions};
 use telltale::runtime::Stamped;
 use tokio::sync::{mpsc, watch};
@@ -55,6 +53,7 @@ impl Published {
         let options = BridgeOptions { gid_size: Some(GidSize::Bytes16), ..options };
         let bridge =
             ros::start(options.clone(), &loaded.model, heard, clock).await.expect("DDS is to be had");
+        let latest = Snapshots { vehicle: latest.clone(), tools: latest };
         let outputs = outputs::start(options, topics, latest, inputs, bridge.graph(), clock).await;
         Published { engine, now_ms: 0, snapshots, outputs: outputs.expect("DDS is to be had"), news, bridge }
     }

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
@@ -18,7 +17,7 @@ use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::init::{self, Observations};
 use telltale::ros::{self, BridgeOptions};
-use telltale::runtime;
+use telltale::{config, runtime};
 
 use crate::folder::TestFolder;
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};
@@ -355,7 +354,7 @@ fn ten_thousand_nodes_are_few_groups() {
 }
 
 /// Runs the program against a domain.
-fn telltale(domain: &Domain, words: &[&str]) -> Output {
+pub(super) fn telltale(domain: &Domain, words: &[&str]) -> Output {
     let domain = domain.id.to_string();
     run([words, &["--interface", "loopback", "--domain", &domain]].concat())
 }
@@ -371,14 +370,14 @@ fn a_domain_without_anybody_is_said() {
 }
 
 /// Peers that write as fast as a robot does, until they are dropped.
-struct Robot {
+pub(super) struct Robot {
     stop: Arc<AtomicBool>,
     threads: Vec<std::thread::JoinHandle<()>>,
 }
 
 impl Robot {
     /// When it returns, each peer runs: on a busy machine they start slowly.
-    fn start(mut peers: Vec<(Peer, Vec<Value>)>) -> Robot {
+    pub fn start(mut peers: Vec<(Peer, Vec<Value>)>) -> Robot {
         for (peer, commands) in &mut peers {
             commands.iter().for_each(|command| peer.write(command));
         }

@@ -2,8 +2,7 @@
 
 use proptest::prelude::*;
 
-use telltale::config::difference;
-use telltale::config::parse;
+use telltale::config::{difference, parse};
 use telltale::sim::scenario_file;
 
 const SHUTTLE: &str = include_str!("../../config/shuttle.yaml");

@@ -24,6 +24,7 @@ macro_rules! with_each_peer {
 mod alarms_that_are_over;
 mod answer_sizes;
 mod book;
+mod by_hand;
 mod commands;
 mod countermeasures;
 mod damaged_recordings;
@@ -44,6 +45,7 @@ mod hostile;
 mod imports;
 mod incidents;
 mod learned_types;
+mod live;
 mod memory;
 mod misspelt_names;
 mod monitoring;

@@ -125,7 +125,7 @@ fn no_command_panics_where_nobody_reads() {
     telltale::store::make_folder(Path::new(&data)).expect("a folder can be made");
     let secret = "a long secret of one\n".repeat(2);
     let added = run_with(["user", "add", "dora", "--role", "developer", "--data", &data], &secret);
-    assert!(added.status.success());
+    assert!(added.status.success(), "{added:?}");
     let (recording, scenario) =
         (root("tests/record/newlines.mcap"), root("config/scenarios/forget-after.yaml"));
     let (arm, none) = (root("tests/import/arm.yaml"), folder.join("none").display().to_string());

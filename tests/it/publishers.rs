@@ -7,7 +7,7 @@ use telltale::engine::input::Input;
 use telltale::msg::messages::GidSize;
 use telltale::ros::BridgeOptions;
 
-use crate::dds::{Reading, one, summary};
+use crate::dds::{Reading, one, summary, until_heard};
 use crate::peer::{Domain, Limit, PATIENCE, Peer, Vendor};
 
 with_each_peer!(
@@ -29,42 +29,35 @@ fn complaints(peer: &mut Peer) -> i64 {
 
 /// Waits until our side has found this many publishers too: earlier best-effort messages are lost.
 pub async fn found(reading: &Reading, topic: &str, publishers: usize) {
-    let mut discovery = reading.bridge.discovery();
-    let is_found = discovery
-        .wait_for(|seen| seen.topics.iter().any(|it| it.name == topic && it.publishers.len() >= publishers));
-    tokio::time::timeout(PATIENCE, is_found).await.expect("found in time").expect("the bridge lives");
+    publishers_are(reading, topic, |count| count >= publishers).await;
 }
 
 /// Waits until our side knows of one publisher alone.
 async fn gone(reading: &Reading, topic: &str) {
+    publishers_are(reading, topic, |count| count == 1).await;
+}
+
+async fn publishers_are(reading: &Reading, topic: &str, wanted: impl Fn(usize) -> bool) {
     let mut discovery = reading.bridge.discovery();
-    let is_gone =
-        discovery.wait_for(|seen| seen.topics.iter().any(|it| it.name == topic && it.publishers.len() == 1));
-    tokio::time::timeout(PATIENCE, is_gone).await.expect("gone in time").expect("the bridge lives");
+    let seen = discovery
+        .wait_for(|seen| seen.topics.iter().any(|it| it.name == topic && wanted(it.publishers.len())));
+    tokio::time::timeout(PATIENCE, seen).await.expect("seen in time").expect("the bridge lives");
 }
 
 async fn a_second_publisher_of_another_quality_is_read_too_and_nothing_twice(vendor: Vendor) {
-    let domain = Domain::of(vendor);
-    let mut reading = Reading::start(&domain).await;
-    let mut reliable = Peer::start(&domain, "pub");
-    reliable.wait_matched(1);
+    let (domain, mut reading, mut reliable) = Reading::beside_publisher(vendor).await;
     reliable.write(&one("before"));
     reading.status("before").await;
     let mut best_effort = Peer::start(&domain, "--reliability best_effort pub");
     best_effort.wait_matched(1);
     reliable.wait_matched(1);
     // It may match the reader that is just being replaced.
-    let others = async {
-        for number in 0.. {
-            best_effort.write(&one(&format!("other {number}")));
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-    };
+    let mut numbers = 0..;
     let is_other = |input: &Input| names(input).any(|name| name.starts_with("other")).then_some(());
-    tokio::select! {
-        () = reading.until("other", is_other) => {}
-        () = others => {}
-    }
+    until_heard(reading.until("other", is_other), || {
+        best_effort.write(&one(&format!("other {}", numbers.next().unwrap_or(0))));
+    })
+    .await;
     for number in 0..50 {
         reliable.write(&one(&format!("reliable {number}")));
     }
@@ -152,10 +145,7 @@ async fn publishers_of_two_kinds_are_read_and_none_complains(vendor: Vendor) {
 }
 
 async fn a_publisher_of_best_effort_that_comes_back_does_not_complain(vendor: Vendor) {
-    let domain = Domain::of(vendor);
-    let mut reading = Reading::start(&domain).await;
-    let mut reliable = Peer::start(&domain, "pub");
-    reliable.wait_matched(1);
+    let (domain, mut reading, mut reliable) = Reading::beside_publisher(vendor).await;
     for round in 0..2 {
         let mut driver = Peer::start(&domain, "--reliability best_effort pub");
         driver.wait_matched(1);
@@ -195,10 +185,7 @@ async fn a_replaced_reader_ends_though_the_publishers_are_gone(vendor: Vendor) {
 }
 
 async fn what_is_published_while_the_reader_is_replaced_is_not_lost(vendor: Vendor) {
-    let domain = Domain::of(vendor);
-    let mut reading = Reading::start(&domain).await;
-    let mut peer = Peer::start(&domain, "pub");
-    peer.wait_matched(1);
+    let (domain, mut reading, mut peer) = Reading::beside_publisher(vendor).await;
     let mut driver = None;
     for number in 0..160 {
         peer.write(&one(&format!("number {number}")));

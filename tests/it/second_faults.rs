@@ -1,14 +1,12 @@
 //! Second faults over restarts and reloads: what was shown before stays shown, and what was explained stays so.
 
-use std::sync::Arc;
-
-use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{Input, StatusArray};
-use telltale::engine::model::{Model, NodeId};
+use telltale::engine::model::NodeId;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
+
+use crate::by_hand::{model, said};
 
 const CONFIG: &str = "
 vehicle: { stages: none }
@@ -20,21 +18,14 @@ groups:
 
 const SEEN: [&str; 3] = ["a/m", "b/old", "b/new"];
 
-fn model(text: &str) -> Arc<Model> {
-    config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model
-}
-
 fn at(seconds: u64) -> Timestamp {
     Timestamp::from_millis(1000 * seconds)
 }
 
 /// Levels of the three statuses.
 fn report(engine: &mut Engine, levels: [u8; 3], seconds: u64) {
-    let mut array = StatusArray::default();
-    for (name, level) in ["a", "b_old", "b_new"].into_iter().zip(levels) {
-        array.push_status(level, name, "", "");
-    }
-    engine.handle(&Input::Diagnostics(array), at(seconds));
+    let [a, old, new] = levels;
+    engine.handle(&said(&[("a", a), ("b_old", old), ("b_new", new)]), at(seconds));
 }
 
 /// What the three modules show, and the nodes of the active alarms with their numbers.

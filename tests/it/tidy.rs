@@ -302,3 +302,22 @@ fn no_template_is_dead() {
         assert!(used, "templates/{} is used by nothing", name.display());
     }
 }
+
+/// What is said in each language stands in `web/texts/` alone, so that another language is a column there.
+#[test]
+fn the_languages_of_the_pages_stand_in_one_table() {
+    const BESIDE: [&str; 5] = ["Lang::De", "Lang::En =>", "== Lang::En", ".choose(\"", "\"de\""];
+    let web = root().join("crates/web/src");
+    let outside = files(&web, "rs").into_iter().filter(|file| !file.starts_with(web.join("texts")));
+    let pages =
+        files(&root().join("templates"), "html").into_iter().chain(files(&root().join("static"), "js"));
+    for file in outside.chain(pages) {
+        if file.iter().any(|it| it == "vendor" || it == "tests" || it == "tests.rs") {
+            continue;
+        }
+        let code = code(&file);
+        let is_german = code.contains(|letter| "äöüÄÖÜß".contains(letter));
+        let asks = BESIDE.iter().any(|word| code.contains(word));
+        assert!(!is_german && !asks, "{} says or asks for a language: web/texts/ does", file.display());
+    }
+}

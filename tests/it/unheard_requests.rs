@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use telltale::config::{self, Loaded};
-use telltale::engine::Engine;
-use telltale::engine::input::{Input, ListenerReport, OperatorAction, Refusal, Response, StatusArray};
+use telltale::engine::input::{Input, ListenerReport, OperatorAction, Refusal, Response};
 use telltale::engine::model::Stage;
 use telltale::engine::model::countermeasure::RequestKind;
 use telltale::engine::model::output::Output;
 use telltale::engine::snapshot::{CountermeasureState, Snapshot, Unreached};
 use telltale::engine::state::State;
-use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::time::Span;
+
+use crate::by_hand::{Vehicle, warnings};
 
 const CONFIG: &str = "
 signals:
@@ -23,46 +23,22 @@ countermeasures:
 ";
 const TOPIC: &str = "/telltale/maneuver_stop_request";
 
-struct Vehicle {
-    engine: Engine,
-    now: Timestamp,
-}
-
 impl Vehicle {
-    fn of(text: &str, stage: Stage) -> Vehicle {
-        let Loaded { model, .. } = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
-        let mut engine = Engine::new(model, Timestamp::ZERO);
-        engine.start_in(stage);
-        let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
-        vehicle.report(0);
+    fn well(text: &str, stage: Stage) -> Vehicle {
+        let mut vehicle = Vehicle::of(text, stage);
+        vehicle.report(&[("lidar", 0)]);
         vehicle
-    }
-
-    fn driving() -> Vehicle {
-        Vehicle::of(CONFIG, Stage::Active)
-    }
-
-    fn input(&mut self, input: &Input) -> Response {
-        self.now = self.now + Span::from_millis(10);
-        self.engine.handle(input, self.now)
-    }
-
-    fn report(&mut self, level: u8) {
-        let mut array = StatusArray::default();
-        array.push_status(level, "lidar", "said so", "");
-        self.input(&Input::Diagnostics(array));
     }
 
     fn listeners(&mut self, heard: bool) -> Arc<Snapshot> {
         let news = ListenerReport { output: Output::ManeuverStop, topic: TOPIC.into(), heard };
         self.input(&Input::Listened(news));
-        self.engine.snapshot()
+        self.look()
     }
 
-    fn pass(&mut self, seconds: u64) -> Arc<Snapshot> {
-        self.now = self.now + Span::from_secs(seconds);
-        self.engine.handle(&Input::Tick, self.now);
-        self.engine.snapshot()
+    fn seconds_later(&mut self, seconds: u64) -> Arc<Snapshot> {
+        self.pass(Span::from_secs(seconds));
+        self.look()
     }
 }
 
@@ -77,21 +53,21 @@ fn outputs(snapshot: &Snapshot) -> (State, String) {
 #[test]
 fn a_request_that_nobody_hears_is_an_error_of_its_own_until_somebody_does() {
     for by_operator in [true, false] {
-        let mut vehicle = Vehicle::driving();
+        let mut vehicle = Vehicle::well(CONFIG, Stage::Active);
         let calm = vehicle.listeners(false);
         assert_eq!(calm.unreached(Output::ManeuverStop), Some(Unreached::Unheard));
         assert_eq!((outputs(&calm).0, calm.alarms.len()), (State::Ok, 0), "nothing is asked for");
         match by_operator {
-            true => assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done),
-            false => vehicle.report(2),
+            true => assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done),
+            false => vehicle.report(&[("lidar", 2)]),
         }
-        let asked = vehicle.pass(0);
+        let asked = vehicle.seconds_later(0);
         assert_eq!(asked.countermeasure().unwrap().state, CountermeasureState::Unconfirmed);
         assert_eq!(outputs(&asked), (State::Error, format!("nobody listens to {TOPIC}")));
         let own = asked.node("telltale/countermeasure").unwrap();
         assert_eq!(asked.shown(own).0, State::Ok, "that it is not confirmed follows");
         assert!(asked.maneuver_stop(), "it is published all the same: the last value waits for a reader");
-        let later = vehicle.pass(60);
+        let later = vehicle.seconds_later(60);
         assert_eq!(
             later.alarms.iter().filter(|it| it.node == later.node("telltale/outputs").unwrap()).count(),
             1
@@ -99,8 +75,8 @@ fn a_request_that_nobody_hears_is_an_error_of_its_own_until_somebody_does() {
 
         let heard = vehicle.listeners(true);
         assert_eq!((heard.unreached.len(), outputs(&heard).0), (0, State::Ok));
-        vehicle.input(&Input::Signal { name: "stopping".into(), value: true });
-        assert_eq!(vehicle.pass(0).countermeasure().unwrap().state, CountermeasureState::Engaged);
+        vehicle.signal("stopping", true);
+        assert_eq!(vehicle.seconds_later(0).countermeasure().unwrap().state, CountermeasureState::Engaged);
         assert_eq!(outputs(&vehicle.listeners(false)).0, State::Error, "the reader went away");
     }
 }
@@ -108,7 +84,7 @@ fn a_request_that_nobody_hears_is_an_error_of_its_own_until_somebody_does() {
 #[test]
 fn a_vehicle_that_hears_no_stop_gets_no_clearance() {
     let refusals = |text: &str, heard: bool| {
-        let mut vehicle = Vehicle::of(text, Stage::Standby);
+        let mut vehicle = Vehicle::well(text, Stage::Standby);
         let refusals = vehicle.listeners(heard).clearance_refusals.to_vec();
         refusals.into_iter().filter(|it| matches!(it, Refusal::NobodyListens(_))).collect::<Vec<_>>()
     };
@@ -125,17 +101,13 @@ fn a_vehicle_that_hears_no_stop_gets_no_clearance() {
 fn a_stop_that_is_not_published_is_refused_and_check_warns_of_it() {
     let without_rules = CONFIG.split("countermeasures").next().unwrap();
     let text = format!("{without_rules}publish: {{ maneuver_stop_request: false }}\n");
-    let mut vehicle = Vehicle::of(&text, Stage::Active);
-    let refused = vehicle.input(&Input::Operator(OperatorAction::RequestStop));
+    let mut vehicle = Vehicle::well(&text, Stage::Active);
+    let refused = vehicle.does(OperatorAction::RequestStop);
     assert_eq!(refused, Response::Refused(vec![Refusal::StopNotPublished]));
-    let shown = vehicle.pass(1);
+    let shown = vehicle.seconds_later(1);
     assert_eq!(shown.unreached(Output::ManeuverStop), Some(Unreached::Unpublished));
     assert_eq!((shown.countermeasures.len(), outputs(&shown).0), (0, State::Ok));
 
-    let warnings = |text: &str| {
-        let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
-        loaded.soundness().1.map_or_else(Vec::new, |problems| problems.lines())
-    };
     assert_eq!(
         warnings(&text),
         [

@@ -25,7 +25,7 @@ const MISPLACED: [(&str, &[&str], &str); 4] = [
     ),
 ];
 
-/// A map with given keys. Keys that the decoder has not asked for by the end are unknown keys.
+/// A map with given keys. Keys that the decoder has not asked for when this is dropped are unknown keys.
 #[derive(Debug)]
 pub struct Fields<'n, 'l> {
     map: MapDoc,
@@ -107,12 +107,17 @@ impl<'n, 'l> Fields<'n, 'l> {
     pub fn required<T: FromNode>(&mut self, key: impl Into<KeyDoc>) -> Option<T> {
         let key = key.into();
         self.ask(key, T::form, true);
-        let Some((_, node)) = self.find(key.name()) else {
-            let problem = Problem::at(self.span, format!("{} needs `{}`", self.map.title(), key.name()));
-            self.log.push(problem.help(format!("add `{}: ...`", key.name())));
-            return None;
-        };
+        self.needs(key.name(), &format!("`{}: ...`", key.name()));
+        let (_, node) = self.find(key.name())?;
         T::from_node(node, self.log)
+    }
+
+    /// Logs it if a key is missing; `example` is what to add.
+    pub fn needs(&mut self, key: &str, example: &str) {
+        if self.find(key).is_none() {
+            let problem = Problem::at(self.span, format!("{} needs `{key}`", self.map.title()));
+            self.log.push(problem.help(format!("add {example}")));
+        }
     }
 
     /// Notes for the schema which keys are needed together or exclude each other.
@@ -131,13 +136,21 @@ impl<'n, 'l> Fields<'n, 'l> {
         self.span
     }
 
+    /// Logs what the map as a whole is mistaken for, in place of its unknown keys.
+    pub fn refuse(mut self, problem: Problem) {
+        self.log.push(problem);
+        self.entries = &[];
+    }
+
     /// Whether the decoder asked for this key.
     pub fn knows(&self, key: &str) -> bool {
         self.asked.contains(&key)
     }
+}
 
-    /// Logs every key that the decoder did not ask for.
-    pub fn finish(self) {
+impl Drop for Fields<'_, '_> {
+    /// Logs every key that the decoder did not ask for: no decoder can forget to.
+    fn drop(&mut self) {
         for (key, _) in self.entries.iter().filter(|(key, _)| !self.asked.contains(&key.text.as_str())) {
             let problem =
                 Problem::at(key.span, format!("unknown key `{}` in {}", key.text, self.map.title()));

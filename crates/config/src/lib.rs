@@ -15,6 +15,7 @@ pub mod services;
 pub mod soundness;
 
 pub use describe::difference::{Change, Difference, difference};
+pub use describe::named::{Named, What};
 pub use describe::places::ModelPlace;
 pub use file::system::resource;
 
@@ -86,6 +87,11 @@ impl Loaded {
         (found, problems)
     }
 
+    /// The place of a part of it, if the file has one.
+    pub fn place(&self, place: ModelPlace) -> Option<Span> {
+        self.places.span(place)
+    }
+
     /// Problems that the definitions of messages show: each with its place, a sentence without a full stop, and
     /// a help.
     pub fn problems(
@@ -126,10 +132,6 @@ impl Examined {
 }
 
 /// Reads a configuration and the files that it includes.
-///
-/// # Errors
-///
-/// All problems.
 pub fn load(path: &Path) -> Result<Loaded, Problems> {
     examine(path).whole()
 }
@@ -153,10 +155,6 @@ pub fn examine_from(name: &str, reader: impl Read) -> Examined {
 }
 
 /// Reads a configuration from a text; messages call it `name`.
-///
-/// # Errors
-///
-/// All problems.
 pub fn parse(name: &str, text: &str) -> Result<Loaded, Problems> {
     let mut sources = Sources::default();
     let file = sources.add(name, text);
@@ -165,10 +163,6 @@ pub fn parse(name: &str, text: &str) -> Result<Loaded, Problems> {
 
 /// Reads a configuration from the texts of its files, by the names that they had. The first one includes the
 /// others. Folders with definitions of messages need not exist.
-///
-/// # Errors
-///
-/// All problems.
 pub fn of_texts(texts: impl IntoIterator<Item = (String, String)>) -> Result<Loaded, Problems> {
     let texts: Vec<(String, String)> = texts.into_iter().collect();
     let first = texts.first().map(|(name, _)| PathBuf::from(name)).unwrap_or_default();
@@ -180,10 +174,6 @@ pub fn of_texts(texts: impl IntoIterator<Item = (String, String)>) -> Result<Loa
 }
 
 /// Reads a configuration that is part of another file.
-///
-/// # Errors
-///
-/// All problems.
 pub fn of_node(sources: Sources, node: &Node) -> Result<Loaded, Problems> {
     finish(sources, Log::default(), Some(node)).whole()
 }

@@ -1,5 +1,6 @@
 //! The results of DDS discovery, as plain data that the bridge fills and pages show.
 
+use super::text::words;
 use super::time::Span;
 use super::time::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -70,32 +71,23 @@ pub enum LivelinessKind {
     ManualByTopic,
 }
 
-/// The reason why a publisher and a subscriber of one topic do not match.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Mismatch {
-    Type,
-    /// The subscriber requests reliability; the publisher does not offer it.
-    Reliability,
-    /// The subscriber wants the last value as a late joiner; the publisher does not keep it.
-    Durability,
-    /// The subscriber expects messages more often than the publisher promises them.
-    Deadline,
-    /// The subscriber expects a stronger or more frequent assertion of liveliness than the publisher offers.
-    Liveliness,
+words! {
+    /// The reason why a publisher and a subscriber of one topic do not match. Its words are for a developer.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Mismatch {
+        Type = "types differ",
+        /// The subscriber requests reliability; the publisher does not offer it.
+        Reliability = "reliability is asked for and not offered",
+        /// The subscriber wants the last value as a late joiner; the publisher does not keep it.
+        Durability = "the last value is asked for and not kept",
+        /// The subscriber expects messages more often than the publisher promises them.
+        Deadline = "a deadline is asked for and not offered",
+        /// The subscriber expects a stronger or more frequent assertion of liveliness than the publisher offers.
+        Liveliness = "liveliness is asked for and not offered",
+    }
 }
 
 impl Mismatch {
-    /// For a developer.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Mismatch::Type => "types differ",
-            Mismatch::Reliability => "reliability is asked for and not offered",
-            Mismatch::Durability => "the last value is asked for and not kept",
-            Mismatch::Deadline => "a deadline is asked for and not offered",
-            Mismatch::Liveliness => "liveliness is asked for and not offered",
-        }
-    }
-
     fn between(self, publisher: &Endpoint, subscriber: &Endpoint) -> String {
         let (from, to) = (publisher.label(), subscriber.label());
         match self {

@@ -46,7 +46,7 @@ use model::{ACTIVE_SIGNAL, GOAL_SIGNAL, GroupId, Model, ModuleId, NodeId};
 use module::contradictions::Disputes;
 use module::names::Names;
 use module::overflow::Overflow;
-use module::system::{ReceptionCheck, SystemCheck};
+use module::system::{self, ReceptionCheck, SystemCheck};
 use module::writers::WriterReport;
 use monitor::feeds::Watching;
 use motion::MotionState;
@@ -179,12 +179,24 @@ impl Engine {
             Input::Writers(list) => self.take_writers(list),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
-            Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
-            Input::Nodes { repeated } => self.take_nodes(repeated.as_deref()),
-            Input::Storage { fault } => self.take_storage(fault.as_deref()),
-            Input::Display { late } => self.take_display(late.as_deref()),
+            Input::Aggregator { other } => {
+                self.take_fault(SystemCheck::Aggregator, other.as_deref().map(system::other_aggregator));
+            }
+            Input::Nodes { repeated } => {
+                self.take_fault(SystemCheck::Nodes, repeated.as_deref().map(system::repeated_nodes));
+            }
+            Input::Storage { fault } => {
+                self.take_fault(SystemCheck::Storage, fault.as_deref().map(Text::from))
+            }
+            Input::Display { late } => {
+                self.take_fault(SystemCheck::Display, late.as_deref().map(system::display_late));
+            }
             Input::Dds { fault } => self.take_dds(fault.clone()),
-            Input::Upkeep(upkeep) => self.take_upkeep(upkeep),
+            Input::Upkeep(upkeep) => {
+                self.take_fault(SystemCheck::Clock, upkeep.clock.clone());
+                self.take_fault(SystemCheck::Certificate, upkeep.certificate.clone());
+                self.take_fault(SystemCheck::Recording, upkeep.recording.clone());
+            }
             // Nearly every message repeats the one before; then there is nothing to settle.
             Input::Sample(sample) if !self.take_watched(Received::Sample(sample)) => return response,
             Input::Topic(news) if !self.take_watched(Received::Topic(news)) => return response,
@@ -344,6 +356,12 @@ impl Engine {
             self.timers.arm(TimerKey::Reception, due);
         }
         self.report_on_self(SystemCheck::Reception, state, self.reception.message.clone());
+    }
+
+    /// Takes what is wrong with Telltale itself, or that nothing is.
+    fn take_fault(&mut self, check: SystemCheck, fault: Option<Text>) {
+        let state = if fault.is_some() { State::Warning } else { State::Ok };
+        self.report_on_self(check, state, fault.unwrap_or_default());
     }
 
     /// Reports the state of one of Telltale's own modules. One that was left out comes back with its first fault.

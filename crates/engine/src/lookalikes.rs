@@ -3,9 +3,8 @@
 
 use super::Engine;
 use super::model::filter::Filter;
-use super::model::monitors::ValueSource;
-use super::model::{GroupId, ModuleId, ModuleMonitor};
-use super::monitor::{Feed, cut, feeds};
+use super::model::{GroupId, ModuleId};
+use super::monitor::cut;
 use super::text::Text;
 use super::text::say;
 
@@ -27,7 +26,7 @@ impl Engine {
             if !unheard || !self.views.says_nothing(id) {
                 continue;
             }
-            if statuses(&module.monitor).any(|it| self.may_compare() && alike(it, heard)) {
+            if module.monitor.statuses().any(|it| self.may_compare() && alike(&it, heard)) {
                 self.views.set_message(id, never_heard(heard));
             }
         }
@@ -62,15 +61,6 @@ fn nothing_matches(heard: &str) -> Text {
         "nichts passt; `{heard}` unter Sonstige sieht ähnlich aus",
         heard = cut(heard)
     )
-}
-
-/// The names of the statuses that a monitor reads.
-fn statuses(monitor: &ModuleMonitor) -> impl Iterator<Item = &str> {
-    let keys = monitor.other().into_iter().flat_map(feeds).filter_map(|feed| match feed {
-        Feed::Values(ValueSource::Key { status, .. }) => Some(&**status),
-        Feed::Values(ValueSource::Field { .. }) | Feed::Messages(_) => None,
-    });
-    monitor.status().map(|status| &**status).into_iter().chain(keys)
 }
 
 /// The letters and digits of a name, in lower case: the part that distinguishes names.

@@ -1,23 +1,24 @@
 //! The five diagnostic states (paper, Sec. III-C) and how they fold.
 
+use crate::text::words;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// A diagnostic state. The order is the badness by which groups fold: UNKNOWN is above WARNING because it may
-/// hide an ERROR; IGNORE never takes part in a fold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum State {
-    Ignore,
-    Ok,
-    Warning,
-    Unknown,
-    Error,
+words! {
+    /// A diagnostic state. The order is the badness by which groups fold: UNKNOWN is above WARNING because it may
+    /// hide an ERROR; IGNORE never takes part in a fold. Its words are those on the wire and in files.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum State {
+        Ignore = "ignore",
+        Ok = "ok",
+        Warning = "warning",
+        Unknown = "unknown",
+        Error = "error",
+    }
 }
 
 impl State {
-    pub const ALL: [State; 5] = [State::Ignore, State::Ok, State::Warning, State::Unknown, State::Error];
-
     /// The state of a `diagnostic_msgs/DiagnosticStatus` level byte. STALE (3) is UNKNOWN; every byte that the message
     /// definition does not name is an ERROR, as for ROS 2's aggregator. Nowhere else is a level judged.
     pub const fn from_level(level: u8) -> State {
@@ -26,17 +27,6 @@ impl State {
             1 => State::Warning,
             3 => State::Unknown,
             _ => State::Error,
-        }
-    }
-
-    /// The word used on the wire and in files: `ok`, `warning`, `error`, `ignore`, `unknown`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            State::Ok => "ok",
-            State::Warning => "warning",
-            State::Error => "error",
-            State::Ignore => "ignore",
-            State::Unknown => "unknown",
         }
     }
 

@@ -1,6 +1,7 @@
 //! A text in each language of the display.
 
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::sync::Arc;
 
 /// A text in the languages of the HMI.
@@ -16,15 +17,10 @@ impl Default for Text {
     }
 }
 
-impl From<&str> for Text {
-    fn from(text: &str) -> Text {
-        Text::plain(text)
-    }
-}
-
-impl From<String> for Text {
-    fn from(text: String) -> Text {
-        Text::plain(&text)
+/// Names, numbers and what is quoted are the same in every language.
+impl<T: fmt::Display> From<T> for Text {
+    fn from(text: T) -> Text {
+        Text::plain(&text.to_string())
     }
 }
 
@@ -37,14 +33,37 @@ impl Text {
 }
 
 /// One sentence in both languages. Each argument is inserted by its name, in its own language if it is a
-/// [`Text`]: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`.
+/// [`Text`]: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`. A variable stands for
+/// itself.
 macro_rules! say {
-    ($en:literal, $de:literal $(, $name:ident = $value:expr)*) => {{
-        $(let $name = $crate::text::Text::from($value);)*
+    (@of $name:ident) => { $name };
+    (@of $name:ident $value:expr) => { $value };
+    ($en:literal, $de:literal $(, $name:ident $(= $value:expr)?)*) => {{
+        $(let $name = $crate::text::Text::from($crate::text::say!(@of $name $($value)?));)*
         let en = { $(let $name = &*$name.en;)* std::fmt::format(format_args!($en)) };
         let de = { $(let $name = &*$name.de;)* std::fmt::format(format_args!($de)) };
         $crate::text::Text { en: en.into(), de: de.into() }
     }};
 }
 
-pub(super) use say;
+/// An enum whose variants have words: for files, for the wire, or for people. `ALL` has them in order.
+macro_rules! words {
+    ($(#[$about:meta])* pub enum $name:ident { $($(#[$of:meta])* $variant:ident = $word:literal,)* }) => {
+        $(#[$about])*
+        pub enum $name {
+            $($(#[$of])* $variant,)*
+        }
+
+        impl $name {
+            pub const ALL: [$name; [$($word),*].len()] = [$($name::$variant),*];
+
+            pub const fn as_str(self) -> &'static str {
+                match self {
+                    $($name::$variant => $word),*
+                }
+            }
+        }
+    };
+}
+
+pub(super) use {say, words};

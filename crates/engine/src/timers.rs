@@ -54,11 +54,11 @@ impl Timers {
 
     /// Drops superseded entries.
     fn clear_out(&mut self) {
-        let of_kind = |(kind, slots): (usize, &Vec<Option<Timestamp>>)| {
-            let due = |(index, due): (usize, &Option<Timestamp>)| Some(Reverse(((*due)?, key(kind, index))));
-            slots.iter().enumerate().filter_map(due).collect::<Vec<_>>()
-        };
-        self.heap = self.queued.iter().enumerate().flat_map(of_kind).collect();
+        let mut entries = std::mem::take(&mut self.heap).into_vec();
+        entries.sort_unstable();
+        entries.dedup();
+        entries.retain(|&Reverse((due, key))| *self.slot(key) == Some(due));
+        self.heap = entries.into();
     }
 
     /// The next instant at which an entry may be due.
@@ -149,25 +149,6 @@ fn place(key: TimerKey) -> (usize, usize) {
         TimerKey::Group(index) => (8, index as usize),
         TimerKey::Disputes => (9, 0),
         TimerKey::Motion => (10, 0),
-    }
-}
-
-/// The key of a slot.
-fn key(kind: usize, index: usize) -> TimerKey {
-    let index = index as u32;
-    match kind {
-        0 => TimerKey::Signal(index),
-        1 => TimerKey::Reception,
-        2 => TimerKey::Module(index),
-        3 => TimerKey::Localization,
-        4 => TimerKey::Countermeasures,
-        5 => TimerKey::Monitor(index),
-        6 => TimerKey::Active,
-        7 => TimerKey::Searched,
-        8 => TimerKey::Group(index),
-        9 => TimerKey::Disputes,
-        10 => TimerKey::Motion,
-        _ => unreachable!("`Timers::slot` knows eleven kinds"),
     }
 }
 

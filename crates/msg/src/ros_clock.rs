@@ -54,9 +54,6 @@ impl RosClock {
     }
 
     /// Takes the body of a `rosgraph_msgs/Clock`.
-    ///
-    /// # Errors
-    /// It ends early.
     pub fn take(&self, body: &[u8], endian: Endian) -> Result<(), Fault> {
         let mut reader = Reader::new(body, endian);
         // The seconds are signed, the nanoseconds are not.

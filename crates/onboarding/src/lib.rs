@@ -2,3 +2,7 @@
 
 pub mod import;
 pub mod init;
+pub mod live;
+#[cfg(test)]
+mod pretend;
+pub mod update;

@@ -35,9 +35,6 @@ fn path(folder: &Path, id: u64) -> PathBuf {
 }
 
 /// Writes the file in place of the last one. Blocks.
-///
-/// # Errors
-/// Of the disk.
 pub fn write(folder: &Path, id: u64, said: &Beside) -> io::Result<()> {
     let path = path(folder, id);
     let new = path.with_extension("new");
@@ -52,9 +49,6 @@ pub fn write(folder: &Path, id: u64, said: &Beside) -> io::Result<()> {
 }
 
 /// Removes the file, if there is one. Blocks.
-///
-/// # Errors
-/// Of the disk.
 pub fn remove(folder: &Path, id: u64) -> io::Result<()> {
     match fs::remove_file(path(folder, id)) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),

@@ -36,9 +36,6 @@ pub fn file_in(folder: &Path, file: &str) -> Option<PathBuf> {
 }
 
 /// The numbers of all recordings in their folder, the smallest first. Without a folder there are none.
-///
-/// # Errors
-/// If the folder cannot be read.
 pub fn numbers(folder: &Path) -> io::Result<Vec<u64>> {
     let entries = match std::fs::read_dir(folder) {
         Ok(entries) => entries,

@@ -117,9 +117,6 @@ pub struct Recorder(pub(super) Arc<Shared>);
 
 impl Recorder {
     /// Starts a recorder of an engine whose first snapshot is given. It ends when the feed is dropped.
-    ///
-    /// # Errors
-    /// If no thread can be started.
     pub fn start(
         turns: Turns,
         first: Arc<Snapshot>,

@@ -23,9 +23,6 @@ pub fn free(folder: &Path, id: u64) -> io::Result<()> {
 }
 
 /// The recordings whose removal is not recorded yet. Blocks.
-///
-/// # Errors
-/// The folder cannot be read.
 pub fn unrecorded(folder: &Path) -> io::Result<Vec<u64>> {
     let number = |name: &str| -> Option<u64> {
         name.strip_prefix("incident-")?.strip_suffix(".removed")?.parse().ok()
@@ -43,9 +40,6 @@ pub fn is_unrecorded(folder: &Path, id: u64) -> bool {
 }
 
 /// Its removal is recorded. Blocks.
-///
-/// # Errors
-/// Of the disk.
 pub fn recorded(folder: &Path, id: u64) -> io::Result<()> {
     fs::remove_file(path(folder, id))
 }

@@ -51,8 +51,6 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// # Errors
-    /// The disk does not say.
     pub fn of(folder: &Path) -> Result<Disk, FileError> {
         let taken = folder_bytes(folder).map_err(|why| FileError::io(folder, "examined", why))?;
         Ok(Disk { taken, free: free_bytes(folder)? })
@@ -171,16 +169,12 @@ fn check_free(folder: &Path, free: u64) -> Result<(), FileError> {
     Err(FileError::format(folder, format!("the disk is full: {} KiB are free", free / 1024)))
 }
 
-/// # Errors
-/// The disk does not say.
 pub(super) fn free_bytes(folder: &Path) -> Result<u64, FileError> {
     let system = rustix::fs::statvfs(folder);
     let system = system.map_err(|error| FileError::io(folder, "examined", error.into()))?;
     Ok(system.f_bavail.saturating_mul(system.f_frsize))
 }
 
-/// # Errors
-/// The folder cannot be read.
 fn folder_bytes(folder: &Path) -> io::Result<u64> {
     let mut bytes = 0;
     for entry in std::fs::read_dir(folder)? {

@@ -4,12 +4,11 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::bridge::Bridge;
-use super::catch_up;
 use super::flows::Flows;
 use super::gaps::Gaps;
 use super::recording::{Facts, Recording, ReplayError};
 use super::steps::{self, Loss, Notes, Step, Steps};
-use super::unheard;
+use super::{catch_up, unheard};
 use telltale_engine::Engine;
 use telltale_engine::event::Event;
 use telltale_engine::input::Input;
@@ -119,9 +118,6 @@ impl Run {
     }
 
     /// The same for a recording by a known configuration.
-    ///
-    /// # Errors
-    /// The same.
     pub fn judged_anew(
         recording: Recording,
         model: Arc<Model>,
@@ -236,9 +232,6 @@ impl Run {
     }
 
     /// The same; `None` too if the next step is later than `until`.
-    ///
-    /// # Errors
-    /// The same.
     pub fn step_until(&mut self, until: Timestamp) -> Result<Option<Taken>, ReplayError> {
         if let Some(at) = self.reload_at.take() {
             return Ok(Some(self.reload(at)));

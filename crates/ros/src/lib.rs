@@ -23,6 +23,7 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
+use tokio::time::{Interval, MissedTickBehavior};
 
 pub use discovery::nodes::Nodes;
 pub use library::process as dds_process;
@@ -142,6 +143,13 @@ pub async fn start(
     let reading = read(participant, Arc::new(context));
     let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
     Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, working, task })
+}
+
+/// Ticks at once and then in each period; where it was held up, the next tick comes a whole period later.
+fn every(period: Duration) -> Interval {
+    let mut interval = tokio::time::interval(period);
+    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    interval
 }
 
 /// Checks that everything that a model needs can be read.

@@ -44,9 +44,6 @@ impl Lookup {
     }
 
     /// May be cancelled: the next call waits for the same answer.
-    ///
-    /// # Errors
-    /// The resolver's own.
     pub async fn addresses(&mut self) -> io::Result<Vec<SocketAddr>> {
         if let Ok(address) = self.host_and_port.parse() {
             return Ok(vec![address]);

@@ -6,20 +6,17 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
-use super::discovery::graph;
-use super::discovery::graph::{MessageCounts, OwnParticipants};
+use super::discovery::graph::{self, MessageCounts, OwnParticipants};
 use super::discovery::nodes::Nodes;
-use super::discovery::peers;
-use super::discovery::presence;
-use super::discovery::status_writers;
+use super::discovery::{peers, presence, status_writers};
 use super::library::{Ended, Participant};
 use super::options::BridgeOptions;
-use super::options::interfaces;
-use super::options::interfaces::AddressWatch;
+use super::options::interfaces::{self, AddressWatch};
 use super::outbox::{End, stopped};
 use super::reading::clock_step::StepWatch;
 use super::reading::topic::TopicContext;
 use super::reading::topics::{Carryover, Topics};
+use crate::every;
 use telltale_clock::Clock;
 use telltale_engine::discovery::Discovery;
 use telltale_engine::time::Timestamp;
@@ -115,8 +112,7 @@ async fn watch_over(
     let mut addresses = AddressWatch::new(context.options.interface, &now);
     let (mut stop, mut rebuild) = (context.stop.clone(), context.rebuild.clone());
     rebuild.mark_unchanged();
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     let mut look = 0_u64;
     loop {
         tokio::select! {

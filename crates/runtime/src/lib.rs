@@ -180,8 +180,13 @@ pub struct Link {
     pub commands: mpsc::Sender<Command>,
     pub rehearsals: mpsc::Sender<Rehearsal>,
     pub reloads: mpsc::Sender<Reload>,
-    /// Holds at most the latest; a slow reader skips what lies between.
+    /// For programs, and for all who look and do not wait. Holds at most the latest; a slow reader skips what lies
+    /// between.
     pub snapshots: watch::Receiver<Published>,
+    /// The same for the outputs to the vehicle.
+    pub vehicle: watch::Receiver<Arc<Snapshot>>,
+    /// The same for all others who wait: told when those have had their turn, because each would delay them.
+    pub afterwards: watch::Receiver<Published>,
     /// Every snapshot in which the stage or the requests to the vehicle changed, also if the next one followed
     /// before a reader of `snapshots` saw it.
     pub turns: broadcast::Sender<Published>,
@@ -233,6 +238,8 @@ fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers)
     }
     let recorder = Recorder::start(&mut engine, records, clock.now());
     let first = Published::now(engine.snapshot(), &clock, feed.as_ref());
+    let (to_vehicle, vehicle) = watch::channel(first.snapshot.clone());
+    let (to_others, afterwards) = watch::channel(first.clone());
     let (publish, snapshots) = watch::channel(first);
     let turns = broadcast::Sender::new(TURN_QUEUE);
     let latencies = Latencies::default();
@@ -249,21 +256,26 @@ fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers)
         feed,
         clock,
         publish,
+        to_vehicle,
+        to_others,
+        is_told_to_all: true,
     };
-    turn.end_turn();
+    turn.hand_on();
     let queues =
         Queues { inputs: inputs_rx, commands: commands_rx, rehearsals: rehearsals_rx, reloads: reloads_rx };
     let ending = Ending::default();
     let asked = ending.clone();
     tokio::spawn(async move {
         tokio::select! {
-            // Each turn ends at once, so none is cut off.
             () = turn.run(queues) => {}
             () = asked.asked() => {}
         }
+        // The last turn may wait for those who go first.
+        turn.tell_others();
+        turn.hand_on();
         turn.recorder.hand_on_rest(turn.clock.now());
     });
-    Link { inputs, commands, rehearsals, reloads, snapshots, turns, latencies, ending }
+    Link { inputs, commands, rehearsals, reloads, snapshots, vehicle, afterwards, turns, latencies, ending }
 }
 
 struct Queues {
@@ -279,6 +291,10 @@ struct Loop {
     feed: Option<Feed>,
     clock: Clock,
     publish: watch::Sender<Published>,
+    to_vehicle: watch::Sender<Arc<Snapshot>>,
+    to_others: watch::Sender<Published>,
+    /// Whether what was published last was told to the others, too.
+    is_told_to_all: bool,
     turns: broadcast::Sender<Published>,
     requests: (Stage, Arc<[Countermeasure]>),
     published_seq: u64,
@@ -332,8 +348,12 @@ impl Loop {
             }
             self.tell_turn();
             self.publish_if_due();
-            self.recorder.hand_on_if_due(self.clock.now());
-            self.end_turn();
+            if !self.is_told_to_all {
+                // Those who are told have their turn. The next input or command ends this wait.
+                tokio::task::yield_now().await;
+            }
+            self.tell_others();
+            self.hand_on();
         }
     }
 
@@ -368,7 +388,9 @@ impl Loop {
         self.recorder.take(events, &snapshot);
     }
 
-    fn end_turn(&mut self) {
+    /// Hands on to the history and the recorder what this turn brought. Their threads take the processor.
+    fn hand_on(&mut self) {
+        self.recorder.hand_on_if_due(self.clock.now());
         if let Some(feed) = &mut self.feed {
             feed.end_turn(&self.engine);
         }
@@ -394,6 +416,7 @@ impl Loop {
         self.tell_turn();
         // Published before it is answered: who asked finds the result in the next snapshot.
         self.publish_if_due();
+        self.tell_others();
         // Who asked may have gone; the action stands all the same.
         let _ = command.reply.send(response);
     }
@@ -409,6 +432,7 @@ impl Loop {
         self.tell_events();
         self.recorder.begin(&mut self.engine, true);
         self.publish_if_due();
+        self.tell_others();
         // Who asked may have gone; the engine runs by it all the same.
         let _ = done.send(());
     }
@@ -438,9 +462,19 @@ impl Loop {
         if let Some(feed) = &mut self.feed {
             feed.published(snapshot.clone());
         }
-        self.publish.send_replace(Published::now(snapshot, &self.clock, self.feed.as_ref()));
+        self.publish.send_replace(Published::now(snapshot.clone(), &self.clock, self.feed.as_ref()));
+        // The last to be told is the first to run.
+        self.to_vehicle.send_replace(snapshot);
+        self.is_told_to_all = false;
         if let Some(received) = self.changed_by.take() {
             self.latencies.published.observe(self.clock.now().since(received));
+        }
+    }
+
+    /// Tells those who need not be first what was published last.
+    fn tell_others(&mut self) {
+        if !std::mem::replace(&mut self.is_told_to_all, true) {
+            self.to_others.send_replace(self.publish.borrow().clone());
         }
     }
 }

@@ -35,6 +35,35 @@ async fn a_status_comes_out_and_a_command_is_answered_after_its_effect_is_publis
     assert_eq!(&*seen.snapshot.module(id).1.report.message, "broken");
 }
 
+#[tokio::test]
+async fn the_vehicle_and_programs_are_told_before_all_others() {
+    let clock = Clock::start();
+    let Link { inputs, commands, mut snapshots, mut vehicle, mut afterwards, .. } =
+        start(empty_model(), clock);
+    let is_heard = |snapshot: &Snapshot| snapshot.node("other/pump").is_some();
+    // Each looks at what the others have when it runs.
+    let (program_sees, vehicle_sees) = (afterwards.clone(), afterwards.clone());
+    let program = tokio::spawn(async move {
+        snapshots.wait_for(|it| is_heard(&it.snapshot)).await.unwrap();
+        is_heard(&program_sees.borrow().snapshot)
+    });
+    let vehicle = tokio::spawn(async move {
+        vehicle.wait_for(|it| is_heard(it)).await.unwrap();
+        is_heard(&vehicle_sees.borrow().snapshot)
+    });
+    let mut array = StatusArray::default();
+    array.push_status(2, "pump", "broken", "");
+    inputs.send(Stamped::new(Input::Diagnostics(array), clock.now())).await.unwrap();
+    afterwards.wait_for(|it| is_heard(&it.snapshot)).await.unwrap();
+    assert_eq!((program.await.unwrap(), vehicle.await.unwrap()), (false, false));
+
+    // Who commanded finds the effect everywhere.
+    let (reply, answer) = oneshot::channel();
+    commands.send(Command { action: OperatorAction::Login { name: "anna".into() }, reply }).await.unwrap();
+    assert_eq!(answer.await.unwrap(), Response::Done);
+    assert_eq!(afterwards.borrow().snapshot.stage, Stage::Localizing);
+}
+
 /// Its deadline lies before the reload, and its node is not in the new configuration.
 #[tokio::test]
 async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {

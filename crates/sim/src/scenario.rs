@@ -10,14 +10,13 @@ use std::sync::Arc;
 
 use super::expectation::compare;
 use super::scenario_sample::Stamp;
-use telltale_engine::Engine;
-use telltale_engine::event;
 use telltale_engine::input::{Input, Response};
 use telltale_engine::model::countermeasure::RequestKind;
 use telltale_engine::model::{GroupId, Model, NodeId, Stage};
 use telltale_engine::snapshot::{Moving, Reason, Snapshot};
 use telltale_engine::state::State;
 use telltale_engine::time::{Span, Timestamp};
+use telltale_engine::{Engine, event};
 use telltale_yaml as yaml;
 
 /// The time of a right clock when a scenario starts: 2026-11-20 12:00:00 UTC.

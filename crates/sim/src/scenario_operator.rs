@@ -43,7 +43,6 @@ pub(super) fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
         let problem = Problem::at(node.span, "a step has one action of the operator");
         fields.log.push(problem.help("for example `operator: { login: operator }`"));
     }
-    fields.finish();
     found.into_iter().next()
 }
 
@@ -57,7 +56,6 @@ impl FromNode for LocalizeTarget {
         }
         let mut fields = Fields::of(node, "a pose", log)?;
         let (x, y, yaw) = (fields.required("x"), fields.required("y"), fields.required("yaw_deg"));
-        fields.finish();
         Some(LocalizeTarget(Place::Pose { x_m: x?, y_m: y?, yaw_deg: yaw? }))
     }
 }
@@ -75,7 +73,6 @@ fn in_two_steps(node: &Node, action: OperatorAction, log: &mut Log) -> Option<Op
     let mut flag = |key, default| fields.optional::<bool>(key).unwrap_or(default);
     let (display_live, storage_ok) = (flag("display_live", true), flag("storage_ok", true));
     let ask = flag("ask", false);
-    fields.finish();
     Some(match (action, ask) {
         (OperatorAction::Release { .. }, true) => OperatorAction::AskRelease { display_live, storage_ok },
         (OperatorAction::Release { .. }, false) => OperatorAction::Release { display_live, storage_ok },

@@ -70,15 +70,10 @@ impl FromNode for Raw {
         let config = fields.node("config").cloned();
         match &config {
             Some(Node { kind: Kind::Mapping(_), .. }) => {}
-            Some(node) => {
-                String::from_node(node, fields.log);
-            }
-            None => {
-                let problem = Problem::at(fields.span(), "a scenario needs `config`");
-                fields.log.push(problem.help("add `config: ../shuttle.yaml`, or the configuration itself"));
-            }
+            Some(node) => drop(String::from_node(node, fields.log)),
+            None => fields.needs("config", "`config: ../shuttle.yaml`, or the configuration itself"),
         }
-        let raw = Raw {
+        Some(Raw {
             span: fields.span(),
             config,
             name: fields.required("name"),
@@ -89,9 +84,7 @@ impl FromNode for Raw {
             steps: fields.or_default("steps"),
             expect: fields.or_default("expect"),
             figure: fields.optional("figure"),
-        };
-        fields.finish();
-        Some(raw)
+        })
     }
 }
 
@@ -130,7 +123,6 @@ impl FromNode for RawFigure {
                 Problem::at(node.span, "`event` without `zero`").help("add `zero: 3`, when it happens"),
             );
         }
-        fields.finish();
         Some(figure)
     }
 }
@@ -140,19 +132,9 @@ struct Start(Stage);
 impl FromNode for Start {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, "a start", log)?;
-        let stage = fields.node("stage");
-        let found = stage.and_then(|node| stage_word(node, fields.log));
-        if stage.is_none() {
-            let problem = Problem::at(fields.span(), "a start needs `stage`");
-            fields.log.push(problem.help("add `stage: active`"));
-        }
-        fields.finish();
-        found.map(Start)
+        fields.needs("stage", "`stage: active`");
+        fields.optional("stage").map(Start)
     }
-}
-
-fn stage_word(node: &Node, log: &mut Log) -> Option<Stage> {
-    word(node, log, "stage", &Stage::ALL.map(|stage| (stage.as_str(), stage)))
 }
 
 #[derive(Debug)]
@@ -220,7 +202,6 @@ impl FromNode for RawStep {
         }
         let writer = writer.map(|writer| writer.value);
         let span = fields.span();
-        fields.finish();
         Some(RawStep { span, at, every, until: until.map(|until| until.value.0), action, writer, refused })
     }
 }
@@ -272,14 +253,10 @@ impl FromNode for RawStatus {
         let mut fields = Fields::of(node, "a status", log)?;
         let name = fields.required("name");
         let found = fields.node("level").and_then(|node| level(node, fields.log));
-        if fields.key_span("level").is_none() {
-            let problem = Problem::at(fields.span(), "a status needs `level`");
-            fields.log.push(problem.help("add `level: ok`"));
-        }
+        fields.needs("level", "`level: ok`");
         let text = |node: Option<&Node>| node.and_then(scalar).unwrap_or_default().to_owned();
         let (message, hardware_id) = (text(fields.node("message")), text(fields.node("hardware_id")));
         let values: Entries<String> = fields.or_default("values");
-        fields.finish();
         let values = values.0.into_iter().map(|(key, value)| (key.text, value)).collect();
         Some(RawStatus { name: name?, level: found?, message, hardware_id, values })
     }
@@ -301,8 +278,8 @@ impl FromNode for RawExpect {
         let mut fields = Fields::of(node, "an expectation", log)?;
         let at = fields.required("at").map(|Seconds(at)| at);
         let mut what = Vec::new();
-        if let Some(node) = fields.node("stage") {
-            what.extend(stage_word(node, fields.log).map(|stage| (node.span, Expected::Stage(stage))));
+        if let Some(stage) = fields.optional::<Spanned<Stage>>("stage") {
+            what.push((stage.span, Expected::Stage(stage.value)));
         }
         if let Some(overall) = fields.optional::<Spanned<StateWord>>("overall") {
             what.push((overall.span, Expected::Overall(overall.value.0)));
@@ -349,7 +326,6 @@ impl FromNode for RawExpect {
             let problem = Problem::at(fields.span(), "this expects nothing");
             fields.log.push(problem.help("add `groups: { sensors: error }`, or remove it"));
         }
-        fields.finish();
         Some(RawExpect { at, what })
     }
 }

@@ -52,7 +52,6 @@ impl FromNode for RawSample {
         let delay = delay.map(|it| Spanned { value: Stamp::Behind(nanos(it)), span: it.span });
         let values = fields.or_default("fields");
         let content = fields.optional("content");
-        fields.finish();
         Some(RawSample { topic: topic?, stamp: stamp.or(delay), fields: values, content })
     }
 }
@@ -67,7 +66,6 @@ impl FromNode for Value {
             Kind::Mapping(entries) if entries.iter().any(|(key, _)| key.text == "unreadable") => {
                 let mut fields = Fields::of(node, "a value that cannot be read", log)?;
                 let why: Option<String> = fields.required("unreadable");
-                fields.finish();
                 why.map(|why| Value(FieldValue::Unreadable(why.into())))
             }
             Kind::Mapping(_) => pose(node, log).map(|pose| Value(FieldValue::Pose(pose))),
@@ -121,7 +119,6 @@ fn pose(node: &Node, log: &mut Log) -> Option<Pose> {
         let problem = Problem::at(node.span, "a rotation is either `yaw_deg` or a quaternion");
         fields.log.push(problem.help("remove one of the two"));
     }
-    fields.finish();
     let half = yaw.unwrap_or_default().to_radians() / 2.0;
     let [qx, qy, qz, qw] = match quaternion {
         [None, None, None, None] => [0.0, 0.0, half.sin(), half.cos()],
@@ -143,7 +140,6 @@ impl FromNode for RawPublishers {
         let mut fields = Fields::of(node, "the publishers of a topic", log)?;
         let (topic, count) = (fields.required("topic"), fields.or_default::<u64>("count"));
         let other_type = fields.optional("type");
-        fields.finish();
         Some(RawPublishers { topic: topic?, count: u32::try_from(count).unwrap_or(u32::MAX), other_type })
     }
 }
@@ -164,12 +160,8 @@ impl FromNode for RawListeners {
             let value = word(node, fields.log, "request", &kinds)?;
             Some(Spanned { value, span: node.span })
         });
-        if fields.key_span("request").is_none() {
-            let problem = Problem::at(fields.span(), "a step of listeners needs `request`");
-            fields.log.push(problem.help("add `request: maneuver_stop`"));
-        }
+        fields.needs("request", "`request: maneuver_stop`");
         let count: Option<u64> = fields.required("count");
-        fields.finish();
         Some(RawListeners { request: request?, count: count? })
     }
 }
@@ -246,7 +238,6 @@ impl FromNode for RawProbe {
                 None
             }
         };
-        fields.finish();
         let (target, span) = target?;
         Some(RawProbe { target: Spanned { value: target, span }, outcome: outcome? })
     }
@@ -257,7 +248,6 @@ fn system(fields: &mut Fields) -> Option<(ProbeTarget, Span)> {
     let node = fields.node("system")?;
     let mut inner = Fields::of(node, "what is measured", fields.log)?;
     let found = telltale_config::resource(&mut inner);
-    inner.finish();
     found.map(|it| (ProbeTarget::System(it.value), it.span))
 }
 

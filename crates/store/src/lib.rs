@@ -34,9 +34,9 @@ pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{
-    HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, NodePast, NodeStatistics, Past,
-    PastAlarm, PastEvent, Period, SavedHistory, Statistics, Stretch, history_damage, past_in, repair_history,
-    statistics_in,
+    HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, NodeFigures, NodePast,
+    NodeStatistics, Past, PastAlarm, PastEvent, Period, SavedHistory, Statistics, Stretch, history_damage,
+    how_long_ms, past_in, repair_history, statistics_in,
 };
 pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,
@@ -296,9 +296,6 @@ impl Store {
     }
 
     /// A store in memory, for tests and demonstrations.
-    ///
-    /// # Errors
-    /// If SQLite fails.
     pub fn in_memory(clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
         Store::start(schema::open_in_memory()?, None, clock, demo, false)
     }

@@ -5,9 +5,6 @@ use std::os::unix::fs::{MetadataExt as _, fchown};
 use std::path::Path;
 
 /// Makes a folder that only its owner may look into.
-///
-/// # Errors
-/// If it cannot be made.
 #[cfg(unix)]
 pub fn make_folder(folder: &Path) -> std::io::Result<()> {
     use std::os::unix::fs::DirBuilderExt;

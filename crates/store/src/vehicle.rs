@@ -55,18 +55,12 @@ impl VehicleMemory {
 impl Store {
     /// Stores the vehicle's state, unless it says the same as what is stored. Records that wait are written
     /// with it. Returns whether the disk had to take anything.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn remember(&self, memory: VehicleMemory) -> Result<bool, StoreError> {
         self.call(move |database| database.remember(Some(memory))).await
     }
 
     /// The vehicle's state that was stored last, with the operator who is still in charge; `None` at the
     /// first start.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn recall(&self) -> Result<Option<Restored>, StoreError> {
         let operator = self.operator_in_charge().await?;
         let restored = self.call(Database::read_vehicle).await?;

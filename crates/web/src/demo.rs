@@ -4,20 +4,20 @@ use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Extension, Form, State};
+use axum::extract::{Form, State};
 use axum::http::StatusCode;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::mpsc;
 
-use super::admission::peer::{Peer, source_of};
-use super::http::errors::HttpError;
+use super::admission::peer::CameFrom;
 use super::http::guard::SignedIn;
-use super::http::respond::{Reader, Speaks, json_answer, refusal};
+use super::http::respond::{Reader, Speaks, json_answer};
 use super::pages::page_context;
 use super::view::{self, DemoFault};
 use super::{AppState, Live};
+use crate::texts::HttpError;
 use telltale_store::audit::{Action, Record};
 
 /// The faults of the simulated machine, and the channel that switches them.
@@ -61,10 +61,14 @@ impl DemoFaults {
 }
 
 /// `GET /demo`
-pub async fn page(State(app): State<AppState>, SignedIn(session): SignedIn, reader: Reader) -> Response {
-    let Some(faults) = &app.settings.demo else { return refusal(&reader, HttpError::NotFound) };
+pub async fn page(
+    State(app): State<AppState>,
+    SignedIn(session): SignedIn,
+    reader: Reader,
+) -> Result<Html<String>, HttpError> {
+    let faults = app.settings.demo.as_ref().ok_or(HttpError::NotFound)?;
     let active = faults.active.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    Html(view::demo_page(&faults.faults, &active, &page_context(&app, &session, &reader))).into_response()
+    Ok(Html(view::demo_page(&faults.faults, &active, &page_context(&app, &session, &reader))))
 }
 
 #[derive(Debug, Deserialize)]
@@ -76,33 +80,32 @@ pub struct FaultForm {
 /// `POST /demo/fault`
 pub async fn fault(
     app: Live,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     SignedIn(session): SignedIn,
     reader: Reader,
     form: Result<Form<FaultForm>, FormRejection>,
-) -> Response {
-    let Some(faults) = &app.settings.demo else { return refusal(&reader, HttpError::NotFound) };
+) -> Result<Response, HttpError> {
+    let faults = app.settings.demo.as_ref().ok_or(HttpError::NotFound)?;
     let form = match form {
         Ok(Form(form)) => form,
         Err(rejection) => {
             let wrong = json!({ "error": rejection.body_text(), "names": faults.names() });
-            return json_answer(rejection.status(), &wrong);
+            return Ok(json_answer(rejection.status(), &wrong));
         }
     };
     let Some(name) = faults.names().into_iter().find(|name| *name == form.name) else {
         let wrong = json!({ "error": format!("there is no fault {:?}", form.name), "names": faults.names() });
-        return json_answer(StatusCode::UNPROCESSABLE_ENTITY, &wrong);
+        return Ok(json_answer(StatusCode::UNPROCESSABLE_ENTITY, &wrong));
     };
     if !faults.set(FaultSwitch { name, active: form.active }) {
-        return refusal(&reader, HttpError::Unavailable);
+        return Err(HttpError::Unavailable);
     }
-    let source = source_of(peer.map(|Extension(peer)| peer));
     let record = Record::of_session(&session, Action::Fault, source).on(format!("{name}: {}", form.active));
     if !app.store.record(record, None).await {
-        return refusal(&reader, HttpError::Unavailable);
+        return Err(HttpError::Unavailable);
     }
-    match reader.speaks {
+    Ok(match reader.speaks {
         Speaks::Json => json_answer(StatusCode::OK, &json!({ "name": name, "active": form.active })),
         Speaks::Html => Redirect::to("/demo").into_response(),
-    }
+    })
 }

@@ -19,6 +19,7 @@ mod self_check;
 mod serve;
 pub mod services;
 mod source;
+pub mod texts;
 mod vehicle_memory;
 pub mod view;
 
@@ -51,8 +52,9 @@ use telltale_clock::Clock;
 use telltale_clock::latency::Latency;
 use telltale_engine::discovery::Discovery;
 use telltale_engine::time::Timestamp;
-use telltale_runtime::{Reread, Written};
-use telltale_store::{History, Store};
+use telltale_runtime::{Published, Reread, Written};
+use telltale_store::{History, Store, StoreError};
+use texts::HttpError;
 
 pub use admission::peer::Peer;
 pub use admission::proxies::{Network, NoNetwork, Proxies};
@@ -165,6 +167,24 @@ impl AppState {
             reloading: Reloading::default(),
             listening: Listening::default(),
         }))
+    }
+
+    /// What is read of the history. While the vehicle is locked, its past is not shown either.
+    async fn past<'a, T, F>(
+        &'a self,
+        published: &Published,
+        read: impl FnOnce(&'a History) -> F,
+    ) -> Result<T, HttpError>
+    where
+        F: Future<Output = Result<T, StoreError>>,
+    {
+        if published.is_locked() {
+            return Err(HttpError::Locked);
+        }
+        let history = self.settings.history.as_ref().ok_or(HttpError::Unavailable)?;
+        let past = read(history).await;
+        past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read"))
+            .map_err(|_| HttpError::Unavailable)
     }
 }
 

@@ -9,10 +9,10 @@ use axum::response::{Html, IntoResponse, Response};
 use tokio::time::timeout;
 
 use super::AppState;
-use super::http::errors::HttpError;
 use super::http::guard::SignedIn;
-use super::http::respond::{Reader, refusal};
+use super::http::respond::Reader;
 use super::view::{self, PageContext, permitted};
+use crate::texts::HttpError;
 use telltale_store::Session;
 
 /// `GET /`
@@ -53,18 +53,18 @@ pub async fn readyz(State(app): State<AppState>) -> (StatusCode, &'static str) {
 }
 
 /// Answers an address without a route.
-pub async fn not_found(reader: Reader) -> Response {
-    refusal(&reader, HttpError::NotFound)
+pub async fn not_found() -> HttpError {
+    HttpError::NotFound
 }
 
 /// A route that does not take this method.
-pub async fn wrong_method(reader: Reader) -> Response {
-    refusal(&reader, HttpError::WrongMethod)
+pub async fn wrong_method() -> HttpError {
+    HttpError::WrongMethod
 }
 
 /// `GET /static/...`
-pub async fn asset(uri: axum::http::Uri, headers: axum::http::HeaderMap, reader: Reader) -> Response {
-    super::assets::answer(uri.path(), &headers).unwrap_or_else(|| refusal(&reader, HttpError::NotFound))
+pub async fn asset(uri: axum::http::Uri, headers: axum::http::HeaderMap) -> Result<Response, HttpError> {
+    super::assets::answer(uri.path(), &headers).ok_or(HttpError::NotFound)
 }
 
 pub fn page_context(app: &AppState, session: &Session, reader: &Reader) -> PageContext {

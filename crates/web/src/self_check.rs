@@ -12,7 +12,7 @@ use tower::ServiceExt as _;
 
 use super::AppState;
 use super::router::router;
-use super::view::Lang;
+use crate::texts::Lang;
 use telltale_engine::time::Span;
 
 /// A page that nobody reads is closed after 5 s. A socket without a beat for longer hangs in the server.

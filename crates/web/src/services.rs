@@ -5,10 +5,9 @@ use super::Live;
 use super::developer::reload::have_taken;
 use super::incidents::mark_moment;
 use super::operator::act::{AskedAction, act_in_turn};
-use super::operator::not_done::{InvalidTap, NotDone};
+use super::operator::not_done::NotDone;
 use super::view;
-use super::view::Lang;
-use crate::http::errors::HttpError;
+use crate::texts::{HttpError, InvalidTap, Lang};
 use telltale_engine::input::{AlarmRef, OperatorAction};
 use telltale_engine::model::Stage;
 use telltale_engine::model::service::Service;
@@ -120,7 +119,7 @@ impl ServiceRequest {
         };
         act_in_turn(asked).await.map_err(|not_done| match not_done {
             NotDone::Refused(reasons) => view::refusals(&app.published(), Lang::En, &reasons).join(" "),
-            NotDone::Invalid(invalid) => invalid.words(Lang::En),
+            NotDone::Invalid(invalid) => Lang::En.invalid_tap(invalid).to_owned(),
             NotDone::HttpError(error) => words(error),
         })
     }
@@ -128,7 +127,7 @@ impl ServiceRequest {
     async fn reload(&self, app: &Live) -> Answer {
         let record = self.record(Action::Configuration);
         if self.is_for_operator(&app.published().snapshot) {
-            let why = InvalidTap::ForOperator.words(Lang::En);
+            let why = Lang::En.invalid_tap(InvalidTap::ForOperator).to_owned();
             app.store.record(record.refused(&*why), None).await;
             return Err(why);
         }
@@ -163,7 +162,7 @@ impl ServiceRequest {
 }
 
 fn words(error: HttpError) -> String {
-    error.say(Lang::En).1.to_owned()
+    Lang::En.error_text(error).to_owned()
 }
 
 /// The alarms that are not acknowledged, by a number or the name of a node.

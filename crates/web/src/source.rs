@@ -127,6 +127,14 @@ impl AppState {
         }
     }
 
+    /// The same for all who wait and need not be first.
+    pub fn afterwards(&self) -> &watch::Receiver<Published> {
+        match &self.source {
+            Source::Live(link) => &link.afterwards,
+            Source::Replay(replay) => replay.snapshots(),
+        }
+    }
+
     /// The wall time that a page shows: now, or that of the recording.
     pub fn wall(&self) -> SystemTime {
         match &self.source {

@@ -77,7 +77,7 @@ impl Live {
 
 async fn follow(app: Live, mut ends: oneshot::Receiver<()>) {
     let mut turns = app.link.turns.subscribe();
-    let mut snapshots = app.link.snapshots.clone();
+    let mut snapshots = app.link.afterwards.clone();
     let mut last = LastSeen::default();
     loop {
         let is_new = last.store_changes(&app, &mut snapshots, &mut turns).await;

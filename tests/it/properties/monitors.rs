@@ -5,10 +5,9 @@
 use std::sync::Arc;
 
 use telltale::engine::input::Input;
-use telltale::engine::model::monitors::Class;
 use telltale::engine::model::monitors::{
-    AgreementRule, Bands, Condition, FieldKind, FieldSpec, FrozenLimits, ProbeTarget, TopicId, TopicSpec,
-    ValueRule, ValueSource, WatchdogId, WatchdogSpec, Watched,
+    AgreementRule, Bands, Class, Condition, FieldKind, FieldSpec, FrozenLimits, ProbeTarget, TopicId,
+    TopicSpec, ValueRule, ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
 use telltale::engine::model::motion::{SpeedSource, WatchedField};
 use telltale::engine::model::sample::{

@@ -11,8 +11,8 @@ use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::runtime::Rereading;
+use telltale::store::Role;
 use telltale::store::audit::{Action, Entry, Record, TELLTALE};
-use telltale::store::{Role, Session, Token};
 use telltale::web::serve;
 use tokio::net::TcpListener;
 use tokio::sync::oneshot;
@@ -54,21 +54,6 @@ impl Vehicle {
         let seq = self.fixture.get_json("/api/v1/snapshot", &self.cookie).await["seq"].as_u64().unwrap();
         let form = format!("version={seq}&{fields}");
         self.fixture.send(as_program(form_request(path, Some(&self.cookie), &form))).await
-    }
-
-    fn session(&self) -> Session {
-        let token = Token::parse(self.cookie.split_once('=').unwrap().1).unwrap();
-        self.fixture.app.session(&token).unwrap()
-    }
-
-    /// The display shows what is, and goes on to.
-    fn look(&self) {
-        let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
-        let place = displays.enter(&self.session()).unwrap();
-        let seq = self.fixture.link.snapshots.borrow().snapshot.seq;
-        place.sent(seq.into(), now);
-        place.confirm(seq.into(), self.fixture.clock.now());
-        std::mem::forget(place);
     }
 
     /// Nothing more can be written into a table, in the middle of a transaction.
@@ -209,7 +194,7 @@ impl Vehicle {
 #[tokio::test]
 async fn an_action_that_cannot_be_written_is_not_done() {
     let vehicle = Vehicle::standing("actions").await;
-    vehicle.look();
+    vehicle.fixture.look(&vehicle.cookie);
     for table in ["audit", "vehicle"] {
         let token = vehicle.post("/vehicle/clearance", "").await;
         let token: serde_json::Value = serde_json::from_str(&token.body).unwrap();
@@ -234,7 +219,7 @@ async fn an_action_that_cannot_be_written_is_not_done() {
 #[tokio::test]
 async fn what_was_written_as_done_and_is_not_done_is_taken_back() {
     let mut vehicle = Vehicle::standing("deaf").await;
-    vehicle.look();
+    vehicle.fixture.look(&vehicle.cookie);
     vehicle.fixture = vehicle.fixture.deafened();
     let pose = vehicle.fixture.store.recall().await.unwrap().unwrap().pose;
     let answer = vehicle.post("/vehicle/localize", "stop=depot").await;
@@ -275,9 +260,9 @@ async fn a_hand_over_that_cannot_be_written_changes_nothing() {
         vehicle.mend();
         assert_eq!((answer.status, answer.cookie()), (StatusCode::SERVICE_UNAVAILABLE, None), "{table}");
         assert_eq!(vehicle.everything().await, before, "{table}");
-        assert!(vehicle.session().is_open(), "{table}");
+        assert!(vehicle.fixture.session(&vehicle.cookie).is_open(), "{table}");
     }
-    let ended = vehicle.session();
+    let ended = vehicle.fixture.session(&vehicle.cookie);
     assert_eq!(take_over().await.status, StatusCode::OK);
     assert!(!ended.is_open());
     assert_eq!(fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("bert"));
@@ -351,7 +336,7 @@ async fn a_logout_waits_for_a_disk_that_hangs_no_longer_than_a_login_and_is_not_
     let refused = |it: &Entry| it.action == "logout" && it.outcome.contains("did not answer in time");
     vehicle.log(20, |log| log.iter().any(refused)).await;
     assert_eq!(vehicle.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
-    assert!(vehicle.session().is_open() && vehicle.fixture.stage() == Stage::Standby);
+    assert!(vehicle.fixture.session(&vehicle.cookie).is_open() && vehicle.fixture.stage() == Stage::Standby);
     end.send(()).unwrap();
     served.await.unwrap().unwrap();
     vehicle.end().await;
@@ -385,13 +370,13 @@ async fn no_clearance_is_given_while_the_disk_hangs() {
     vehicle.until_fault(hand, true).await;
     let ready = vehicle.fixture.get("/readyz", None).await.status;
     assert_eq!(ready, StatusCode::SERVICE_UNAVAILABLE, "an answer, which pages wait for");
-    vehicle.look();
+    vehicle.fixture.look(&vehicle.cookie);
     let answer = vehicle.post("/vehicle/clearance", "").await;
     assert_eq!(answer.status, StatusCode::CONFLICT, "{}", answer.body);
     assert!(answer.body.contains("Nothing can be recorded"), "{}", answer.body);
     let _answers = Vehicle::answer(pipe);
     vehicle.until_fault(hand, false).await;
-    vehicle.look();
+    vehicle.fixture.look(&vehicle.cookie);
     let answer = vehicle.post("/vehicle/clearance", "").await;
     assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
     vehicle.end().await;

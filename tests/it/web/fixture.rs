@@ -19,9 +19,8 @@ use telltale::engine::model::{
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
-use telltale::runtime::Stamped;
-use telltale::runtime::{self, Link, Rehearsal, Reread};
-use telltale::store::{DemoSecrets, History, Store};
+use telltale::runtime::{self, Link, Rehearsal, Reread, Stamped};
+use telltale::store::{DemoSecrets, History, Session, Store, Token};
 use telltale::web::{AppState, DemoFault, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
@@ -189,21 +188,40 @@ impl Fixture {
     }
 
     /// With a bridge to DDS that did its work at this time.
-    pub fn bridged(self, working: watch::Receiver<Timestamp>) -> Fixture {
-        let link = self.link.clone();
-        self.before_with(link, Some(working))
+    pub fn bridged(mut self, working: watch::Receiver<Timestamp>) -> Fixture {
+        self.set(|settings| settings.working = Some(working));
+        self
     }
 
-    fn before(self, link: Link) -> Fixture {
-        self.before_with(link, None)
+    fn before(mut self, link: Link) -> Fixture {
+        self.serve(link, |_| ());
+        self
     }
 
-    fn before_with(mut self, link: Link, working: Option<watch::Receiver<Timestamp>>) -> Fixture {
-        let origins = Origins::of_listener(ADDRESS.parse().unwrap(), false);
-        let settings = Settings { working, ..settings(origins, false) };
+    /// Serves with these settings from now on, and else as a vehicle without history, simulation and reloads.
+    pub fn set(&mut self, change: impl FnOnce(&mut Settings)) {
+        self.serve(self.link.clone(), change);
+    }
+
+    fn serve(&mut self, link: Link, change: impl FnOnce(&mut Settings)) {
+        let mut settings = settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false);
+        change(&mut settings);
         self.app = AppState::new(link, self.store.clone(), self.clock, settings);
         self.router = router(self.app.clone());
-        self
+    }
+
+    /// The session of a cookie.
+    pub fn session(&self, cookie: &str) -> Session {
+        self.app.session(&Token::parse(cookie.split_once('=').unwrap().1).unwrap()).unwrap()
+    }
+
+    /// The display of this session shows what is, as long as the test runs.
+    pub fn look(&self, cookie: &str) {
+        let place = self.app.displays.enter(&self.session(cookie)).unwrap();
+        let seq = self.link.snapshots.borrow().snapshot.seq.into();
+        place.sent(seq, self.clock.now());
+        place.confirm(seq, self.clock.now());
+        std::mem::forget(place);
     }
 
     pub async fn send(&self, request: Request<Body>) -> Answer {

@@ -8,8 +8,8 @@ use telltale::engine::restart::preview::Preview;
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::runtime::Rehearsal;
+use telltale::store::Role;
 use telltale::store::audit::{Action, Entry, Record, TELLTALE};
-use telltale::store::{Role, Session, Token};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 
@@ -58,11 +58,6 @@ impl Scene {
         Scene { fixture, hand, held, cookie }
     }
 
-    fn session(&self) -> Session {
-        let token = Token::parse(self.cookie.split_once('=').unwrap().1).unwrap();
-        self.fixture.app.session(&token).unwrap()
-    }
-
     /// What is shown now.
     async fn version(&self) -> u64 {
         self.fixture.get_json("/api/v1/snapshot", &self.cookie).await["seq"].as_u64().unwrap()
@@ -87,7 +82,8 @@ impl Scene {
 
     async fn token_for(&mut self, path: &str) -> String {
         let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
-        let (place, seq) = (displays.enter(&self.session()).unwrap(), self.version().await);
+        let (place, seq) =
+            (displays.enter(&self.fixture.session(&self.cookie)).unwrap(), self.version().await);
         place.sent(seq.into(), now);
         place.confirm(seq.into(), self.fixture.clock.now());
         let asked = self.tap(seq, path, "");
@@ -141,7 +137,7 @@ async fn a_tap_counts_no_more_when_what_it_was_made_for_changes_while_it_waits()
             true => ("/vehicle/clearance/confirm", scene.token().await, "clearance"),
             false => ("/vehicle/localize", "stop=depot".to_owned(), "localize"),
         };
-        let place = scene.fixture.app.displays.enter(&scene.session()).unwrap();
+        let place = scene.fixture.app.displays.enter(&scene.fixture.session(&scene.cookie)).unwrap();
         let version = scene.version().await;
         place.sent(version.into(), scene.fixture.clock.now());
         place.confirm(version.into(), scene.fixture.clock.now());
@@ -155,7 +151,12 @@ async fn a_tap_counts_no_more_when_what_it_was_made_for_changes_while_it_waits()
             TheSessionEnds => {
                 let record = Record::of(Action::SessionEnded, TELLTALE);
                 let until = scene.fixture.clock.now() + Span::from_secs(1);
-                scene.fixture.store.end_session(&scene.session(), record, until).await.unwrap();
+                scene
+                    .fixture
+                    .store
+                    .end_session(&scene.fixture.session(&scene.cookie), record, until)
+                    .await
+                    .unwrap();
             }
             TheVehicleChanges => {
                 scene.fixture.status("tf", 1, "unsure").await;
@@ -194,7 +195,7 @@ async fn an_action_is_taken_back_if_its_tap_counts_no_more_once_the_disk_has_ans
     let store = scene.fixture.store.clone();
     let soon = std::time::Duration::from_millis(50);
     until(async || tokio::time::timeout(soon, store.recall()).await.is_err()).await;
-    store.end_at_once(&scene.session(), Record::of(Action::SessionEnded, TELLTALE));
+    store.end_at_once(&scene.fixture.session(&scene.cookie), Record::of(Action::SessionEnded, TELLTALE));
     disk.run("COMMIT");
     let answer = tap.await.unwrap();
     assert_eq!(answer.status, StatusCode::UNAUTHORIZED, "{}", answer.body);
@@ -215,10 +216,8 @@ async fn a_stop_while_a_release_is_being_written_wins() {
     let stop = |scene: &Scene| scene.tap(0, "/vehicle/stop", "");
     assert_eq!(stop(&scene).await.unwrap().status, StatusCode::OK);
     let token = scene.token_for("/vehicle/release").await;
-    let place = scene.fixture.app.displays.enter(&scene.session()).unwrap();
+    scene.fixture.look(&scene.cookie);
     let version = scene.version().await;
-    place.sent(version.into(), scene.fixture.clock.now());
-    place.confirm(version.into(), scene.fixture.clock.now());
     let release = scene.tap(version, "/vehicle/release/confirm", &token);
     let judged = scene.judged().await;
     assert!(judged.preview.is_ok(), "{:?}", judged.preview);
@@ -256,7 +255,7 @@ async fn a_confirmation_that_waits_past_its_ten_seconds_clears_nothing() {
             scene.fixture.status(status, 0, "fine").await;
         }
     }
-    let place = scene.fixture.app.displays.enter(&scene.session()).unwrap();
+    let place = scene.fixture.app.displays.enter(&scene.fixture.session(&scene.cookie)).unwrap();
     let version = scene.version().await;
     place.sent(version.into(), scene.fixture.clock.now());
     place.confirm(version.into(), scene.fixture.clock.now());
@@ -374,7 +373,7 @@ async fn a_login_that_waits_too_long_or_for_nobody_changes_nothing() {
         }
         assert_eq!(scene.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
         assert!(!scene.fixture.store.sessions().iter().any(|session| &*session.user == "bert"));
-        assert!(scene.session().is_open());
+        assert!(scene.fixture.session(&scene.cookie).is_open());
     }
 }
 
@@ -387,7 +386,7 @@ async fn a_logout_that_waits_too_long_changes_nothing() {
     judged.go_on();
     let answer = logout.await.unwrap();
     assert_eq!(answer.status, StatusCode::SERVICE_UNAVAILABLE, "{}", answer.body);
-    assert!(scene.session().is_open());
+    assert!(scene.fixture.session(&scene.cookie).is_open());
     assert_eq!(scene.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
     scene.until_refused("the disk did not answer in time").await;
 }
@@ -413,7 +412,7 @@ async fn a_logout_that_the_disk_writes_after_its_time_is_undone() {
         })
         .await;
         assert_eq!(log[0].outcome, "refused: the disk did not answer in time");
-        assert!(scene.session().is_open());
+        assert!(scene.fixture.session(&scene.cookie).is_open());
         assert_eq!(scene.fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("operator"));
         assert_eq!(scene.standing_so().0, Stage::Standby);
         if (&*log[1].action, &*log[1].outcome) == ("logout", "done") {

@@ -9,12 +9,9 @@ use telltale::engine::model::Stage;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Span;
 use telltale::store::Role;
-use telltale::store::Token;
-use telltale::web::{
-    AppState, DEVELOPER_IDLE_MAX, Enrolled, Origins, Peer, Proxies, Settings, VehicleDisplay, router,
-};
+use telltale::web::{DEVELOPER_IDLE_MAX, Enrolled, Peer, Proxies, VehicleDisplay};
 
-use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request, settled, until};
+use super::fixture::{Answer, Fixture, as_program, form_request, request, settled, until};
 
 async fn log_in_from(fixture: &Fixture, source: &str, form: &str) -> Answer {
     let mut login = form_request("/login", None, form);
@@ -52,12 +49,9 @@ async fn a_pin_will_do_at_an_enrolled_display_and_a_password_everywhere() {
 async fn strangers_do_not_delay_the_right_pin_at_an_enrolled_display() {
     let mut fixture = Fixture::new().await;
     fixture.store.add_user("anna", Role::Operator, "975310").await.unwrap();
-    let settings = Settings {
-        enrolled: Enrolled::new(vec![VehicleDisplay::At("10.0.0.7".parse().unwrap())]),
-        ..super::fixture::settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
-    };
-    let (link, store) = (fixture.link.clone(), fixture.store.clone());
-    fixture.router = router(AppState::new(link, store, fixture.clock, settings));
+    fixture.set(|settings| {
+        settings.enrolled = Enrolled::new(vec![VehicleDisplay::At("10.0.0.7".parse().unwrap())])
+    });
     for stranger in 66..72 {
         let form = "name=anna&secret=wrong-password-1";
         log_in_from(&fixture, &format!("10.0.0.{stranger}"), form).await;
@@ -363,8 +357,7 @@ async fn logins_of_the_same_account_do_not_end_the_session_of_who_drives() {
     fixture.store.add_user("anna", Role::Operator, "a long password").await.unwrap();
     let form = "name=anna&secret=a+long+password";
     let driver = log_in_from(&fixture, "127.0.0.1", form).await.cookie().unwrap();
-    let token = Token::parse(driver.split_once('=').unwrap().1).unwrap();
-    let place = fixture.app.displays.enter(&fixture.app.session(&token).unwrap()).unwrap();
+    let place = fixture.app.displays.enter(&fixture.session(&driver)).unwrap();
     fixture.drive(true).await;
     for _ in 0..20 {
         let other = log_in_from(&fixture, "10.0.0.9", form).await;
@@ -382,12 +375,7 @@ async fn strangers_never_delay_the_right_secret_on_a_known_browser_nor_behind_a_
         fixture.store.add_user(name, Role::Authority, "a long password").await.unwrap();
     }
     let proxies = Proxies::new(vec!["127.0.0.1".parse().unwrap()]);
-    let settings = Settings {
-        enrolled: Enrolled::default().behind(proxies),
-        ..super::fixture::settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
-    };
-    let (link, store) = (fixture.link.clone(), fixture.store.clone());
-    fixture.router = router(AppState::new(link, store, fixture.clock, settings));
+    fixture.set(|settings| settings.enrolled = Enrolled::default().behind(proxies));
     let log_in = async |from: &str, name: &str, secret: &str, device: &str| {
         let mut login =
             as_program(form_request("/login", Some(device), &format!("name={name}&secret={secret}")));
@@ -423,12 +411,7 @@ async fn behind_a_proxy_that_names_no_browser_no_pin_will_do() {
     let (mut fixture, hand, _timers) = Fixture::without_time().await;
     fixture.store.add_user("anna", Role::Operator, "135791").await.unwrap();
     let proxies = Proxies::new(vec!["127.0.0.9/32".parse().unwrap()]);
-    let settings = Settings {
-        enrolled: Enrolled::default().behind(proxies),
-        ..super::fixture::settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
-    };
-    let (link, store) = (fixture.link.clone(), fixture.store.clone());
-    fixture.router = router(AppState::new(link, store, fixture.clock, settings));
+    fixture.set(|settings| settings.enrolled = Enrolled::default().behind(proxies));
     let log_in = async |from: [u8; 4], header: Option<&str>| {
         let mut login = as_program(form_request("/login", None, "name=anna&secret=135791"));
         login.extensions_mut().insert(Peer(SocketAddr::from((from, 40_000))));

@@ -12,7 +12,8 @@ use telltale::engine::input::{Input, OperatorAction, StatusArray};
 use telltale::engine::time::Timestamp;
 use telltale::runtime::{Published, Version};
 use telltale::web::live::frame::Frames;
-use telltale::web::view::{Lang, Trends};
+use telltale::web::texts::Lang;
+use telltale::web::view::Trends;
 use telltale::web::{AppState, Origins, Player, Replay, router};
 use tokio_tungstenite::tungstenite::Message;
 

@@ -10,7 +10,8 @@ use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::store::{DemoSecrets, Role, Store, Token};
-use telltale::web::view::{Fragment, Lang, fragments};
+use telltale::web::texts::Lang;
+use telltale::web::view::{Fragment, fragments};
 use telltale::web::{AppState, Origins, Peer, Source, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
@@ -166,6 +167,19 @@ async fn an_upgrade_needs_a_session_and_an_origin_of_ours() {
             assert_eq!(connected.err(), refused, "{path} {headers:?}");
         }
     }
+}
+
+#[tokio::test]
+async fn a_lone_change_brings_the_panel_behind_its_tile() {
+    let server = Server::new().await;
+    let cookie = server.fixture.cookie_of("operator").await;
+    let mut page = server.connect("/ws", &cookie).await;
+    let whole = next_content(&mut page).await;
+    server.break_lidar().await;
+    let change = next_content(&mut page).await;
+    assert!(change["seq"].as_u64() > whole["seq"].as_u64());
+    let panel = change["behind"]["detail-sensors"].as_str().unwrap_or_default();
+    assert!(panel.contains("no packets"), "{change}");
 }
 
 #[tokio::test]

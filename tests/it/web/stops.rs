@@ -23,7 +23,7 @@ impl Operator {
 
     async fn driving_in(fixture: Fixture) -> Operator {
         let operator = Operator::standing_in(fixture).await;
-        operator.look();
+        operator.fixture.look(&operator.cookie);
         operator.fixture.drive(true).await;
         operator
     }
@@ -36,7 +36,7 @@ impl Operator {
 
     /// Both steps.
     async fn release(&self) {
-        self.look();
+        self.fixture.look(&self.cookie);
         let token = self.token_for(RELEASE).await;
         assert_eq!(self.confirm_at(RELEASE, &token).await.status, StatusCode::OK);
         assert!(!self.is_held());
@@ -56,7 +56,7 @@ async fn a_stop_between_the_two_steps_of_a_release_forbids_it() {
     for [first, second] in [["", ""], ["a", "b"], ["a", "a"]] {
         let operator = Operator::driving().await;
         assert_eq!(operator.stop(first).await, StatusCode::OK);
-        operator.look();
+        operator.fixture.look(&operator.cookie);
         let token = operator.token_for(RELEASE).await;
         assert_eq!(operator.stop(second).await, StatusCode::OK);
         assert_eq!(refused(&operator.confirm_at(RELEASE, &token).await), [STOPPED_SINCE], "{first} {second}");
@@ -68,12 +68,12 @@ async fn a_stop_between_the_two_steps_of_a_release_forbids_it() {
 #[tokio::test]
 async fn a_stop_between_the_two_steps_of_a_clearance_forbids_it_also_where_there_is_nothing_to_stop() {
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let token = operator.token_for(CLEARANCE).await;
     assert_eq!(operator.stop("").await, StatusCode::CONFLICT);
     assert_eq!(refused(&operator.confirm_at(CLEARANCE, &token).await), [STOPPED_SINCE]);
     assert_eq!(operator.fixture.stage(), Stage::Standby);
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let token = operator.token_for(CLEARANCE).await;
     assert_eq!(operator.confirm_at(CLEARANCE, &token).await.status, StatusCode::OK);
 }

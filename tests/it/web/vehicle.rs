@@ -5,7 +5,6 @@ use serde_json::Value;
 use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
-use telltale::store::{Session, Token};
 
 use super::fixture::{Answer, Fixture, as_program, form_request};
 
@@ -41,21 +40,6 @@ impl Operator {
         assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
         operator.fixture.until(|snapshot| snapshot.stage == Stage::Standby).await;
         operator
-    }
-
-    fn session(&self) -> Session {
-        let token = Token::parse(self.cookie.split_once('=').unwrap().1).unwrap();
-        self.fixture.app.session(&token).unwrap()
-    }
-
-    /// The display's report that it shows the present state.
-    pub fn look(&self) {
-        let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
-        let place = displays.enter(&self.session()).unwrap();
-        place.sent(self.seq().into(), now);
-        place.confirm(self.seq().into(), self.fixture.clock.now());
-        // The socket stays open as long as the test runs.
-        std::mem::forget(place);
     }
 
     fn seq(&self) -> u64 {
@@ -114,7 +98,7 @@ pub fn refused(answer: &Answer) -> Vec<String> {
 #[tokio::test]
 async fn the_way_from_the_login_to_a_stop_on_the_road() {
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let token = operator.token().await;
     assert_eq!(operator.fixture.stage(), Stage::Standby, "the first step clears nothing");
     assert_eq!(operator.confirm(&token).await.status, StatusCode::OK);
@@ -124,7 +108,7 @@ async fn the_way_from_the_login_to_a_stop_on_the_road() {
     let snapshot = operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
     assert_eq!(snapshot["countermeasures"][0]["request"], "maneuver_stop");
     assert_eq!(snapshot["countermeasures"][0]["cause"], "operator");
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let release = "/vehicle/release";
     let token = operator.token_for(release).await;
     assert_eq!(operator.requests().await, 1, "the first step releases nothing");
@@ -140,7 +124,7 @@ async fn the_way_from_the_login_to_a_stop_on_the_road() {
 #[tokio::test]
 async fn an_acknowledgement_releases_nothing_and_a_token_of_before_neither() {
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     operator.fixture.drive(true).await;
     assert_eq!(operator.post("/vehicle/stop", "").await.status, StatusCode::OK);
     operator.fixture.status("lidar", 2, "broken").await;
@@ -148,7 +132,7 @@ async fn an_acknowledgement_releases_nothing_and_a_token_of_before_neither() {
     assert_eq!(operator.post("/alarms/1/acknowledge", "").await.status, StatusCode::OK);
     assert_eq!(operator.requests().await, 1);
     // A token of before is no use once things have changed.
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let token = operator.token_for("/vehicle/release").await;
     operator.fixture.drive(false).await;
     operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
@@ -159,7 +143,7 @@ async fn an_acknowledgement_releases_nothing_and_a_token_of_before_neither() {
 async fn a_clearance_is_withdrawn_before_the_vehicle_drives_and_a_stop_does_that_too() {
     for path in ["/vehicle/clearance/withdraw", "/vehicle/stop"] {
         let operator = Operator::standing().await;
-        operator.look();
+        operator.fixture.look(&operator.cookie);
         refused(&operator.post(path, "").await);
         let token = operator.token().await;
         assert_eq!(operator.confirm(&token).await.status, StatusCode::OK);
@@ -202,7 +186,7 @@ async fn a_clearance_is_refused_with_every_reason_by_the_names_that_are_shown() 
 #[tokio::test]
 async fn a_token_is_good_once_for_one_login_and_for_the_state_it_was_given_for() {
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let mut unknown = Vec::new();
     for wrong in ["", "0", &"f".repeat(32), "../../etc"] {
         unknown = refused(&operator.confirm(wrong).await);
@@ -217,7 +201,7 @@ async fn a_token_is_good_once_for_one_login_and_for_the_state_it_was_given_for()
     assert_eq!(refused(&operator.confirm(&second).await), unknown);
 
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let token = operator.token().await;
     operator.fixture.status("tf", 1, "unsure").await;
     operator.fixture.until(|snapshot| snapshot.overall == State::Warning).await;
@@ -229,10 +213,10 @@ async fn a_token_is_good_once_for_one_login_and_for_the_state_it_was_given_for()
     assert_eq!(operator.fixture.stage(), Stage::Standby);
 
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let token = operator.token().await;
     let other = Operator { cookie: operator.fixture.cookie_of("operator").await, fixture: operator.fixture };
-    other.look();
+    other.fixture.look(&other.cookie);
     refused(&other.confirm(&token).await);
     assert_eq!(other.fixture.stage(), Stage::Standby, "it was given to another login");
 }
@@ -240,7 +224,7 @@ async fn a_token_is_good_once_for_one_login_and_for_the_state_it_was_given_for()
 #[tokio::test]
 async fn a_tap_on_an_older_state_does_nothing_and_says_so() {
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     let shown = operator.seq();
     operator.post("/vehicle/localize", "stop=depot").await;
     operator.fixture.status("lidar", 2, "broken").await;
@@ -268,7 +252,7 @@ async fn a_tap_on_an_older_state_does_nothing_and_says_so() {
 #[tokio::test]
 async fn what_does_not_concern_an_action_does_not_make_its_tap_late() {
     let operator = Operator::standing().await;
-    operator.look();
+    operator.fixture.look(&operator.cookie);
     operator.fixture.drive(true).await;
     operator.fixture.get_json("/api/v1/snapshot", &operator.cookie).await;
     let shown = operator.seq();

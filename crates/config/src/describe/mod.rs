@@ -3,5 +3,6 @@
 
 mod brief;
 pub(super) mod difference;
+pub(super) mod named;
 pub(super) mod places;
 pub mod words;

@@ -29,14 +29,31 @@ pub(crate) struct Places {
     pub modules: Vec<NodePlace>,
     /// By the ids of watched topics.
     pub topics: Vec<TopicPlace>,
-    /// By position: the type, and the field or else the type.
-    pub signals: Vec<(Span, Span)>,
+    /// By position.
+    pub signals: Vec<SignalPlace>,
+    /// The topics of diagnostics that are written, by position.
+    pub diagnostics: Vec<Span>,
     /// The nodes of each countermeasure.
     pub rules: Vec<Vec<Span>>,
     /// The place where requests to stop are switched off.
     pub stop_off: Option<Span>,
     /// The model of stages, where it is written.
     pub stages: Option<Span>,
+}
+
+/// Of a condition, three times its place.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SignalPlace {
+    pub topic: Span,
+    pub type_name: Span,
+    /// The field, or else the type.
+    pub field: Span,
+}
+
+impl SignalPlace {
+    pub fn at(span: Span) -> SignalPlace {
+        SignalPlace { topic: span, type_name: span, field: span }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -54,6 +71,8 @@ pub(crate) struct NodePlace {
     pub when: Option<Span>,
     /// By position in the node's `depends_on`.
     pub depends_on: Vec<Span>,
+    /// What it names on the network: the filters of a group by position, or the status, node or service of a module.
+    pub targets: Vec<Span>,
 }
 
 impl Places {
@@ -63,8 +82,8 @@ impl Places {
             ModelPlace::Type(id) => topic(id).map(|topic| topic.type_name),
             ModelPlace::Stamp(id) => topic(id).map(|topic| topic.stamp.unwrap_or(topic.name)),
             ModelPlace::Field(id, field) => topic(id)?.fields.get(field as usize).copied(),
-            ModelPlace::SignalType(index) => self.signals.get(index).map(|(type_name, _)| *type_name),
-            ModelPlace::SignalField(index) => self.signals.get(index).map(|(_, field)| *field),
+            ModelPlace::SignalType(index) => self.signals.get(index).map(|signal| signal.type_name),
+            ModelPlace::SignalField(index) => self.signals.get(index).map(|signal| signal.field),
             ModelPlace::Module(id) => self.modules.get(id.0 as usize).map(|module| module.id),
         }
     }

@@ -1,7 +1,6 @@
 //! Agreements as they are written: two sources of one kind, and their limits.
 
-use super::bands;
-use super::bands::{Unit, bands};
+use super::bands::{self, Unit, bands};
 use super::monitors::{MAX_AGE, Monitor, Source, WINDOW_MAX, age, span};
 use super::sources::AnySource;
 use crate::fields::Fields;
@@ -46,7 +45,6 @@ pub(crate) fn agreement(node: &Node, log: &mut Log) -> Option<Monitor> {
         Some((kind, _)) => limits.check(kind, node, fields.log),
         None => {}
     }
-    fields.finish();
     let rule = limits.rule(kinds.map_or(FieldKind::Scalar, |(a, _)| a));
     Some(Monitor::Agreement { a: a?, b: b?, max_age, motion_over, rule })
 }

@@ -204,7 +204,5 @@ pub(crate) fn any(fields: &Fields) -> bool {
 /// Limits in a map of their own.
 pub(crate) fn map(node: &Node, doc: MapDoc, unit: Unit, log: &mut Log) -> Option<Bands> {
     let mut fields = Fields::of(node, doc, log)?;
-    let found = some_bands(&mut fields, unit);
-    fields.finish();
-    Some(found)
+    Some(some_bands(&mut fields, unit))
 }

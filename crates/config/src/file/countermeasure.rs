@@ -1,12 +1,10 @@
 //! Countermeasures as they are written: the request, when it is made, and how it is confirmed.
 
-use super::forms;
-use super::forms::default_span;
+use super::forms::{self, default_span};
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
 use telltale_engine::model::Stage;
-use telltale_engine::model::countermeasure::Request;
-use telltale_engine::model::countermeasure::RequestKind;
+use telltale_engine::model::countermeasure::{Request, RequestKind};
 use telltale_engine::state::State;
 use telltale_engine::time;
 use telltale_yaml::decode::{scalar, word};
@@ -48,10 +46,7 @@ impl FromNode for RawRule {
             .rules(|| vec![("required", vec!["request", "when"].into())]);
         let mut fields = Fields::of(node, doc, log)?;
         let kind = fields.node(key("request").form(|_| words(RequestKind::ALL.map(RequestKind::as_str))));
-        if kind.is_none() {
-            let problem = Problem::at(node.span, "a countermeasure needs `request`");
-            fields.log.push(problem.help("add `request: decelerate`, `maneuver_stop` or `notify`"));
-        }
+        fields.needs("request", "`request: decelerate`, `maneuver_stop` or `notify`");
         let mps2: Option<Spanned<f64>> = fields.optional(
             key("mps2")
                 .about("Strength of a deceleration in m/s².")
@@ -80,7 +75,6 @@ impl FromNode for RawRule {
             let problem = Problem::at(span, "a notice is shown here; nobody else has to confirm it");
             fields.log.push(problem.help("remove `confirmed_by`"));
         }
-        fields.finish();
         let within = within.map_or(WITHIN, |within| within.value);
         Some(RawRule { request, when, confirmation: by.map(|by| (by, within)) })
     }
@@ -140,7 +134,6 @@ impl FromNode for RawWhen {
             let problem = Problem::at(empty.span, "without a stage this would never be asked for");
             fields.log.push(problem.help("name the stages, or remove `stages`: then it is `[active]`"));
         }
-        fields.finish();
         let stages = stages.map_or_else(|| vec![Stage::Active], |stages| stages.value.0);
         Some(RawWhen { span: node.span, groups: groups?, modules: modules?, state, stages })
     }
@@ -157,7 +150,6 @@ impl FromNode for RawConfirmedBy {
             let problem = Problem::at(node.span, "a confirmation needs either `signal` or `status`");
             fields.log.push(problem.help("for example `confirmed_by: { signal: braking }`"));
         }
-        fields.finish();
         signal.map(RawConfirmedBy::Signal).or(status.map(RawConfirmedBy::Status))
     }
 }

@@ -4,8 +4,7 @@ use super::forms::WRITERS;
 use super::policy::Policy;
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
-use crate::glob;
-use crate::glob::is_glob;
+use crate::glob::{self, is_glob};
 use telltale_yaml::decode::{did_you_mean, scalar};
 use telltale_yaml::schema::{needs_any, needs_one, not_empty, of_type, one_of};
 use telltale_yaml::{Kind, Log, Members, Node, Problem, Schema, Span, key, map, suggest};
@@ -74,20 +73,15 @@ impl FromNode for Filter {
             Found::One(pattern) => Some(pattern),
             Found::None if fields.key_span("expected").is_some() => None,
             Found::None if let Some(problem) = unknown(&fields, node) => {
-                fields.log.push(problem);
+                fields.refuse(problem);
                 return None;
             }
             Found::None | Found::Several => {
                 without_kind(node.span, fields.log);
-                fields.finish();
                 return None;
             }
-            Found::Unreadable => {
-                fields.finish();
-                return None;
-            }
+            Found::Unreadable => return None,
         };
-        fields.finish();
         Some(Filter { span: node.span, pattern, except, prefixes, expected, policy, writers })
     }
 }
@@ -101,13 +95,12 @@ impl FromNode for Pattern {
         let found = pattern(&mut fields, node);
         match found {
             Found::None if let Some(problem) = unknown(&fields, node) => {
-                fields.log.push(problem);
+                fields.refuse(problem);
                 return None;
             }
             Found::None | Found::Several => without_kind(node.span, fields.log),
             Found::One(_) | Found::Unreadable => {}
         }
-        fields.finish();
         if let Found::One(pattern) = found { Some(pattern) } else { None }
     }
 }

@@ -76,6 +76,7 @@ pub(super) fn path(schema: &mut Schema) -> Members {
         let examples = [
             "twist.twist.linear.x",
             "poses[0].position.x",
+            "status_list[-1].status",
             "transforms[child_frame_id=base_link].transform.translation.x",
         ];
         example(&examples, with_about("Path of a field in the message.", form))

@@ -30,7 +30,6 @@ pub(crate) fn frozen(node: &Node, log: &mut Log) -> Option<Monitor> {
         let problem = Problem::at(node.span, "without a limit this would never be anything but OK");
         fields.log.push(problem.help(format!("add at least one of {}", LIMITS.join(", "))));
     }
-    fields.finish();
     let repeats = repeats.map_or(Bands::default(), |(_, bands)| bands);
     Some(Monitor::Frozen { source: source?, limits: FrozenLimits { time, repeats } })
 }

@@ -106,7 +106,7 @@ impl FromNode for File {
             "clock",
         ];
         let main_only = main_only.into_iter().filter_map(|key| Some((key, fields.key_span(key)?)));
-        let file = File {
+        Some(File {
             main_only: main_only.collect(),
             include: fields.or_default(key("include").about("Further files, relative to this one, whose lists are added to the lists of this one.")),
             vehicle: fields.optional("vehicle"),
@@ -127,9 +127,7 @@ impl FromNode for File {
             diagnostics: fields.optional("diagnostics"),
             clock: fields.optional(key("clock").about("The clock of the stamps in messages: that of this machine, or the time on /clock, as nodes with use_sim_time have it.").rules(|| vec![default("system")])),
             message_folders: fields.or_default(key("message_folders").about("Folders with `package/msg/Name.msg`, relative to this file, for types that are not built in: a ROS installation's `share`.")),
-        };
-        fields.finish();
-        Some(file)
+        })
     }
 }
 
@@ -143,7 +141,7 @@ pub(super) struct Vehicle {
 impl FromNode for Vehicle {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, map("vehicle", "the vehicle"), log)?;
-        let vehicle = Vehicle {
+        Some(Vehicle {
             id: fields.optional(ID),
             name: fields.optional("name"),
             stages: fields.optional(
@@ -151,9 +149,7 @@ impl FromNode for Vehicle {
                     .about("`none` for a machine that is no shuttle: it is always active.")
                     .rules(|| vec![default("shuttle")]),
             ),
-        };
-        fields.finish();
-        Some(vehicle)
+        })
     }
 }
 
@@ -179,7 +175,7 @@ pub(super) struct Stop {
 impl FromNode for Stop {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, map("stop", "a stop"), log)?;
-        let stop = Stop {
+        Some(Stop {
             id: fields.required(ID),
             name: fields.optional("name"),
             x: fields.required(key("x").about("Metres in the map's frame.")),
@@ -189,9 +185,7 @@ impl FromNode for Stop {
                     .about("Degrees, counter-clockwise from the x axis.")
                     .rules(|| vec![default(0)]),
             ),
-        };
-        fields.finish();
-        Some(stop)
+        })
     }
 }
 
@@ -214,9 +208,7 @@ impl FromNode for Defaults {
             });
         let explains_within = fields.optional(within);
         let policy = Policy { forget_after, ..Policy::of(&mut fields) };
-        let defaults = Defaults { policy, explains_within };
-        fields.finish();
-        Some(defaults)
+        Some(Defaults { policy, explains_within })
     }
 }
 
@@ -248,7 +240,7 @@ impl FromNode for Limits {
             map("limits", "the limits").about("Bounds on everything that is received."),
             log,
         )?;
-        let limits = Limits {
+        Some(Limits {
             discovered_modules: fields.optional(key("discovered_modules").rules(|| {
                 bounded(&DISCOVERED_MODULES, Some(Bounds::default().discovered_modules))
             })),
@@ -264,9 +256,7 @@ impl FromNode for Limits {
             source_bytes: fields.optional(key("source_bytes").about("The same for one publisher, up to `status_bytes`. The default is half of `status_bytes`.").rules(|| {
                 bounded(&(SOURCE_BYTES_MIN..=*STATUS_BYTES.end()), None)
             })),
-        };
-        fields.finish();
-        Some(limits)
+        })
     }
 }
 
@@ -283,15 +273,13 @@ impl FromNode for Display {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let about = "The operator's display in the vehicle.";
         let mut fields = Fields::of(node, map("display", "the display").about(about), log)?;
-        let display = Display {
+        Some(Display {
             dpi: fields.optional(
                 key("dpi")
                     .about("Its dots per inch: buttons are 15 mm high and more, and texts grow with them.")
                     .rules(|| bounded(&DPI, Some(DISPLAY_DPI as usize))),
             ),
-        };
-        fields.finish();
-        Some(display)
+        })
     }
 }
 
@@ -316,9 +304,7 @@ impl FromNode for Text {
             map("languages", "a text in two languages").rules(|| vec![("minProperties", 1.into())]),
             log,
         )?;
-        let text = languages(&mut fields);
-        fields.finish();
-        text
+        languages(&mut fields)
     }
 
     fn form(schema: &mut Schema) -> Members {

@@ -1,27 +1,22 @@
 //! Monitors as they are written: one kind each, with its sources, its limits and its window.
 
-use super::agreement;
-use super::bands;
-use super::bands::{Unit, bands, some_bands};
+use super::bands::{self, Unit, bands, some_bands};
 use super::forms::default_span;
-use super::frozen;
 use super::sources::ScalarSource;
 pub(crate) use super::sources::{Source, Topic};
-use super::system;
-use super::watchdog;
+use super::{agreement, frozen, system, watchdog};
 use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::expression::TEXT_BYTES_MAX;
 use crate::fields::Fields;
-use telltale_engine::model::monitors::Class;
 use telltale_engine::model::monitors::{
-    AgreementRule, Bands, FrozenLimits, ProbeTarget, Resource, ValueRule,
+    AgreementRule, Bands, Class, FrozenLimits, ProbeTarget, Resource, ValueRule,
 };
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::state::State;
 use telltale_engine::time;
 use telltale_yaml::decode::did_you_mean;
 use telltale_yaml::schema::{Json, needs_any};
-use telltale_yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, key, map, suggest};
+use telltale_yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, key, map, suggest};
 
 pub(crate) type Decoder = fn(&Node, &mut Log) -> Option<Monitor>;
 
@@ -80,6 +75,8 @@ pub(crate) enum Monitor {
     },
     Watchdog {
         target: ProbeTarget,
+        /// Of the target.
+        place: Span,
         every: time::Span,
         misses: u32,
         bands: Bands,
@@ -160,9 +157,7 @@ const MODULE_STATUS: KeyDoc = key("status").about("Needed where the module has n
 fn self_state(node: &Node, log: &mut Log) -> Option<Monitor> {
     let doc = map("self_state", "a self_state monitor").about("The level in a status.");
     let mut fields = Fields::of(node, doc, log)?;
-    let status = fields.optional(MODULE_STATUS);
-    fields.finish();
-    Some(Monitor::SelfState { status })
+    Some(Monitor::SelfState { status: fields.optional(MODULE_STATUS) })
 }
 
 fn external(node: &Node, log: &mut Log) -> Option<Monitor> {
@@ -170,7 +165,6 @@ fn external(node: &Node, log: &mut Log) -> Option<Monitor> {
         .about("The level in a status of a domain-specific module elsewhere.");
     let mut fields = Fields::of(node, doc, log)?;
     let (status, class) = (fields.optional(MODULE_STATUS), fields.required("class"));
-    fields.finish();
     Some(Monitor::External { status, class: class? })
 }
 
@@ -179,11 +173,7 @@ fn constant(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut fields = Fields::of(node, doc, log)?;
     let states = [State::Ok, State::Warning, State::Error, State::Unknown];
     let state = fields.choice(key("state"), "state", &states.map(|state| (state.as_str(), state)));
-    if fields.key_span("state").is_none() {
-        let problem = Problem::at(node.span, "a constant monitor needs `state`");
-        fields.log.push(problem.help("add `state: ok`"));
-    }
-    fields.finish();
+    fields.needs("state", "`state: ok`");
     state.map(Monitor::Constant)
 }
 
@@ -192,7 +182,6 @@ fn frequency(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut fields = Fields::of(node, doc, log)?;
     let (topic, window) = (Topic::of(&mut fields), window(&mut fields));
     let bands = some_bands(&mut fields, Unit::Hertz);
-    fields.finish();
     Some(Monitor::Frequency { topic: topic?, window, bands })
 }
 
@@ -205,7 +194,6 @@ fn latency(node: &Node, log: &mut Log) -> Option<Monitor> {
     let ahead =
         key("ahead").about("The state of a stamp more than 50 ms in the future: unknown, if it is missing.");
     bands.unmeasurable = bands::unmeasurable(&mut fields, ahead);
-    fields.finish();
     Some(Monitor::Latency { topic: topic?, window, bands })
 }
 
@@ -241,7 +229,6 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
         let problem = Problem::at(warning.span, "this WARNING is always an ERROR");
         fields.log.push(problem.also(error.span, "by this").help("remove one of the two"));
     }
-    fields.finish();
     let value = |literal: Option<Spanned<Literal>>| literal.map(|literal| literal.value.0);
     let rule = match unless {
         Some(_) => ValueRule::Unless { error: value(error), warning: value(warning) },
@@ -283,11 +270,10 @@ fn rate_ratio(node: &Node, log: &mut Log) -> Option<Monitor> {
         (fields.required("input"), fields.required("output"));
     let window = window(&mut fields);
     let bands = some_bands(&mut fields, Unit::Size);
-    fields.finish();
     let (input, output) = (input?, output?);
     if input.name.value == output.name.value {
         let problem = Problem::at(output.name.span, "input and output are one topic");
-        log.push(problem.also(input.name.span, "the input").help("name the topic that goes out"));
+        fields.log.push(problem.also(input.name.span, "the input").help("name the topic that goes out"));
     }
     Some(Monitor::RateRatio { input, output, window, bands })
 }
@@ -300,7 +286,6 @@ fn sequence(node: &Node, log: &mut Log) -> Option<Monitor> {
     let max_gap = age(&mut fields, key("max_gap").about("Values further apart are not compared."));
     let mut bands = some_bands(&mut fields, Unit::Number);
     bands.unmeasurable = bands::unmeasurable(&mut fields, NAN);
-    fields.finish();
     Some(Monitor::Sequence { earlier: earlier?, later: later?, max_gap, bands })
 }
 
@@ -327,7 +312,6 @@ fn expression(node: &Node, log: &mut Log) -> Option<Monitor> {
             .log
             .push(problem.help("name what the conditions use: `x: { topic: /t, type: T, field: PATH }`"));
     }
-    fields.finish();
     let inputs = inputs?.0.into_iter();
     // With a single input nothing is compared, so the diagnosis is isolated.
     let location = if inputs.len() == 1 { "isolated" } else { "contextual" };

@@ -33,16 +33,14 @@ impl FromNode for RawMotion {
         let about =
             "Whether the vehicle moves, and how fast. Without it the page says that it does not know.";
         let mut fields = Fields::of(node, map("motion", "the motion").about(about), log)?;
-        let motion = RawMotion {
+        Some(RawMotion {
             speed: fields.required(key("speed").about("In m/s; its sign does not count.")),
             standing_below: fields.optional(
                 key("standing_below")
                     .about("In m/s. Slower than this for half a second, the vehicle stands; at this speed it moves at once.")
                     .rules(|| vec![("exclusiveMinimum", 0.into()), most(STANDING_MPS_MAX), default(STANDING_BELOW_MPS)]),
             ),
-        };
-        fields.finish();
-        Some(motion)
+        })
     }
 }
 
@@ -57,7 +55,6 @@ impl FromNode for RawSpeed {
                 .about("Older than this, the speed is unknown. At most 10s.")
                 .rules(|| vec![default_span(SPEED_TIMEOUT)]),
         );
-        fields.finish();
         Some(RawSpeed { topic: topic?, field, timeout })
     }
 }

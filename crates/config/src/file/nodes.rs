@@ -1,8 +1,7 @@
 //! Groups and modules as they are written, and their relations.
 
 use super::filters::{Filter, Writers};
-use super::forms;
-use super::forms::{ID, WRITERS};
+use super::forms::{self, ID, WRITERS};
 use super::monitors::Monitor;
 use super::policy::Policy;
 use super::wording::RawWording;
@@ -36,7 +35,7 @@ pub(crate) struct Group {
 impl FromNode for Group {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, map("group", "a group"), log)?;
-        let group = Group {
+        Some(Group {
             span: fields.span(),
             id: fields.required(ID),
             name: fields.optional("name"),
@@ -65,9 +64,7 @@ impl FromNode for Group {
             ),
             modules: fields.or_default("modules"),
             groups: fields.or_default(key("groups").about("Groups inside of this one.")),
-        };
-        fields.finish();
-        Some(group)
+        })
     }
 }
 
@@ -101,9 +98,7 @@ impl FromNode for Tile {
         let mut fields = Fields::of(node, map("tile", "a tile").about(about), log)?;
         let range = || vec![least(1), most(TILE_MAX)];
         let column = fields.required(key("column").rules(range));
-        let tile = Tile { column, row: fields.required(key("row").rules(range)) };
-        fields.finish();
-        Some(tile)
+        Some(Tile { column, row: fields.required(key("row").rules(range)) })
     }
 }
 
@@ -154,7 +149,6 @@ impl FromNode for Dependency {
                 .log
                 .push(problem.help("write the name alone, `{ on: NAME }` or `{ any_of: [NAME, NAME] }`"));
         }
-        fields.finish();
         let masks_unknown = masks_when.is_some_and(|states| masks(&states, State::Unknown));
         let on = on.map(DependsOn::Node).or(any_of.map(|All(names)| DependsOn::AnyOf(names)))?;
         Some(Dependency { span, on, masks_unknown, within })
@@ -209,14 +203,12 @@ impl FromNode for When {
             fields.log.push(problem.help("add `stages: [...]` or `signals: { NAME: true }`, or remove it"));
         }
         let stages = stages.map(|stages| stages.value.0).unwrap_or_default();
-        let when = When {
+        Some(When {
             span: node.span,
             stages,
             signals: fields
                 .or_default(key("signals").about("The value that each of these signals must have.")),
-        };
-        fields.finish();
-        Some(when)
+        })
     }
 }
 
@@ -270,7 +262,6 @@ impl FromNode for Module {
             (_, None) => module.monitor = status.map(|status| Monitor::SelfState { status: Some(status) }),
             (place, Some(monitor)) => status_of_monitor(&mut module, status, (place, monitor), fields.log),
         }
-        fields.finish();
         Some(module)
     }
 }

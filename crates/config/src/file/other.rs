@@ -32,14 +32,12 @@ impl FromNode for RawOther {
         let except =
             key("except").about("Statuses that are dropped: no group takes them, and neither does `other`.");
         let state = key("state").about("Whatever such a status reports, it counts as this.");
-        let other = RawOther {
+        Some(RawOther {
             show: fields.optional(show),
             policy: Policy::of_filter(&mut fields),
             except: fields.or_default(except),
             state: fields.choice(state, "state of other statuses", &[("error", State::Error)]),
-        };
-        fields.finish();
-        Some(other)
+        })
     }
 
     fn form(schema: &mut Schema) -> Members {

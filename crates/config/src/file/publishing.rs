@@ -1,8 +1,7 @@
 //! Published topics as they are written: only the differences from the default.
 
 use super::bands::hertz;
-use super::forms;
-use super::forms::TOPIC;
+use super::forms::{self, TOPIC};
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
 use telltale_engine::model::output::{Like, LogLevel};
@@ -34,7 +33,7 @@ impl FromNode for RawPublishing {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let about = "Names and rates of the topics that are published; `false` switches one off.";
         let mut fields = Fields::of(node, map("publishing", "what is published").about(about), log)?;
-        let raw = RawPublishing {
+        Some(RawPublishing {
             span: node.span,
             diagnostics_agg: fields.optional_by(
                 key("diagnostics_agg").about("/diagnostics_agg with 1 Hz."),
@@ -57,9 +56,7 @@ impl FromNode for RawPublishing {
             hold: fields.optional(
                 key("hold").about("/telltale/hold: whether the vehicle must stand until it is released."),
             ),
-        };
-        fields.finish();
-        Some(raw)
+        })
     }
 }
 
@@ -104,9 +101,7 @@ pub(crate) struct RawOnce {
 impl FromNode for RawOnce {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, map("published", "a published topic"), log)?;
-        let topic = fields.optional(TOPIC);
-        fields.finish();
-        Some(RawOnce { topic })
+        Some(RawOnce { topic: fields.optional(TOPIC) })
     }
 }
 
@@ -123,9 +118,7 @@ impl FromNode for RawRosout {
         let level = key("level")
             .about("The least severity: with `error`, neither warnings nor the ends of root causes are published.")
             .rules(|| vec![default(LogLevel::default().as_str())]);
-        let rosout = RawRosout { topic: fields.optional(TOPIC), level: fields.optional(level) };
-        fields.finish();
-        Some(rosout)
+        Some(RawRosout { topic: fields.optional(TOPIC), level: fields.optional(level) })
     }
 }
 
@@ -149,9 +142,7 @@ impl FromNode for RawPeriodic {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let doc = map("periodic", "a topic that is published again and again");
         let mut fields = Fields::of(node, doc, log)?;
-        let periodic = RawPeriodic { topic: fields.optional(TOPIC), rate: fields.optional(RATE) };
-        fields.finish();
-        Some(periodic)
+        Some(RawPeriodic { topic: fields.optional(TOPIC), rate: fields.optional(RATE) })
     }
 }
 
@@ -175,9 +166,7 @@ pub(crate) struct RawTree {
 impl FromNode for RawAggregated {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, map("aggregated", "a topic of the aggregated diagnosis"), log)?;
-        let aggregated = RawAggregated::of(&mut fields);
-        fields.finish();
-        Some(aggregated)
+        Some(RawAggregated::of(&mut fields))
     }
 }
 
@@ -211,7 +200,6 @@ impl RawAggregated {
             values: fields.optional(values),
             at_once: fields.optional(at_once),
         };
-        fields.finish();
         Some(RawAggregated { tree, ..aggregated })
     }
 }

@@ -36,7 +36,7 @@ impl FromNode for RawRecording {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let about = "The recording of every incident, from before its beginning; `false` switches it off.";
         let mut fields = Fields::of(node, map("recording", "the recording").about(about), log)?;
-        let raw = RawRecording {
+        Some(RawRecording {
             before: fields.optional(
                 key("before")
                     .about("The time before the first trigger that a recording has, from 1s to 2m.")
@@ -70,9 +70,7 @@ impl FromNode for RawRecording {
                 )
                 .map_or_else(Vec::new, |All(topics)| topics),
             span: node.span,
-        };
-        fields.finish();
-        Some(raw)
+        })
     }
 }
 
@@ -88,14 +86,12 @@ impl FromNode for RawRecordedTopic {
         let mut fields = Fields::of(node, map("recorded_topic", "a recorded topic").about(about), log)?;
         let every = key("every")
             .about("At most one message of each topic in this time is recorded; without it, all are. From 1ms to 1h.");
-        let topic = RawRecordedTopic {
+        Some(RawRecordedTopic {
             topic: fields.required(
                 key("topic").about("The full name, in which `*` stands for any characters: `/camera/*`."),
             ),
             every: fields.optional(every),
-        };
-        fields.finish();
-        Some(topic)
+        })
     }
 }
 

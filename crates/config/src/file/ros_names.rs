@@ -82,9 +82,10 @@ fn is_path(path: &str) -> bool {
         rest = &rest[name..];
         while let Some(inside) = rest.strip_prefix('[') {
             let Some((index, after)) = inside.split_once(']') else { return false };
+            let last = index == "-1";
             let number = !index.is_empty() && index.bytes().all(|byte| byte.is_ascii_digit());
             let chosen = index.split_once('=').is_some_and(|(field, _)| is_path(field));
-            if !number && !chosen && !index.is_empty() {
+            if !number && !last && !chosen && !index.is_empty() {
                 return false;
             }
             rest = after;

@@ -20,7 +20,7 @@ impl FromNode for RawServices {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let about = "Services for other ROS 2 nodes, each off unless it is named: every program on the DDS network can call them.";
         let mut fields = Fields::of(node, map("services", "the services").about(about), log)?;
-        let raw = RawServices {
+        Some(RawServices {
             acknowledge: fields.optional(
                 key("acknowledge").about("~/acknowledge (diagnostic_msgs/srv/AddDiagnostics): takes note of an alarm by its number, or of those of a node by its name."),
             ),
@@ -29,9 +29,7 @@ impl FromNode for RawServices {
             ),
             reload: fields.optional(key("reload").about("~/reload (std_srvs/srv/Trigger): reads the configuration again.")),
             mark: fields.optional(key("mark").about("~/mark (std_srvs/srv/Trigger): marks this moment in the recording.").rules(|| vec![default(false)])),
-        };
-        fields.finish();
-        Some(raw)
+        })
     }
 }
 
@@ -67,8 +65,6 @@ impl FromNode for RawOffer {
         let while_driving = key("while_driving")
             .about("Whether it is done also while the vehicle is cleared or drives: then its alarms are for its operator.")
             .rules(|| vec![default(false)]);
-        let offer = RawOffer { while_driving: fields.optional(while_driving) };
-        fields.finish();
-        Some(offer)
+        Some(RawOffer { while_driving: fields.optional(while_driving) })
     }
 }

@@ -1,11 +1,9 @@
 //! Signals as they are written: a field of a topic, or a condition over values.
 
-use super::forms;
-use super::forms::{KEY, STATUS, TOPIC, TYPE, UNIT};
+use super::forms::{self, KEY, STATUS, TOPIC, TYPE, UNIT};
 use super::monitors::{INPUTS_MAX, input_rules};
 use super::sources::{ScalarSource, Source, Topic};
-use crate::decode::AllEntries;
-use crate::decode::{FromNode, Spanned};
+use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::describe::words::counted;
 use crate::fields::Fields;
 use telltale_engine::model::monitors::FieldKind;
@@ -83,7 +81,6 @@ impl FromNode for Signal {
                 None
             }
         };
-        fields.finish();
         Some(Signal { from, title, timeout, present_for })
     }
 }

@@ -1,11 +1,9 @@
 //! The sources of monitors' values, and the terms of the paper's classification, as written.
 
-use super::forms;
-use super::forms::{FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
+use super::forms::{self, FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
-use telltale_engine::model::monitors::Class;
-use telltale_engine::model::monitors::{FieldKind, StampClock};
+use telltale_engine::model::monitors::{Class, FieldKind, StampClock};
 use telltale_engine::model::sample::POSITIONS_MAX;
 use telltale_yaml::decode::{scalar, word};
 use telltale_yaml::schema::{default, needs_one, not_empty, one_of, words};
@@ -37,9 +35,7 @@ impl Topic {
 impl FromNode for Topic {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, map("topic", "a topic").about("A topic and its type."), log)?;
-        let topic = Topic::of(&mut fields);
-        fields.finish();
-        topic
+        Topic::of(&mut fields)
     }
 }
 
@@ -61,7 +57,6 @@ impl FromNode for RawDiagnostics {
                 not_empty().into_iter().chain([most, default(vec!["/diagnostics"])]).collect()
             });
         let topics = fields.required(topics).map(|All(topics)| topics);
-        fields.finish();
         Some(RawDiagnostics { topics: topics?, span: node.span })
     }
 }
@@ -82,9 +77,7 @@ impl FromNode for RawDiagnosticsTopic {
         let prefix = key("prefix")
             .about("Stands in front of the name of each status of this topic.")
             .rules(|| vec![("maxLength", PREFIX_BYTES_MAX.into())]);
-        let topic = RawDiagnosticsTopic { topic: fields.required(TOPIC), prefix: fields.optional(prefix) };
-        fields.finish();
-        Some(topic)
+        Some(RawDiagnosticsTopic { topic: fields.required(TOPIC), prefix: fields.optional(prefix) })
     }
 
     fn form(schema: &mut Schema) -> Members {
@@ -217,9 +210,7 @@ impl FromNode for ScalarSource {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let doc = map("source", "a source").about("A field of a topic, or a value of a status.");
         let mut fields = Fields::of(node, doc, log)?;
-        let source = Source::of(&mut fields, false);
-        fields.finish();
-        source.map(ScalarSource)
+        Source::of(&mut fields, false).map(ScalarSource)
     }
 }
 
@@ -230,9 +221,7 @@ impl FromNode for AnySource {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let about = "A field, a pose or a list of positions of a topic, or a value of a status.";
         let mut fields = Fields::of(node, map("any_source", "one of two sources").about(about), log)?;
-        let source = Source::of(&mut fields, true);
-        fields.finish();
-        source.map(AnySource)
+        Source::of(&mut fields, true).map(AnySource)
     }
 }
 
@@ -254,7 +243,6 @@ impl FromNode for Class {
         let flow = fields.node(doc).filter(|node| !node.is_null());
         let known = FLOWS.map(|word| (word, word));
         let found = flow.and_then(|node| word(node, fields.log, "flow", &known));
-        fields.finish();
         Some(Class { location: location?, information: information?, flow: found })
     }
 }

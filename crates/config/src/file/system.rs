@@ -1,7 +1,6 @@
 //! What is measured of the computer on which Telltale runs, as written: a resource or a process, and its limits.
 
-use super::bands;
-use super::bands::Unit;
+use super::bands::{self, Unit};
 use super::forms::default_span;
 use super::monitors::{AGE_MAX, Monitor, span};
 use crate::decode::Spanned;
@@ -57,7 +56,6 @@ pub(crate) fn system(node: &Node, log: &mut Log) -> Option<Monitor> {
         }
         _ => {}
     }
-    fields.finish();
     Some(Monitor::System { resource: resource?, every, bands })
 }
 

@@ -62,9 +62,9 @@ pub(crate) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
     }
     let bands = limits(&mut fields, target.as_ref(), every);
     let bands = restarts(&mut fields, target.as_ref()).unwrap_or(bands);
-    fields.finish();
     let misses = misses.map_or(MISSES, |misses| misses.value as u32);
-    Some(Monitor::Watchdog { target: target?, every, misses, bands })
+    let place = found.first().map_or(node.span, |(_, target)| target.span);
+    Some(Monitor::Watchdog { target: target?, place, every, misses, bands })
 }
 
 /// Limits of the restarts of a node; `None` if there are none.

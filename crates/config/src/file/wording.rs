@@ -76,7 +76,6 @@ impl<T: Said> FromNode for RawWording<T> {
         if let Some(problem) = place.and_then(|place| weaker_error(&wording, place)) {
             fields.log.push(problem);
         }
-        fields.finish();
         Some(RawWording::Levels(wording))
     }
 
@@ -114,7 +113,6 @@ impl<T: Said> FromNode for ByStage<T> {
             let problem = Problem::at(node.span, "there are words for no stage");
             fields.log.push(problem.help("write one text, or `{ standby: ..., active: ... }`"));
         }
-        fields.finish();
         Some(ByStage::In(texts))
     }
 
@@ -139,7 +137,6 @@ impl FromNode for Advice {
         let mut fields = Fields::of(node, map("advice", "advice in two languages"), log)?;
         let text = languages(&mut fields);
         let urgency = fields.optional(URGENCY);
-        fields.finish();
         Some(Advice { text: text?, urgency })
     }
 

@@ -8,8 +8,7 @@ use regex_automata::util::start;
 use regex_syntax::hir::Hir;
 
 use super::names::Names;
-use crate::file;
-use crate::file::FilterKind;
+use crate::file::{self, FilterKind};
 use crate::glob;
 use telltale_engine::model::filter::Filter;
 use telltale_engine::model::{Match, Policy, Prefixes};

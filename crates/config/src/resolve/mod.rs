@@ -18,14 +18,12 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::Loaded;
 use super::describe::places::{NodePlace, Places};
 use super::describe::words;
-use super::file;
 use super::file::other::RawOther;
 use super::file::publishing::RawPublishing;
-use crate::decode::All;
-use crate::decode::Spanned;
+use super::{Loaded, file};
+use crate::decode::{All, Spanned};
 use names::{Names, check_id};
 use relations::Signals;
 use telltale_engine::model::wording::Wording;
@@ -106,9 +104,12 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     };
     let rules = countermeasures::spans(&file.countermeasures);
     let stop_off = file.publish.as_ref().and_then(RawPublishing::stop_off);
+    let diagnostics = file.diagnostics.iter().flat_map(|raw| &raw.topics);
+    let diagnostics = diagnostics.filter_map(|raw| raw.topic.as_ref()).map(|topic| topic.span);
     let places = Places {
         topics,
         signals: signal_places,
+        diagnostics: diagnostics.collect(),
         rules,
         stop_off,
         stages: written.map(|stages| stages.span),
@@ -118,20 +119,30 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
 }
 
 fn places(names: &Names, implied: &[Span]) -> Places {
-    let place = |node: NodeId, when: Option<&file::When>| NodePlace {
+    let place = |node: NodeId, when: Option<&file::When>, targets: Vec<Span>| NodePlace {
         id: names.span(node),
         when: when.map(|when| when.span),
         depends_on: names.dependencies(node).iter().map(|dependency| dependency.span).collect(),
+        targets,
     };
-    let groups = names.groups().map(|(id, group)| place(NodeId::Group(id), group.raw.when.as_ref()));
-    let modules = names.modules().map(|(id, module)| place(NodeId::Module(id), module.raw.when.as_ref()));
-    let implied = implied.iter().map(|&id| NodePlace { id, when: None, depends_on: Vec::new() });
+    let groups = names.groups().map(|(id, group)| {
+        let patterns = group.raw.filters.iter().filter_map(|filter| filter.pattern.as_ref());
+        let patterns = patterns.map(|pattern| pattern.text.span).collect();
+        place(NodeId::Group(id), group.raw.when.as_ref(), patterns)
+    });
+    let modules = names.modules().map(|(id, module)| {
+        let target = module.raw.target().into_iter().collect();
+        place(NodeId::Module(id), module.raw.when.as_ref(), target)
+    });
+    let implied =
+        implied.iter().map(|&id| NodePlace { id, when: None, depends_on: Vec::new(), targets: vec![id] });
     Places {
         sources: Sources::default(),
         groups: groups.collect(),
         modules: modules.chain(implied).collect(),
         topics: Vec::new(),
         signals: Vec::new(),
+        diagnostics: Vec::new(),
         rules: Vec::new(),
         stop_off: None,
         stages: None,

@@ -29,7 +29,7 @@ pub(crate) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> 
         Monitor::Frozen { source: from, limits } => {
             MonitorSpec::Frozen { source: source(from, topics, log), limits: *limits }
         }
-        Monitor::Watchdog { target, every, misses, bands } => {
+        Monitor::Watchdog { target, every, misses, bands, place: _ } => {
             let spec = WatchdogSpec { target: target.clone(), every: *every };
             MonitorSpec::Watchdog { watchdog: topics.watchdog(spec), misses: *misses, bands: *bands }
         }

@@ -210,6 +210,14 @@ impl file::Module {
             _ => None,
         }
     }
+
+    /// The place of the status, node or service that the module is about.
+    pub fn target(&self) -> Option<Span> {
+        match self.monitor.as_ref()? {
+            Monitor::Watchdog { place, .. } => Some(*place),
+            _ => self.status().map(|status| status.span),
+        }
+    }
 }
 
 /// Ids become paths, HTML ids and topic names: few characters are safe in all of them.

@@ -2,11 +2,11 @@
 
 use std::collections::HashMap;
 
-use super::monitors;
 use super::names::check_id;
 use super::topics::Topics;
-use super::twice;
+use super::{monitors, twice};
 use crate::decode::Spanned;
+use crate::describe::places::SignalPlace;
 use crate::expression;
 use crate::file::ros_names::check_path;
 use crate::file::sources::Source;
@@ -17,12 +17,12 @@ use telltale_engine::time;
 use telltale_yaml::tree::Key;
 use telltale_yaml::{Log, Problem, Span};
 
-/// The signals, and for each the places of its type and its field, or of its condition.
+/// The signals and their places.
 pub(crate) fn signals(
     written: &[(Key, Signal)],
     topics: &mut Topics,
     log: &mut Log,
-) -> (Vec<SignalSpec>, Vec<(Span, Span)>) {
+) -> (Vec<SignalSpec>, Vec<SignalPlace>) {
     let mut seen: HashMap<&str, Span> = HashMap::new();
     let (mut signals, mut places) = (Vec::new(), Vec::new());
     for (key, raw) in written {
@@ -48,7 +48,7 @@ pub(crate) fn signals(
         // Without a source the model is discarded; the signal keeps its name, which other keys refer to.
         let (source, place) = found.unwrap_or_else(|| {
             let nothing = FieldSource { topic: "".into(), type_name: "".into(), field: "".into() };
-            (SignalSource::Field(nothing), (key.span, key.span))
+            (SignalSource::Field(nothing), SignalPlace::at(key.span))
         });
         places.push(place);
         signals.push(SignalSpec {
@@ -69,7 +69,7 @@ fn field_source(
     is_event: bool,
     topics: &mut Topics,
     log: &mut Log,
-) -> Option<(SignalSource, (Span, Span))> {
+) -> Option<(SignalSource, SignalPlace)> {
     topics.read(topic, type_name, log);
     let path = match field {
         Some(field) => {
@@ -93,14 +93,15 @@ fn field_source(
         field: path.into(),
     };
     let of_type = type_name.map_or(topic.span, |type_name| type_name.span);
-    let place = (of_type, field.map_or(of_type, |field| field.span));
+    let field = field.map_or(of_type, |field| field.span);
+    let place = SignalPlace { topic: topic.span, type_name: of_type, field };
     Some((SignalSource::Field(source), place))
 }
 
-fn of_any_type(topic: &Spanned<String>) -> (SignalSource, (Span, Span)) {
+fn of_any_type(topic: &Spanned<String>) -> (SignalSource, SignalPlace) {
     let name = topic.value.as_str().into();
     let source = FieldSource { topic: name, type_name: "".into(), field: "data".into() };
-    (SignalSource::Field(source), (topic.span, topic.span))
+    (SignalSource::Field(source), SignalPlace::at(topic.span))
 }
 
 /// Completes the types of signals from other places of the file that name the same topic.
@@ -119,7 +120,7 @@ fn condition(
     when: &Spanned<String>,
     topics: &mut Topics,
     log: &mut Log,
-) -> Option<(SignalSource, (Span, Span))> {
+) -> Option<(SignalSource, SignalPlace)> {
     for (name, _) in inputs {
         expression::check_name(name, log);
     }
@@ -137,5 +138,5 @@ fn condition(
         error: Some(condition?),
         class: Class { location: "contextual", information: "content", flow: None },
     };
-    Some((SignalSource::Condition(Box::new(spec)), (when.span, when.span)))
+    Some((SignalSource::Condition(Box::new(spec)), SignalPlace::at(when.span)))
 }

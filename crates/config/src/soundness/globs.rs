@@ -4,8 +4,7 @@
 use super::{Finding, FindingKind};
 use crate::glob::{as_regex, is_glob};
 use telltale_engine::model::filter::Filter;
-use telltale_engine::model::monitors::{AgreementRule, ValueSource};
-use telltale_engine::model::{GroupId, Model, ModuleId, ModuleMonitor, MonitorSpec, NodeId};
+use telltale_engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
 
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();
@@ -27,35 +26,15 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         }
     }
     for (module, id) in model.modules.iter().zip((0..).map(ModuleId)) {
-        let texts = match &module.monitor {
-            ModuleMonitor::SelfState(status) => vec![&**status],
-            ModuleMonitor::Other(spec) => statuses(spec),
-        };
-        for text in texts.into_iter().filter(|text| is_glob(text)) {
-            find(NodeId::Module(id), None, text, None);
+        for text in module.monitor.statuses().filter(|text| is_glob(text)) {
+            find(NodeId::Module(id), None, &text, None);
         }
     }
     for (index, signal) in model.signals.iter().enumerate() {
-        let texts = signal.source.condition().map(statuses).unwrap_or_default();
-        for text in texts.into_iter().filter(|text| is_glob(text)) {
+        let texts = signal.source.condition().map(MonitorSpec::keyed_statuses).unwrap_or_default();
+        for text in texts.iter().filter(|text| is_glob(text)) {
             find(NodeId::Group(GroupId(0)), Some(index), text, None);
         }
     }
     found
-}
-
-/// The names of the statuses that a monitor reads.
-fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
-    let sources: Vec<&ValueSource> = match monitor {
-        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => vec![source],
-        MonitorSpec::Sequence { earlier: a, later: b, .. }
-        | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => vec![a, b],
-        MonitorSpec::Expression { inputs, .. } => inputs.iter().map(|(_, source)| source).collect(),
-        _ => Vec::new(),
-    };
-    let named = sources.into_iter().filter_map(|source| match source {
-        ValueSource::Key { status, .. } => Some(&**status),
-        ValueSource::Field { .. } => None,
-    });
-    monitor.status().map(|status| &**status).into_iter().chain(named).collect()
 }

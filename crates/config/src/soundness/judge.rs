@@ -2,8 +2,7 @@
 //! time. Tests compare it with the engine.
 
 use super::situation::Situation;
-use telltale_engine::mask::rules;
-use telltale_engine::mask::rules::Standing;
+use telltale_engine::mask::rules::{self, Standing};
 use telltale_engine::model::order::Visit;
 use telltale_engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, When};
 use telltale_engine::state::{State, Tally};

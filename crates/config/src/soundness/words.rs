@@ -109,7 +109,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             "use it in `error` or `warning`, or remove it",
         ),
         FindingKind::PercentLimit { signal, field, limit } => (
-            signal.and_then(|index| places.signals.get(index)).map_or(place.id, |(_, condition)| *condition),
+            signal.and_then(|index| places.signals.get(index)).map_or(place.id, |signal| signal.field),
             format!("{} has a limit of {limit}, and `{field}` goes from 0 to 1", owner(model, node, *signal)),
             "write the limit as a fraction: 20 % is `0.2`; a driver that publishes percent is not as its type says",
         ),
@@ -123,7 +123,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
                 Some(regex) => format!("write `regex: '{regex}'`, or leave it if statuses are called so"),
                 None => "name the status as it is called; `match` in a group takes several".to_owned(),
             };
-            let problem = Problem::at(span.map_or(place.id, |(_, condition)| *condition), message);
+            let problem = Problem::at(span.map_or(place.id, |signal| signal.field), message);
             return problem.help(help).as_warning();
         }
         FindingKind::SharedStatuses { first, statuses } => {

@@ -8,6 +8,7 @@ mod expression;
 mod frozen;
 mod monitors;
 mod motion;
+mod named;
 mod nodes;
 mod publishing;
 mod recording;

@@ -302,7 +302,7 @@ fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
         &format!("value: {{ {TOPIC}, error_above: 1 }}"),
         &["8: a value monitor needs `field` (add `field: ...`)"],
     );
-    for path in ["x.", ".x", "x[", "x[]", "x[a]", "9x", "x y", "x[-1]"] {
+    for path in ["x.", ".x", "x[", "x[]", "x[a]", "9x", "x y", "x[-2]"] {
         wrong(
             &format!("value: {{ {TOPIC}, field: '{path}', error_above: 1 }}"),
             &[&format!(

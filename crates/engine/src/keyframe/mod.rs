@@ -26,7 +26,7 @@ use super::module::contradictions::Disputes;
 use super::module::names::kept::KeptNames;
 use super::module::overflow::Overflow;
 use super::module::system::ReceptionCheck;
-use super::monitor::feeds::kept::KeptWatching;
+use super::monitor::feeds::Watching;
 use super::motion::MotionState;
 use super::react::alarms::Alarms;
 use super::react::held::Countermeasures;
@@ -83,7 +83,7 @@ struct Kept {
     timers: Vec<KeptTimer>,
     overflow: Overflow,
     departed: Departed,
-    watching: KeptWatching,
+    watching: Watching,
     reception: ReceptionCheck,
     writers: WriterList,
     disputes: Disputes,
@@ -167,7 +167,7 @@ impl Engine {
             timers: timers.kept(),
             overflow: overflow.clone(),
             departed: departed.clone(),
-            watching: watching.kept(),
+            watching: watching.clone(),
             reception: reception.clone(),
             writers: writers.clone(),
             disputes: disputes.clone(),

@@ -4,8 +4,7 @@ use super::output::Output;
 use super::{NodeId, Stage};
 use crate::files::float;
 use crate::state::State;
-use crate::text::Text;
-use crate::text::say;
+use crate::text::{Text, say, words};
 use crate::time::Span;
 use serde::{Deserialize, Serialize};
 
@@ -47,13 +46,15 @@ impl Request {
     }
 }
 
-/// A request without its figures, weakest first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum RequestKind {
-    Notify,
-    ManeuverStop,
-    Decelerate,
+words! {
+    /// A request without its figures, weakest first.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum RequestKind {
+        Notify = "notify",
+        ManeuverStop = "maneuver_stop",
+        Decelerate = "decelerate",
+    }
 }
 
 impl RequestKind {
@@ -72,17 +73,6 @@ impl RequestKind {
             RequestKind::Notify => None,
             RequestKind::ManeuverStop => Some(Output::ManeuverStop),
             RequestKind::Decelerate => Some(Output::Deceleration),
-        }
-    }
-
-    pub const ALL: [RequestKind; 3] =
-        [RequestKind::Notify, RequestKind::ManeuverStop, RequestKind::Decelerate];
-
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            RequestKind::Notify => "notify",
-            RequestKind::ManeuverStop => "maneuver_stop",
-            RequestKind::Decelerate => "decelerate",
         }
     }
 

@@ -3,7 +3,6 @@
 
 pub mod countermeasure;
 pub mod filter;
-mod memory;
 pub mod monitors;
 pub mod motion;
 pub mod order;
@@ -12,9 +11,10 @@ mod policy;
 pub mod quantity;
 pub mod sample;
 pub mod service;
+mod watched;
 pub mod wording;
 
-use super::text::Text;
+use super::text::{Text, words};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -55,31 +55,20 @@ pub enum StageModel {
     None,
 }
 
-/// Stage of the vehicle (paper, Sec. IV-B).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Stage {
-    Locked,
-    Localizing,
-    Standby,
-    Cleared,
-    Active,
+words! {
+    /// Stage of the vehicle (paper, Sec. IV-B).
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Stage {
+        Locked = "locked",
+        Localizing = "localizing",
+        Standby = "standby",
+        Cleared = "cleared",
+        Active = "active",
+    }
 }
 
 impl Stage {
-    pub const ALL: [Stage; 5] =
-        [Stage::Locked, Stage::Localizing, Stage::Standby, Stage::Cleared, Stage::Active];
-
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Stage::Locked => "locked",
-            Stage::Localizing => "localizing",
-            Stage::Standby => "standby",
-            Stage::Cleared => "cleared",
-            Stage::Active => "active",
-        }
-    }
-
     pub fn from_word(word: &str) -> Option<Stage> {
         Stage::ALL.into_iter().find(|stage| stage.as_str() == word)
     }
@@ -226,28 +215,17 @@ pub struct GroupSpec {
     pub tile: Option<(u8, u8)>,
 }
 
-/// The treatment of statuses that no group claims: the group `other`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Other {
-    /// Shown to developers only.
-    Hidden,
-    /// One quiet line for the operator, if something in it is not OK.
-    #[default]
-    Shown,
-    /// A tile like any other, with alarms.
-    Counted,
-}
-
-impl Other {
-    pub const ALL: [Other; 3] = [Other::Hidden, Other::Shown, Other::Counted];
-
-    /// The word in the configuration.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Other::Hidden => "hidden",
-            Other::Shown => "shown",
-            Other::Counted => "counted",
-        }
+words! {
+    /// The treatment of statuses that no group claims: the group `other`. Its words are those of the configuration.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub enum Other {
+        /// Shown to developers only.
+        Hidden = "hidden",
+        /// One quiet line for the operator, if something in it is not OK.
+        #[default]
+        Shown = "shown",
+        /// A tile like any other, with alarms.
+        Counted = "counted",
     }
 }
 
@@ -417,6 +395,16 @@ impl Model {
     pub fn new(parts: Parts) -> Result<Model, Cycle> {
         let order = Order::of(&parts)?;
         Ok(Model { parts, order })
+    }
+
+    /// The longest window, timeout or delay by which a state depends on earlier messages. A recording for another
+    /// configuration needs as much of the past.
+    pub fn longest_memory(&self) -> Span {
+        let policies = self.modules.iter().map(|module| module.policy.memory());
+        let monitors = self.modules.iter().map(|module| module.monitor.memory(&self.watched));
+        let signals = self.signals.iter().filter_map(|signal| signal.present_for);
+        let all = policies.chain([self.discovered.memory()]).chain(monitors).chain(signals);
+        all.max().unwrap_or_default()
     }
 
     /// Whether some module accepts its status only from certain writers.

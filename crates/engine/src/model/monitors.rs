@@ -1,223 +1,15 @@
-//! The configuration of monitors: their sources and their limits.
+//! The configuration of monitors: their kinds, their sources and their limits.
 
-use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::Arc;
 
 use super::sample::FieldValue;
+pub use super::watched::{
+    DiagnosticsTopic, FieldKind, FieldSpec, ProbeTarget, ProcessMeasure, RecordedTopic, Resource, ScalarKind,
+    StampClock, TopicId, TopicSpec, ValueSource, WatchdogId, WatchdogSpec, Watched,
+};
 use crate::state::State;
 use crate::time::Span;
-
-/// Index of a topic in [`Watched::topics`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct TopicId(pub u32);
-
-/// Index of a probe in [`Watched::watchdogs`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct WatchdogId(pub u32);
-
-/// All inputs of the monitors of a model, each once.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Watched {
-    /// No two have the same name.
-    pub topics: Vec<Arc<TopicSpec>>,
-    pub watchdogs: Vec<Arc<WatchdogSpec>>,
-    /// Topics of `diagnostic_msgs/DiagnosticArray`; if empty, `/diagnostics`.
-    pub diagnostics: Vec<DiagnosticsTopic>,
-    pub stamps: StampClock,
-    /// Read for recordings alone.
-    pub recorded: Vec<RecordedTopic>,
-    /// Topics of our own publications, which are never read for recordings: a reader would count as a listener.
-    pub published: Vec<Box<str>>,
-}
-
-impl Watched {
-    /// How the messages of a topic are recorded, if the configuration says so: the first entry that names it decides.
-    pub fn recorded(&self, topic: &str) -> Option<&RecordedTopic> {
-        if self.published.iter().any(|own| **own == *topic) {
-            return None;
-        }
-        self.recorded.iter().find(|recorded| recorded.names(topic))
-    }
-}
-
-/// Topics whose messages are recorded and mean nothing to the engine.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RecordedTopic {
-    /// A name, in which each `*` stands for any characters: `/camera/*`.
-    pub pattern: Box<str>,
-    /// The least time between two recorded messages of a topic; zero: all are recorded.
-    pub every: Span,
-}
-
-impl RecordedTopic {
-    pub fn names(&self, topic: &str) -> bool {
-        let mut parts = self.pattern.split('*');
-        let Some(mut rest) = parts.next().and_then(|first| topic.strip_prefix(first)) else { return false };
-        let Some(last) = parts.next_back() else { return rest.is_empty() };
-        for part in parts {
-            let Some(found) = rest.find(part) else { return false };
-            rest = &rest[found + part.len()..];
-        }
-        rest.ends_with(last)
-    }
-}
-
-/// A topic on which components report.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct DiagnosticsTopic {
-    /// As ROS names it: `/robot1/diagnostics`.
-    pub topic: Box<str>,
-    /// Stands in front of the name of each status; may be empty.
-    pub prefix: Box<str>,
-}
-
-/// The clock of the stamps in messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum StampClock {
-    /// The wall clock of this machine.
-    #[default]
-    System,
-    /// The time on `/clock`, which nodes with `use_sim_time` use.
-    Ros,
-}
-
-/// A topic and the fields that are read from its messages. Each sample carries it, so a sample that was read
-/// for another configuration is recognized.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct TopicSpec {
-    /// As ROS names it: `/odometry`.
-    pub topic: Box<str>,
-    /// `package/msg/Name`; empty: the type that the publisher announces.
-    pub type_name: Box<str>,
-    /// Whether the stamp of the message's header is needed.
-    pub stamp: bool,
-    /// [`Sample::values`](super::sample::Sample::values) has the same length and order.
-    pub fields: Vec<FieldSpec>,
-}
-
-/// A field of a message.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct FieldSpec {
-    /// `twist.twist.linear.x`, `poses[0].position.x`, `transforms[child_frame_id=base_link].transform`.
-    pub path: Box<str>,
-    pub kind: FieldKind,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FieldKind {
-    /// A number, a boolean or a string.
-    Scalar,
-    /// A `geometry_msgs` Pose or Transform, or a message with such a member `pose` or `transform`.
-    Pose,
-    /// An array of positions, or of messages that contain one; `[]` in its path stands for each element, and
-    /// may be omitted at its end.
-    Positions,
-    /// Any part of the message, as a fingerprint of its values; without a path the whole message. Times with the
-    /// name `stamp` in it do not count.
-    Content,
-}
-
-/// The type of a [`FieldKind::Scalar`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ScalarKind {
-    Number,
-    Bool,
-    Text,
-}
-
-/// A target that is probed periodically.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct WatchdogSpec {
-    pub target: ProbeTarget,
-    pub every: Span,
-}
-
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ProbeTarget {
-    /// An ICMP echo to this host.
-    Icmp { host: Box<str> },
-    /// A TCP connection to `HOST:PORT`.
-    Tcp { address: Box<str> },
-    /// A ROS node with its namespace, `/ns/name`.
-    Node { name: Box<str> },
-    /// A ROS service with its namespace, `/ns/name`: whether a node offers it, not its response time.
-    Service { name: Box<str> },
-    /// Whether all publishers and subscribers of a topic match.
-    Qos { topic: Box<str> },
-    /// The computer on which Telltale runs.
-    System(Resource),
-}
-
-/// A resource of a computer, or a process on it.
-#[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Resource {
-    /// What its cores are busy with together, in percent.
-    Cpu,
-    /// What is not available to a new program, in percent.
-    Memory,
-    /// What is used of the file system with this path, in percent.
-    Disk { path: Box<str> },
-    /// In degrees Celsius, by the name that the kernel gives the sensor.
-    Temperature { sensor: Box<str> },
-    /// All processes of a program; without a measure, whether there is any.
-    Process { name: Box<str>, measure: Option<ProcessMeasure> },
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum ProcessMeasure {
-    /// In percent of one core.
-    Cpu,
-    /// Resident, in megabytes.
-    Memory,
-}
-
-impl Resource {
-    /// Its path or name, or what it is.
-    pub fn name(&self) -> &str {
-        match self {
-            Resource::Cpu => "cpu",
-            Resource::Memory => "memory",
-            Resource::Disk { path } => path,
-            Resource::Temperature { sensor } => sensor,
-            Resource::Process { name, .. } => name,
-        }
-    }
-}
-
-impl ProbeTarget {
-    /// The probed host, address or name.
-    pub fn name(&self) -> &str {
-        match self {
-            ProbeTarget::Icmp { host } => host,
-            ProbeTarget::Tcp { address } => address,
-            ProbeTarget::Qos { topic } => topic,
-            ProbeTarget::System(resource) => resource.name(),
-            ProbeTarget::Node { name } | ProbeTarget::Service { name } => name,
-        }
-    }
-}
-
-/// The source of a value.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum ValueSource {
-    Field {
-        topic: TopicId,
-        /// Index in [`TopicSpec::fields`].
-        field: u32,
-    },
-    /// A KeyValue of the status with exactly this name.
-    Key {
-        status: Arc<str>,
-        key: Arc<str>,
-        /// The unit that may follow the number: `V` of `25.60 V`.
-        unit: Option<Arc<str>>,
-    },
-}
 
 /// Limits. A value below or above a limit counts, an equal value does not; ERROR is judged before WARNING.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -390,33 +182,197 @@ impl ModuleMonitor {
         }
     }
 
+    fn about(&self) -> About<'_> {
+        match self {
+            ModuleMonitor::SelfState(status) => {
+                About { status: Some(status), ..About::of("self_state", CONTENT) }
+            }
+            ModuleMonitor::Other(spec) => spec.about(),
+        }
+    }
+
+    /// Its kind, as in the configuration.
+    pub fn kind(&self) -> &'static str {
+        self.about().kind
+    }
+
+    /// Its class in the paper's classification.
+    pub fn class(&self) -> Class {
+        self.about().class
+    }
+
+    /// Whether the monitor itself judges silence, so that the module's timeout has no effect.
+    pub fn by_the_clock(&self) -> bool {
+        self.about().by_the_clock
+    }
+
     /// The status whose level is the module's report. No other module declares it.
     pub fn status(&self) -> Option<&Arc<str>> {
-        match self {
-            ModuleMonitor::SelfState(status) => Some(status),
-            ModuleMonitor::Other(spec) => spec.status(),
+        self.about().status
+    }
+
+    /// The statuses that the monitor reads.
+    pub fn statuses(&self) -> impl Iterator<Item = Arc<str>> {
+        let keyed = self.other().map(MonitorSpec::keyed_statuses).unwrap_or_default();
+        self.status().cloned().into_iter().chain(keyed)
+    }
+
+    /// The longest time by which its judgement depends on earlier inputs.
+    pub(super) fn memory(&self, watched: &Watched) -> Span {
+        let About { memory, probe, .. } = self.about();
+        let rounds = probe.map_or(Span::ZERO, |(WatchdogId(id), rounds)| {
+            let every = watched.watchdogs[id as usize].every;
+            Span::from_nanos(every.as_nanos().saturating_mul(u64::from(rounds)))
+        });
+        memory.max(rounds)
+    }
+
+    /// Whether it judges the same sources in the same way, whatever their indices are.
+    pub(crate) fn means_the_same(&self, watched: &Watched, other: &ModuleMonitor, others: &Watched) -> bool {
+        match (self, other) {
+            (ModuleMonitor::Other(spec), ModuleMonitor::Other(other)) => {
+                spec.means_the_same(watched, other, others)
+            }
+            _ => self == other,
         }
     }
 }
 
+/// What is true of a monitor by its kind.
+pub(crate) struct About<'a> {
+    kind: &'static str,
+    class: Class,
+    pub(crate) by_the_clock: bool,
+    /// How far back it looks.
+    memory: Span,
+    /// Its probe, and how many of its rounds it looks back.
+    probe: Option<(WatchdogId, u32)>,
+    status: Option<&'a Arc<str>>,
+}
+
+const META: Class = Class { location: "isolated", information: "meta", flow: None };
+const CONTENT: Class = Class { location: "isolated", information: "content", flow: None };
+
+const fn contextual(information: &'static str, flow: &'static str) -> Class {
+    Class { location: "contextual", information, flow: Some(flow) }
+}
+
+impl About<'_> {
+    /// A kind that takes all defaults.
+    fn of(kind: &'static str, class: Class) -> Self {
+        About { kind, class, by_the_clock: false, memory: Span::ZERO, probe: None, status: None }
+    }
+}
+
+/// A source of a monitor, in the order of the slots of its machine.
+pub(crate) enum Source<'a> {
+    Messages(&'a mut TopicId),
+    Value(&'a mut ValueSource),
+    Probe(&'a mut WatchdogId),
+}
+
+/// What a source is, without the index that one configuration gives to it.
+#[derive(PartialEq)]
+enum Meaning<'a> {
+    Topic(&'a str, &'a str, Option<&'a FieldSpec>),
+    Probe(&'a WatchdogSpec),
+}
+
 impl MonitorSpec {
-    /// The status whose level is the module's report.
-    pub fn status(&self) -> Option<&Arc<str>> {
+    pub(crate) fn about(&self) -> About<'_> {
+        use MonitorSpec as Of;
+        let of = About::of;
         match self {
-            MonitorSpec::External { status, .. } => Some(status),
-            MonitorSpec::Frequency { .. }
-            | MonitorSpec::Latency { .. }
-            | MonitorSpec::Value { .. }
-            | MonitorSpec::Frozen { .. }
-            | MonitorSpec::Watchdog { .. }
-            | MonitorSpec::System { .. }
-            | MonitorSpec::RateRatio { .. }
-            | MonitorSpec::Sequence { .. }
-            | MonitorSpec::Agreement { .. }
-            | MonitorSpec::Constant { .. }
-            | MonitorSpec::Count { .. }
-            | MonitorSpec::Expression { .. } => None,
+            Of::External { status, class } => About { status: Some(status), ..of("external", *class) },
+            Of::Frequency { window, .. } => {
+                About { by_the_clock: true, memory: *window, ..of("frequency", META) }
+            }
+            Of::Latency { window, .. } => About { memory: *window, ..of("latency", META) },
+            Of::Value { .. } => of("value", CONTENT),
+            Of::Frozen { limits, .. } => About { memory: limits.longest(), ..of("frozen", CONTENT) },
+            Of::Watchdog { watchdog, misses, .. } => {
+                About { by_the_clock: true, probe: Some((*watchdog, *misses)), ..of("watchdog", META) }
+            }
+            Of::System { watchdog, .. } => {
+                About { by_the_clock: true, probe: Some((*watchdog, 1)), ..of("system", META) }
+            }
+            Of::RateRatio { window, .. } => {
+                let of = of("rate_ratio", contextual("meta", "sequential"));
+                About { by_the_clock: true, memory: *window, ..of }
+            }
+            Of::Sequence { max_gap, .. } => {
+                About { memory: *max_gap, ..of("sequence", contextual("content", "sequential")) }
+            }
+            Of::Agreement { max_age, motion_over, .. } => {
+                let memory = motion_over.unwrap_or_default().max(*max_age);
+                About { memory, ..of("agreement", contextual("content", "parallel")) }
+            }
+            Of::Constant { .. } => About { by_the_clock: true, ..of("constant", CONTENT) },
+            Of::Count { .. } => About { by_the_clock: true, ..of("count", META) },
+            Of::Expression { max_age, class, .. } => About { memory: *max_age, ..of("expression", *class) },
         }
+    }
+
+    pub(crate) fn sources(&mut self) -> Vec<Source<'_>> {
+        match self {
+            MonitorSpec::External { .. } | MonitorSpec::Constant { .. } | MonitorSpec::Count { .. } => {
+                Vec::new()
+            }
+            MonitorSpec::Frequency { topic, .. } | MonitorSpec::Latency { topic, .. } => {
+                vec![Source::Messages(topic)]
+            }
+            MonitorSpec::RateRatio { input, output, .. } => {
+                vec![Source::Messages(input), Source::Messages(output)]
+            }
+            MonitorSpec::Watchdog { watchdog, .. } | MonitorSpec::System { watchdog, .. } => {
+                vec![Source::Probe(watchdog)]
+            }
+            MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => {
+                vec![Source::Value(source)]
+            }
+            MonitorSpec::Sequence { earlier: a, later: b, .. } | MonitorSpec::Agreement { a, b, .. } => {
+                vec![Source::Value(a), Source::Value(b)]
+            }
+            MonitorSpec::Expression { inputs, .. } => {
+                inputs.iter_mut().map(|(_, source)| Source::Value(source)).collect()
+            }
+        }
+    }
+
+    /// The statuses whose KeyValues it reads.
+    pub fn keyed_statuses(&self) -> Vec<Arc<str>> {
+        let status = |source| match source {
+            Source::Value(ValueSource::Key { status, .. }) => Some(status.clone()),
+            Source::Value(ValueSource::Field { .. }) | Source::Messages(_) | Source::Probe(_) => None,
+        };
+        self.clone().sources().into_iter().filter_map(status).collect()
+    }
+
+    /// Whether it judges the same sources in the same way, whatever their indices are.
+    pub(crate) fn means_the_same(&self, watched: &Watched, other: &MonitorSpec, others: &Watched) -> bool {
+        self.meaning(watched) == other.meaning(others)
+    }
+
+    /// The monitor without indices, and what is behind the indices.
+    fn meaning<'a>(&self, watched: &'a Watched) -> (MonitorSpec, Vec<Meaning<'a>>) {
+        let (mut bare, mut meaning) = (self.clone(), Vec::new());
+        for source in bare.sources() {
+            let (topic, field) = match source {
+                Source::Messages(topic) => (topic, None),
+                Source::Value(ValueSource::Field { topic, field }) => (topic, Some(field)),
+                Source::Value(ValueSource::Key { .. }) => continue,
+                Source::Probe(probe) => {
+                    let WatchdogId(id) = std::mem::replace(probe, WatchdogId(0));
+                    meaning.push(Meaning::Probe(&watched.watchdogs[id as usize]));
+                    continue;
+                }
+            };
+            let TopicId(id) = std::mem::replace(topic, TopicId(0));
+            let spec = &watched.topics[id as usize];
+            let field = field.map(|field| &spec.fields[std::mem::take(field) as usize]);
+            meaning.push(Meaning::Topic(&spec.topic, &spec.type_name, field));
+        }
+        (bare, meaning)
     }
 }
 
@@ -493,16 +449,6 @@ impl Class {
             ("contextual", "content", Some("sequential")) => Some(3),
             ("contextual", "content", Some("parallel")) => Some(4),
             _ => None,
-        }
-    }
-}
-
-impl ProbeTarget {
-    /// Whether the answer comes from DDS.
-    pub(crate) fn asks_dds(&self) -> bool {
-        match self {
-            ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } | ProbeTarget::System(_) => false,
-            ProbeTarget::Node { .. } | ProbeTarget::Service { .. } | ProbeTarget::Qos { .. } => true,
         }
     }
 }

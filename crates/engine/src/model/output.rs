@@ -1,5 +1,6 @@
 //! Telltale's publications, for the vehicle and for the tools of ROS 2.
 
+use crate::text::words;
 use serde::{Deserialize, Serialize};
 
 /// An output to the vehicle. Each is a level that follows from snapshots.
@@ -57,46 +58,26 @@ impl Publication {
     }
 }
 
-/// The least severity of the published lines of the log.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub enum LogLevel {
-    #[default]
-    Warning,
-    Error,
-}
-
-impl LogLevel {
-    pub const ALL: [LogLevel; 2] = [LogLevel::Warning, LogLevel::Error];
-
-    /// Its word in the configuration.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            LogLevel::Warning => "warning",
-            LogLevel::Error => "error",
-        }
+words! {
+    /// The least severity of the published lines of the log. Its words are those of the configuration.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+    pub enum LogLevel {
+        #[default]
+        Warning = "warning",
+        Error = "error",
     }
 }
 
-/// The release of ROS 2's diagnostic_aggregator whose levels are followed. Those of 26 May 2026 changed what silence
-/// means for what lies above it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Like {
-    /// To 4.3.6 (Kilted), 4.2.6 (Jazzy), 4.0.6 (Humble): what is STALE in part is ERROR.
-    Before,
-    /// From 4.3.7, 4.2.7, 4.0.7 on: it is STALE, where nothing in it is in WARN or ERROR.
-    #[default]
-    Since,
-}
-
-impl Like {
-    pub const ALL: [Like; 2] = [Like::Before, Like::Since];
-
-    /// Its word in the configuration.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Like::Before => "4.3.6",
-            Like::Since => "4.3.7",
-        }
+words! {
+    /// The release of ROS 2's diagnostic_aggregator whose levels are followed. Those of 26 May 2026 changed what silence
+    /// means for what lies above it. Its words are those of the configuration.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub enum Like {
+        /// To 4.3.6 (Kilted), 4.2.6 (Jazzy), 4.0.6 (Humble): what is STALE in part is ERROR.
+        Before = "4.3.6",
+        /// From 4.3.7, 4.2.7, 4.0.7 on: it is STALE, where nothing in it is in WARN or ERROR.
+        #[default]
+        Since = "4.3.7",
     }
 }
 

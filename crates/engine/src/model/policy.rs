@@ -50,6 +50,13 @@ impl CountsAs {
     }
 }
 
+impl Policy {
+    /// How far back it looks. Latches and forgetting are states, not windows.
+    pub(super) fn memory(&self) -> Span {
+        self.timeout.max(self.raise_after).max(self.clear_after)
+    }
+}
+
 impl Default for Policy {
     fn default() -> Policy {
         Policy {

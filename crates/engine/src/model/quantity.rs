@@ -40,24 +40,14 @@ impl Quantity {
 
     /// The quantity of what a monitor measures, if its values have one quantity.
     pub fn measured_by(spec: &MonitorSpec, watched: &Watched) -> Option<Quantity> {
-        match spec {
-            MonitorSpec::Value { source, .. } => Quantity::of(source, watched),
+        let (a, b) = match spec {
+            MonitorSpec::Value { source, .. } => (source, source),
             MonitorSpec::Sequence { earlier: a, later: b, .. }
-            | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => {
-                Quantity::of(a, watched).filter(|of| Quantity::of(b, watched).as_ref() == Some(of))
-            }
-            MonitorSpec::External { .. }
-            | MonitorSpec::Frequency { .. }
-            | MonitorSpec::Latency { .. }
-            | MonitorSpec::Frozen { .. }
-            | MonitorSpec::Watchdog { .. }
-            | MonitorSpec::System { .. }
-            | MonitorSpec::RateRatio { .. }
-            | MonitorSpec::Agreement { .. }
-            | MonitorSpec::Constant { .. }
-            | MonitorSpec::Count { .. }
-            | MonitorSpec::Expression { .. } => None,
-        }
+            | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => (a, b),
+            // What else is measured has a unit of its own, or none.
+            _ => return None,
+        };
+        Quantity::of(a, watched).filter(|of| Quantity::of(b, watched).as_ref() == Some(of))
     }
 }
 

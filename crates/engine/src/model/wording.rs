@@ -3,7 +3,7 @@
 
 use super::Stage;
 use crate::state::State;
-use crate::text::Text;
+use crate::text::{Text, words};
 use serde::{Deserialize, Serialize};
 
 /// The words of a module that is not OK: names, or [`Advice`]. The page has general words for the rest.
@@ -33,23 +33,13 @@ pub struct Advice {
     pub urgency: Option<Urgency>,
 }
 
-/// How soon the operator of a driving vehicle has to act.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Urgency {
-    BeReady,
-    TakeOver,
-}
-
-impl Urgency {
-    pub const ALL: [Urgency; 2] = [Urgency::BeReady, Urgency::TakeOver];
-
-    /// The word in files and on pages.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Urgency::BeReady => "be_ready",
-            Urgency::TakeOver => "take_over",
-        }
+words! {
+    /// How soon the operator of a driving vehicle has to act. Its words are those of files and pages.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Urgency {
+        BeReady = "be_ready",
+        TakeOver = "take_over",
     }
 }
 

@@ -8,8 +8,6 @@ use super::system::{self, SystemCheck};
 use crate::Engine;
 use crate::discovery::WriterId;
 use crate::model::{Limits, ModuleId};
-use crate::state::State;
-use crate::text::Text;
 
 /// Updated with each changed report, at the cost of a few lookups.
 #[derive(Debug, Clone, Default)]
@@ -145,9 +143,7 @@ impl Engine {
     pub(crate) fn say_cut(&mut self) {
         let cut = self.views.budget.cut() > 0;
         if std::mem::replace(&mut self.reports_cut, cut) != cut {
-            let state = if cut { State::Warning } else { State::Ok };
-            let words = if cut { system::words_cut(&self.model.limits) } else { Text::default() };
-            self.report_on_self(SystemCheck::Memory, state, words);
+            self.take_fault(SystemCheck::Memory, cut.then(|| system::words_cut(&self.model.limits)));
         }
     }
 }

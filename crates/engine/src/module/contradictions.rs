@@ -77,7 +77,7 @@ impl Dispute {
             Dispute::Contradiction { worse, better } => say!(
                 "{name}: {a} says {worse}, {b} says {better}; the worse counts",
                 "{name}: {a} meldet {worse}, {b} meldet {better}; das Schlechtere zählt",
-                name = name,
+                name,
                 a = &*worse.0,
                 worse = word(worse.1),
                 b = &*better.0,
@@ -86,14 +86,14 @@ impl Dispute {
             Dispute::NotAdmitted { who, count } => say!(
                 "{name}: {who} may not say it; statuses not counted: {count}",
                 "{name}: {who} darf das nicht melden; nicht gezählte Meldungen: {count}",
-                name = name,
+                name,
                 who = &**who,
-                count = count.to_string()
+                count
             ),
             Dispute::TooManyWriters => say!(
                 "{name}: more writers than can be told apart; the worst count",
                 "{name}: mehr Sender, als sich unterscheiden lassen; die schlechtesten zählen",
-                name = name
+                name
             ),
         }
     }
@@ -162,7 +162,7 @@ impl Disputes {
                 "{first} (and {others} more)",
                 "{first} (und {others} weitere)",
                 first = first.clone(),
-                others = others
+                others
             ),
         };
         let values = self.listed.iter().map(|((name, _), it)| {

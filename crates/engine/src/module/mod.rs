@@ -356,7 +356,6 @@ pub(super) mod names;
 pub(super) mod onset;
 pub(super) mod overflow;
 pub mod report;
-pub(super) mod self_checks;
 pub mod system;
 #[cfg(test)]
 mod tests;

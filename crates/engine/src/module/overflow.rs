@@ -43,23 +43,23 @@ impl Overflow {
             return say!(
                 "statuses with new names dropped: {count}; names are too long, limits.discovered_modules of {limit} allows {bytes} bytes for each",
                 "Status mit neuen Namen verworfen: {count}; die Namen sind zu lang, limits.discovered_modules von {limit} lässt jedem {bytes} Byte",
-                count = count.to_string(),
-                limit = limit.to_string(),
-                bytes = NAME_BYTES.to_string()
+                count,
+                limit,
+                bytes = NAME_BYTES
             );
         }
         if *count == 1 {
             return say!(
                 "1 status with a new name dropped: limits.discovered_modules is {limit}",
                 "1 Status mit neuem Namen verworfen: limits.discovered_modules ist {limit}",
-                limit = limit.to_string()
+                limit
             );
         }
         say!(
             "{count} statuses with new names dropped: limits.discovered_modules is {limit}",
             "{count} Status mit neuen Namen verworfen: limits.discovered_modules ist {limit}",
-            count = count.to_string(),
-            limit = limit.to_string()
+            count,
+            limit
         )
     }
 }

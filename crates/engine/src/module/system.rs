@@ -4,8 +4,7 @@ use crate::input::{ReceptionTrouble, TroubleKind};
 use crate::model::wording::{Advice, ByStage, Urgency, Wording};
 use crate::model::{Limits, Policy, Stage};
 use crate::state::State;
-use crate::text::Text;
-use crate::text::say;
+use crate::text::{Text, say, words};
 use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -22,80 +21,44 @@ pub const BUILT_IN_GROUPS: [(&str, &str, &str); 2] =
 /// A fault of the reception stays a WARNING for this long after its last appearance.
 const RECEPTION_HOLD: Span = Span::from_secs(10);
 
-/// A check of Telltale itself; a module of the group `telltale`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SystemCheck {
-    /// The invariants of masking hold.
-    Invariants,
-    /// Messages arrive completely and with the configured types.
-    Reception,
-    /// A component reports whether the vehicle drives.
-    Active,
-    /// The vehicle confirms the requests.
-    Countermeasure,
-    /// All outputs to the vehicle can be sent.
-    Outputs,
-    /// The disk can store records.
-    Storage,
-    /// The operator's display shows the present state.
-    Display,
-    /// No other program publishes the aggregated diagnosis.
-    Aggregator,
-    /// The DDS process runs.
-    Dds,
-    /// The texts of statuses fit into memory.
-    Memory,
-    /// No two writers contradict each other, and no writer reports a status for which it is not admitted.
-    Writers,
-    /// The wall clock is right.
-    Clock,
-    /// Browsers accept the certificate, and will for some time.
-    Certificate,
-    /// Incidents can be recorded, with as much of the past as they need.
-    Recording,
-    /// No two nodes have one name.
-    Nodes,
+words! {
+    /// A check of Telltale itself; a module of the group `telltale`. Its word is its path.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum SystemCheck {
+        /// The invariants of masking hold.
+        Invariants = "telltale/invariants",
+        /// Messages arrive completely and with the configured types.
+        Reception = "telltale/reception",
+        /// A component reports whether the vehicle drives.
+        Active = "telltale/active",
+        /// The vehicle confirms the requests.
+        Countermeasure = "telltale/countermeasure",
+        /// All outputs to the vehicle can be sent.
+        Outputs = "telltale/outputs",
+        /// The disk can store records.
+        Storage = "telltale/storage",
+        /// The operator's display shows the present state.
+        Display = "telltale/display",
+        /// No other program publishes the aggregated diagnosis.
+        Aggregator = "telltale/aggregator",
+        /// The DDS process runs.
+        Dds = "telltale/dds",
+        /// The texts of statuses fit into memory.
+        Memory = "telltale/memory",
+        /// No two writers contradict each other, and no writer reports a status for which it is not admitted.
+        Writers = "telltale/writers",
+        /// The wall clock is right.
+        Clock = "telltale/clock",
+        /// Browsers accept the certificate, and will for some time.
+        Certificate = "telltale/certificate",
+        /// Incidents can be recorded, with as much of the past as they need.
+        Recording = "telltale/recording",
+        /// No two nodes have one name.
+        Nodes = "telltale/nodes",
+    }
 }
 
 impl SystemCheck {
-    pub const ALL: [SystemCheck; 15] = [
-        SystemCheck::Invariants,
-        SystemCheck::Reception,
-        SystemCheck::Active,
-        SystemCheck::Countermeasure,
-        SystemCheck::Outputs,
-        SystemCheck::Storage,
-        SystemCheck::Display,
-        SystemCheck::Aggregator,
-        SystemCheck::Dds,
-        SystemCheck::Memory,
-        SystemCheck::Writers,
-        SystemCheck::Clock,
-        SystemCheck::Certificate,
-        SystemCheck::Recording,
-        SystemCheck::Nodes,
-    ];
-
-    pub(crate) fn id(self) -> &'static str {
-        match self {
-            SystemCheck::Invariants => "telltale/invariants",
-            SystemCheck::Reception => "telltale/reception",
-            SystemCheck::Active => "telltale/active",
-            SystemCheck::Countermeasure => "telltale/countermeasure",
-            SystemCheck::Outputs => "telltale/outputs",
-            SystemCheck::Storage => "telltale/storage",
-            SystemCheck::Display => "telltale/display",
-            SystemCheck::Aggregator => "telltale/aggregator",
-            SystemCheck::Dds => "telltale/dds",
-            SystemCheck::Writers => "telltale/writers",
-            SystemCheck::Memory => "telltale/memory",
-            SystemCheck::Clock => "telltale/clock",
-            SystemCheck::Certificate => "telltale/certificate",
-            SystemCheck::Recording => "telltale/recording",
-            SystemCheck::Nodes => "telltale/nodes",
-        }
-    }
-
     pub(crate) fn name(self) -> Text {
         let (en, de) = match self {
             SystemCheck::Invariants => ("Display contradicts itself", "Anzeige widerspricht sich"),
@@ -201,7 +164,7 @@ pub(crate) fn display_late(whose: &str) -> Text {
     say!(
         "the display of {whose} does not say what it shows",
         "die Anzeige von {whose} meldet nicht, was sie zeigt",
-        whose = whose
+        whose
     )
 }
 
@@ -210,8 +173,8 @@ pub(crate) fn words_cut(limits: &Limits) -> Text {
     say!(
         "statuses say more than is kept: limits.status_bytes is {all}, limits.source_bytes {one}; the longest are cut, their states hold",
         "Meldungen sind länger, als behalten wird: limits.status_bytes ist {all}, limits.source_bytes {one}; die längsten sind gekürzt, ihre Zustände gelten",
-        all = limits.status_bytes.to_string(),
-        one = limits.source_bytes.to_string()
+        all = limits.status_bytes,
+        one = limits.source_bytes
     )
 }
 
@@ -220,17 +183,13 @@ pub(crate) fn other_aggregator(other: &str) -> Text {
     say!(
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
-        other = other
+        other
     )
 }
 
 /// The message while several nodes have one name.
 pub(crate) fn repeated_nodes(names: &str) -> Text {
-    say!(
-        "several nodes have one name: {names}",
-        "mehrere Nodes haben denselben Namen: {names}",
-        names = names
-    )
+    say!("several nodes have one name: {names}", "mehrere Nodes haben denselben Namen: {names}", names)
 }
 
 /// The message while the DDS process is down.
@@ -238,7 +197,7 @@ pub(crate) fn dds_down(reason: &str) -> Text {
     say!(
         "the connection to the vehicle (DDS) failed and is being restarted: {reason}",
         "die Verbindung zum Fahrzeug (DDS) ist ausgefallen und wird neu gestartet: {reason}",
-        reason = reason
+        reason
     )
 }
 
@@ -278,15 +237,5 @@ impl ReceptionCheck {
 
     pub(crate) fn due(&self) -> Option<Timestamp> {
         self.last.map(|last| last + RECEPTION_HOLD)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_modules_stand_in_the_order_of_their_numbers() {
-        assert!((0..).zip(SystemCheck::ALL).all(|(number, check)| check as u32 == number));
     }
 }

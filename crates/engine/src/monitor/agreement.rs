@@ -1,8 +1,8 @@
 //! Two independent sources of one value, of one pose, or of one list of positions.
 
+use super::Machine;
 use super::inputs::{Inputs, UnusableInput};
-use super::motion::{History, Motion, TooShort};
-use super::nearest::apart_m;
+use super::motion::{History, Motion, TooShort, apart_m};
 use super::sequence::slack;
 use super::words::{Words, span};
 use crate::files::KeyframeError;
@@ -37,7 +37,7 @@ pub(crate) struct Agreement {
     #[serde(skip)]
     rule: AgreementRule,
     /// The time over which motions are compared, with the past poses of each source.
-    motion: Option<(Span, [History; 2])>,
+    motion: Option<Box<(Span, [History; 2])>>,
     /// Motions are not judged before both sources were followed for long enough.
     #[serde(default)]
     anew: bool,
@@ -83,14 +83,15 @@ impl Agreement {
         motion_over: Option<Span>,
         rule: AgreementRule,
     ) -> Agreement {
-        let motion = motion_over.map(|over| (over, [History::default(), History::default()]));
+        let motion = motion_over.map(|over| Box::new((over, Default::default())));
         Agreement { inputs, max_age, rule, motion, anew: false, apart_m: 0.0 }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Agreement) -> Result<(), KeyframeError> {
+impl Machine for Agreement {
+    fn resume(&mut self, kept: Agreement) -> Result<(), KeyframeError> {
         let Agreement { inputs, max_age: _, rule: _, motion, anew, apart_m } = kept;
-        if motion.as_ref().map(|(over, _)| over) != self.motion.as_ref().map(|(over, _)| over) {
+        if motion.as_ref().map(|it| it.0) != self.motion.as_ref().map(|it| it.0) {
             return Err(KeyframeError::new("the configuration compares motions in another way"));
         }
         (self.motion, self.anew, self.apart_m) = (motion, anew, apart_m);
@@ -98,21 +99,21 @@ impl Agreement {
     }
 
     /// Motions are followed again from now on. Returns whether it compares motions.
-    pub(super) fn begin_anew(&mut self) -> bool {
-        let Some((_, histories)) = &mut self.motion else { return false };
+    fn begin_anew(&mut self, _now: Timestamp) -> bool {
+        let Some((_, histories)) = self.motion.as_deref_mut() else { return false };
         histories.iter_mut().for_each(History::clear);
         self.anew = true;
         true
     }
 
-    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+    fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
         let changed = self.inputs.take(slot, value, now);
         if let (true, Some(FieldValue::Positions(a)), Some(FieldValue::Positions(b))) =
             (changed, self.inputs.last(0), self.inputs.last(1))
         {
             self.apart_m = apart_m(&a.taken, &b.taken);
         }
-        if let Some((over, histories)) = &mut self.motion {
+        if let Some((over, histories)) = self.motion.as_deref_mut() {
             match self.inputs.pose(slot, now) {
                 Ok(pose) => histories[slot].push(now, &pose, *over),
                 Err(_) => histories[slot].clear(),
@@ -120,7 +121,7 @@ impl Agreement {
         }
     }
 
-    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {
             return None;
         }
@@ -141,23 +142,23 @@ impl Agreement {
         Some(state)
     }
 
-    pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
+    fn due(&self, now: Timestamp) -> Option<Timestamp> {
         self.inputs.due(now)
     }
 
-    pub(super) fn is_aged(&self, now: Timestamp) -> bool {
+    fn is_aged(&self, now: Timestamp) -> bool {
         self.inputs.any()
             && matches!(self.difference(now), Err(NotComparable::Input(unusable)) if unusable.is_age())
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
+    fn words(&self, now: Timestamp) -> Words {
         if !self.inputs.any() {
             return Words::default();
         }
         match self.difference(now) {
             Ok(Difference::Number(difference, _, bands)) => {
                 let by = bands.say_in(difference, self.inputs.common_quantity());
-                let message = say!("they differ by {by}", "Abweichung {by}", by = by);
+                let message = say!("they differ by {by}", "Abweichung {by}", by);
                 let mut values = bands.values("difference", difference);
                 for (name, slot) in [("a", 0), ("b", 1)] {
                     if let Some(FieldValue::Number(value)) = self.inputs.last(slot) {
@@ -172,28 +173,30 @@ impl Agreement {
             Ok(Difference::Lists { lists, count, nearest }) => lists.words(count, nearest),
             Err(NotComparable::Input(unusable)) => Words::plain(self.inputs.say(unusable)),
             Err(NotComparable::TooShort(slot, why)) => {
-                let over = self.motion.as_ref().map_or("".into(), |(over, _)| span(*over));
+                let over = self.motion.as_ref().map_or("".into(), |motion| span(motion.0));
                 let label = self.inputs.label(slot);
                 Words::plain(match why {
                     TooShort::Young => say!(
                         "{label} has not been followed for {over} yet",
                         "{label} noch keine {over} verfolgt",
-                        label = label,
-                        over = over
+                        label,
+                        over
                     ),
                     TooShort::Gap => say!(
                         "of {label} too little came {over} ago",
                         "von {label} kam vor {over} zu wenig",
-                        label = label,
-                        over = over
+                        label,
+                        over
                     ),
                 })
             }
         }
     }
+}
 
+impl Agreement {
     fn say_pose(&self, metres: f64, degrees: f64, translation: &Bands, rotation_deg: &Bands) -> Words {
-        let what = match &self.motion {
+        let what = match self.motion.as_deref() {
             Some((over, _)) => say!(
                 "over {over} their motions differ by",
                 "Abweichung der Bewegungen über {over}:",
@@ -207,7 +210,7 @@ impl Agreement {
         let message = say!(
             "{what} {shift}; {turn}",
             "{what} {shift}; {turn}",
-            what = what,
+            what,
             shift = translation.say(metres, "m".into()),
             turn = rotation_deg.say(degrees, say!("deg", "Grad"))
         );
@@ -241,7 +244,7 @@ impl Agreement {
     fn moved(&self, now: Timestamp) -> Result<(f64, f64), NotComparable> {
         let a = self.inputs.pose(0, now).map_err(NotComparable::Input)?;
         let b = self.inputs.pose(1, now).map_err(NotComparable::Input)?;
-        let (a, b) = match &self.motion {
+        let (a, b) = match self.motion.as_deref() {
             None => (Motion::to(&a), Motion::to(&b)),
             Some((over, histories)) => {
                 let motion = |slot: usize| {
@@ -277,8 +280,8 @@ impl Lists {
         let counts = say!(
             "{a} against {b} objects: {by}",
             "{a} gegen {b} Objekte: {by}",
-            a = a.to_string(),
-            b = b.to_string(),
+            a,
+            b,
             by = count.say(self.difference(), "".into())
         );
         let mut values = vec![("a", a.to_string()), ("b", b.to_string())];
@@ -292,7 +295,7 @@ impl Lists {
             say!(
                 "of more than {most} the distances are not known",
                 "bei mehr als {most} sind die Abstände nicht bekannt",
-                most = POSITIONS_MAX.to_string()
+                most = POSITIONS_MAX
             )
         } else if apart_m.is_infinite() {
             say!("an empty list has no counterpart", "leere Liste ohne Gegenstück")
@@ -304,7 +307,7 @@ impl Lists {
                 metres = nearest.say(apart_m, "m".into())
             )
         };
-        let message = say!("{counts}; {apart}", "{counts}; {apart}", counts = counts, apart = apart);
+        let message = say!("{counts}; {apart}", "{counts}; {apart}", counts, apart);
         Words { message, values }
     }
 }

@@ -3,7 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Machine;
 use super::Words;
+use crate::files::KeyframeError;
 use crate::state::State;
 use crate::text::say;
 use crate::time::{Span, Timestamp};
@@ -32,14 +34,16 @@ impl Count {
         self.since.get_or_insert(now);
         std::mem::replace(&mut self.found, found) != found || is_first
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Count) {
+impl Machine for Count {
+    fn resume(&mut self, kept: Count) -> Result<(), KeyframeError> {
         (self.found, self.since) = (kept.found, kept.since);
+        Ok(())
     }
 
     /// A wrong number is not judged while modules may still come.
-    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         let since = self.since?;
         if self.found == self.wanted {
             Some(State::Ok)
@@ -52,16 +56,20 @@ impl Count {
         }
     }
 
-    pub(super) fn due(&self) -> Option<Timestamp> {
+    fn due(&self, _now: Timestamp) -> Option<Timestamp> {
         Some(self.since? + self.grace)
     }
 
-    pub(super) fn words(&self) -> Words {
+    fn moves(&self, _now: Timestamp) -> bool {
+        false
+    }
+
+    fn words(&self, _now: Timestamp) -> Words {
         let message = say!(
             "{found} of {wanted} statuses",
             "{found} von {wanted} Status",
-            found = self.found.to_string(),
-            wanted = self.wanted.to_string()
+            found = self.found,
+            wanted = self.wanted
         );
         Words { message, values: vec![("statuses", self.found.to_string())] }
     }

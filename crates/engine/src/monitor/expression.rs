@@ -1,5 +1,6 @@
 //! Conditions over the latest fields of several topics.
 
+use super::Machine;
 use super::inputs::{Inputs, UnusableInput};
 use super::words::{Words, cut, numeral_in};
 use crate::files::KeyframeError;
@@ -42,33 +43,35 @@ impl Expression {
         Expression { inputs, names: names.collect(), warning, error, answer: None }
     }
 
-    /// Goes on with the state of a keyframe. The answer follows from the inputs.
-    pub(super) fn resume(&mut self, kept: Expression) -> Result<(), KeyframeError> {
-        let Expression { inputs, names: _, warning: _, error: _, answer: _ } = kept;
-        self.answer = None;
-        self.inputs.resume(inputs)
-    }
-
-    /// Whether it assumes a text as this input.
-    pub(super) fn wants_words(&self, slot: usize) -> bool {
-        let mut conditions = [&self.error, &self.warning].into_iter().flatten();
-        conditions.any(|condition| condition.takes(slot) == Some(ScalarKind::Text))
-    }
-
-    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
-        if self.inputs.take(slot, value, now) {
-            self.answer = None;
-        }
-    }
-
     /// The time of the oldest present value; `None` while one is missing.
     pub(crate) fn oldest(&self) -> Option<Timestamp> {
         let received: Option<Vec<Timestamp>> =
             (0..self.inputs.len()).map(|slot| self.inputs.received(slot)).collect();
         received?.into_iter().min()
     }
+}
 
-    pub(crate) fn judge(&mut self, now: Timestamp) -> Option<State> {
+impl Machine for Expression {
+    /// Goes on with the state of a keyframe. The answer follows from the inputs.
+    fn resume(&mut self, kept: Expression) -> Result<(), KeyframeError> {
+        let Expression { inputs, names: _, warning: _, error: _, answer: _ } = kept;
+        self.answer = None;
+        self.inputs.resume(inputs)
+    }
+
+    /// Whether it assumes a text as this input.
+    fn wants_words(&self, slot: usize) -> bool {
+        let mut conditions = [&self.error, &self.warning].into_iter().flatten();
+        conditions.any(|condition| condition.takes(slot) == Some(ScalarKind::Text))
+    }
+
+    fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+        if self.inputs.take(slot, value, now) {
+            self.answer = None;
+        }
+    }
+
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {
             return None;
         }
@@ -84,15 +87,15 @@ impl Expression {
         })
     }
 
-    pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
+    fn due(&self, now: Timestamp) -> Option<Timestamp> {
         self.inputs.due(now)
     }
 
-    pub(super) fn is_aged(&self, now: Timestamp) -> bool {
+    fn is_aged(&self, now: Timestamp) -> bool {
         self.inputs.any() && self.unusable(now).is_some_and(UnusableInput::is_age)
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
+    fn words(&self, now: Timestamp) -> Words {
         if !self.inputs.any() {
             return Words::default();
         }
@@ -111,18 +114,13 @@ impl Expression {
                 | FieldValue::Absent
                 | FieldValue::Unreadable(_) => return None,
             };
-            Some(say!("{name} = {text}", "{name} = {text}", name = &*self.names[slot], text = text))
+            Some(say!("{name} = {text}", "{name} = {text}", name = &*self.names[slot], text))
         });
-        let joined = |all: Text, next: Text| say!("{all}, {next}", "{all}; {next}", all = all, next = next);
+        let joined = |all: Text, next: Text| say!("{all}, {next}", "{all}; {next}", all, next);
         let values = values.reduce(joined).unwrap_or_else(|| "".into());
         let holds = |condition: &Option<Condition>, values: Text| {
             let condition = condition.as_ref().map_or("", |condition| cut(&condition.text));
-            say!(
-                "{condition} holds: {values}",
-                "{condition} trifft zu: {values}",
-                condition = condition,
-                values = values
-            )
+            say!("{condition} holds: {values}", "{condition} trifft zu: {values}", condition, values)
         };
         let message = match &self.answer {
             Some(Answer::State(State::Error)) => holds(&self.error, values),
@@ -130,14 +128,16 @@ impl Expression {
             Some(Answer::Failed(why)) => say!(
                 "no answer for {values}: {why}",
                 "keine Antwort für {values}: {why}",
-                values = values,
+                values,
                 why = cut(why)
             ),
             Some(Answer::State(State::Ok | State::Unknown | State::Ignore)) | None => values,
         };
         Words::plain(message)
     }
+}
 
+impl Expression {
     fn unusable(&self, now: Timestamp) -> Option<UnusableInput> {
         (0..self.inputs.len()).find_map(|slot| self.inputs.value(slot, now).err())
     }

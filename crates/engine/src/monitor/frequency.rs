@@ -1,11 +1,12 @@
 //! The rate of messages, also judged by the clock: no message is 0 Hz.
 
+use super::Machine;
 use super::window::{Recovery, Window};
-use super::words::{Words, span};
+use super::words::{Words, measuring, not_measured};
 use crate::files::KeyframeError;
 use crate::model::monitors::Bands;
+use crate::model::sample::Sample;
 use crate::state::State;
-use crate::text::say;
 use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -24,32 +25,37 @@ impl Frequency {
     pub(super) fn new(window: Span, bands: Bands) -> Frequency {
         Frequency { window: Window::new(window), bands, since: None, recovery: None }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Frequency) -> Result<(), KeyframeError> {
+impl Machine for Frequency {
+    fn resume(&mut self, kept: Frequency) -> Result<(), KeyframeError> {
         let Frequency { window, bands: _, since, recovery } = kept;
         (self.since, self.recovery) = (since, recovery);
         self.window.resume(window)
     }
 
-    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
         self.window.clear();
         self.since = relevant.then_some(now);
         self.recovery = None;
     }
 
-    /// The module is no longer blocked, and is well.
-    pub(super) fn recover(&mut self, now: Timestamp) {
+    fn recover(&mut self, now: Timestamp) {
         self.recovery = self.judge(now).map(|state| Recovery { at: now, state });
     }
 
+    fn begin_anew(&mut self, now: Timestamp) -> bool {
+        self.set_relevant(true, now);
+        true
+    }
+
     /// Starts the first window at `until`, unless a publisher is found earlier.
-    pub(super) fn search(&mut self, until: Timestamp) {
+    fn search(&mut self, until: Timestamp) {
         self.since = self.since.map(|since| since.max(until));
     }
 
     /// A publisher was found. Returns whether that ends a search.
-    pub(super) fn found(&mut self, now: Timestamp) -> bool {
+    fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
         let searching = self.since.is_some_and(|since| since > now);
         if searching {
             self.since = Some(now);
@@ -58,7 +64,7 @@ impl Frequency {
     }
 
     /// A late message came, which is not counted. Returns whether the first window starts again.
-    pub(super) fn late(&mut self, now: Timestamp) -> bool {
+    fn late(&mut self, now: Timestamp) -> bool {
         let first = self.since.is_some_and(|since| since <= now && now < since + self.window.span());
         if first {
             self.since = Some(now);
@@ -66,14 +72,14 @@ impl Frequency {
         first
     }
 
-    pub(super) fn take(&mut self, now: Timestamp) {
+    fn take_message(&mut self, _slot: usize, _sample: &Sample, now: Timestamp) {
         if self.since.is_some() {
             self.window.push(0.0, now);
         }
     }
 
     /// Before the first full window only too high rates can be judged: they can no longer get better.
-    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.window.advance(now);
         let judged = self.judged(now);
         let span = self.window.span();
@@ -85,15 +91,7 @@ impl Frequency {
         judged
     }
 
-    fn judged(&self, now: Timestamp) -> Option<State> {
-        if now >= self.full_at()? {
-            Some(self.at(self.window.count()))
-        } else {
-            Some(self.too_many()).filter(|&state| state != State::Ok)
-        }
-    }
-
-    pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
+    fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let full_at = self.full_at()?;
         if now < full_at {
             return Some(full_at);
@@ -110,26 +108,27 @@ impl Frequency {
     }
 
     /// The rate falls without any message.
-    pub(super) fn moves(&self) -> bool {
+    fn moves(&self, _now: Timestamp) -> bool {
         !self.window.is_empty()
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
-        let Some(full_at) = self.full_at() else {
-            return Words::plain(say!(
-                "not measured while it does not matter",
-                "zählt zurzeit nicht, nicht gemessen"
-            ));
-        };
+    fn words(&self, now: Timestamp) -> Words {
+        let Some(full_at) = self.full_at() else { return not_measured() };
         let rate = self.window.rate(self.window.count());
         if now < full_at && self.too_many() == State::Ok {
-            return Words::plain(say!(
-                "measuring for {time}",
-                "wird gemessen seit {time}",
-                time = span(self.window.span())
-            ));
+            return measuring(self.window.span());
         }
         Words { message: self.bands.say(rate, "Hz".into()), values: self.bands.values("rate_hz", rate) }
+    }
+}
+
+impl Frequency {
+    fn judged(&self, now: Timestamp) -> Option<State> {
+        if now >= self.full_at()? {
+            Some(self.at(self.window.count()))
+        } else {
+            Some(self.too_many()).filter(|&state| state != State::Ok)
+        }
     }
 
     fn at(&self, count: u64) -> State {

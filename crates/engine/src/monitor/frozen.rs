@@ -1,6 +1,7 @@
 //! Whether what a topic sends still changes: a source that repeats itself is fresh and wrong.
 //! The time runs from the first equal message to the last, so a silence is no repetition.
 
+use super::Machine;
 use super::inputs::{InputFault, Inputs, UnusableInput};
 use super::words::Words;
 use crate::files::{KeyframeError, count};
@@ -42,23 +43,30 @@ impl Frozen {
     pub(super) fn new(inputs: Inputs, limits: FrozenLimits) -> Frozen {
         Frozen { inputs, limits, run: None }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Frozen) -> Result<(), KeyframeError> {
+impl Machine for Frozen {
+    fn resume(&mut self, kept: Frozen) -> Result<(), KeyframeError> {
         let Frozen { inputs, limits: _, run } = kept;
         self.run = run;
         self.inputs.resume(inputs)
     }
 
     /// What repeated itself so far does not count.
-    pub(super) fn begin_anew(&mut self, now: Timestamp) {
+    fn begin_anew(&mut self, now: Timestamp) -> bool {
         if let Some(run) = &mut self.run {
             (run.since, run.last, run.repeats) = (now, now, 0);
         }
+        true
+    }
+
+    /// Whatever it is, its text is compared.
+    fn wants_words(&self, _slot: usize) -> bool {
+        true
     }
 
     /// A message that cannot be read neither repeats the one before it nor differs from it.
-    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+    fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
         self.inputs.take(slot, value, now);
         if self.inputs.value(slot, now).is_err() {
             return;
@@ -71,12 +79,12 @@ impl Frozen {
         }
     }
 
-    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         let unreadable = self.unusable(now).map(|_| State::Unknown);
         self.run.as_ref().map(|run| self.by_time(run).max(self.by_number(run))).max(unreadable)
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
+    fn words(&self, now: Timestamp) -> Words {
         if let Some(unusable) = self.unusable(now) {
             return Words::plain(self.inputs.say(unusable));
         }
@@ -93,7 +101,9 @@ impl Frozen {
         let measured = if of_number { ("repeats", number) } else { ("unchanged_s", seconds) };
         Words { message, values: limits.values(measured.0, measured.1) }
     }
+}
 
+impl Frozen {
     /// Why the last message says nothing.
     fn unusable(&self, now: Timestamp) -> Option<UnusableInput> {
         self.inputs.value(0, now).err().filter(|unusable| unusable.fault != InputFault::Missing)

@@ -1,6 +1,6 @@
 //! The latest values of a monitor's inputs, and why one cannot be used.
 
-use super::words::{cut, span};
+use super::words::{cut, reason, span};
 use crate::files::KeyframeError;
 use crate::model::monitors::{ValueSource, Watched};
 use crate::model::quantity::Quantity;
@@ -12,9 +12,6 @@ use serde::{Deserialize, Serialize};
 
 /// The reason for an unreadable KeyValue that the status does not have.
 pub(crate) const NO_SUCH_KEY: &str = "the status has no such key";
-
-/// Bytes of a reason that are shown: enough for the name of a type and of the intended field.
-const WHY_MAX: usize = 200;
 
 /// By slot: the position of a source in its monitor.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -79,7 +76,7 @@ impl Inputs {
             if role.en.is_empty() {
                 place.into()
             } else {
-                say!("{role} ({place})", "{role} ({place})", role = role, place = place)
+                say!("{role} ({place})", "{role} ({place})", role, place)
             }
         };
         let (labels, quantities): (Vec<Text>, Vec<_>) =
@@ -211,31 +208,26 @@ impl Inputs {
             InputFault::Missing => nothing_yet(label),
             InputFault::Old => {
                 let max_age = self.max_age.map_or("".into(), span);
-                say!(
-                    "{label} is older than {max_age}",
-                    "{label} älter als {max_age}",
-                    label = label,
-                    max_age = max_age
-                )
+                say!("{label} is older than {max_age}", "{label} älter als {max_age}", label, max_age)
             }
             InputFault::Unreadable => match &self.latest[unusable.slot] {
                 Some((_, FieldValue::Unreadable(why))) if **why == *NO_SUCH_KEY => say!(
                     "{label} cannot be read: the status has no such key",
                     "{label} nicht lesbar: der Status hat diesen Schlüssel nicht",
-                    label = label
+                    label
                 ),
                 Some((_, FieldValue::Unreadable(why))) => say!(
                     "{label} cannot be read: {why}",
                     "{label} nicht lesbar: {why}",
-                    label = label,
-                    why = &why[..why.floor_char_boundary(WHY_MAX)]
+                    label,
+                    why = reason(why)
                 ),
-                _ => say!("{label} cannot be read", "{label} nicht lesbar", label = label),
+                _ => say!("{label} cannot be read", "{label} nicht lesbar", label),
             },
             InputFault::NotANumber => {
-                say!("{label} is not a number", "{label} ist keine Zahl", label = label)
+                say!("{label} is not a number", "{label} ist keine Zahl", label)
             }
-            InputFault::Infinite => say!("{label} is infinite", "{label} ist unendlich", label = label),
+            InputFault::Infinite => say!("{label} is infinite", "{label} ist unendlich", label),
             // The text itself is the explanation: a unit, a word.
             InputFault::WrongKind { wanted: ValueKind::Number, is: ValueKind::Words }
                 if self.text(unusable.slot).is_some() =>
@@ -243,28 +235,28 @@ impl Inputs {
                 say!(
                     "{label} is \"{text}\", text where a number is wanted",
                     "{label} ist \"{text}\", Text, wo eine Zahl erwartet wird",
-                    label = label,
+                    label,
                     text = self.text(unusable.slot).unwrap_or_default()
                 )
             }
             InputFault::WrongKind { wanted, is } => say!(
                 "{label} is {is} where {wanted} is wanted",
                 "{label} ist {is}, erwartet {wanted}",
-                label = label,
+                label,
                 is = is.say(),
                 wanted = wanted.say()
             ),
             InputFault::NoRotation => say!(
                 "{label} has a rotation of length zero",
                 "{label} hat eine Drehung der Länge null",
-                label = label
+                label
             ),
         }
     }
 }
 
 pub(super) fn nothing_yet(label: Text) -> Text {
-    say!("nothing came yet of {label}", "noch nichts gekommen von {label}", label = label)
+    say!("nothing came yet of {label}", "noch nichts gekommen von {label}", label)
 }
 
 /// The kind of a value.

@@ -1,5 +1,6 @@
 //! The latency of messages: receipt minus header stamp, the worst of the window.
 
+use super::Machine;
 use super::window::Window;
 use super::words::{Words, span};
 use crate::files::KeyframeError;
@@ -44,27 +45,29 @@ impl Latency {
     pub(super) fn new(window: Span, bands: Bands) -> Latency {
         Latency { window: Window::new(window), bands, doubt: None, last: None }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Latency) -> Result<(), KeyframeError> {
+impl Machine for Latency {
+    fn resume(&mut self, kept: Latency) -> Result<(), KeyframeError> {
         let Latency { window, bands: _, doubt, last } = kept;
         (self.doubt, self.last) = (doubt, last);
         self.window.resume(window)
     }
 
-    pub(super) fn begin_anew(&mut self) {
+    fn begin_anew(&mut self, _now: Timestamp) -> bool {
         self.window.clear();
         (self.doubt, self.last) = (None, None);
+        true
     }
 
-    pub(super) fn take(&mut self, sample: &Sample, now: Timestamp) {
+    fn take_message(&mut self, _slot: usize, sample: &Sample, now: Timestamp) {
         match age(sample) {
             Ok(seconds) => self.window.push(seconds, now),
             Err(doubt) => self.doubt = Some((now, doubt)),
         }
     }
 
-    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.window.advance(now);
         self.doubt = self.doubt.filter(|(at, _)| *at + self.window.span() > now);
         let measured =
@@ -74,15 +77,7 @@ impl Latency {
         self.last
     }
 
-    /// The state of the last useless stamp.
-    fn doubted(&self) -> Option<State> {
-        self.doubt.map(|(_, doubt)| match doubt {
-            StampFault::Future(_) => self.bands.unmeasurable(),
-            _ => State::Unknown,
-        })
-    }
-
-    pub(super) fn due(&self) -> Option<Timestamp> {
+    fn due(&self, _now: Timestamp) -> Option<Timestamp> {
         let doubt = self.doubt.map(|(at, _)| at + self.window.span());
         let leaving = self.window.leaving().next().map(|(at, _)| at);
         match self.last {
@@ -91,11 +86,11 @@ impl Latency {
         }
     }
 
-    pub(super) fn moves(&self) -> bool {
+    fn moves(&self, _now: Timestamp) -> bool {
         !self.window.is_empty()
     }
 
-    pub(super) fn words(&self) -> Words {
+    fn words(&self, _now: Timestamp) -> Words {
         let worst = self
             .window
             .extremes()
@@ -112,6 +107,16 @@ impl Latency {
             (_, None) => "".into(),
         };
         Words { message, values }
+    }
+}
+
+impl Latency {
+    /// The state of the last useless stamp.
+    fn doubted(&self) -> Option<State> {
+        self.doubt.map(|(_, doubt)| match doubt {
+            StampFault::Future(_) => self.bands.unmeasurable(),
+            _ => State::Unknown,
+        })
     }
 }
 

@@ -1,10 +1,12 @@
 //! The output rate of a component against its input rate.
 
+use super::Machine;
 use super::window::{Recovery, Window};
-use super::words::{Words, span};
+use super::words::{Words, measuring, not_measured, span};
 use crate::files::KeyframeError;
 use crate::model::monitors::Bands;
 use crate::model::quantity::number;
+use crate::model::sample::Sample;
 use crate::state::State;
 use crate::text::say;
 use crate::time::{Span, Timestamp};
@@ -25,34 +27,37 @@ pub(crate) struct RateRatio {
 }
 
 impl RateRatio {
-    pub(super) const INPUT: usize = 0;
-    pub(super) const OUTPUT: usize = 1;
-
     pub(super) fn new(window: Span, bands: Bands) -> RateRatio {
         let (input, output) = (Window::new(window), Window::new(window));
         RateRatio { input, output, bands, since: None, known: [false; 2], recovery: None }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: RateRatio) -> Result<(), KeyframeError> {
+impl Machine for RateRatio {
+    fn resume(&mut self, kept: RateRatio) -> Result<(), KeyframeError> {
         let RateRatio { input, output, bands: _, since, known, recovery } = kept;
         (self.since, self.known, self.recovery) = (since, known, recovery);
         self.input.resume(input)?;
         self.output.resume(output)
     }
 
-    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
         self.begin(relevant.then_some(now));
     }
 
+    fn begin_anew(&mut self, now: Timestamp) -> bool {
+        self.set_relevant(true, now);
+        true
+    }
+
     /// Starts the first window at `until`, unless both publishers are found earlier.
-    pub(super) fn search(&mut self, until: Timestamp) {
+    fn search(&mut self, until: Timestamp) {
         self.since = self.since.map(|since| since.max(until));
     }
 
     /// The publisher of this slot was found. Returns whether that ends a search: earlier messages of the other
     /// slot have no counterpart.
-    pub(super) fn found(&mut self, slot: usize, now: Timestamp) -> bool {
+    fn found(&mut self, slot: usize, now: Timestamp) -> bool {
         self.known[slot] = true;
         let found = self.known == [true; 2] && self.since.is_some_and(|since| since > now);
         if found {
@@ -62,7 +67,7 @@ impl RateRatio {
     }
 
     /// A late message came, which is not counted. Returns whether the first window starts again.
-    pub(super) fn late(&mut self, now: Timestamp) -> bool {
+    fn late(&mut self, now: Timestamp) -> bool {
         let first = self.since.is_some_and(|since| since <= now && now < since + self.input.span());
         if first {
             self.begin(Some(now));
@@ -70,26 +75,15 @@ impl RateRatio {
         first
     }
 
-    fn begin(&mut self, since: Option<Timestamp>) {
-        self.input.clear();
-        self.output.clear();
-        self.since = since;
-        self.recovery = None;
-    }
-
-    /// The module is no longer blocked, and is well.
-    pub(super) fn recover(&mut self, now: Timestamp) {
+    fn recover(&mut self, now: Timestamp) {
         self.recovery = self.judge(now).map(|state| Recovery { at: now, state });
     }
 
-    pub(super) fn take(&mut self, slot: usize, now: Timestamp) {
-        if self.since.is_some() {
-            let window = if slot == RateRatio::INPUT { &mut self.input } else { &mut self.output };
-            window.push(0.0, now);
-        }
+    fn take_message(&mut self, slot: usize, _sample: &Sample, now: Timestamp) {
+        self.count(slot, now);
     }
 
-    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.input.advance(now);
         self.output.advance(now);
         let judged = self.judged(now);
@@ -103,13 +97,9 @@ impl RateRatio {
         judged
     }
 
-    fn judged(&self, now: Timestamp) -> Option<State> {
-        (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
-    }
-
     /// Before this time the state does not change without an input: until enough messages have left either
     /// window for the ratio to reach a limit, or no input is left.
-    pub(super) fn due(&self, now: Timestamp) -> Option<Timestamp> {
+    fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let full_at = self.full_at()?;
         if now < full_at {
             return Some(full_at);
@@ -128,23 +118,14 @@ impl RateRatio {
         [self.input.left_by(inputs), self.output.left_by(outputs)].into_iter().flatten().min()
     }
 
-    pub(super) fn moves(&self) -> bool {
+    fn moves(&self, _now: Timestamp) -> bool {
         !self.input.is_empty() || !self.output.is_empty()
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
-        let Some(full_at) = self.full_at() else {
-            return Words::plain(say!(
-                "not measured while it does not matter",
-                "zählt zurzeit nicht, nicht gemessen"
-            ));
-        };
+    fn words(&self, now: Timestamp) -> Words {
+        let Some(full_at) = self.full_at() else { return not_measured() };
         if now < full_at {
-            return Words::plain(say!(
-                "measuring for {time}",
-                "wird gemessen seit {time}",
-                time = span(self.input.span())
-            ));
+            return measuring(self.input.span());
         }
         let rates = [
             ("input_hz", number(self.input.rate(self.input.count()))),
@@ -159,6 +140,27 @@ impl RateRatio {
         let mut values = self.bands.values("ratio", ratio);
         values.extend(rates);
         Words { message: self.bands.say(ratio, say!("outputs per input", "Ausgaben je Eingabe")), values }
+    }
+}
+
+impl RateRatio {
+    fn begin(&mut self, since: Option<Timestamp>) {
+        self.input.clear();
+        self.output.clear();
+        self.since = since;
+        self.recovery = None;
+    }
+
+    /// A message of the input, which has slot 0, or of the output.
+    fn count(&mut self, slot: usize, now: Timestamp) {
+        if self.since.is_some() {
+            let window = if slot == 0 { &mut self.input } else { &mut self.output };
+            window.push(0.0, now);
+        }
+    }
+
+    fn judged(&self, now: Timestamp) -> Option<State> {
+        (now >= self.full_at()?).then(|| self.at(self.input.count(), self.output.count()))
     }
 
     fn at(&self, input: u64, output: u64) -> State {
@@ -195,7 +197,7 @@ mod tests {
             let mut millis = 0;
             for (gap, is_input) in messages {
                 millis += gap;
-                ratio.take(if is_input { RateRatio::INPUT } else { RateRatio::OUTPUT }, Timestamp::from_millis(millis));
+                ratio.count(usize::from(!is_input), Timestamp::from_millis(millis));
             }
             let mut now = Timestamp::from_millis(millis.max(1000));
             let mut state = ratio.judge(now);

@@ -3,6 +3,7 @@
 //! A later value is compared when it comes. A new earlier one has no answer yet: comparing it with the old later value
 //! would report every step of a set point.
 
+use super::Machine;
 use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, span};
 use crate::files::KeyframeError;
@@ -40,9 +41,10 @@ impl Sequence {
     pub(super) fn new(inputs: Inputs, max_gap: Span, bands: Bands) -> Sequence {
         Sequence { inputs, max_gap, bands, pair: None }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Sequence) -> Result<(), KeyframeError> {
+impl Machine for Sequence {
+    fn resume(&mut self, kept: Sequence) -> Result<(), KeyframeError> {
         let Sequence { inputs, max_gap: _, bands: _, pair } = kept;
         let faults = pair.iter().flat_map(|pair| [pair.earlier.err(), pair.later.err()]).flatten();
         if !faults.into_iter().all(|fault| fault.is_of(&self.inputs)) {
@@ -52,7 +54,7 @@ impl Sequence {
         self.inputs.resume(inputs)
     }
 
-    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+    fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
         self.inputs.take(slot, value, now);
         if slot == Sequence::LATER {
             let gap = self.inputs.received(Sequence::EARLIER).map_or(Span::ZERO, |at| now.since(at));
@@ -61,7 +63,7 @@ impl Sequence {
         }
     }
 
-    pub(super) fn judge(&self) -> Option<State> {
+    fn judge(&mut self, _now: Timestamp) -> Option<State> {
         self.inputs.any().then(|| match self.difference() {
             Ok((_, state)) => state,
             Err(NotComparable::Input(unusable)) if unusable.fault == InputFault::NotANumber => {
@@ -71,7 +73,7 @@ impl Sequence {
         })
     }
 
-    pub(super) fn words(&self) -> Words {
+    fn words(&self, _now: Timestamp) -> Words {
         if !self.inputs.any() {
             return Words::default();
         }
@@ -93,7 +95,9 @@ impl Sequence {
             }
         }
     }
+}
 
+impl Sequence {
     fn difference(&self) -> Result<(f64, State), NotComparable> {
         let Some(pair) = self.pair else { return Err(NotComparable::Missing(Sequence::LATER)) };
         let ahead = self.inputs.received(Sequence::EARLIER).zip(self.inputs.received(Sequence::LATER));

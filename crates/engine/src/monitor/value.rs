@@ -1,5 +1,6 @@
 //! One field of a topic, or one KeyValue of a status.
 
+use super::Machine;
 use super::inputs::{InputFault, Inputs, UnusableInput};
 use super::words::{Words, numeral_in, quoted};
 use crate::files::KeyframeError;
@@ -14,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Value {
-    pub(super) inputs: Inputs,
+    inputs: Inputs,
     #[serde(skip)]
     rule: ValueRule,
 }
@@ -23,20 +24,25 @@ impl Value {
     pub(super) fn new(inputs: Inputs, rule: ValueRule) -> Value {
         Value { inputs, rule }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
+impl Machine for Value {
+    fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
         let Value { inputs, rule: _ } = kept;
         self.inputs.resume(inputs)
     }
 
     /// Whether texts are compared, so that "12" is a text too.
-    pub(super) fn wants_words(&self) -> bool {
+    fn wants_words(&self, _slot: usize) -> bool {
         let ValueRule::Unless { error, warning } = &self.rule else { return false };
         [error, warning].into_iter().any(|wanted| matches!(wanted, Some(FieldValue::Text(_))))
     }
 
-    pub(super) fn judge(&self, now: Timestamp) -> Option<State> {
+    fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+        self.inputs.take(slot, value, now);
+    }
+
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         self.inputs.any().then(|| match (self.look(now), &self.rule) {
             (Ok((_, state)), _) => state,
             (Err(unusable), ValueRule::Bands(bands)) if unusable.fault == InputFault::NotANumber => {
@@ -46,13 +52,15 @@ impl Value {
         })
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
+    fn words(&self, now: Timestamp) -> Words {
         if !self.inputs.any() {
             return Words::default();
         }
         self.measured(now).unwrap_or_else(|unusable| Words::plain(self.inputs.say(unusable)))
     }
+}
 
+impl Value {
     fn measured(&self, now: Timestamp) -> Result<Words, UnusableInput> {
         Ok(match &self.rule {
             ValueRule::Bands(bands) => {

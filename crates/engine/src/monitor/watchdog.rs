@@ -1,6 +1,8 @@
 //! Watchdogs: whether a target answers, and how soon; and what is measured of the computer.
 
-use super::words::{Words, cut, span};
+use super::Machine;
+use super::words::{Words, cut, reason, span};
+use crate::files::KeyframeError;
 use crate::model::monitors::{Bands, ProbeTarget, ProcessMeasure, Resource, WatchdogSpec};
 use crate::model::sample::ProbeOutcome;
 use crate::state::State;
@@ -32,9 +34,6 @@ pub(crate) struct Watchdog {
     state: Option<State>,
 }
 
-/// Bytes of a reason that are shown: enough for a path and what to do.
-const WHY_MAX: usize = 200;
-
 /// All announcements but the last.
 fn restarts(times: u32) -> f64 {
     f64::from(times.saturating_sub(1))
@@ -61,9 +60,10 @@ impl Watchdog {
             state: None,
         }
     }
+}
 
-    /// Goes on with the state of a keyframe.
-    pub(super) fn resume(&mut self, kept: Watchdog) {
+impl Machine for Watchdog {
+    fn resume(&mut self, kept: Watchdog) -> Result<(), KeyframeError> {
         let Watchdog {
             misses_max: _,
             bands: _,
@@ -76,14 +76,15 @@ impl Watchdog {
             state,
         } = kept;
         (self.since, self.last, self.misses, self.state) = (since, last, misses, state);
+        Ok(())
     }
 
-    pub(super) fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
         self.since = relevant.then_some(now);
         (self.last, self.misses, self.state) = (None, 0, None);
     }
 
-    pub(super) fn take(&mut self, outcome: &ProbeOutcome, now: Timestamp) {
+    fn take_probe(&mut self, outcome: &ProbeOutcome, now: Timestamp) {
         if self.since.is_none() {
             return;
         }
@@ -109,15 +110,15 @@ impl Watchdog {
     }
 
     /// Fewer misses than make an ERROR leave the state unchanged.
-    pub(super) fn judge(&mut self, now: Timestamp) -> Option<State> {
+    fn judge(&mut self, now: Timestamp) -> Option<State> {
         if now >= self.late_at()? { self.state.max(Some(State::Unknown)) } else { self.state }
     }
 
-    pub(super) fn due(&self) -> Option<Timestamp> {
+    fn due(&self, _now: Timestamp) -> Option<Timestamp> {
         self.late_at()
     }
 
-    pub(super) fn words(&self, now: Timestamp) -> Words {
+    fn words(&self, now: Timestamp) -> Words {
         let Some(late_at) = self.late_at() else {
             return Words::plain(say!(
                 "not asked while it does not matter",
@@ -140,7 +141,7 @@ impl Watchdog {
             Some((_, ProbeOutcome::Missed(why))) if self.qos => Words::plain(say!(
                 "publishers and subscribers never come together: {why}",
                 "Publisher und Subscriber kommen nie zusammen: {why}",
-                why = &why[..why.floor_char_boundary(WHY_MAX)]
+                why = reason(why)
             )),
             Some((_, ProbeOutcome::Answered { after })) => {
                 // In milliseconds for people, like the values beside it.
@@ -162,7 +163,7 @@ impl Watchdog {
                 message: say!(
                     "announced {times} times: it crashed and was started again, or runs more than once",
                     "{times}-mal angekündigt: abgestürzt und neu gestartet, oder mehrfach gestartet",
-                    times = times.to_string()
+                    times
                 ),
                 values: self.bands.values("restarts", restarts(*times)),
             },
@@ -170,17 +171,15 @@ impl Watchdog {
             Some((_, ProbeOutcome::Missed(why))) if self.resource.is_some() => {
                 Words::plain(say!("not running: {why}", "läuft nicht: {why}", why = cut(why)))
             }
-            Some((_, ProbeOutcome::Impossible(why))) if self.resource.is_some() => Words::plain(say!(
-                "cannot be read: {why}",
-                "nicht lesbar: {why}",
-                why = &why[..why.floor_char_boundary(WHY_MAX)]
-            )),
+            Some((_, ProbeOutcome::Impossible(why))) if self.resource.is_some() => {
+                Words::plain(say!("cannot be read: {why}", "nicht lesbar: {why}", why = reason(why)))
+            }
             Some((_, ProbeOutcome::Missed(why))) => Words {
                 message: say!(
                     "no answer, {misses} of {all} in a row: {why}",
                     "keine Antwort, {misses} von {all} in Folge: {why}",
                     misses = self.misses.min(self.misses_max).to_string(),
-                    all = self.misses_max.to_string(),
+                    all = self.misses_max,
                     why = cut(why)
                 ),
                 values: vec![("misses", self.misses.to_string())],
@@ -190,7 +189,9 @@ impl Watchdog {
             }
         }
     }
+}
 
+impl Watchdog {
     fn measured(&self, value: f64) -> Words {
         let (name, unit) = match &self.resource {
             Some(Resource::Cpu) => ("cpu_percent", say!("% of the processor", "% des Prozessors")),

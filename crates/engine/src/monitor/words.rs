@@ -10,6 +10,9 @@ use crate::time::Span;
 /// Bytes of a quoted text.
 const QUOTED_MAX: usize = 80;
 
+/// Bytes of a reason that are shown: enough for a path or the name of a type, and what to do.
+const WHY_MAX: usize = 200;
+
 /// The message of a monitor beside its state.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Words {
@@ -78,33 +81,24 @@ impl Bands {
         let upper = self.warning_above.or(self.error_above);
         let limits = [self.warning_below, self.error_below, self.warning_above, self.error_above];
         let value = numeral(measured(value, &limits));
-        let value = if unit.en.is_empty() {
-            value
-        } else {
-            say!("{value} {unit}", "{value} {unit}", value = value, unit = unit)
-        };
+        let value =
+            if unit.en.is_empty() { value } else { say!("{value} {unit}", "{value} {unit}", value, unit) };
         let lower = lower.map(|limit| numeral(number(limit)));
         let upper = upper.map(|limit| numeral(number(limit)));
         match (lower, upper) {
             (Some(lower), Some(upper)) => say!(
                 "{value}, {lower} to {upper} wanted",
                 "{value}, erwartet {lower} bis {upper}",
-                value = value,
-                lower = lower,
-                upper = upper
+                value,
+                lower,
+                upper
             ),
-            (Some(lower), None) => say!(
-                "{value}, at least {lower} wanted",
-                "{value}, erwartet mindestens {lower}",
-                value = value,
-                lower = lower
-            ),
-            (None, Some(upper)) => say!(
-                "{value}, at most {upper} wanted",
-                "{value}, erwartet höchstens {upper}",
-                value = value,
-                upper = upper
-            ),
+            (Some(lower), None) => {
+                say!("{value}, at least {lower} wanted", "{value}, erwartet mindestens {lower}", value, lower)
+            }
+            (None, Some(upper)) => {
+                say!("{value}, at most {upper} wanted", "{value}, erwartet höchstens {upper}", value, upper)
+            }
             (None, None) => value,
         }
     }
@@ -165,7 +159,7 @@ pub(super) fn span(span: Span) -> Text {
         ..172_800.0 => (seconds / 3600.0, Text::plain("h")),
         _ => (seconds / 86_400.0, say!("days", "Tage")),
     };
-    say!("{count} {unit}", "{count} {unit}", count = numeral(number(count)), unit = unit)
+    say!("{count} {unit}", "{count} {unit}", count = numeral(number(count)), unit)
 }
 
 /// A quoted text, cut if it is too long.
@@ -176,6 +170,21 @@ pub(super) fn quoted(text: &str) -> String {
 
 pub(crate) fn cut(text: &str) -> &str {
     &text[..text.floor_char_boundary(QUOTED_MAX)]
+}
+
+/// What a reader or a probe gives as its reason, cut if it is too long.
+pub(super) fn reason(why: &str) -> &str {
+    &why[..why.floor_char_boundary(WHY_MAX)]
+}
+
+/// Nothing is measured while the module is not relevant.
+pub(super) fn not_measured() -> Words {
+    Words::plain(say!("not measured while it does not matter", "zählt zurzeit nicht, nicht gemessen"))
+}
+
+/// The first window is not full.
+pub(super) fn measuring(window: Span) -> Words {
+    Words::plain(say!("measuring for {time}", "wird gemessen seit {time}", time = span(window)))
 }
 
 #[cfg(test)]

@@ -198,15 +198,15 @@ impl Countermeasures {
                     say!(
                         "{name} cannot be sent on {topic}: {error}",
                         "{name} nicht zu senden auf {topic}: {error}",
-                        name = name,
+                        name,
                         topic = &*news.topic,
-                        error = error
+                        error
                     )
                 }
                 None => self.unconfirmed(model, kind),
             }
         });
-        wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
+        wrong.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all, next))
     }
 
     /// Names the missing confirmation if there are several.
@@ -218,14 +218,14 @@ impl Countermeasures {
         let rule = late.or_else(|| missing.next()).map(|(rule, _)| &model.driving.countermeasures[*rule]);
         let name = kind.said();
         let Some(Confirmation { by, within }) = rule.and_then(|rule| rule.confirmation.as_ref()) else {
-            return say!("{name} is not confirmed", "{name} nicht bestätigt", name = name);
+            return say!("{name} is not confirmed", "{name} nicht bestätigt", name);
         };
         let within = within.as_millis().to_string();
         let who = match by {
             _ if confirmations.len() == 1 => Text::default(),
             ConfirmedBy::Signal(index) => {
                 let signal = &*model.signals[*index].name;
-                say!(" by the signal {signal}", " vom Signal {signal}", signal = signal)
+                say!(" by the signal {signal}", " vom Signal {signal}", signal)
             }
             ConfirmedBy::Status(status) => {
                 say!(" by the status {status}", " vom Status {status}", status = &**status)
@@ -234,9 +234,9 @@ impl Countermeasures {
         say!(
             "{name} is not confirmed{who} within {within} ms",
             "{name} nach {within} ms{who} nicht bestätigt",
-            name = name,
-            who = who,
-            within = within
+            name,
+            who,
+            within
         )
     }
 

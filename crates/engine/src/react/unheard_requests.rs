@@ -43,7 +43,7 @@ impl Countermeasures {
                 Some(say!("nobody listens to {topic}", "niemand hört auf {topic}", topic = &**topic))
             }
             Unreached::Unpublished => {
-                Some(say!("{name} is not published", "{name} wird nicht gesendet", name = name))
+                Some(say!("{name} is not published", "{name} wird nicht gesendet", name))
             }
         }
     }
@@ -79,6 +79,6 @@ impl Engine {
     pub(crate) fn unheard(&self) -> Option<Text> {
         let asked = REQUESTS.into_iter().filter(|kind| self.countermeasures.strongest(*kind).is_some());
         let said = asked.filter_map(|kind| self.countermeasures.said_unheard(&self.model, kind));
-        said.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all = all, next = next))
+        said.reduce(|all, next| say!("{all}; {next}", "{all}; {next}", all, next))
     }
 }

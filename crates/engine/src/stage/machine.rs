@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::model::{Stage, StageModel};
 use crate::snapshot::{Localization, MapPose};
+use crate::text::words;
 use crate::time::Timestamp;
 use Stage::{Active, Cleared, Localizing, Locked, Standby};
 
@@ -37,65 +38,34 @@ pub const TRANSITIONS: &[Transition] = &[
     row(&[Localizing, Standby, Cleared], Event::Shutdown, Guard::None, Locked),
 ];
 
-/// An event that may lead to another stage.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
-    Login,
-    Localized,
-    Clearance,
-    Withdrawn,
-    GoalGone,
-    Countermeasure,
-    Reloaded,
-    HandOver,
-    ActiveTrue,
-    ActiveFalse,
-    Logout,
-    Shutdown,
-}
-
-impl Event {
-    /// The event as text, for people.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Event::Login => "login",
-            Event::Localized => "localized",
-            Event::Clearance => "clearance",
-            Event::Withdrawn => "clearance withdrawn",
-            Event::GoalGone => "goal gone",
-            Event::Countermeasure => "countermeasure engaged",
-            Event::Reloaded => "another configuration",
-            Event::HandOver => "another operator",
-            Event::ActiveTrue => "Active true",
-            Event::ActiveFalse => "Active false",
-            Event::Logout => "logout",
-            Event::Shutdown => "shutdown",
-        }
+words! {
+    /// An event that may lead to another stage. Its words are for people.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Event {
+        Login = "login",
+        Localized = "localized",
+        Clearance = "clearance",
+        Withdrawn = "clearance withdrawn",
+        GoalGone = "goal gone",
+        Countermeasure = "countermeasure engaged",
+        Reloaded = "another configuration",
+        HandOver = "another operator",
+        ActiveTrue = "Active true",
+        ActiveFalse = "Active false",
+        Logout = "logout",
+        Shutdown = "shutdown",
     }
 }
 
-/// A further condition of a transition.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Guard {
-    None,
-    Localized,
-    Checks,
-    Operator,
-    Nobody,
-}
-
-impl Guard {
-    /// The condition as text, for people.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Guard::None => "",
-            Guard::Localized => "pose given, localization OK since then for long enough",
-            Guard::Checks => {
-                "goal set, groups OK or WARNINGs accepted, no countermeasure, display live, storage writable"
-            }
-            Guard::Operator => "an operator is logged in",
-            Guard::Nobody => "nobody is logged in",
-        }
+words! {
+    /// A further condition of a transition. Its words are for people.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Guard {
+        None = "",
+        Localized = "pose given, localization OK since then for long enough",
+        Checks = "goal set, groups OK or WARNINGs accepted, no countermeasure, display live, storage writable",
+        Operator = "an operator is logged in",
+        Nobody = "nobody is logged in",
     }
 }
 

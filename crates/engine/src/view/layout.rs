@@ -11,8 +11,25 @@ use crate::snapshot::{GroupInfo, Layout, ModuleInfo};
 use crate::text::Text;
 use crate::view::ros_names::shortened;
 
-/// The class of a module that judges a received level.
-pub(crate) const SELF_STATE: Class = Class { location: "isolated", information: "content", flow: None };
+/// A module that judges itself, of which no configuration says anything.
+pub(crate) fn self_reporting(id: Arc<str>, group: GroupId) -> ModuleInfo {
+    ModuleInfo {
+        id,
+        name: None,
+        help: None,
+        group,
+        status: None,
+        shown: None,
+        writers: None,
+        depends_on: Vec::new(),
+        discovered: false,
+        gone: false,
+        number: 0,
+        kind: "self_state",
+        class: Class { location: "isolated", information: "content", flow: None },
+        quantity: None,
+    }
+}
 
 /// The name that people read of an expected status.
 fn shown(spec: &ModuleSpec) -> Option<Arc<str>> {
@@ -25,34 +42,22 @@ pub(crate) fn layout(model: &Model) -> Layout {
         path: spec.path.clone(),
         name: spec.name.clone(),
         parent: spec.parent,
-        groups: Vec::new(),
-        modules: Vec::new(),
         depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
         tile: spec.tile,
-        is_other: false,
         is_any: spec.combine == Combine::Any,
         may_be_empty: spec.may_be_empty,
-        wanted: None,
         counted: true,
-        is_system: false,
-        hint: None,
+        ..GroupInfo::default()
     };
     let mut groups: Vec<GroupInfo> = model.groups.iter().map(info).collect();
     let built_in = |(path, en, de): (&str, &str, &str)| GroupInfo {
         path: path.into(),
         name: Text { en: en.into(), de: de.into() },
-        parent: None,
-        groups: Vec::new(),
-        modules: Vec::new(),
-        depends_on: Vec::new(),
-        tile: None,
         is_other: path == OTHER_GROUP,
-        is_any: false,
         may_be_empty: path == OTHER_GROUP,
-        wanted: None,
         counted: path != OTHER_GROUP || model.other == Other::Counted,
         is_system: path == SYSTEM_GROUP,
-        hint: None,
+        ..GroupInfo::default()
     };
     groups.extend(BUILT_IN_GROUPS.map(built_in));
     for (index, spec) in model.groups.iter().enumerate() {
@@ -68,41 +73,26 @@ pub(crate) fn layout(model: &Model) -> Layout {
             group.wanted = Some(*wanted);
         }
         modules.push(Arc::new(ModuleInfo {
-            id: spec.id.clone(),
             name: spec.name.clone(),
             help: spec.help.clone(),
-            group: spec.group,
             status: spec.monitor.status().cloned(),
             shown: shown(spec),
             writers: spec.policy.writers.clone(),
             depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
-            discovered: false,
-            gone: false,
-            number: 0,
             kind: spec.monitor.kind(),
             class: spec.monitor.class(),
             quantity: spec.monitor.other().and_then(|it| Quantity::measured_by(it, &model.watched)),
+            ..self_reporting(spec.id.clone(), spec.group)
         }));
     }
     let system = GroupId(groups.len() as u32 - 1);
     for check in SystemCheck::ALL {
         groups[system.0 as usize].modules.push(ModuleId(modules.len() as u32));
         modules.push(Arc::new(ModuleInfo {
-            id: check.id().into(),
             name: Some(Wording::name(check.name()).into()),
             // A machine without stages is not driven: the page has general words for it.
             help: (model.stages == StageModel::Shuttle).then(|| check.help().into()),
-            group: system,
-            status: None,
-            shown: None,
-            writers: None,
-            depends_on: Vec::new(),
-            discovered: false,
-            gone: false,
-            number: 0,
-            kind: "self_state",
-            class: SELF_STATE,
-            quantity: None,
+            ..self_reporting(check.as_str().into(), system)
         }));
     }
     Layout {

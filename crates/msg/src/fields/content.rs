@@ -12,9 +12,6 @@ use telltale_engine::model::sample::Fingerprint;
 
 /// The fingerprint of the part at which the reader is. Times with the name `stamp` do not count, so a message
 /// that is sent again with a new stamp has the same one.
-///
-/// # Errors
-/// The body ends too early.
 pub(super) fn fingerprint(shape: &Shape, reader: &mut Reader<'_>) -> Result<Fingerprint, Fault> {
     let mut hash = XxHash64::with_seed(0);
     add(shape, reader, &mut hash)?;

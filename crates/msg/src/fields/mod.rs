@@ -2,7 +2,7 @@
 //! from the bytes, skipping everything else.
 //!
 //! A path names fields from the outside inwards, `twist.twist.linear.x`. `[2]` is an element of an array,
-//! counted from 0. `[child_frame_id=base_link]` is the first element with that value; a message without one
+//! counted from 0, `[-1]` the last one. `[child_frame_id=base_link]` is the first element with that value; a message without one
 //! says nothing about the field, because each broadcaster of `/tf` sends only its own frames. `.length` is
 //! the number of elements. `detections[].bbox` are all elements, for lists of positions. A Time or Duration
 //! is a number of seconds.
@@ -141,9 +141,6 @@ impl Definitions {
     }
 
     /// A reader for a boolean field.
-    ///
-    /// # Errors
-    /// Why the field cannot be read.
     pub fn boolean(&self, type_name: &str, path: &str) -> Result<BooleanReader, FieldError> {
         let shape = Library::new(self).shape(type_name);
         let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
@@ -178,7 +175,7 @@ impl Definitions {
                     last = Some((message.type_name.clone(), name.clone()));
                     message.members.iter().find(|(known, _)| known == name).map(|(_, member)| member.clone())
                 }
-                (Step::Index(_) | Step::Each | Step::Where { .. }, ShapeKind::Array(array)) => {
+                (Step::Index(_) | Step::Last | Step::Each | Step::Where { .. }, ShapeKind::Array(array)) => {
                     Some(array.element.clone())
                 }
                 _ => None,
@@ -327,8 +324,6 @@ impl Reader {
 pub struct BooleanReader(Program);
 
 impl BooleanReader {
-    /// # Errors
-    /// Why this message has none.
     pub fn read(&self, body: &[u8], endian: Endian) -> Result<bool, NoValue> {
         match self.0.read(cdr::Reader::new(body, endian))? {
             FieldValue::Bool(value) => Ok(value),

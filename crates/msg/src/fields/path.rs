@@ -1,10 +1,13 @@
 //! The path of a field: `twist.twist.linear.x`, `poses[0].position.x`,
-//! `transforms[child_frame_id=base_link].transform`, `poses.length`; `detections[].bbox` of each element.
+//! `transforms[child_frame_id=base_link].transform`, `status_list[-1].status`, `poses.length`; `detections[].bbox` of each
+//! element.
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Step {
     Member(Box<str>),
     Index(u32),
+    /// The last element.
+    Last,
     /// All elements.
     Each,
     /// The first element with a member of this value.
@@ -54,11 +57,11 @@ fn member<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
 
 /// The text between brackets; the opening bracket is already read.
 fn element<'a>(text: &'a str, steps: &mut Vec<Step>) -> Result<&'a str, String> {
-    const WRITE: &str =
-        "write a number from 0 on, `[0]`, or a field and its value, `[child_frame_id=base_link]`";
+    const WRITE: &str = "write a number from 0 on, `[0]`, `[-1]` for the last, or a field and its value, `[child_frame_id=base_link]`";
     let (inside, rest) = text.split_once(']').ok_or_else(|| format!("`[{text}` has no `]`"))?;
     let step = match inside.split_once('=') {
         None if inside.trim().is_empty() => Step::Each,
+        None if inside.trim() == "-1" => Step::Last,
         None => {
             Step::Index(inside.trim().parse().map_err(|_| format!("`[{inside}]` is no element: {WRITE}"))?)
         }
@@ -98,6 +101,7 @@ mod tests {
                 ],
             ),
             ("a[].b", vec![member("a"), Step::Each, member("b")]),
+            ("status_list[-1].status", vec![member("status_list"), Step::Last, member("status")]),
             ("grid[0][1]", vec![member("grid"), Step::Index(0), Step::Index(1)]),
         ];
         for (path, expected) in cases {
@@ -112,7 +116,7 @@ mod tests {
             ("a..b", "missing before"),
             ("a.", "missing at its end"),
             ("a b", "where `.`"),
-            ("a[-1]", "from 0 on"),
+            ("a[-2]", "from 0 on"),
             ("a[99999999999]", "from 0 on"),
             ("a[0", "no `]`"),
             ("a[b[0]=1]", "from 0 on"),

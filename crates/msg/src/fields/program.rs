@@ -29,6 +29,8 @@ pub(super) enum Move {
         array: Array,
         index: u32,
     },
+    /// To the last element.
+    Last(Array),
     /// To the first element with this key.
     Where {
         array: Array,
@@ -131,8 +133,6 @@ impl Program {
         matches!(self.leaf, Leaf::Time)
     }
 
-    /// # Errors
-    /// Why there is no value.
     pub fn read(&self, mut reader: Reader<'_>) -> Result<FieldValue, NoValue> {
         let reader = &mut reader;
         self.go(reader)?;
@@ -171,6 +171,12 @@ impl Program {
                         )));
                     }
                     array.skip(*index, reader)?;
+                }
+                Move::Last(array) => {
+                    let Some(index) = array.count(reader)?.checked_sub(1) else {
+                        return Err(NoValue::Refused("there is no last element: there are 0".to_owned()));
+                    };
+                    array.skip(index, reader)?;
                 }
                 Move::Where { array, key, wanted } => find(array, key, wanted, reader)?,
             }
@@ -211,8 +217,6 @@ fn find(array: &Array, key: &Program, wanted: &Wanted, reader: &mut Reader<'_>) 
     Err(NoValue::Absent)
 }
 
-/// # Errors
-/// The body ends too early.
 pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f64, Fault> {
     Ok(match primitive {
         Primitive::Bool => f64::from(u8::from(reader.u8()? != 0)),
@@ -300,6 +304,12 @@ impl Compiler {
                 }
                 self.here = array.element.clone();
                 self.moves.push(Move::Index { array, index: *index });
+                Ok(())
+            }
+            Step::Last => {
+                let array = self.array("[-1]")?;
+                self.here = array.element.clone();
+                self.moves.push(Move::Last(array));
                 Ok(())
             }
             Step::Where { key, value } => self.choose(key, value),

@@ -5,16 +5,16 @@
 //! [`Observations`] -> [`Draft`] -> [`text`].
 
 mod dependencies;
-mod draft;
+pub(crate) mod draft;
 mod grouping;
-mod names;
+pub(crate) mod names;
 mod observations;
-mod passing;
+pub(crate) mod passing;
 mod proposals;
 mod rhythm;
-mod yaml;
+pub(crate) mod yaml;
 
-pub use draft::{Draft, Group, draft};
-pub use observations::{DIAGNOSTICS, Observations, TOPICS_MAX};
+pub use draft::{Draft, Group, ModuleKind, draft};
+pub use observations::{DIAGNOSTICS, Observations, STATUSES_MAX, TOPICS_MAX};
 pub use proposals::Proposal;
 pub use yaml::{heard_text, text};

@@ -105,7 +105,7 @@ fn filter_of_passing(it: &Passing) -> String {
     format!("{{ regex: {regex}, timeout: {timeout}, forget_after: {after} }}")
 }
 
-fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
+pub(crate) fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
     let _ = writeln!(out, "  # {}", group.about);
     let _ = writeln!(out, "  - id: {}", group.id);
     let _ = writeln!(out, "    name: {}", scalar(&group.title));
@@ -139,7 +139,7 @@ fn write_group(out: &mut String, group: &Group, accept_guesses: bool) {
 }
 
 /// A module with guesses has a line for each key, so that the `#` in front of one can be removed.
-fn write_module(out: &mut String, module: &Module, accept_guesses: bool) {
+pub(crate) fn write_module(out: &mut String, module: &Module, accept_guesses: bool) {
     let _ = writeln!(out, "      # {}", module.about);
     let keys = keys(&module.kind);
     let (circular, open): (Vec<&Proposal>, Vec<&Proposal>) =

@@ -5,10 +5,8 @@ use std::sync::Arc;
 
 use mcap::records::op;
 
-use super::UNDEFINED;
-use super::json;
 use super::omission::Omissions;
-use super::records;
+use super::{UNDEFINED, json, records};
 
 /// All schemas and channels of a file together.
 const BYTES_MAX: usize = 64 << 20;

@@ -80,7 +80,7 @@ impl Layout {
         omissions: &mut Omissions,
     ) -> io::Result<Layout> {
         if source.read(0, MAGIC.len() as u64)? != MAGIC {
-            return Err(io::Error::other("it is no MCAP file"));
+            return Err(io::Error::new(io::ErrorKind::InvalidData, "it is no MCAP file"));
         }
         let mut layout = Layout::default();
         let summary = Summary::read(source, definitions, omissions)?;
@@ -268,8 +268,8 @@ impl Summary {
                     summary.has_channels |= op == op::CHANNEL;
                     definitions.take(op, record, at, omissions);
                 }
-                op::CHUNK_INDEX => match records::chunk_index(record) {
-                    Some(index) => summary.places.push(index.chunk_start_offset),
+                op::CHUNK_INDEX => match records::chunk_start(record) {
+                    Some(at) => summary.places.push(at),
                     None => omissions.add(at, 0, "an entry of the file's index cannot be read"),
                 },
                 _ => {}

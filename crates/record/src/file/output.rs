@@ -103,9 +103,6 @@ impl Output {
     }
 
     /// Everything up to the last ended chunk survives a power cut.
-    ///
-    /// # Errors
-    /// Of the disk.
     pub fn sync(&mut self) -> Result<(), FileError> {
         self.file.sync_data().map_err(|error| FileError::io(&self.path, "brought to the disk", error))?;
         if !self.named {
@@ -116,9 +113,6 @@ impl Output {
     }
 
     /// Completes the file and brings it to the disk. Returns its length.
-    ///
-    /// # Errors
-    /// Of the disk.
     pub fn finish(mut self) -> Result<u64, FileError> {
         self.put(Writer::finish)?;
         self.write()?;
@@ -128,8 +122,6 @@ impl Output {
     }
 }
 
-/// # Errors
-/// Of the disk.
 pub(super) fn sync_folder_of(path: &Path) -> Result<(), FileError> {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let synced = File::open(folder).and_then(|folder| folder.sync_all());

@@ -246,11 +246,11 @@ impl<R: Read + Seek> Reader<R> {
     }
 
     fn entry(&mut self, raw: Raw) -> Option<Entry> {
-        let Raw { at, channel: id, stamps, data } = raw;
-        let Some(channel) = self.definitions.known(id) else {
-            self.leave_out_channel(id, at, format!("messages of a channel that is not defined: {id}"));
+        let Some(channel) = self.definitions.known(raw.channel) else {
+            self.leave_out_undefined(&raw);
             return None;
         };
+        let Raw { at, channel: id, stamps, data } = raw;
         match &channel.format {
             Format::Other(encoding) => {
                 let why = format!("messages of {}: their encoding is {encoding:?}", channel.topic);
@@ -319,8 +319,22 @@ impl<R: Read + Seek> Reader<R> {
         &self.definitions
     }
 
-    pub(super) fn leave_out(&mut self, at: u64, why: String) {
-        self.omissions.add(at, 0, why);
+    /// Reads everything that is left, only to see what cannot be used.
+    pub(super) fn read_through(&mut self) {
+        while let Some(item) = self.next_item() {
+            match item {
+                Item::Message(raw) if self.definitions.known(raw.channel).is_none() => {
+                    self.leave_out_undefined(&raw);
+                }
+                Item::Attachment { data_at, head } => drop(self.attachment_data(data_at, &head)),
+                _ => {}
+            }
+        }
+    }
+
+    pub(super) fn leave_out_undefined(&mut self, raw: &Raw) {
+        let why = format!("messages of a channel that is not defined: {}", raw.channel);
+        self.leave_out_channel(raw.channel, raw.at, why);
     }
 
     pub(super) fn next_item(&mut self) -> Option<Item> {

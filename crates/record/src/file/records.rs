@@ -3,10 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use mcap::records::{
-    AttachmentIndex, ChunkIndex, Footer, Header, MessageIndex, MessageIndexEntry, MetadataIndex, Statistics,
-    SummaryOffset,
-};
+use mcap::records::{Footer, Header};
 
 /// The opcode and the length before each record.
 pub const HEAD_BYTES: u64 = 9;
@@ -67,21 +64,13 @@ impl<'a> Fields<'a> {
         self.text().map(str::to_owned)
     }
 
-    fn map<K: Ord, V>(
-        &mut self,
-        mut entry: impl FnMut(&mut Fields<'a>) -> Option<(K, V)>,
-    ) -> Option<BTreeMap<K, V>> {
-        let mut inner = Fields::new(self.bytes()?);
-        let mut map = BTreeMap::new();
-        while !inner.rest.is_empty() {
-            let (key, value) = entry(&mut inner)?;
-            map.insert(key, value);
-        }
-        Some(map)
-    }
-
     fn texts(&mut self) -> Option<BTreeMap<String, String>> {
-        self.map(|fields| Some((fields.owned()?, fields.owned()?)))
+        let mut inner = Fields::new(self.bytes()?);
+        let mut texts = BTreeMap::new();
+        while !inner.rest.is_empty() {
+            texts.insert(inner.owned()?, inner.owned()?);
+        }
+        Some(texts)
     }
 }
 
@@ -203,70 +192,9 @@ pub fn footer(record: &[u8]) -> Option<Footer> {
     Some(Footer { summary_start, summary_offset_start, summary_crc: fields.u32()? })
 }
 
-pub fn message_index(record: &[u8]) -> Option<MessageIndex> {
-    let mut fields = Fields::new(record);
-    let channel_id = fields.u16()?;
-    let mut inner = Fields::new(fields.bytes()?);
-    let mut records = Vec::new();
-    while !inner.rest.is_empty() {
-        records.push(MessageIndexEntry { log_time: inner.u64()?, offset: inner.u64()? });
-    }
-    Some(MessageIndex { channel_id, records })
-}
-
-pub fn chunk_index(record: &[u8]) -> Option<ChunkIndex> {
-    let mut fields = Fields::new(record);
-    Some(ChunkIndex {
-        message_start_time: fields.u64()?,
-        message_end_time: fields.u64()?,
-        chunk_start_offset: fields.u64()?,
-        chunk_length: fields.u64()?,
-        message_index_offsets: fields.map(|fields| Some((fields.u16()?, fields.u64()?)))?,
-        message_index_length: fields.u64()?,
-        compression: fields.owned()?,
-        compressed_size: fields.u64()?,
-        uncompressed_size: fields.u64()?,
-    })
-}
-
-pub fn attachment_index(record: &[u8]) -> Option<AttachmentIndex> {
-    let mut fields = Fields::new(record);
-    Some(AttachmentIndex {
-        offset: fields.u64()?,
-        length: fields.u64()?,
-        log_time: fields.u64()?,
-        create_time: fields.u64()?,
-        data_size: fields.u64()?,
-        name: fields.owned()?,
-        media_type: fields.owned()?,
-    })
-}
-
-pub fn metadata_index(record: &[u8]) -> Option<MetadataIndex> {
-    let mut fields = Fields::new(record);
-    Some(MetadataIndex { offset: fields.u64()?, length: fields.u64()?, name: fields.owned()? })
-}
-
-pub fn statistics(record: &[u8]) -> Option<Statistics> {
-    let mut fields = Fields::new(record);
-    Some(Statistics {
-        message_count: fields.u64()?,
-        schema_count: fields.u16()?,
-        channel_count: fields.u32()?,
-        attachment_count: fields.u32()?,
-        metadata_count: fields.u32()?,
-        chunk_count: fields.u32()?,
-        message_start_time: fields.u64()?,
-        message_end_time: fields.u64()?,
-        channel_message_counts: fields.map(|fields| Some((fields.u16()?, fields.u64()?)))?,
-    })
-}
-
-pub fn summary_offset(record: &[u8]) -> Option<SummaryOffset> {
-    let mut fields = Fields::new(record);
-    Some(SummaryOffset {
-        group_opcode: fields.u8()?,
-        group_start: fields.u64()?,
-        group_length: fields.u64()?,
-    })
+/// Where the chunk begins of which this is the index.
+pub fn chunk_start(index: &[u8]) -> Option<u64> {
+    let mut fields = Fields::new(index);
+    let _times = (fields.u64()?, fields.u64()?);
+    fields.u64()
 }

@@ -80,8 +80,7 @@ fn copy(reader: &mut Reader<File>, part: &Path) -> Result<(u64, u64), FileError>
                 }
                 if !known.contains(&raw.channel) {
                     if !define(&mut output, reader, raw.channel)? {
-                        let why = format!("messages of a channel that is not defined: {}", raw.channel);
-                        reader.leave_out(raw.at, why);
+                        reader.leave_out_undefined(&raw);
                         continue;
                     }
                     known.insert(raw.channel);

@@ -39,8 +39,6 @@ impl Head {
 }
 
 impl<R: Read + Seek> Source<R> {
-    /// # Errors
-    /// Of the disk.
     pub fn new(mut bytes: R) -> io::Result<Source<R>> {
         let length = bytes.seek(SeekFrom::End(0))?;
         bytes.rewind()?;
@@ -57,9 +55,6 @@ impl<R: Read + Seek> Source<R> {
     }
 
     /// So many bytes, or fewer at the end of the file.
-    ///
-    /// # Errors
-    /// Of the disk.
     pub fn read(&mut self, at: u64, length: u64) -> io::Result<Vec<u8>> {
         self.seek(at)?;
         let mut found = Vec::new();
@@ -70,9 +65,6 @@ impl<R: Read + Seek> Source<R> {
     }
 
     /// The record at this place, if the file holds all of it.
-    ///
-    /// # Errors
-    /// Of the disk.
     pub fn head(&mut self, at: u64) -> io::Result<Option<Head>> {
         let Some((op, length)) = self.read(at, HEAD_BYTES)?.split_first().and_then(|(op, length)| {
             let length = <[u8; 8]>::try_from(length).ok()?;
@@ -86,9 +78,6 @@ impl<R: Read + Seek> Source<R> {
 
     /// The content of a chunk before compression. Memory follows the bytes that are there, and never exceeds
     /// `CHUNK_BYTES_MAX` and the window of the compression, which is as large at most.
-    ///
-    /// # Errors
-    /// Why it cannot be used.
     pub fn unpack(&mut self, head: &ChunkHead, data_at: u64) -> Result<Bytes, String> {
         if head.size > CHUNK_BYTES_MAX {
             return Err(format!("a chunk of {} bytes is too large", head.size));

@@ -225,9 +225,6 @@ impl IncidentFile {
     }
 
     /// A file within the file. Ends the chunk.
-    ///
-    /// # Errors
-    /// Of the disk.
     pub fn attach(
         &mut self,
         name: &str,
@@ -247,9 +244,6 @@ impl IncidentFile {
     }
 
     /// Names with values. Ends the chunk.
-    ///
-    /// # Errors
-    /// Of the disk.
     pub fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), FileError> {
         let record = Metadata { name: name.to_owned(), metadata };
         self.output.put(|writer| writer.write_metadata(&record))?;
@@ -267,9 +261,6 @@ impl IncidentFile {
     }
 
     /// Everything up to the last ended chunk survives a power cut.
-    ///
-    /// # Errors
-    /// Of the disk.
     pub fn sync(&mut self) -> Result<(), FileError> {
         self.output.sync()
     }

@@ -67,9 +67,6 @@ pub struct Place {
 }
 
 /// Starts the writer of a recorder's incidents. It ends with the recorder, when all is written.
-///
-/// # Errors
-/// If no thread can be started.
 pub fn start(
     recorder: &Recorder,
     place: Place,

@@ -407,9 +407,6 @@ pub fn digest(configuration: &[ConfigurationText]) -> String {
 }
 
 /// The SHA-256 of a file, in hexadecimal digits.
-///
-/// # Errors
-/// If it cannot be read.
 pub fn hash_file(path: &Path) -> std::io::Result<String> {
     let (mut digest, mut file) = (Sha256::new(), std::fs::File::open(path)?);
     let mut buffer = vec![0; 1 << 16];

@@ -1,6 +1,7 @@
 //! A list of all topics with their publishers and subscribers, from discovery, once a second. The
 //! developer's page of topics shows it.
 
+use crate::every;
 use crate::library::discovered::participant_name;
 use crate::library::spdp::PREFIX;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -80,8 +81,7 @@ pub async fn run(
     clock: Clock,
     mut stop: watch::Receiver<bool>,
 ) {
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     let mut before = (clock.now(), tallies.read());
     loop {
         tokio::select! {

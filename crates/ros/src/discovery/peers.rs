@@ -9,13 +9,12 @@ use std::time::Duration;
 
 use tokio::net::UdpSocket;
 use tokio::task::AbortHandle;
-use tokio::time::MissedTickBehavior;
 
+use crate::every;
 use crate::library::Participant;
 use crate::library::spdp::{PARTICIPANT_READER, PARTICIPANT_WRITER, VENDOR, discovery_port};
 use crate::name_lookup::Lookup;
-use crate::options::interfaces;
-use crate::options::{BridgeOptions, Interface};
+use crate::options::{BridgeOptions, Interface, interfaces};
 use telltale_clock::Clock;
 
 /// The interval of announcements, and so the time to find a peer that is started later.
@@ -108,8 +107,7 @@ async fn run(own: Own, mut peers: Vec<Peer>) {
             return;
         }
     };
-    let mut rounds = tokio::time::interval(PERIOD);
-    rounds.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut rounds = every(PERIOD);
     loop {
         rounds.tick().await;
         let message = announcement(&own, &addresses(own.interface));

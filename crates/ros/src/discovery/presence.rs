@@ -4,13 +4,13 @@
 //! Nothing is announced before the size of a gid is known: an announcement of the wrong size makes other
 //! processes throw.
 
+use crate::every;
 use crate::library::discovered::TOPIC;
 use std::collections::BTreeSet;
 use std::future::poll_fn;
 use std::time::Duration;
 
 use tokio::sync::watch;
-use tokio::time::MissedTickBehavior;
 
 use super::nodes::{self, Nodes};
 use crate::library::qos::Via;
@@ -18,8 +18,7 @@ use crate::library::{Participant, Quality, ReaderEvent, Seen, Writer};
 use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_msg::cdr::Endian;
-use telltale_msg::messages;
-use telltale_msg::messages::{GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
+use telltale_msg::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use telltale_msg::sample_bytes::Guid;
 
 /// Samples of the topic that the library keeps: one for each participant, in case all announce at once.
@@ -86,8 +85,7 @@ async fn announce(
 async fn listen(participant: &Participant, around: &PresenceContext, nodes: &watch::Sender<Nodes>) {
     let learn = &around.gid_size;
     let mut reader = participant.reader(TOPIC, &type_name(), Via::LastValue, DEPTH);
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     loop {
         tokio::select! {
             _ = looks.tick() => {

@@ -9,13 +9,13 @@ use tokio::sync::{mpsc, watch};
 
 use super::nodes::Nodes;
 use super::repeated::Repeated;
+use crate::every;
 use crate::library::Participant;
 use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, NodeOf, WriterId, WriterList};
 use telltale_engine::time::{Span, Timestamp};
-use telltale_msg::messages;
-use telltale_msg::messages::DIAGNOSTIC_ARRAY;
+use telltale_msg::messages::{self, DIAGNOSTIC_ARRAY};
 use telltale_msg::received::Stamped;
 use telltale_msg::sample_bytes::Guid;
 
@@ -88,8 +88,7 @@ pub async fn run(
     clock: Clock,
     mut stop: watch::Receiver<bool>,
 ) {
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     let mut speakers = StatusWriters::new(clock.now());
     let mut repeated = Repeated::default();
     loop {

@@ -28,7 +28,8 @@ const LIFE_MIN: Span = Span::from_secs(10);
 pub const LEAVING: Span = Span::from_secs(1);
 /// The library keeps to longer leases than this by itself.
 const LEASE_MAX: Span = Span::from_secs(100);
-/// A copy with a shorter one would not be repeated in time.
+/// Towards the end of a life nothing is copied: a shorter lease would not be repeated in time, and a longer one would
+/// outlast the life. The copies before say when it ends.
 const LEASE_MIN: Span = Span::from_secs(5);
 /// Participants are addressed by their number on a machine, too. This many numbers are addressed at least by others.
 const NUMBERS: u16 = 10;
@@ -174,11 +175,7 @@ impl Announced {
         let table = lock(&self.table);
         let known = table.participants.get(prefix).filter(|known| known.lives(now))?;
         let announcement = &known.announcement;
-        let lease = if announcement.lease > LEASE_MAX {
-            announcement.lease
-        } else {
-            known.ends().since(now).max(LEASE_MIN)
-        };
+        let lease = known.lease_of_copy(now)?;
         Some(announcement.copy(lease, self.copies.fetch_add(1, Ordering::Relaxed)))
     }
 }
@@ -232,6 +229,12 @@ impl Known {
 
     fn lives(&self, now: Timestamp) -> bool {
         self.left.is_none() && now < self.ends()
+    }
+
+    fn lease_of_copy(&self, now: Timestamp) -> Option<Span> {
+        let lease = self.announcement.lease;
+        let left = if lease > LEASE_MAX { lease } else { self.ends().since(now) };
+        (left >= LEASE_MIN).then_some(left)
     }
 }
 
@@ -313,6 +316,25 @@ mod tests {
         assert_eq!((life(&table, 1, 111), table.to_repeat(at(111), |_| true).len()), (Life::Over, 0));
         table.hear(Said::Here(here(1, 10)), at(112));
         assert_eq!(life(&table, 1, 112), Life::Heard(at(112)), "somebody else said that it left");
+    }
+
+    #[test]
+    fn no_copy_outlasts_the_life_of_its_participant() {
+        let mut table = Table::default();
+        for (prefix, lease) in [(1, 10), (2, 1), (3, 1000)] {
+            table.hear(Said::Here(here(prefix, lease)), at(100));
+        }
+        // When what the library was told ends, for a copy at each of these seconds.
+        let ends = |prefix: u8, seconds: u64| {
+            let lease = table.participants[&[prefix; 12]].lease_of_copy(at(seconds));
+            lease.map(|lease| (at(seconds) + lease).as_nanos() / 1_000_000_000)
+        };
+        assert_eq!(
+            [100, 110, 125, 126, 129].map(|it| ends(1, it)),
+            [Some(130), Some(130), Some(130), None, None]
+        );
+        assert_eq!([100, 105, 106].map(|it| ends(2, it)), [Some(110), Some(110), None]);
+        assert_eq!(ends(3, 126), Some(1126));
     }
 
     #[test]

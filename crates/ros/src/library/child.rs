@@ -24,17 +24,16 @@ use tokio::io::AsyncWriteExt as _;
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::task::JoinSet;
-use tokio::time::MissedTickBehavior;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 use super::busy_discovery::BusyDiscovery;
-use super::discovered;
 use super::echo_check::EchoCheck;
 use super::losses::Losses;
 use super::open_readers::{OpenReader, OpenReaders};
 use super::qos::{self, RawWriter};
 use super::wire::{self, Frame, FromChild, Order};
-use super::{BEAT, SampleId, WRITING_MAX};
+use super::{BEAT, SampleId, WRITING_MAX, discovered};
+use crate::every;
 use telltale_clock::Clock;
 use telltale_engine::time::{Span, Timestamp};
 
@@ -375,10 +374,4 @@ async fn write(
             Err(_) => Err(format!("the DDS library does not answer within {WRITING_MAX:?}")),
         };
     (number, written.err())
-}
-
-fn every(period: Duration) -> tokio::time::Interval {
-    let mut interval = tokio::time::interval(period);
-    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    interval
 }

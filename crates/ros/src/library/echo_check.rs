@@ -8,8 +8,7 @@ use rustdds::{DomainParticipant, RTPSEntity as _, Subscriber};
 
 use super::child::refused;
 use super::discovered;
-use super::qos::Via;
-use super::qos::{self, RawWriter};
+use super::qos::{self, RawWriter, Via};
 use super::raw_bytes::RawAdapter;
 use telltale_msg::sample_bytes::RawBody;
 

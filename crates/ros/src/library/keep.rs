@@ -10,12 +10,12 @@ use std::time::Duration;
 
 use tokio::net::UdpSocket;
 use tokio::sync::mpsc;
-use tokio::time::MissedTickBehavior;
 
 use super::announced::Life;
 use super::inbox::{Loss, Shared};
 use super::spdp::{self, Prefix};
 use super::wire::Order;
+use crate::every;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
 
@@ -73,8 +73,7 @@ async fn keep(own: Prefix, port: u16, shared: &Shared, orders: mpsc::WeakSender<
         }
     };
     let started = announced.now();
-    let mut rounds = tokio::time::interval(ROUND);
-    rounds.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut rounds = every(ROUND);
     loop {
         rounds.tick().await;
         announced.note_met(&shared.seen());

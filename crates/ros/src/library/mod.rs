@@ -45,8 +45,7 @@ use inbox::Shared;
 pub use qos::Quality;
 use qos::Via;
 use telltale_engine::time::{Span, Timestamp};
-use telltale_msg::sample_bytes::Guid;
-use telltale_msg::sample_bytes::RawBody;
+use telltale_msg::sample_bytes::{Guid, RawBody};
 
 /// The interval of the DDS process's beats.
 const BEAT: Duration = Duration::from_millis(250);
@@ -287,9 +286,6 @@ impl Writer {
     }
 
     /// The same, as the reply to another sample.
-    ///
-    /// # Errors
-    /// As above.
     pub async fn write_related(&self, body: Vec<u8>, related: Option<SampleId>) -> Result<(), String> {
         let number = self.participant.next();
         let written = self.participant.0.shared.expect_written(number);

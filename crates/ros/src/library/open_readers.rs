@@ -35,6 +35,10 @@ impl OpenReaders {
     pub fn poll(&mut self, context: &mut Context<'_>, samples: &mut Frame) -> Poll<Result<bool, String>> {
         let mut strangers = self.take(samples)?;
         if samples.is_empty() {
+            for known in &self.readers {
+                // Nobody reads these notifications, which pile up. That takes system calls, and nothing waits now.
+                known.reader.drain_read_notifications();
+            }
             for known in self.readers.iter().filter(|known| known.in_flight < WINDOW_BYTES) {
                 known.reader.set_waker(Some(context.waker().clone()));
             }
@@ -47,7 +51,6 @@ impl OpenReaders {
     fn take(&mut self, samples: &mut Frame) -> Result<bool, String> {
         let mut strangers = false;
         for hearing in &mut self.readers {
-            hearing.reader.drain_read_notifications();
             // `None` is also returned for a sample without data; the next one may follow.
             let mut nothing = 0;
             while nothing < 2 && hearing.in_flight < WINDOW_BYTES && !samples.is_full() {

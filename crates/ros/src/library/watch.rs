@@ -6,9 +6,8 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
 use super::child;
@@ -96,6 +95,8 @@ fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
     command.arg0("telltale").args(["--log", log, "dds-process"]);
     command.arg(std::process::id().to_string()).arg(megabytes.to_string());
     command.stdin(Stdio::from(OwnedFd::from(socket))).stdout(Stdio::null());
+    // Its threads take turns, and a heap for each of them costs memory.
+    command.env("MALLOC_ARENA_MAX", "1");
     // Signals of a terminal to all processes are for the program only.
     command.process_group(0).spawn().map(Runner::Process)
 }

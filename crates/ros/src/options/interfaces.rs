@@ -13,9 +13,6 @@ pub struct Address {
 }
 
 /// Every IPv4 address of the machine. The DDS library speaks no IPv6.
-///
-/// # Errors
-/// The operating system's own.
 pub fn addresses() -> io::Result<Vec<Address>> {
     let found = if_addrs::get_if_addrs()?.into_iter().filter_map(|interface| match interface.ip() {
         IpAddr::V4(ip) => Some(Address { interface: interface.name.into(), ip }),

@@ -10,11 +10,11 @@ use std::time::Duration;
 use tokio::net::TcpStream;
 use tokio::sync::{Semaphore, mpsc, watch};
 use tokio::task::JoinSet;
-use tokio::time::MissedTickBehavior;
 
 use super::discovery::nodes::Nodes;
 use super::name_lookup::Lookup;
 use super::outbox::stopped;
+use crate::every;
 use icmp_echo::EchoError;
 use system::System;
 use telltale_clock::Clock;
@@ -68,8 +68,7 @@ pub async fn run(
 async fn watch(spec: Arc<WatchdogSpec>, context: ProbeContext, turns: Arc<Semaphore>) {
     let period = Duration::from_nanos(spec.every.as_nanos()).max(EVERY_MIN);
     let mut asker = Asker::new(&spec.target, &context);
-    let mut looks = tokio::time::interval(period);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(period);
     loop {
         looks.tick().await;
         // It is never closed.

@@ -1,7 +1,7 @@
 //! A participant that publishes diagnostics and any other topic, as the nodes of a vehicle do.
 
-use crate::library::Quality;
-use crate::library::discovered::TOPIC;
+use crate::library::discovered::{TOPIC, participant_name};
+use crate::library::{Participant, Quality, Writer};
 use std::future::poll_fn;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -11,19 +11,15 @@ use bytes::Bytes;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
-use crate::discovery::peers;
-use crate::discovery::peers::Announcer;
+use crate::discovery::peers::{self, Announcer};
 use crate::discovery::presence;
-use crate::library::discovered::participant_name;
 use crate::library::qos::Via;
-use crate::library::{Participant, Writer};
 use crate::options::BridgeOptions;
 use crate::{BridgeError, DIAGNOSTICS};
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, StatusArray};
 use telltale_msg::cdr::Endian;
-use telltale_msg::messages;
-use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY, GidSize, NodeEntities};
+use telltale_msg::messages::{self, BOOL, DIAGNOSTIC_ARRAY, GidSize, NodeEntities};
 use telltale_msg::received::{Message, Stamped};
 use telltale_msg::sample_bytes::Guid;
 

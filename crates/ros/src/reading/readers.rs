@@ -7,8 +7,7 @@ use std::time::{Duration, SystemTime};
 use crate::library::qos::Via;
 use crate::library::{Participant, RawSample, Reader, ReaderEvent};
 use telltale_engine::time::{Span, Timestamp};
-use telltale_msg::sample_bytes::Guid;
-use telltale_msg::sample_bytes::RawBody;
+use telltale_msg::sample_bytes::{Guid, RawBody};
 use telltale_msg::subscription::Subscription;
 
 /// Samples taken at once; more than the library keeps of a topic, so that no writer starves another when

@@ -14,12 +14,11 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinHandle;
-use tokio::time::MissedTickBehavior;
 
-use super::options::interfaces;
-use super::options::interfaces::AddressWatch;
+use super::options::interfaces::{self, AddressWatch};
 use super::outbox::stopped;
 use super::{BridgeOptions, Graph};
+use crate::every;
 use server::Server;
 use telltale_clock::Clock;
 use telltale_engine::model::service::Service;
@@ -144,8 +143,7 @@ async fn run(
 async fn addresses_change(options: &BridgeOptions) {
     let now = interfaces::addresses().unwrap_or_default();
     let mut addresses = AddressWatch::new(options.interface, &now);
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     loop {
         looks.tick().await;
         // An error while listing the interfaces says nothing about them.

@@ -24,8 +24,7 @@ use crate::rate::{Bucket, Rate};
 use telltale_engine::discovery::Discovery;
 use telltale_engine::model::service::Service;
 use telltale_engine::time::{Span, Timestamp};
-use telltale_msg::messages;
-use telltale_msg::messages::{GidSize, NodeEntities};
+use telltale_msg::messages::{self, GidSize, NodeEntities};
 use telltale_msg::sample_bytes::Guid;
 use telltale_msg::services::{Correlation, Reply, Request, dds_types};
 

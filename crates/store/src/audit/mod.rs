@@ -165,9 +165,6 @@ pub(super) const DONE: &str = "done";
 
 impl Store {
     /// At most `count` records before number `before`, the newest first.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn audit_entries(&self, before: Option<u64>, count: u32) -> Result<Vec<Entry>, StoreError> {
         let before = before.and_then(|before| i64::try_from(before).ok()).unwrap_or(i64::MAX);
         self.call(move |database| {
@@ -183,9 +180,6 @@ impl Store {
     }
 
     /// Verifies the whole chain; other jobs get their turn in between.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn verify_audit(&self) -> Result<Verdict, StoreError> {
         let begin = |database: &mut Database| {
             // A log in memory is not the log that was asked for.

@@ -41,9 +41,6 @@ pub(crate) fn strange_in(connection: &Connection) -> Option<String> {
 }
 
 /// In which a database differs from one that is as it should be; `None` if in nothing.
-///
-/// # Errors
-/// If SQLite cannot read one of them.
 pub(crate) fn difference(
     connection: &Connection,
     known: &Connection,

@@ -34,9 +34,6 @@ enum Keep {
 }
 
 /// Copies everything but the audit log into a database in memory, and logs what is missing.
-///
-/// # Errors
-/// If there is not enough memory.
 pub(crate) fn into_memory(folder: &Path) -> Result<Connection, StoreError> {
     let mut connection = schema::open_in_memory()?;
     let is_needed = |table: &str| table != "audit";
@@ -109,9 +106,6 @@ impl Database {
 }
 
 /// Copies everything into an empty database of today's schema.
-///
-/// # Errors
-/// If the new database cannot be written.
 pub(crate) fn into_new(folder: &Path, new: &mut Connection) -> Result<Salvaged, StoreError> {
     salvage(folder, new, |_| true, usize::MAX)
 }
@@ -171,9 +165,6 @@ fn salvage(
 }
 
 /// Copies all rows of a table that can be read into one of the same name.
-///
-/// # Errors
-/// If they cannot be written.
 pub(crate) fn copy_all(from: &Connection, to: &Connection, table: &str) -> Result<bool, StoreError> {
     copy(from, to, table, Keep::Copied, usize::MAX)
 }
@@ -204,9 +195,6 @@ fn tables(connection: &Connection) -> Result<Vec<String>, StoreError> {
 
 /// Copies the rows of a table from both ends: rows between two damaged pages are lost. Returns whether all
 /// could be read.
-///
-/// # Errors
-/// If they cannot be written.
 fn copy(
     from: &Connection,
     to: &Connection,

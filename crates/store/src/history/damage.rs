@@ -1,9 +1,8 @@
 //! A history that is damaged: how that is found, what is saved of it, and how another one begins beside it.
 
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
+use std::{fs, io};
 
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension as _};
 
@@ -45,9 +44,6 @@ pub fn history_damage(folder: &Path) -> Option<String> {
 }
 
 /// What of its schema is not Telltale's: a trigger would change records.
-///
-/// # Errors
-/// If SQLite cannot read it.
 pub(super) fn strange(connection: &Connection) -> rusqlite::Result<Option<String>> {
     let known = Connection::open_in_memory()?;
     prepare(&known)?;
@@ -80,9 +76,6 @@ pub fn repair_history(folder: &Path, wall: SystemTime) -> Result<Option<SavedHis
 }
 
 /// Moves the files of a history into a folder of their own. Returns the folder.
-///
-/// # Errors
-/// Of the disk.
 pub(super) fn put_aside(folder: &Path, wall: SystemTime) -> io::Result<PathBuf> {
     let day = humantime::format_rfc3339_seconds(wall).to_string().replace(':', "");
     let kept = folder.join(format!("damaged-{day}"));

@@ -26,7 +26,7 @@ pub use damage::{SavedHistory, history_damage, repair_history};
 pub use lines::{HistoryLine, LineKind, LineQuery};
 pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
 use reader::Reader;
-pub use statistics::{NodeStatistics, Statistics};
+pub use statistics::{NodeFigures, NodeStatistics, Statistics, how_long_ms};
 pub use telltale_engine::view::record::Stretch;
 
 use super::StoreError;
@@ -129,9 +129,6 @@ impl History {
     }
 
     /// A history in memory. It has one connection for reading and writing.
-    ///
-    /// # Errors
-    /// If SQLite fails.
     pub fn in_memory(clock: Clock) -> Result<(History, SyncSender<Vec<Record>>), StoreError> {
         let shared = |writing: &Arc<Mutex<Connection>>| Ok(writing.clone());
         let connection = Connection::open_in_memory()?;
@@ -141,9 +138,6 @@ impl History {
     }
 
     /// A history in memory of what is past: `until` is an instant of its clock, with the wall time then.
-    ///
-    /// # Errors
-    /// If SQLite fails.
     pub fn recorded(
         records: &[Record],
         until: (SystemTime, Timestamp),
@@ -185,25 +179,16 @@ impl History {
     }
 
     /// The records of some nodes, and everything else, in a span of time.
-    ///
-    /// # Errors
-    /// An error of the database, or that it took too long.
     pub async fn past(&self, query: HistoryQuery) -> Result<Past, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| read::past(connection, &query)).await
     }
 
     /// Records one by one, in the order in which they were written.
-    ///
-    /// # Errors
-    /// An error of the database, or that it took too long.
     pub async fn lines(&self, query: LineQuery) -> Result<Vec<HistoryLine>, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| lines::lines(connection, &query)).await
     }
 
     /// How many alarms there were, and in which stages, between two instants in milliseconds since 1970.
-    ///
-    /// # Errors
-    /// An error of the database, or that it took too long.
     pub async fn statistics(&self, from_ms: i64, to_ms: i64) -> Result<Statistics, StoreError> {
         self.reader
             .read(READ_WITHIN, move |connection| statistics::statistics(connection, from_ms, to_ms))
@@ -211,9 +196,6 @@ impl History {
     }
 
     /// The last alarms, the newest first.
-    ///
-    /// # Errors
-    /// An error of the database, or that it took too long.
     pub async fn last_alarms(&self, count: u32) -> Result<Vec<PastAlarm>, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| alarms::last_alarms(connection, count)).await
     }

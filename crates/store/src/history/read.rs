@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use rusqlite::{Connection, OptionalExtension as _, Row, params};
+use rusqlite::{Connection, OptionalExtension as _, Row, ToSql, params};
 
 use super::write::{ACKNOWLEDGED, CLEARED, LEFT, LOST, MOVED, RAISED, SIGNAL, STAGE, STARTED};
 use telltale_engine::event::Said;
@@ -188,17 +188,7 @@ fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite:
         };
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
-    let before = format!("{columns} AND at_ms <= ? ORDER BY at_ms DESC, records.id DESC LIMIT 1");
-    let before =
-        connection.prepare_cached(&before)?.query_row(params![name, query.from_ms], shown).optional()?;
-    let mut rows: Vec<Dated<Shown>> = before.into_iter().collect();
-    let within = format!("{columns} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, records.id LIMIT ?");
-    let mut within = connection.prepare_cached(&within)?;
-    let limit = STRETCHES_MAX as i64;
-    for found in within.query_map(params![name, query.from_ms, query.to_ms, limit], shown)? {
-        rows.push(found?);
-    }
-    Ok(rows)
+    dated(connection, &columns, &[&name], (query, STRETCHES_MAX as i64), shown)
 }
 
 /// The stage or a signal when the span began, and its changes in it.
@@ -215,18 +205,25 @@ fn levels(
     let level = |row: &Row<'_>| {
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what: row.get::<_, Option<i64>>(2)? })
     };
-    let before = format!("{COLUMNS} AND at_ms <= ? ORDER BY at_ms DESC, id DESC LIMIT 1");
-    let before = connection
-        .prepare_cached(&before)?
-        .query_row(params![kind, name, query.from_ms], level)
-        .optional()?;
-    let mut rows: Vec<Dated<Option<i64>>> = before.into_iter().collect();
-    let within = format!("{COLUMNS} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, id LIMIT ?");
+    dated(connection, COLUMNS, &[&kind, &name], (query, limit), level)
+}
+
+/// The row that held when the span began, and the rows in it. `columns` ends with a condition on these values.
+fn dated<T>(
+    connection: &Connection,
+    columns: &str,
+    values: &[&dyn ToSql],
+    (query, limit): (&HistoryQuery, i64),
+    read: impl Fn(&Row<'_>) -> rusqlite::Result<Dated<T>>,
+) -> rusqlite::Result<Vec<Dated<T>>> {
+    let before = format!("{columns} AND at_ms <= ? ORDER BY at_ms DESC, records.id DESC LIMIT 1");
+    let values_before = [values, &[&query.from_ms]].concat();
+    let before = connection.prepare_cached(&before)?.query_row(&*values_before, &read).optional()?;
+    let within = format!("{columns} AND at_ms > ? AND at_ms <= ? ORDER BY at_ms, records.id LIMIT ?");
+    let values_within = [values, &[&query.from_ms, &query.to_ms, &limit]].concat();
     let mut within = connection.prepare_cached(&within)?;
-    for found in within.query_map(params![kind, name, query.from_ms, query.to_ms, limit], level)? {
-        rows.push(found?);
-    }
-    Ok(rows)
+    let within = within.query_map(&*values_within, &read)?;
+    before.map(Ok).into_iter().chain(within).collect()
 }
 
 /// The span in which each row holds: to the next row, to the end of its run, or to the end of the query.

@@ -40,9 +40,6 @@ impl Reader {
 
     /// Answers `query` within this time, including the wait for other queries. A query that takes longer,
     /// or whose caller has gone, is interrupted.
-    ///
-    /// # Errors
-    /// An error of the database, or [`StoreError::TooLong`].
     pub async fn read<T: Send + 'static>(
         &self,
         within: Duration,

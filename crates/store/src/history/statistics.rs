@@ -8,6 +8,7 @@ use rusqlite::{Connection, params};
 use super::read::{self, HistoryQuery};
 use super::write::{ACKNOWLEDGED, CLEARED, LOST, MOVED, RAISED, STARTED};
 use telltale_engine::model::Stage;
+use telltale_engine::time::{Span, how_long};
 
 const MINUTE_MS: i64 = 60_000;
 /// An alarm that comes so often within a minute chatters.
@@ -56,6 +57,41 @@ impl Statistics {
     pub fn between_alarms_ms(&self, node: &NodeStatistics) -> Option<i64> {
         i64::try_from(node.alarms).ok().filter(|&alarms| alarms > 0).map(|alarms| self.recorded_ms / alarms)
     }
+
+    /// Alarms in an hour, as people read it.
+    pub fn rate(&self, alarms: u64) -> String {
+        self.per_hour(alarms).map_or_else(String::new, |rate| format!("{rate:.2}"))
+    }
+
+    /// The stages, each with its time and its share of the recorded time.
+    pub fn shares(&self) -> impl Iterator<Item = (Stage, i64, String)> {
+        let share = |ms: i64| format!("{:.0} %", 100.0 * ms as f64 / self.recorded_ms as f64);
+        self.stages.iter().map(move |&(stage, ms)| (stage, ms, share(ms)))
+    }
+
+    pub fn figures(&self, node: &NodeStatistics) -> NodeFigures {
+        NodeFigures {
+            an_hour: self.rate(node.alarms),
+            between: self.between_alarms_ms(node).map_or_else(String::new, how_long_ms),
+            alarmed: how_long_ms(node.alarmed_ms),
+            longest: how_long_ms(node.longest_ms),
+        }
+    }
+}
+
+/// The figures of a node, as people read them.
+#[derive(Debug, Clone)]
+pub struct NodeFigures {
+    pub an_hour: String,
+    /// Empty without an alarm.
+    pub between: String,
+    pub alarmed: String,
+    pub longest: String,
+}
+
+/// Milliseconds, as people read them.
+pub fn how_long_ms(ms: i64) -> String {
+    how_long(Span::from_millis(u64::try_from(ms).unwrap_or(0)))
 }
 
 /// An alarm that is not over.

@@ -154,25 +154,16 @@ impl StoredIncident {
 
 impl Store {
     /// What the audit log says of a recording; `None` if nothing.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn incident_logged(&self, id: u64) -> Result<Option<Logged>, StoreError> {
         self.call(move |database| logged(&database.connection, id)).await
     }
 
     /// What the audit log says of incidents.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn incident_records(&self) -> Result<IncidentRecords, StoreError> {
         self.call(|database| records(&database.connection, None)).await
     }
 
     /// An incident as it lies in the database; `None` if there is none.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn stored_incident(&self, id: u64) -> Result<Option<StoredIncident>, StoreError> {
         self.call(move |database| stored(&database.connection, id)).await
     }
@@ -191,26 +182,17 @@ impl Incidents {
     }
 
     /// An incident as it lies in the database; `None` if there is none.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn stored(&self, id: u64) -> Result<Option<StoredIncident>, StoreError> {
         stored(&self.0, id)
     }
 
     /// As [`Store::incident_records`]. Whether the log is as it was written tells
     /// [`verify_audit_in`](crate::audit::verify_audit_in).
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn records(&self) -> Result<IncidentRecords, StoreError> {
         records(&self.0, None)
     }
 
     /// As [`Store::incident_logged`].
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn logged(&self, id: u64) -> Result<Option<Logged>, StoreError> {
         logged(&self.0, id)
     }

@@ -60,33 +60,21 @@ pub struct OnDisk {
 
 impl Store {
     /// Incidents that the filter lets pass, the newest first.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn incidents(&self, filter: IncidentFilter) -> Result<Vec<Incident>, StoreError> {
         self.call(move |database| list(&database.connection, &filter)).await
     }
 
     /// Everything that is known of an incident; `None` if there is none.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn incident(&self, id: u64) -> Result<Option<Incident>, StoreError> {
         self.call(move |database| one(&database.connection, id)).await
     }
 
     /// What counts of every incident for its retention, the smallest number first.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn incidents_held(&self) -> Result<Vec<Held>, StoreError> {
         self.call(|database| held(&database.connection)).await
     }
 
     /// The number of all incidents, the bytes of their recordings, and the bytes of those since a time.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn incidents_on_disk(&self, since_ms: i64) -> Result<OnDisk, StoreError> {
         self.call(move |database| {
             if !is_known(&database.connection)? {
@@ -107,9 +95,6 @@ impl Store {
 
     /// The incidents whose recordings the last run of the program did not finish, and those whose recordings were
     /// gone.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn unfinished_incidents(&self) -> Result<Vec<Summary>, StoreError> {
         self.call(|database| {
             if !is_known(&database.connection)? {
@@ -124,9 +109,6 @@ impl Store {
     }
 
     /// Those of these numbers that belong to no incident.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn unknown_incidents(&self, numbers: Vec<u64>) -> Result<Vec<u64>, StoreError> {
         self.call(move |database| {
             let known: BTreeSet<u64> = held(&database.connection)?.iter().map(|it| it.id).collect();
@@ -151,33 +133,21 @@ impl Incidents {
     }
 
     /// As [`Store::floor`], by now.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn floor(&self) -> Result<SystemTime, StoreError> {
         clock_floor::of(&self.0)
     }
 
     /// As [`Store::incidents`].
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn list(&self, filter: &IncidentFilter) -> Result<Vec<Incident>, StoreError> {
         list(&self.0, filter)
     }
 
     /// As [`Store::incident`].
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn one(&self, id: u64) -> Result<Option<Incident>, StoreError> {
         one(&self.0, id)
     }
 
     /// As [`Store::incidents_held`].
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn held(&self) -> Result<Vec<Held>, StoreError> {
         held(&self.0)
     }

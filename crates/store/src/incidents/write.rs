@@ -30,9 +30,6 @@ impl Store {
     /// The number of the next incident. It was never used: it is larger than all that the store knows and than
     /// `largest`, the largest in the folder of the recordings, which outlives a lost database. A disk that does
     /// not take the number is no reason not to record: the file with it tells the next call.
-    ///
-    /// # Errors
-    /// If the database cannot be read.
     pub async fn next_incident_number(&self, largest: u64) -> Result<u64, StoreError> {
         self.call_surely(move |database| database.next_incident_number(largest)).await
     }

@@ -59,21 +59,7 @@ pub struct Session {
     pub(super) ended: watch::Receiver<()>,
 }
 
-impl Session {
-    /// Whether both are the same login.
-    pub fn is_same(&self, other: &Session) -> bool {
-        self.key == other.key
-    }
-
-    /// Whether its holder has logged out, or it was ended otherwise.
-    pub fn has_ended(&self) -> bool {
-        self.ended.has_changed().is_err()
-    }
-}
-
 impl Token {
-    /// # Errors
-    /// If the operating system gives no random numbers.
     pub fn random() -> Result<Token, StoreError> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes).map_err(StoreError::Random)?;
@@ -178,9 +164,6 @@ impl Store {
 
     /// Stores the last activity of the holders of these sessions, so that a restart does not count as
     /// activity.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn note_used(&self, sessions: Vec<Session>) -> Result<(), StoreError> {
         let now = self.clock.now();
         self.call(move |database| {
@@ -240,9 +223,6 @@ impl Store {
 
     /// The operator who was in charge last and still has an open session. While the vehicle drives, that session
     /// does not expire.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn operator_in_charge(&self) -> Result<Option<String>, StoreError> {
         self.call(move |database| {
             let now_ms = to_unix_ms(database.judged());

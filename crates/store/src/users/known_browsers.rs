@@ -38,9 +38,6 @@ impl Store {
     }
 
     /// Whether a browser with this cookie is one of that user's. Anybody may cause this query.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn is_device_of(&self, caller: Caller, token: &Token, name: &str) -> Result<bool, StoreError> {
         let (key, name) = (token.key(), name.to_owned());
         self.call_from(caller, move |database| {

@@ -66,9 +66,6 @@ impl Store {
     }
 
     /// Adds the users of [`DEMO_USERS`] that are missing.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn add_demo_users(&self) -> Result<(), StoreError> {
         for (name, role, secret) in DEMO_USERS {
             match self.insert_user(name, role, secret).await {
@@ -101,9 +98,6 @@ impl Store {
     }
 
     /// All users by name.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn users(&self) -> Result<Vec<User>, StoreError> {
         self.call(|database| {
             database.read_known()?;
@@ -134,9 +128,6 @@ impl Store {
     }
 
     /// The names of the operators; none if there are more than `most`.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn operators(&self, most: usize) -> Result<Vec<String>, StoreError> {
         let sql = "SELECT name FROM users WHERE role = ?1 ORDER BY name LIMIT ?2";
         let names: Vec<String> = self
@@ -151,9 +142,6 @@ impl Store {
     }
 
     /// Whether this is a user's name. Anybody may cause this query.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn knows_user(&self, name: &str) -> Result<bool, StoreError> {
         Ok(self.find_user(Caller::Elsewhere, name).await?.is_some())
     }
@@ -235,9 +223,6 @@ impl Store {
     }
 
     /// [`Store::authenticate`] for this caller.
-    ///
-    /// # Errors
-    /// As there.
     pub async fn authenticate_from(
         &self,
         caller: Caller,

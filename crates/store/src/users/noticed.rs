@@ -10,17 +10,11 @@ use crate::{Database, Store, StoreError};
 
 impl Store {
     /// The number of the last change of users and tokens.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn last_user_change(&self) -> Result<i64, StoreError> {
         self.call(|database| Ok(database.user_changes()?.0)).await
     }
 
     /// Whether the server has taken in this change.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn is_taken_in(&self, change: i64) -> Result<bool, StoreError> {
         self.call(move |database| Ok(database.user_changes()?.1 >= change)).await
     }

@@ -8,8 +8,7 @@ use argon2::{Algorithm, Argon2, Block, Params, PasswordHasher, PasswordVerifier,
 use tokio::sync::oneshot;
 use zxcvbn::{Score, zxcvbn};
 
-use crate::Caller;
-use crate::{Role, StoreError};
+use crate::{Caller, Role, StoreError};
 
 /// Users of the demonstration: name, role, secret. Everybody knows these secrets.
 pub const DEMO_USERS: [(&str, Role, &str); 3] = [

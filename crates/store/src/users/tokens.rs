@@ -73,9 +73,6 @@ impl Store {
     }
 
     /// All tokens of programs by their number.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub async fn tokens(&self) -> Result<Vec<ProgramToken>, StoreError> {
         self.call(|database| {
             let mut query = database.connection.prepare(

@@ -9,10 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::query::{Asked, Count};
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
 use crate::incidents::wall_time;
 use crate::schema::words;
+use crate::texts::HttpError;
 use telltale_store::audit::Entry;
 
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -59,22 +58,21 @@ pub async fn get(
     State(app): State<AppState>,
     Asked(asked): Asked<AuditAsked>,
     headers: HeaderMap,
-    reader: Reader,
-) -> Response {
+) -> Result<Response, HttpError> {
     let count = asked.count.0;
     let _reader = app.audit_reading.turn().await;
     let entries = match app.store.audit_entries(asked.before, count).await {
         Ok(entries) => entries,
         Err(error) => {
             tracing::error!(%error, "the audit log cannot be read");
-            return refusal(&reader, HttpError::Unavailable);
+            return Err(HttpError::Unavailable);
         }
     };
     let rows: Vec<AuditRow<'_>> = entries.iter().map(row).collect();
     let is_full = rows.len() == count as usize;
     let next = rows.last().filter(|last| is_full && last.number > 1).map(|last| last.number);
     let table = Table { name: "audit", columns: &COLUMNS, rows: &rows, next };
-    table.answer(Format::of(asked.format, &headers), &AuditAnswer { records: &rows, next })
+    Ok(table.answer(Format::of(asked.format, &headers), &AuditAnswer { records: &rows, next }))
 }
 
 fn row(entry: &Entry) -> AuditRow<'_> {

@@ -9,10 +9,9 @@ use serde::{Deserialize, Deserializer, Serialize};
 use super::query::{Asked, Count, Moment};
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
 use crate::incidents::wall_time;
 use crate::schema::words;
+use crate::texts::HttpError;
 use telltale_engine::time::Span;
 use telltale_store::{HistoryLine, LineKind, LineQuery};
 
@@ -95,14 +94,9 @@ pub async fn get(
     State(app): State<AppState>,
     Asked(asked): Asked<HistoryAsked>,
     headers: HeaderMap,
-    reader: Reader,
-) -> Response {
-    if app.published().is_locked() {
-        return refusal(&reader, HttpError::Locked);
-    }
-    let Some(history) = &app.settings.history else { return refusal(&reader, HttpError::Unavailable) };
+) -> Result<Response, HttpError> {
     if asked.node.as_ref().is_some_and(|node| node.len() > NODE_BYTES_MAX) {
-        return refusal(&reader, HttpError::NotFound);
+        return Err(HttpError::NotFound);
     }
     let query = LineQuery {
         node: asked.node.filter(|node| !node.is_empty()),
@@ -112,18 +106,12 @@ pub async fn get(
         after: i64::try_from(asked.after).unwrap_or(i64::MAX),
         count: asked.count.0,
     };
-    let lines = match history.lines(query).await {
-        Ok(lines) => lines,
-        Err(error) => {
-            tracing::warn!(%error, "the history cannot be read");
-            return refusal(&reader, HttpError::Unavailable);
-        }
-    };
+    let lines = app.past(&app.published(), |history| history.lines(query)).await?;
     let rows: Vec<HistoryRow<'_>> = lines.iter().map(row).collect();
     let is_full = rows.len() == asked.count.0 as usize;
     let next = rows.last().filter(|_| is_full).and_then(|last| u64::try_from(last.id).ok());
     let table = Table { name: "history", columns: &COLUMNS, rows: &rows, next };
-    table.answer(Format::of(asked.format, &headers), &HistoryAnswer { records: &rows, next })
+    Ok(table.answer(Format::of(asked.format, &headers), &HistoryAnswer { records: &rows, next }))
 }
 
 fn row(line: &HistoryLine) -> HistoryRow<'_> {

@@ -10,8 +10,8 @@ use serde::Deserialize;
 use super::query::{Asked, Count, Moment};
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::http::respond::{Reader, refusal};
 use crate::incidents::{Listed, Read, Whole, failed, find, story};
+use crate::texts::HttpError;
 use telltale_store::{INCIDENTS_PAGE_MAX, IncidentFilter};
 
 /// Incidents in one answer, unless `count` asks for another number.
@@ -79,33 +79,25 @@ impl ListQuery {
 /// `GET /api/v1/incidents`: the newest first, filtered, in pages.
 pub async fn list(
     State(app): State<AppState>,
-    reader: Reader,
     headers: HeaderMap,
     Asked(query): Asked<ListQuery>,
-) -> Response {
+) -> Result<Response, HttpError> {
     let format = Format::of(query.format, &headers);
     let filter = query.filter();
     let count = filter.count as usize;
-    match app.store.incidents(filter).await {
-        Ok(found) => {
-            let rows: Vec<Listed<'_>> = found.iter().map(Listed::of).collect();
-            let next = found.last().filter(|_| found.len() == count).map(|last| last.summary.id);
-            Table { name: "incidents", columns: &COLUMNS, rows: &rows, next }.answer(format, &rows)
-        }
-        Err(error) => refusal(&reader, failed(error)),
-    }
+    let found = app.store.incidents(filter).await.map_err(failed)?;
+    let rows: Vec<Listed<'_>> = found.iter().map(Listed::of).collect();
+    let next = found.last().filter(|_| found.len() == count).map(|last| last.summary.id);
+    Ok(Table { name: "incidents", columns: &COLUMNS, rows: &rows, next }.answer(format, &rows))
 }
 
 /// `GET /api/v1/incidents/{id}`: everything that is known of it.
-pub async fn one(State(app): State<AppState>, Path(id): Path<String>, reader: Reader) -> Response {
-    let incident = match find(&app, &id).await {
-        Ok(incident) => incident,
-        Err(trouble) => return refusal(&reader, trouble),
-    };
+pub async fn one(State(app): State<AppState>, Path(id): Path<String>) -> Result<Response, HttpError> {
+    let incident = find(&app, &id).await?;
     let (read, proof) = story(&app, &incident.summary).await;
     let story = match read {
         Read::Told(story) => Some(story),
         Read::Missing | Read::Bad(_) | Read::Busy => None,
     };
-    Json(Whole::of(&incident, Some((story.as_deref(), &proof)))).into_response()
+    Ok(Json(Whole::of(&incident, Some((story.as_deref(), &proof)))).into_response())
 }

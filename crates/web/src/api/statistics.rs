@@ -9,10 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::query::{Asked, Moment};
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
 use crate::incidents::{wall_ms, wall_time};
 use crate::schema::words;
+use crate::texts::HttpError;
 use telltale_store::{NodeStatistics, Statistics};
 
 /// What is summed up without `since`.
@@ -79,24 +78,14 @@ pub async fn get(
     State(app): State<AppState>,
     Asked(asked): Asked<StatisticsAsked>,
     headers: HeaderMap,
-    reader: Reader,
-) -> Response {
-    if app.published().is_locked() {
-        return refusal(&reader, HttpError::Locked);
-    }
-    let Some(history) = &app.settings.history else { return refusal(&reader, HttpError::Unavailable) };
-    let to_ms = asked.until.map_or_else(|| wall_ms(app.published().at), |Moment(ms)| ms);
+) -> Result<Response, HttpError> {
+    let published = app.published();
+    let to_ms = asked.until.map_or_else(|| wall_ms(published.at), |Moment(ms)| ms);
     let from_ms = asked.since.map_or(to_ms - WEEK_MS, |Moment(ms)| ms);
-    let found = match history.statistics(from_ms, to_ms).await {
-        Ok(found) => found,
-        Err(error) => {
-            tracing::warn!(%error, "the statistics cannot be read");
-            return refusal(&reader, HttpError::Unavailable);
-        }
-    };
+    let found = app.past(&published, |history| history.statistics(from_ms, to_ms)).await?;
     let rows: Vec<NodeRow<'_>> = found.nodes.iter().map(|node| row(&found, node)).collect();
     let table = Table { name: "statistics", columns: &COLUMNS, rows: &rows, next: None };
-    table.answer(Format::of(asked.format, &headers), &answer(&found, &rows))
+    Ok(table.answer(Format::of(asked.format, &headers), &answer(&found, &rows)))
 }
 
 fn answer<'a>(found: &Statistics, nodes: &'a [NodeRow<'a>]) -> StatisticsAnswer<'a> {

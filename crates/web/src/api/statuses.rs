@@ -11,10 +11,9 @@ use super::query::{Asked, Count};
 use super::table::{Format, Table};
 use crate::AppState;
 use crate::developer::statuses::StatusFilter;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
 use crate::live::frame::{ModuleSchema, modules};
-use crate::view::{Lang, View};
+use crate::texts::{HttpError, Lang};
+use crate::view::View;
 
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -93,11 +92,10 @@ pub async fn get(
     State(app): State<AppState>,
     Asked(asked): Asked<StatusesAsked>,
     headers: HeaderMap,
-    reader: Reader,
-) -> Response {
+) -> Result<Response, HttpError> {
     let published = app.published();
     if published.is_locked() {
-        return refusal(&reader, HttpError::Locked);
+        return Err(HttpError::Locked);
     }
     let view = View::new(&published, Lang::En, false);
     let level = asked.level.map_or("", Level::as_str);
@@ -110,5 +108,5 @@ pub async fn get(
     let next = (end < found.len()).then_some(end as u64);
     let table = Table { name: "statuses", columns: &COLUMNS, rows: &rows, next };
     let answer = StatusesAnswer { seq: published.snapshot.seq, modules: &rows, left_out, next };
-    table.answer(Format::of(asked.format, &headers), &answer)
+    Ok(table.answer(Format::of(asked.format, &headers), &answer))
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::http::respond::{header, json_answer};
-use crate::view::text::{clean_lines, plain_json};
+use crate::texts::{clean_lines, plain_json};
 
 /// The header that says how to ask for what follows: the value of the parameter `before`, `after` or `offset`.
 const NEXT: HeaderName = HeaderName::from_static("telltale-next");

@@ -10,8 +10,7 @@ use super::query::{Asked, Count};
 use super::table::{Format, Table};
 use crate::AppState;
 use crate::developer::topics::matches;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
+use crate::texts::HttpError;
 use telltale_engine::discovery::{Endpoint, TopicSeen};
 
 /// Nodes that are named.
@@ -83,10 +82,9 @@ pub async fn get(
     State(app): State<AppState>,
     Asked(asked): Asked<TopicsAsked>,
     headers: HeaderMap,
-    reader: Reader,
-) -> Response {
+) -> Result<Response, HttpError> {
     if app.published().is_locked() {
-        return refusal(&reader, HttpError::Locked);
+        return Err(HttpError::Locked);
     }
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
     let text = asked.q.to_lowercase();
@@ -104,7 +102,7 @@ pub async fn get(
         next,
     };
     let table = Table { name: "topics", columns: &COLUMNS, rows: &rows, next };
-    table.answer(Format::of(asked.format, &headers), &answer)
+    Ok(table.answer(Format::of(asked.format, &headers), &answer))
 }
 
 fn row(topic: &TopicSeen) -> TopicRow<'_> {

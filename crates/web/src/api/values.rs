@@ -13,8 +13,8 @@ use telltale_engine::model::NodeId;
 use super::query::Asked;
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::http::errors::HttpError;
 use crate::http::respond::{Reader, refusal};
+use crate::texts::HttpError;
 
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Interval, MissedTickBehavior, interval};
 
-use crate::view::words::session_end::SessionEnd;
+use crate::texts::SessionEnd;
 use crate::{AppState, Live, Source};
 use telltale_engine::input::{OperatorAction, Response};
 use telltale_engine::snapshot::Snapshot;

@@ -9,7 +9,7 @@ use tokio::sync::watch;
 use tokio::time::{MissedTickBehavior, interval};
 
 use crate::Live;
-use crate::view::words::session_end::SessionEnd;
+use crate::texts::SessionEnd;
 use telltale_engine::input::{OperatorAction, Response};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_store::Session;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use axum::Json;
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Extension, Form, RawQuery, State};
+use axum::extract::{Form, RawQuery, State};
 use axum::http::header::{RETRY_AFTER, SET_COOKIE};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::response::{Html, IntoResponse, Redirect, Response};
@@ -21,10 +21,10 @@ use super::session_ends;
 use super::sign_in_out;
 use super::sign_in_out::{LoginAttempt, NotOpened};
 use crate::admission::login_throttle::{Source, Throttle};
-use crate::admission::peer::{Peer, source_of};
-use crate::http::errors::HttpError;
+use crate::admission::peer::CameFrom;
 use crate::http::guard::{SignedIn, cookie_name, cookie_session, device_cookie_name};
 use crate::http::respond::{Reader, Speaks, cookie, json_answer, refusal, refused};
+use crate::texts::HttpError;
 use crate::view;
 use crate::view::{LoginContext, LoginFailure};
 use crate::{AppState, Live};
@@ -82,7 +82,7 @@ const CHANGE: &str = "change";
 /// `GET /login`, and `GET /login?change` for another operator at the display of the present one
 pub async fn page(
     State(app): State<AppState>,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     RawQuery(query): RawQuery,
     headers: HeaderMap,
     reader: Reader,
@@ -103,7 +103,7 @@ pub async fn page(
     let shown = LoginContext {
         failure: nobody,
         session_end: session_ends::of(&app, &headers).await,
-        names: names(&app, source_of(peer.map(|Extension(peer)| peer)), from.as_deref()).await,
+        names: names(&app, source, from.as_deref()).await,
         from,
         ..login_context(&app, &reader)
     };
@@ -145,7 +145,7 @@ fn no_users(app: &AppState) -> LoginFailure {
 /// `POST /login`
 pub async fn login(
     app: Live,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     headers: HeaderMap,
     reader: Reader,
     form: Result<Form<LoginForm>, FormRejection>,
@@ -157,7 +157,6 @@ pub async fn login(
         }
         Err(_) => return refusal(&reader, HttpError::BadForm),
     };
-    let source = source_of(peer.map(|Extension(peer)| peer));
     let device = known_device(&app, &headers, source, &form.name).await;
     let proven = match (&form.secret, &form.confirm) {
         (Some(secret), _) => {
@@ -219,21 +218,21 @@ fn confirmed(app: &AppState, token: &str, name: &str, source: IpAddr) -> Option<
 /// `POST /logout`
 pub async fn logout(
     app: Live,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Response {
-    leave(app, peer, session, &reader, OperatorAction::Logout).await
+    leave(app, source, session, &reader, OperatorAction::Logout).await
 }
 
 /// `POST /vehicle/shutdown`: the operator ends the work with the vehicle, and leaves it.
 pub async fn shutdown(
     app: Live,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     SignedIn(session): SignedIn,
     reader: Reader,
 ) -> Response {
-    leave(app, peer, session, &reader, OperatorAction::Shutdown).await
+    leave(app, source, session, &reader, OperatorAction::Shutdown).await
 }
 
 /// The name of a failed login for the audit log. A name of no user may be a secret that was typed into the
@@ -247,7 +246,7 @@ async fn recorded_name(app: &AppState, name: &str) -> String {
 
 async fn leave(
     app: Live,
-    peer: Option<Extension<Peer>>,
+    source: IpAddr,
     session: Session,
     reader: &Reader,
     action: OperatorAction,
@@ -256,7 +255,6 @@ async fn leave(
     if session.kind == SessionKind::Program {
         return refusal(&Reader { speaks: Speaks::Json, ..*reader }, HttpError::Forbidden);
     }
-    let source = source_of(peer.map(|Extension(peer)| peer));
     match sign_in_out::leave(&app, &session, source, action).await {
         Ok(()) => {}
         Err(NotOpened::Refused(reasons)) => return refused(reader, &reasons),

@@ -1,7 +1,7 @@
 //! Why a session ended, for the login page. The browser is recognized by the cookie that it still has; the
 //! address says nothing about it, so nobody can forge a reason.
 
-use crate::view::words::session_end::SessionEnd;
+use crate::texts::SessionEnd;
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 

@@ -12,7 +12,7 @@ use super::handover;
 use crate::Live;
 use crate::admission::peer::place_of;
 use crate::engine_link::NoAnswer;
-use crate::view::words::session_end::SessionEnd;
+use crate::texts::SessionEnd;
 use telltale_engine::input::{OperatorAction, Refusal, Response as Answer};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_store::audit::{Action, Record};

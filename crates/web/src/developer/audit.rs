@@ -1,16 +1,13 @@
 //! The page of the audit log, with whether its chain is whole.
 
-use std::borrow::Cow;
-
 use askama::Template;
 
 use axum::extract::State;
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::Html;
 use tokio::sync::{Mutex, MutexGuard};
 
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::refusal;
+use crate::texts::{HttpError, Lang, MESSAGE, NAME, clean};
 use telltale_store::StoreError;
 
 use super::pager::ROWS_MAX;
@@ -20,8 +17,7 @@ use telltale_store::audit::Entry;
 use telltale_store::{Acknowledged, Verdict};
 
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean};
-use crate::view::{Lang, PageContext, View, html};
+use crate::view::{PageContext, View, html};
 
 use super::{DevFrame, Page};
 
@@ -52,13 +48,11 @@ struct RecordRow {
 struct AuditHtml {
     frame: PageFrame,
     dev: DevFrame,
-    heads: [&'static str; 7],
     is_whole: bool,
     verdict: String,
     head: String,
     rows: Vec<RecordRow>,
     older: Option<u64>,
-    older_word: &'static str,
 }
 
 /// Records on one page of the audit log.
@@ -75,10 +69,10 @@ impl AuditReading {
 }
 
 /// `GET /developer/audit?before=NUMBER`: the audit log, newest first, and whether its chain is whole.
-pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Result<Html<String>, HttpError> {
     let before = request.query.get("before");
     if !before.is_empty() && request.query.number("before").is_none() {
-        return refusal(&request.reader, HttpError::NotFound);
+        return Err(HttpError::NotFound);
     }
     let (before, count) = match request.query.wants_all_rows() {
         true => (None, ROWS_MAX as u32),
@@ -93,13 +87,13 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
         Ok(read) => read,
         Err(error) => {
             tracing::error!(%error, "the audit log cannot be read");
-            return refusal(&request.reader, HttpError::Unavailable);
+            return Err(HttpError::Unavailable);
         }
     };
     let is_full = entries.len() == count as usize;
     let older = entries.last().filter(|last| is_full && last.number > 1).map(|last| last.number);
     let audit = AuditPage { entries, older, verdict };
-    Html(page(&request.published, &audit, &request.context)).into_response()
+    Ok(Html(page(&request.published, &audit, &request.context)))
 }
 
 pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> String {
@@ -108,10 +102,6 @@ pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> S
     // Verifying the chain takes a while, so the page does not ask again by itself. The log is no diagnosis, so it is shown while the vehicle is locked.
     dev.fixed = true;
     dev.locked = false;
-    let (heads, older_word) = match context.lang {
-        Lang::En => (["No.", "Time", "Who", "From", "What", "On what", "Outcome"], "Older records"),
-        Lang::De => (["Nr.", "Zeit", "Wer", "Woher", "Was", "Woran", "Ergebnis"], "Ältere Einträge"),
-    };
     let rows = page.entries.iter().map(|entry| RecordRow {
         number: entry.number,
         at: humantime::format_rfc3339_millis(entry.at()).to_string(),
@@ -126,107 +116,37 @@ pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> S
     html(&AuditHtml {
         frame: super::frame(context),
         dev,
-        heads,
         is_whole: page.verdict.breach.is_none(),
         verdict: verdict(&page.verdict, context.lang),
         head: page.verdict.head.to_string(),
         rows: rows.collect(),
         older: page.older,
-        older_word,
     })
 }
 
 /// A word of the log in the reader's language; an unknown one stays as it was written.
 fn word(written: &str, lang: Lang) -> &str {
-    if lang == Lang::En {
-        return written;
-    }
-    match written {
-        "operator" => "Fahrbegleitung",
-        "developer" => "Entwicklung",
-        "authority" => "Aufsicht",
-        "command line" => "Kommandozeile",
-        "done" => "ausgeführt",
-        "start" => "Start",
-        "end" => "Ende",
-        "login" => "Anmeldung",
-        "logout" => "Abmeldung",
-        "session ended" => "Sitzung beendet",
-        "hand-over" => "Übernahme",
-        "request" => "Anfrage",
-        "localize" => "Positionsangabe",
-        "clearance asked" => "Freigabe angefragt",
-        "clearance" => "Freigabe",
-        "clearance withdrawn" => "Freigabe widerrufen",
-        "release asked" => "Weiterfahrt angefragt",
-        "release" => "Weiterfahrt",
-        "stop" => "Anhalten",
-        "acknowledge" => "Quittierung",
-        "acknowledge over" => "Quittierung aller behobenen",
-        "reset" => "Zurücksetzen",
-        "stage" => "Phase",
-        "countermeasure" => "Gegenmaßnahme",
-        "configuration" => "Konfiguration",
-        "demo fault" => "Demo-Fehler",
-        "session elsewhere" => "Sitzung von anderer Adresse",
-        "user added" => "Benutzer angelegt",
-        "user secret" => "Zugangsgeheimnis geändert",
-        "user role" => "Rolle geändert",
-        "user removed" => "Benutzer entfernt",
-        "user kept" => "Benutzer übernommen",
-        "foreign users" => "Fremde Benutzer gefunden",
-        "token added" => "Token angelegt",
-        "token revoked" => "Token entzogen",
-        "token kept" => "Token übernommen",
-        "mark" => "Markierung",
-        "incident recorded" => "Vorfall aufgezeichnet",
-        "incident found" => "Vorfall wiedergefunden",
-        "incident note" => "Notiz zu einem Vorfall",
-        "incident kept" => "Vorfall aufbewahrt",
-        "incident removed" => "Vorfall entfernt",
-        "omitted" => "ausgelassen",
-        "pruned" => "Älteste entfernt",
-        "log keyed" => "Schlüssel eingeführt",
-        "breach acknowledged" => "Bruch zur Kenntnis genommen",
-        "chain broken" => "Kette beschädigt",
-        "data repaired" => "Datenbank repariert",
-        "data restored" => "Sicherung eingespielt",
-        "head missing" => "Kettenende fehlt",
-        other => other,
-    }
+    lang.of_audit(written).unwrap_or(written)
 }
 
 /// Why something was refused stays as it was written.
-fn outcome(written: &str, lang: Lang) -> Cow<'_, str> {
-    match (lang, written.strip_prefix("refused: ")) {
-        (Lang::De, Some(why)) => format!("abgelehnt: {why}").into(),
-        _ => word(written, lang).into(),
+fn outcome(written: &str, lang: Lang) -> String {
+    match written.strip_prefix("refused: ") {
+        Some(why) => lang.refused_because(why),
+        None => word(written, lang).to_owned(),
     }
 }
 
 fn verdict(verdict: &Verdict, lang: Lang) -> String {
-    let mut said = match (&verdict.breach, lang) {
-        (None, Lang::En) if verdict.records == 1 => "The one record is as it was written.".to_owned(),
-        (None, Lang::De) if verdict.records == 1 => "Der eine Eintrag ist unverändert.".to_owned(),
-        (None, Lang::En) => format!("All {} records are as they were written.", verdict.records),
-        (None, Lang::De) => format!("Alle {} Einträge sind unverändert.", verdict.records),
-        (Some(breach), Lang::En) => format!("Record {} {}.", breach.number, clean(&breach.what, MESSAGE)),
-        (Some(breach), Lang::De) => {
-            format!("Die Kette ist beschädigt. Eintrag {}: {}.", breach.number, clean(&breach.what, MESSAGE))
-        }
+    let mut said = match &verdict.breach {
+        None => lang.whole_chain(verdict.records),
+        Some(breach) => lang.broken_chain(breach.number, &clean(&breach.what, MESSAGE)),
     };
-    if let (more @ 1.., lang) = (verdict.breaches.saturating_sub(1), lang) {
-        said += &match lang {
-            Lang::En => format!(" There are {more} more such places."),
-            Lang::De => format!(" Es gibt {more} weitere solche Stellen."),
-        };
+    if verdict.breaches > 1 {
+        said += &lang.more_breaches(verdict.breaches - 1);
     }
     if let Some(Acknowledged { number, by, count, .. }) = &verdict.acknowledged {
-        let by = clean(by, NAME);
-        said += &match lang {
-            Lang::En => format!(" {by} has acknowledged {count} earlier ones, in record {number}."),
-            Lang::De => format!(" {by} hat {count} frühere zur Kenntnis genommen, in Eintrag {number}."),
-        };
+        said += &lang.acknowledged_breaches(&clean(by, NAME), *count, *number);
     }
     said
 }

@@ -4,17 +4,15 @@
 use askama::Template;
 
 use axum::extract::State;
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::Html;
 use tokio::sync::oneshot;
 
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::refusal;
+use crate::texts::{HttpError, MESSAGE, NAME, clean, clean_lines};
 use telltale_store::Role;
 
 use super::request::PageRequest;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean, clean_lines};
 use crate::view::{PageContext, View, html};
 use telltale_runtime::Published;
 use telltale_runtime::Reread;
@@ -66,16 +64,10 @@ struct ConfigurationHtml {
 }
 
 /// `GET /developer/configuration?q=TEXT&file=NUMBER&page=N`
-pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
-    match reread(&app, false, None).await {
-        Ok(read) => {
-            let may_take = request.session.role == Role::Developer;
-            let page =
-                page(&request.published, &read, may_take.then_some(false), &request.context, &request.query);
-            Html(page).into_response()
-        }
-        Err(trouble) => refusal(&request.reader, trouble),
-    }
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Result<Html<String>, HttpError> {
+    let read = reread(&app, false, None).await?;
+    let offer = (request.session.role == Role::Developer).then_some(false);
+    Ok(Html(page(&request.published, &read, offer, &request.context, &request.query)))
 }
 
 /// `offer` is `Some` for users who may take the files, and true if the files have changed since they were shown.

@@ -8,15 +8,14 @@ use askama::Template;
 use axum::response::Html;
 
 use super::request::PageRequest;
+use crate::texts::{DevWords, NAME, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{NAME, clean};
 use crate::view::{PageContext, View, html};
 use telltale_engine::model::{GroupId, ModuleId, NodeId};
 use telltale_engine::snapshot::ModuleInfo;
 use telltale_runtime::Published;
 
 use super::pager::Pager;
-use super::words::DevWords;
 use super::{DevFrame, NodeLink, Page, PageQuery};
 
 /// The columns of the paper's Fig. 3.

@@ -5,8 +5,8 @@ use askama::Template;
 use axum::response::Html;
 
 use super::request::PageRequest;
+use crate::texts::{DevWords, MESSAGE, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, clean};
 use crate::view::{PageContext, View, html};
 use telltale_engine::model::{GroupId, ModuleId, NodeId};
 use telltale_engine::snapshot::Reason;
@@ -15,7 +15,6 @@ use telltale_engine::time::Timestamp;
 use telltale_runtime::Published;
 
 use super::pager::Pager;
-use super::words::DevWords;
 use super::{DevFrame, NodeLink, Page, PageQuery};
 
 /// Rows of one page of a table.

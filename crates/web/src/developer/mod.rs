@@ -19,7 +19,6 @@ pub(crate) mod tests;
 pub mod timeline;
 pub mod topics;
 pub mod why;
-pub(crate) mod words;
 
 use telltale_engine::model::{NodeId, Stage};
 use telltale_engine::snapshot::ModuleView;
@@ -30,10 +29,9 @@ pub use page_query::{PageQuery, address};
 pub use timeline::Window;
 
 use super::view::page::frame::PageFrame;
-use super::view::text::{NAME, VALUE, clean};
 use super::view::trends::Trend;
 use super::view::{PageContext, View};
-use words::DevWords;
+use crate::texts::{DevWords, NAME, VALUE, clean};
 
 /// A developer page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

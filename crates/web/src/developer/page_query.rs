@@ -3,7 +3,7 @@
 
 use std::fmt::Write as _;
 
-use crate::view::text::clean;
+use crate::texts::clean;
 
 /// Fields that are read; more are ignored.
 const PAIRS: usize = 64;

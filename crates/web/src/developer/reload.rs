@@ -1,17 +1,17 @@
 //! Reads the configuration file again: `POST /developer/configuration/reload`.
 
+use axum::extract::Form;
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Extension, Form};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{Html, IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::json;
 
 use crate::Live;
-use crate::admission::peer::{Peer, source_of};
-use crate::http::errors::HttpError;
+use crate::admission::peer::CameFrom;
 use crate::http::guard::bearer;
-use crate::http::respond::{Speaks, json_answer, refusal};
+use crate::http::respond::{Speaks, json_answer};
+use crate::texts::HttpError;
 use telltale_engine::time::Span;
 use telltale_runtime::Rereading;
 use telltale_store::audit::{Action, Record};
@@ -30,32 +30,25 @@ pub struct ReloadForm {
 /// it is.
 pub async fn post(
     app: Live,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     headers: HeaderMap,
     request: PageRequest,
     form: Result<Form<ReloadForm>, FormRejection>,
-) -> Response {
+) -> Result<Response, HttpError> {
     let shown = form.ok().and_then(|Form(form)| form.shown);
     // A request that does not say which page it looks at was shown nothing.
     let shown = if bearer(&headers).is_some() { shown } else { Some(shown.unwrap_or_default()) };
-    let record = Record::of_session(
-        &request.session,
-        Action::Configuration,
-        source_of(peer.map(|Extension(peer)| peer)),
-    );
+    let record = Record::of_session(&request.session, Action::Configuration, source);
     // Runs to its end also if nobody listens any more: the record says who had it taken.
     let taking = tokio::spawn(have_taken(app, shown, record));
-    let (read, found) = match taking.await.unwrap_or(Err(HttpError::Unavailable)) {
-        Ok(taken) => taken,
-        Err(trouble) => return refusal(&request.reader, trouble),
-    };
+    let (read, found) = taking.await.unwrap_or(Err(HttpError::Unavailable))?;
     let status = match found {
         Found::Wrong => StatusCode::UNPROCESSABLE_ENTITY,
         Found::Other => StatusCode::CONFLICT,
         Found::Same | Found::Different => StatusCode::OK,
     };
     let is_other = found == Found::Other;
-    match request.reader.speaks {
+    Ok(match request.reader.speaks {
         Speaks::Json => {
             let Rereading { taken, differences, problems, warnings, digest, .. } = read;
             let answer = json!({
@@ -70,7 +63,7 @@ pub async fn post(
                 configuration::page(&request.published, &read, offer, &request.context, &request.query);
             (status, Html(page)).into_response()
         }
-    }
+    })
 }
 
 /// The file compared with the running configuration and with what was shown.

@@ -2,12 +2,12 @@
 
 use axum::extract::{FromRequestParts, Query};
 use axum::http::request::Parts;
-use axum::response::Response;
 
 use crate::AppState;
 use crate::http::guard::SignedIn;
 use crate::http::respond::Reader;
 use crate::pages::page_context;
+use crate::texts::HttpError;
 use crate::view::PageContext;
 use crate::view::permitted;
 use telltale_runtime::Published;
@@ -28,9 +28,9 @@ pub struct PageRequest {
 }
 
 impl FromRequestParts<AppState> for PageRequest {
-    type Rejection = Response;
+    type Rejection = HttpError;
 
-    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<PageRequest, Response> {
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<PageRequest, HttpError> {
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
         let reader = Reader::of(&parts.uri, &parts.headers);
         // A malformed query counts as an empty one.

@@ -11,11 +11,11 @@ use axum::response::Html;
 use crate::AppState;
 
 use super::request::PageRequest;
+use crate::texts::{DevWords, MESSAGE, NAME, VALUE, clean};
 use crate::view::node_names::reason_word;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, VALUE, clean};
 use crate::view::trends::POINTS_SMALL;
-use crate::view::{Lang, PageContext, Trends, View, html};
+use crate::view::{PageContext, Trends, View, html};
 use telltale_engine::input::TroubleKind;
 use telltale_engine::model::{GroupId, ModuleId, NodeId};
 use telltale_engine::snapshot::{ModuleInfo, ModuleView};
@@ -24,7 +24,6 @@ use telltale_engine::time::Timestamp;
 use telltale_runtime::Published;
 
 use super::pager::Pager;
-use super::words::DevWords;
 use super::{DevFrame, Page, PageQuery, ReportValue, measured, report_values, why_address};
 
 /// Rows of one page of the table.
@@ -216,7 +215,7 @@ impl<'a> StatusFilter<'a> {
         let (view, report) = (self.view, &module.report);
         holds(&info.id)
             || holds(&report.message)
-            || report.german.as_ref().is_some_and(|german| view.lang == Lang::De && holds(german))
+            || holds(view.lang.message(report))
             || holds(&report.hardware_id)
             || report.values.iter().any(|(key, value)| holds(key) || holds(value))
             || [module.state, module.own].iter().any(|state| holds(view.lang.state(*state)))

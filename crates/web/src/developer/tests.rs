@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::texts::Lang;
 use crate::view::tests::sample::{Sample, group, module, parts};
 use crate::view::tests::{context, jump, operator_page};
-use crate::view::{Lang, PageContext, PagePart, Palette, Trends};
+use crate::view::{PageContext, PagePart, Palette, Trends};
 use telltale_engine::input::TroubleKind;
 use telltale_engine::model::{Parts as ModelParts, StageModel};
 use telltale_engine::text::Text;

@@ -12,17 +12,16 @@ use axum::body::{Body, Bytes};
 use axum::extract::{FromRequest, FromRequestParts, MatchedPath, Request, State};
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
+use axum::http::{HeaderMap, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
 use tokio::time::timeout;
 
-use super::errors::HttpError;
-use super::respond::{Reader, Speaks, cookies, header, refusal};
+use super::respond::{Reader, Speaks, cookies, header};
 use crate::admission::connections::ConnectionHandle;
 use crate::admission::peer::{Peer, place_of, source_of};
 use crate::assets;
-use crate::view::Lang;
+use crate::texts::{HttpError, Lang};
 use crate::{AppState, Live};
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Role, Session, SessionKind, Token};
@@ -64,20 +63,19 @@ const RENEWAL: &str = "telltale-renewal";
 pub struct SignedIn(pub Session);
 
 impl<S: Sync> FromRequestParts<S> for SignedIn {
-    type Rejection = Response;
+    type Rejection = HttpError;
 
-    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<SignedIn, Response> {
-        let signed_in = parts.extensions.get::<SignedIn>().cloned();
-        signed_in.ok_or_else(|| refusal(&Reader::of(&parts.uri, &parts.headers), HttpError::NoSession))
+    async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<SignedIn, HttpError> {
+        parts.extensions.get::<SignedIn>().cloned().ok_or(HttpError::NoSession)
     }
 }
 
 /// Refuses a request that would act on a vehicle where a recording is shown.
 impl FromRequestParts<AppState> for Live {
-    type Rejection = Response;
+    type Rejection = HttpError;
 
-    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Live, Response> {
-        app.live().ok_or_else(|| refusal(&Reader::of(&parts.uri, &parts.headers), HttpError::Replay))
+    async fn from_request_parts(_: &mut Parts, app: &AppState) -> Result<Live, HttpError> {
+        app.live().ok_or(HttpError::Replay)
     }
 }
 
@@ -91,10 +89,9 @@ pub async fn guard(
         let source = app.settings.enrolled.source(peer.ip(), request.headers());
         request.extensions_mut().insert(Peer(SocketAddr::new(source, peer.port())));
     }
-    let reader = Reader::of(request.uri(), request.headers());
     let headers = request.headers();
     if !header(headers, HOST.as_str()).is_some_and(|host| app.settings.origins.has_host(host)) {
-        return refusal(&reader, HttpError::ForeignHost);
+        return HttpError::ForeignHost.into_response();
     }
     let access = access(&request, &table);
     let caller = Requester::of(&app, headers);
@@ -108,7 +105,7 @@ pub async fn guard(
         app.record_refused(record, source).await;
     }
     if needs_session && caller.session.is_none() {
-        return not_signed_in(&reader, &request);
+        return not_signed_in(&request);
     }
     let trouble = match &caller.session {
         _ if acts(&request) && !caller.is_bearer && !has_own_origin(&app, request.headers()) => {
@@ -120,13 +117,13 @@ pub async fn guard(
         _ => None,
     };
     if let Some(trouble) = trouble {
-        let (source, record) = refused(&request, caller.session.as_ref(), trouble.say(Lang::En).1);
+        let (source, record) = refused(&request, caller.session.as_ref(), Lang::En.error_text(trouble));
         app.record_refused(record, source).await;
-        return refusal(&reader, trouble);
+        return trouble.into_response();
     }
     let mut request = match admitted(request, caller.session.as_ref()).await {
         Ok(request) => request,
-        Err(trouble) => return refusal(&reader, trouble),
+        Err(trouble) => return trouble.into_response(),
     };
     if let Some(session) = caller.session {
         if !request.headers().contains_key(RENEWAL) {
@@ -242,15 +239,13 @@ fn has_own_origin(app: &AppState, headers: &HeaderMap) -> bool {
 }
 
 /// Browsers are led to the login when they ask for a page; all others get 401.
-fn not_signed_in(reader: &Reader, request: &Request) -> Response {
-    let is_page = reader.speaks == Speaks::Html
+fn not_signed_in(request: &Request) -> Response {
+    let is_page = Reader::of(request.uri(), request.headers()).speaks == Speaks::Html
         && !is_upgrade(request)
         && request.uri().path() != "/ws"
         && !request.uri().path().starts_with("/static/");
     if is_page {
         return Redirect::to("/login").into_response();
     }
-    let mut answer = refusal(reader, HttpError::NoSession);
-    answer.headers_mut().insert(WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
-    answer
+    ([(WWW_AUTHENTICATE, "Bearer")], HttpError::NoSession).into_response()
 }

@@ -1,6 +1,5 @@
 //! The common parts of all routes: who may use a route, the form of answers, and errors.
 
-pub(super) mod errors;
 pub(super) mod guard;
 pub(super) mod headers;
 pub(super) mod origins;

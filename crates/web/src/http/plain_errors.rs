@@ -1,4 +1,5 @@
-//! Replaces the plain-text refusals of the HTTP libraries by this server's texts and format.
+//! Says refusals in the language and the format of the reader: those of the handlers, which have no words yet, and those of
+//! the HTTP libraries in plain text.
 
 use axum::extract::Request;
 use axum::http::StatusCode;
@@ -6,14 +7,19 @@ use axum::http::header::{CONTENT_TYPE, RETRY_AFTER};
 use axum::middleware::Next;
 use axum::response::Response;
 
-use super::errors::HttpError;
 use super::respond::{Reader, refusal};
+use crate::texts::HttpError;
 
-/// Replaces refusals in plain text. Pages and JSON pass.
+/// Gives refusals their words. Pages and JSON pass.
 pub async fn in_words(request: Request, next: Next) -> Response {
     let reader = Reader::of(request.uri(), request.headers());
     let is_configuration = request.uri().path().ends_with("/what-if");
     let plain = next.run(request).await;
+    if let Some(&trouble) = plain.extensions().get::<HttpError>() {
+        let mut answer = refusal(&reader, trouble);
+        answer.headers_mut().extend(plain.headers().clone());
+        return answer;
+    }
     let kind = plain.headers().get(CONTENT_TYPE).map(|kind| kind.as_bytes().starts_with(b"text/plain"));
     let trouble = match plain.status() {
         StatusCode::BAD_REQUEST => HttpError::BadRequest,

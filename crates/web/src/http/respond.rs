@@ -2,20 +2,21 @@
 
 use std::convert::Infallible;
 
-use axum::extract::FromRequestParts;
 use axum::extract::rejection::FormRejection;
+use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::header::{ACCEPT, ACCEPT_LANGUAGE, CONTENT_TYPE, COOKIE};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, Uri};
 use axum::response::{Html, IntoResponse, Response};
+use axum::{Extension, Form};
 use schemars::JsonSchema;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::errors::HttpError;
+use crate::texts::{HttpError, Lang, Words, plain_json};
 use crate::view;
-use crate::view::text::plain_json;
-use crate::view::{Lang, PagePart, Palette};
+use crate::view::{PagePart, Palette};
 use telltale_engine::input::Refusal;
 
 /// The format that a client reads.
@@ -116,16 +117,42 @@ pub struct RefusedAnswer<'a> {
     pub seq: Option<u64>,
 }
 
+/// An answer without words, which [`in_words`](super::plain_errors::in_words) says to the reader.
+impl IntoResponse for HttpError {
+    fn into_response(self) -> Response {
+        (self.status(), Extension(self)).into_response()
+    }
+}
+
 /// Says what is wrong: a page, or `{"error": ...}`.
 pub fn refusal(reader: &Reader, trouble: HttpError) -> Response {
-    let status = trouble.status();
+    refusal_with(reader, trouble, reader.lang.error_text(trouble))
+}
+
+/// The same with a text that says more.
+fn refusal_with(reader: &Reader, trouble: HttpError, text: &str) -> Response {
     match reader.speaks {
-        Speaks::Json => ErrorAnswer { error: trouble.say(reader.lang).1 }.with(status),
-        Speaks::Html => {
-            let (title, text) = trouble.say(reader.lang);
-            (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
-                .into_response()
-        }
+        Speaks::Json => ErrorAnswer { error: text }.with(trouble.status()),
+        Speaks::Html => page(reader, trouble.status(), reader.lang.error_title(trouble), text),
+    }
+}
+
+fn page(reader: &Reader, status: StatusCode, title: &str, text: &str) -> Response {
+    (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
+        .into_response()
+}
+
+/// A form that was sent.
+#[derive(Debug)]
+pub struct FormOf<T>(pub T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for FormOf<T> {
+    type Rejection = Response;
+
+    async fn from_request(request: Request, state: &S) -> Result<FormOf<T>, Response> {
+        let reader = Reader::of(request.uri(), request.headers());
+        let form = Form::from_request(request, state).await;
+        form.map(|Form(form)| FormOf(form)).map_err(|rejection| bad_form(&reader, &rejection))
     }
 }
 
@@ -141,33 +168,17 @@ pub fn bad_form(reader: &Reader, rejection: &FormRejection) -> Response {
 /// Names the fields of a form that was read and has a wrong value.
 pub fn bad_field(reader: &Reader, field: &str) -> Response {
     let is_name = |c: char| c.is_ascii_alphanumeric() || "_, ".contains(c);
-    let (title, general) = HttpError::BadForm.say(reader.lang);
-    let text = match reader.lang {
-        _ if field.is_empty() || field.len() > FIELD_MAX || !field.chars().all(is_name) => general.to_owned(),
-        Lang::En => format!("{general} Missing or wrong: {field}."),
-        Lang::De => format!("{general} Es fehlt oder ist falsch: {field}."),
-    };
-    let status = HttpError::BadForm.status();
-    match reader.speaks {
-        Speaks::Json => ErrorAnswer { error: &text }.with(status),
-        Speaks::Html => {
-            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
-                .into_response()
-        }
+    let general = reader.lang.error_text(HttpError::BadForm);
+    if field.is_empty() || field.len() > FIELD_MAX || !field.chars().all(is_name) {
+        return refusal(reader, HttpError::BadForm);
     }
+    refusal_with(reader, HttpError::BadForm, &reader.lang.wrong_field(general, field))
 }
 
 /// A parameter of an address is unknown or has a wrong value: 400, and what to write.
 pub fn bad_query(reader: &Reader, why: &str) -> Response {
     let why = &why[..why.floor_char_boundary(WHY_BYTES_MAX)];
-    let text = match reader.lang {
-        Lang::En => {
-            format!("The address is not understood: {why}. /api/v1/openapi.json lists the parameters.")
-        }
-        Lang::De => {
-            format!("Die Adresse ist nicht verständlich: {why}. /api/v1/openapi.json nennt die Parameter.")
-        }
-    };
+    let text = reader.lang.bad_address(why);
     ErrorAnswer { error: &text }.with(StatusCode::BAD_REQUEST)
 }
 
@@ -190,14 +201,7 @@ pub fn refused_in_words(reader: &Reader, reasons: &[String], seq: Option<u64>) -
             (StatusCode::CONFLICT, axum::Json(RefusedAnswer { refused: reasons, seq })).into_response()
         }
         Speaks::Html => {
-            let title = match reader.lang {
-                Lang::En => "Refused",
-                Lang::De => "Abgelehnt",
-            };
-            let text = reasons.join(" ");
-            let status = StatusCode::CONFLICT;
-            (status, Html(view::message_page(status.as_u16(), title, &text, reader.lang, reader.palette)))
-                .into_response()
+            page(reader, StatusCode::CONFLICT, Words::of(reader.lang).refused_title, &reasons.join(" "))
         }
     }
 }

@@ -10,23 +10,19 @@ use tower_http::services::ServeFile;
 
 use super::find;
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
+use crate::texts::HttpError;
 use telltale_record::folder;
 
 /// The recording of the incident with this number: the whole file, or the range that is asked for. It is read while it is sent.
-pub async fn get(app: &AppState, id: &str, reader: Reader, request: Request) -> Response {
-    let incident = match find(app, id).await {
-        Ok(incident) => incident,
-        Err(trouble) => return refusal(&reader, trouble),
-    };
+pub async fn get(app: &AppState, id: &str, request: Request) -> Result<Response, HttpError> {
+    let incident = find(app, id).await?;
     let recording = &incident.summary.recording;
     if recording.is_open() {
-        return refusal(&reader, HttpError::Unfinished);
+        return Err(HttpError::Unfinished);
     }
     let path = app.settings.recordings.as_deref().and_then(|it| folder::file_in(it, &recording.file));
     let Some(path) = path else {
-        return refusal(&reader, HttpError::NoRecording);
+        return Err(HttpError::NoRecording);
     };
     // `ServeFile` reads nothing of a request but its headers and method.
     let (parts, _) = request.into_parts();
@@ -42,5 +38,5 @@ pub async fn get(app: &AppState, id: &str, reader: Reader, request: Request) -> 
     // With a tag it is not compressed: a range of a compressed file would be none of the file.
     let tag = recording.sha256.as_ref().and_then(|hash| HeaderValue::from_str(&format!("\"{hash}\"")).ok());
     headers.insert(ETAG, tag.unwrap_or(HeaderValue::from_static("\"unknown\"")));
-    answer
+    Ok(answer)
 }

@@ -4,8 +4,8 @@ use std::fmt;
 use std::pin::Pin;
 
 use axum::Json;
+use axum::extract::Form;
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Extension, Form};
 use axum::http::HeaderMap;
 use axum::http::header::{CONTENT_LENGTH, TRANSFER_ENCODING};
 use axum::response::{IntoResponse, Redirect, Response};
@@ -14,10 +14,10 @@ use serde::Deserialize;
 use tokio::task;
 
 use super::Marked;
-use crate::admission::peer::{Peer, source_of};
-use crate::http::errors::HttpError;
+use crate::admission::peer::CameFrom;
 use crate::http::guard::SignedIn;
-use crate::http::respond::{Reader, Speaks, bad_form, refusal};
+use crate::http::respond::{Reader, Speaks, bad_form};
+use crate::texts::HttpError;
 use crate::{AppState, Live};
 use telltale_record::incident::NOTE_BYTES_MAX;
 use telltale_store::audit::{Action, Record};
@@ -104,32 +104,31 @@ pub struct MarkForm {
 /// back to the list of incidents.
 pub async fn mark(
     app: Live,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     SignedIn(session): SignedIn,
     reader: Reader,
     headers: HeaderMap,
     form: Result<Form<MarkForm>, FormRejection>,
-) -> Response {
+) -> Result<Response, HttpError> {
     let MarkForm { note } = match form {
         Ok(Form(form)) if form.note.trim().len() <= NOTE_BYTES_MAX => form,
-        Ok(_) => return refusal(&reader, HttpError::LongNote),
+        Ok(_) => return Err(HttpError::LongNote),
         // A mark without a note needs no body.
         Err(FormRejection::InvalidFormContentType(_)) if is_empty(&headers) => MarkForm::default(),
-        Err(FormRejection::InvalidFormContentType(_)) => return refusal(&reader, HttpError::NoForm),
-        Err(rejection) => return bad_form(&reader, &rejection),
+        Err(FormRejection::InvalidFormContentType(_)) => return Err(HttpError::NoForm),
+        Err(rejection) => return Ok(bad_form(&reader, &rejection)),
     };
-    let source = source_of(peer.map(|Extension(peer)| peer));
     let record = Record::of_session(&session, Action::Mark, source);
     // A program has a share of its own: it takes no places of the person whose token it has.
     let by = match session.kind {
         SessionKind::Person => session.user.to_string(),
         SessionKind::Program => format!("{} (API)", session.user),
     };
-    match (mark_moment(&app, &by, &note, record).await, reader.speaks) {
-        (Ok(_), Speaks::Html) => Redirect::to("/incidents").into_response(),
-        (Ok(incident), Speaks::Json) => Json(Marked { incident }).into_response(),
-        (Err(error), _) => refusal(&reader, error),
-    }
+    let incident = mark_moment(&app, &by, &note, record).await?;
+    Ok(match reader.speaks {
+        Speaks::Html => Redirect::to("/incidents").into_response(),
+        Speaks::Json => Json(Marked { incident }).into_response(),
+    })
 }
 
 /// A request without a body.

@@ -9,19 +9,19 @@ mod what_if;
 use std::sync::Arc;
 
 use axum::extract::rejection::FormRejection;
-use axum::extract::{Extension, Form, Path};
+use axum::extract::{Form, Path};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Redirect, Response};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use tokio::sync::watch;
 
-use super::admission::peer::{Peer, source_of};
-use super::http::errors::HttpError;
+use super::admission::peer::CameFrom;
 use super::http::guard::SignedIn;
-use super::http::respond::{Reader, Speaks, bad_form, json_answer, refusal};
+use super::http::respond::{FormOf, Reader, Speaks, bad_form, json_answer};
 use super::view::RecorderState;
 use super::{AppState, Live};
+use crate::texts::HttpError;
 use telltale_record::beside;
 use telltale_record::incident::NOTE_BYTES_MAX;
 use telltale_record::recorder::Recorder;
@@ -81,25 +81,21 @@ pub struct NoteForm {
 pub async fn note(
     app: Live,
     Path(id): Path<String>,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     SignedIn(session): SignedIn,
     reader: Reader,
     form: Result<Form<NoteForm>, FormRejection>,
-) -> Response {
+) -> Result<Response, HttpError> {
     let Form(NoteForm { note }) = match form {
         Ok(form) if form.note.trim().len() <= NOTE_BYTES_MAX => form,
-        Ok(_) => return refusal(&reader, HttpError::LongNote),
-        Err(FormRejection::InvalidFormContentType(_)) => return refusal(&reader, HttpError::NoForm),
-        Err(rejection) => return bad_form(&reader, &rejection),
+        Ok(_) => return Err(HttpError::LongNote),
+        Err(FormRejection::InvalidFormContentType(_)) => return Err(HttpError::NoForm),
+        Err(rejection) => return Ok(bad_form(&reader, &rejection)),
     };
-    let Ok(number) = number(&id) else { return refusal(&reader, HttpError::NotFound) };
-    let source = source_of(peer.map(|Extension(peer)| peer));
+    let number = number(&id)?;
     let record = Record::of_session(&session, Action::IncidentNote, source);
     let written = app.store.set_incident_note(number, &note, record).await;
-    if written.is_ok() {
-        write_beside(&app, number).await;
-    }
-    changed(&app, &id, &reader, written).await
+    changed(&app, number, &reader, written).await
 }
 
 /// Writes what people said of an incident beside its recording too. It counts without that: only a lost database
@@ -127,39 +123,31 @@ pub struct KeepForm {
 pub async fn keep(
     app: Live,
     Path(id): Path<String>,
-    peer: Option<Extension<Peer>>,
+    CameFrom(source): CameFrom,
     SignedIn(session): SignedIn,
     reader: Reader,
-    form: Result<Form<KeepForm>, FormRejection>,
-) -> Response {
-    let kept = match form {
-        Ok(Form(form)) => form.kept,
-        Err(rejection) => return bad_form(&reader, &rejection),
-    };
-    let Ok(number) = number(&id) else { return refusal(&reader, HttpError::NotFound) };
-    let source = source_of(peer.map(|Extension(peer)| peer));
+    FormOf(KeepForm { kept }): FormOf<KeepForm>,
+) -> Result<Response, HttpError> {
+    let number = number(&id)?;
     let record = Record::of_session(&session, Action::IncidentKept, source);
     let written = app.store.keep_incident(number, kept, record).await;
-    if written.is_ok() {
-        write_beside(&app, number).await;
-    }
-    changed(&app, &id, &reader, written).await
+    changed(&app, number, &reader, written).await
 }
 
 /// Answers a program with the changed incident, and leads a browser back to its page.
-async fn changed(app: &AppState, id: &str, reader: &Reader, written: Result<(), StoreError>) -> Response {
-    match written {
-        Ok(()) if reader.speaks == Speaks::Html => Redirect::to(&format!("/incidents/{id}")).into_response(),
-        Ok(()) => answer(reader, find(app, id).await),
-        Err(error) => refusal(reader, failed(error)),
-    }
-}
-
-fn answer(reader: &Reader, found: Result<Incident, HttpError>) -> Response {
-    match found {
-        Ok(incident) => json_answer(StatusCode::OK, &whole(&incident)),
-        Err(trouble) => refusal(reader, trouble),
-    }
+async fn changed(
+    app: &AppState,
+    number: u64,
+    reader: &Reader,
+    written: Result<(), StoreError>,
+) -> Result<Response, HttpError> {
+    written.map_err(failed)?;
+    write_beside(app, number).await;
+    let id = number.to_string();
+    Ok(match reader.speaks {
+        Speaks::Html => Redirect::to(&format!("/incidents/{id}")).into_response(),
+        Speaks::Json => json_answer(StatusCode::OK, &whole(&find(app, &id).await?)),
+    })
 }
 
 pub(crate) fn failed(error: StoreError) -> HttpError {

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use tokio::task;
 
 use crate::AppState;
-use crate::http::errors::HttpError;
+use crate::texts::HttpError;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_record::folder;
 use telltale_record::ring::ConfigurationText;
@@ -122,7 +122,7 @@ impl Run {
 
     /// Whether somebody still wants it.
     fn is_wanted(&self) -> bool {
-        !self.is_cancelled.load(Ordering::Relaxed) && !self.session.has_ended()
+        !self.is_cancelled.load(Ordering::Relaxed) && self.session.is_open()
     }
 }
 

@@ -31,7 +31,7 @@ impl FirstChanges {
 
 /// Runs for as long as the server does: once for all pages.
 pub async fn watch(app: AppState) {
-    let mut snapshots = app.snapshots().clone();
+    let mut snapshots = app.afterwards().clone();
     let mut shown = Shown::default();
     while snapshots.changed().await.is_ok() {
         let published = snapshots.borrow_and_update().clone();

@@ -15,7 +15,7 @@ use super::AppState;
 /// Samples every received number for the small curves of the pages, for as long as the server runs, at the pace of the
 /// snapshots.
 pub(super) async fn sample_trends(app: AppState) {
-    let mut snapshots = app.snapshots().clone();
+    let mut snapshots = app.afterwards().clone();
     while snapshots.changed().await.is_ok() {
         let published = snapshots.borrow_and_update().clone();
         app.trends.sample(&published);

@@ -4,6 +4,7 @@
 //! intermediate states and delays nobody. It ends at once with its session.
 
 use std::net::IpAddr;
+use std::pin::Pin;
 use std::time::Duration;
 
 use axum::extract::rejection::QueryRejection;
@@ -15,7 +16,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
-use tokio::time::{MissedTickBehavior, interval, sleep};
+use tokio::time::{MissedTickBehavior, Sleep, interval, sleep};
 
 use super::byte_budget::Meter;
 use super::client::{Client, Ending};
@@ -25,12 +26,11 @@ use super::pacing::Pacing;
 use super::stream_query::{StreamQuery, how_to_stream};
 use crate::admission::peer::{Peer, source_of};
 use crate::auth::handover::HandOver;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, refusal};
 use crate::operator::actions::{StopForm, request_stop};
 use crate::operator::tap::Tap;
-use crate::view::Lang;
+use crate::texts::{HttpError, Lang, NAME, clean};
 use crate::{AppState, turned};
 use telltale_runtime::{Published, Version};
 use telltale_store::audit::{Action, Record};
@@ -44,7 +44,7 @@ const READ_BYTES: usize = 4 * 1024;
 const BEAT_EVERY: Duration = Duration::from_millis(250);
 /// A ping goes out with every fourth beat.
 const BEATS_PER_PING: u64 = 4;
-/// The time between two updates of the hidden panels behind the tiles.
+/// The least time between two updates of the hidden panels behind the tiles.
 const DETAILS_EVERY: Duration = Duration::from_millis(500);
 /// Taps on STOP of one page that may wait for an answer at the same time.
 const STOPS_AT_ONCE: usize = 4;
@@ -195,30 +195,32 @@ impl LiveConnection {
     }
 
     async fn serve(&mut self) -> Result<std::convert::Infallible, Ending> {
-        let mut snapshots = self.app.snapshots().clone();
+        // Pages need not be first: to make their HTML takes longer than the message for programs.
+        let mut snapshots = match self.feed {
+            Feed::Snapshots { .. } => self.app.snapshots().clone(),
+            Feed::Page { .. } | Feed::Pulse { .. } => self.app.afterwards().clone(),
+        };
         let mut closing = self.app.listening.closing();
         let mut beats = interval(BEAT_EVERY);
         // After a stop of the whole process there is one beat to make up for, not all.
         beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut details = interval(DETAILS_EVERY);
-        details.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        // After an update of the details.
+        let mut rest = std::pin::pin!(sleep(Duration::ZERO));
         let mut pause = std::pin::pin!(sleep(Duration::ZERO));
         let mut pacing = Pacing::default();
-        let mut details_due = false;
         let mut hand_overs = self.app.hand_overs.subscribe();
         let mut first_changes = self.app.first_changes.subscribe();
         let mut elsewhere = self.client.session.elsewhere();
-        self.show(&latest(&mut snapshots)).await?;
+        self.show(&latest(&mut snapshots), rest.as_mut()).await?;
         self.say(&mut hand_overs, false).await?;
         self.say_elsewhere(&mut elsewhere).await?;
         loop {
-            let is_paused = !pause.is_elapsed();
-            // In a pause the details wait too, and then go with the next state.
+            let (is_paused, is_resting) = (!pause.is_elapsed(), !rest.is_elapsed());
             let shows = tokio::select! {
                 () = self.client.session.ended() => return Err(Ending::Revoked),
                 () = turned(&mut closing) => return Err(Ending::Closing),
                 () = turned(&mut self.over) => return Err(Ending::Flood),
-                () = &mut pause, if is_paused => details_due,
+                () = &mut pause, if is_paused => !is_resting && self.details_wait(),
                 Ok(()) = first_changes.changed(), if is_paused => true,
                 changed = snapshots.changed(), if !is_paused => {
                     changed.map_err(|_| Ending::NoEngine)?;
@@ -241,10 +243,10 @@ impl LiveConnection {
                     self.client.send(Message::Text(answer)).await?;
                     false
                 }
-                _ = details.tick(), if self.feed.is_paced() => {
-                    details_due = is_paused;
-                    if !is_paused {
-                        self.show_details(&self.app.published()).await?;
+                // In a pause the details wait too, and then go with the next state.
+                () = &mut rest, if is_resting => {
+                    if !is_paused && self.details_wait() {
+                        self.show(&self.app.published(), rest.as_mut()).await?;
                     }
                     false
                 }
@@ -257,10 +259,7 @@ impl LiveConnection {
             if shows {
                 first_changes.mark_unchanged();
                 let published = latest(&mut snapshots);
-                let sent = match std::mem::take(&mut details_due) {
-                    true => self.show_details(&published).await?,
-                    false => self.show(&published).await?,
-                };
+                let sent = self.show(&published, rest.as_mut()).await?;
                 if self.feed.is_paced() {
                     pause.set(sleep(pacing.pause(self.app.clock.now(), sent)));
                 }
@@ -268,13 +267,20 @@ impl LiveConnection {
         }
     }
 
-    /// Sends what is new for this client. Returns whether there was anything.
-    async fn show(&mut self, published: &Published) -> Result<bool, Ending> {
+    /// Sends what is new for this client, with the panels behind the tiles if these do not `rest`. Returns whether there
+    /// was anything.
+    async fn show(&mut self, published: &Published, mut rest: Pin<&mut Sleep>) -> Result<bool, Ending> {
         match &mut self.feed {
-            Feed::Page { lang, shown, details, .. } => {
+            Feed::Page { lang, shown, details } => {
                 let frame = self.app.frames.html(published, *lang, &self.app.trends);
                 let message = match *shown {
-                    Some(shown) => frame.since(shown),
+                    Some(shown) if !rest.is_elapsed() => frame.since(shown),
+                    Some(shown) => {
+                        if frame.has_details_since(*details) {
+                            rest.set(sleep(DETAILS_EVERY));
+                        }
+                        frame.since_with_details(shown, std::mem::replace(details, frame.revision()))
+                    }
                     None => {
                         *details = frame.revision();
                         Some(frame.full())
@@ -300,7 +306,7 @@ impl LiveConnection {
         was_told: bool,
     ) -> Result<(), Ending> {
         let Feed::Page { lang, .. } = self.feed else { return Ok(()) };
-        let words = said.borrow_and_update().as_ref().map(|said| lang.hand_over(said.to()));
+        let words = said.borrow_and_update().as_ref().map(|said| lang.hand_over(&clean(said.to(), NAME)));
         let message = (was_told || words.is_some()).then(|| frame::hand_over(words.as_deref()));
         self.client.send_some(message).await.map(|_| ())
     }
@@ -313,14 +319,9 @@ impl LiveConnection {
         self.client.send_some(message).await.map(|_| ())
     }
 
-    /// Sends the panels behind the tiles, with everything else that is new.
-    async fn show_details(&mut self, published: &Published) -> Result<bool, Ending> {
-        let Feed::Page { lang, shown: Some(shown), details, .. } = &mut self.feed else { return Ok(false) };
-        let frame = self.app.frames.html(published, *lang, &self.app.trends);
-        let message = frame.since_with_details(*shown, *details);
-        (*shown, *details) = (frame.revision(), frame.revision());
-        self.sends(frame.seq());
-        self.client.send_some(message).await
+    /// Whether a page was shown something without the panels behind the tiles.
+    fn details_wait(&self) -> bool {
+        matches!(self.feed, Feed::Page { shown: Some(shown), details, .. } if details < shown)
     }
 
     /// Notes which state the page gets.

@@ -5,13 +5,12 @@ use std::sync::Arc;
 
 use tokio::sync::{Mutex, MutexGuard, OwnedSemaphorePermit, Semaphore};
 
-use super::not_done::{InvalidTap, NotDone};
+use super::not_done::NotDone;
 use super::tap::TappedAction;
 use crate::Live;
 use crate::engine_link::NoAnswer;
-use crate::http::errors::HttpError;
+use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view;
-use crate::view::Lang;
 use telltale_engine::input::{OperatorAction, Response};
 use telltale_engine::model::output::Output;
 use telltale_engine::restart::preview::Preview;
@@ -176,9 +175,9 @@ async fn carry_out(asked: AskedAction<'_>) -> Result<(), NotDone> {
 /// Records why an action was not done, with the vehicle's state if another one was written.
 async fn refused(asked: AskedAction<'_>, memory: Option<VehicleMemory>, not_done: NotDone) -> NotDone {
     let AskedAction { app, record, tell_recorder, .. } = asked;
-    let [why, why_de] = [Lang::En, Lang::De].map(|lang| match &not_done {
+    let [why, why_de] = Lang::ALL.map(|lang| match &not_done {
         NotDone::Refused(reasons) => view::refusals(&app.published(), lang, reasons).join(" "),
-        NotDone::Invalid(invalid) => invalid.words(lang),
+        NotDone::Invalid(invalid) => lang.invalid_tap(*invalid).to_owned(),
         NotDone::HttpError(_) => NoAnswer.to_string(),
     });
     tell_recorder(&why, &why_de);

@@ -1,20 +1,19 @@
 //! The routes of the operator's actions: one POST for each action, granted, or refused with reasons.
 
 use axum::Json;
-use axum::extract::rejection::{FormRejection, PathRejection};
-use axum::extract::{Form, Path};
+use axum::extract::Path;
+use axum::extract::rejection::PathRejection;
 use axum::response::{IntoResponse, Redirect, Response};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::act::act;
-use super::not_done::{InvalidTap, NotDone};
+use super::not_done::NotDone;
 use super::tap::{Tap, TapValidity, TappedAction, Versioned};
 use super::two_steps::{CONFIRM_WITHIN, FirstStep, TwoSteps};
-use crate::http::errors::HttpError;
-use crate::http::respond::{Speaks, bad_field, bad_form, refusal, refused_in_words};
+use crate::http::respond::{FormOf, Speaks, bad_field, refusal, refused_in_words};
+use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view;
-use crate::view::Lang;
 use crate::view::versions::Aspect;
 use telltale_engine::input::{AlarmRef, OperatorAction, Place};
 use telltale_engine::model::NodeId;
@@ -37,7 +36,6 @@ pub struct Granted {
 #[derive(Debug, Serialize, JsonSchema)]
 pub struct Done {}
 
-type FormOf<T> = Result<Form<T>, FormRejection>;
 type PathOf = Result<Path<String>, PathRejection>;
 
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -78,11 +76,7 @@ pub struct ConfirmForm {
 }
 
 /// `POST /vehicle/localize`
-pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
-    let form = match form {
-        Ok(Form(form)) => form,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
+pub async fn localize(tap: Tap, FormOf(form): FormOf<LocalizeForm>) -> Response {
     let place = match form {
         LocalizeForm { stop: Some(stop), x: None, y: None, yaw_deg: None, .. } => Place::Stop(stop),
         LocalizeForm { stop: None, x: Some(x_m), y: Some(y_m), yaw_deg: Some(yaw_deg), .. } => {
@@ -101,11 +95,8 @@ pub async fn localize(tap: Tap, form: FormOf<LocalizeForm>) -> Response {
 }
 
 /// `POST /vehicle/stop`
-pub async fn stop(tap: Tap, form: FormOf<StopForm>) -> Response {
-    match form {
-        Ok(Form(form)) => request_stop(tap, form).await,
-        Err(rejection) => bad_form(&tap.reader, &rejection),
-    }
+pub async fn stop(tap: Tap, FormOf(form): FormOf<StopForm>) -> Response {
+    request_stop(tap, form).await
 }
 
 /// Requests a stop, once for each tap, over the socket or by HTTP.
@@ -123,40 +114,32 @@ pub async fn request_stop(tap: Tap, form: StopForm) -> Response {
 }
 
 /// `POST /vehicle/clearance`: the first step; the answer holds the token for the second.
-pub async fn clearance(tap: Tap, form: FormOf<Versioned>) -> Response {
+pub async fn clearance(tap: Tap, FormOf(form): FormOf<Versioned>) -> Response {
     request(tap, form, TwoSteps::Clearance).await
 }
 
 /// `POST /vehicle/release`: the first step; the answer holds the token for the second.
-pub async fn release(tap: Tap, form: FormOf<Versioned>) -> Response {
+pub async fn release(tap: Tap, FormOf(form): FormOf<Versioned>) -> Response {
     request(tap, form, TwoSteps::Release).await
 }
 
 /// `POST /vehicle/clearance/confirm`: the second step.
-pub async fn confirm(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
+pub async fn confirm(tap: Tap, FormOf(form): FormOf<ConfirmForm>) -> Response {
     confirm_step(tap, form, TwoSteps::Clearance).await
 }
 
 /// `POST /vehicle/release/confirm`: the second step.
-pub async fn confirm_release(tap: Tap, form: FormOf<ConfirmForm>) -> Response {
+pub async fn confirm_release(tap: Tap, FormOf(form): FormOf<ConfirmForm>) -> Response {
     confirm_step(tap, form, TwoSteps::Release).await
 }
 
 /// `POST /vehicle/clearance/withdraw`
-pub async fn withdraw(tap: Tap, form: FormOf<Versioned>) -> Response {
-    let shown = match form {
-        Ok(Form(shown)) => shown,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
+pub async fn withdraw(tap: Tap, FormOf(shown): FormOf<Versioned>) -> Response {
     let (validity, record) = (tap.validity(&shown, Aspect::Stage), tap.record(Action::ClearanceWithdrawn));
     done(tap, validity, OperatorAction::Withdraw, record).await
 }
 
-async fn request(tap: Tap, form: FormOf<Versioned>, steps: TwoSteps) -> Response {
-    let shown = match form {
-        Ok(Form(shown)) => shown,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
+async fn request(tap: Tap, shown: Versioned, steps: TwoSteps) -> Response {
     // In this order: a STOP that is not counted in the number is a new one, whatever its name.
     let last_stop = tap.app.published().snapshot.last_stop;
     tap.app.stops.forget();
@@ -178,11 +161,7 @@ async fn request(tap: Tap, form: FormOf<Versioned>, steps: TwoSteps) -> Response
     }
 }
 
-async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> Response {
-    let form = match form {
-        Ok(Form(form)) => form,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
+async fn confirm_step(tap: Tap, form: ConfirmForm, steps: TwoSteps) -> Response {
     tap.app.stops.forget();
     let redeemed = tap.app.pending.redeem(steps, &form.token, &tap.session, tap.app.clock.now());
     let (display_live, storage_ok) = tap.conditions();
@@ -191,8 +170,9 @@ async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> R
     let first = match redeemed {
         Ok(redeemed) => redeemed,
         Err(invalid) => {
-            tap.tell_recorder(&action, &invalid.words(Lang::En), &invalid.words(Lang::De));
-            tap.app.store.record(record.refused(invalid.words(Lang::En)), None).await;
+            let [why, why_de] = Lang::ALL.map(|lang| lang.invalid_tap(invalid));
+            tap.tell_recorder(&action, why, why_de);
+            tap.app.store.record(record.refused(why), None).await;
             return answer(&tap, Err(invalid.into()), Done {});
         }
     };
@@ -205,12 +185,8 @@ async fn confirm_step(tap: Tap, form: FormOf<ConfirmForm>, steps: TwoSteps) -> R
 
 /// `POST /alarms/{id}/acknowledge`, where the id is the number of an alarm, or the name of a node
 /// with a WARNING.
-pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
+pub async fn acknowledge(tap: Tap, path: PathOf, FormOf(shown): FormOf<Versioned>) -> Response {
     let Some(id) = inner(&path, "/acknowledge") else { return refusal(&tap.reader, HttpError::NotFound) };
-    let shown = match form {
-        Ok(Form(shown)) => shown,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
     let snapshot = tap.app.published().snapshot;
     let (alarm, aspect) = match id.parse() {
         Ok(number) => (AlarmRef::Number(number), Aspect::Alarm(number)),
@@ -223,11 +199,8 @@ pub async fn acknowledge(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Res
 
 /// `POST /alarms/acknowledge-over`: all alarms that are over, up to the last one that the page showed. The
 /// number says what it is about, so it counts whatever has changed since.
-pub async fn acknowledge_over(tap: Tap, form: FormOf<AcknowledgeOverForm>) -> Response {
-    let AcknowledgeOverForm { last, beat } = match form {
-        Ok(Form(form)) => form,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
+pub async fn acknowledge_over(tap: Tap, FormOf(form): FormOf<AcknowledgeOverForm>) -> Response {
+    let AcknowledgeOverForm { last, beat } = form;
     let snapshot = tap.app.published().snapshot;
     let count = snapshot.alarms.iter().filter(|it| !it.active && it.id <= last).count();
     let record = tap.record(Action::AcknowledgeOver).on(format!("{count} up to {last}"));
@@ -252,12 +225,8 @@ fn with_places(snapshot: &Snapshot, alarm: &AlarmRef, id: &str) -> String {
 }
 
 /// `POST /modules/{id}/reset`, where the id is `group/module`.
-pub async fn reset(tap: Tap, path: PathOf, form: FormOf<Versioned>) -> Response {
+pub async fn reset(tap: Tap, path: PathOf, FormOf(shown): FormOf<Versioned>) -> Response {
     let Some(module) = inner(&path, "/reset") else { return refusal(&tap.reader, HttpError::NotFound) };
-    let shown = match form {
-        Ok(Form(shown)) => shown,
-        Err(rejection) => return bad_form(&tap.reader, &rejection),
-    };
     let aspect = of_node(&tap.app.published().snapshot, module);
     let action = OperatorAction::Reset { module: module.into() };
     let (validity, record) = (tap.validity(&shown, aspect), tap.record(Action::Reset).on(module));
@@ -287,7 +256,7 @@ fn answer(tap: &Tap, done: Result<(), NotDone>, granted: impl Serialize) -> Resp
             // What was shown is old: the page asks for what is.
             let is_old = matches!(invalid, InvalidTap::Stale | InvalidTap::Late);
             let seq = is_old.then(|| tap.app.published().snapshot.seq);
-            refused_in_words(reader, &[invalid.words(reader.lang)], seq)
+            refused_in_words(reader, &[reader.lang.invalid_tap(invalid).to_owned()], seq)
         }
         Err(NotDone::HttpError(error)) => refusal(reader, error),
     }

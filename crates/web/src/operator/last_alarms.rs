@@ -1,28 +1,19 @@
 //! The last alarms of the shift, for the operator who asks what has just beeped.
 
 use axum::extract::State;
-use axum::response::{Html, IntoResponse as _, Response};
+use axum::response::Html;
 
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
+use crate::http::respond::Reader;
+use crate::texts::HttpError;
 use crate::view;
 
 /// As many as a person looks through.
 const SHOWN: u32 = 10;
 
 /// `GET /alarms/last`: a part of the operator's page.
-pub async fn get(State(app): State<AppState>, reader: Reader) -> Response {
+pub async fn get(State(app): State<AppState>, reader: Reader) -> Result<Html<String>, HttpError> {
     let published = app.published();
-    if published.is_locked() {
-        return refusal(&reader, HttpError::Locked);
-    }
-    let Some(history) = &app.settings.history else { return refusal(&reader, HttpError::Unavailable) };
-    match history.last_alarms(SHOWN).await {
-        Ok(alarms) => Html(view::last_alarms(&published, reader.lang, &alarms)).into_response(),
-        Err(error) => {
-            tracing::warn!(%error, "the last alarms cannot be read");
-            refusal(&reader, HttpError::Unavailable)
-        }
-    }
+    let alarms = app.past(&published, |history| history.last_alarms(SHOWN)).await?;
+    Ok(Html(view::last_alarms(&published, reader.lang, &alarms)))
 }

@@ -8,7 +8,7 @@ use tokio::sync::OnceCell;
 
 use super::not_done::NotDone;
 use super::tap::Tap;
-use crate::http::errors::HttpError;
+use crate::texts::HttpError;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_store::Session;
 

@@ -4,17 +4,16 @@ use std::net::IpAddr;
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
-use axum::response::Response;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::not_done::InvalidTap;
 use crate::admission::peer::{Peer, source_of};
 use crate::auth::expiry::is_in_charge;
 use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, Speaks};
+use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view::versions::Aspect;
-use crate::view::{Lang, PagePart, Palette};
+use crate::view::{PagePart, Palette};
 use crate::{AppState, Live};
 use telltale_clock::wall_at;
 use telltale_engine::input::OperatorAction;
@@ -75,9 +74,9 @@ pub struct TapValidity {
 }
 
 impl FromRequestParts<AppState> for Tap {
-    type Rejection = Response;
+    type Rejection = HttpError;
 
-    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Tap, Response> {
+    async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<Tap, HttpError> {
         let arrived = app.clock.now();
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
         let app = Live::from_request_parts(parts, app).await?;
@@ -144,14 +143,14 @@ impl Tap {
         if validity.is_stop {
             return Ok(());
         }
+        if validity.last_stop.is_some_and(|number| number != published.snapshot.last_stop) {
+            return Err(InvalidTap::StoppedSince);
+        }
         if now >= validity.until {
             return Err(InvalidTap::Late);
         }
         if now >= validity.confirmed_until {
             return Err(InvalidTap::ConfirmedLate);
-        }
-        if validity.last_stop.is_some_and(|number| number != published.snapshot.last_stop) {
-            return Err(InvalidTap::StoppedSince);
         }
         let holds = app.frames.observe(&published).holds(validity.aspect, validity.version);
         if holds { Ok(()) } else { Err(InvalidTap::Stale) }

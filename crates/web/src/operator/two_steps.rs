@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use super::not_done::InvalidTap;
+use crate::texts::InvalidTap;
 use crate::view::versions::Aspect;
 use telltale_engine::input::OperatorAction;
 use telltale_engine::time::{Span, Timestamp};

@@ -13,15 +13,12 @@ use super::page::{about_name, asked_ms, beyond};
 use crate::AppState;
 use crate::developer::incidents::content::broken;
 use crate::developer::incidents::sentences::{stage_word, state_word};
-use crate::developer::incidents::words::IncidentWords;
-use crate::developer::words::DevWords;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
-use crate::http::respond::{Reader, Speaks, json_answer, refusal};
+use crate::http::respond::{Reader, Speaks, json_answer};
 use crate::incidents::wall_time;
+use crate::texts::{DevWords, HttpError, IncidentWords, Lang, MESSAGE, NAME, VALUE, clean};
+use crate::view::html;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, VALUE, clean};
-use crate::view::{Lang, html};
 use telltale_replay::difference::{Differences, Fact, NodeChange, NodeThen, VehicleChange};
 
 /// Two moments: milliseconds since 1970, or UTC.
@@ -87,20 +84,18 @@ pub async fn differences(
     Query(TwoMoments { a, b }): Query<TwoMoments>,
     SignedIn(session): SignedIn,
     reader: Reader,
-) -> Response {
-    let Some(replay) = app.replays.of_address(&id, &session, app.clock.now()) else {
-        return refusal(&reader, HttpError::NotFound);
-    };
+) -> Result<Response, HttpError> {
+    let replay = app.replays.of_address(&id, &session, app.clock.now()).ok_or(HttpError::NotFound)?;
     let (Ok(Some(a)), Ok(Some(b))) = (asked_ms(a.as_deref()), asked_ms(b.as_deref())) else {
-        return refusal(&reader, HttpError::BadMoment);
+        return Err(HttpError::BadMoment);
     };
     let (Some(first), Some(second)) = (replay.controls.look(a).await, replay.controls.look(b).await) else {
-        return refusal(&reader, HttpError::Unavailable);
+        return Err(HttpError::Unavailable);
     };
     let found = Differences::between(&first.snapshot, &second.snapshot);
     if reader.speaks == Speaks::Json {
         let answer = json!({ "first_ms": first.at_ms, "second_ms": second.at_ms, "differences": found });
-        return json_answer(StatusCode::OK, &answer);
+        return Ok(json_answer(StatusCode::OK, &answer));
     }
     let lang = reader.lang;
     let (it, words) = (IncidentWords::of(lang), DevWords::of(lang));
@@ -109,7 +104,7 @@ pub async fn differences(
         Moment { address: format!("/replay/{id}?at={at_ms}"), at: wall_time(at_ms), beyond }
     };
     let moments = [moment(first.at_ms, a), moment(second.at_ms, b)];
-    Html(html(&DifferencesHtml {
+    Ok(Html(html(&DifferencesHtml {
         frame: PageFrame::new(lang, reader.palette),
         name: about_name(&app, replay.subject, it),
         subject: replay.subject,
@@ -129,7 +124,7 @@ pub async fn differences(
         export: words,
         it,
     }))
-    .into_response()
+    .into_response())
 }
 
 fn fact(

@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::developer::incidents::words::IncidentWords;
 use crate::incidents::wall_time;
 use crate::source::{GapThen, gap_marks};
-use crate::view::Lang;
+use crate::texts::{IncidentWords, Lang};
 use telltale_engine::time::Timestamp;
 use telltale_record::writer::unix_ms;
 use telltale_replay::Playback;

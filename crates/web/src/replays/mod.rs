@@ -83,8 +83,8 @@ impl Replays {
     /// The open replay by this session, which is used now.
     fn find(&self, subject: Subject, session: &Session, now: Timestamp) -> Option<OpenReplay> {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        open.retain(|it| now.since(it.used) < IDLE_MAX && !it.session.has_ended());
-        let found = open.iter_mut().find(|it| it.subject == subject && it.session.is_same(session))?;
+        open.retain(|it| now.since(it.used) < IDLE_MAX && it.session.is_open());
+        let found = open.iter_mut().find(|it| it.subject == subject && it.session.is(session))?;
         found.used = now;
         Some(found.clone())
     }
@@ -96,7 +96,7 @@ impl Replays {
 
     fn add(&self, replay: OpenReplay) {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
-        open.retain(|it| it.subject != replay.subject || !it.session.is_same(&replay.session));
+        open.retain(|it| it.subject != replay.subject || !it.session.is(&replay.session));
         let places: Vec<(&str, Timestamp)> = open.iter().map(|it| (&*it.session.user, it.used)).collect();
         if let Some(index) = gives_way(&places, &replay.session.user) {
             open.swap_remove(index);

@@ -3,14 +3,13 @@
 use std::time::Duration;
 
 use axum::extract::{Query, State};
-use axum::response::{IntoResponse, Redirect, Response};
+use axum::response::Redirect;
 
 use super::page::{MomentQuery, asked_ms};
 use crate::AppState;
 use crate::developer::address;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
-use crate::http::respond::{Reader, refusal};
+use crate::texts::HttpError;
 use telltale_record::recorder::Recorder;
 use telltale_record::writer::unix_ms;
 use telltale_store::IncidentFilter;
@@ -27,43 +26,35 @@ pub async fn moment(
     State(app): State<AppState>,
     Query(MomentQuery { at, screen }): Query<MomentQuery>,
     _: SignedIn,
-    reader: Reader,
-) -> Response {
+) -> Result<Redirect, HttpError> {
     let now_ms = unix_ms(app.clock.wall());
-    let at_ms = match asked_ms(at.as_deref()) {
-        Ok(at_ms) => at_ms.unwrap_or(now_ms).max(0),
-        Err(trouble) => return refusal(&reader, trouble),
-    };
+    let at_ms = asked_ms(at.as_deref())?.unwrap_or(now_ms).max(0);
     // Of a moment still to come, the replay says that it ends before.
     if recorder_holds(&app, at_ms) {
-        return Redirect::to(&format!("/replay/recent{}", asks(at_ms, &screen))).into_response();
+        return Ok(Redirect::to(&format!("/replay/recent{}", asks(at_ms, &screen))));
     }
     if at_ms > now_ms {
-        return refusal(&reader, HttpError::Future);
+        return Err(HttpError::Future);
     }
     let filter = IncidentFilter {
         since_ms: Some(at_ms),
         until_ms: Some(at_ms.saturating_add(PRE_ROLL_MAX_MS)),
         ..IncidentFilter::default()
     };
-    let incidents = match app.store.incidents(filter).await {
-        Ok(incidents) => incidents,
-        Err(error) => return refusal(&reader, error.into()),
-    };
+    let incidents = app.store.incidents(filter).await.map_err(HttpError::from)?;
     let covers = incidents.iter().find(|incident| {
         let recording = &incident.summary.recording;
         let pre_roll_ms = (recording.pre_roll_s * 1000.0) as i64;
         let from_ms = incident.summary.since_ms.saturating_sub(pre_roll_ms);
         recording.finished && !recording.gone && from_ms <= at_ms
     });
-    Redirect::to(&match covers {
+    Ok(Redirect::to(&match covers {
         Some(incident) => format!("/replay/{}{}", incident.summary.id, asks(at_ms, &screen)),
         None => {
             let until_ms = at_ms.saturating_add(SPAN_S * 500).min(now_ms);
             format!("/developer/timeline?span={SPAN_S}&until={until_ms}&at={at_ms}&unrecorded=1")
         }
-    })
-    .into_response()
+    }))
 }
 
 /// Whether the recorder's last minutes begin before.

@@ -10,8 +10,8 @@ use tokio::time::timeout;
 use super::subject::{self, Open};
 use super::{OPEN_MAX, OPENING_OF_USER_MAX, OpenReplay, Replays, Subject, start};
 use crate::AppState;
-use crate::http::errors::HttpError;
 use crate::incidents::WhatIf;
+use crate::texts::HttpError;
 use telltale_engine::time::Span;
 use telltale_replay::{Playback, ReplayError};
 use telltale_store::{Incident, Session};
@@ -36,7 +36,7 @@ pub(super) struct Opening {
 impl Replays {
     fn opening(&self, subject: Subject, session: &Session) -> Option<watch::Receiver<Outcome>> {
         let opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
-        let found = opening.iter().find(|it| it.subject == subject && it.session.is_same(session));
+        let found = opening.iter().find(|it| it.subject == subject && it.session.is(session));
         found.map(|it| it.outcome.clone())
     }
 
@@ -54,7 +54,7 @@ impl Replays {
 
     fn remove_opening(&self, subject: Subject, session: &Session) {
         let mut opening = self.opening.lock().unwrap_or_else(PoisonError::into_inner);
-        opening.retain(|it| it.subject != subject || !it.session.is_same(session));
+        opening.retain(|it| it.subject != subject || !it.session.is(session));
     }
 }
 
@@ -146,7 +146,7 @@ async fn opened(
     let read = task::spawn_blocking(move || {
         let _turn = turn;
         let until = clock.now() + OPENED_WITHIN;
-        let go_on = || !reader.has_ended() && clock.now() < until;
+        let go_on = || reader.is_open() && clock.now() < until;
         let mut playback = Playback::open_while(open()?, &go_on)?;
         // The first trigger of an incident lies within its millisecond. Other recordings are shown from their beginning.
         let at = match since_ms {

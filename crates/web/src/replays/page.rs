@@ -1,8 +1,6 @@
 //! The page of a replay: its controls, the states over time, and the screens as they were.
 
 use askama::Template;
-use axum::Form;
-use axum::extract::rejection::FormRejection;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use axum::http::header::REFRESH;
@@ -18,14 +16,12 @@ use super::screen::is_page;
 use super::{OpenReplay, Subject};
 use crate::AppState;
 use crate::developer::incidents::content::{Content, Medium};
-use crate::developer::incidents::words::IncidentWords;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
-use crate::http::respond::{Reader, bad_field, bad_form, json_answer, refusal};
+use crate::http::respond::{FormOf, Reader, bad_field, json_answer};
 use crate::incidents::{Read, find, wall_time};
+use crate::texts::{HttpError, IncidentWords, NAME, Words, clean};
+use crate::view::html;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{NAME, clean};
-use crate::view::{Lang, html};
 use telltale_store::{Incident, Session};
 
 /// No address of a screen is longer.
@@ -126,30 +122,21 @@ pub async fn get(
     Query(MomentQuery { at, screen }): Query<MomentQuery>,
     SignedIn(session): SignedIn,
     reader: Reader,
-) -> Response {
-    let subject = match id.parse::<Subject>() {
-        Ok(subject) => subject,
-        Err(trouble) => return refusal(&reader, trouble),
-    };
-    let at_ms = match asked_ms(at.as_deref()) {
-        Ok(at_ms) => at_ms,
-        Err(trouble) => return refusal(&reader, trouble),
-    };
+) -> Result<Response, HttpError> {
+    let subject = id.parse::<Subject>()?;
+    let at_ms = asked_ms(at.as_deref())?;
     // The recorder goes on: an older link to the last minutes leads to what holds its moment now.
     let holds = |at_ms| {
         let open = app.replays.of_address(&id, &session, app.clock.now());
         open.is_some_and(|open| open.state.borrow().from_ms <= at_ms) || recorder_holds(&app, at_ms)
     };
     if let (Subject::Recent, Some(at_ms)) = (subject, at_ms.filter(|&at_ms| !holds(at_ms))) {
-        return Redirect::to(&format!("/developer/moment{}", asks(at_ms, &screen))).into_response();
+        return Ok(Redirect::to(&format!("/developer/moment{}", asks(at_ms, &screen))).into_response());
     }
     let (incident, replay) = match opened(&app, subject, &session, at_ms).await {
-        Ok(opened) => opened,
-        Err(HttpError::Opening) => {
-            // The page asks again by itself.
-            return ([(REFRESH, "1")], refusal(&reader, HttpError::Opening)).into_response();
-        }
-        Err(trouble) => return refusal(&reader, trouble),
+        // The page asks again by itself.
+        Err(HttpError::Opening) => return Ok(([(REFRESH, "1")], HttpError::Opening).into_response()),
+        opened => opened?,
     };
     let mut state = *replay.state.borrow();
     if let Some(at_ms) = at_ms {
@@ -172,7 +159,7 @@ pub async fn get(
         }
         _ => None,
     };
-    Html(html(&ReplayHtml {
+    Ok(Html(html(&ReplayHtml {
         frame: PageFrame::new(lang, reader.palette),
         about: about(&app, subject, content.it),
         subject,
@@ -182,7 +169,7 @@ pub async fn get(
         shown: wall_time(state.at_ms),
         other,
         screens: [
-            ("/", operator_word(lang)),
+            ("/", Words::of(lang).operator),
             ("/developer", words.statuses),
             ("/developer/graph", words.graph),
             ("/developer/timeline", words.timeline),
@@ -195,19 +182,12 @@ pub async fn get(
         content,
         state,
     }))
-    .into_response()
+    .into_response())
 }
 
 /// Whether a screen of the replay has this address. Another one would leave it.
 fn is_screen(address: &str) -> bool {
     address.len() <= SCREEN_BYTES_MAX && is_page(address)
-}
-
-const fn operator_word(lang: Lang) -> &'static str {
-    match lang {
-        Lang::En => "Operator",
-        Lang::De => "Fahrbegleitung",
-    }
 }
 
 /// The moment that an address asks for, in milliseconds since 1970; `None` if it asks for none.
@@ -236,12 +216,9 @@ pub async fn state(
     State(app): State<AppState>,
     Path(id): Path<String>,
     SignedIn(session): SignedIn,
-    reader: Reader,
-) -> Response {
-    match app.replays.of_address(&id, &session, app.clock.now()) {
-        Some(replay) => json_answer(StatusCode::OK, &json!(*replay.state.borrow())),
-        None => refusal(&reader, HttpError::NotFound),
-    }
+) -> Result<Response, HttpError> {
+    let replay = app.replays.of_address(&id, &session, app.clock.now()).ok_or(HttpError::NotFound)?;
+    Ok(json_answer(StatusCode::OK, &json!(*replay.state.borrow())))
 }
 
 /// `POST /replay/{id}/state`
@@ -250,27 +227,21 @@ pub async fn control(
     Path(id): Path<String>,
     SignedIn(session): SignedIn,
     reader: Reader,
-    form: Result<Form<ControlForm>, FormRejection>,
-) -> Response {
-    let form = match form {
-        Ok(Form(form)) => form,
-        Err(rejection) => return bad_form(&reader, &rejection),
-    };
-    let Some(replay) = app.replays.of_address(&id, &session, app.clock.now()) else {
-        return refusal(&reader, HttpError::NotFound);
-    };
+    FormOf(form): FormOf<ControlForm>,
+) -> Result<Response, HttpError> {
+    let replay = app.replays.of_address(&id, &session, app.clock.now()).ok_or(HttpError::NotFound)?;
     let order = match form {
         ControlForm { at_ms: Some(at_ms), .. } => Order::GoTo(at_ms),
         ControlForm { step: Some(step), .. } if step == "next" => Order::Step { forwards: true },
         ControlForm { step: Some(step), .. } if step == "previous" => Order::Step { forwards: false },
         ControlForm { play: Some(speed), .. } if (0.01..=1000.0).contains(&speed) => Order::Play(speed),
         ControlForm { play: Some(0.0), .. } => Order::Pause,
-        ControlForm { step: Some(_), .. } => return bad_field(&reader, "step"),
-        ControlForm { play: Some(_), .. } => return bad_field(&reader, "play"),
-        _ => return bad_field(&reader, "at_ms, step, play"),
+        ControlForm { step: Some(_), .. } => return Ok(bad_field(&reader, "step")),
+        ControlForm { play: Some(_), .. } => return Ok(bad_field(&reader, "play")),
+        _ => return Ok(bad_field(&reader, "at_ms, step, play")),
     };
     replay.controls.order(order);
     // Else the page would jump back to the place before.
     let place = replay.controls.place().await;
-    json_answer(StatusCode::OK, &json!(place.unwrap_or(*replay.state.borrow())))
+    Ok(json_answer(StatusCode::OK, &json!(place.unwrap_or(*replay.state.borrow()))))
 }

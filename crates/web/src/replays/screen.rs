@@ -12,12 +12,11 @@ use tower::ServiceExt as _;
 use crate::AppState;
 use crate::admission::connections::ConnectionHandle;
 use crate::admission::peer::Peer;
-use crate::developer::incidents::words::IncidentWords;
-use crate::http::errors::HttpError;
 use crate::http::guard::SignedIn;
 use crate::http::headers::FRAMED;
 use crate::http::respond::{Reader, refusal};
 use crate::live::byte_budget::Meter;
+use crate::texts::{HttpError, IncidentWords};
 
 /// The developer's pages of a replay. All others read the present of the vehicle, of its store or of its files.
 const PAGES: [&str; 8] = [

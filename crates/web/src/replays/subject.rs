@@ -5,8 +5,8 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use crate::AppState;
-use crate::http::errors::HttpError;
 use crate::incidents::WhatIf;
+use crate::texts::HttpError;
 use telltale_record::file::FileError;
 use telltale_record::folder;
 use telltale_record::recorder::Recorder;

@@ -1,7 +1,7 @@
 //! The pages and their fragments as HTML. Nothing here reads a request or sends an answer.
 //!
 //! Everything that is shown comes from one [`Snapshot`]; text that the vehicle or a publisher wrote is
-//! cleaned by [`text`] and escaped by the templates.
+//! cleaned by [`crate::texts`] and escaped by the templates.
 
 mod bars;
 mod board;
@@ -12,13 +12,12 @@ mod permitted;
 mod requests;
 #[cfg(test)]
 pub(super) mod tests;
-pub mod text;
 pub(super) mod trends;
 pub(super) mod versions;
-pub mod words;
 
 use std::time::{Duration, SystemTime};
 
+use crate::texts::{Lang, Words};
 use bars::{action_bar, motion, top_bar};
 use board::{Board, tile, tile_detail};
 use faults::{entries, instruction, list};
@@ -30,7 +29,6 @@ use telltale_engine::time::{Since, Span, Timestamp};
 use telltale_runtime::Published;
 use telltale_store::PastAlarm;
 use versions::Seen;
-use words::Words;
 
 pub use page::{
     DemoFault, LoginContext, LoginFailure, PageContext, PagePart, Palette, RecorderState, demo_page,
@@ -38,7 +36,6 @@ pub use page::{
 };
 pub use permitted::permitted;
 pub use trends::Trends;
-pub use words::Lang;
 
 /// Prefixes of the ids of elements in the panels behind tiles, and on sheets.
 pub const DETAIL: &str = "detail-";
@@ -95,7 +92,7 @@ impl<'a> View<'a> {
     pub(super) fn new(published: &'a Published, lang: Lang, swap: bool) -> View<'a> {
         let snapshot = &*published.snapshot;
         let board = Board::of(&snapshot.layout);
-        let (words, seen) = (lang.words(), Seen::default());
+        let (words, seen) = (Words::of(lang), Seen::default());
         let (at, replay) = (published.at, published.replay);
         View { snapshot, at, lang, words, board, swap, replay, seen, trends: None }
     }

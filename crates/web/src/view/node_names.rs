@@ -5,8 +5,8 @@ use telltale_engine::model::{GroupId, ModuleId, NodeId, Stage};
 use telltale_engine::snapshot::{Asked, ModuleInfo, ModuleView, Reason, Report};
 use telltale_engine::state::State;
 
-use super::text::{MESSAGE, NAME, clean};
-use super::{Lang, View};
+use super::View;
+use crate::texts::{Lang, MESSAGE, NAME, clean};
 
 /// Letters of an advice.
 const HELP: usize = 120;
@@ -42,9 +42,18 @@ pub struct ModuleMessage {
 /// The texts around a duration, which the page's script counts on.
 #[derive(Debug, Clone)]
 pub struct Silence {
-    pub before: &'static str,
+    pub before: String,
     pub since: String,
-    pub after: &'static str,
+    pub after: String,
+}
+
+impl Silence {
+    /// The words before and after the time, which the page counts.
+    fn of(lang: Lang, since: String) -> Silence {
+        let around = lang.silent_for("\n");
+        let (before, after) = around.split_once('\n').unwrap_or_default();
+        Silence { before: before.to_owned(), since, after: after.to_owned() }
+    }
 }
 
 impl ModuleMessage {
@@ -127,18 +136,15 @@ impl View<'_> {
         names.collect::<Vec<_>>().join("\n")
     }
 
-    /// The message of a report. A publisher has one language; the engine's own messages have both.
     pub(super) fn report_text(&self, report: &Report) -> String {
-        let german = report.german.as_ref().filter(|_| self.lang == Lang::De);
-        clean(german.unwrap_or(&report.message), MESSAGE)
+        clean(self.lang.message(report), MESSAGE)
     }
 
     /// The last message of a module, and since when it is silent, if it is.
     pub(super) fn message_of(&self, module: &ModuleView) -> ModuleMessage {
-        let (before, after) = self.lang.silent_around();
         let silent = module.received.filter(|_| module.silent);
         ModuleMessage {
-            silent: silent.map(|since| Silence { before, since: self.wall(since), after }),
+            silent: silent.map(|since| Silence::of(self.lang, self.wall(since))),
             text: match module.received.is_none() && module.report.message.is_empty() {
                 true => self.words.no_report.to_owned(),
                 false => self.last_message(module),
@@ -195,7 +201,6 @@ impl View<'_> {
     /// page's own.
     pub(super) fn advice_of(&self, asked: Asked) -> String {
         let Asked { urgency, node } = asked;
-        let steps = self.lang.steps();
         let now = self.snapshot.asks(node) == Some(urgency);
         let own = now.then(|| self.help(node, self.snapshot.own(node))).flatten();
         let before = || {
@@ -205,8 +210,8 @@ impl View<'_> {
             Some(self.lang.pick(&alike.text, HELP))
         };
         own.or_else(before).unwrap_or_else(|| match urgency {
-            Urgency::TakeOver => steps.take_over_stop.to_owned(),
-            Urgency::BeReady => steps.take_over_ready.to_owned(),
+            Urgency::TakeOver => self.words.take_over_stop.to_owned(),
+            Urgency::BeReady => self.words.take_over_ready.to_owned(),
         })
     }
 
@@ -217,7 +222,7 @@ impl View<'_> {
             Some(Reason::NotRelevant(because)) => self.lang.not_relevant(because, &self.snapshot.layout),
             Some(Reason::Masked { by }) => match self.cause_name(node, by) {
                 name if name.is_empty() => name,
-                name => self.lang.waits_for(&name),
+                name => format!("{} {name}", self.words.waiting),
             },
         }
     }

@@ -59,9 +59,8 @@ pub struct Sentence {
 /// Requests of the same causes share the name of the cause. A vehicle that stands neither slows down nor stops: it is
 /// held, and since when.
 pub fn sentences(view: &View<'_>) -> Vec<Sentence> {
-    let steps = view.lang.steps();
     let stop = view.snapshot.stop_requested_since().map(|since| Sentence {
-        what: steps.stop_asked.to_owned(),
+        what: view.words.stop_asked.to_owned(),
         since: Some(("", view.wall_since(since))),
         because: String::new(),
     });
@@ -69,14 +68,14 @@ pub fn sentences(view: &View<'_>) -> Vec<Sentence> {
     for it in moving(view) {
         let stands = view.snapshot.motion.moving == Moving::No;
         let what = match () {
-            () if is_unheard(view, it) => view.lang.unheard(it.request).to_owned(),
-            () if stands && !fails(it) && is_received(view, it) => steps.held.to_owned(),
+            () if is_unheard(view, it) => view.lang.unheard_request(it.request.kind()).to_owned(),
+            () if stands && !fails(it) && is_received(view, it) => view.words.held.to_owned(),
             () => {
                 let done = it.state == CountermeasureState::Engaged;
                 view.lang.countermeasure(it.request.kind(), done, !it.causes.is_empty()).to_owned()
             }
         };
-        let since = (stands || is_resumed(it)).then(|| (steps.since, view.wall_since(it.since)));
+        let since = (stands || is_resumed(it)).then(|| (view.words.since, view.wall_since(it.since)));
         // The stop itself says since when.
         let since = since.filter(|_| it.by_operator.is_none());
         let because = because(view, it);
@@ -99,19 +98,17 @@ fn is_resumed(it: &Countermeasure) -> bool {
 
 /// How far the requests have got, for the action bar.
 pub fn progress(view: &View<'_>, it: &Countermeasure) -> &'static str {
-    let steps = view.lang.steps();
     match it.state {
-        CountermeasureState::Unconfirmed if is_unheard(view, it) => steps.unheard,
-        CountermeasureState::Unconfirmed => steps.unconfirmed,
-        CountermeasureState::Engaged => steps.engaged,
-        CountermeasureState::Requested if is_received(view, it) => steps.asked,
-        CountermeasureState::Requested => steps.not_received_yet,
+        CountermeasureState::Unconfirmed if is_unheard(view, it) => view.words.unheard,
+        CountermeasureState::Unconfirmed => view.words.unconfirmed,
+        CountermeasureState::Engaged => view.words.engaged,
+        CountermeasureState::Requested if is_received(view, it) => view.words.asked,
+        CountermeasureState::Requested => view.words.not_received_yet,
     }
 }
 
 /// The causes of a request: the first by its name, the others counted; `Over: LiDAR data missing` if none is left.
 fn because(view: &View<'_>, it: &Countermeasure) -> String {
-    let steps = view.lang.steps();
     let mut statuses: HashSet<&str> = HashSet::new();
     // One status in several components is one cause.
     let mut is_first =
@@ -123,7 +120,11 @@ fn because(view: &View<'_>, it: &Countermeasure) -> String {
         (first, []) => first,
         (first, others) => format!("{first}, {}", view.lang.and_more(others.len())),
     };
-    if it.causes.iter().any(|cause| cause.present) { causes } else { format!("{}: {causes}", steps.over) }
+    if it.causes.iter().any(|cause| cause.present) {
+        causes
+    } else {
+        format!("{}: {causes}", view.words.over)
+    }
 }
 
 /// The fault that a cause has, or had when the request was made before a restart: nothing is heard of it yet then.
@@ -134,7 +135,7 @@ fn fault(view: &View<'_>, it: &Countermeasure, node: NodeId) -> String {
     };
     let (_, module) = view.snapshot.module(id);
     if is_resumed(it) && module.received.is_none() && !module.silent && module.own == State::Unknown {
-        return format!("{}, {}", view.fault(id, State::Error), view.lang.steps().not_heard_again);
+        return format!("{}, {}", view.fault(id, State::Error), view.words.not_heard_again);
     }
     view.fault(id, module.own)
 }

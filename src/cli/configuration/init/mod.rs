@@ -3,6 +3,7 @@
 #[cfg(test)]
 mod tests;
 pub mod unconfigured;
+mod update;
 
 use std::collections::BTreeSet;
 use std::fs::OpenOptions;
@@ -27,6 +28,7 @@ use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, Top
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::engine::time::Timestamp;
 use crate::init::{self, DIAGNOSTICS, Draft, Observations, TOPICS_MAX};
+use crate::live::{self, Comparison};
 use crate::msg::fields::Definitions;
 use crate::msg::received::Stamped;
 use crate::ros::{self, Bridge, BridgeOptions};
@@ -48,24 +50,33 @@ const QUEUE: usize = 4096;
 /// what it usually does; what rests is not measured.
 ///
 /// The exit code is 1 if nothing was heard; a file to begin with is written all the same.
+///
+/// `--update` adds to an existing configuration what was heard and what nothing in it watches, each addition below a line
+/// that says when it was heard. What stands in the file stays as it is; what the file names and was not heard is told, and
+/// the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale init -o robot.yaml && telltale serve --config robot.yaml\n  \
-    telltale init --domain 7 --interface loopback --for 30s > robot.yaml")]
+    telltale init --domain 7 --interface loopback --for 30s > robot.yaml\n  \
+    telltale init --update robot.yaml | diff robot.yaml -\n  \
+    telltale init --update robot.yaml -o robot.yaml")]
 pub struct Args {
     /// How long to listen once everybody had time to be found
     #[arg(long = "for", value_name = "TIME", default_value = "10s", value_parser = listening)]
     length: Duration,
-    /// The file to write, which must not exist [default: standard output]
+    /// The file to write, which must not exist, or is the one of `--update` [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
+    /// The configuration to which what is new is added
+    #[arg(long, value_name = "FILE")]
+    update: Option<PathBuf>,
     /// Put the dependencies in force that the graph suggests
-    #[arg(long)]
+    #[arg(long, conflicts_with = "update")]
     accept_guesses: bool,
     #[command(flatten)]
     dds: dds::DdsFlags,
 }
 
-fn listening(text: &str) -> Result<Duration, String> {
+pub(super) fn listening(text: &str) -> Result<Duration, String> {
     let length = humantime::parse_duration(text).map_err(|error| format!("{error}; write it as `10s`"))?;
     let (least, most) = (Duration::from_secs(1), Duration::from_secs(3600));
     if (least..=most).contains(&length) { Ok(length) } else { Err("choose from 1s to 1h".to_owned()) }
@@ -73,21 +84,17 @@ fn listening(text: &str) -> Result<Duration, String> {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("warn");
+    if let Some(file) = &args.update {
+        return update::run(args, file);
+    }
     if let Some(file) = args.output.as_deref().filter(|file| file.exists()) {
         return Err(refusal(file));
     }
     let options = args.dds.resolve()?;
     let listens_to = dds::describe(&options);
-    note!("Listens to {listens_to} for {} s.", (DISCOVERY + args.length).as_secs());
-    let runtime = tokio::runtime::Runtime::new().context("the async runtime cannot be started")?;
     let definitions = options.definitions.clone();
-    let (mut draft, empty) = runtime.block_on(async {
-        let mut signal = ShutdownSignal::listen()?;
-        tokio::select! {
-            looked = look(options, args.length) => looked,
-            _ = signal.requested() => bail!("interrupted; nothing is written"),
-        }
-    })?;
+    let heard = listen(options, args.length, None)?;
+    let (mut draft, empty) = (heard.draft(), heard.seen.is_empty());
     draft.message_folders = message_folders(&draft, &definitions);
     let text = init::text(&draft, args.accept_guesses);
     let mut is_wrong = false;
@@ -122,16 +129,59 @@ fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
     folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
 }
 
-/// Listens to a system for a while, and drafts. Returns too whether nothing was heard of anybody.
+/// What was heard between two times.
+pub struct Heard {
+    pub seen: Observations,
+    pub start: Timestamp,
+    pub end: Timestamp,
+}
+
+impl Heard {
+    pub fn draft(&self) -> Draft {
+        init::draft(&self.seen, self.start, self.end)
+    }
+
+    /// Compares a configuration with it.
+    pub fn compare(&self, loaded: &config::Loaded) -> Comparison {
+        let Heard { seen, start, end } = self;
+        live::compare(loaded, &live::Heard { seen, draft: &self.draft(), start: *start, end: *end })
+    }
+
+    pub fn length_s(&self) -> u64 {
+        (self.end.since(self.start).as_millis() + 500) / 1000
+    }
+}
+
+/// The topics of diagnostics that a configuration reads.
+pub(super) fn diagnostics_of(loaded: &config::Loaded) -> Vec<DiagnosticsTopic> {
+    let default = || vec![DiagnosticsTopic { topic: DIAGNOSTICS.0.into(), prefix: Box::default() }];
+    let written = loaded.model.watched.diagnostics.clone();
+    if written.is_empty() { default() } else { written }
+}
+
+/// Listens to a system for a while: on these topics of diagnostics, or else on all that are found.
 ///
 /// # Errors
-/// DDS cannot be started.
-async fn look(options: BridgeOptions, length: Duration) -> anyhow::Result<(Draft, bool)> {
-    let mut lookout = Lookout::open(options, true).await?;
-    lookout.listen(DISCOVERY + length).await?;
-    let result = (lookout.draft(), lookout.seen.is_empty());
-    lookout.close().await;
-    Ok(result)
+/// DDS cannot be started, or a signal ended it.
+pub(super) fn listen(
+    options: BridgeOptions,
+    length: Duration,
+    diagnostics: Option<Vec<DiagnosticsTopic>>,
+) -> anyhow::Result<Heard> {
+    note!("Listens to {} for {} s.", dds::describe(&options), (DISCOVERY + length).as_secs());
+    let runtime = tokio::runtime::Runtime::new().context("the async runtime cannot be started")?;
+    runtime.block_on(async {
+        let mut signal = ShutdownSignal::listen()?;
+        let look = async {
+            let mut lookout = Lookout::open(options, true, diagnostics).await?;
+            lookout.listen(DISCOVERY + length).await?;
+            anyhow::Ok(lookout.close().await)
+        };
+        tokio::select! {
+            looked = look => looked,
+            _ = signal.requested() => bail!("interrupted before the end"),
+        }
+    })
 }
 
 /// Listens to a system and remembers what it heard.
@@ -143,6 +193,8 @@ pub(super) struct Lookout {
     watched: Watched,
     /// Topics are read, too.
     measures: bool,
+    /// The only topics of diagnostics that are read; `None`: all that are found.
+    given: Option<Vec<DiagnosticsTopic>>,
     definitions: Definitions,
     clock: Clock,
     start: Timestamp,
@@ -151,15 +203,20 @@ pub(super) struct Lookout {
 impl Lookout {
     /// # Errors
     /// DDS cannot be started.
-    pub async fn open(options: BridgeOptions, measures: bool) -> anyhow::Result<Lookout> {
+    pub async fn open(
+        options: BridgeOptions,
+        measures: bool,
+        given: Option<Vec<DiagnosticsTopic>>,
+    ) -> anyhow::Result<Lookout> {
         let options = BridgeOptions { node: NODE, ..options };
         let clock = Clock::start();
         let definitions = options.definitions.clone();
         let (sender, inputs) = mpsc::channel(QUEUE);
-        let bridge = ros::start(options, &model(Watched::default()), sender, clock).await?;
+        let watched = Watched { diagnostics: given.clone().unwrap_or_default(), ..Watched::default() };
+        let bridge = ros::start(options, &model(watched.clone()), sender, clock).await?;
         let (discovery, start) = (bridge.discovery(), clock.now());
-        let (seen, watched) = (Observations::default(), Watched::default());
-        Ok(Lookout { bridge, inputs, discovery, seen, watched, measures, definitions, clock, start })
+        let seen = Observations::default();
+        Ok(Lookout { bridge, inputs, discovery, seen, watched, measures, given, definitions, clock, start })
     }
 
     /// # Errors
@@ -186,8 +243,10 @@ impl Lookout {
         init::draft(&self.seen, self.start, self.clock.now())
     }
 
-    async fn close(self) {
+    async fn close(self) -> Heard {
+        let heard = Heard { seen: self.seen, start: self.start, end: self.clock.now() };
         self.bridge.shutdown().await;
+        heard
     }
 
     /// What is to be read now: what was read before, and what was found since.
@@ -197,9 +256,10 @@ impl Lookout {
         let new = self.seen.measurable().filter(|(topic, _)| self.measures && !known.contains(*topic));
         topics.extend(new.filter_map(|(topic, type_name)| readable(topic, type_name, &self.definitions)));
         topics.truncate(TOPICS_MAX);
-        let all = std::iter::once(DIAGNOSTICS.0.to_owned()).chain(self.seen.more_diagnostics());
-        let diagnostics = all.map(|topic| DiagnosticsTopic { topic: topic.into(), prefix: Box::default() });
-        Watched { topics, diagnostics: diagnostics.collect(), ..Watched::default() }
+        let all = || std::iter::once(DIAGNOSTICS.0.to_owned()).chain(self.seen.more_diagnostics());
+        let found = || all().map(|topic| DiagnosticsTopic { topic: topic.into(), prefix: Box::default() });
+        let diagnostics = self.given.clone().unwrap_or_else(|| found().collect());
+        Watched { topics, diagnostics, ..Watched::default() }
     }
 }
 

@@ -30,7 +30,7 @@ pub async fn drafts(options: BridgeOptions) -> anyhow::Result<mpsc::Receiver<Str
         "no configuration: everything that is heard is shown, by node. `telltale init -o robot.yaml` writes a first one; \
          then start `telltale serve --config robot.yaml`"
     );
-    let mut lookout = Lookout::open(options, false).await?;
+    let mut lookout = Lookout::open(options, false, None).await?;
     let (sender, texts) = mpsc::channel(1);
     tokio::spawn(async move {
         let mut said = heard_text(&Draft::default());

@@ -9,9 +9,8 @@ use anyhow::Context as _;
 use crate::cli::EXIT_NO;
 use crate::cli::print::{Lines, note, text};
 use crate::clock::Clock;
-use crate::engine::time::{Span, how_long};
 use crate::record::writer::unix_ms;
-use crate::store::{Statistics, statistics_in};
+use crate::store::{NodeFigures, Statistics, how_long_ms, statistics_in};
 
 const WEEK: Duration = Duration::from_secs(7 * 24 * 3600);
 /// As ISA-18.2 counts.
@@ -34,14 +33,13 @@ pub fn run(folder: &Path, since: Option<SystemTime>, until: Option<SystemTime>) 
 
 fn told(found: &Statistics) -> Lines {
     let mut lines = Lines::default();
-    lines.add(format_args!("recorded        {}", long(found.recorded_ms)));
-    for (stage, ms) in &found.stages {
-        let share = 100.0 * *ms as f64 / found.recorded_ms as f64;
-        lines.add(format_args!("  {:<14}{}, {share:.0} %", stage.as_str(), long(*ms)));
+    lines.add(format_args!("recorded        {}", how_long_ms(found.recorded_ms)));
+    for (stage, ms, share) in found.shares() {
+        lines.add(format_args!("  {:<14}{}, {share}", stage.as_str(), how_long_ms(ms)));
     }
-    lines.add(format_args!("alarms          {}, {} an hour", found.alarms, rate(found, found.alarms)));
+    lines.add(format_args!("alarms          {}, {} an hour", found.alarms, found.rate(found.alarms)));
     lines.add(format_args!("most in 10 min  {}", found.most_in_10_min));
-    let soon = found.to_acknowledge_ms.map(|ms| format!(", half of them within {}", long(ms)));
+    let soon = found.to_acknowledge_ms.map(|ms| format!(", half of them within {}", how_long_ms(ms)));
     lines.add(format_args!("acknowledged    {}{}", found.acknowledged, soon.unwrap_or_default()));
     if found.lost > 0 {
         lines.add(format_args!("missing         {} records", found.lost));
@@ -51,15 +49,11 @@ fn told(found: &Statistics) -> Lines {
         lines.add("alarms  an hour  between two  in all      longest     node");
     }
     for node in found.nodes.iter().take(MOST_FREQUENT) {
-        let between = found.between_alarms_ms(node).map_or_else(String::new, long);
+        let NodeFigures { an_hour, between, alarmed, longest } = found.figures(node);
         let chatters = if node.chatters { "  (chatters)" } else { "" };
         lines.add(format_args!(
-            "{:>6}  {:>7}  {between:<11}  {:<10}  {:<10}  {}{chatters}",
-            node.alarms,
-            rate(found, node.alarms),
-            long(node.alarmed_ms),
-            long(node.longest_ms),
-            node.node,
+            "{:>6}  {an_hour:>7}  {between:<11}  {alarmed:<10}  {longest:<10}  {}{chatters}",
+            node.alarms, node.node,
         ));
     }
     match found.nodes.len().saturating_sub(MOST_FREQUENT) {
@@ -67,14 +61,6 @@ fn told(found: &Statistics) -> Lines {
         more => lines.add(format_args!("and {more} nodes more")),
     }
     lines
-}
-
-fn long(ms: i64) -> String {
-    how_long(Span::from_millis(u64::try_from(ms).unwrap_or(0)))
-}
-
-fn rate(found: &Statistics, alarms: u64) -> String {
-    found.per_hour(alarms).map_or_else(String::new, |rate| format!("{rate:.2}"))
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@ use crate::record::retention::size;
 use crate::store::{Incident, Incidents, Logged, StoreError};
 use crate::web::developer::incidents::report::report;
 use crate::web::incidents::{Read, read};
-use crate::web::view::Lang;
+use crate::web::texts::Lang;
 
 #[derive(Debug, clap::Args)]
 pub struct Args {

@@ -9,7 +9,7 @@ use crate::config::publishing::Publishing;
 use crate::engine::model::output::Publication;
 use crate::engine::snapshot::Snapshot;
 use crate::ros::publish::outputs;
-use crate::ros::publish::outputs::{OutputTopic, Outputs};
+use crate::ros::publish::outputs::{OutputTopic, Outputs, Snapshots};
 use crate::ros::{Bridge, BridgeError, BridgeOptions};
 use crate::runtime::{Link, Published};
 
@@ -22,7 +22,7 @@ pub async fn start(
     bridge: &Bridge,
     clock: Clock,
 ) -> Result<Outputs, BridgeError> {
-    let snapshots = latest(link.snapshots.clone());
+    let snapshots = Snapshots { vehicle: link.vehicle.clone(), tools: latest(link.afterwards.clone()) };
     let (topics, inputs) = (topics(publishing), link.inputs.clone());
     outputs::start(options.clone(), topics, snapshots, inputs, bridge.graph(), clock).await
 }

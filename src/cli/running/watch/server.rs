@@ -24,7 +24,7 @@ use tokio_rustls::TlsConnector;
 use super::Usage;
 use crate::store::Role;
 use crate::web::cookie_name;
-use crate::web::view::text::{MESSAGE, clean};
+use crate::web::texts::{MESSAGE, clean};
 
 const CONNECT_WITHIN: Duration = Duration::from_secs(2);
 /// A login hashes its secret, and may wait for others.

@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer};
 use crate::engine::model::Stage;
 use crate::engine::snapshot::{CountermeasureState, Moving};
 use crate::engine::state::State;
-use crate::web::view::text::{ID, clean};
+use crate::web::texts::{ID, clean};
 
 /// Groups inside groups. The configuration has fewer.
 const DEPTH_MAX: usize = 32;

@@ -3,10 +3,9 @@
 use std::fmt::Write as _;
 
 use super::span;
-use telltale_engine::model::monitors::Class;
 use telltale_engine::model::monitors::{
-    AgreementRule, Bands, Condition, FieldKind, FrozenLimits, ProbeTarget, ProcessMeasure, Resource, TopicId,
-    ValueRule, ValueSource,
+    AgreementRule, Bands, Class, Condition, FieldKind, FrozenLimits, ProbeTarget, ProcessMeasure, Resource,
+    TopicId, ValueRule, ValueSource,
 };
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::model::{Model, ModuleMonitor, MonitorSpec};

@@ -4,7 +4,7 @@ use super::Watching;
 use crate::input::StatusArray;
 use crate::model::Limits;
 use crate::model::sample::FieldValue;
-use crate::monitor::{NO_SUCH_KEY, Taken, parse};
+use crate::monitor::{NO_SUCH_KEY, parse};
 use crate::state::State;
 use crate::time::Timestamp;
 
@@ -69,7 +69,7 @@ impl Watching {
         taken.sort_by_key(|&(watch, slot, _)| (watch, slot));
         for (index, slot, value) in taken {
             let watch = &mut self.watches[index as usize];
-            watch.monitor.take(slot as usize, Taken::Value(&value), now);
+            watch.monitor.take_value(slot as usize, &value, now);
             watch.pending = true;
             if judge.last() != Some(&index) {
                 judge.push(index);

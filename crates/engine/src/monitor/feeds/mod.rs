@@ -1,8 +1,5 @@
 //! Passes messages, probe results and KeyValues to the monitors that watch them.
 
-mod conditions;
-mod counts;
-pub(crate) mod kept;
 mod keys;
 mod topic_fault;
 mod windows;
@@ -11,8 +8,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::{Feed, Monitor, Taken, WORDS_EVERY, Words, feeds};
-use crate::model::monitors::{MonitorSpec, TopicId, TopicSpec, ValueSource, WatchdogSpec};
+use super::{Machine, Monitor, WORDS_EVERY, Words};
+use crate::files::KeyframeError;
+use crate::model::monitors::{MonitorSpec, Source, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use crate::model::sample::{FieldValue, Probe, PublisherReport, Sample};
 use crate::model::{Model, ModuleId, Policy};
 use crate::signals::SignalSample;
@@ -21,23 +19,32 @@ use crate::time::Timestamp;
 use topic_fault::Judged;
 use windows::Blocked;
 
-/// All monitors and their inputs.
-#[derive(Debug, Clone, Default)]
+/// All monitors and their inputs. A keyframe has what does not follow from the configuration, and is not about one
+/// input that is over.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Watching {
+    #[serde(rename = "monitors")]
     pub(crate) watches: Vec<Watch>,
     /// By [`ModuleId`], for declared modules.
+    #[serde(skip)]
     of_module: Vec<Option<u32>>,
     /// By [`TopicId`].
     topics: Vec<WatchedTopic>,
+    #[serde(skip)]
     topic_names: HashMap<Box<str>, u32>,
     /// Each probe with its monitors.
+    #[serde(skip)]
     probes: Vec<(Arc<WatchdogSpec>, Vec<u32>)>,
+    #[serde(skip)]
     statuses: HashMap<Arc<str>, WatchedStatus>,
     /// The modules that count the modules of their group, each with its monitor and the number of nested groups.
+    #[serde(skip)]
     counts: Vec<(ModuleId, u32, usize)>,
     /// Names of the present array, kept to save allocations.
+    #[serde(skip)]
     touched: Vec<Arc<str>>,
     /// Monitors to judge, kept to save allocations.
+    #[serde(skip)]
     pub(crate) judge: Vec<u32>,
     /// Modules that became relevant or ceased to be.
     pub(crate) turned: Vec<ModuleId>,
@@ -53,14 +60,24 @@ pub(crate) enum Purpose {
     Signal(usize),
 }
 
+impl Default for Purpose {
+    fn default() -> Purpose {
+        Purpose::Signal(0)
+    }
+}
+
 /// A monitor, and its published judgement.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Watch {
+    #[serde(skip)]
     pub(crate) purpose: Purpose,
     monitor: Monitor,
+    #[serde(skip)]
     topics: Box<[TopicId]>,
+    #[serde(skip)]
     by_the_clock: bool,
     /// Its inputs come over DDS.
+    #[serde(skip)]
     from_dds: bool,
     said: Option<State>,
     /// The time at which time alone changes its state, or somewhat earlier.
@@ -73,10 +90,12 @@ pub(crate) struct Watch {
     blocked: Option<Blocked>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct WatchedTopic {
+    #[serde(skip)]
     spec: Arc<TopicSpec>,
     /// In the order of the monitors, then of their slots.
+    #[serde(skip)]
     readers: Vec<FieldWatcher>,
     /// The publishers, from discovery; without them nothing is concluded.
     news: Option<Publishers>,
@@ -156,14 +175,7 @@ impl Watch {
 
 impl Watching {
     pub(crate) fn new(model: &Model) -> Watching {
-        let topic = |spec: &Arc<TopicSpec>| WatchedTopic {
-            spec: spec.clone(),
-            readers: Vec::new(),
-            news: None,
-            heard: false,
-            left: false,
-            searched_until: None,
-        };
+        let topic = |spec: &Arc<TopicSpec>| WatchedTopic { spec: spec.clone(), ..WatchedTopic::default() };
         let names = model.watched.topics.iter().zip(0..).map(|(spec, index)| (spec.topic.clone(), index));
         let mut watching = Watching {
             topics: model.watched.topics.iter().map(topic).collect(),
@@ -196,39 +208,34 @@ impl Watching {
 
     fn add(&mut self, purpose: Purpose, spec: &MonitorSpec, monitor: Monitor) {
         let watch = self.watches.len() as u32;
-        let mut topics = Vec::new();
-        for (slot, feed) in feeds(spec).into_iter().enumerate() {
-            let slot = slot as u32;
-            let (topic, field) = match feed {
-                Feed::Messages(topic) => (topic, None),
-                Feed::Values(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
-                Feed::Values(ValueSource::Key { status, key, unit }) => {
-                    let keyed = self.statuses.entry(status.clone()).or_default();
-                    let as_text = monitor.wants_words(slot as usize);
-                    keyed.keys.push(KeyWatcher {
-                        watch,
-                        slot,
-                        key: key.clone(),
-                        unit: unit.clone(),
-                        as_text,
-                    });
+        let (mut topics, mut from_dds) = (Vec::new(), false);
+        for (slot, source) in (0..).zip(spec.clone().sources()) {
+            from_dds = true;
+            let (topic, field) = match source {
+                Source::Messages(topic) => (*topic, None),
+                Source::Value(ValueSource::Field { topic, field }) => (*topic, Some(*field)),
+                Source::Value(ValueSource::Key { status, key, unit }) => {
+                    let (key, unit) = (key.clone(), unit.clone());
+                    let reader =
+                        KeyWatcher { watch, slot, key, unit, as_text: monitor.wants_words(slot as usize) };
+                    self.statuses.entry(status.clone()).or_default().keys.push(reader);
+                    continue;
+                }
+                Source::Probe(probe) => {
+                    let (spec, readers) = &mut self.probes[probe.0 as usize];
+                    from_dds = spec.target.asks_dds();
+                    readers.push(watch);
                     continue;
                 }
             };
             self.topics[topic.0 as usize].readers.push(FieldWatcher { watch, slot, field });
             topics.push(topic);
         }
-        let mut from_dds = !matches!(spec, MonitorSpec::Constant { .. } | MonitorSpec::Count { .. });
-        if let MonitorSpec::Watchdog { watchdog, .. } | MonitorSpec::System { watchdog, .. } = spec {
-            let (spec, readers) = &mut self.probes[watchdog.0 as usize];
-            from_dds = spec.target.asks_dds();
-            readers.push(watch);
-        }
         self.watches.push(Watch {
             purpose,
             monitor,
             topics: topics.into(),
-            by_the_clock: spec.by_the_clock(),
+            by_the_clock: spec.about().by_the_clock,
             from_dds,
             said: None,
             due: None,
@@ -261,22 +268,24 @@ impl Watching {
         }
         (topic.heard, topic.left) = (true, false);
         for reader in &topic.readers {
-            let taken = match reader.field {
+            let (watch, slot) = (&mut self.watches[reader.watch as usize], reader.slot as usize);
+            match reader.field.map(|field| &sample.values[field as usize]) {
                 None if sample.late => {
-                    if self.watches[reader.watch as usize].late(reader.slot as usize, now) {
+                    if watch.late(slot, now) {
                         judge.push(reader.watch);
                     }
                     continue;
                 }
-                None => Taken::Message(sample),
-                Some(field) => match &sample.values[field as usize] {
-                    FieldValue::Absent => continue,
-                    value => Taken::Value(value),
-                },
-            };
-            let watch = &mut self.watches[reader.watch as usize];
-            watch.found(reader.slot as usize, now);
-            watch.monitor.take(reader.slot as usize, taken, now);
+                None => {
+                    watch.found(slot, now);
+                    watch.monitor.take_message(slot, sample, now);
+                }
+                Some(FieldValue::Absent) => continue,
+                Some(value) => {
+                    watch.found(slot, now);
+                    watch.monitor.take_value(slot, value, now);
+                }
+            }
             watch.pending = true;
             if judge.last() != Some(&reader.watch) {
                 judge.push(reader.watch);
@@ -311,7 +320,7 @@ impl Watching {
         let (_, readers) = self.probes.iter().find(|(spec, _)| same(spec))?;
         for &index in readers {
             let watch = &mut self.watches[index as usize];
-            watch.monitor.take(0, Taken::Probe(&probe.outcome), now);
+            watch.monitor.take_probe(&probe.outcome, now);
             watch.pending = true;
             judge.push(index);
         }
@@ -384,6 +393,31 @@ impl Watching {
         (watch.pending, watch.running, watch.blocked) = (before.pending, before.running, before.blocked);
     }
 
+    /// Continues the inputs of a condition with the same meaning from before a reload.
+    pub(crate) fn keep_condition(&mut self, signal: usize, old: &Watching, before: usize) {
+        let of = |watch: &Watch, signal| watch.purpose == Purpose::Signal(signal);
+        let Some(before) = old.watches.iter().find(|watch| of(watch, before)) else { return };
+        if let Some(watch) = self.watches.iter_mut().find(|watch| of(watch, signal)) {
+            watch.monitor = before.monitor.clone();
+        }
+    }
+
+    /// The modules that count the modules of their group, each with its monitor and the number of nested groups.
+    pub(crate) fn counts(&self) -> impl Iterator<Item = (ModuleId, u32, usize)> {
+        self.counts.iter().copied()
+    }
+
+    /// Sets what a monitor counts. Returns whether it has to be judged.
+    pub(crate) fn set_count(&mut self, index: u32, found: u32, now: Timestamp) -> bool {
+        let watch = &mut self.watches[index as usize];
+        let Monitor::Count(count) = &mut watch.monitor else { return false };
+        let changed = count.set(found, now);
+        if changed {
+            (watch.worded, watch.pending) = (None, true);
+        }
+        changed
+    }
+
     /// Keeps the reports of discovery about topics that stay, and the remaining time of the search for
     /// publishers.
     pub(crate) fn keep_topics(&mut self, old: &Watching) {
@@ -394,6 +428,28 @@ impl Watching {
                 topic.searched_until = same.searched_until;
             }
         }
+    }
+
+    /// Goes on with the state of a keyframe.
+    pub(crate) fn resume(&mut self, kept: Watching) -> Result<(), KeyframeError> {
+        let Watching { watches, topics, turned, searching_until, .. } = kept;
+        KeyframeError::unless_same("monitors", watches.len(), self.watches.len())?;
+        KeyframeError::unless_same("topics", topics.len(), self.topics.len())?;
+        if turned.iter().any(|id| id.0 as usize >= self.of_module.len()) {
+            return Err(KeyframeError::new("a monitor turns for a module that does not exist"));
+        }
+        (self.turned, self.searching_until) = (turned, searching_until);
+        for (watch, kept) in self.watches.iter_mut().zip(watches) {
+            let Watch { monitor, said, due, worded, pending, running, blocked, .. } = kept;
+            watch.monitor.resume(monitor)?;
+            (watch.said, watch.due, watch.worded) = (said, due, worded);
+            (watch.pending, watch.running, watch.blocked) = (pending, running, blocked);
+        }
+        for (topic, kept) in self.topics.iter_mut().zip(topics) {
+            let (spec, readers) = (topic.spec.clone(), std::mem::take(&mut topic.readers));
+            *topic = WatchedTopic { spec, readers, ..kept };
+        }
+        Ok(())
     }
 
     /// Discovery searches for all publishers until then.

@@ -103,14 +103,14 @@ impl Watching {
                             "{topic} is published as {other}: name one of them with `type`",
                             "{topic} wird als {other} veröffentlicht: einen davon mit `type` angeben",
                             topic = &**topic,
-                            other = other
+                            other
                         )
                     } else {
                         say!(
                             "{topic} is published as {other}, which cannot be read: name its `type`, or where its definition is",
                             "{topic} wird als {other} veröffentlicht und ist so nicht lesbar: `type` angeben, oder wo die Definition liegt",
                             topic = &**topic,
-                            other = other
+                            other
                         )
                     };
                     return Words { message: said, values: Vec::new() };
@@ -119,14 +119,13 @@ impl Watching {
                     "{topic} has type {other}, configuration says {wanted}",
                     "{topic} hat den Typ {other}, laut Konfiguration {wanted}",
                     topic = &**topic,
-                    other = other,
+                    other,
                     wanted = &**type_name
                 )
             }
         };
         if beside {
-            let message =
-                say!("{said}; {message}", "{said}; {message}", said = words.message, message = message);
+            let message = say!("{said}; {message}", "{said}; {message}", said = words.message, message);
             Words { message, values: words.values }
         } else {
             Words { message, values: Vec::new() }

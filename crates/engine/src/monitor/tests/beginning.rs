@@ -278,7 +278,7 @@ fn a_ratio_is_judged_one_window_after_the_later_of_its_publishers_was_found() {
         let mut states = BTreeSet::new();
         for at_ms in (0..=5000).step_by(50) {
             while let Some((at_ms, what)) = steps.next_if(|step| step.0 <= at_ms) {
-                engine.handle(&input(&model.watched, at_ms, &what), Timestamp::from_millis(at_ms));
+                feed(&mut engine, &model, at_ms, &what);
             }
             engine.handle(&Input::Tick, Timestamp::from_millis(at_ms));
             let state = own(&engine.snapshot(), 0).0;

@@ -255,10 +255,9 @@ fn what_cannot_be_evaluated_hides_no_error() {
         (sum_above("", 99.0), fails(), Unknown),
         (fails(), sum_above("", 10.0), Unknown),
     ] {
-        let model = model(parts(vec![(expression(error, warning), Policy::default())]));
-        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        let (mut engine, model) = start(expression(error, warning), Policy::default());
         for (at, what) in &both {
-            engine.handle(&input(&model.watched, *at, what), Timestamp::from_millis(*at));
+            feed(&mut engine, &model, *at, what);
         }
         assert_eq!(own(&engine.snapshot(), 0).0, state);
     }

@@ -60,11 +60,10 @@ fn frequency_reports_by_the_clock() {
 #[test]
 fn before_the_first_window_only_what_cannot_get_better_is_judged() {
     let bands = Bands { warning_below: Some(9.0), ..at_most(11.0, 20.0) };
-    let model = model(parts(vec![(frequency(bands), Policy::default())]));
-    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    let (mut engine, model) = start(frequency(bands), Policy::default());
     let mut states = Vec::new();
     for number in 0..50 {
-        engine.handle(&input(&model.watched, number, &Do::Number(0, 0.0)), Timestamp::from_millis(number));
+        feed(&mut engine, &model, number, &Do::Number(0, 0.0));
         states.push(own(&engine.snapshot(), 0).0);
     }
     assert_eq!((states[21], states[22], states[39], states[40]), (Unknown, Warning, Warning, Error));
@@ -77,8 +76,7 @@ fn a_flood_and_a_slow_topic_are_both_counted() {
         (1, at_least(1.1, 0.5), Warning),
         (20_000, at_most(1000.0, 15_000.0), Error),
     ] {
-        let model = model(parts(vec![(frequency(bands), Policy::default())]));
-        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+        let (mut engine, model) = start(frequency(bands), Policy::default());
         let sample = input(&model.watched, 0, &Do::Number(0, 0.0));
         for number in 0..5 * hertz {
             engine.handle(&sample, Timestamp::from_nanos(number * 1_000_000_000 / hertz));

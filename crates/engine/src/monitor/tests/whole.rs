@@ -143,8 +143,7 @@ fn a_watched_status_feeds_its_module_and_what_claims_it_too() {
 
 #[test]
 fn what_another_configuration_asked_for_is_dropped_and_counted() {
-    let model = model(parts(vec![(value(field(A, 0)), Policy::default())]));
-    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    let (mut engine, model) = start(value(field(A, 0)), Policy::default());
     let mut foreign = model.watched.clone();
     for topic in &mut foreign.topics {
         *topic = Arc::new(TopicSpec { stamp: false, ..(**topic).clone() });
@@ -200,8 +199,7 @@ fn after_a_reload_a_monitor_that_means_the_same_goes_on() {
 
 #[test]
 fn words_change_rarely_and_states_at_once() {
-    let model = model(parts(vec![(value(field(A, 0)), Policy::default())]));
-    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    let (mut engine, model) = start(value(field(A, 0)), Policy::default());
     let mut revisions = Vec::new();
     for at in 0..1000 {
         let sample = input(&model.watched, at, &Do::Number(0, at as f64 / 20.0));
@@ -234,7 +232,7 @@ fn after_a_restart_a_rate_is_judged_one_window_after_its_publisher_was_found() {
         let mut steps = steps.into_iter().peekable();
         for at in (0..=5000).step_by(50) {
             while let Some((at, what)) = steps.next_if(|step| step.0 <= at) {
-                engine.handle(&input(&model.watched, at, &what), Timestamp::from_millis(at));
+                feed(&mut engine, &model, at, &what);
             }
             engine.handle(&Input::Tick, Timestamp::from_millis(at));
             let state = if at < judged { Unknown } else { expected };
@@ -258,7 +256,7 @@ fn what_the_clock_finds_ok_after_a_restart_has_no_alarm_any_more() {
     let mut engine = Engine::resume(model.clone(), &restored, Timestamp::ZERO);
     for at in (0..=2000).step_by(100) {
         // Time acts first, so the first judgement is the clock's and not a message's.
-        engine.handle(&input(&model.watched, at, &Do::Number(0, 1.0)), Timestamp::from_millis(at));
+        feed(&mut engine, &model, at, &Do::Number(0, 1.0));
         let snapshot = engine.snapshot();
         assert_eq!(own(&snapshot, 0).0, if at < 1000 { Unknown } else { Ok }, "{at} ms");
         assert_eq!(snapshot.alarms.is_empty(), at >= 1000, "{at} ms");

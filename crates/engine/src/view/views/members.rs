@@ -11,7 +11,7 @@ use crate::snapshot::{ModuleInfo, ModuleView};
 use crate::state::State;
 use crate::text::Text;
 use crate::time::Timestamp;
-use crate::view::layout::SELF_STATE;
+use crate::view::layout::self_reporting;
 use crate::view::ros_names::shortened;
 
 impl Views {
@@ -137,22 +137,8 @@ impl Told {
 
 /// The names of a module that is made while the engine runs.
 pub(super) fn made(id: Arc<str>, number: u64, group: GroupId, told: Told) -> ModuleInfo {
-    ModuleInfo {
-        id,
-        name: None,
-        help: None,
-        group,
-        status: told.status,
-        shown: told.shown,
-        writers: told.writers,
-        depends_on: Vec::new(),
-        discovered: true,
-        gone: false,
-        number,
-        kind: "self_state",
-        class: SELF_STATE,
-        quantity: None,
-    }
+    let Told { status, shown, writers } = told;
+    ModuleInfo { status, shown, writers, discovered: true, number, ..self_reporting(id, group) }
 }
 
 fn unheard(since: Timestamp) -> ModuleView {

@@ -8,8 +8,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use proptest::prelude::*;
 
 use super::*;
-use crate::messages::encode;
-use crate::messages::encode::{Header, Motion, Transform};
+use crate::messages::encode::{self, Header, Motion, Transform};
 use telltale_engine::model::sample::{POSITIONS_MAX, Pose, Position, Positions};
 
 fn spec(type_name: &str, stamp: bool, fields: &[(&str, FieldKind)]) -> TopicSpec {
@@ -234,6 +233,20 @@ fn what_is_cut_behind_its_fields_has_their_values_and_a_fault() {
         let reading = reader.read(&whole[..bytes], Endian::Little);
         assert_eq!((&*reading.values, reading.stamp_ns), (&[number(8.0)][..], Some(STAMP_NS)));
         assert_eq!(reading.fault.is_some(), bytes < whole.len(), "{bytes} of {}", whole.len());
+    }
+}
+
+#[test]
+fn the_last_element_is_that_of_each_message() {
+    let path = ["poses[-1].position.x"];
+    let reader = reader(encode::POSE_ARRAY, true, &scalars(&path));
+    for (poses, expected) in [
+        (&[at(1.0, 2.0)][..], number(1.0)),
+        (&[at(1.0, 2.0), at(3.0, 4.0), at(5.0, 6.0)], number(5.0)),
+        (&[], FieldValue::Unreadable("there is no last element: there are 0".into())),
+    ] {
+        let bytes = encode::pose_array(header("map"), poses);
+        assert_eq!(&*reader.read(&bytes, Endian::Little).values, [expected]);
     }
 }
 

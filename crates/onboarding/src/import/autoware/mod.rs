@@ -5,9 +5,7 @@ mod links;
 mod tree;
 mod unit;
 
-use super::Findings;
-use super::Lookup;
-use super::write;
+use super::{Findings, Lookup, write};
 use telltale_yaml::{Node, Problem, Sources};
 use unit::Graph;
 

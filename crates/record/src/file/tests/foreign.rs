@@ -3,7 +3,6 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Cursor;
-use std::path::Path;
 
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
@@ -51,12 +50,12 @@ fn recordings_of_others_are_read_whatever_their_options() {
     let mut seen = Vec::new();
     for (number, (options, finished)) in ways.into_iter().enumerate() {
         let bytes = written(options, finished);
-        let mut reader = Reader::new(Path::new("x"), Cursor::new(&bytes)).unwrap();
+        let mut reader = of(&bytes).unwrap();
         let told = entries(&mut reader);
         assert_eq!(told.len(), 10, "{number}");
         assert_eq!(reader.attachment("a").unwrap(), b"text");
         assert_eq!(left_out(&reader).len(), usize::from(!finished), "{number}: {:?}", left_out(&reader));
-        let findings = check_bytes(Cursor::new(&bytes)).unwrap();
+        let findings = findings(&bytes);
         assert_eq!(findings.is_empty(), finished, "{number}: {findings:?}");
         for from in [0, 103, 109, 110] {
             reader.seek(from);
@@ -72,7 +71,7 @@ fn recordings_of_others_are_read_whatever_their_options() {
 #[test]
 fn a_small_file_that_unpacks_without_an_end_is_left_out() {
     let bytes = written(WriteOptions::new().chunk_size(Some(40)).compression(Some(Compression::Zstd)), true);
-    let open = || Reader::new(Path::new("x"), Cursor::new(&bytes)).unwrap();
+    let open = || of(&bytes).unwrap();
     let all = entries(&mut open());
     let mut reader = open();
     reader.unpack_at_most(300);
@@ -96,7 +95,7 @@ fn a_small_file_that_unpacks_without_an_end_is_left_out() {
     }
     writer.finish().unwrap();
     drop(writer);
-    let mut reader = Reader::new(Path::new("x"), Cursor::new(&bomb)).unwrap();
+    let mut reader = of(&bomb).unwrap();
     reader.unpack_at_most(bomb.len() as u64 + 250_000);
     assert_eq!(entries(&mut reader).len(), 3);
     assert!(left_out(&reader).iter().any(|it| it.contains(SPENT)), "{:?}", left_out(&reader));
@@ -121,7 +120,7 @@ fn a_chunk_of_lz4_is_read() {
     other.extend(b"\x03\0\0\0lz4");
     other.extend((packed.len() as u64).to_le_bytes());
     other.extend(packed);
-    let told = |bytes: &[u8]| entries(&mut Reader::new(Path::new("x"), Cursor::new(bytes)).unwrap());
+    let told = |bytes: &[u8]| entries(&mut of(bytes).unwrap());
     assert_eq!(told(&other), told(&bytes)[..5]);
 }
 
@@ -141,7 +140,7 @@ fn channels_of_other_encodings_are_left_out_once_each() {
     }
     writer.finish().unwrap();
     drop(writer);
-    let mut reader = Reader::new(Path::new("x"), Cursor::new(&bytes)).unwrap();
+    let mut reader = of(&bytes).unwrap();
     let told = entries(&mut reader);
     assert!(told[0].starts_with("/j {} ") && told[1].contains("Encoding([0, 7])"), "{told:?}");
     let left_out = left_out(&reader);

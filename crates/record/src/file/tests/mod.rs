@@ -5,7 +5,8 @@ mod foreign;
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::ErrorKind;
+use std::io::{Cursor, ErrorKind};
+use std::path::Path;
 
 use mcap::MessageStream;
 use mcap::read::Options;
@@ -105,6 +106,14 @@ fn entries<R: std::io::Read + std::io::Seek>(reader: &mut Reader<R>) -> Vec<Stri
 
 fn left_out<R: std::io::Read + std::io::Seek>(reader: &Reader<R>) -> Vec<String> {
     reader.omissions().list().iter().map(ToString::to_string).collect()
+}
+
+fn of(bytes: &[u8]) -> Result<Reader<Cursor<&[u8]>>, FileError> {
+    Reader::new(Path::new("x"), Cursor::new(bytes))
+}
+
+fn findings(bytes: &[u8]) -> Vec<String> {
+    check_bytes(Path::new("x"), Cursor::new(bytes)).unwrap()
 }
 
 #[test]
@@ -208,9 +217,9 @@ fn a_chunk_ends_by_itself_when_it_is_large() {
 /// A disk that is full. The tests of the whole program fill a real one.
 #[test]
 fn an_error_of_the_disk_is_named_and_final() {
-    let path = std::path::Path::new("/dev/full");
+    let path = Path::new("/dev/full");
     let error = output::Output::create(path, "ros2", "").err().unwrap();
     assert!(error.to_string().starts_with("/dev/full cannot be created: "), "{error}");
-    let missing = IncidentFile::create(std::path::Path::new("/nowhere/a.mcap"), about()).err().unwrap();
+    let missing = IncidentFile::create(Path::new("/nowhere/a.mcap"), about()).err().unwrap();
     assert_eq!(missing.kind(), Some(ErrorKind::NotFound));
 }

@@ -3,11 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::time::MissedTickBehavior;
-
 use super::aggregate::{self, Level};
 use super::{OutputContext, OutputTopic, log, other_aggregators};
 use crate::Publisher;
+use crate::every;
 use crate::outbox::stopped;
 use telltale_engine::model::output::Publication;
 use telltale_engine::snapshot::Snapshot;
@@ -24,6 +23,7 @@ pub(super) async fn run(
     let of = |publication| context.topics.iter().find(|topic| topic.publication == publication).cloned();
     let (tree, top) = (of(Publication::DiagnosticsAgg), of(Publication::TopLevelState));
     let form = tree.as_ref().or(top.as_ref()).map(|it| it.tree.clone()).unwrap_or_default();
+    let every = |period: Span| every(Duration::from_nanos(period.as_nanos()));
     let mut trees = tree.as_ref().and_then(|it| it.period).map(every);
     let mut tops = top.as_ref().and_then(|it| it.period).map(every);
     let whole = |snapshot: &Snapshot| (snapshot.overall, aggregate::top_level(snapshot, &form));
@@ -33,14 +33,14 @@ pub(super) async fn run(
             () = stopped(&mut context.end) => return,
             () = tick(&mut trees) => Due { tree: true, top: false },
             () = tick(&mut tops) => Due { tree: false, top: true },
-            changed = context.snapshots.changed() => {
+            changed = context.snapshots.tools.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                told.changed(whole(&context.snapshots.borrow_and_update()))
+                told.changed(whole(&context.snapshots.tools.borrow_and_update()))
             }
         };
-        let snapshot = context.snapshots.borrow().clone();
+        let snapshot = context.snapshots.tools.borrow().clone();
         if let Some(OutputTopic { topic, .. }) = tree.as_ref().filter(|_| due.tree)
             && !others.silence(topic)
         {
@@ -76,12 +76,6 @@ impl Told {
         let is_worse = last.is_none_or(|(_, level)| now.1.is_worse_than(level));
         Due { tree: self.at_once && is_worse, top: last != Some(now) }
     }
-}
-
-fn every(period: Span) -> tokio::time::Interval {
-    let mut interval = tokio::time::interval(Duration::from_nanos(period.as_nanos()));
-    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    interval
 }
 
 async fn tick(interval: &mut Option<tokio::time::Interval>) {

@@ -37,7 +37,7 @@ impl VehicleMessage {
 }
 
 /// The messages that were sent last. A message that could not be sent is due again.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Levels {
     /// A request that is in force is repeated.
     pub every: Span,
@@ -53,29 +53,13 @@ pub struct Levels {
 impl Levels {
     /// A pose that was given before is not sent again: the vehicle has moved since.
     pub fn new(every: Span, before: &Snapshot) -> Levels {
-        Levels {
-            every,
-            deceleration: None,
-            maneuver_stop: None,
-            hold: None,
-            clearance: None,
-            stage: None,
-            pose: before.localization.number,
-        }
+        Levels { every, pose: before.localization.number, ..Levels::default() }
     }
 
     /// There is a new participant, so nobody heard the earlier messages. The pose is no level and stays
     /// sent.
     pub fn forget(&mut self) {
-        *self = Levels {
-            every: self.every,
-            pose: self.pose,
-            deceleration: None,
-            maneuver_stop: None,
-            hold: None,
-            clearance: None,
-            stage: None,
-        };
+        *self = Levels { every: self.every, pose: self.pose, ..Levels::default() };
     }
 
     /// The messages that are due now, most urgent first.

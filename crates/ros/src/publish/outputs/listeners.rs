@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::time::MissedTickBehavior;
-
 use super::{OutputContext, offer};
 use crate::Publisher;
+use crate::every;
 use crate::outbox::stopped;
 use telltale_engine::input::{Input, ListenerReport};
 use telltale_engine::model::output::{Output, Publication};
@@ -24,8 +23,7 @@ pub async fn watch(publisher: Arc<Publisher>, mut context: OutputContext) {
     let requests: Vec<(Output, Box<str>)> = context.topics.iter().filter_map(request).collect();
     let opened = context.clock.now();
     let mut told: BTreeMap<Output, bool> = BTreeMap::new();
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     loop {
         tokio::select! {
             () = stopped(&mut context.end) => return,

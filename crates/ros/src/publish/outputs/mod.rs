@@ -18,10 +18,10 @@ use std::time::Duration;
 
 use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
-use tokio::time::{Instant, MissedTickBehavior};
+use tokio::time::Instant;
 
-use crate::options::interfaces;
-use crate::options::interfaces::AddressWatch;
+use crate::every;
+use crate::options::interfaces::{self, AddressWatch};
 use crate::outbox::stopped;
 use crate::{BridgeError, BridgeOptions, Graph, PublishError, Publisher, Quality};
 pub use levels::{Levels, VehicleMessage};
@@ -31,10 +31,8 @@ use telltale_engine::model::output::{LogLevel, Output, Publication, TreeForm};
 use telltale_engine::model::sample::Pose;
 use telltale_engine::snapshot::{MapPose, Snapshot};
 use telltale_engine::time::Span;
-use telltale_msg::messages::GidSize;
-use telltale_msg::messages::encode;
-use telltale_msg::messages::encode::{Header, Motion};
-use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY};
+use telltale_msg::messages::encode::{self, Header, Motion};
+use telltale_msg::messages::{BOOL, DIAGNOSTIC_ARRAY, GidSize};
 use telltale_msg::received::Stamped;
 
 const STATUS: &str = "diagnostic_msgs/msg/DiagnosticStatus";
@@ -84,9 +82,18 @@ pub struct Outputs {
     task: JoinHandle<()>,
 }
 
+/// The latest snapshot, for each kind of output.
+#[derive(Debug, Clone)]
+pub struct Snapshots {
+    /// For the vehicle, which goes first.
+    pub vehicle: watch::Receiver<Arc<Snapshot>>,
+    /// For the tools of ROS 2.
+    pub tools: watch::Receiver<Arc<Snapshot>>,
+}
+
 /// State that outlives a participant.
 struct LastingState {
-    snapshots: watch::Receiver<Arc<Snapshot>>,
+    snapshots: Snapshots,
     inputs: mpsc::Sender<Stamped>,
     graph: Graph,
     clock: Clock,
@@ -96,7 +103,7 @@ struct LastingState {
 #[derive(Clone)]
 struct OutputContext {
     topics: Arc<[OutputTopic]>,
-    snapshots: watch::Receiver<Arc<Snapshot>>,
+    snapshots: Snapshots,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
     /// The end of this participant's life.
@@ -111,7 +118,7 @@ struct OutputContext {
 pub async fn start(
     options: BridgeOptions,
     topics: Vec<OutputTopic>,
-    snapshots: watch::Receiver<Arc<Snapshot>>,
+    snapshots: Snapshots,
     inputs: mpsc::Sender<Stamped>,
     graph: Graph,
     clock: Clock,
@@ -169,7 +176,7 @@ async fn run(
 ) {
     let LastingState { snapshots, inputs, graph, clock } = around;
     let node = format!("{}_outputs", options.node);
-    let mut levels = Levels::new(REPEAT, &snapshots.borrow());
+    let mut levels = Levels::new(REPEAT, &snapshots.vehicle.borrow());
     let mut next = Some(publisher);
     let mut refused = false;
     loop {
@@ -218,7 +225,7 @@ async fn run(
                 look_after(&publisher, &options, &mut wanted, &mut stop).await;
                 // The receivers live in the tasks; without tasks there is nothing to end.
                 let _ = ends.send(true);
-                levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.borrow()));
+                levels = control.await.unwrap_or_else(|_| Levels::new(REPEAT, &snapshots.vehicle.borrow()));
                 tasks.join_all().await;
                 if let Some(publisher) = Arc::into_inner(publisher) {
                     publisher.shutdown().await;
@@ -257,8 +264,7 @@ async fn look_after(
 ) {
     let now = interfaces::addresses().unwrap_or_default();
     let mut addresses = AddressWatch::new(options.interface, &now);
-    let mut looks = tokio::time::interval(LOOK);
-    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut looks = every(LOOK);
     let mut look = 0_u64;
     loop {
         tokio::select! {
@@ -287,7 +293,7 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
         levels.every = period;
     }
     loop {
-        let snapshot = context.snapshots.borrow_and_update().clone();
+        let snapshot = context.snapshots.vehicle.borrow_and_update().clone();
         for say in levels.due(&snapshot, context.clock.now()) {
             if speech.say(say, &context).await {
                 levels.said(say, context.clock.now());
@@ -303,7 +309,7 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
         tokio::select! {
             biased;
             () = stopped(&mut context.end) => break,
-            changed = context.snapshots.changed() => if changed.is_err() { break },
+            changed = context.snapshots.vehicle.changed() => if changed.is_err() { break },
             () = repeated => {}
         }
     }

@@ -30,7 +30,7 @@ pub async fn run(publisher: Arc<Publisher>, topic: OutputTopic, mut context: Out
     let mut rate = Bucket::new(RATE, context.clock.now());
     let mut left_out = 0_u64;
     let mut waiting: VecDeque<Arc<LogLine>> =
-        causes.news(&context.snapshots.borrow_and_update().clone()).into();
+        causes.news(&context.snapshots.tools.borrow_and_update().clone()).into();
     loop {
         while let Some(line) = waiting.pop_front() {
             if line.level < topic.level {
@@ -48,11 +48,11 @@ pub async fn run(publisher: Arc<Publisher>, topic: OutputTopic, mut context: Out
         }
         tokio::select! {
             () = stopped(&mut context.end) => return,
-            changed = context.snapshots.changed() => {
+            changed = context.snapshots.tools.changed() => {
                 if changed.is_err() {
                     return;
                 }
-                waiting.extend(causes.news(&context.snapshots.borrow_and_update().clone()));
+                waiting.extend(causes.news(&context.snapshots.tools.borrow_and_update().clone()));
             }
             line = lines.recv() => match line {
                 Ok(line) => waiting.push_back(line),

@@ -121,9 +121,6 @@ impl Knowledge {
 
 impl Known {
     /// Reads the records. One that was not written with the key says nothing.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn read(connection: &Connection, key: &Key) -> Result<Known, StoreError> {
         let places = vec!["?"; ACTIONS.len()].join(", ");
         let sql = format!(
@@ -193,9 +190,6 @@ impl Known {
     }
 
     /// What lies in the database and is in no record, in words.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn foreign(&self, connection: &Connection) -> Result<Vec<String>, StoreError> {
         let users = users(connection)?.into_iter().filter(|row| !self.knows(row)).map(|row| row.name);
         let tokens = tokens(connection)?.into_iter().filter(|row| !self.has_token(&row.mark));
@@ -205,9 +199,6 @@ impl Known {
 
     /// Removes what no record names from a copy of a damaged database. Records that know no user at all were damaged
     /// themselves: then all stay.
-    ///
-    /// # Errors
-    /// If the copy cannot be written.
     pub fn keep_known(&self, copy: &Connection) -> Result<Vec<String>, StoreError> {
         if self.users.is_empty() {
             return Ok(Vec::new());
@@ -223,9 +214,6 @@ impl Known {
     }
 
     /// The records that say again what is known only by records up to this number, which are pruned.
-    ///
-    /// # Errors
-    /// If the database fails.
     pub fn said_again(&self, connection: &Connection, number: u64) -> Result<Vec<Record>, StoreError> {
         let is_old_user = |row: &UserRow| {
             self.knows(row) && self.users.get(&row.name).is_some_and(|it| it.number <= number)
@@ -252,9 +240,6 @@ impl TokenRow {
 }
 
 /// Records that take all users and tokens as they are: after a repair, and where the log gets another key.
-///
-/// # Errors
-/// If the database fails.
 pub(crate) fn as_they_are(connection: &Connection) -> Result<Vec<Record>, StoreError> {
     let users = users(connection)?.into_iter().map(|row| row.kept());
     Ok(users.chain(tokens(connection)?.into_iter().map(|row| row.kept())).collect())

@@ -10,11 +10,10 @@ use std::time::SystemTime;
 use rusqlite::Connection;
 
 use super::salvage;
-use crate::DemoSecrets;
 use crate::audit::known::as_they_are;
 use crate::audit::{Action, COMMAND_LINE, Record};
 use crate::database::{backup, schema};
-use crate::{Database, FILE_NAME, Store, StoreError, history_damage};
+use crate::{Database, DemoSecrets, FILE_NAME, Store, StoreError, history_damage};
 use telltale_clock::Clock;
 
 /// The result of checking a data folder.

@@ -3,14 +3,11 @@
 use super::list::{flags, length};
 use super::plots::{Plot, plots};
 use super::sentences::{sentence, stage_word, state_word};
-use super::words::IncidentWords;
 use crate::developer::timeline::strips::{Painter, look_word, pattern};
 use crate::developer::timeline::{Tick, ticks};
 use crate::developer::why_address;
-use crate::developer::words::DevWords;
 use crate::incidents::{Read, wall_time};
-use crate::view::Lang;
-use crate::view::text::{MESSAGE, NAME, VALUE, clean, clean_lines};
+use crate::texts::{DevWords, IncidentWords, Lang, MESSAGE, NAME, VALUE, clean, clean_lines};
 use telltale_engine::event::Said;
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
@@ -196,7 +193,7 @@ impl Content {
             since,
             length: length(incident),
             stage: stage_word(lang, &summary.stage),
-            kinds: kinds(it, summary),
+            kinds: kinds(lang, summary),
             flags: flags(it, incident),
             note: note.map(|note| clean_lines(&note.text)).unwrap_or_default(),
             note_by: note.map(|note| clean(&note.by, NAME)).unwrap_or_default(),
@@ -244,8 +241,9 @@ pub(crate) fn broken(name: &str) -> String {
     escaped(&clean(name, 2 * NAME)).replace('/', "/<wbr>").replace('_', "_<wbr>")
 }
 
-fn kinds(it: &IncidentWords, summary: &Summary) -> String {
-    let mut kinds: Vec<&str> = summary.triggers.iter().map(|trigger| it.kind(&trigger.kind)).collect();
+fn kinds(lang: Lang, summary: &Summary) -> String {
+    let mut kinds: Vec<&str> =
+        summary.triggers.iter().map(|trigger| lang.trigger(&trigger.kind).unwrap_or(&trigger.kind)).collect();
     kinds.sort_unstable();
     kinds.dedup();
     clean(&kinds.join(", "), MESSAGE)
@@ -264,16 +262,7 @@ fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
 fn no_room(lang: Lang, recording: &Recording) -> Option<String> {
     let &Recording { left_out: count, left_out_bytes: bytes, .. } = recording;
     let bytes = size(bytes);
-    (count > 0).then(|| match lang {
-        Lang::En => format!(
-            "There was no room for {count} messages ({bytes}), most of them of large topics: the recording has only their times and sizes. \
-             `recording.disk` and the disk bound it."
-        ),
-        Lang::De => format!(
-            "Für {count} Nachrichten ({bytes}), die meisten von großen Topics, war kein Platz: Die Aufzeichnung enthält nur ihre Zeiten und Größen. \
-             `recording.disk` und die Platte begrenzen sie."
-        ),
-    })
+    (count > 0).then(|| lang.no_room(count, &bytes))
 }
 
 fn troubles(it: &IncidentWords, read: &Read, medium: Medium<'_>, since_ms: i64) -> Vec<String> {

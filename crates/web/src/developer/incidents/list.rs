@@ -4,16 +4,14 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::{Html, IntoResponse, Response};
 
-use super::words::IncidentWords;
 use crate::AppState;
 use crate::developer::pager::ROWS_MAX;
 use crate::developer::request::PageRequest;
 use crate::developer::{DevFrame, Page, PageQuery, frame};
-use crate::http::respond::refusal;
 use crate::incidents::{failed, wall_time};
+use crate::texts::{HttpError, IncidentWords, Lang, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean};
-use crate::view::{Lang, View, html};
+use crate::view::{View, html};
 use telltale_engine::model::Stage;
 use telltale_record::retention::{Policy, size};
 use telltale_record::writer::unix_ms;
@@ -68,17 +66,14 @@ struct ListHtml {
 }
 
 /// `GET /incidents?cause=TEXT&group=PATH&stage=STAGE&marked=true&kept=true&before=ID`
-pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response {
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Result<Response, HttpError> {
     let query = &request.query;
     let now_ms = unix_ms(app.clock.wall());
     let read = async {
         let found = found(&app, query).await?;
         Ok((found, app.store.incidents_on_disk(now_ms.saturating_sub(DAY_MS)).await?))
     };
-    let (found, on_disk) = match read.await {
-        Ok(read) => read,
-        Err(error) => return refusal(&request.reader, failed(error)),
-    };
+    let (found, on_disk) = read.await.map_err(failed)?;
     let state = app.settings.recording.as_ref();
     let policy = state.map(|state| *state.policy.borrow());
     let fault = state.and_then(|state| state.fault.borrow().as_deref().map(|why| clean(why, MESSAGE)));
@@ -117,7 +112,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Response 
         it,
         dev,
     };
-    Html(html(&page)).into_response()
+    Ok(Html(html(&page)).into_response())
 }
 
 /// One more than the page shows; for a file, all that fit the filter.
@@ -191,7 +186,7 @@ fn row(it: &'static IncidentWords, lang: Lang, incident: &Incident) -> Row {
         length: length(incident),
         causes: causes.iter().take(CAUSES).map(|cause| clean(cause, 2 * NAME)).collect(),
         more: causes.len().saturating_sub(CAUSES),
-        kinds: kinds.iter().map(|kind| clean(it.kind(kind), NAME)).collect(),
+        kinds: kinds.iter().map(|kind| clean(lang.trigger(kind).unwrap_or(kind), NAME)).collect(),
         stage: Stage::from_word(&summary.stage).map_or("", |stage| lang.stage(stage, true)),
         flags: flags(it, incident),
         size: size(summary.recording.bytes),
@@ -230,41 +225,12 @@ pub(super) fn flags(it: &IncidentWords, incident: &Incident) -> Vec<&'static str
 /// What the recordings take, and how long their share of the disk lasts if every day is as this one.
 fn on_disk_words(lang: Lang, on_disk: OnDisk, policy: Option<Policy>) -> String {
     let OnDisk { count, bytes, bytes_since } = on_disk;
-    let (all, today) = (size(bytes), size(bytes_since));
-    let taken = match (lang, policy) {
-        (Lang::En, Some(policy)) => format!("{count} recorded: {all} of {} on the disk.", size(policy.disk)),
-        (Lang::En, None) => format!("{count} recorded: {all} on the disk."),
-        (Lang::De, Some(policy)) => {
-            format!("{count} aufgezeichnet: {all} von {} auf der Platte.", size(policy.disk))
-        }
-        (Lang::De, None) => format!("{count} aufgezeichnet: {all} auf der Platte."),
-    };
+    let disk = policy.map(|policy| size(policy.disk));
+    let taken = lang.on_disk(disk.as_deref(), count, &size(bytes));
     let Some(policy) = policy else { return taken };
     let keep_days = policy.keep.as_nanos() / (DAY_MS as u64 * 1_000_000);
-    let left = policy.disk.saturating_sub(bytes);
-    let days = left.checked_div(bytes_since);
-    let rate = match (lang, days) {
-        (Lang::En, None) => "Nothing in the last 24 hours.".to_owned(),
-        (Lang::De, None) => "Nichts in den letzten 24 Stunden.".to_owned(),
-        (Lang::En, Some(0)) => {
-            format!("{today} in the last 24 hours: at this rate the oldest go within a day.")
-        }
-        (Lang::De, Some(0)) => {
-            format!("{today} in den letzten 24 Stunden: So gehen die ältesten binnen eines Tages.")
-        }
-        (Lang::En, Some(days)) if days >= keep_days => format!(
-            "{today} in the last 24 hours: at this rate there is room for all {keep_days} days that recordings are kept."
-        ),
-        (Lang::De, Some(days)) if days >= keep_days => format!(
-            "{today} in den letzten 24 Stunden: So reicht der Platz für alle {keep_days} Tage, die Aufzeichnungen bleiben."
-        ),
-        (Lang::En, Some(days)) => {
-            format!("{today} in the last 24 hours: at this rate there is room for {days} more days.")
-        }
-        (Lang::De, Some(days)) => {
-            format!("{today} in den letzten 24 Stunden: So reicht der Platz für weitere {days} Tage.")
-        }
-    };
+    let days = policy.disk.saturating_sub(bytes).checked_div(bytes_since);
+    let rate = lang.disk_lasts(days, keep_days, &size(bytes_since));
     format!("{taken} {rate}")
 }
 

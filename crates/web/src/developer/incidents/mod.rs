@@ -7,4 +7,3 @@ pub(super) mod plots;
 pub mod report;
 pub(crate) mod sentences;
 pub mod what_if;
-pub(crate) mod words;

@@ -10,8 +10,8 @@ use super::report;
 use crate::AppState;
 use crate::developer::request::PageRequest;
 use crate::developer::{DevFrame, Page, frame};
-use crate::http::respond::refusal;
 use crate::incidents::{Read, download, find, story};
+use crate::texts::HttpError;
 use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
 use telltale_record::proof::Proof;
@@ -40,20 +40,17 @@ pub async fn get(
     Path(id): Path<String>,
     page: PageRequest,
     request: Request,
-) -> Response {
+) -> Result<Response, HttpError> {
     if let Some(id) = id.strip_suffix(".mcap") {
-        return download(&app, id, page.reader, request).await;
+        return download(&app, id, request).await;
     }
     if let Some(id) = id.strip_suffix(".html") {
         return report::get(&app, id, &page.reader).await;
     }
-    let incident = match find(&app, &id).await {
-        Ok(incident) => incident,
-        Err(trouble) => return refusal(&page.reader, trouble),
-    };
+    let incident = find(&app, &id).await?;
     let (read, proof) = story(&app, &incident.summary).await;
     let has_what_if = app.settings.what_if.is_some();
-    Html(html(&one(&page, &incident, (&read, &proof), has_what_if))).into_response()
+    Ok(Html(html(&one(&page, &incident, (&read, &proof), has_what_if))).into_response())
 }
 
 fn one(

@@ -3,8 +3,7 @@
 use std::fmt::Write as _;
 
 use super::content::broken;
-use super::words::IncidentWords;
-use crate::view::text::{NAME, clean};
+use crate::texts::{IncidentWords, NAME, clean};
 use telltale_record::story::{Series, Story};
 
 /// The box in which a line is drawn.
@@ -78,7 +77,7 @@ fn rounded(number: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::Lang;
+    use crate::texts::Lang;
     use telltale_record::story::Limit;
 
     #[test]

@@ -1,8 +1,6 @@
 //! What happened, in sentences.
 
-use super::words::IncidentWords;
-use crate::view::Lang;
-use crate::view::text::{MESSAGE, NAME, clean};
+use crate::texts::{IncidentWords, Lang, MESSAGE, NAME, clean};
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::{Span, how_long};
@@ -27,111 +25,40 @@ pub(super) fn sentence(lang: Lang, what: &Happened) -> String {
         }
         all.join(", ")
     };
-    let text = |en: String, de: String| if lang == Lang::De { de } else { en };
-    match what {
+    let quoted = |note: &str, before: &str| match clean(note, MESSAGE) {
+        note if note.is_empty() => note,
+        note => format!("{before}\u{201c}{note}\u{201d}"),
+    };
+    let of_deed = |action: &str| lang.deed(action).unwrap_or(action).to_owned();
+    let (of, other) = match what {
         Happened::Fails { node, state, message } => {
-            let (node, word) = (name(node), state_word(lang, state));
-            match clean(message, MESSAGE) {
-                message if message.is_empty() => format!("{node}: {word}"),
-                message => format!("{node}: {word}, \u{201c}{message}\u{201d}"),
-            }
+            (name(node), state_word(lang, state).to_owned() + &quoted(message, ", "))
         }
-        Happened::FailsBehind { node } => {
-            let (node, word) = (name(node), lang.state(State::Error));
-            text(
-                format!("{node}: {word}, hidden by its cause"),
-                format!("{node}: {word}, verdeckt von der Ursache"),
-            )
-        }
-        Happened::Masks { by, nodes, more } => {
-            let (by, nodes) = (name(by), names(nodes, *more));
-            text(format!("{by} hides: {nodes}"), format!("{by} verdeckt: {nodes}"))
-        }
-        Happened::Recovers { nodes, more } => {
-            let nodes = names(nodes, *more);
-            text(format!("OK again: {nodes}"), format!("Wieder OK: {nodes}"))
-        }
-        Happened::AlarmMoves { symptom, node } => {
-            let (symptom, node) = (name(symptom), name(node));
-            text(
-                format!("{symptom} was a symptom: the cause is {node}"),
-                format!("{symptom} war eine Folge: Die Ursache ist {node}"),
-            )
-        }
-        Happened::Stage { stage } => {
-            let stage = stage_word(lang, stage);
-            text(format!("The vehicle: {stage}"), format!("Das Fahrzeug: {stage}"))
-        }
+        Happened::FailsBehind { node } => (name(node), lang.state(State::Error).to_owned()),
+        Happened::Masks { by, nodes, more } => (name(by), names(nodes, *more)),
+        Happened::Recovers { nodes, more } => (String::new(), names(nodes, *more)),
+        Happened::AlarmMoves { symptom, node } => (name(node), name(symptom)),
+        Happened::Stage { stage } => (String::new(), stage_word(lang, stage).to_owned()),
         Happened::Signal { signal, value } => {
-            let value = value.map_or("unknown", |value| if value { "true" } else { "false" });
-            text(format!("Signal {}: {value}", name(signal)), format!("Signal {}: {value}", name(signal)))
+            (name(signal), value.map_or("unknown".to_owned(), |value| value.to_string()))
         }
-        Happened::LostActive { .. } => text(
-            "Autonomous driving ended while the vehicle was not known to stand".to_owned(),
-            "Autonomes Fahren endete, ohne dass das Fahrzeug sicher stand".to_owned(),
-        ),
         Happened::Request { request } => {
-            let request = match (lang, &**request) {
-                (Lang::En, "decelerate") => "slow down".to_owned(),
-                (Lang::De, "decelerate") => "abbremsen".to_owned(),
-                (Lang::En, "maneuver_stop") => "stop safely".to_owned(),
-                (Lang::De, "maneuver_stop") => "sicher anhalten".to_owned(),
-                (_, other) => name(other),
-            };
-            text(format!("The vehicle is asked to {request}"), format!("Das Fahrzeug soll {request}"))
+            (String::new(), lang.asked_to(request).map_or_else(|| name(request), str::to_owned))
         }
-        Happened::Mark { by, note } => {
-            let (by, note) = (name(by), clean(note, MESSAGE));
-            let said = if note.is_empty() { note } else { format!(": \u{201c}{note}\u{201d}") };
-            text(format!("Marked by {by}{said}"), format!("Markiert von {by}{said}"))
+        Happened::Mark { by, note } => (name(by), quoted(note, ": ")),
+        Happened::Operator { action, on } => (name(on), of_deed(action)),
+        Happened::Refused { action, on, by, .. } => (name(by), format!("{} {}", of_deed(action), name(on))),
+        Happened::ClockSet { by_ms } => (String::new(), how_long(Span::from_millis(by_ms.unsigned_abs()))),
+        Happened::LostActive { .. } | Happened::Reload | Happened::Lost { .. } | Happened::Interrupted => {
+            (String::new(), String::new())
         }
-        Happened::Operator { action, on } => {
-            let (en, de) = operator(action);
-            let on = name(on);
-            text(format!("The operator {en} {on}"), format!("Fahrbegleitung: {de} {on}"))
-                .trim_end()
-                .to_owned()
+    };
+    let said = lang.happened(what, &of, &other);
+    match what {
+        Happened::Refused { why, why_de, .. } => {
+            lang.refused_deed(said.trim_end(), &clean(lang.choose(why, why_de), MESSAGE))
         }
-        Happened::Refused { action, on, by, why, why_de } => {
-            let (en, de) = operator(action);
-            let (on, by) = (name(on), name(by));
-            let [why, why_de] = [why, why_de].map(|why| clean(why, MESSAGE));
-            text(
-                format!("The operator {by} {en} {on}").trim_end().to_owned() + &format!(". Refused: {why}"),
-                format!("Fahrbegleitung {by}: {de} {on}").trim_end().to_owned()
-                    + &format!(". Abgelehnt: {why_de}"),
-            )
-        }
-        Happened::ClockSet { by_ms } => {
-            let long = how_long(Span::from_millis(by_ms.unsigned_abs()));
-            let (en, de) = if *by_ms < 0 { ("back", "zurück") } else { ("forward", "vor") };
-            text(
-                format!("The clock was set {en} by {long}, which the times here do not follow"),
-                format!("Die Uhr wurde um {long} {de}gestellt; die Zeiten hier laufen gleichmäßig weiter"),
-            )
-        }
-        Happened::Reload => IncidentWords::of(lang).reloaded.to_owned(),
-        Happened::Lost { count } => text(
-            format!("{count} changes before this are missing"),
-            format!("{count} Änderungen davor fehlen"),
-        ),
-        Happened::Interrupted => IncidentWords::of(lang).interrupted_here.to_owned(),
-    }
-}
-
-/// What the operator did, or tried to do.
-fn operator(action: &str) -> (&str, &str) {
-    match action {
-        "login" => ("logs in:", "Anmeldung:"),
-        "logout" => ("logs out", "Abmeldung"),
-        "shutdown" => ("ends the work", "Dienstende"),
-        "localize" => ("says where the vehicle is", "Positionsangabe"),
-        "clearance" => ("presses: give clearance", "drückt: Freigabe"),
-        "stop" => ("presses STOP", "drückt STOPP"),
-        "withdraw" => ("withdraws the clearance", "widerruft die Freigabe"),
-        "release" => ("presses: continue driving", "drückt: Weiterfahrt"),
-        "acknowledge" => ("acknowledges", "quittiert"),
-        "reset" => ("resets", "setzt zurück:"),
-        other => (other, other),
+        Happened::Operator { .. } => said.trim_end().to_owned(),
+        _ => said,
     }
 }

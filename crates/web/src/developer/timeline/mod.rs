@@ -12,11 +12,10 @@ use crate::AppState;
 use crate::incidents::wall_ms;
 use crate::incidents::wall_time as wall;
 use crate::source::{Source, gap_marks};
-use telltale_engine::model::Stage;
 
 use super::request::PageRequest;
+use crate::texts::{DevWords, NAME, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{NAME, clean};
 use crate::view::{PageContext, View, html};
 use telltale_engine::time::Timestamp;
 use telltale_picture::bars::patterns;
@@ -25,7 +24,6 @@ use telltale_runtime::Published;
 use telltale_store::{HistoryQuery, Past, PastEvent};
 
 use super::page_query::is_clean;
-use super::words::DevWords;
 use super::{DevFrame, Page, PageQuery};
 use strips::{StripHtml, StripKind, TimelineStrips};
 
@@ -191,14 +189,7 @@ fn unasked_s(published: &Published) -> u64 {
 pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Html<String> {
     let PageRequest { published, context, query, .. } = request;
     let window = Window::of(&published, &query);
-    let past = match &app.settings.history {
-        // While the vehicle is locked, its past is not shown either.
-        Some(history) if published.snapshot.stage != Stage::Locked => {
-            let past = history.past(window.query.clone()).await;
-            past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read")).ok()
-        }
-        _ => None,
-    };
+    let past = app.past(&published, |history| history.past(window.query.clone())).await.ok();
     let gaps = match &app.source {
         Source::Live(_) => String::new(),
         Source::Replay(replay) => gap_marks(&replay.gaps, window.query.from_ms, window.query.to_ms),

@@ -1,7 +1,6 @@
 //! The strips of the timeline: the stage, nodes and signals, with their states at the selected moment.
 
-use crate::view::Lang;
-use crate::view::text::{MESSAGE, NAME, clean};
+use crate::texts::{DevWords, Lang, MESSAGE, NAME, clean};
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
@@ -9,7 +8,6 @@ use telltale_picture::bars::{Bar, word};
 use telltale_picture::strips::{Axis, Look, Segment, class, recorded, stamp};
 use telltale_store::{NodePast, Past, Period};
 
-use super::super::words::DevWords;
 use super::super::{PageQuery, why_address};
 use super::{Window, clock, percent};
 use crate::developer::page_query::address;

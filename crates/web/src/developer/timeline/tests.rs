@@ -2,10 +2,12 @@
 
 use super::*;
 use crate::developer::tests::{english, holds, query};
+use crate::texts::Lang;
+use crate::view::Palette;
 use crate::view::tests::context;
 use crate::view::tests::sample::Sample;
-use crate::view::{Lang, Palette};
 use telltale_engine::event::Said;
+use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
 use telltale_store::{NodePast, Period, Stretch};

@@ -12,8 +12,8 @@ use crate::AppState;
 use crate::source::Source;
 
 use super::request::PageRequest;
+use crate::texts::{DevWords, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean};
 use crate::view::{PageContext, View, html};
 use telltale_engine::discovery::{Discovery, Endpoint, Mismatch, TopicSeen};
 use telltale_record::recorder::Meter;
@@ -21,7 +21,6 @@ use telltale_record::retention::size;
 use telltale_runtime::Published;
 
 use super::pager::Pager;
-use super::words::DevWords;
 use super::{DevFrame, Page, PageQuery};
 
 /// Rows of one page.
@@ -183,8 +182,9 @@ fn endpoints(endpoints: &[Endpoint], ours: bool) -> EndpointList {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::texts::Lang;
+    use crate::view::Palette;
     use crate::view::tests::{context, jump};
-    use crate::view::{Lang, Palette};
     use telltale_engine::time::{Span, Timestamp};
     use telltale_record::ring::Held;
 

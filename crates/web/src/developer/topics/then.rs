@@ -5,8 +5,8 @@ use askama::Template;
 use crate::developer::pager::Pager;
 use crate::developer::{DevFrame, Page, PageQuery, frame};
 use crate::incidents::wall_time;
+use crate::texts::{MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean};
 use crate::view::{PageContext, View, html};
 use telltale_record::retention::size;
 use telltale_record::writer::unix_ms;
@@ -73,8 +73,9 @@ fn row(then: &FlowThen, at_ms: i64) -> Row {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::texts::Lang;
+    use crate::view::Palette;
     use crate::view::tests::{context, jump};
-    use crate::view::{Lang, Palette};
     use telltale_record::file::Channel;
 
     #[test]

@@ -1,7 +1,7 @@
 //! The part of the configuration that describes a node.
 
 use crate::developer::page_query::address;
-use crate::view::text::{NAME, clean, clean_lines};
+use crate::texts::{NAME, clean, clean_lines};
 use telltale_runtime::Written;
 
 /// Lines that are shown, and lines of comments above them.

@@ -4,7 +4,6 @@
 mod excerpt;
 mod past;
 mod plots;
-mod words;
 
 use std::sync::Arc;
 
@@ -14,16 +13,13 @@ use axum::extract;
 use axum::response::{Html, IntoResponse, Response};
 
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::refusal;
+use crate::texts::{DevWords, HttpError, MESSAGE, NAME, clean};
 
 use super::request::PageRequest;
 use crate::incidents::wall_time;
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean};
-use crate::view::{Lang, PageContext, Trends, View, html};
+use crate::view::{PageContext, Trends, View, html};
 use telltale_engine::model::{NodeId, Stage};
-use telltale_engine::state::State;
 use telltale_engine::view::why::WhyStep;
 use telltale_picture::bars::patterns;
 use telltale_picture::graph::Drawing;
@@ -36,7 +32,6 @@ use super::{DevFrame, NodeLink, Page, PageQuery, graph};
 use excerpt::{Excerpt, excerpt};
 use past::{NodeStates, states};
 use plots::{Plots, plots};
-use words::NodeWords;
 
 /// Nodes named in one step; a group may have thousands of members.
 const NAMED: usize = 20;
@@ -76,7 +71,6 @@ struct IncidentRow {
 struct WhyHtml {
     frame: PageFrame,
     dev: DevFrame,
-    it: &'static NodeWords,
     node: String,
     state: &'static str,
     word: &'static str,
@@ -114,18 +108,21 @@ struct WhyHtml {
 }
 
 /// `GET /developer/why?node=group/module&span=SECONDS&until=MS`
-pub async fn get(extract::State(app): extract::State<AppState>, request: PageRequest) -> Response {
-    let PageRequest { published, context, query, reader, .. } = request;
+pub async fn get(
+    extract::State(app): extract::State<AppState>,
+    request: PageRequest,
+) -> Result<Response, HttpError> {
+    let PageRequest { published, context, query, .. } = request;
     let Some(node) = published.snapshot.node(query.get("node")) else {
-        return refusal(&reader, HttpError::NotFound);
+        return Err(HttpError::NotFound);
     };
     let window = Window::over(&published, &only(&query), SPAN_S);
     let read = match published.snapshot.stage {
         // While the vehicle is locked, its past is not shown either.
         Stage::Locked => NodeRead::default(),
-        _ => read(&app, &window, node, &context).await,
+        _ => read(&app, &published, &window, node, &context).await,
     };
-    Html(page((&published, &app.trends), node, &context, (&query, &window), &read)).into_response()
+    Ok(Html(page((&published, &app.trends), node, &context, (&query, &window), &read)).into_response())
 }
 
 /// One node, with the span of time.
@@ -134,14 +131,14 @@ fn only(query: &PageQuery) -> PageQuery {
     PageQuery::of(kept.into())
 }
 
-async fn read(app: &AppState, window: &Window, node: NodeId, context: &PageContext) -> NodeRead {
-    let past = match &app.settings.history {
-        Some(history) => {
-            let past = history.past(window.query.clone()).await;
-            past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read")).ok()
-        }
-        None => None,
-    };
+async fn read(
+    app: &AppState,
+    published: &Published,
+    window: &Window,
+    node: NodeId,
+    context: &PageContext,
+) -> NodeRead {
+    let past = app.past(published, |history| history.past(window.query.clone())).await.ok();
     let name = window.query.nodes.first().cloned().unwrap_or_default();
     let filter = match node {
         // Causes stand on lines of their own.
@@ -174,7 +171,6 @@ pub fn page(
     let link = |node: NodeId| NodeLink::of(view, node);
     let mut dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
     dev.title = format!("{}: {name}", dev.words.why);
-    let it = NodeWords::of(context.lang);
     let (state, _) = snapshot.shown(node);
     let steps = snapshot.why(node).into_iter().map(|step| {
         let (text, nodes) = explain(view, &step);
@@ -233,7 +229,6 @@ pub fn page(
         has_incidents: !context.replay,
         node: name,
         frame: super::frame(context),
-        it,
         dev,
     };
     match node {
@@ -241,6 +236,7 @@ pub fn page(
             let (info, module) = snapshot.module(id);
             page.since = view.wall(module.since);
             page.message = view.message_text(module);
+            let it = DevWords::of(view.lang);
             let facts = [
                 (it.status, info.status.as_deref().unwrap_or_default()),
                 (it.monitor, info.kind),
@@ -282,71 +278,29 @@ fn incident_row(incident: &Incident) -> IncidentRow {
 }
 
 fn explain(view: &View<'_>, step: &WhyStep) -> (String, Vec<NodeId>) {
-    let lang = view.lang;
-    let state = |state: State| lang.state(state).to_owned();
-    let text = |en: &str, de: &str| match lang {
-        Lang::En => en.to_owned(),
-        Lang::De => de.to_owned(),
+    let what = match step {
+        WhyStep::OnlyFrom(writers) => clean(&writers.join(", "), 2 * NAME),
+        WhyStep::Reported(is) | WhyStep::Silent(is) | WhyStep::Debounced(is) | WhyStep::Shown(is) => {
+            view.lang.state(*is).to_owned()
+        }
+        WhyStep::Members { own, .. } => view.lang.state(*own).to_owned(),
+        WhyStep::NotRelevant(because) => view.lang.not_relevant(because, &view.snapshot.layout),
+        WhyStep::Waits { holder, .. } => clean(view.snapshot.node_name(*holder), 2 * NAME),
+        _ => String::new(),
     };
-    match step {
-        WhyStep::OnlyFrom(writers) => {
-            let only = text("It counts only from", "Es zählt nur von");
-            (format!("{only} {}.", clean(&writers.join(", "), 2 * NAME)), Vec::new())
-        }
-        WhyStep::NeverReported => (text("It has never reported.", "Es hat sich nie gemeldet."), Vec::new()),
-        WhyStep::Reported(is) => (format!("{}: {}", text("It reports", "Es meldet"), state(*is)), Vec::new()),
-        WhyStep::Silent(is) => {
-            let silent = text(
-                "Nothing came for its timeout; it counts as",
-                "Nichts kam innerhalb der Frist; es gilt als",
-            );
-            (format!("{silent}: {}", state(*is)), Vec::new())
-        }
-        WhyStep::Debounced(is) => {
-            let still = text(
-                "The change is too fresh; it still counts as",
-                "Der Wechsel ist zu frisch; es gilt noch als",
-            );
-            (format!("{still}: {}", state(*is)), Vec::new())
-        }
-        WhyStep::Latched => (
-            text("An error is held until it is reset.", "Ein Fehler wird bis zum Zurücksetzen festgehalten."),
-            Vec::new(),
-        ),
-        WhyStep::Grace => {
-            (text("It is given time to report.", "Es hat noch Zeit, sich zu melden."), Vec::new())
-        }
-        WhyStep::Members { own, responsible } => {
-            let members =
-                text("Its members make it, by themselves,", "Seine Teile ergeben, für sich genommen,");
-            (format!("{members} {}", state(*own)), responsible.clone())
-        }
-        WhyStep::NotRelevant(because) => {
-            let out = text("It does not matter now", "Es ist jetzt nicht wichtig");
-            (format!("{out}: {}", lang.not_relevant(because, &view.snapshot.layout)), Vec::new())
-        }
-        WhyStep::Waits { holder, on } => {
-            let needs = text("needs what fails or waits itself", "braucht, was ausfällt oder selbst wartet");
-            (format!("{} {needs}", clean(view.snapshot.node_name(*holder), 2 * NAME)), vec![*on])
-        }
-        WhyStep::Masked { by } => {
-            (text("It is put aside because of", "Es wird zurückgestellt wegen"), by.clone())
-        }
-        WhyStep::SecondFault => (
-            text(
-                "A fault of its own: none of these began near it.",
-                "Eine eigene Störung: Keine davon begann zur gleichen Zeit.",
-            ),
-            Vec::new(),
-        ),
-        WhyStep::Shown(is) => (format!("{}: {}", text("It shows", "Es zeigt"), state(*is)), Vec::new()),
-    }
+    let nodes = match step {
+        WhyStep::Members { responsible: nodes, .. } | WhyStep::Masked { by: nodes } => nodes.clone(),
+        WhyStep::Waits { on, .. } => vec![*on],
+        _ => Vec::new(),
+    };
+    (view.lang.why_step(step, &what), nodes)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::developer::tests::{english, holds, query};
+    use crate::texts::Lang;
     use crate::view::tests::jump;
 
     #[test]

@@ -4,10 +4,8 @@ use crate::developer::PageQuery;
 use crate::developer::timeline::strips::{Painter, StripHtml, TimelineStrips, look_word, state_of};
 use crate::developer::timeline::{Tick, Window, ticks};
 use crate::developer::why_address;
-use crate::developer::words::DevWords;
 use crate::incidents::wall_time;
-use crate::view::Lang;
-use crate::view::text::{NAME, clean};
+use crate::texts::{DevWords, Lang, NAME, clean};
 use telltale_picture::strips::{Segment, recorded, stamp};
 use telltale_store::{NodePast, Past};
 

@@ -95,6 +95,11 @@ impl Frame {
         self.changes(shown, Some(details))
     }
 
+    /// Whether a panel behind a tile changed since this revision.
+    pub fn has_details_since(&self, details: Version) -> bool {
+        self.parts.iter().any(|part| part.is_detail() && part.changed > details)
+    }
+
     fn changes(&self, shown: Version, details: Option<Version>) -> Option<Utf8Bytes> {
         let is_new = |part: &&Part| {
             let shown = if part.is_detail() { details } else { Some(shown) };

@@ -25,9 +25,10 @@ pub use parts::{Form, Sent, modules};
 pub use schema::{Snapshot as SnapshotSchema, StreamMessage};
 
 use crate::schema::schema_of;
+use crate::texts::Lang;
 use crate::view;
 use crate::view::versions::{Seen, Versions};
-use crate::view::{Lang, RecorderState, Trends, permitted};
+use crate::view::{RecorderState, Trends, permitted};
 use parts::Parts;
 use telltale_engine::time::Timestamp;
 use telltale_runtime::Published;

@@ -8,11 +8,9 @@ use telltale_engine::snapshot::{Moving, Unreached};
 use telltale_engine::state::State;
 
 use super::clearance_checks::Check;
+use crate::texts::{ID, NAME, Words, clean};
 use crate::view::faults::instruction;
-use crate::view::text::{ID, NAME, clean};
 use crate::view::versions::Aspect;
-use crate::view::words::Words;
-use crate::view::words::action_words::StepWords;
 use crate::view::{Fragment, View, html, requests};
 
 /// Stops that have room in the bar; more of them stand on a sheet of their own.
@@ -29,7 +27,6 @@ pub struct StopHtml {
 #[template(path = "partials/step.html")]
 struct StepHtml {
     words: &'static Words,
-    steps: &'static StepWords,
     swap: bool,
     version: u64,
     clearance_version: u64,
@@ -74,7 +71,6 @@ pub fn step(view: &View<'_>) -> Fragment {
     let snapshot = view.snapshot;
     let html = html(&StepHtml {
         words: view.words,
-        steps: view.lang.steps(),
         swap: view.swap,
         version: view.seen.of(Aspect::Stage),
         clearance_version: view.seen.of(Aspect::Clearance),
@@ -88,7 +84,6 @@ pub fn step(view: &View<'_>) -> Fragment {
 
 fn of_stage(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
-    let steps = view.lang.steps();
     match snapshot.stage {
         Stage::Locked => {
             NextStep::Watch { icon: "lock", title: view.words.log_in_to_start, text: String::new() }
@@ -106,7 +101,7 @@ fn of_stage(view: &View<'_>) -> NextStep {
             NextStep::Watch { icon: "ready", title: view.lang.runs(snapshot), text: condition(view) }
         }
         Stage::Active if view.has_stages() && snapshot.operator.is_none() => {
-            NextStep::Watch { icon: "drive", title: steps.drives, text: condition(view) }
+            NextStep::Watch { icon: "drive", title: view.words.drives, text: condition(view) }
         }
         Stage::Cleared | Stage::Active => NextStep::Drive(drive(view)),
     }
@@ -124,11 +119,10 @@ fn stop(view: &View<'_>) -> Option<StopButton> {
 
 fn drive(view: &View<'_>) -> Drive {
     let snapshot = view.snapshot;
-    let steps = view.lang.steps();
     let unreached = snapshot.unreached(Output::ManeuverStop).filter(|_| view.has_stages());
     let unreached = unreached.map(|why| match why {
-        Unreached::Unheard => steps.no_listener,
-        Unreached::Unpublished => steps.not_stoppable,
+        Unreached::Unheard => view.words.no_listener,
+        Unreached::Unpublished => view.words.not_stoppable,
     });
     let cleared = snapshot.stage == Stage::Cleared;
     let release = requests::waits_for_release(view);
@@ -140,31 +134,31 @@ fn drive(view: &View<'_>) -> Drive {
         _ if cleared => ("ready", "", String::new()),
         // A vehicle that stands has nothing to respond to.
         Some(_) if release && stands && request.is_some_and(requests::is_engaged) => {
-            ("idle", steps.held_until, condition(view))
+            ("idle", view.words.held_until, condition(view))
         }
-        Some(progress) if release && stands => ("idle", steps.held_until, progress.to_owned()),
+        Some(progress) if release && stands => ("idle", view.words.held_until, progress.to_owned()),
         Some(_) if stands && request.is_some_and(requests::is_engaged) => {
-            ("idle", steps.held_back, String::new())
+            ("idle", view.words.held_back, String::new())
         }
         Some(progress) if snapshot.stop_requested() => ("stop", progress, String::new()),
         Some(progress) => ("slow", progress, String::new()),
-        None => ("drive", steps.drives, String::new()),
+        None => ("drive", view.words.drives, String::new()),
     };
     Drive { release, withdraw: cleared, icon, title, text: unreached.map_or(text, str::to_owned) }
 }
 
 fn locating(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
-    let steps = view.lang.steps();
     let at = snapshot.localization.pose.and_then(|pose| {
         let stop = snapshot.layout.stops.iter().find(|stop| pose == (*stop).into())?;
         Some(view.lang.pick(&stop.name, NAME))
     });
     if instruction::is_wrong_stop(view) {
-        let text = at.map(|name| format!("{}: {name}", steps.chosen)).unwrap_or_default();
-        return NextStep::Locating { title: steps.stop_is_wrong.to_owned(), text };
+        let text = at.map(|name| format!("{}: {name}", view.words.chosen)).unwrap_or_default();
+        return NextStep::Locating { title: view.words.stop_is_wrong.to_owned(), text };
     }
-    let title = at.map_or_else(|| steps.locating.to_owned(), |name| format!("{}: {name}", steps.locating));
+    let title =
+        at.map_or_else(|| view.words.locating.to_owned(), |name| format!("{}: {name}", view.words.locating));
     let group = match snapshot.node(LOCALIZATION_GROUP) {
         Some(NodeId::Group(id)) => {
             let (_, group) = snapshot.group(id);
@@ -174,7 +168,7 @@ fn locating(view: &View<'_>) -> NextStep {
         }
         _ => String::new(),
     };
-    let hint = if snapshot.localization.ok_since.is_some() { "" } else { steps.locating_long };
+    let hint = if snapshot.localization.ok_since.is_some() { "" } else { view.words.locating_long };
     NextStep::Locating { title, text: format!("{group}{hint}") }
 }
 
@@ -185,10 +179,9 @@ fn clear(view: &View<'_>) -> NextStep {
 
 /// The condition of the vehicle. What to do about it stands beside the causes.
 fn condition(view: &View<'_>) -> String {
-    let steps = view.lang.steps();
     match view.snapshot.overall {
-        State::Ok | State::Ignore => steps.nothing_wrong.to_owned(),
-        State::Unknown => steps.no_sight.to_owned(),
+        State::Ok | State::Ignore => view.words.nothing_wrong.to_owned(),
+        State::Unknown => view.words.no_sight.to_owned(),
         state @ (State::Warning | State::Error) => {
             let tiles = view.board.tiles.iter().copied();
             let names: Vec<String> = tiles
@@ -198,7 +191,7 @@ fn condition(view: &View<'_>) -> String {
             if names.is_empty() {
                 view.lang.state(state).to_owned()
             } else {
-                view.lang.not_fit(&names.join(", "), state)
+                view.lang.not_fit(state, &names.join(", "))
             }
         }
     }
@@ -206,14 +199,13 @@ fn condition(view: &View<'_>) -> String {
 
 /// The stops of the configuration, the one where the vehicle was last known to be first.
 fn stops(view: &View<'_>) -> Vec<StopHtml> {
-    let steps = view.lang.steps();
     let last = view.snapshot.localization.last_known;
     let stop = |stop: &Stop| StopHtml {
         id: clean(&stop.id, ID),
         name: view.lang.pick(&stop.name, NAME),
         known: last
             .filter(|place| place.pose == stop.into())
-            .map(|place| if place.driven { steps.driven_here } else { steps.chosen_here }),
+            .map(|place| if place.driven { view.words.driven_here } else { view.words.chosen_here }),
     };
     let mut stops: Vec<_> = view.snapshot.layout.stops.iter().map(stop).collect();
     stops.sort_by_key(|stop| stop.known.is_none());
@@ -223,7 +215,7 @@ fn stops(view: &View<'_>) -> Vec<StopHtml> {
 #[derive(Template)]
 #[template(path = "partials/stops.html")]
 struct StopsHtml {
-    steps: &'static StepWords,
+    words: &'static Words,
     swap: bool,
     replay: bool,
     version: u64,
@@ -232,10 +224,9 @@ struct StopsHtml {
 
 /// All stops as buttons, for the sheet.
 pub fn all_stops(view: &View<'_>) -> Fragment {
-    let steps = view.lang.steps();
     let version = view.seen.of(Aspect::Stage);
     let (swap, replay) = (view.swap, view.replay);
-    let html = html(&StopsHtml { steps, swap, replay, version, stops: stops(view) });
+    let html = html(&StopsHtml { words: view.words, swap, replay, version, stops: stops(view) });
     Fragment { id: "all-stops".to_owned(), html }
 }
 

@@ -7,8 +7,8 @@ use telltale_engine::model::{ModuleId, NodeId};
 use telltale_engine::snapshot::Reason;
 use telltale_engine::state::State;
 
+use crate::texts::{ID, NAME, clean};
 use crate::view::View;
-use crate::view::text::{ID, NAME, clean};
 
 /// One line of the action bar's list.
 pub struct Check {
@@ -37,19 +37,18 @@ impl View<'_> {
                 }));
             } else if !ids.is_empty() {
                 let names: Vec<String> = ids.iter().map(|id| self.name_of(id)).collect();
-                checks.push(self.fails(self.lang.not_fit(&names.join(", "), state), &ids));
+                checks.push(self.fails(self.lang.not_fit(state, &names.join(", ")), &ids));
             }
         }
         for refusal in refusals.iter() {
-            let steps = self.lang.steps();
             match refusal {
                 Refusal::Group { .. } => {}
                 Refusal::Warning { module } => {
                     checks.push(self.fails(self.lang.not_accepted(&self.name_of(module)), &[module]));
                 }
-                Refusal::NoGoal => checks.push(self.fails(steps.no_goal.to_owned(), &[])),
-                Refusal::NotLocalized => checks.push(self.fails(steps.not_localized.to_owned(), &[])),
-                Refusal::Countermeasure(_) => checks.push(self.fails(steps.still_held.to_owned(), &[])),
+                Refusal::NoGoal => checks.push(self.fails(self.words.no_goal.to_owned(), &[])),
+                Refusal::NotLocalized => checks.push(self.fails(self.words.not_confirmed.to_owned(), &[])),
+                Refusal::Countermeasure(_) => checks.push(self.fails(self.words.still_held.to_owned(), &[])),
                 other => checks.push(self.fails(self.sentence(other), &[])),
             }
         }
@@ -114,14 +113,13 @@ impl View<'_> {
     }
 
     fn passed_checks(&self) -> Vec<Check> {
-        let steps = self.lang.steps();
         let refusals = &self.snapshot.clearance_refusals;
         let holds = |fails: fn(&Refusal) -> bool| !refusals.iter().any(fails);
         let unfit = |it: &Refusal| matches!(it, Refusal::Group { .. } | Refusal::Warning { .. });
         let all = [
-            (holds(unfit), steps.all_fit),
-            (holds(|it| matches!(it, Refusal::NoGoal)), steps.goal_set),
-            (holds(|it| matches!(it, Refusal::Countermeasure(_))), steps.nothing_holds),
+            (holds(unfit), self.words.all_fit),
+            (holds(|it| matches!(it, Refusal::NoGoal)), self.words.goal_set),
+            (holds(|it| matches!(it, Refusal::Countermeasure(_))), self.words.nothing_holds),
         ];
         let check =
             |(_, text): (bool, &str)| Check { holds: true, text: text.to_owned(), nodes: String::new() };

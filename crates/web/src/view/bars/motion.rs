@@ -2,7 +2,7 @@
 
 use askama::Template;
 
-use crate::view::text::NAME;
+use crate::texts::NAME;
 use crate::view::{Fragment, View, html};
 use telltale_engine::model::Stage;
 use telltale_engine::snapshot::Moving;
@@ -29,16 +29,16 @@ pub fn motion(view: &View<'_>) -> Fragment {
 
 /// What the vehicle does. It drives only where it is known to move.
 fn word(view: &View<'_>) -> &'static str {
-    let (snapshot, words) = (view.snapshot, view.lang.motion());
+    let (snapshot, words) = (view.snapshot, view.words);
     match snapshot.motion.moving {
-        Moving::Unknown if snapshot.motion.has_source => words.unknown,
+        Moving::Unknown if snapshot.motion.has_source => words.no_speed,
         Moving::Unknown if view.has_stages() => words.no_signal,
         Moving::Unknown => view.lang.runs(snapshot),
         Moving::No => words.standing,
         Moving::Yes if !drives(view) => words.moving,
         Moving::Yes if snapshot.maneuver_stop() => words.stopping,
         Moving::Yes if snapshot.deceleration().is_some() => words.slowing,
-        Moving::Yes => words.driving,
+        Moving::Yes => words.moves_itself,
     }
 }
 
@@ -57,7 +57,7 @@ fn speed(view: &View<'_>) -> Option<String> {
 fn destination(view: &View<'_>) -> Option<String> {
     let name = view.lang.pick(&view.snapshot.destination()?.name, NAME);
     match view.snapshot.motion.moving {
-        Moving::No => Some(format!("{}: {name}", view.lang.motion().next)),
+        Moving::No => Some(format!("{}: {name}", view.words.next)),
         Moving::Yes if view.snapshot.stage == Stage::Active => Some(name),
         Moving::Yes | Moving::Unknown => None,
     }

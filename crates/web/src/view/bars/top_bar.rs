@@ -7,9 +7,7 @@ use askama::Template;
 use telltale_engine::model::Stage;
 
 use crate::assets;
-use crate::view::text::{NAME, clean};
-use crate::view::words::Words;
-use crate::view::words::action_words::StepWords;
+use crate::texts::{NAME, Words, clean};
 use crate::view::{Fragment, View, html};
 
 #[derive(Template)]
@@ -27,7 +25,6 @@ struct TopHtml {
     /// Who uses the page: the operator of a vehicle, or somebody who looks at a machine.
     user_is: &'static str,
     operator: Option<String>,
-    steps: &'static StepWords,
     /// The button that ends the work, in every stage but driving.
     shutdown: bool,
 }
@@ -46,7 +43,6 @@ pub fn top(view: &View<'_>) -> Fragment {
         has_stages: view.has_stages(),
         user_is: if view.has_stages() { view.words.operator } else { view.words.logged_in },
         operator: snapshot.operator.as_ref().map(|name| clean(name, 24)),
-        steps: view.lang.steps(),
         shutdown: view.may_act()
             && view.has_stages()
             && !matches!(snapshot.stage, Stage::Locked | Stage::Active),

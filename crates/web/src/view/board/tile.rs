@@ -62,7 +62,7 @@ fn count(view: &View<'_>, id: GroupId) -> String {
         State::Ok if group.counted == 0 => view.words.none_undeclared.to_owned(),
         _ if group.counted == 0 => view.no_member(id),
         State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
-        _ => view.lang.ok_of(group.ok, group.counted),
+        _ => format!("{}/{} {}", group.ok, group.counted, view.words.ok),
     }
 }
 

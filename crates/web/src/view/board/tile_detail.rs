@@ -7,12 +7,11 @@ use telltale_engine::snapshot::{ModuleView, Reason};
 use telltale_engine::state::State;
 
 use super::Tile;
+use crate::texts::operator::unit;
+use crate::texts::{ID, VALUE, Words, address, clean};
 use crate::view::node_names::{ModuleMessage, icon, own_matters, reason_word};
-use crate::view::text::{ID, VALUE, address, clean};
 use crate::view::trends::{POINTS_SMALL, Trend};
 use crate::view::versions::Aspect;
-use crate::view::words::Words;
-use crate::view::words::action_words::StepWords;
 use crate::view::{DETAIL, Fragment, View, html};
 use telltale_record::story::Limit;
 
@@ -73,7 +72,6 @@ struct ResetHtml {
 #[template(path = "partials/detail.html")]
 struct DetailHtml<'a> {
     words: &'static Words,
-    steps: &'static StepWords,
     swap: bool,
     path: &'a str,
     name: String,
@@ -102,7 +100,6 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
     let (chain, root) = if masked { why(view, tile) } else { (Vec::new(), String::new()) };
     let mut detail = DetailHtml {
         words: view.words,
-        steps: view.lang.steps(),
         swap: view.swap,
         path: &info.path,
         name: view.group_name(id),
@@ -118,7 +115,7 @@ pub fn detail(view: &View<'_>, tile: Tile) -> Fragment {
         since: view.wall(group.since),
         count: match group.counted {
             0 => view.hint(id).unwrap_or_default(),
-            counted => view.lang.ok_of(group.ok, counted),
+            counted => format!("{}/{counted} {}", group.ok, view.words.ok),
         },
         chain,
         root,
@@ -205,7 +202,7 @@ fn decided(view: &View<'_>, module: &ModuleView) -> String {
         return String::new();
     };
     if !module.silent && steps.debounced != steps.judged && !steps.latched {
-        view.lang.reports_not_long(reported)
+        view.lang.reports_briefly(view.lang.state(reported))
     } else {
         String::new()
     }
@@ -225,7 +222,10 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
     let value = values.take(VALUES).map(|(key, value)| {
         let past = past.iter().find(|trend| *trend.key == **key);
         let (key, value) = (clean(key, VALUE), clean(value, VALUE));
-        let (label, unit) = if measured { view.lang.measured(&key) } else { (&*key, "") };
+        let (label, unit) = match measured {
+            true => (view.lang.measured(&key).unwrap_or(&key), unit(&key)),
+            false => (&*key, ""),
+        };
         let quantity = info.quantity.as_ref().filter(|_| measured && MEASURED.contains(&&*key));
         let (unit, factor) = quantity.map_or((unit, 1.0), |it| (&*it.unit, it.factor));
         let read = |text: &str| view.lang.quantity(text, factor, unit);

@@ -161,16 +161,26 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
     if state == State::Unknown || (module.received.is_some() && is_behind_tile && is_named) {
         message.text.clear();
     }
-    let node = NodeId::Module(id);
+    let entry = plain(view, NodeId::Module(id), state, (title, place), module.since);
+    FaultEntry { message, places: vec![component], ..entry }
+}
+
+fn plain(
+    view: &View<'_>,
+    node: NodeId,
+    state: State,
+    (title, place): (String, String),
+    since: Timestamp,
+) -> FaultEntry {
     let urgency = view.asks(node, state);
     FaultEntry {
         node,
         state,
-        message,
         title,
+        message: ModuleMessage::default(),
         place,
-        places: vec![component],
-        since: module.since,
+        places: Vec::new(),
+        since,
         waits: String::new(),
         masks: 0,
         help: help(view, node, state, urgency),
@@ -205,29 +215,28 @@ pub fn titled(view: &View<'_>, id: ModuleId, state: State, components: &str) -> 
 /// What to do: the configuration's `help`, or else the page's advice for this state and stage.
 fn help(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -> String {
     if is_held(view, node) {
-        return view.lang.steps().reset_here.to_owned();
+        return view.words.reset_here.to_owned();
     }
     view.help(node, state).unwrap_or_else(|| advice(view, node, state, urgency).to_owned())
 }
 
 /// The page's own advice. To take over is advised only while the vehicle drives.
 fn advice(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -> &'static str {
-    let steps = view.lang.steps();
     let (drives, fails) = match (view.stage_of_advice(), state) {
         (_, State::Ok | State::Ignore) | (Stage::Locked, _) => return "",
         (stage, state) => (matches!(stage, Stage::Cleared | Stage::Active), state != State::Warning),
     };
     match (view.has_stages(), drives, fails) {
-        (false, _, true) => steps.check_machine,
-        (false, _, false) => steps.keep_an_eye,
-        (true, true, true) if urgency == Some(Urgency::TakeOver) => steps.take_over_stop,
-        (true, true, true) => steps.take_over_ready,
-        (true, true, false) => steps.go_on_alert,
-        (true, false, true) if state == State::Unknown => steps.wait_for_report,
-        (true, false, true) => steps.stay,
-        (true, false, false) if view.snapshot.stage == Stage::Localizing => steps.nothing_to_do,
-        (true, false, false) if view.snapshot.accepted.contains(&node) => steps.nothing_to_do,
-        (true, false, false) => steps.acknowledge_first,
+        (false, _, true) => view.words.check_machine,
+        (false, _, false) => view.words.keep_an_eye,
+        (true, true, true) if urgency == Some(Urgency::TakeOver) => view.words.take_over_stop,
+        (true, true, true) => view.words.take_over_ready,
+        (true, true, false) => view.words.go_on_alert,
+        (true, false, true) if state == State::Unknown => view.words.wait_for_report,
+        (true, false, true) => view.words.stay,
+        (true, false, false) if view.snapshot.stage == Stage::Localizing => view.words.nothing_to_do,
+        (true, false, false) if view.snapshot.accepted.contains(&node) => view.words.nothing_to_do,
+        (true, false, false) => view.words.acknowledge_first,
     }
 }
 
@@ -239,27 +248,8 @@ fn is_held(view: &View<'_>, node: NodeId) -> bool {
 }
 
 fn of_group(view: &View<'_>, id: GroupId, state: State, place: String) -> FaultEntry {
-    let node = NodeId::Group(id);
-    let urgency = view.asks(node, state);
-    FaultEntry {
-        node,
-        state,
-        title: view.group_name(id),
-        message: ModuleMessage::default(),
-        place,
-        places: Vec::new(),
-        since: view.snapshot.group(id).1.since,
-        waits: String::new(),
-        masks: 0,
-        help: help(view, node, state, urgency),
-        urgency,
-        second: false,
-        unacknowledged: false,
-        over: false,
-        lasted: None,
-        seen: None,
-        acknowledge: None,
-    }
+    let since = view.snapshot.group(id).1.since;
+    plain(view, NodeId::Group(id), state, (view.group_name(id), place), since)
 }
 
 /// Adds faults that are no root causes. Several of one state in one component are one entry. A component
@@ -292,7 +282,15 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
                 _ => {
                     let since = of_state.iter().map(|&module| view.snapshot.module(module).1.since);
                     let since = since.min().unwrap_or(view.snapshot.now);
-                    FaultEntry { since, ..of_group(view, id, state, view.lang.times(of_state.len(), state)) }
+                    FaultEntry {
+                        since,
+                        ..of_group(
+                            view,
+                            id,
+                            state,
+                            format!("{} × {}", of_state.len(), view.lang.state(state)),
+                        )
+                    }
                 }
             };
             let entry = if all_have_time { asking_nothing(view, entry) } else { entry };

@@ -113,7 +113,6 @@ pub fn told(view: &View<'_>, entries: &[FaultEntry]) -> Option<(NodeId, String)>
 
 fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     let snapshot = view.snapshot;
-    let steps = view.lang.steps();
     let act = |icon, title: &str| Instruction {
         urgency: Urgency::Act,
         icon,
@@ -130,24 +129,28 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
             };
             Instruction {
                 blocked: true,
-                reader: Some(steps.operator_chooses),
+                reader: Some(view.words.operator_chooses),
                 // Its own advice is this one, or gives way to it.
                 node: entries.iter().find(of_localization).map(|entry| entry.node),
-                ..act("stage-localizing", steps.choose_again)
+                ..act("stage-localizing", view.words.choose_again)
             }
         }
         Stage::Localizing if snapshot.localization.given.is_some() => at_a_stop(view, entries)
-            .unwrap_or_else(|| Instruction { urgency: Urgency::None, ..act("locating", steps.locating) }),
+            .unwrap_or_else(|| Instruction {
+                urgency: Urgency::None,
+                ..act("locating", view.words.locating)
+            }),
         Stage::Localizing => {
-            let reader = Some(steps.operator_chooses);
-            Instruction { reader, ..act("stage-localizing", steps.where_is_it) }
+            let reader = Some(view.words.operator_chooses);
+            Instruction { reader, ..act("stage-localizing", view.words.where_is_it) }
         }
-        Stage::Standby if snapshot.clearance_refusals.is_empty() => {
-            Instruction { reader: Some(steps.operator_clears), ..act("drive", steps.clear_to_drive) }
-        }
+        Stage::Standby if snapshot.clearance_refusals.is_empty() => Instruction {
+            reader: Some(view.words.operator_clears),
+            ..act("drive", view.words.clear_to_drive)
+        },
         Stage::Standby => at_a_stop(view, entries).unwrap_or_else(|| {
             let no_goal = snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
-            let title = if no_goal { steps.wait_for_goal } else { steps.wait };
+            let title = if no_goal { view.words.wait_for_goal } else { view.words.wait };
             Instruction { urgency: Urgency::None, ..act("ready", title) }
         }),
         Stage::Cleared | Stage::Active => driving(view, entries),
@@ -174,7 +177,7 @@ fn for_reader(view: &View<'_>, it: &Instruction, title: &str) -> String {
     match it.reader {
         Some(words) => words.to_owned(),
         None if it.urgency == Urgency::None => title.to_owned(),
-        None => format!("{} {title}", view.lang.steps().for_operator),
+        None => format!("{} {title}", view.words.for_operator),
     }
 }
 
@@ -194,7 +197,6 @@ fn at_a_stop(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
 }
 
 fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
-    let steps = view.lang.steps();
     let request = requests::moving(view).next();
     let stands = view.snapshot.motion.moving == Moving::No;
     let say = |urgency, icon, title: &str| Instruction {
@@ -205,7 +207,7 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     };
     if let Some(it) = request.filter(|it| requests::fails(it) && view.has_stages() && !stands) {
         let how = requests::progress(view, it).to_owned();
-        return Instruction { line: how, ..say(Urgency::TakeOver, "error", steps.take_over_stop) };
+        return Instruction { line: how, ..say(Urgency::TakeOver, "error", view.words.take_over_stop) };
     }
     let advice = match request {
         Some(_) if stands && requests::waits_for_release(view) => None,
@@ -217,19 +219,21 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     }
     let title = match (request, stands) {
         (None, _) if view.snapshot.stage == Stage::Cleared => {
-            return say(Urgency::None, "ready", steps.may_start);
+            return say(Urgency::None, "ready", view.words.may_start);
         }
         (None, _) => return Instruction::default(),
         (Some(_), _) if !requests::waits_for_release(view) => {
-            return say(Urgency::None, "slow", steps.held_back);
+            return say(Urgency::None, "slow", view.words.held_back);
         }
         // The operator's own stop needs no other step before the vehicle stands.
-        (Some(it), false) if it.causes.is_empty() => return say(Urgency::None, "stop", steps.stop_requested),
-        (Some(it), true) if it.causes.is_empty() => steps.stopped_continue,
-        (Some(_), true) => steps.stopped_cause_gone,
-        (Some(_), false) => steps.cause_gone,
+        (Some(it), false) if it.causes.is_empty() => {
+            return say(Urgency::None, "stop", view.words.stop_requested);
+        }
+        (Some(it), true) if it.causes.is_empty() => view.words.stopped_continue,
+        (Some(_), true) => view.words.stopped_cause_gone,
+        (Some(_), false) => view.words.cause_gone,
     };
-    let reader = stands.then_some(steps.operator_continues);
+    let reader = stands.then_some(view.words.operator_continues);
     Instruction { reader, ..say(Urgency::Act, "idle", title) }
 }
 

@@ -5,10 +5,8 @@ use std::time::{Duration, UNIX_EPOCH};
 use askama::Template;
 
 use super::entries;
+use crate::texts::{NAME, Words, clean};
 use crate::view::node_names::icon;
-use crate::view::text::{NAME, clean};
-use crate::view::words::Words;
-use crate::view::words::action_words::StepWords;
 use crate::view::{View, html};
 use telltale_engine::model::NodeId;
 use telltale_engine::time::Span;
@@ -18,7 +16,6 @@ use telltale_store::PastAlarm;
 #[template(path = "partials/last_alarms.html")]
 struct LastAlarmsHtml {
     words: &'static Words,
-    steps: &'static StepWords,
     alarms: Vec<AlarmHtml>,
 }
 
@@ -35,7 +32,7 @@ struct AlarmHtml {
 
 pub fn last_alarms(view: &View<'_>, alarms: &[PastAlarm]) -> String {
     let alarms = alarms.iter().map(|alarm| of_alarm(view, alarm)).collect();
-    html(&LastAlarmsHtml { words: view.words, steps: view.lang.steps(), alarms })
+    html(&LastAlarmsHtml { words: view.words, alarms })
 }
 
 fn of_alarm(view: &View<'_>, alarm: &PastAlarm) -> AlarmHtml {

@@ -8,10 +8,8 @@ use telltale_engine::state::State;
 
 use super::entries::FaultEntry;
 use super::{instruction, undeclared_statuses};
+use crate::texts::{ID, Words, address, clean};
 use crate::view::node_names::{ModuleMessage, icon};
-use crate::view::text::{ID, address, clean};
-use crate::view::words::Words;
-use crate::view::words::action_words::StepWords;
 use crate::view::{Fragment, View, html, requests};
 
 /// Entries on the page; more than a window has room for.
@@ -23,7 +21,6 @@ const SHEET_MAX: usize = 40;
 #[template(path = "partials/causes.html")]
 struct CausesHtml {
     words: &'static Words,
-    steps: &'static StepWords,
     swap: bool,
     replay: bool,
     /// Numbers of the alarms that nobody has acknowledged. The page sounds once for each new one.
@@ -86,7 +83,6 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     };
     let html = html(&CausesHtml {
         words: view.words,
-        steps: view.lang.steps(),
         swap: view.swap,
         replay: view.replay,
         alarms: view.snapshot.audible().iter().map(u64::to_string).collect::<Vec<_>>().join(" "),
@@ -115,7 +111,6 @@ fn over(view: &View<'_>) -> Option<(usize, u64)> {
 #[template(path = "partials/all_causes.html")]
 struct AllCausesHtml {
     words: &'static Words,
-    steps: &'static StepWords,
     swap: bool,
     replay: bool,
     entries: Vec<EntryHtml>,
@@ -127,7 +122,6 @@ pub fn all_causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let more = entries.len().saturating_sub(SHEET_MAX);
     let html = html(&AllCausesHtml {
         words: view.words,
-        steps: view.lang.steps(),
         swap: view.swap,
         replay: view.replay,
         entries: entries.iter().take(SHEET_MAX).map(|entry| of_entry(view, entry)).collect(),
@@ -151,7 +145,7 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
         panel: tile.map(|id| view.snapshot.group(id).0.path.to_string()).unwrap_or_default(),
         state: entry.state.as_str(),
         icon: if entry.over { "ok" } else { icon(entry.state, None) },
-        word: if entry.over { view.lang.steps().over } else { view.lang.state(entry.state) },
+        word: if entry.over { view.words.over } else { view.lang.state(entry.state) },
         waiting: entry.unacknowledged || entry.over,
         over: entry.over,
         second: entry.second && !entry.over,
@@ -175,7 +169,7 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
 /// "All OK" is said only where every component that matters shows OK.
 fn calm(view: &View<'_>) -> (bool, String) {
     if requests::has_banner(view) && !requests::waits_for_release(view) {
-        return (false, view.lang.steps().held_back.to_owned());
+        return (false, view.words.held_back.to_owned());
     }
     let states = view.board.tiles.iter().map(|&id| view.snapshot.group(id).1.state);
     // An ignored component is not relevant in this stage: with a mask there would be a root cause.

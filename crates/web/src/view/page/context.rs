@@ -1,6 +1,6 @@
 //! What a page is made for: its reader, language, colours, and the part that is asked for.
 
-use crate::view::Lang;
+use crate::texts::Lang;
 use telltale_store::Role;
 
 /// The colours of the pages.

@@ -6,8 +6,8 @@ use askama::Template;
 
 use super::PageContext;
 use super::frame::PageFrame;
+use crate::texts::{MESSAGE, NAME};
 use crate::view::html;
-use crate::view::text::{MESSAGE, NAME};
 use telltale_engine::text::Text;
 
 /// A fault of the simulated machine.

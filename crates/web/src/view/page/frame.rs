@@ -2,8 +2,7 @@
 
 use super::{PagePart, Palette};
 use crate::assets;
-use crate::view::Lang;
-use crate::view::words::Words;
+use crate::texts::{Lang, Words};
 use telltale_engine::model::DISPLAY_DPI;
 
 /// The frame that every page has.
@@ -15,13 +14,13 @@ pub struct PageFrame {
     pub part: PagePart,
     pub words: &'static Words,
     /// Both languages, for words that must change their language without the server.
-    pub both: [(&'static str, &'static Words); 2],
+    pub both: [(&'static str, &'static Words); Lang::ALL.len()],
 }
 
 impl PageFrame {
     pub fn new(lang: Lang, palette: Palette) -> PageFrame {
-        let both = Lang::ALL.map(|lang| (lang.as_str(), lang.words()));
-        let (lang, words) = (lang.as_str(), lang.words());
+        let both = Lang::ALL.map(|lang| (lang.as_str(), Words::of(lang)));
+        let (lang, words) = (lang.as_str(), Words::of(lang));
         PageFrame { lang, palette: palette.as_str(), dpi: None, part: PagePart::Whole, words, both }
     }
 

@@ -4,9 +4,8 @@ use askama::Template;
 
 use super::Palette;
 use super::frame::PageFrame;
-use crate::view::text::{NAME, clean};
-use crate::view::words::session_end::SessionEnd;
-use crate::view::{Lang, html};
+use crate::texts::{Lang, NAME, SessionEnd, Words, clean};
+use crate::view::html;
 use telltale_store::Token;
 
 /// What the login page shows.
@@ -113,7 +112,7 @@ struct LoginHtml {
 }
 
 pub fn login_page(context: &LoginContext) -> String {
-    let words = context.lang.words();
+    let words = Words::of(context.lang);
     let take_over = match &context.failure {
         Some(LoginFailure::OtherOperator { token, has_session, by }) => Some(TakeOver {
             token: token.as_str().to_owned(),

@@ -4,8 +4,8 @@ use askama::Template;
 
 use super::Palette;
 use super::frame::PageFrame;
-use crate::view::text::{MESSAGE, clean};
-use crate::view::{Lang, html};
+use crate::texts::{Lang, MESSAGE, clean};
+use crate::view::html;
 
 #[derive(Template)]
 #[template(path = "message.html")]

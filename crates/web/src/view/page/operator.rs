@@ -5,16 +5,15 @@ use askama::Template;
 use super::frame::PageFrame;
 use super::login::{LoginContext, login_page};
 use super::{PageContext, RecorderState};
+use crate::texts::{Lang, NAME, Words, clean};
 use crate::view::bars::top_bar;
-use crate::view::text::{NAME, clean};
 use crate::view::versions::Seen;
-use crate::view::words::action_words::StepWords;
-use crate::view::{Fragment, Lang, Parts, Trends, View, html};
+use crate::view::{Fragment, Parts, Trends, View, html};
 use telltale_runtime::Published;
 use telltale_store::Role;
 
 /// A word by language.
-type InBoth = [(&'static str, &'static str); 2];
+type InBoth = [(&'static str, &'static str); Lang::ALL.len()];
 
 #[derive(Template)]
 #[template(path = "operator.html")]
@@ -43,7 +42,6 @@ struct OperatorHtml {
     /// The sheets that a button opens over the board: name, title in both languages, content.
     sheets: [(&'static str, InBoth, String); 3],
     user: String,
-    steps: [(&'static str, &'static StepWords); 2],
     role: &'static str,
     /// The path of each tile with the panel behind it.
     panels: Vec<(String, String)>,
@@ -79,18 +77,17 @@ pub fn operator_page(published: &Published, seen: &Seen, context: &PageContext, 
         causes: parts.causes.html,
         step: parts.step.html,
         sheets: [
-            ("stops", titles(|steps| steps.where_is_it), parts.stops.html),
-            ("checks", titles(|steps| steps.all_checks), parts.checks.html),
-            ("causes", titles(|steps| steps.all_causes), parts.all_causes.html),
+            ("stops", titles(|words| words.where_is_it), parts.stops.html),
+            ("checks", titles(|words| words.all_checks), parts.checks.html),
+            ("causes", titles(|words| words.all_causes), parts.all_causes.html),
         ],
         user: clean(&context.user, NAME),
-        steps: Lang::ALL.map(|lang| (lang.as_str(), lang.steps())),
         role: context.role.as_str(),
         panels: paths.zip(parts.details.into_iter().map(text)).collect(),
     })
 }
 
 /// A word in both languages, for parts of the page that are not swapped.
-fn titles(word: fn(&StepWords) -> &'static str) -> InBoth {
-    Lang::ALL.map(|lang| (lang.as_str(), word(lang.steps())))
+fn titles(word: fn(&Words) -> &'static str) -> InBoth {
+    Lang::ALL.map(|lang| (lang.as_str(), word(Words::of(lang))))
 }

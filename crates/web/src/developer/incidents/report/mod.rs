@@ -12,10 +12,10 @@ use sha2::{Digest as _, Sha256};
 
 use super::content::{Content, Medium};
 use crate::AppState;
-use crate::http::errors::HttpError;
-use crate::http::respond::{Reader, refusal};
+use crate::http::respond::Reader;
 use crate::incidents::{Read, find, story, wall_time};
-use crate::view::{Lang, html};
+use crate::texts::{HttpError, Lang};
+use crate::view::html;
 use telltale_record::folder::file_name;
 use telltale_record::proof::Proof;
 use telltale_record::writer::unix_ms;
@@ -63,17 +63,14 @@ fn minutes(ms: i64) -> String {
 }
 
 /// `GET /incidents/{id}.html`
-pub async fn get(app: &AppState, id: &str, reader: &Reader) -> Response {
-    let incident = match find(app, id).await {
-        Ok(incident) => incident,
-        Err(trouble) => return refusal(reader, trouble),
-    };
+pub async fn get(app: &AppState, id: &str, reader: &Reader) -> Result<Response, HttpError> {
+    let incident = find(app, id).await?;
     if incident.summary.recording.is_open() {
-        return refusal(reader, HttpError::Unfinished);
+        return Err(HttpError::Unfinished);
     }
     let (read, proof) = story(app, &incident.summary).await;
     if matches!(read, Read::Busy) {
-        return refusal(reader, HttpError::Busy);
+        return Err(HttpError::Busy);
     }
     let document = report(reader.lang, &incident, (&read, &proof), unix_ms(app.clock.wall()));
     let mut answer = Html(document).into_response();
@@ -83,7 +80,7 @@ pub async fn get(app: &AppState, id: &str, reader: &Reader) -> Response {
     let headers = answer.headers_mut();
     headers.extend(policy.ok().map(|policy| (CONTENT_SECURITY_POLICY, policy)));
     headers.extend(HeaderValue::from_str(&name).ok().map(|name| (CONTENT_DISPOSITION, name)));
-    answer
+    Ok(answer)
 }
 
 #[cfg(test)]

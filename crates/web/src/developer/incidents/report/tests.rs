@@ -1,6 +1,7 @@
 //! Tests of the report of an incident: its contents, escaping and bounds.
 
 use super::*;
+use crate::texts::Lang;
 use telltale_record::story::{Happened, Moment, NodeStrip, Period, Story, ToldTopic};
 use telltale_record::summary::{FrozenNode, Recording, Summary, TriggerLine, kind};
 use telltale_store::Note;

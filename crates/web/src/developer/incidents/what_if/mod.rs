@@ -2,26 +2,21 @@
 //! kept. Nothing of it touches the vehicle.
 
 mod shown;
-mod words;
 
 use askama::Template;
-use axum::Form;
-use axum::extract::rejection::FormRejection;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde_json::json;
 
 use self::shown::{Row, Strips};
-use self::words::WhatIfWords;
 use crate::developer::configuration::reread;
 use crate::developer::request::PageRequest;
 use crate::developer::{DevFrame, Page, frame};
-use crate::http::errors::HttpError;
-use crate::http::respond::{Speaks, bad_field, bad_form, json_answer, refusal};
+use crate::http::respond::{FormOf, Speaks, bad_field, json_answer};
 use crate::incidents::{Progress, WhatIf, find, recorded_texts, start_what_if};
+use crate::texts::{HttpError, IncidentWords, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
-use crate::view::text::{MESSAGE, NAME, clean};
 use crate::view::{View, html};
 use crate::{AppState, Live};
 use telltale_replay::compare::Mistake;
@@ -69,7 +64,7 @@ enum Phase {
 struct WhatIfHtml {
     frame: PageFrame,
     dev: DevFrame,
-    it: &'static WhatIfWords,
+    it: &'static IncidentWords,
     id: u64,
     causes: Vec<String>,
     files: Vec<File>,
@@ -89,15 +84,16 @@ struct WhatIfHtml {
 }
 
 /// `GET /incidents/{id}/what-if?from=recorded|running&of=ID`
-pub async fn get(State(app): State<AppState>, Path(id): Path<String>, page: PageRequest) -> Response {
-    let incident = match available(&app, &id).await {
-        Ok(incident) => incident,
-        Err(trouble) => return refusal(&page.reader, trouble),
-    };
+pub async fn get(
+    State(app): State<AppState>,
+    Path(id): Path<String>,
+    page: PageRequest,
+) -> Result<Response, HttpError> {
+    let incident = available(&app, &id).await?;
     let run = app.what_ifs.of(&page.session, incident.summary.id);
     if page.reader.speaks == Speaks::Json {
         let value = run.map_or_else(|| json!({ "progress": "none" }), |run| run.state().json());
-        return json_answer(StatusCode::OK, &value);
+        return Ok(json_answer(StatusCode::OK, &value));
     }
     let texts = match (page.query.get("from"), &run) {
         ("running", _) => running(&app).await,
@@ -105,7 +101,7 @@ pub async fn get(State(app): State<AppState>, Path(id): Path<String>, page: Page
         (_, Some(run)) => run.texts.clone(),
     };
     let texts = if texts.is_empty() { running(&app).await } else { texts };
-    Html(html(&what_if(&page, &incident, &texts, run.as_deref()))).into_response()
+    Ok(Html(html(&what_if(&page, &incident, &texts, run.as_deref()))).into_response())
 }
 
 /// `POST /incidents/{id}/what-if`: `name` and `text` of each file in turn, the main one first, and `over` (`all` for
@@ -114,28 +110,21 @@ pub async fn post(
     app: Live,
     Path(id): Path<String>,
     page: PageRequest,
-    form: Result<Form<Vec<(String, String)>>, FormRejection>,
-) -> Response {
+    FormOf(fields): FormOf<Vec<(String, String)>>,
+) -> Result<Response, HttpError> {
     let reader = &page.reader;
-    let fields = match form {
-        Ok(Form(fields)) => fields,
-        Err(rejection) => return bad_form(reader, &rejection),
-    };
-    let Some(texts) = sent(&fields) else { return bad_field(reader, "name, text") };
+    let Some(texts) = sent(&fields) else { return Ok(bad_field(reader, "name, text")) };
     let bytes: usize = texts.iter().map(|it| it.name.len() + it.text.len()).sum();
     if bytes > TEXT_BYTES_MAX {
-        return refusal(reader, HttpError::LargeConfiguration);
+        return Err(HttpError::LargeConfiguration);
     }
     let is_all = fields.iter().any(|(name, value)| name == "over" && value == "all");
-    let started = async {
-        let incident = available(&app, &id).await?;
-        start_what_if(&app, &incident, &page.session, texts, is_all).await
-    };
-    match (started.await, reader.speaks) {
-        (Err(trouble), _) => refusal(reader, trouble),
-        (Ok(()), Speaks::Html) => Redirect::to(&format!("/incidents/{id}/what-if")).into_response(),
-        (Ok(()), Speaks::Json) => json_answer(StatusCode::ACCEPTED, &json!({ "progress": "waiting" })),
-    }
+    let incident = available(&app, &id).await?;
+    start_what_if(&app, &incident, &page.session, texts, is_all).await?;
+    Ok(match reader.speaks {
+        Speaks::Html => Redirect::to(&format!("/incidents/{id}/what-if")).into_response(),
+        Speaks::Json => json_answer(StatusCode::ACCEPTED, &json!({ "progress": "waiting" })),
+    })
 }
 
 /// The incident, if its recording is whole and something can be run here.
@@ -171,7 +160,7 @@ fn what_if(
     run: Option<&WhatIf>,
 ) -> WhatIfHtml {
     let lang = page.context.lang;
-    let it = WhatIfWords::of(lang);
+    let it = IncidentWords::of(lang);
     let view = &View::new(&page.published, lang, false);
     let id = incident.summary.id;
     let state = run.map(WhatIf::state);

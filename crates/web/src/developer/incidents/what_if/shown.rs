@@ -3,15 +3,12 @@
 
 use std::sync::Arc;
 
-use super::words::WhatIfWords;
 use crate::developer::incidents::sentences::stage_word;
 use crate::developer::timeline::strips::Painter;
 use crate::developer::timeline::{Tick, ticks};
 use crate::developer::why_address;
-use crate::developer::words::DevWords;
 use crate::incidents::{Compared, Trouble};
-use crate::view::Lang;
-use crate::view::text::{MESSAGE, NAME, clean};
+use crate::texts::{DevWords, IncidentWords, Lang, MESSAGE, NAME, clean};
 use telltale_engine::time::Timestamp;
 use telltale_engine::view::record::Stretch;
 use telltale_picture::bars::patterns;
@@ -63,7 +60,7 @@ impl Cell {
 
 impl Row {
     pub fn of(lang: Lang, compared: &Compared, chosen: u64, page: u64) -> Row {
-        let it = WhatIfWords::of(lang);
+        let it = IncidentWords::of(lang);
         let id = compared.incident;
         let address = (id != chosen).then(|| format!("/incidents/{page}/what-if?of={id}"));
         match &compared.result {
@@ -91,7 +88,7 @@ impl Row {
     }
 }
 
-fn trouble_words<'a>(it: &'static WhatIfWords, trouble: &'a Trouble) -> &'a str {
+fn trouble_words<'a>(it: &'static IncidentWords, trouble: &'a Trouble) -> &'a str {
     match trouble {
         Trouble::Missing => it.missing,
         Trouble::TooLarge => it.too_large,
@@ -121,7 +118,7 @@ fn names(lang: Lang, all: &[Arc<str>]) -> String {
 }
 
 fn first_of(lang: Lang, id: u64, comparison: &Comparison, Parting { at, of }: &Parting) -> First {
-    let it = WhatIfWords::of(lang);
+    let it = IncidentWords::of(lang);
     let ms = ms(comparison, *at);
     let listed =
         |all: &[String]| if all.is_empty() { it.nothing.to_owned() } else { clean(&all.join(", "), MESSAGE) };
@@ -149,7 +146,7 @@ fn first_of(lang: Lang, id: u64, comparison: &Comparison, Parting { at, of }: &P
 
 /// What a node shows, in words.
 fn shown(lang: Lang, shown: Option<&Shown>) -> String {
-    let it = WhatIfWords::of(lang);
+    let it = IncidentWords::of(lang);
     let Some(Shown { state, own, cause }) = shown else { return it.not_there.to_owned() };
     let word = lang.state(*state);
     match cause {

@@ -2,9 +2,6 @@
 //!
 //! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
-mod motion;
-mod requests;
-
 use super::files::count;
 use super::model::monitors::Class;
 use serde::{Deserialize, Serialize};
@@ -13,16 +10,15 @@ use std::sync::Arc;
 pub use super::counters::{Counters, Reception};
 use super::files::float;
 use super::input::Refusal;
-use super::model::countermeasure::Request;
+use super::model::countermeasure::{Request, RequestKind};
 use super::model::output::Output;
 use super::model::quantity::Quantity;
 use super::model::wording::{Advice, Urgency, Wording};
 use super::model::{DependsOn, GroupId, ModuleId, NodeId, NodeNames, Other, Stage, Stop};
 use super::persistent::PersistentVec;
 use super::state::State;
-use super::text::Text;
+use super::text::{Text, words};
 use super::time::{Since, Timestamp};
-pub use motion::{Motion, Moving};
 
 /// The state of the whole vehicle at one instant.
 #[derive(Debug, Clone, PartialEq)]
@@ -163,6 +159,47 @@ impl Snapshot {
             }
         }
     }
+
+    /// Whether the vehicle moves, or may: it is cleared or drives by itself, or is not known to stand.
+    pub fn may_move(&self) -> bool {
+        matches!(self.stage, Stage::Cleared | Stage::Active) || self.motion.may_move() || self.drive_unknown
+    }
+
+    /// The strongest countermeasure: the operator has to know it first.
+    pub fn countermeasure(&self) -> Option<&Countermeasure> {
+        self.countermeasures.first()
+    }
+
+    /// The requested deceleration in m/s²; a level for its topic.
+    pub fn deceleration(&self) -> Option<f64> {
+        self.countermeasures.iter().find_map(|it| it.request.mps2())
+    }
+
+    /// Whether the maneuver component's own stop is requested; a level for its topic. A stronger request does
+    /// not end it.
+    pub fn maneuver_stop(&self) -> bool {
+        self.countermeasures.iter().any(|it| it.request.kind() == RequestKind::ManeuverStop)
+    }
+
+    /// Whether the operator requested a stop that is not over.
+    pub fn stop_requested(&self) -> bool {
+        self.stop_requested_since().is_some()
+    }
+
+    /// Since when the operator requests a stop.
+    pub fn stop_requested_since(&self) -> Option<Since> {
+        self.countermeasures.iter().find_map(|it| it.by_operator)
+    }
+
+    /// The reason why an output has no receiver.
+    pub fn unreached(&self, output: Output) -> Option<Unreached> {
+        self.unreached.iter().find(|(of, _)| *of == output).map(|(_, why)| *why)
+    }
+
+    /// Whether an output is known to have a reader.
+    pub fn is_listened_to(&self, output: Output) -> bool {
+        self.listened.contains(&output)
+    }
 }
 
 /// Names and structure; the same for all snapshots until a module is discovered.
@@ -184,7 +221,7 @@ pub struct Layout {
     pub modules: Vec<Arc<ModuleInfo>>,
 }
 
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct GroupInfo {
     pub path: Arc<str>,
     pub name: Text,
@@ -370,26 +407,17 @@ pub struct CountermeasureCause {
     pub acknowledged: bool,
 }
 
-/// The progress of a request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CountermeasureState {
-    /// Made; the vehicle has not confirmed it, or has no confirmation configured.
-    Requested,
-    /// The vehicle confirmed that it carries it out.
-    Engaged,
-    /// The vehicle did not confirm it in time, or it could not be sent: an ERROR of its own.
-    Unconfirmed,
-}
-
-impl CountermeasureState {
-    /// The word on the wire.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            CountermeasureState::Requested => "requested",
-            CountermeasureState::Engaged => "engaged",
-            CountermeasureState::Unconfirmed => "unconfirmed",
-        }
+words! {
+    /// The progress of a request. Its words are those on the wire.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum CountermeasureState {
+        /// Made; the vehicle has not confirmed it, or has no confirmation configured.
+        Requested = "requested",
+        /// The vehicle confirmed that it carries it out.
+        Engaged = "engaged",
+        /// The vehicle did not confirm it in time, or it could not be sent: an ERROR of its own.
+        Unconfirmed = "unconfirmed",
     }
 }
 
@@ -470,4 +498,39 @@ pub struct Steps {
     pub grace: bool,
     /// After debounce and grace it is in ERROR, latched or not: a reset is refused.
     pub in_error: bool,
+}
+
+/// Whether the vehicle moves, how fast, and where to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Motion {
+    pub moving: Moving,
+    /// Whole km/h without a sign; `None` while unknown. A moving vehicle has at least 1, a standing one 0.
+    pub speed_kmh: Option<u32>,
+    /// The configuration names the source of the speed.
+    pub has_source: bool,
+    /// By position in [`Layout::stops`].
+    pub destination: Option<usize>,
+}
+
+impl Motion {
+    /// Whether the vehicle moves, or may: nothing says that it stands although something should.
+    pub fn may_move(self) -> bool {
+        match self.moving {
+            Moving::Yes => true,
+            Moving::No => false,
+            Moving::Unknown => self.has_source,
+        }
+    }
+}
+
+words! {
+    /// Whether the vehicle moves. Nothing is concluded from what was not heard. Its words are those on the wire.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum Moving {
+        Yes = "yes",
+        No = "no",
+        #[default]
+        Unknown = "unknown",
+    }
 }

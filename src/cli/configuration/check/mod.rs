@@ -1,11 +1,13 @@
 //! `telltale check`: validates a configuration and prints its graph.
 
+pub mod live;
+
 use std::io::stdin;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use super::graph;
-use crate::cli::print::{self, Lines};
+use crate::cli::print::{self, Lines, note};
 use crate::cli::{EXIT_NO, EXIT_USAGE, fields};
 use crate::config::describe::words;
 use crate::config::soundness::{self, FindingKind, Soundness};
@@ -31,12 +33,19 @@ const SIZES_ONLY_NAMED: usize = 8;
 /// A problem has `severity` (`error` or `warning`), `file`, `line` and `column` (from 1; these two null where
 /// a file as a whole is meant), `message`, `help`, and in `also` other places with a `message` each.
 /// With `-q` the object is printed only where there is a problem.
+///
+/// `--live` listens to the running ROS 2 system as `telltale init` does. Whatever the configuration names and nobody
+/// offers in that time is an error at its place (topics, types that differ, statuses, nodes, services), and the exit
+/// code is 1. Warnings name what is beyond its limits, and lines below what of the robot nothing watches. A status may be
+/// silent for as long as its module allows, so it is judged only when it was listened for longer. The object of `--json`
+/// then has `live`: `listened_s`, `nobody`, `absent`, `not_judged` and `unwatched`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale check config/shuttle.yaml\n  \
     telltale check --svg config/shuttle.yaml > graph.svg\n  \
     telltale check --dot config/shuttle.yaml | dot -Tsvg > graph.svg\n  \
     telltale check --json config/shuttle.yaml\n  \
     generate-configuration | telltale check -q --json -\n  \
+    telltale check -q --live --for 30s robot.yaml\n  \
     telltale check --schema > telltale.schema.json")]
 pub struct Args {
     /// Print the graph for Graphviz instead
@@ -61,7 +70,7 @@ pub struct Args {
     #[arg(value_name = "FILE", required_unless_present = "schema")]
     file: Option<PathBuf>,
     #[command(flatten)]
-    definitions: fields::DefinitionFlags,
+    beside: live::LiveArgs,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -73,32 +82,60 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         true => config::examine_from("standard input", stdin().lock()),
         false => config::examine(file),
     };
-    let definitions = args.definitions.definitions();
+    let definitions = args.beside.dds.definitions.definitions();
     let loaded = match fields::whole(examined, |loaded| definitions.with(&loaded.message_folders)) {
         Ok(loaded) => loaded,
         Err(problems) => {
-            tell(args, false, Some(&problems), &[]);
+            tell(args, false, Some(&problems), &[], None);
             return Ok(ExitCode::from(EXIT_USAGE));
         }
     };
-    let (found, problems) = loaded.soundness();
+    let (found, mut problems) = loaded.soundness();
+    let beside = match args.beside.live {
+        true => Some(live::look(&args.beside, &loaded)?),
+        false => None,
+    };
+    if let Some(more) = beside.as_ref().and_then(|beside| beside.problems.clone()) {
+        problems = Some(match problems {
+            Some(problems) => problems.and(more),
+            None => more,
+        });
+    }
     match args {
         Args { dot: true, .. } => drop(print::text(&escaped(&graph::dot(&loaded.model)))),
         Args { svg: true, .. } => drop(print::text(&escaped(&graph::svg(&loaded.model)))),
         Args { json: true, .. } | Args { quiet: true, .. } => {}
         _ => drop(print::text(text(&loaded, &found).text())),
     }
-    let code = judged(args, &found);
-    tell(args, code == 0, problems.as_ref(), &fields::assumed(&loaded.model));
+    let code = match judged(args, &found) {
+        0 if beside.as_ref().is_some_and(|beside| !beside.is_whole()) => EXIT_NO,
+        code => code,
+    };
+    tell(args, code == 0, problems.as_ref(), &fields::assumed(&loaded.model), beside.as_ref());
     Ok(ExitCode::from(code))
 }
 
-fn tell(args: &Args, ok: bool, problems: Option<&Problems>, assumed: &[String]) {
+fn tell(
+    args: &Args,
+    ok: bool,
+    problems: Option<&Problems>,
+    assumed: &[String],
+    beside: Option<&live::Beside>,
+) {
     match problems {
-        None if args.quiet => {}
-        _ if args.json => drop(print::json(&json(ok, problems, assumed))),
+        None if args.quiet && beside.is_none() => {}
+        _ if args.json => {
+            let mut object = json(ok, problems, assumed);
+            if let Some(beside) = beside {
+                object["live"] = beside.json();
+            }
+            print::json(&object);
+        }
         Some(problems) => print::problems(problems),
         None => {}
+    }
+    if let Some(beside) = beside.filter(|_| !args.json) {
+        beside.lines().iter().for_each(|line| note!("{line}"));
     }
 }
 
@@ -282,7 +319,7 @@ mod tests {
 
     #[test]
     fn the_documentation_shows_the_stages_as_they_are() {
-        let page = include_str!("../../../docs/stages.md");
+        let page = include_str!("../../../../docs/stages.md");
         assert!(page.contains(stages_text().trim()), "docs/stages.md lacks:{}", stages_text());
     }
 }

@@ -1,0 +1,121 @@
+//! What a configuration names on the network of the vehicle, each with its place, so that it can be compared with what
+//! is there.
+
+use crate::Loaded;
+use telltale_engine::model::filter::Filter;
+use telltale_engine::model::monitors::{AgreementRule, MonitorSpec, ProbeTarget, ValueSource};
+use telltale_engine::model::{ModuleSpec, Policy};
+use telltale_engine::time;
+use telltale_yaml::Span;
+
+/// Something that others offer.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Named<'m> {
+    pub what: What<'m>,
+    /// `None`: no place of the file says it.
+    pub place: Option<Span>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum What<'m> {
+    Topic {
+        name: &'m str,
+        /// Empty: whatever its publisher says.
+        type_name: &'m str,
+        /// The place of the type.
+        of_type: Option<Span>,
+    },
+    /// A status, and the silence that its module allows.
+    Status { name: &'m str, timeout: time::Span },
+    /// Its full name.
+    Node(&'m str),
+    /// Its full name.
+    Service(&'m str),
+}
+
+impl Loaded {
+    /// Everything that it names, in the order of the model; a name may come several times.
+    pub fn named(&self) -> Vec<Named<'_>> {
+        let (model, places) = (&self.model, &self.places);
+        let mut found = Vec::new();
+        let mut add = |what, place| found.push(Named { what, place });
+        for (spec, place) in model.watched.topics.iter().zip(&places.topics) {
+            let of_type = Some(place.type_name);
+            add(What::Topic { name: &spec.topic, type_name: &spec.type_name, of_type }, Some(place.name));
+        }
+        for (signal, place) in model.signals.iter().zip(&places.signals) {
+            if let Some(source) = signal.source.field() {
+                let (name, type_name) = (&*source.topic, &*source.type_name);
+                add(What::Topic { name, type_name, of_type: Some(place.type_name) }, Some(place.topic));
+            }
+            let timeout = signal.timeout.unwrap_or(Policy::default().timeout);
+            for name in signal.source.condition().into_iter().flat_map(statuses) {
+                add(What::Status { name, timeout }, Some(place.field));
+            }
+        }
+        for (topic, place) in model.watched.diagnostics.iter().zip(&places.diagnostics) {
+            add(What::Topic { name: &topic.topic, type_name: "", of_type: None }, Some(*place));
+        }
+        for (group, place) in model.groups.iter().zip(&places.groups) {
+            for (filter, of_filter) in group.filters.iter().zip(&place.targets) {
+                let policy = filter.policy.as_ref().unwrap_or(&model.discovered);
+                if let Filter::Name(name) = &filter.filter {
+                    add(What::Status { name, timeout: policy.timeout }, Some(*of_filter));
+                }
+                writers(policy).for_each(|node| add(What::Node(node), Some(*of_filter)));
+            }
+        }
+        for (module, place) in model.modules.iter().zip(&places.modules) {
+            let target = Some(place.targets.first().copied().unwrap_or(place.id));
+            self.of_module(module).for_each(|what| add(what, target));
+            writers(&module.policy).for_each(|node| add(What::Node(node), Some(place.id)));
+        }
+        for topic in model.watched.recorded.iter().filter(|topic| !topic.pattern.contains('*')) {
+            add(What::Topic { name: &topic.pattern, type_name: "", of_type: None }, None);
+        }
+        found
+    }
+
+    fn of_module<'m>(&'m self, module: &'m ModuleSpec) -> impl Iterator<Item = What<'m>> {
+        let timeout = module.policy.timeout;
+        let own = module.monitor.status().filter(|_| module.monitor.other().is_none());
+        let spec = module.monitor.other();
+        let named = own.map(|name| &**name).into_iter().chain(spec.into_iter().flat_map(statuses));
+        let target = match spec {
+            Some(MonitorSpec::Watchdog { watchdog, .. }) => {
+                match &self.model.watched.watchdogs[watchdog.0 as usize].target {
+                    ProbeTarget::Node { name } => Some(What::Node(name)),
+                    ProbeTarget::Service { name } => Some(What::Service(name)),
+                    ProbeTarget::Qos { topic } => {
+                        Some(What::Topic { name: topic, type_name: "", of_type: None })
+                    }
+                    // Not of ROS.
+                    ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } | ProbeTarget::System(_) => None,
+                }
+            }
+            _ => None,
+        };
+        named.map(move |name| What::Status { name, timeout }).chain(target)
+    }
+}
+
+fn writers(policy: &Policy) -> impl Iterator<Item = &str> {
+    policy.writers.iter().flat_map(|nodes| nodes.iter()).map(|node| &**node)
+}
+
+/// The names of the statuses that a monitor reads.
+fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
+    let sources: Vec<&ValueSource> = match monitor {
+        MonitorSpec::External { status, .. } => return vec![status],
+        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => vec![source],
+        MonitorSpec::Sequence { earlier: a, later: b, .. }
+        | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => vec![a, b],
+        MonitorSpec::Expression { inputs, .. } => inputs.iter().map(|(_, source)| source).collect(),
+        _ => Vec::new(),
+    };
+    let named = sources.into_iter().filter_map(|source| match source {
+        ValueSource::Key { status, .. } => Some(&**status),
+        ValueSource::Field { .. } => None,
+    });
+    named.collect()
+}

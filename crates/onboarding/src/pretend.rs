@@ -1,0 +1,103 @@
+//! A robot as tests need it: ten seconds of what it says, without a network.
+
+use std::sync::Arc;
+
+use crate::init::{Draft, Observations, draft};
+use crate::live::Heard;
+use telltale_engine::discovery::{Discovery, Endpoint, TopicSeen};
+use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
+use telltale_engine::model::monitors::TopicSpec;
+use telltale_engine::model::sample::Sample;
+use telltale_engine::time::{Span, Timestamp};
+
+pub const END: Timestamp = Timestamp::from_millis(10_000);
+const SCAN: &str = "sensor_msgs/msg/LaserScan";
+
+#[derive(Default)]
+pub struct Robot {
+    discovery: Discovery,
+    seen: Observations,
+    writers: WriterList,
+}
+
+impl Robot {
+    fn endpoint(node: &str, type_name: &str) -> Endpoint {
+        let (participant, type_name) = (node.to_owned(), type_name.to_owned());
+        Endpoint { participant, node: Some(node.to_owned()), type_name, ..Endpoint::default() }
+    }
+
+    fn topic(&mut self, name: &str) -> &mut TopicSeen {
+        let topics = &mut self.discovery.topics;
+        let place = topics.binary_search_by(|topic| (*topic.name).cmp(name)).unwrap_or_else(|place| {
+            topics.insert(place, TopicSeen { name: name.to_owned(), ..TopicSeen::default() });
+            place
+        });
+        &mut topics[place]
+    }
+
+    pub fn node(mut self, node: &str) -> Robot {
+        if !self.discovery.nodes.iter().any(|known| known == node) {
+            self.discovery.nodes.push(node.to_owned());
+        }
+        self
+    }
+
+    /// A node that publishes laser scans, each so often and as old on arrival.
+    pub fn publishes(mut self, node: &str, topic: &str, period_ms: u64) -> Robot {
+        let endpoint = Robot::endpoint(node, SCAN);
+        self.topic(topic).publishers.push(endpoint);
+        let (name, type_name) = (topic.into(), SCAN.into());
+        let source = Arc::new(TopicSpec { topic: name, type_name, stamp: true, fields: Vec::new() });
+        for at_ms in (0..10_000).step_by(period_ms as usize) {
+            let received_wall_ns = 1_700_000_000_000_000_000;
+            let stamp_ns = Some(received_wall_ns - 20_000_000);
+            let values = Box::default();
+            let sample = Sample { source: source.clone(), stamp_ns, received_wall_ns, late: false, values };
+            self.seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
+        }
+        self.node(node)
+    }
+
+    pub fn listens(mut self, node: &str, topic: &str) -> Robot {
+        let endpoint = Robot::endpoint(node, SCAN);
+        self.topic(topic).subscribers.push(endpoint);
+        self.node(node)
+    }
+
+    pub fn serves(mut self, node: &str, service: &str) -> Robot {
+        let endpoint = Robot::endpoint(node, "");
+        self.topic(&format!("rq{service}Request")).subscribers.push(endpoint.clone());
+        self.topic(&format!("rr{service}Reply")).publishers.push(endpoint);
+        self.node(node)
+    }
+
+    /// A node that says a status every half second.
+    pub fn says(mut self, node: &str, status: &str) -> Robot {
+        let known = self.writers.writers.len() as u8;
+        let named = |it: &NodeOf| matches!(it, NodeOf::Named(name) if **name == *node);
+        let known_writer = self.writers.writers.iter().find(|(_, it)| named(it)).map(|(writer, _)| *writer);
+        let writer = known_writer.unwrap_or(WriterId([known + 1; 16]));
+        self.writers.writers.insert(writer, NodeOf::Named(node.into()));
+        self.seen.take(&Input::Writers(Arc::new(self.writers.clone())), Timestamp::ZERO);
+        for at_ms in (0..10_000).step_by(500) {
+            let mut array = StatusArray::default();
+            array.push_status(0, status, "", "");
+            self.seen.take(&Input::Diagnostics(array.said_by(writer)), Timestamp::from_millis(at_ms));
+        }
+        self.node(node)
+    }
+
+    /// What was heard of it in ten seconds.
+    pub fn heard(self) -> (Observations, Draft) {
+        let Robot { mut discovery, mut seen, .. } = self;
+        discovery.participants = discovery.nodes.len();
+        seen.see(Arc::new(discovery));
+        let draft = draft(&seen, Timestamp::ZERO, END);
+        (seen, draft)
+    }
+}
+
+/// Between the start and the end of what was heard.
+pub fn between<'a>((seen, draft): &'a (Observations, Draft)) -> Heard<'a> {
+    Heard { seen, draft, start: Timestamp::ZERO, end: Timestamp::ZERO + Span::from_secs(10) }
+}
