@@ -1,6 +1,7 @@
 //! Countermeasures, acceptances and stages in cases that scenarios cannot express: topics that cannot be
 //! sent, restarts, reloads and many modules.
 
+use telltale::engine::Engine;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, OutputReport, Place, Response};
 use telltale::engine::model::Stage;
 use telltale::engine::model::output::Output;
@@ -8,7 +9,7 @@ use telltale::engine::snapshot::{Alarm, CountermeasureState, Snapshot};
 use telltale::engine::state::State;
 use telltale::engine::time::Span;
 
-use crate::by_hand::Vehicle;
+use crate::by_hand::{Vehicle, model};
 
 const CONFIG: &str = "
 signals:
@@ -317,4 +318,25 @@ countermeasures:
     assert_eq!(asked(&vehicle.look()), Some(("maneuver_stop", causes, true)));
     assert_eq!(vehicle.release(), Response::Done);
     assert_eq!(asked(&vehicle.look()), None);
+}
+
+#[test]
+fn every_stop_of_the_operator_is_counted_over_reloads_and_keyframes_too() {
+    let mut vehicle = Vehicle::reporting(Stage::Active);
+    let mut seq = vehicle.look().seq;
+    for number in 1..=3 {
+        assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
+        let snapshot = vehicle.look();
+        assert_eq!(snapshot.last_stop, number);
+        assert!(snapshot.seq > seq, "it is a change of the state");
+        seq = snapshot.seq;
+    }
+    vehicle.reload(CONFIG);
+    assert_eq!(vehicle.look().last_stop, 3);
+    let resumed = Engine::from_keyframe(model(CONFIG), &vehicle.engine.keyframe()).unwrap();
+    assert_eq!(resumed.last_stop(), 3);
+    vehicle.signal("active", false);
+    vehicle.pass(Span::from_secs(60));
+    assert!(matches!(vehicle.does(OperatorAction::RequestStop), Response::Refused(_)));
+    assert_eq!(vehicle.look().last_stop, 4, "also one that is refused");
 }

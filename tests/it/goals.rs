@@ -46,7 +46,7 @@ async fn a_goal_that_is_no_pose_is_refused_counted_and_told() {
     let mut link = runtime::start(model.clone(), clock);
     let (reply, answer) = oneshot::channel();
     let action = OperatorAction::Login { name: "anna".into() };
-    link.commands.send(Command { action, reply }).await.unwrap();
+    link.commands.send(Command { action, last_stop: None, reply }).await.unwrap();
     assert_eq!(answer.await.unwrap(), Response::Done);
     let options = BridgeOptions::loopback(domain.id);
     let bridge = ros::start(options, &model, link.inputs.clone(), clock).await.expect("the bridge starts");

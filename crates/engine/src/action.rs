@@ -90,7 +90,7 @@ pub enum AlarmRef {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Response {
     Done,
-    /// Nothing changed. One reason for each check that failed.
+    /// Nothing changed, but that a STOP is counted. One reason for each check that failed.
     Refused(Vec<Refusal>),
 }
 
@@ -149,6 +149,8 @@ pub enum Refusal {
     NothingToAcknowledge(Box<str>),
     /// No request keeps the vehicle from driving.
     NothingToRelease,
+    /// The operator tapped STOP after the action was asked for.
+    StoppedSince,
     /// A cause of a request is still there.
     CauseRemains {
         node: Box<str>,

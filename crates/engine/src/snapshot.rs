@@ -60,6 +60,10 @@ pub struct Snapshot {
     /// Whether the vehicle must not go on before it is released; a level for its topic. `None`: after a restart
     /// nobody knows, until the vehicle stands at a stop or is released.
     pub hold: Option<bool>,
+    /// The number of the operator's last STOP; 0 if there was none in this run of the program.
+    pub last_stop: u64,
+    /// Nothing tells whether a vehicle with stages drives: no word on `active`, and no source of its speed.
+    pub drive_unknown: bool,
     /// The reasons against a clearance now, without those that only the display and the store know.
     pub clearance_refusals: Arc<[Refusal]>,
     /// Every check of a release that fails now, but for display and store. Empty: a release is offered.
@@ -158,7 +162,7 @@ impl Snapshot {
 
     /// Whether the vehicle moves, or may: it is cleared or drives by itself, or is not known to stand.
     pub fn may_move(&self) -> bool {
-        matches!(self.stage, Stage::Cleared | Stage::Active) || self.motion.may_move()
+        matches!(self.stage, Stage::Cleared | Stage::Active) || self.motion.may_move() || self.drive_unknown
     }
 
     /// The strongest countermeasure: the operator has to know it first.

@@ -114,6 +114,9 @@ impl Published {
 #[derive(Debug)]
 pub struct Command {
     pub action: OperatorAction,
+    /// For the second step of an action: the number of the last STOP when it was asked for. After another STOP
+    /// it is not done.
+    pub last_stop: Option<u64>,
     pub reply: oneshot::Sender<Response>,
 }
 
@@ -403,6 +406,10 @@ impl Loop {
     fn obey(&mut self, command: Command) {
         // Who gave up was told that nothing happened. A stop is never too late.
         if command.reply.is_closed() && command.action != OperatorAction::RequestStop {
+            return;
+        }
+        if command.last_stop.is_some_and(|number| number != self.engine.last_stop()) {
+            let _ = command.reply.send(Response::Refused(vec![Refusal::StoppedSince]));
             return;
         }
         let response = self.handle(Stamped::new(Input::Operator(command.action), self.clock.now()));

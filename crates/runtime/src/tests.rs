@@ -21,7 +21,7 @@ async fn a_status_comes_out_and_a_command_is_answered_after_its_effect_is_publis
     let mut link = start(empty_model(), clock);
     let (reply, answer) = oneshot::channel();
     let action = OperatorAction::Login { name: "anna".into() };
-    link.commands.send(Command { action, reply }).await.unwrap();
+    link.commands.send(Command { action, last_stop: None, reply }).await.unwrap();
     assert_eq!(answer.await.unwrap(), Response::Done);
     assert_eq!(link.snapshots.borrow().snapshot.stage, Stage::Localizing);
 
@@ -210,7 +210,7 @@ async fn followers_are_told_of_the_last_moment_before_the_end() {
     let link = start_followed(Arc::new(Model::new(parts).unwrap()), clock, followers);
     let (reply, done) = oneshot::channel();
     let action = OperatorAction::Login { name: "anna".into() };
-    link.commands.send(Command { action, reply }).await.unwrap();
+    link.commands.send(Command { action, last_stop: None, reply }).await.unwrap();
     done.await.unwrap();
     link.ending.end();
     link.commands.closed().await;

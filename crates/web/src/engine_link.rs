@@ -32,14 +32,18 @@ impl Live {
         timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?
     }
 
-    /// Hands an operator's action to the engine.
+    /// Hands an operator's action to the engine. A second step names the last STOP before its first.
     ///
     /// # Errors
     /// If it does not answer. Nothing has happened then and nothing will; a stop may.
-    pub async fn command(&self, action: OperatorAction) -> Result<Response, NoAnswer> {
+    pub async fn command(
+        &self,
+        action: OperatorAction,
+        last_stop: Option<u64>,
+    ) -> Result<Response, NoAnswer> {
         let (reply, answer) = oneshot::channel();
         let exchange = async {
-            self.link.commands.send(Command { action, reply }).await.map_err(|_| NoAnswer)?;
+            self.link.commands.send(Command { action, last_stop, reply }).await.map_err(|_| NoAnswer)?;
             answer.await.map_err(|_| NoAnswer)
         };
         timeout(COMMAND_TIMEOUT, exchange).await.map_err(|_| NoAnswer)?

@@ -109,7 +109,14 @@ impl ServiceRequest {
                 Ok(action.clone())
             }
         };
-        let asked = AskedAction { app, record: &record, until, judged: &judged, tell_recorder: &|_, _| {} };
+        let asked = AskedAction {
+            app,
+            record: &record,
+            until,
+            last_stop: None,
+            judged: &judged,
+            tell_recorder: &|_, _| {},
+        };
         act_in_turn(asked).await.map_err(|not_done| match not_done {
             NotDone::Refused(reasons) => view::refusals(&app.published(), Lang::En, &reasons).join(" "),
             NotDone::Invalid(invalid) => Lang::En.invalid_tap(invalid).to_owned(),

@@ -277,7 +277,8 @@ impl Fixture {
     /// The vehicle starts or stops to drive by itself, and the engine knows.
     pub async fn drive(&self, active: bool) {
         self.input(Input::Signal { name: "active".into(), value: active }).await;
-        self.until(|snapshot| (snapshot.stage == Stage::Active) == active).await;
+        let known = |it: &Snapshot| (it.stage == Stage::Active) == active && !it.drive_unknown;
+        self.until(known).await;
     }
 
     /// From now on somebody, or nobody, listens to requests to stop.

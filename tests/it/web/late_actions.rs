@@ -75,14 +75,18 @@ impl Scene {
         Judged { reply, preview: preview.await.unwrap() }
     }
 
-    /// The first step of a clearance in front of a live display, which is live until the end.
+    /// The first step in front of a live display, which is live until the end.
     async fn token(&mut self) -> String {
+        self.token_for("/vehicle/clearance").await
+    }
+
+    async fn token_for(&mut self, path: &str) -> String {
         let (displays, now) = (&self.fixture.app.displays, self.fixture.clock.now());
         let (place, seq) =
             (displays.enter(&self.fixture.session(&self.cookie)).unwrap(), self.version().await);
         place.sent(seq.into(), now);
         place.confirm(seq.into(), self.fixture.clock.now());
-        let asked = self.tap(seq, "/vehicle/clearance", "");
+        let asked = self.tap(seq, path, "");
         self.judged().await.go_on();
         let answer = asked.await.unwrap();
         drop(place);
@@ -202,6 +206,42 @@ async fn an_action_is_taken_back_if_its_tap_counts_no_more_once_the_disk_has_ans
     assert!(outcomes[0].starts_with("refused: ") && outcomes[1] == "done", "{log:#?}");
     let pose = store.recall().await.unwrap().unwrap().pose;
     assert_eq!(pose.map(|pose| pose.0), Some(before.1));
+}
+
+#[tokio::test]
+async fn a_stop_while_a_release_is_being_written_wins() {
+    let (disk, fixture, hand) = Disk::with_fixture("stop-wins").await;
+    let mut scene = Scene::standing_in(fixture, hand).await;
+    scene.fixture.drive(true).await;
+    let stop = |scene: &Scene| scene.tap(0, "/vehicle/stop", "");
+    assert_eq!(stop(&scene).await.unwrap().status, StatusCode::OK);
+    let token = scene.token_for("/vehicle/release").await;
+    scene.fixture.look(&scene.cookie);
+    let version = scene.version().await;
+    let release = scene.tap(version, "/vehicle/release/confirm", &token);
+    let judged = scene.judged().await;
+    assert!(judged.preview.is_ok(), "{:?}", judged.preview);
+    disk.run("BEGIN IMMEDIATE");
+    judged.go_on();
+    // The disk has begun with it once it answers nobody else.
+    let store = scene.fixture.store.clone();
+    let soon = std::time::Duration::from_millis(50);
+    until(async || tokio::time::timeout(soon, store.recall()).await.is_err()).await;
+    let stopped = stop(&scene);
+    scene.fixture.until(|snapshot| snapshot.last_stop == 2).await;
+    disk.run("COMMIT");
+    let answer = release.await.unwrap();
+    assert_eq!(answer.status, StatusCode::CONFLICT, "{}", answer.body);
+    assert!(answer.body.contains("STOP was tapped in the meantime"), "{}", answer.body);
+    let status = stopped.await.unwrap().status;
+    // A busy disk may not have recorded it in time.
+    assert!(matches!(status, StatusCode::OK | StatusCode::SERVICE_UNAVAILABLE), "{status}");
+    assert!(scene.fixture.link.snapshots.borrow().snapshot.stop_requested());
+    until(async || {
+        let remembered = store.recall().await.unwrap().unwrap();
+        remembered.countermeasures.iter().any(|it| it.by_operator.is_some())
+    })
+    .await;
 }
 
 #[tokio::test]

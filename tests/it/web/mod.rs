@@ -19,6 +19,7 @@ mod replay;
 mod services;
 mod snapshot_json;
 mod sockets;
+mod stops;
 mod streams;
 mod tls;
 mod trusted_recordings;

@@ -9,14 +9,18 @@ use telltale::engine::time::Span;
 use super::fixture::{Answer, Fixture, as_program, form_request};
 
 /// An operator at a display, at a vehicle that reports that all is well.
-struct Operator {
-    fixture: Fixture,
-    cookie: String,
+pub struct Operator {
+    pub fixture: Fixture,
+    pub cookie: String,
 }
 
 impl Operator {
     async fn localizing() -> Operator {
-        let fixture = Fixture::new().await;
+        Operator::localizing_in(Fixture::new().await).await
+    }
+
+    async fn localizing_in(fixture: Fixture) -> Operator {
+        fixture.drive(false).await;
         let cookie = fixture.cookie_of("operator").await;
         for status in ["lidar", "imu", "tf", "planner"] {
             fixture.status(status, 0, "fine").await;
@@ -26,8 +30,12 @@ impl Operator {
         operator
     }
 
-    async fn standing() -> Operator {
-        let operator = Operator::localizing().await;
+    pub async fn standing() -> Operator {
+        Operator::standing_in(Fixture::new().await).await
+    }
+
+    pub async fn standing_in(fixture: Fixture) -> Operator {
+        let operator = Operator::localizing_in(fixture).await;
         let answer = operator.post("/vehicle/localize", "stop=depot").await;
         assert_eq!(answer.status, StatusCode::OK, "{}", answer.body);
         operator.fixture.until(|snapshot| snapshot.stage == Stage::Standby).await;
@@ -39,7 +47,7 @@ impl Operator {
     }
 
     /// A tap on the present state.
-    async fn post(&self, path: &str, fields: &str) -> Answer {
+    pub async fn post(&self, path: &str, fields: &str) -> Answer {
         // Somebody must be shown a state before anybody can act on it.
         self.fixture.get_json("/api/v1/snapshot", &self.cookie).await;
         self.post_at(self.seq(), path, fields).await
@@ -54,7 +62,7 @@ impl Operator {
         self.token_for("/vehicle/clearance").await
     }
 
-    async fn token_for(&self, path: &str) -> String {
+    pub async fn token_for(&self, path: &str) -> String {
         let answer = json(&self.post(path, "").await, StatusCode::OK);
         assert_eq!(answer["expires_s"], 10);
         answer["token"].as_str().unwrap().to_owned()
@@ -64,7 +72,7 @@ impl Operator {
         self.confirm_at("/vehicle/clearance", token).await
     }
 
-    async fn confirm_at(&self, path: &str, token: &str) -> Answer {
+    pub async fn confirm_at(&self, path: &str, token: &str) -> Answer {
         let request = form_request(&format!("{path}/confirm"), Some(&self.cookie), &format!("token={token}"));
         self.fixture.send(as_program(request)).await
     }
@@ -82,7 +90,7 @@ fn json(answer: &Answer, status: StatusCode) -> Value {
 }
 
 #[track_caller]
-fn refused(answer: &Answer) -> Vec<String> {
+pub fn refused(answer: &Answer) -> Vec<String> {
     let answer = json(answer, StatusCode::CONFLICT);
     answer["refused"].as_array().unwrap().iter().map(|it| it.as_str().unwrap().to_owned()).collect()
 }

@@ -243,6 +243,7 @@ impl Countermeasures {
     /// Takes over the start times of requests, and the outputs that cannot be sent.
     pub(crate) fn keep(&mut self, old: &Countermeasures, before: &Model, model: &Model) {
         (self.asked, self.arrives, self.knows_all) = (old.asked, old.arrives, old.knows_all);
+        self.last_stop = old.last_stop;
         self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
         self.unsent.clone_from(&old.unsent);
         self.unheard.clone_from(&old.unheard);

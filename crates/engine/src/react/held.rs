@@ -187,6 +187,10 @@ pub(crate) struct Countermeasures {
     /// nothing is held where nothing is.
     #[serde(default)]
     pub(crate) knows_all: bool,
+    /// Counts every STOP of the operator, also one that holds already or is refused: a confirmation that was
+    /// asked for before the last one counts no more.
+    #[serde(default)]
+    pub(crate) last_stop: u64,
 }
 
 impl Countermeasures {

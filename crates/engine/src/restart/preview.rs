@@ -72,6 +72,11 @@ impl Engine {
         (self.vehicle.stage, self.views.vehicle().countermeasures.clone())
     }
 
+    /// The number of the operator's last STOP.
+    pub fn last_stop(&self) -> u64 {
+        self.countermeasures.last_stop
+    }
+
     /// The requests after a change of the held ones.
     fn list_after(&mut self, done: impl FnOnce(&mut Countermeasures)) -> Arc<[Countermeasure]> {
         let held = self.countermeasures.held.clone();

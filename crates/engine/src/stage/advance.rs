@@ -44,6 +44,8 @@ pub(crate) struct VehicleView {
     pub(crate) localization: Localization,
     pub(crate) clearance: bool,
     pub(crate) hold: Option<bool>,
+    pub(crate) last_stop: u64,
+    pub(crate) drive_unknown: bool,
     pub(crate) clearance_refusals: Arc<[Refusal]>,
     pub(crate) release_refusals: Arc<[Refusal]>,
     pub(crate) unreached: Arc<[(Output, Unreached)]>,
@@ -156,6 +158,13 @@ impl Engine {
             && !self.motion.shown().may_move()
     }
 
+    /// Whether nothing tells if a vehicle with stages drives: no word on `active`, and no source of its speed.
+    pub(crate) fn is_drive_unknown(&self) -> bool {
+        self.vehicle.model == StageModel::Shuttle
+            && self.active_signal.and_then(|index| self.signals.value(index)).is_none()
+            && self.model.driving.speed.is_none()
+    }
+
     fn follow_localization(&mut self) {
         let Localization { given: Some(given), ok_since, done: false, .. } = self.vehicle.localization else {
             return;
@@ -248,6 +257,8 @@ impl Engine {
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,
             hold: self.countermeasures.hold(),
+            last_stop: self.countermeasures.last_stop,
+            drive_unknown: self.is_drive_unknown(),
             clearance_refusals: self.clearance_refusals().into(),
             release_refusals: self.release_refusals().into(),
             unreached: self.unreached().into(),

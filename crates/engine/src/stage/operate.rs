@@ -22,6 +22,11 @@ const WARNINGS_MAX: usize = 64;
 
 impl Engine {
     pub(crate) fn operate(&mut self, action: &OperatorAction) -> Response {
+        // Who taps STOP does not want a drive to begin, whatever else the tap does.
+        if *action == OperatorAction::RequestStop {
+            self.countermeasures.last_stop += 1;
+            self.vehicle_changed = true;
+        }
         match self.try_to(action) {
             Ok(()) => {
                 self.vehicle_changed = true;
@@ -85,7 +90,7 @@ impl Engine {
             OperatorAction::RequestStop => {
                 self.need_operator()?;
                 let may_drive = matches!(self.vehicle.stage, Stage::Cleared | Stage::Active);
-                if !may_drive && !self.motion.shown().may_move() {
+                if !may_drive && !self.motion.shown().may_move() && !self.is_drive_unknown() {
                     return Err(vec![Refusal::NotDriving]);
                 }
                 // Without a reader the request is still made: it is sent as soon as there is one.

@@ -109,7 +109,7 @@ async fn lock_if_empty(app: &Live) {
         return;
     };
     let is_empty = !app.store.sessions().iter().any(|session| is_in_charge(session, &snapshot));
-    if is_empty && matches!(app.command(OperatorAction::Logout).await, Ok(Response::Done)) {
+    if is_empty && matches!(app.command(OperatorAction::Logout, None).await, Ok(Response::Done)) {
         tracing::info!("the operator has no session any more: the vehicle is locked");
         let record = Record::of(Action::Logout, TELLTALE).by(operator, Role::Operator);
         app.store.note(record.on("no session any more"));

@@ -117,7 +117,7 @@ impl HandOver {
             return Err("the disk did not answer in time".to_owned());
         };
         let written = taken.map_err(|error| error.to_string())?;
-        let why = match app.command(action).await {
+        let why = match app.command(action, None).await {
             Ok(Response::Done) => {
                 app.session_ends.end_all_of(&self.from, SessionEnd::TakenOver);
                 app.store.left(written);

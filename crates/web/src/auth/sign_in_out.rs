@@ -250,7 +250,7 @@ impl LoginAttempt {
         let vehicle = Some(app.remembering(preview));
         let entering = self.entering(app, vehicle, other);
         let (token, written) = self.write(app, entering, records).await?;
-        let (why, not_opened) = match app.command(action).await {
+        let (why, not_opened) = match app.command(action, None).await {
             Ok(Answer::Done) => {
                 if let Some(other) = other {
                     app.session_ends.end_all_of(other, SessionEnd::TakenOver);
@@ -320,7 +320,7 @@ async fn close(app: Live, session: Session, source: IpAddr, action: OperatorActi
     };
     let leaving = leaving.inspect_err(not_done)?;
     app.session_ends.log_out(&session);
-    let (why, not_closed) = match app.command(action).await {
+    let (why, not_closed) = match app.command(action, None).await {
         Ok(Answer::Done) => {
             app.store.left(leaving);
             // That the vehicle is locked follows from having no operator, after a restart too.

@@ -54,6 +54,8 @@ pub struct AskedAction<'a> {
     pub record: &'a Record,
     /// It counts until then.
     pub until: Timestamp,
+    /// For a second step: the number of the last STOP before the first. A STOP after that wins.
+    pub last_stop: Option<u64>,
     /// The action with the conditions of this moment, or why it does not count now.
     pub judged: &'a (dyn Fn() -> Result<OperatorAction, InvalidTap> + Sync),
     /// Tells the recorder of incidents that it was not done, and why, in both languages.
@@ -72,6 +74,7 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
             app: &tapped.tap.app,
             record: &tapped.record,
             until: tapped.until(),
+            last_stop: tapped.validity.last_stop,
             judged: &|| tapped.judged(),
             tell_recorder: &|why, why_de| tapped.tell_recorder(why, why_de),
         };
@@ -93,7 +96,7 @@ pub async fn act(tapped: TappedAction) -> Result<(), NotDone> {
 /// # Errors
 /// Why nothing has changed.
 pub async fn act_in_turn(asked: AskedAction<'_>) -> Result<(), NotDone> {
-    let AskedAction { app, record, until, judged, tell_recorder } = asked;
+    let AskedAction { app, record, until, judged, tell_recorder, .. } = asked;
     if let Err(invalid) = judged() {
         return Err(refused(asked, None, invalid.into()).await);
     }
@@ -163,7 +166,7 @@ async fn preview(asked: AskedAction<'_>) -> Result<Preview, NotDone> {
 }
 
 async fn carry_out(asked: AskedAction<'_>) -> Result<(), NotDone> {
-    match asked.app.command((asked.judged)()?).await? {
+    match asked.app.command((asked.judged)()?, asked.last_stop).await? {
         Response::Done => Ok(()),
         Response::Refused(reasons) => Err(NotDone::Refused(reasons)),
     }

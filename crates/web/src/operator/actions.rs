@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::act::act;
 use super::not_done::NotDone;
 use super::tap::{Tap, TapValidity, TappedAction, Versioned};
-use super::two_steps::{CONFIRM_WITHIN, TwoSteps};
+use super::two_steps::{CONFIRM_WITHIN, FirstStep, TwoSteps};
 use crate::http::respond::{FormOf, Speaks, bad_field, refusal, refused_in_words};
 use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view;
@@ -55,7 +55,8 @@ pub struct LocalizeForm {
 /// A stop, over HTTP or over the socket of the page. It counts whatever the page showed, and however late.
 #[derive(Debug, Deserialize, JsonSchema)]
 pub struct StopForm {
-    /// The tap's own name: what comes with the same one again is the same tap.
+    /// The tap's own name, another for each tap: what comes with the same one again within 10 s is the same tap, sent
+    /// again.
     pub tap: Option<Box<str>>,
 }
 
@@ -106,7 +107,7 @@ pub async fn request_stop(tap: Tap, form: StopForm) -> Response {
         act(TappedAction { tap: tap.clone(), validity, action: OperatorAction::RequestStop, record });
     let stopped = match form.tap {
         Some(name) if name.len() > TAP_BYTES_MAX => return bad_field(&tap.reader, "tap"),
-        Some(name) => tap.app.stops.once(&tap.session, name, stopping).await,
+        Some(name) => tap.app.stops.once(&tap, name, stopping).await,
         None => stopping.await,
     };
     answer(&tap, stopped, Done {})
@@ -139,6 +140,9 @@ pub async fn withdraw(tap: Tap, FormOf(shown): FormOf<Versioned>) -> Response {
 }
 
 async fn request(tap: Tap, shown: Versioned, steps: TwoSteps) -> Response {
+    // In this order: a STOP that is not counted in the number is a new one, whatever its name.
+    let last_stop = tap.app.published().snapshot.last_stop;
+    tap.app.stops.forget();
     let (display_live, storage_ok) = tap.conditions();
     let (action, record) = steps.request(display_live, storage_ok);
     let (validity, record) = (tap.validity(&shown, steps.aspect()), tap.record(record));
@@ -146,7 +150,9 @@ async fn request(tap: Tap, shown: Versioned, steps: TwoSteps) -> Response {
     if granted.is_err() {
         return answer(&tap, granted, Done {});
     }
-    match tap.app.pending.request(steps, &tap.session, shown.version, tap.app.clock.now()) {
+    let until = tap.app.clock.now() + CONFIRM_WITHIN;
+    let first = FirstStep { version: shown.version, last_stop, until };
+    match tap.app.pending.request(steps, &tap.session, first) {
         Ok(token) => answer(&tap, Ok(()), Granted { token, expires_s: CONFIRM_WITHIN.as_millis() / 1000 }),
         Err(error) => {
             tracing::error!(%error, "no token can be made");
@@ -156,11 +162,12 @@ async fn request(tap: Tap, shown: Versioned, steps: TwoSteps) -> Response {
 }
 
 async fn confirm_step(tap: Tap, form: ConfirmForm, steps: TwoSteps) -> Response {
+    tap.app.stops.forget();
     let redeemed = tap.app.pending.redeem(steps, &form.token, &tap.session, tap.app.clock.now());
     let (display_live, storage_ok) = tap.conditions();
     let (action, record) = steps.confirm(display_live, storage_ok);
     let record = tap.record(record);
-    let (requested, confirmed_until) = match redeemed {
+    let first = match redeemed {
         Ok(redeemed) => redeemed,
         Err(invalid) => {
             let [why, why_de] = Lang::ALL.map(|lang| lang.invalid_tap(invalid));
@@ -169,9 +176,10 @@ async fn confirm_step(tap: Tap, form: ConfirmForm, steps: TwoSteps) -> Response 
             return answer(&tap, Err(invalid.into()), Done {});
         }
     };
-    let version = form.version.map_or(requested, |version| version.min(requested));
+    let version = form.version.map_or(first.version, |version| version.min(first.version));
     let shown = Versioned { version, beat: form.beat };
-    let validity = TapValidity { confirmed_until, ..tap.validity(&shown, steps.aspect()) };
+    let (confirmed_until, last_stop) = (first.until, Some(first.last_stop));
+    let validity = TapValidity { confirmed_until, last_stop, ..tap.validity(&shown, steps.aspect()) };
     done(tap, validity, action, record).await
 }
 

@@ -67,6 +67,8 @@ pub struct TapValidity {
     pub until: Timestamp,
     /// For a second step: after this the first one does not count any more.
     pub confirmed_until: Timestamp,
+    /// For a second step: the number of the last STOP before the first. After another STOP it does not count.
+    pub last_stop: Option<u64>,
     /// It is a stop, which counts whatever was shown and however late, and from the next operator too.
     pub is_stop: bool,
 }
@@ -101,13 +103,21 @@ impl Tap {
     pub fn validity(&self, shown: &Versioned, aspect: Aspect) -> TapValidity {
         let age = shown.beat.as_deref().map_or(Span::ZERO, |beat| self.age(beat));
         let until = self.arrived + (TAP_LATE_MAX - age);
-        TapValidity { aspect, version: shown.version, until, confirmed_until: until, is_stop: false }
+        let (version, confirmed_until) = (shown.version, until);
+        TapValidity { aspect, version, until, confirmed_until, last_stop: None, is_stop: false }
     }
 
     /// A stop counts whatever the page showed, and however late it comes.
     pub fn validity_of_stop(&self) -> TapValidity {
         let never = Timestamp::MAX;
-        TapValidity { aspect: Aspect::Stage, version: 0, until: never, confirmed_until: never, is_stop: true }
+        TapValidity {
+            aspect: Aspect::Stage,
+            version: 0,
+            until: never,
+            confirmed_until: never,
+            last_stop: None,
+            is_stop: true,
+        }
     }
 
     /// How old a heartbeat was when the tap arrived. What cannot be read is as old as can be.
@@ -132,6 +142,9 @@ impl Tap {
         }
         if validity.is_stop {
             return Ok(());
+        }
+        if validity.last_stop.is_some_and(|number| number != published.snapshot.last_stop) {
+            return Err(InvalidTap::StoppedSince);
         }
         if now >= validity.until {
             return Err(InvalidTap::Late);

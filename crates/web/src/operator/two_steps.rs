@@ -58,9 +58,18 @@ struct Requested {
     steps: TwoSteps,
     token: String,
     session: Session,
+    first: FirstStep,
+}
+
+/// What the second step depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FirstStep {
     /// The state of the vehicle that was shown with the request.
-    version: u64,
-    until: Timestamp,
+    pub version: u64,
+    /// The number of the operator's last STOP before it.
+    pub last_stop: u64,
+    /// Until then it may be confirmed.
+    pub until: Timestamp,
 }
 
 impl PendingConfirmation {
@@ -72,20 +81,17 @@ impl PendingConfirmation {
         &self,
         steps: TwoSteps,
         session: &Session,
-        version: u64,
-        now: Timestamp,
+        first: FirstStep,
     ) -> Result<String, getrandom::Error> {
         let mut bytes = [0; 16];
         getrandom::fill(&mut bytes)?;
         let token: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
-        let (session, until) = (session.clone(), now + CONFIRM_WITHIN);
-        let request = Requested { steps, token: token.clone(), session, version, until };
+        let request = Requested { steps, token: token.clone(), session: session.clone(), first };
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(request);
         Ok(token)
     }
 
-    /// Removes the request, whatever becomes of it, and returns the version that was shown with it, and until
-    /// when it may be confirmed.
+    /// Removes the request, whatever becomes of it, and returns what its confirmation depends on.
     ///
     /// # Errors
     /// If the token is not that of the request. A foreign token removes nothing.
@@ -95,12 +101,12 @@ impl PendingConfirmation {
         token: &str,
         session: &Session,
         now: Timestamp,
-    ) -> Result<(u64, Timestamp), InvalidTap> {
+    ) -> Result<FirstStep, InvalidTap> {
         let mut pending = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match pending.take_if(|it| it.steps == steps && it.token == token && it.session.is(session)) {
             None => Err(InvalidTap::NotPending),
-            Some(request) if now >= request.until => Err(InvalidTap::ConfirmedLate),
-            Some(request) => Ok((request.version, request.until)),
+            Some(request) if now >= request.first.until => Err(InvalidTap::ConfirmedLate),
+            Some(request) => Ok(request.first),
         }
     }
 }
@@ -120,12 +126,12 @@ mod tests {
         let (_, other) = store.open_session(&user).await.unwrap();
         let pending = PendingConfirmation::default();
         let (asks, other_action) = (TwoSteps::Release, TwoSteps::Clearance);
-        let granted = Ok((7, Timestamp::from_millis(15_000)));
-        let cases = [(0, granted), (9_999, granted), (10_000, Err(InvalidTap::ConfirmedLate))];
+        let asked = Timestamp::from_millis(5_000);
+        let first = FirstStep { version: 7, last_stop: 3, until: asked + CONFIRM_WITHIN };
+        let cases = [(0, Ok(first)), (9_999, Ok(first)), (10_000, Err(InvalidTap::ConfirmedLate))];
         for (waited_ms, expect) in cases {
-            let asked = Timestamp::from_millis(5_000);
             let now = asked + Span::from_millis(waited_ms);
-            let token = pending.request(asks, &session, 7, asked).unwrap();
+            let token = pending.request(asks, &session, first).unwrap();
             assert_eq!(token.len(), 32);
             assert_eq!(pending.redeem(asks, &token, &other, now), Err(InvalidTap::NotPending));
             assert_eq!(pending.redeem(other_action, &token, &session, now), Err(InvalidTap::NotPending));

@@ -42,6 +42,7 @@ texts! {
         Refusal::StopNotPublished => "The vehicle cannot be stopped from here. Take over and stop it.", "Von hier lässt sich das Fahrzeug nicht anhalten. Übernehmen und anhalten.";
         Refusal::DisplayNotLive => "The display is not up to date. Wait for it, then try again.", "Die Anzeige ist nicht aktuell. Warten, dann erneut versuchen.";
         Refusal::StorageNotWritable => "Nothing can be recorded. Call the control room.", "Es kann nichts aufgezeichnet werden. Leitstelle rufen.";
+        Refusal::StoppedSince => "STOP was tapped in the meantime, so this was not done. Look again.", "Inzwischen wurde STOP getippt, daher nicht ausgeführt. Neu hinsehen.";
         Refusal::NothingToRelease => "Nothing keeps the vehicle from driving on.", "Nichts hindert das Fahrzeug am Weiterfahren.";
     }
 
@@ -51,6 +52,7 @@ texts! {
         InvalidTap::NotInCharge => "Somebody else leads the vehicle. Log in again to take their place.", "Jemand anderes führt das Fahrzeug. Zum Ablösen neu anmelden.";
         InvalidTap::Stale => "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
         InvalidTap::ForOperator => "While the vehicle is cleared or drives, this is for its operator at the page.", "Während das Fahrzeug freigegeben ist oder fährt, ist das Sache des Bedieners an der Anzeige.";
+        InvalidTap::StoppedSince => "STOP was tapped in the meantime, so this was not done. Look again.", "Inzwischen wurde STOP getippt, daher nicht ausgeführt. Neu hinsehen.";
         InvalidTap::Late => "This waited too long and was not done. Look again.", "Das hat zu lange gewartet und wurde nicht ausgeführt. Neu hinsehen.";
         InvalidTap::NotPending => "Nothing waits for this confirmation. Begin again.", "Auf diese Bestätigung wartet nichts. Bitte neu beginnen.";
         InvalidTap::ConfirmedLate => "The confirmation came later than 10 s. Begin again.", "Die Bestätigung kam später als 10 s. Bitte neu beginnen.";
@@ -93,6 +95,8 @@ pub enum InvalidTap {
     Stale,
     /// While the vehicle is cleared or drives, it is for the operator alone.
     ForOperator,
+    /// It confirms a request, and the operator tapped STOP since.
+    StoppedSince,
     /// It waited too long, on its way or here.
     Late,
     /// It confirms a request that was used, replaced, or made by somebody else.

@@ -45,6 +45,8 @@ pub fn permitted(published: &Published) -> Published {
         motion: snapshot.motion,
         clearance: snapshot.clearance,
         hold: snapshot.hold,
+        last_stop: snapshot.last_stop,
+        drive_unknown: snapshot.drive_unknown,
         clearance_refusals: Arc::new([]),
         release_refusals: Arc::new([]),
         unreached: Arc::new([]),

@@ -107,10 +107,11 @@ fn digests(snapshot: &Snapshot) -> HashMap<Aspect, u64> {
     let alarms: Vec<_> = snapshot.alarms.iter().map(of_alarm).collect();
     // Refusals and countermeasures contain numbers with a fraction, which have no hash.
     let words = format!("{:?} {:?}", snapshot.clearance_refusals, snapshot.countermeasures);
-    let judged = (steps, tiles, roots, alarms, &snapshot.accepted, words);
+    let stop = snapshot.last_stop;
+    let judged = (steps, stop, tiles, roots, alarms, &snapshot.accepted, words);
     digests.insert(Aspect::Clearance, digest(&judged));
     let words = format!("{:?} {:?}", snapshot.release_refusals, snapshot.countermeasures);
-    digests.insert(Aspect::Release, digest(&(steps, words)));
+    digests.insert(Aspect::Release, digest(&(steps, stop, words)));
     digests
 }
 

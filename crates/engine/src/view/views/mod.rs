@@ -121,6 +121,8 @@ impl Views {
             motion: self.motion,
             clearance: self.vehicle.clearance,
             hold: self.vehicle.hold,
+            last_stop: self.vehicle.last_stop,
+            drive_unknown: self.vehicle.drive_unknown,
             clearance_refusals: self.vehicle.clearance_refusals.clone(),
             release_refusals: self.vehicle.release_refusals.clone(),
             unreached: self.vehicle.unreached.clone(),

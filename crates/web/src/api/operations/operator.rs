@@ -55,14 +55,14 @@ pub const WITHDRAW: Operation = Operation {
 pub const STOP: Operation = Operation {
     id: "stop",
     summary: "Ask the vehicle to stop",
-    about: "It counts whatever the display showed.",
+    about: "It counts whatever the display showed, and forbids what was asked for before it and is not confirmed yet.",
     form: Some(of::<StopForm>),
     refusals: &[
         REFUSED,
         BAD_FORM,
         (503, "It is requested, and not recorded or not heard: the answer says which."),
     ],
-    example: "tap=1",
+    example: "tap=1764259200123-8f3a",
     ..ACTION
 };
 

@@ -108,7 +108,7 @@ fn of_stage(view: &View<'_>) -> NextStep {
 }
 
 /// In every stage, as long as the vehicle moves or may. A stop that the vehicle cannot receive is not offered. It stays
-/// offered once it is requested: another tap changes nothing.
+/// offered once it is requested: another tap forbids a release that was asked for before it.
 fn stop(view: &View<'_>) -> Option<StopButton> {
     let snapshot = view.snapshot;
     let asked = snapshot.stop_requested_since().map(|since| view.wall_since(since));
@@ -173,7 +173,7 @@ fn locating(view: &View<'_>) -> NextStep {
 }
 
 fn clear(view: &View<'_>) -> NextStep {
-    let release = view.snapshot.motion.may_move() && requests::waits_for_release(view);
+    let release = view.snapshot.may_move() && requests::waits_for_release(view);
     NextStep::Clear { ready: view.snapshot.clearance_refusals.is_empty(), checks: view.checks(), release }
 }
 
