@@ -62,7 +62,7 @@ async fn the_vehicle_and_programs_are_told_before_all_others() {
     // Who commanded finds the effect everywhere.
     let (reply, answer) = oneshot::channel();
     let action = OperatorAction::Login { name: "anna".into() };
-    link.commands.send(Command { action, reply }).await.unwrap();
+    link.commands.send(Command { action, last_stop: None, reply }).await.unwrap();
     assert_eq!(answer.await.unwrap(), Response::Done);
     assert_eq!(afterwards.borrow().snapshot.stage, Stage::Localizing);
 }
