@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use telltale::config;
 use telltale::engine::Engine;
-use telltale::engine::input::{AlarmRef, Input, OperatorAction, Refusal, Response, StatusArray};
+use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};
 use telltale::engine::model::{Model, Stage};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
@@ -44,9 +44,36 @@ impl Vehicle {
     }
 
     fn in_stage(stage: Stage) -> Vehicle {
-        let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+        Vehicle::in_stage_of(CONFIG, stage)
+    }
+
+    fn in_stage_of(text: &str, stage: Stage) -> Vehicle {
+        let mut engine = Engine::new(model(text), Timestamp::ZERO);
         engine.start_in(stage);
         Vehicle { engine, now: Timestamp::ZERO }
+    }
+
+    /// A start that remembers nothing, with an operator.
+    fn without_memory(text: &str) -> Vehicle {
+        let mut vehicle =
+            Vehicle { engine: Engine::begin(model(text), Timestamp::ZERO), now: Timestamp::ZERO };
+        assert_eq!(vehicle.operates(OperatorAction::Login { name: "anna".into() }), Response::Done);
+        vehicle
+    }
+
+    fn operates(&mut self, action: OperatorAction) -> Response {
+        self.input(&Input::Operator(action))
+    }
+
+    /// A sample of the signal `active`, and what all components say that are well, after some time.
+    fn says(&mut self, active: bool, wait_s: u64) {
+        self.input(&Input::Signal { name: "active".into(), value: active });
+        self.now = self.now + Span::from_secs(wait_s);
+        self.report(0, 0);
+    }
+
+    fn hold(&mut self) -> Option<bool> {
+        self.look().hold
     }
 
     fn input(&mut self, input: &Input) -> Response {
@@ -282,22 +309,108 @@ fn a_release_needs_every_cause_gone_a_live_display_and_a_store() {
 }
 
 #[test]
-fn at_a_stop_a_request_ends_with_its_cause() {
-    let mut vehicle = Vehicle::driving();
+fn a_request_that_was_made_at_a_stop_ends_with_its_cause_unless_the_vehicle_drives_meanwhile() {
+    let text = CONFIG.replace("state: error }", "state: error, stages: [standby, active] }");
+    for drives in [false, true] {
+        let mut vehicle = Vehicle::in_stage_of(&text, Stage::Standby);
+        vehicle.says(false, 4);
+        vehicle.report(2, 0);
+        assert_eq!(vehicle.asked(), cause("sensors/own", true));
+        vehicle.keeps("sensors/own");
+        vehicle.says(drives, 0);
+        vehicle.says(false, 60);
+        assert_eq!(vehicle.asked(), cause("sensors/own", false).filter(|_| drives));
+        assert_eq!(vehicle.look().stage, Stage::Standby);
+    }
+    // Right after a drive it is not certain that this is a stop.
+    let mut vehicle = Vehicle::driving_by(&text);
+    vehicle.says(false, 0);
     vehicle.report(2, 0);
-    vehicle.input(&Input::Signal { name: "active".into(), value: false });
-    vehicle.report(0, 0);
+    vehicle.says(false, 0);
     assert_eq!(vehicle.asked(), cause("sensors/own", false), "it may drive on");
-    vehicle.now = vehicle.now + Span::from_secs(4);
-    vehicle.report(0, 0);
-    assert_eq!((vehicle.look().stage, vehicle.asked()), (Stage::Standby, None));
-    vehicle.input(&Input::Signal { name: "active".into(), value: true });
-    vehicle.report(2, 0);
-    vehicle.input(&Input::Signal { name: "active".into(), value: false });
-    vehicle.now = vehicle.now + Span::from_secs(4);
-    vehicle.report(2, 0);
-    assert_eq!(vehicle.asked(), cause("sensors/own", true), "the cause is there");
-    vehicle.keeps("sensors/own");
+    vehicle.says(false, 4);
+    assert_eq!(vehicle.asked(), None);
+}
+
+#[test]
+fn a_vehicle_that_is_held_on_its_way_stays_held_whatever_it_says_of_driving() {
+    let by_a_rule = || {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(2, 0);
+        vehicle.report(0, 0);
+        vehicle
+    };
+    let by_the_operator = || {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.operates(OperatorAction::RequestStop), Response::Done);
+        vehicle
+    };
+    for begin in [&by_a_rule as &dyn Fn() -> Vehicle, &by_the_operator] {
+        for silent_s in [1, 4, 60] {
+            let mut vehicle = begin();
+            // The component that says it restarts.
+            vehicle.says(false, silent_s);
+            assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, Some(true)));
+            vehicle.says(true, 1);
+            assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(true)));
+            vehicle.says(false, silent_s);
+            vehicle.restart(CONFIG);
+            vehicle.says(false, silent_s);
+            vehicle.reload(CONFIG);
+            vehicle.says(false, silent_s);
+            assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, Some(true)));
+            let refused = vehicle.look().clearance_refusals.to_vec();
+            assert!(refused.iter().any(|it| matches!(it, Refusal::Countermeasure(_))), "{refused:?}");
+            // In standby too, the operator's release ends it.
+            assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
+            assert!(!vehicle.look().clearance);
+        }
+    }
+}
+
+#[test]
+fn a_start_that_remembers_nothing_learns_from_no_word_of_the_vehicle_that_it_is_not_held() {
+    let speed = "motion: { speed: { topic: /can/speed, type: std_msgs/msg/Float64, field: data }, standing_below: 0.1 }";
+    for text in [CONFIG.to_owned(), format!("{speed}{CONFIG}")] {
+        let mut vehicle = Vehicle::without_memory(&text);
+        for (active, wait_s) in
+            [(false, 0), (true, 1), (false, 4), (false, 60), (true, 60), (false, 60), (true, 0), (false, 4)]
+        {
+            vehicle.says(active, wait_s);
+            assert_eq!(vehicle.hold(), None, "after {active} for {wait_s} s");
+        }
+        vehicle.restart(&text);
+        vehicle.says(false, 60);
+        assert_eq!(vehicle.hold(), None);
+    }
+}
+
+#[test]
+fn an_operator_sets_a_vehicle_going_of_which_nothing_is_remembered() {
+    // On its way: a stop, and its release.
+    let mut vehicle = Vehicle::without_memory(CONFIG);
+    vehicle.says(true, 60);
+    assert_eq!(vehicle.release(), Response::Refused(vec![Refusal::NothingToRelease]));
+    assert_eq!(vehicle.operates(OperatorAction::RequestStop), Response::Done);
+    assert_eq!(vehicle.hold(), Some(true));
+    assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
+    assert_eq!(vehicle.look().stage, Stage::Active);
+
+    // In standby: a clearance.
+    let mut vehicle = Vehicle::without_memory(CONFIG);
+    vehicle.says(false, 1);
+    let place = Place::Pose { x_m: 0.0, y_m: 0.0, yaw_deg: 0.0 };
+    assert_eq!(vehicle.operates(OperatorAction::Localize { place }), Response::Done);
+    vehicle.says(false, 10);
+    assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, None));
+    let (display_live, storage_ok) = (true, true);
+    let asks = OperatorAction::AskClearance { display_live, storage_ok };
+    assert_eq!((vehicle.operates(asks), vehicle.hold()), (Response::Done, None), "this was the first tap");
+    let clears = OperatorAction::Clear { display_live, storage_ok };
+    assert_eq!((vehicle.operates(clears), vehicle.hold()), (Response::Done, Some(false)));
+    vehicle.says(true, 1);
+    assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(false)));
 }
 
 /// Whether the vehicle is held, with its stage, once the cause has long been gone.
@@ -378,9 +491,10 @@ fn while_it_is_unknown_whether_the_vehicle_drives_a_request_is_held_also_in_stan
     vehicle.now = vehicle.now + Span::from_secs(60);
     vehicle.report(0, 0);
     assert_eq!(held_much_later(&mut vehicle), (Stage::Standby, Some(true)));
-    vehicle.input(&Input::Signal { name: "active".into(), value: false });
-    vehicle.report(0, 0);
-    assert_eq!(vehicle.look().hold, Some(false));
+    // Nor does one sample of it release anything.
+    vehicle.says(false, 4);
+    assert_eq!(vehicle.hold(), Some(true));
+    assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
 }
 
 #[test]

@@ -76,7 +76,7 @@ impl Countermeasures {
             ConfirmedBy::Signal(index) => signals.value(*index) == Some(true),
             ConfirmedBy::Status(name) => is_ok(net, names, name),
         };
-        let mut next: Option<Timestamp> = self.arrives.filter(|&at| at > now);
+        let mut next: Option<Timestamp> = self.arrives.filter(|&at| at > now && !self.held.is_empty());
         let mut waited_for = Vec::new();
         for kind in RequestKind::ALL {
             let slot = kind as usize;

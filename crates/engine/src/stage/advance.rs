@@ -59,12 +59,14 @@ impl Engine {
         }
         let to = self.vehicle.stage;
         self.events.push(self.now, EventKind::Stage { from, to });
-        match from {
-            Stage::Active => self.arrived(),
-            // The vehicle may have set off already.
-            Stage::Cleared => self.countermeasures.arrive(self.now + ARRIVAL),
-            Stage::Locked | Stage::Localizing | Stage::Standby => {}
+        if matches!(from, Stage::Active | Stage::Cleared) {
+            // A vehicle that was cleared may have set off already.
+            self.countermeasures.arrives = Some(self.now + ARRIVAL);
         }
+        if from == Stage::Active {
+            self.arrived();
+        }
+        self.countermeasures.knows_all |= event == Event::Clearance;
         self.stage_changed();
         true
     }
@@ -84,11 +86,10 @@ impl Engine {
         self.net.mark_conditions(self.vehicle.stage);
     }
 
-    /// The goal is used up: the next drive needs its own. Requests stay until the end of the drive is certain.
+    /// The goal is used up: the next drive needs its own.
     fn arrived(&mut self) {
         // A drive that was asked to slow down or to stop may have ended anywhere.
         let is_asked = self.countermeasures.moving().next().is_some();
-        self.countermeasures.arrive(self.now + ARRIVAL);
         let stop = self.motion.shown().destination.map(|index| &self.model.driving.stops[index]);
         if let Some(stop) = stop.filter(|_| !is_asked) {
             self.vehicle.localization.last_known = Some(KnownPlace { pose: stop.into(), driven: true });
@@ -121,10 +122,6 @@ impl Engine {
     /// states in turn.
     pub(crate) fn follow_vehicle(&mut self) -> bool {
         self.follow_localization();
-        if !self.countermeasures.knows_all && self.stands_at_a_stop() {
-            self.countermeasures.knows_all = true;
-            self.vehicle_changed = true;
-        }
         if !self.countermeasures.is_idle() {
             self.vehicle_changed = true;
             self.follow_measures();

@@ -146,6 +146,10 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
             Instruction { reader: Some(steps.operator_clears), ..act("drive", steps.clear_to_drive) }
         }
         Stage::Standby => at_a_stop(view, entries).unwrap_or_else(|| {
+            if requests::waits_for_release(view) {
+                let reader = Some(steps.operator_continues);
+                return Instruction { reader, ..act("idle", steps.held_end) };
+            }
             let no_goal = snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
             let title = if no_goal { steps.wait_for_goal } else { steps.wait };
             Instruction { urgency: Urgency::None, ..act("ready", title) }

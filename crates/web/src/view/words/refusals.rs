@@ -106,12 +106,12 @@ impl Lang {
                 ("A warning is on the screen.", "Eine Warnung wird angezeigt.")
             }
             Refusal::Countermeasure(RequestKind::ManeuverStop) => (
-                "A stop is requested. It ends when its cause is gone.",
-                "Ein Anhalten ist angefordert. Es endet, wenn die Ursache behoben ist.",
+                "A stop is requested. End it when its cause is gone.",
+                "Ein Anhalten ist angefordert. Aufheben, wenn die Ursache behoben ist.",
             ),
             Refusal::Countermeasure(RequestKind::Decelerate) => (
-                "The vehicle is being slowed down. That ends when the cause is gone.",
-                "Das Fahrzeug wird verzögert. Das endet, wenn die Ursache behoben ist.",
+                "The vehicle is being slowed down. End that when the cause is gone.",
+                "Das Fahrzeug wird verzögert. Aufheben, wenn die Ursache behoben ist.",
             ),
             Refusal::NobodyListens(RequestKind::Decelerate) => (
                 "No vehicle hears a request to slow down. Call the control room.",
