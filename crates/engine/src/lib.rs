@@ -180,6 +180,7 @@ impl Engine {
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
             Input::Aggregator { other } => self.take_aggregator(other.as_deref()),
+            Input::Voices { other } => self.take_voices(other.as_deref()),
             Input::Nodes { repeated } => self.take_nodes(repeated.as_deref()),
             Input::Storage { fault } => self.take_storage(fault.as_deref()),
             Input::Display { late } => self.take_display(late.as_deref()),

@@ -246,6 +246,7 @@ impl Countermeasures {
         self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
         self.unsent.clone_from(&old.unsent);
         self.unheard.clone_from(&old.unheard);
+        self.other_voices.clone_from(&old.other_voices);
     }
 }
 

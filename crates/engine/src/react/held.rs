@@ -199,6 +199,9 @@ pub(crate) struct Countermeasures {
     pub(crate) unsent: BTreeMap<Output, OutputReport>,
     /// Topics without a reader.
     pub(crate) unheard: BTreeMap<Output, Box<str>>,
+    /// Who else tells the vehicle what Telltale tells it, with the topics.
+    #[serde(default)]
+    pub(crate) other_voices: Option<Box<str>>,
     /// Outputs with a reader.
     pub(crate) listened: BTreeSet<Output>,
     /// The operator has released or cleared the vehicle since this run of the program began: only then it knows

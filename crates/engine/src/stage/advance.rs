@@ -10,7 +10,7 @@ use crate::input::{OutputReport, Refusal};
 use crate::model::output::Output;
 use crate::model::wording::Urgency;
 use crate::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
-use crate::module::system::SystemCheck;
+use crate::module::system::{self, SystemCheck};
 use crate::signals::driving_word::ARRIVAL;
 use crate::snapshot::{Asked, Countermeasure, KnownPlace, Localization, Unreached};
 use crate::state::State;
@@ -31,6 +31,8 @@ pub(crate) struct VehicleFaults {
     countermeasures: Option<Text>,
     outputs: Option<Text>,
     unheard: Option<Text>,
+    #[serde(default)]
+    other_voices: Option<Text>,
 }
 
 /// The part of the snapshot about stages, requests and outputs.
@@ -109,6 +111,12 @@ impl Engine {
             Some(false) => self.step(Event::ActiveFalse),
             None => false,
         };
+        self.vehicle_changed = true;
+    }
+
+    /// Takes who else speaks to the vehicle.
+    pub(crate) fn take_voices(&mut self, other: Option<&str>) {
+        self.countermeasures.other_voices = other.map(Box::from);
         self.vehicle_changed = true;
     }
 
@@ -199,6 +207,7 @@ impl Engine {
             countermeasures: self.countermeasures.trouble(&self.model),
             outputs: unsent(&self.countermeasures.unsent()).map(Text::from),
             unheard: self.unheard(),
+            other_voices: self.countermeasures.other_voices.as_deref().map(system::other_voices),
         };
         if vehicle_faults == self.vehicle_faults {
             return;
@@ -223,9 +232,9 @@ impl Engine {
         let measures =
             (worse(&vehicle_faults.countermeasures, State::Error), words(&vehicle_faults.countermeasures));
         self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
-        let outputs = match &vehicle_faults.unheard {
-            Some(unheard) => (State::Error, unheard.clone()),
-            None => (worse(&vehicle_faults.outputs, State::Warning), words(&vehicle_faults.outputs)),
+        let outputs = match (&vehicle_faults.other_voices, &vehicle_faults.unheard) {
+            (Some(fault), _) | (None, Some(fault)) => (State::Error, fault.clone()),
+            (None, None) => (worse(&vehicle_faults.outputs, State::Warning), words(&vehicle_faults.outputs)),
         };
         self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
         self.vehicle_faults = vehicle_faults;
