@@ -12,6 +12,7 @@ with_each_peer!(
     what_is_published_belongs_to_a_node_that_its_participant_announces,
     another_aggregator_is_told_of_and_left_alone_until_it_is_gone,
     of_two_telltales_one_publishes,
+    another_program_that_speaks_to_the_vehicle_is_told_of_until_it_is_gone,
 );
 
 async fn what_is_published_belongs_to_a_node_that_its_participant_announces(vendor: Vendor) {
@@ -57,6 +58,52 @@ async fn told(published: &mut Published) -> Option<Box<str>> {
         }
     };
     tokio::time::timeout(PATIENCE, told).await.expect("the engine is told in time")
+}
+
+/// What the engine is told next of other programs that speak to the vehicle.
+async fn told_of_voices(published: &mut Published) -> Option<Box<str>> {
+    let told = async {
+        loop {
+            if let Input::Voices { other } = published.news.recv().await.expect("it lives").input {
+                return other;
+            }
+        }
+    };
+    tokio::time::timeout(PATIENCE, told).await.expect("the engine is told in time")
+}
+
+async fn another_program_that_speaks_to_the_vehicle_is_told_of_until_it_is_gone(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let mut published = Published::start(&domain).await;
+    assert_eq!(told_of_voices(&mut published).await, None);
+    let durable = "--durability transient_local pub --type Bool --topic";
+    for topic in ["/telltale/hold", "/telltale/maneuver_stop_request", "/telltale/clearance"] {
+        let other = Peer::start(&domain, &format!("{durable} rt{topic}"));
+        let words = told_of_voices(&mut published).await.expect("who it is");
+        assert!(words.starts_with(&format!("{topic} by participant ")), "{words}");
+        other.end();
+        assert_eq!(told_of_voices(&mut published).await, None);
+    }
+    // Another Telltale with data of its own is named, and each tells of the other.
+    let mut second = Published::start(&domain).await;
+    let limit = Limit::start();
+    for each in [&mut published, &mut second] {
+        let words = loop {
+            assert!(limit.holds());
+            let words = told_of_voices(each).await.unwrap_or_default();
+            if ["hold", "maneuver_stop_request", "deceleration_request", "clearance"]
+                .iter()
+                .all(|topic| words.contains(&format!("/telltale/{topic} by ")))
+            {
+                break words;
+            }
+        };
+        assert!(!words.contains("/telltale/stage"), "{words}");
+    }
+    for published in [published, second] {
+        published.outputs.shutdown().await;
+        published.bridge.shutdown().await;
+    }
 }
 
 /// The trees that come in a while.

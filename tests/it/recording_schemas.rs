@@ -46,6 +46,7 @@ fn kind(input: &Input) -> usize {
         Input::Operator(_) => 14,
         Input::Tick => 15,
         Input::Nodes { .. } => 16,
+        Input::Voices { .. } => 17,
     }
 }
 
@@ -159,6 +160,8 @@ fn inputs() -> Vec<Input> {
         Input::Output(OutputReport { error: Some("no reader".into()), ..report(Output::Stage) }),
         Input::Aggregator { other: None },
         Input::Aggregator { other: Some("/diagnostics_agg of /other".into()) },
+        Input::Voices { other: None },
+        Input::Voices { other: Some("/telltale/hold by /other".into()) },
         Input::Nodes { repeated: None },
         Input::Nodes { repeated: Some("/planner".into()) },
         Input::Storage { fault: fault.clone() },
@@ -255,7 +258,7 @@ fn every_kind_of_document_follows_its_schema() {
     let mut kinds: Vec<usize> = inputs.iter().map(kind).collect();
     kinds.sort_unstable();
     kinds.dedup();
-    assert!(kinds.iter().copied().eq(0..17), "{kinds:?}");
+    assert!(kinds.iter().copied().eq(0..18), "{kinds:?}");
     let mut kinds: Vec<usize> = changes.iter().map(kind_of_change).collect();
     kinds.dedup();
     assert!(kinds.iter().copied().eq(0..13), "{kinds:?}");

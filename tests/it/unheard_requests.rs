@@ -82,6 +82,25 @@ fn a_request_that_nobody_hears_is_an_error_of_its_own_until_somebody_does() {
 }
 
 #[test]
+fn another_program_that_speaks_to_the_vehicle_is_an_error_and_forbids_a_clearance() {
+    let mut vehicle = Vehicle::well(CONFIG, Stage::Active);
+    let who = "/telltale/hold by /rosbag2_player";
+    vehicle.input(&Input::Voices { other: Some(who.into()) });
+    let (state, message) = outputs(&vehicle.listeners(true));
+    assert_eq!(state, State::Error);
+    assert!(message.contains(who) && message.contains("end that program"), "{message}");
+    // Another configuration does not hide it.
+    vehicle.reload(&CONFIG.replace("within: 1s", "within: 2s"));
+    assert_eq!(outputs(&vehicle.seconds_later(1)).0, State::Error);
+    vehicle.signal("active", false);
+    let refusals = vehicle.seconds_later(1).clearance_refusals.to_vec();
+    let by_itself = |it: &Refusal| matches!(it, Refusal::Group { group, .. } if &**group == "telltale");
+    assert!(refusals.iter().any(by_itself), "{refusals:?}");
+    vehicle.input(&Input::Voices { other: None });
+    assert_eq!(outputs(&vehicle.seconds_later(1)).0, State::Ok);
+}
+
+#[test]
 fn a_vehicle_that_hears_no_stop_gets_no_clearance() {
     let refusals = |text: &str, heard: bool| {
         let mut vehicle = Vehicle::well(text, Stage::Standby);

@@ -182,6 +182,9 @@ impl Engine {
             Input::Aggregator { other } => {
                 self.take_fault(SystemCheck::Aggregator, other.as_deref().map(system::other_aggregator));
             }
+            Input::Voices { other } => {
+                self.take_voices(other.as_deref());
+            }
             Input::Nodes { repeated } => {
                 self.take_fault(SystemCheck::Nodes, repeated.as_deref().map(system::repeated_nodes));
             }

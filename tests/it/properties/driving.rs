@@ -36,6 +36,7 @@ proptest! {
             follow_table(&mut engine, Some(&Input::Operator(CLEAR)));
         }
         let mut earlier = engine.snapshot();
+        let mut held_on_its_way = false;
         for (at, input) in if simple { story(&mut choices) } else { history(&mut choices) } {
             // Changes by time alone are not changes by the input.
             engine.handle(&Input::Tick, at);
@@ -58,9 +59,24 @@ proptest! {
             }
             holds(&model, &after);
             may_be_cleared(&before, &input, &response);
-            if !matches!(input, Input::Operator(OperatorAction::Release { .. })) {
+            let released = matches!(input, Input::Operator(OperatorAction::Release { .. }));
+            if !released {
                 stands_still(&before, &after)?;
             }
+            let is_released = released && response == Response::Done;
+            held_on_its_way &= !is_released;
+            for shown in [&before, &after] {
+                prop_assert!(!held_on_its_way || shown.hold == Some(true), "{input:?} released it");
+                let drives = shown.stage == Stage::Active && !(is_released && std::ptr::eq(shown, &before));
+                held_on_its_way |= drives && shown.hold == Some(true);
+            }
+            let cleared = matches!(input, Input::Operator(OperatorAction::Clear { .. }));
+            let is_known = |it: &Snapshot| it.hold == Some(false);
+            prop_assert!(earlier.hold.is_some() || !is_known(&before), "time says that it is not held");
+            prop_assert!(
+                before.hold.is_some() || !is_known(&after) || is_released || cleared,
+                "{input:?} says that it is not held"
+            );
             earlier = after;
         }
     }
@@ -138,9 +154,9 @@ proptest! {
     }
 }
 
-/// While the vehicle drives, a request that moves it still stands, and as strongly.
+/// A request that moves a vehicle that drove still stands, and as strongly.
 fn stands_still(before: &Snapshot, after: &Snapshot) -> Result<(), TestCaseError> {
-    if (before.stage, after.stage) != (Stage::Active, Stage::Active) {
+    if before.stage != Stage::Active {
         return Ok(());
     }
     for measure in before.countermeasures.iter().filter(|it| it.request.kind().moves()) {

@@ -41,7 +41,8 @@ fn about_ourselves(choices: &mut Choices<'_>) -> Input {
     let outputs = [Output::ManeuverStop, Output::Deceleration, Output::Stage, Output::Pose];
     let fault = choices.one_in(2).then(|| Box::from("broken"));
     let topic: Box<str> = "/t".into();
-    match choices.below(12) {
+    match choices.below(13) {
+        12 => Input::Voices { other: fault },
         11 => Input::Nodes { repeated: fault },
         9 => Input::Signal { name: "goal".into(), value: true },
         10 => Input::Signal { name: "nobody knows it".into(), value: choices.one_in(2) },

@@ -42,6 +42,11 @@ pub enum Input {
         /// The topic and the other program; `None`: there is none.
         other: Option<Box<str>>,
     },
+    /// Whether another program tells the vehicle what Telltale tells it; sent at each change.
+    Voices {
+        /// The topics, each with the other program; `None`: there is none.
+        other: Option<Box<str>>,
+    },
     /// Whether several nodes have one name; sent at the start of the search and at each change.
     Nodes {
         /// The names, for a developer; `None`: each name is that of one node.

@@ -33,7 +33,7 @@ words! {
         Active = "telltale/active",
         /// The vehicle confirms the requests.
         Countermeasure = "telltale/countermeasure",
-        /// All outputs to the vehicle can be sent.
+        /// All outputs to the vehicle can be sent, and nobody else sends them.
         Outputs = "telltale/outputs",
         /// The disk can store records.
         Storage = "telltale/storage",
@@ -183,6 +183,15 @@ pub(crate) fn other_aggregator(other: &str) -> Text {
     say!(
         "another program publishes the diagnosis: {other}",
         "ein anderes Programm veröffentlicht die Diagnose: {other}",
+        other
+    )
+}
+
+/// The message while another program tells the vehicle what Telltale tells it.
+pub(crate) fn other_voices(other: &str) -> Text {
+    say!(
+        "another program tells the vehicle what Telltale tells it, and may release it: {other}; end that program, or give it another ROS_DOMAIN_ID",
+        "ein anderes Programm sagt dem Fahrzeug, was Telltale ihm sagt, und kann es freigeben: {other}; dieses Programm beenden oder ihm eine andere ROS_DOMAIN_ID geben",
         other
     )
 }

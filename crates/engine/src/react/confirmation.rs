@@ -76,7 +76,7 @@ impl Countermeasures {
             ConfirmedBy::Signal(index) => signals.value(*index) == Some(true),
             ConfirmedBy::Status(name) => is_ok(net, names, name),
         };
-        let mut next: Option<Timestamp> = self.arrives.filter(|&at| at > now);
+        let mut next: Option<Timestamp> = self.arrives.filter(|&at| at > now && !self.held.is_empty());
         let mut waited_for = Vec::new();
         for kind in RequestKind::ALL {
             let slot = kind as usize;
@@ -247,6 +247,7 @@ impl Countermeasures {
         self.heard = old.heard.iter().filter_map(|heard| heard.kept(before, model)).collect();
         self.unsent.clone_from(&old.unsent);
         self.unheard.clone_from(&old.unheard);
+        self.other_voices.clone_from(&old.other_voices);
     }
 }
 

@@ -1,8 +1,8 @@
 //! Countermeasures that are held, and their release by the operator.
 //!
 //! The request of each rule is held by itself. A request that moves the vehicle is held until the operator
-//! releases it, which is granted once its causes are gone. It ends with its causes only where the vehicle is
-//! known to stand at a stop, where a clearance is needed anyway. The strongest held request wins.
+//! releases it, which is granted once its causes are gone. Only one that was made at a stop, where a clearance is
+//! needed anyway, ends with its causes. The strongest held request wins.
 
 use crate::files::KeyframeError;
 use serde::{Deserialize, Serialize};
@@ -31,8 +31,16 @@ pub(crate) struct HeldRequest {
     #[serde(default)]
     pub(crate) before: Span,
     pub(crate) present: bool,
+    /// The vehicle drove, or may have, while this was held: nothing but a release ends it.
+    #[serde(default = "surely")]
+    pub(crate) on_the_way: bool,
     /// Empty only for a stop of the operator.
     pub(crate) causes: Vec<RequestCause>,
+}
+
+/// A request of an older keyframe does not say where it was made.
+fn surely() -> bool {
+    true
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,7 +71,7 @@ pub(crate) struct Acknowledged<'a> {
 impl HeldRequest {
     pub(crate) fn new(request: Request, by: RequestOrigin, since: Since) -> HeldRequest {
         let Since { at: since, before } = since;
-        HeldRequest { request, by, since, before, present: true, causes: Vec::new() }
+        HeldRequest { request, by, since, before, present: true, on_the_way: false, causes: Vec::new() }
     }
 
     pub(crate) fn since(&self) -> Since {
@@ -163,6 +171,16 @@ impl HeldRequest {
     }
 }
 
+/// What is known of where the vehicle is.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Whereabouts {
+    pub(crate) stage: Stage,
+    /// It is known to stand at a stop.
+    pub(crate) at_a_stop: bool,
+    /// It is not known to stand.
+    pub(crate) may_move: bool,
+}
+
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Countermeasures {
     /// Rules by the nodes that trigger them.
@@ -171,7 +189,7 @@ pub(crate) struct Countermeasures {
     /// Nodes with rules that changed.
     dirty: BTreeSet<NodeId>,
     pub(crate) held: Vec<HeldRequest>,
-    /// The end of the drive is certain at this time, unless the vehicle drives again earlier: until then
+    /// The vehicle surely stands at a stop from this time on, unless it drives again earlier: until then
     /// nothing is released.
     pub(crate) arrives: Option<Timestamp>,
     pub(crate) asked: [Option<ActiveRequest>; 3],
@@ -181,10 +199,13 @@ pub(crate) struct Countermeasures {
     pub(crate) unsent: BTreeMap<Output, OutputReport>,
     /// Topics without a reader.
     pub(crate) unheard: BTreeMap<Output, Box<str>>,
+    /// Who else tells the vehicle what Telltale tells it, with the topics.
+    #[serde(default)]
+    pub(crate) other_voices: Option<Box<str>>,
     /// Outputs with a reader.
     pub(crate) listened: BTreeSet<Output>,
-    /// This run of the program has seen the vehicle stand at a stop, or released it: only then it knows that
-    /// nothing is held where nothing is.
+    /// The operator has released or cleared the vehicle since this run of the program began: only then it knows
+    /// that nothing is held where nothing is. No word of the vehicle says so: one that is held stands, too.
     #[serde(default)]
     pub(crate) knows_all: bool,
     /// Counts every STOP of the operator, also one that holds already or is refused: a confirmation that was
@@ -235,25 +256,18 @@ impl Countermeasures {
     }
 
     pub(crate) fn is_idle(&self) -> bool {
-        let is_over = self.held.is_empty() && self.arrives.is_none();
-        self.dirty.is_empty() && is_over && self.asked == [None; 3]
+        self.dirty.is_empty() && self.held.is_empty() && self.asked == [None; 3]
     }
 
-    /// Updates the held requests to the present states of the nodes. `causes` names the root causes of a node;
-    /// `at_a_stop` says that the vehicle is known to stand at a stop.
+    /// Updates the held requests to the present states of the nodes. `causes` names the root causes of a node.
     pub(crate) fn follow(
         &mut self,
         model: &Model,
         net: &Net,
-        (stage, at_a_stop): (Stage, bool),
+        Whereabouts { stage, at_a_stop, may_move }: Whereabouts,
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
-        if stage == Stage::Active {
-            self.arrives = None;
-        } else if at_a_stop {
-            self.arrives.take_if(|at| *at <= now);
-        }
         for node in std::mem::take(&mut self.dirty) {
             for &index in &self.rules[&node] {
                 let rule = &model.driving.countermeasures[index];
@@ -267,6 +281,7 @@ impl Countermeasures {
             }
         }
         for held in &mut self.held {
+            held.on_the_way |= stage == Stage::Active || may_move;
             match held.by {
                 RequestOrigin::Rule(index, node) => {
                     let facts = &net.node(node).facts;
@@ -286,16 +301,11 @@ impl Countermeasures {
                 RequestOrigin::Operator => {}
             }
         }
-        let has_arrived = at_a_stop && self.arrives.is_none();
+        let surely_at_a_stop = at_a_stop && self.arrives.is_none_or(|at| at <= now);
         self.held.retain(|held| {
             let is_over = held.by == RequestOrigin::Operator || !held.present;
-            !is_over || held.request.kind().moves() && !has_arrived
+            !is_over || held.request.kind().moves() && (held.on_the_way || !surely_at_a_stop)
         });
-    }
-
-    /// The drive has ended, unless it continues before `certain`.
-    pub(crate) fn arrive(&mut self, certain: Timestamp) {
-        self.arrives = Some(certain).filter(|_| !self.held.is_empty());
     }
 
     /// Holds a stop that the operator requested, once.
@@ -380,6 +390,7 @@ impl Countermeasures {
             Some(known) => {
                 held.causes.iter().for_each(|cause| known.add(*cause));
                 known.present |= held.present;
+                known.on_the_way |= held.on_the_way;
                 known.cut(others);
             }
             None => self.held.push(held),

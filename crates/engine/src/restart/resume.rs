@@ -12,7 +12,6 @@ use crate::model::wording::Urgency;
 use crate::model::{Model, NodeId, Stage, StageModel};
 use crate::module::system::SystemCheck;
 use crate::react::held::{HeldRequest, RequestCause, RequestOrigin};
-use crate::signals::driving_word::ARRIVAL;
 use crate::snapshot::{Alarm, KnownPlace, Localization, MapPose, Snapshot};
 use crate::stage::machine::Event;
 use crate::time::{Since, Span, Timestamp};
@@ -239,10 +238,6 @@ impl Engine {
         for measure in &restored.countermeasures {
             if let Some(age) = measure.by_operator {
                 self.countermeasures.request_stop(Since::of_age(age, self.now));
-                // The vehicle may have set off meanwhile.
-                if self.vehicle.stage != Stage::Active {
-                    self.countermeasures.arrive(self.now + ARRIVAL);
-                }
             }
             // A cause that no longer exists can never be found to be over: it must be acknowledged again.
             let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
@@ -260,6 +255,8 @@ impl Engine {
                 self.countermeasures.take_over(HeldRequest { causes, ..held }, others);
             }
         }
+        // Where the vehicle was meanwhile is not known.
+        self.countermeasures.held.iter_mut().for_each(|held| held.on_the_way = true);
         self.stage_changed();
     }
 

@@ -10,7 +10,7 @@ use crate::input::{OutputReport, Refusal};
 use crate::model::output::Output;
 use crate::model::wording::Urgency;
 use crate::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
-use crate::module::system::SystemCheck;
+use crate::module::system::{self, SystemCheck};
 use crate::signals::driving_word::ARRIVAL;
 use crate::snapshot::{Asked, Countermeasure, KnownPlace, Localization, Unreached};
 use crate::state::State;
@@ -31,6 +31,8 @@ pub(crate) struct VehicleFaults {
     countermeasures: Option<Text>,
     outputs: Option<Text>,
     unheard: Option<Text>,
+    #[serde(default)]
+    other_voices: Option<Text>,
 }
 
 /// The part of the snapshot about stages, requests and outputs.
@@ -61,12 +63,14 @@ impl Engine {
         }
         let to = self.vehicle.stage;
         self.events.push(self.now, EventKind::Stage { from, to });
-        match from {
-            Stage::Active => self.arrived(),
-            // The vehicle may have set off already.
-            Stage::Cleared => self.countermeasures.arrive(self.now + ARRIVAL),
-            Stage::Locked | Stage::Localizing | Stage::Standby => {}
+        if matches!(from, Stage::Active | Stage::Cleared) {
+            // A vehicle that was cleared may have set off already.
+            self.countermeasures.arrives = Some(self.now + ARRIVAL);
         }
+        if from == Stage::Active {
+            self.arrived();
+        }
+        self.countermeasures.knows_all |= event == Event::Clearance;
         self.stage_changed();
         true
     }
@@ -86,11 +90,10 @@ impl Engine {
         self.net.mark_conditions(self.vehicle.stage);
     }
 
-    /// The goal is used up: the next drive needs its own. Requests stay until the end of the drive is certain.
+    /// The goal is used up: the next drive needs its own.
     fn arrived(&mut self) {
         // A drive that was asked to slow down or to stop may have ended anywhere.
         let is_asked = self.countermeasures.moving().next().is_some();
-        self.countermeasures.arrive(self.now + ARRIVAL);
         let stop = self.motion.shown().destination.map(|index| &self.model.driving.stops[index]);
         if let Some(stop) = stop.filter(|_| !is_asked) {
             self.vehicle.localization.last_known = Some(KnownPlace { pose: stop.into(), driven: true });
@@ -113,6 +116,12 @@ impl Engine {
         self.vehicle_changed = true;
     }
 
+    /// Takes who else speaks to the vehicle.
+    pub(crate) fn take_voices(&mut self, other: Option<&str>) {
+        self.countermeasures.other_voices = other.map(Box::from);
+        self.vehicle_changed = true;
+    }
+
     /// Takes whether an output could be sent.
     pub(crate) fn take_output(&mut self, news: &OutputReport) {
         self.countermeasures.take_news(news);
@@ -123,10 +132,6 @@ impl Engine {
     /// states in turn.
     pub(crate) fn follow_vehicle(&mut self) -> bool {
         self.follow_localization();
-        if !self.countermeasures.knows_all && self.stands_at_a_stop() {
-            self.countermeasures.knows_all = true;
-            self.vehicle_changed = true;
-        }
         if !self.countermeasures.is_idle() {
             self.vehicle_changed = true;
             self.follow_measures();
@@ -211,6 +216,7 @@ impl Engine {
             countermeasures: self.countermeasures.trouble(&self.model),
             outputs: unsent(&self.countermeasures.unsent()).map(Text::from),
             unheard: self.unheard(),
+            other_voices: self.countermeasures.other_voices.as_deref().map(system::other_voices),
         };
         if vehicle_faults == self.vehicle_faults {
             return;
@@ -235,9 +241,9 @@ impl Engine {
         let measures =
             (worse(&vehicle_faults.countermeasures, State::Error), words(&vehicle_faults.countermeasures));
         self.report_on_self(SystemCheck::Countermeasure, measures.0, measures.1);
-        let outputs = match &vehicle_faults.unheard {
-            Some(unheard) => (State::Error, unheard.clone()),
-            None => (worse(&vehicle_faults.outputs, State::Warning), words(&vehicle_faults.outputs)),
+        let outputs = match (&vehicle_faults.other_voices, &vehicle_faults.unheard) {
+            (Some(fault), _) | (None, Some(fault)) => (State::Error, fault.clone()),
+            (None, None) => (worse(&vehicle_faults.outputs, State::Warning), words(&vehicle_faults.outputs)),
         };
         self.report_on_self(SystemCheck::Outputs, outputs.0, outputs.1);
         self.vehicle_faults = vehicle_faults;

@@ -9,7 +9,7 @@ use crate::mask::node::NodeFacts;
 use crate::mask::responsible;
 use crate::model::countermeasure::RequestKind;
 use crate::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
-use crate::react::held::Acknowledged;
+use crate::react::held::{Acknowledged, Whereabouts};
 use crate::snapshot::{MapPose, Unreached};
 use crate::state::State;
 use crate::time::{Since, Span};
@@ -343,8 +343,12 @@ impl Engine {
         let (net, views) = (&self.net, &self.views);
         let masked_by = |node| views.masked_by(node);
         let causes = |node| responsible::roots(net, &masked_by, node);
-        let drive = (self.vehicle.stage, self.stands_at_a_stop());
-        self.countermeasures.follow(&self.model, net, drive, self.now, causes);
+        let whereabouts = Whereabouts {
+            stage: self.vehicle.stage,
+            at_a_stop: self.stands_at_a_stop(),
+            may_move: self.motion.shown().may_move(),
+        };
+        self.countermeasures.follow(&self.model, net, whereabouts, self.now, causes);
     }
 }
 

@@ -191,6 +191,7 @@ texts! {
         wait: "Wait.", "Warten.";
         take_over_stop: "Take over. Stop.", "Übernehmen. Anhalten.";
         stopped_continue: "Stopped. Continue?", "Steht. Weiterfahren?";
+        held_end: "Held. End the stop?", "Gehalten. Anhalten aufheben?";
         stopped_cause_gone: "Stopped. Cause gone. Continue?", "Steht. Ursache behoben. Weiterfahren?";
 
         no_pose: "no position yet", "noch keine Position";

@@ -1,5 +1,6 @@
 //! The subscriptions of a simulated machine: the topics on which Telltale addresses a vehicle.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tokio::sync::mpsc;
@@ -11,8 +12,10 @@ use crate::engine::model::monitors::{FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{FieldSource, Model, Parts, SignalSource, SignalSpec, StageModel};
 use crate::engine::text::Text;
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages::encode::{ACCEL_STAMPED, POSE_WITH_COVARIANCE_STAMPED};
 use crate::msg::messages::{BOOL, GidSize};
+use crate::msg::sample_bytes::Guid;
 use crate::ros::{self, Bridge, BridgeError, BridgeOptions};
 use crate::runtime::Stamped;
 use crate::sim::machine::Order;
@@ -24,6 +27,12 @@ const HOLD: &str = "hold";
 /// Its name in the graph of ROS 2.
 const NODE: &str = "simulated_shuttle";
 
+/// How long another's `true` on the topic of the hold stands against a `false`: it is repeated each second.
+const HOLD_STANDS: Span = Span::from_secs(3);
+
+/// Publishers of `true` that are remembered. With more of them the oldest goes.
+const HOLDERS_MAX: usize = 64;
+
 /// Orders that may wait for the shuttle; it takes them at once.
 const QUEUE: usize = 256;
 
@@ -31,6 +40,29 @@ const QUEUE: usize = 256;
 pub struct Orders {
     bridge: Bridge,
     inputs: mpsc::Receiver<Stamped>,
+    holders: Holders,
+}
+
+/// Who said last that the machine is held, and when. One that says so wins over all that release it.
+#[derive(Debug, Default)]
+struct Holders(BTreeMap<Guid, Timestamp>);
+
+impl Holders {
+    /// Whether the machine is to obey this word of `writer`.
+    fn obey(&mut self, writer: Guid, held: bool, now: Timestamp) -> bool {
+        self.0.retain(|_, said| now < *said + HOLD_STANDS);
+        if !held {
+            self.0.remove(&writer);
+            return self.0.is_empty();
+        }
+        if self.0.len() >= HOLDERS_MAX
+            && let Some(oldest) = self.0.iter().min_by_key(|(_, said)| **said).map(|(writer, _)| *writer)
+        {
+            self.0.remove(&oldest);
+        }
+        self.0.insert(writer, now);
+        true
+    }
 }
 
 impl Orders {
@@ -44,7 +76,7 @@ impl Orders {
         let (sender, inputs) = mpsc::channel(QUEUE);
         let options = BridgeOptions { node: NODE, ..options.clone() };
         let bridge = ros::start(options, &model(publishing), sender, clock).await?;
-        Ok(Orders { bridge, inputs })
+        Ok(Orders { bridge, inputs, holders: Holders::default() })
     }
 
     /// The next order; never, if the bridge has ended.
@@ -52,8 +84,11 @@ impl Orders {
         loop {
             match self.inputs.recv().await {
                 Some(stamped) => {
-                    if let Some(order) = order(&stamped.input) {
-                        return order;
+                    let writer = stamped.message.as_ref().map(|message| message.writer).unwrap_or_default();
+                    match order(&stamped.input) {
+                        Some(Order::Hold(held)) if !self.holders.obey(writer, held, stamped.received) => {}
+                        Some(order) => return order,
+                        None => {}
                     }
                 }
                 None => std::future::pending().await,
@@ -116,4 +151,37 @@ pub fn model(publishing: &Publishing) -> Model {
         ..Parts::empty("shuttle", StageModel::None)
     };
     Model::new(parts).unwrap_or_else(|_| unreachable!("nothing in it depends on anything"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_holds_the_machine_wins_over_all_that_release_it_until_that_one_does() {
+        let (telltale, other) = ([1; 16], [2; 16]);
+        let mut holders = Holders::default();
+        let mut says = |writer, held, millis| holders.obey(writer, held, Timestamp::from_millis(millis));
+        assert!(says(other, false, 0), "nobody holds it");
+        assert!(says(telltale, true, 100));
+        for second in 1..60 {
+            assert!(says(telltale, true, second * 1_000 + 100));
+            assert!(!says(other, false, second * 1_000 + 600), "another releases it at {second} s");
+        }
+        assert!(says(telltale, false, 60_000));
+        // One that is gone does not hold it for ever: another start of it releases what it held.
+        assert!(says(telltale, true, 61_000));
+        assert!(!says(other, false, 63_999));
+        assert!(says(other, false, 64_000));
+    }
+
+    #[test]
+    fn a_flood_of_publishers_is_bounded_and_holds() {
+        let mut holders = Holders::default();
+        for number in 0..=255 {
+            assert!(holders.obey([number; 16], true, Timestamp::from_millis(number.into())));
+        }
+        assert_eq!(holders.0.len(), HOLDERS_MAX);
+        assert!(!holders.obey([7; 16], false, Timestamp::from_millis(300)));
+    }
 }

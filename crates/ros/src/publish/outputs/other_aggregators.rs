@@ -1,4 +1,5 @@
-//! Finds other programs that publish the aggregated diagnosis: a reader would get two trees in turn.
+//! Finds other programs that publish what Telltale publishes: a reader of the aggregated diagnosis would get two
+//! trees in turn, and a vehicle that Telltale holds might be released by another.
 
 use std::sync::Arc;
 
@@ -10,7 +11,7 @@ use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_engine::discovery::{Discovery, Endpoint};
 use telltale_engine::input::Input;
-use telltale_engine::model::output::Publication;
+use telltale_engine::model::output::{Output, Publication};
 use telltale_msg::received::Stamped;
 
 /// The vendor id of our DDS library, with which a participant's id begins (RTPS 2.5, 9.3.1.5). Another
@@ -22,6 +23,8 @@ const OUR_VENDOR: &str = "0112";
 pub struct OtherAggregators {
     /// Topics and types of the aggregated diagnosis, and whether we publish beside others.
     topics: Arc<[(Box<str>, &'static str, bool)]>,
+    /// Topics and types by which the vehicle is held, released and cleared.
+    to_vehicle: Arc<[(Box<str>, &'static str)]>,
     own: String,
     discovery: watch::Receiver<Arc<Discovery>>,
 }
@@ -36,8 +39,19 @@ impl OtherAggregators {
             matches!(it.publication, Publication::DiagnosticsAgg | Publication::TopLevelState)
         };
         let aggregated = topics.iter().filter(is_aggregated);
-        let topics = aggregated.map(|it| (it.topic.clone(), offer(it.publication).0, it.beside_others));
-        OtherAggregators { topics: topics.collect(), own: publisher.participant(), discovery }
+        let aggregated = aggregated.map(|it| (it.topic.clone(), offer(it.publication).0, it.beside_others));
+        // A pose and a stage move nothing by themselves; other programs may say them too.
+        let moves = |it: &&OutputTopic| {
+            use Output::{Clearance, Deceleration, Hold, ManeuverStop};
+            matches!(it.publication, Publication::Vehicle(Clearance | Deceleration | ManeuverStop | Hold))
+        };
+        let to_vehicle = topics.iter().filter(moves).map(|it| (it.topic.clone(), offer(it.publication).0));
+        OtherAggregators {
+            topics: aggregated.collect(),
+            to_vehicle: to_vehicle.collect(),
+            own: publisher.participant(),
+            discovery,
+        }
     }
 
     /// Whether nothing may be published on this topic now.
@@ -52,13 +66,31 @@ impl OtherAggregators {
     fn words(&self) -> Option<String> {
         let seen = self.discovery.borrow();
         let unwanted = self.topics.iter().filter(|(.., beside_others)| !beside_others);
-        let who = unwanted.filter_map(|(topic, type_name, _)| {
-            let other = others(&seen, topic, type_name, &self.own).min()?;
-            let name = other.node.clone().unwrap_or_else(|| format!("participant {}", other.participant));
-            Some(format!("{topic} by {name}"))
-        });
-        Some(who.collect::<Vec<_>>().join(", ")).filter(|words| !words.is_empty())
+        let who =
+            unwanted.filter_map(|(topic, type_name, _)| first_other(&seen, topic, type_name, &self.own));
+        list(who)
     }
+
+    /// The topics and the other programs that speak to the vehicle, for people.
+    fn voices(&self) -> Option<String> {
+        let seen = self.discovery.borrow();
+        list(
+            self.to_vehicle
+                .iter()
+                .filter_map(|(topic, type_name)| first_other(&seen, topic, type_name, &self.own)),
+        )
+    }
+}
+
+fn list(words: impl Iterator<Item = String>) -> Option<String> {
+    Some(words.collect::<Vec<_>>().join(", ")).filter(|words| !words.is_empty())
+}
+
+/// The topic and one of its other publishers.
+fn first_other(seen: &Discovery, topic: &str, type_name: &str, own: &str) -> Option<String> {
+    let other = others(seen, topic, type_name, own).min()?;
+    let name = other.node.clone().unwrap_or_else(|| format!("participant {}", other.participant));
+    Some(format!("{topic} by {name}"))
 }
 
 /// One of our own participants that was killed stays visible for a while.
@@ -88,7 +120,20 @@ pub async fn tell(
 ) {
     // An earlier participant may have reported a publisher that is gone.
     let mut told = Some(Some(String::new()));
+    let mut told_voices = Some(Some(String::new()));
     loop {
+        let voices = others.voices();
+        if told_voices.as_ref() != Some(&voices) {
+            if let Some(voices) = &voices {
+                tracing::error!(
+                    "another program tells the vehicle what Telltale tells it: {voices}. It may release a vehicle \
+                     that is held here. End that program, or give it another domain (ROS_DOMAIN_ID)"
+                );
+            }
+            let other = voices.as_deref().map(Box::from);
+            let news = Stamped::new(Input::Voices { other }, clock.now());
+            told_voices = inputs.try_send(news).is_ok().then_some(voices);
+        }
         let words = others.words();
         if told.as_ref() != Some(&words) {
             if let Some(words) = &words {

@@ -51,7 +51,7 @@ enum NextStep {
     /// The pose is given; the vehicle checks it.
     Locating { title: String, text: String },
     /// Give clearance; `ready` if no check fails. The page's script hides the checks that have no room. A vehicle
-    /// that is held and not known to stand is released first.
+    /// that is held is released first.
     Clear { ready: bool, checks: Vec<Check>, release: bool },
     /// The vehicle may drive: stop it, or let it go on.
     Drive(Drive),
@@ -173,7 +173,7 @@ fn locating(view: &View<'_>) -> NextStep {
 }
 
 fn clear(view: &View<'_>) -> NextStep {
-    let release = view.snapshot.may_move() && requests::waits_for_release(view);
+    let release = requests::waits_for_release(view);
     NextStep::Clear { ready: view.snapshot.clearance_refusals.is_empty(), checks: view.checks(), release }
 }
 

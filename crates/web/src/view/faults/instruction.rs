@@ -149,6 +149,10 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
             ..act("drive", view.words.clear_to_drive)
         },
         Stage::Standby => at_a_stop(view, entries).unwrap_or_else(|| {
+            if requests::waits_for_release(view) {
+                let reader = Some(view.words.operator_continues);
+                return Instruction { reader, ..act("idle", view.words.held_end) };
+            }
             let no_goal = snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
             let title = if no_goal { view.words.wait_for_goal } else { view.words.wait };
             Instruction { urgency: Urgency::None, ..act("ready", title) }

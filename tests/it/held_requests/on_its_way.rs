@@ -1,0 +1,84 @@
+//! No word of the vehicle releases it between stops, and none says that nothing is held.
+
+use super::*;
+
+#[test]
+fn a_vehicle_that_is_held_on_its_way_stays_held_whatever_it_says_of_driving() {
+    let by_a_rule = || {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(2, 0);
+        vehicle.report(0, 0);
+        vehicle
+    };
+    let by_the_operator = || {
+        let mut vehicle = Vehicle::driving();
+        vehicle.report(0, 0);
+        assert_eq!(vehicle.operates(OperatorAction::RequestStop), Response::Done);
+        vehicle
+    };
+    for begin in [&by_a_rule as &dyn Fn() -> Vehicle, &by_the_operator] {
+        for silent_s in [1, 4, 60] {
+            let mut vehicle = begin();
+            // The component that says it restarts.
+            vehicle.says(false, silent_s);
+            assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, Some(true)));
+            vehicle.says(true, 1);
+            assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(true)));
+            vehicle.says(false, silent_s);
+            vehicle.restart(CONFIG);
+            vehicle.says(false, silent_s);
+            vehicle.reload(CONFIG);
+            vehicle.says(false, silent_s);
+            assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, Some(true)));
+            let refused = vehicle.look().clearance_refusals.to_vec();
+            assert!(refused.iter().any(|it| matches!(it, Refusal::Countermeasure(_))), "{refused:?}");
+            // In standby too, the operator's release ends it.
+            assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
+            assert!(!vehicle.look().clearance);
+        }
+    }
+}
+
+#[test]
+fn a_start_that_remembers_nothing_learns_from_no_word_of_the_vehicle_that_it_is_not_held() {
+    let speed = "motion: { speed: { topic: /can/speed, type: std_msgs/msg/Float64, field: data }, standing_below: 0.1 }";
+    for text in [CONFIG.to_owned(), format!("{speed}{CONFIG}")] {
+        let mut vehicle = Vehicle::without_memory(&text);
+        for (active, wait_s) in
+            [(false, 0), (true, 1), (false, 4), (false, 60), (true, 60), (false, 60), (true, 0), (false, 4)]
+        {
+            vehicle.says(active, wait_s);
+            assert_eq!(vehicle.hold(), None, "after {active} for {wait_s} s");
+        }
+        vehicle.restart(&text);
+        vehicle.says(false, 60);
+        assert_eq!(vehicle.hold(), None);
+    }
+}
+
+#[test]
+fn an_operator_sets_a_vehicle_going_of_which_nothing_is_remembered() {
+    // On its way: a stop, and its release.
+    let mut vehicle = Vehicle::without_memory(CONFIG);
+    vehicle.says(true, 60);
+    assert_eq!(vehicle.release(), Response::Refused(vec![Refusal::NothingToRelease]));
+    assert_eq!(vehicle.operates(OperatorAction::RequestStop), Response::Done);
+    assert_eq!(vehicle.hold(), Some(true));
+    assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
+    assert_eq!(vehicle.look().stage, Stage::Active);
+
+    // In standby: a clearance.
+    let mut vehicle = Vehicle::without_memory(CONFIG);
+    vehicle.says(false, 1);
+    let place = Place::Pose { x_m: 0.0, y_m: 0.0, yaw_deg: 0.0 };
+    assert_eq!(vehicle.operates(OperatorAction::Localize { place }), Response::Done);
+    vehicle.says(false, 10);
+    assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, None));
+    let (display_live, storage_ok) = (true, true);
+    let asks = OperatorAction::AskClearance { display_live, storage_ok };
+    assert_eq!((vehicle.operates(asks), vehicle.hold()), (Response::Done, None), "this was the first tap");
+    let clears = OperatorAction::Clear { display_live, storage_ok };
+    assert_eq!((vehicle.operates(clears), vehicle.hold()), (Response::Done, Some(false)));
+    vehicle.says(true, 1);
+    assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(false)));
+}
