@@ -203,10 +203,10 @@ async fn who_had_a_configuration_taken_is_on_the_record_whatever_becomes_of_the_
         let deadline = fixture.clock.now() + Span::from_secs(5);
         let again = loop {
             assert!(fixture.clock.now() < deadline);
-            let again = fixture.start(reload());
+            let mut again = fixture.start(reload());
             tokio::select! {
                 asked = rereads.recv() => break (asked.unwrap(), again),
-                () = super::fixture::settled() => {}
+                refused = &mut again => assert_eq!(refused.unwrap().status, StatusCode::SERVICE_UNAVAILABLE),
             }
         };
         drop(again.0.reply);

@@ -254,6 +254,7 @@ async fn a_confirmation_that_waits_past_its_ten_seconds_clears_nothing() {
         for status in ["lidar", "imu", "tf", "planner"] {
             scene.fixture.status(status, 0, "fine").await;
         }
+        settled().await;
     }
     let place = scene.fixture.app.displays.enter(&scene.fixture.session(&scene.cookie)).unwrap();
     let version = scene.version().await;
