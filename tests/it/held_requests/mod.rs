@@ -334,6 +334,23 @@ fn a_request_that_was_made_at_a_stop_ends_with_its_cause_unless_the_vehicle_driv
     assert_eq!(vehicle.asked(), None);
 }
 
+#[test]
+fn at_a_stop_a_request_of_the_drive_ends_with_its_cause() {
+    let mut vehicle = Vehicle::driving();
+    vehicle.report(2, 0);
+    vehicle.says(false, 0);
+    assert_eq!(vehicle.asked(), cause("sensors/own", false), "it may drive on");
+    vehicle.says(false, 4);
+    assert_eq!((vehicle.look().stage, vehicle.asked()), (Stage::Standby, None));
+    vehicle.says(true, 0);
+    vehicle.report(2, 0);
+    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    vehicle.now = vehicle.now + Span::from_secs(4);
+    vehicle.report(2, 0);
+    assert_eq!(vehicle.asked(), cause("sensors/own", true), "the cause is there");
+    vehicle.keeps("sensors/own");
+}
+
 /// Whether the vehicle is held, with its stage, once the cause has long been gone.
 fn held_much_later(vehicle: &mut Vehicle) -> (Stage, Option<bool>) {
     vehicle.now = vehicle.now + Span::from_secs(60);

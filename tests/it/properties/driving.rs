@@ -68,7 +68,7 @@ proptest! {
             for shown in [&before, &after] {
                 prop_assert!(!held_on_its_way || shown.hold == Some(true), "{input:?} released it");
                 let drives = shown.stage == Stage::Active && !(is_released && std::ptr::eq(shown, &before));
-                held_on_its_way |= drives && shown.hold == Some(true);
+                held_on_its_way |= drives && shown.hold == Some(true) && shown.stop_requested();
             }
             let cleared = matches!(input, Input::Operator(OperatorAction::Clear { .. }));
             let is_known = |it: &Snapshot| it.hold == Some(false);

@@ -31,7 +31,7 @@ pub(crate) struct HeldRequest {
     #[serde(default)]
     pub(crate) before: Span,
     pub(crate) present: bool,
-    /// The vehicle drove, or may have, while this was held: nothing but a release ends it.
+    /// It outlived its cause on the way, or is the operator's own stop there: nothing but a release ends it.
     #[serde(default = "surely")]
     pub(crate) on_the_way: bool,
     /// Empty only for a stop of the operator.
@@ -179,6 +179,8 @@ pub(crate) struct Whereabouts {
     pub(crate) at_a_stop: bool,
     /// It is not known to stand.
     pub(crate) may_move: bool,
+    /// Nothing says whether it drives.
+    pub(crate) drive_unknown: bool,
 }
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -264,7 +266,7 @@ impl Countermeasures {
         &mut self,
         model: &Model,
         net: &Net,
-        Whereabouts { stage, at_a_stop, may_move }: Whereabouts,
+        Whereabouts { stage, at_a_stop, may_move, drive_unknown }: Whereabouts,
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
@@ -281,7 +283,6 @@ impl Countermeasures {
             }
         }
         for held in &mut self.held {
-            held.on_the_way |= stage == Stage::Active || may_move;
             match held.by {
                 RequestOrigin::Rule(index, node) => {
                     let facts = &net.node(node).facts;
@@ -298,8 +299,11 @@ impl Countermeasures {
                     }
                 }
                 RequestOrigin::Past => held.look_at_causes(net, State::Warning, None),
-                RequestOrigin::Operator => {}
+                RequestOrigin::Operator => held.on_the_way |= may_move,
             }
+            // A cause that is gone on the way leaves a vehicle that only the operator sets going again.
+            let is_latched = held.by == RequestOrigin::Operator || !held.present;
+            held.on_the_way |= is_latched && (stage == Stage::Active || drive_unknown);
         }
         let surely_at_a_stop = at_a_stop && self.arrives.is_none_or(|at| at <= now);
         self.held.retain(|held| {
