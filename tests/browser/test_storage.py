@@ -229,7 +229,7 @@ def test_a_disk_that_becomes_read_only_is_a_warning_and_the_display_goes_on(moun
     until(lambda: storage(client) is None, NOTICE_S, "the warning ends")
 
 
-def hang(server, client, refused_path="/vehicle/stop"):
+def hang(server, client, refused_path="/vehicle/clearance/withdraw"):
     """The head of the log is written into a pipe that nobody reads."""
     pipe = f"audit.head.{server.process.pid}"
     until(lambda: "made" in server.inside(f"mkfifo {pipe} 2>/dev/null && echo made || true"), 5, "a pipe")
