@@ -177,8 +177,6 @@ pub(crate) struct Whereabouts {
     pub(crate) stage: Stage,
     /// It is known to stand at a stop.
     pub(crate) at_a_stop: bool,
-    /// It is not known to stand.
-    pub(crate) may_move: bool,
     /// Nothing says whether it drives.
     pub(crate) drive_unknown: bool,
 }
@@ -266,7 +264,7 @@ impl Countermeasures {
         &mut self,
         model: &Model,
         net: &Net,
-        Whereabouts { stage, at_a_stop, may_move, drive_unknown }: Whereabouts,
+        Whereabouts { stage, at_a_stop, drive_unknown }: Whereabouts,
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
@@ -299,7 +297,7 @@ impl Countermeasures {
                     }
                 }
                 RequestOrigin::Past => held.look_at_causes(net, State::Warning, None),
-                RequestOrigin::Operator => held.on_the_way |= may_move,
+                RequestOrigin::Operator => {}
             }
             // A cause that is gone on the way leaves a vehicle that only the operator sets going again.
             let is_latched = held.by == RequestOrigin::Operator || !held.present;

@@ -346,7 +346,6 @@ impl Engine {
         let whereabouts = Whereabouts {
             stage: self.vehicle.stage,
             at_a_stop: self.stands_at_a_stop(),
-            may_move: self.motion.shown().may_move(),
             drive_unknown: self.active_signal.is_none_or(|index| self.signals.value(index).is_none()),
         };
         self.countermeasures.follow(&self.model, net, whereabouts, self.now, causes);
