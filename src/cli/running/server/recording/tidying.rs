@@ -232,24 +232,7 @@ mod tests {
     async fn old_recordings_are_removed_but_not_those_that_were_changed() {
         let temporary = tempfile::tempdir().unwrap();
         let data = temporary.path();
-        let folder = folder::folder_in(data);
-        std::fs::create_dir_all(&folder).unwrap();
-        let clock = Clock::start();
-        let store = Store::open(data, clock, DemoSecrets::Refused).unwrap();
-        for id in [1, 2, 3] {
-            let path = folder.join(folder::file_name(id));
-            std::fs::write(&path, "recorded").unwrap();
-            let recording = summary::Recording {
-                file: folder::file_name(id),
-                bytes: 8,
-                finished: true,
-                sha256: Some(hash_file(&path).unwrap()),
-                ..summary::Recording::default()
-            };
-            let since_ms = unix_ms(clock.wall());
-            let summary = Summary { id, since_ms, recording, ..Summary::default() };
-            store.incident_finished(&summary).await.unwrap();
-        }
+        let (store, folder, clock) = recorded(data, &[1, 2, 3]).await;
         std::fs::write(folder.join(folder::file_name(1)), "forged!!").unwrap();
         // A sixteenth of it is kept free.
         let policy = Policy { disk: 18, reserved: 0, ..Policy::default() };
