@@ -162,7 +162,7 @@ impl Snapshot {
 
     /// Whether the vehicle moves, or may: it is cleared or drives by itself, or is not known to stand.
     pub fn may_move(&self) -> bool {
-        matches!(self.stage, Stage::Cleared | Stage::Active) || self.motion.may_move() || self.drive_unknown
+        may_move(self.stage, self.motion, self.drive_unknown)
     }
 
     /// The strongest countermeasure: the operator has to know it first.
@@ -510,6 +510,12 @@ pub struct Motion {
     pub has_source: bool,
     /// By position in [`Layout::stops`].
     pub destination: Option<usize>,
+}
+
+/// Whether a vehicle moves, or may: it is cleared or drives by itself, or is not known to stand. The page offers STOP by
+/// this, and the engine takes it.
+pub(crate) fn may_move(stage: Stage, motion: Motion, drive_unknown: bool) -> bool {
+    matches!(stage, Stage::Cleared | Stage::Active) || motion.may_move() || drive_unknown
 }
 
 impl Motion {

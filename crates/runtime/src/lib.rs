@@ -348,8 +348,8 @@ impl Loop {
             }
             self.tell_turn();
             self.publish_if_due();
-            if !self.is_told_to_all {
-                // Those who are told have their turn. The next input or command ends this wait.
+            if !self.is_told_to_all && inputs.is_empty() {
+                // Tasks that were told run now, for one round of the scheduler. A command ends this wait.
                 tokio::task::yield_now().await;
             }
             self.tell_others();

@@ -3,15 +3,13 @@
 
 mod on_its_way;
 
-use std::sync::Arc;
-
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};
-use telltale::engine::model::{Model, Stage};
-use telltale::engine::snapshot::Snapshot;
+use telltale::engine::model::Stage;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
+
+use crate::by_hand::{Vehicle, alarms, model, said, warnings};
 
 const CONFIG: &str = "
 signals:
@@ -22,110 +20,50 @@ countermeasures:
   - { request: decelerate, mps2: 1.5, when: { groups: [sensors], state: error } }
 ";
 
-fn model(text: &str) -> Arc<Model> {
-    config::parse("c.yaml", text).unwrap_or_else(|problems| panic!("{problems}")).model
-}
-
 /// The causes of the request, with whether each is active and acknowledged; and whether the request waits.
 type Asked = (Vec<(String, bool, bool)>, bool);
 
-struct Vehicle {
-    engine: Engine,
-    now: Timestamp,
-}
-
 impl Vehicle {
     fn driving() -> Vehicle {
-        Vehicle::driving_by(CONFIG)
-    }
-
-    fn driving_by(text: &str) -> Vehicle {
-        let mut engine = Engine::new(model(text), Timestamp::ZERO);
-        engine.start_in(Stage::Active);
-        Vehicle { engine, now: Timestamp::ZERO }
-    }
-
-    fn in_stage(stage: Stage) -> Vehicle {
-        Vehicle::in_stage_of(CONFIG, stage)
-    }
-
-    fn in_stage_of(text: &str, stage: Stage) -> Vehicle {
-        let mut engine = Engine::new(model(text), Timestamp::ZERO);
-        engine.start_in(stage);
-        Vehicle { engine, now: Timestamp::ZERO }
+        Vehicle::of(CONFIG, Stage::Active)
     }
 
     /// A start that remembers nothing, with an operator.
     fn without_memory(text: &str) -> Vehicle {
         let mut vehicle =
             Vehicle { engine: Engine::begin(model(text), Timestamp::ZERO), now: Timestamp::ZERO };
-        assert_eq!(vehicle.operates(OperatorAction::Login { name: "anna".into() }), Response::Done);
+        assert_eq!(vehicle.does(OperatorAction::Login { name: "anna".into() }), Response::Done);
         vehicle
-    }
-
-    fn operates(&mut self, action: OperatorAction) -> Response {
-        self.input(&Input::Operator(action))
     }
 
     /// A sample of the signal `active`, and what all components say that are well, after some time.
     fn says(&mut self, active: bool, wait_s: u64) {
-        self.input(&Input::Signal { name: "active".into(), value: active });
+        self.signal("active", active);
         self.now = self.now + Span::from_secs(wait_s);
-        self.report(0, 0);
+        self.say(0, 0);
     }
 
     fn hold(&mut self) -> Option<bool> {
         self.look().hold
     }
 
-    fn input(&mut self, input: &Input) -> Response {
-        self.now = self.now + Span::from_millis(1);
-        self.engine.handle(input, self.now)
-    }
-
     /// Levels of `own` and of `/sensors/x`, which nobody declared.
-    fn report(&mut self, own: u8, x: u8) {
-        let mut array = StatusArray::default();
-        array.push_status(own, "own", "", "");
-        array.push_status(x, "/sensors/x", "", "");
-        self.input(&Input::Diagnostics(array));
+    fn say(&mut self, own: u8, x: u8) {
+        self.report(&[("own", own), ("/sensors/x", x)]);
     }
 
     fn knows(&mut self, alarm: AlarmRef) {
-        let answer = self.input(&Input::Operator(OperatorAction::Acknowledge { alarm }));
-        assert_eq!(answer, Response::Done);
+        assert_eq!(self.does(OperatorAction::Acknowledge { alarm }), Response::Done);
     }
 
     fn knows_node(&mut self, node: &str) {
         self.knows(AlarmRef::Node(node.into()));
     }
 
-    /// Both steps, which get the same answer.
-    fn release(&mut self) -> Response {
-        let (display_live, storage_ok) = (true, true);
-        let asked = self.input(&Input::Operator(OperatorAction::AskRelease { display_live, storage_ok }));
-        let done = self.input(&Input::Operator(OperatorAction::Release { display_live, storage_ok }));
-        assert_eq!(asked, done);
-        done
-    }
-
     /// Requires that a release is refused because of this cause alone.
     fn keeps(&mut self, node: &str) {
         let remains = Refusal::CauseRemains { node: node.into() };
         assert_eq!(self.release(), Response::Refused(vec![remains]));
-    }
-
-    fn restart(&mut self, text: &str) {
-        let stored = self.look().to_restore();
-        self.engine = Engine::resume(model(text), &stored, self.now);
-    }
-
-    fn reload(&mut self, text: &str) {
-        self.engine.reload(model(text), self.now);
-    }
-
-    fn look(&mut self) -> Arc<Snapshot> {
-        self.engine.snapshot()
     }
 
     fn asked(&mut self) -> Option<Asked> {
@@ -155,20 +93,20 @@ const X: &str = "sensors//sensors/x";
 fn a_restart_keeps_what_a_discovered_module_caused() {
     for over in [false, true] {
         let mut vehicle = Vehicle::driving();
-        vehicle.report(0, 2);
+        vehicle.say(0, 2);
         if over {
-            vehicle.report(0, 0);
+            vehicle.say(0, 0);
         }
         assert_eq!(vehicle.asked(), cause(X, !over));
         vehicle.restart(CONFIG);
         // Nothing says yet that it is over.
         assert_eq!(vehicle.asked(), cause(X, true));
         assert_eq!(vehicle.alarms(), [(1, X.to_owned(), !over, 1)]);
-        vehicle.report(0, 0);
+        vehicle.say(0, 0);
         assert_eq!(vehicle.asked(), cause(X, false));
         vehicle.restart(CONFIG);
         vehicle.keeps(X);
-        vehicle.report(0, 0);
+        vehicle.say(0, 0);
         assert_eq!(vehicle.asked(), cause(X, false));
         vehicle.knows(AlarmRef::Number(1));
         assert_eq!(vehicle.asked(), Some((vec![(X.to_owned(), false, true)], true)), "it moves nothing");
@@ -184,14 +122,9 @@ fn a_restart_keeps_what_the_second_of_a_name_caused() {
     let text = CONFIG
         .replace("namespace: /sensors", "contains: lidar")
         .replace("{ id: own, status: own }", "{ id: lidar, status: 'lidar: beam' }");
-    let report = |vehicle: &mut Vehicle, level| {
-        let mut array = StatusArray::default();
-        array.push_status(0, "lidar: beam", "", "");
-        array.push_status(level, "lidar", "", "");
-        vehicle.input(&Input::Diagnostics(array));
-    };
+    let report = |vehicle: &mut Vehicle, level| vehicle.report(&[("lidar: beam", 0), ("lidar", level)]);
     let second = "sensors/lidar (2)";
-    let mut vehicle = Vehicle::driving_by(&text);
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
     report(&mut vehicle, 2);
     assert_eq!(vehicle.asked(), cause(second, true));
     vehicle.restart(&text);
@@ -209,12 +142,12 @@ fn a_discovered_module_that_finds_no_place_any_more_leaves_its_request_to_its_gr
     let no_filter = CONFIG.replace("namespace: /sensors", "namespace: /other");
     for text in [&no_room, &no_filter] {
         let mut vehicle = Vehicle::driving();
-        vehicle.report(0, 2);
+        vehicle.say(0, 2);
         vehicle.knows_node(X);
         vehicle.restart(text);
-        vehicle.report(0, 0);
+        vehicle.say(0, 0);
         assert_eq!(vehicle.asked().map(|(causes, _)| causes[0].0.clone()), Some("sensors".to_owned()));
-        vehicle.report(0, 0);
+        vehicle.say(0, 0);
         // Statuses that are dropped make the group a WARNING, and that may be the cause itself.
         match text == &no_room {
             true => vehicle.keeps("sensors"),
@@ -237,19 +170,17 @@ fn a_reload_that_renames_or_removes_the_cause_releases_nothing() {
     ] {
         for (over, known) in [(false, false), (true, false), (false, true)] {
             let mut vehicle = Vehicle::driving();
-            vehicle.report(2, 0);
+            vehicle.say(2, 0);
             if known {
                 vehicle.knows_node("sensors/own");
             }
             if over {
-                vehicle.report(0, 0);
+                vehicle.say(0, 0);
             }
             vehicle.reload(text);
             let asked = vehicle.asked().expect("it is held");
             assert_eq!((&*asked.0[0].0, asked.0[0].2), (place, false), "{text}");
-            let mut array = StatusArray::default();
-            ["own", "another", "/sensors/x"].iter().for_each(|name| array.push_status(0, name, "", ""));
-            vehicle.input(&Input::Diagnostics(array));
+            vehicle.report(&["own", "another", "/sensors/x"].map(|name| (name, 0)));
             assert!(vehicle.asked().is_some(), "{text}");
             assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None), "{text}");
         }
@@ -259,12 +190,12 @@ fn a_reload_that_renames_or_removes_the_cause_releases_nothing() {
 #[test]
 fn a_fault_that_lasts_over_its_modules_new_name_is_asked_for_throughout() {
     let mut vehicle = Vehicle::driving();
-    vehicle.report(2, 0);
+    vehicle.say(2, 0);
     vehicle.knows_node("sensors/own");
     vehicle.reload(&CONFIG.replace("id: own", "id: renamed"));
     assert_eq!(vehicle.look().deceleration(), Some(1.5));
-    vehicle.report(2, 0);
-    vehicle.report(0, 0);
+    vehicle.say(2, 0);
+    vehicle.say(0, 0);
     assert_eq!(vehicle.look().deceleration(), Some(1.5));
     assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
 }
@@ -272,15 +203,15 @@ fn a_fault_that_lasts_over_its_modules_new_name_is_asked_for_throughout() {
 #[test]
 fn of_two_causes_one_after_the_other_both_are_named_until_the_release() {
     let mut vehicle = Vehicle::driving();
-    vehicle.report(0, 2);
-    vehicle.report(0, 0);
-    vehicle.report(2, 0);
+    vehicle.say(0, 2);
+    vehicle.say(0, 0);
+    vehicle.say(2, 0);
     vehicle.knows_node("sensors/own");
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     let causes = |x| vec![("sensors/own".to_owned(), false, true), (X.to_owned(), false, x)];
     assert_eq!(vehicle.asked(), Some((causes(false), true)));
     vehicle.restart(CONFIG);
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     assert_eq!(vehicle.asked(), Some((causes(false), true)));
     vehicle.knows_node(X);
     assert_eq!(vehicle.asked(), Some((causes(true), true)));
@@ -290,15 +221,15 @@ fn of_two_causes_one_after_the_other_both_are_named_until_the_release() {
 #[test]
 fn a_release_needs_every_cause_gone_a_live_display_and_a_store() {
     let mut vehicle = Vehicle::driving();
-    vehicle.report(2, 2);
+    vehicle.say(2, 2);
     let remains = |node: &str| Refusal::CauseRemains { node: node.into() };
     assert_eq!(vehicle.release(), Response::Refused(vec![remains("sensors/own"), remains(X)]));
-    vehicle.report(0, 2);
+    vehicle.say(0, 2);
     vehicle.keeps(X);
     // The operator's own stop does not hide that.
-    assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
+    assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
     vehicle.keeps(X);
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     assert_eq!(*vehicle.look().release_refusals, []);
     let blind = OperatorAction::Release { display_live: false, storage_ok: false };
     let besides = vec![Refusal::DisplayNotLive, Refusal::StorageNotWritable];
@@ -306,7 +237,7 @@ fn a_release_needs_every_cause_gone_a_live_display_and_a_store() {
     assert_eq!(vehicle.look().countermeasures.len(), 2);
     assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
     // A new fault asks anew.
-    vehicle.report(2, 0);
+    vehicle.say(2, 0);
     assert_eq!(vehicle.asked(), cause("sensors/own", true));
 }
 
@@ -314,9 +245,9 @@ fn a_release_needs_every_cause_gone_a_live_display_and_a_store() {
 fn a_request_that_was_made_at_a_stop_ends_with_its_cause_unless_the_vehicle_drives_meanwhile() {
     let text = CONFIG.replace("state: error }", "state: error, stages: [standby, active] }");
     for drives in [false, true] {
-        let mut vehicle = Vehicle::in_stage_of(&text, Stage::Standby);
+        let mut vehicle = Vehicle::of(&text, Stage::Standby);
         vehicle.says(false, 4);
-        vehicle.report(2, 0);
+        vehicle.say(2, 0);
         assert_eq!(vehicle.asked(), cause("sensors/own", true));
         vehicle.keeps("sensors/own");
         vehicle.says(drives, 0);
@@ -325,9 +256,9 @@ fn a_request_that_was_made_at_a_stop_ends_with_its_cause_unless_the_vehicle_driv
         assert_eq!(vehicle.look().stage, Stage::Standby);
     }
     // Right after a drive it is not certain that this is a stop.
-    let mut vehicle = Vehicle::driving_by(&text);
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
     vehicle.says(false, 0);
-    vehicle.report(2, 0);
+    vehicle.say(2, 0);
     vehicle.says(false, 0);
     assert_eq!(vehicle.asked(), cause("sensors/own", false), "it may drive on");
     vehicle.says(false, 4);
@@ -337,16 +268,16 @@ fn a_request_that_was_made_at_a_stop_ends_with_its_cause_unless_the_vehicle_driv
 #[test]
 fn at_a_stop_a_request_of_the_drive_ends_with_its_cause() {
     let mut vehicle = Vehicle::driving();
-    vehicle.report(2, 0);
+    vehicle.say(2, 0);
     vehicle.says(false, 0);
     assert_eq!(vehicle.asked(), cause("sensors/own", false), "it may drive on");
     vehicle.says(false, 4);
     assert_eq!((vehicle.look().stage, vehicle.asked()), (Stage::Standby, None));
     vehicle.says(true, 0);
-    vehicle.report(2, 0);
-    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    vehicle.say(2, 0);
+    vehicle.signal("active", false);
     vehicle.now = vehicle.now + Span::from_secs(4);
-    vehicle.report(2, 0);
+    vehicle.say(2, 0);
     assert_eq!(vehicle.asked(), cause("sensors/own", true), "the cause is there");
     vehicle.keeps("sensors/own");
 }
@@ -354,7 +285,7 @@ fn at_a_stop_a_request_of_the_drive_ends_with_its_cause() {
 /// Whether the vehicle is held, with its stage, once the cause has long been gone.
 fn held_much_later(vehicle: &mut Vehicle) -> (Stage, Option<bool>) {
     vehicle.now = vehicle.now + Span::from_secs(60);
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     let snapshot = vehicle.look();
     (snapshot.stage, snapshot.hold)
 }
@@ -364,14 +295,14 @@ fn where_nothing_says_that_the_vehicle_drives_a_request_is_held_until_it_is_rele
     let without = CONFIG.replace("  active:", "  other:");
     let held = || {
         let mut vehicle = Vehicle::driving();
-        vehicle.report(2, 0);
-        vehicle.report(0, 0);
+        vehicle.say(2, 0);
+        vehicle.say(0, 0);
         vehicle
     };
     let stopped = || {
         let mut vehicle = Vehicle::driving();
-        vehicle.report(0, 0);
-        assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
+        vehicle.say(0, 0);
+        assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
         vehicle
     };
     for begin in [&held as &dyn Fn() -> Vehicle, &stopped] {
@@ -386,7 +317,7 @@ fn where_nothing_says_that_the_vehicle_drives_a_request_is_held_until_it_is_rele
             assert_eq!(held_much_later(&mut vehicle), (Stage::Active, Some(false)));
         }
     }
-    let mut vehicle = Vehicle::in_stage(Stage::Standby);
+    let mut vehicle = Vehicle::of(CONFIG, Stage::Standby);
     vehicle.restart(&without);
     assert_eq!(held_much_later(&mut vehicle), (Stage::Standby, None), "nothing says that it is at a stop");
 }
@@ -394,7 +325,7 @@ fn where_nothing_says_that_the_vehicle_drives_a_request_is_held_until_it_is_rele
 #[test]
 fn a_machine_that_becomes_a_shuttle_is_locked_at_first() {
     let machine = format!("vehicle: {{ stages: none }}{}", CONFIG.replace("  active:", "  other:"));
-    let mut vehicle = Vehicle::driving_by(&machine);
+    let mut vehicle = Vehicle::of(&machine, Stage::Active);
     assert_eq!(vehicle.look().stage, Stage::Active);
     vehicle.restart(&machine.replace("stages: none", "stages: shuttle"));
     assert_eq!(vehicle.look().stage, Stage::Locked, "nothing would ever end a drive that was none");
@@ -402,10 +333,6 @@ fn a_machine_that_becomes_a_shuttle_is_locked_at_first() {
 
 #[test]
 fn a_shuttle_without_a_word_on_whether_it_drives_is_warned_of() {
-    let warnings = |text: &str| {
-        let loaded = config::parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
-        loaded.soundness().1.map_or_else(Vec::new, |problems| problems.lines())
-    };
     let without = CONFIG.replace("  active:", "  other:");
     let written = format!("vehicle: {{ stages: shuttle }}{without}");
     for (text, said) in [
@@ -421,13 +348,13 @@ fn a_shuttle_without_a_word_on_whether_it_drives_is_warned_of() {
 #[test]
 fn while_it_is_unknown_whether_the_vehicle_drives_a_request_is_held_also_in_standby() {
     let text = CONFIG.replace("std_msgs/msg/Bool }", "std_msgs/msg/Bool, timeout: 10s }");
-    let mut vehicle = Vehicle::driving_by(&text);
-    vehicle.report(2, 0);
-    vehicle.input(&Input::Signal { name: "active".into(), value: false });
-    vehicle.report(0, 0);
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
+    vehicle.say(2, 0);
+    vehicle.signal("active", false);
+    vehicle.say(0, 0);
     // The signal has been silent for long when the time of an arrival would end.
     vehicle.now = vehicle.now + Span::from_secs(60);
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     assert_eq!(held_much_later(&mut vehicle), (Stage::Standby, Some(true)));
     // Nor does one sample of it release anything.
     vehicle.says(false, 4);
@@ -437,21 +364,21 @@ fn while_it_is_unknown_whether_the_vehicle_drives_a_request_is_held_also_in_stan
 
 #[test]
 fn before_the_vehicle_drives_a_clearance_is_withdrawn_and_a_stop_is_held_until_it_surely_stands() {
-    let mut vehicle = Vehicle::in_stage(Stage::Cleared);
-    vehicle.report(0, 0);
-    let withdraw = |vehicle: &mut Vehicle| vehicle.input(&Input::Operator(OperatorAction::Withdraw));
+    let mut vehicle = Vehicle::of(CONFIG, Stage::Cleared);
+    vehicle.say(0, 0);
+    let withdraw = |vehicle: &mut Vehicle| vehicle.does(OperatorAction::Withdraw);
     assert_eq!(withdraw(&mut vehicle), Response::Done);
     assert_eq!((vehicle.look().stage, vehicle.look().clearance), (Stage::Standby, false));
     assert_eq!(withdraw(&mut vehicle), Response::Refused(vec![Refusal::WrongStage(Stage::Standby)]));
     for drives in [false, true] {
-        let mut vehicle = Vehicle::in_stage(Stage::Cleared);
-        vehicle.report(0, 0);
-        assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
+        let mut vehicle = Vehicle::of(CONFIG, Stage::Cleared);
+        vehicle.say(0, 0);
+        assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
         assert_eq!((vehicle.look().stage, vehicle.look().maneuver_stop()), (Stage::Standby, true));
         // It may have set off before the stop came.
-        vehicle.input(&Input::Signal { name: "active".into(), value: drives });
+        vehicle.signal("active", drives);
         vehicle.now = vehicle.now + Span::from_secs(4);
-        vehicle.report(0, 0);
+        vehicle.say(0, 0);
         assert_eq!(vehicle.look().maneuver_stop(), drives);
     }
 }
@@ -459,13 +386,13 @@ fn before_the_vehicle_drives_a_clearance_is_withdrawn_and_a_stop_is_held_until_i
 #[test]
 fn a_stop_that_is_released_before_the_vehicle_surely_stands_is_over() {
     let mut vehicle = Vehicle::driving();
-    vehicle.report(0, 0);
-    assert_eq!(vehicle.input(&Input::Operator(OperatorAction::RequestStop)), Response::Done);
-    vehicle.input(&Input::Signal { name: "active".into(), value: false });
+    vehicle.say(0, 0);
+    assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
+    vehicle.signal("active", false);
     assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
     // The engine once waited for the arrival without an end.
     vehicle.now = vehicle.now + Span::from_secs(9);
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     assert_eq!(vehicle.asked(), None);
 }
 
@@ -494,13 +421,13 @@ fn more_causes_than_are_named_are_not_forgotten() {
 #[test]
 fn an_old_alarm_says_nothing_of_today() {
     let mut vehicle = Vehicle::driving();
-    vehicle.report(0, 2);
-    vehicle.report(0, 0);
-    vehicle.report(0, 2);
+    vehicle.say(0, 2);
+    vehicle.say(0, 0);
+    vehicle.say(0, 2);
     let alarms = vec![(1, X.to_owned(), false, 1), (2, X.to_owned(), true, 1)];
     assert_eq!(vehicle.alarms(), alarms);
     vehicle.knows(AlarmRef::Number(1));
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     assert_eq!(vehicle.asked(), cause(X, false));
     vehicle.knows(AlarmRef::Number(2));
     assert_eq!(vehicle.asked(), Some((vec![(X.to_owned(), false, true)], true)));
@@ -509,16 +436,14 @@ fn an_old_alarm_says_nothing_of_today() {
 #[test]
 fn an_alarm_from_before_the_request_says_nothing_of_it() {
     let text = CONFIG.replace("groups: [sensors], state: error", "modules: [sensors/own], state: warning");
-    let mut engine = Engine::new(model(&text), Timestamp::ZERO);
-    engine.start_in(Stage::Standby);
-    let mut vehicle = Vehicle { engine, now: Timestamp::ZERO };
-    vehicle.report(2, 0);
-    vehicle.report(0, 0);
-    vehicle.input(&Input::Signal { name: "active".into(), value: true });
+    let mut vehicle = Vehicle::of(&text, Stage::Standby);
+    vehicle.say(2, 0);
+    vehicle.say(0, 0);
+    vehicle.signal("active", true);
     assert_eq!(vehicle.asked(), None);
-    vehicle.report(1, 0);
+    vehicle.say(1, 0);
     vehicle.knows(AlarmRef::Number(1));
-    vehicle.report(0, 0);
+    vehicle.say(0, 0);
     assert_eq!(vehicle.asked(), cause("sensors/own", false));
     assert_eq!((vehicle.release(), vehicle.asked()), (Response::Done, None));
 }
@@ -526,9 +451,9 @@ fn an_alarm_from_before_the_request_says_nothing_of_it() {
 #[test]
 fn a_module_that_flaps_pushes_no_other_alarm_away() {
     let mut vehicle = Vehicle::driving();
-    vehicle.report(0, 2);
-    (0..600_u32).for_each(|round| vehicle.report(2 * (round % 2) as u8, 0));
-    vehicle.report(0, 0);
+    vehicle.say(0, 2);
+    (0..600_u32).for_each(|round| vehicle.say(2 * (round % 2) as u8, 0));
+    vehicle.say(0, 0);
     let alarms = vehicle.alarms();
     assert_eq!(alarms[0], (1, X.to_owned(), false, 1));
     assert_eq!(alarms.iter().skip(1).map(|(.., count)| count).sum::<u32>(), 300);
@@ -548,36 +473,27 @@ groups:
   - { id: strict, depends_on: [{ on: bus, masks_when: [error, unknown] }], modules: [{ id: m, status: m }] }
 ";
     let report = |engine: &mut Engine, link: u8, millis: u64| {
-        let mut array = StatusArray::default();
-        array.push_status(link, "link", "", "");
-        engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(millis));
-    };
-    let alarms = |engine: &mut Engine| -> Vec<(u64, String, bool)> {
-        let snapshot = engine.snapshot();
-        let told = |it: &telltale::engine::snapshot::Alarm| {
-            (it.id, snapshot.node_name(it.node).to_string(), it.active)
-        };
-        snapshot.alarms.iter().map(told).collect()
+        engine.handle(&said(&[("link", link)]), Timestamp::from_millis(millis));
     };
     let mut engine = Engine::new(model(text), Timestamp::ZERO);
-    assert_eq!(alarms(&mut engine), [], "it is given time");
+    assert_eq!(alarms(&engine.snapshot()), [], "it is given time");
     report(&mut engine, 3, 100);
     let expected = [(1, "bus/link".to_owned(), true)];
-    assert_eq!(alarms(&mut engine), expected, "it says that it does not know");
+    assert_eq!(alarms(&engine.snapshot()), expected, "it says that it does not know");
     let restored = engine.snapshot().to_restore();
     let resume = || Engine::resume(model(text), &restored, Timestamp::from_millis(200));
     let mut silent = resume();
     for millis in [200, 900, 1200, 9000] {
         silent.handle(&Input::Tick, Timestamp::from_millis(millis));
-        assert_eq!(alarms(&mut silent), expected, "at {millis} ms");
+        assert_eq!(alarms(&silent.snapshot()), expected, "at {millis} ms");
     }
     let mut well = resume();
     report(&mut well, 0, 300);
-    assert_eq!(alarms(&mut well), [(1, "bus/link".to_owned(), false)]);
+    assert_eq!(alarms(&well.snapshot()), [(1, "bus/link".to_owned(), false)]);
     // Without an alarm from before, the time to report is given as at any start.
     let mut fresh = Engine::resume(model(text), &Default::default(), Timestamp::from_millis(200));
     fresh.handle(&Input::Tick, Timestamp::from_millis(1199));
-    assert_eq!(alarms(&mut fresh), []);
+    assert_eq!(alarms(&fresh.snapshot()), []);
     fresh.handle(&Input::Tick, Timestamp::from_millis(1200));
-    assert_eq!(alarms(&mut fresh), expected);
+    assert_eq!(alarms(&fresh.snapshot()), expected);
 }

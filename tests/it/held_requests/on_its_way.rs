@@ -6,14 +6,14 @@ use super::*;
 fn a_vehicle_that_is_held_on_its_way_stays_held_whatever_it_says_of_driving() {
     let by_a_rule = || {
         let mut vehicle = Vehicle::driving();
-        vehicle.report(2, 0);
-        vehicle.report(0, 0);
+        vehicle.say(2, 0);
+        vehicle.say(0, 0);
         vehicle
     };
     let by_the_operator = || {
         let mut vehicle = Vehicle::driving();
-        vehicle.report(0, 0);
-        assert_eq!(vehicle.operates(OperatorAction::RequestStop), Response::Done);
+        vehicle.say(0, 0);
+        assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
         vehicle
     };
     for begin in [&by_a_rule as &dyn Fn() -> Vehicle, &by_the_operator] {
@@ -62,7 +62,7 @@ fn an_operator_sets_a_vehicle_going_of_which_nothing_is_remembered() {
     let mut vehicle = Vehicle::without_memory(CONFIG);
     vehicle.says(true, 60);
     assert_eq!(vehicle.release(), Response::Refused(vec![Refusal::NothingToRelease]));
-    assert_eq!(vehicle.operates(OperatorAction::RequestStop), Response::Done);
+    assert_eq!(vehicle.does(OperatorAction::RequestStop), Response::Done);
     assert_eq!(vehicle.hold(), Some(true));
     assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
     assert_eq!(vehicle.look().stage, Stage::Active);
@@ -71,14 +71,14 @@ fn an_operator_sets_a_vehicle_going_of_which_nothing_is_remembered() {
     let mut vehicle = Vehicle::without_memory(CONFIG);
     vehicle.says(false, 1);
     let place = Place::Pose { x_m: 0.0, y_m: 0.0, yaw_deg: 0.0 };
-    assert_eq!(vehicle.operates(OperatorAction::Localize { place }), Response::Done);
+    assert_eq!(vehicle.does(OperatorAction::Localize { place }), Response::Done);
     vehicle.says(false, 10);
     assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, None));
     let (display_live, storage_ok) = (true, true);
     let asks = OperatorAction::AskClearance { display_live, storage_ok };
-    assert_eq!((vehicle.operates(asks), vehicle.hold()), (Response::Done, None), "this was the first tap");
+    assert_eq!((vehicle.does(asks), vehicle.hold()), (Response::Done, None), "this was the first tap");
     let clears = OperatorAction::Clear { display_live, storage_ok };
-    assert_eq!((vehicle.operates(clears), vehicle.hold()), (Response::Done, Some(false)));
+    assert_eq!((vehicle.does(clears), vehicle.hold()), (Response::Done, Some(false)));
     vehicle.says(true, 1);
     assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(false)));
 }

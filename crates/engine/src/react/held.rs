@@ -1,8 +1,8 @@
 //! Countermeasures that are held, and their release by the operator.
 //!
 //! The request of each rule is held by itself. A request that moves the vehicle is held until the operator
-//! releases it, which is granted once its causes are gone. Only one that was made at a stop, where a clearance is
-//! needed anyway, ends with its causes. The strongest held request wins.
+//! releases it, which is granted once its causes are gone. Only one whose causes are still there at a stop, where a
+//! clearance is needed anyway, ends with them. The strongest held request wins.
 
 use crate::files::KeyframeError;
 use serde::{Deserialize, Serialize};
@@ -31,14 +31,15 @@ pub(crate) struct HeldRequest {
     #[serde(default)]
     pub(crate) before: Span,
     pub(crate) present: bool,
-    /// It outlived its cause on the way, or is the operator's own stop there: nothing but a release ends it.
-    #[serde(default = "surely")]
-    pub(crate) on_the_way: bool,
+    /// Only a release ends it: it outlived its cause on the way, it is the operator's own stop there, or the vehicle
+    /// did not say meanwhile whether it drives.
+    #[serde(default = "surely", alias = "on_the_way")]
+    pub(crate) needs_release: bool,
     /// Empty only for a stop of the operator.
     pub(crate) causes: Vec<RequestCause>,
 }
 
-/// A request of an older keyframe does not say where it was made.
+/// A request of an older keyframe does not say whether it needs a release.
 fn surely() -> bool {
     true
 }
@@ -71,7 +72,7 @@ pub(crate) struct Acknowledged<'a> {
 impl HeldRequest {
     pub(crate) fn new(request: Request, by: RequestOrigin, since: Since) -> HeldRequest {
         let Since { at: since, before } = since;
-        HeldRequest { request, by, since, before, present: true, on_the_way: false, causes: Vec::new() }
+        HeldRequest { request, by, since, before, present: true, needs_release: false, causes: Vec::new() }
     }
 
     pub(crate) fn since(&self) -> Since {
@@ -177,8 +178,8 @@ pub(crate) struct Whereabouts {
     pub(crate) stage: Stage,
     /// It is known to stand at a stop.
     pub(crate) at_a_stop: bool,
-    /// Nothing says whether it drives.
-    pub(crate) drive_unknown: bool,
+    /// The vehicle does not say whether it drives.
+    pub(crate) active_unknown: bool,
 }
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -264,7 +265,7 @@ impl Countermeasures {
         &mut self,
         model: &Model,
         net: &Net,
-        Whereabouts { stage, at_a_stop, drive_unknown }: Whereabouts,
+        Whereabouts { stage, at_a_stop, active_unknown }: Whereabouts,
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
@@ -299,14 +300,15 @@ impl Countermeasures {
                 RequestOrigin::Past => held.look_at_causes(net, State::Warning, None),
                 RequestOrigin::Operator => {}
             }
-            // A cause that is gone on the way leaves a vehicle that only the operator sets going again.
+            // A cause that is gone on the way leaves a vehicle that only the operator sets going again. So does a
+            // silence of `active`: its publisher may have started again between stops, and then says false first.
             let is_latched = held.by == RequestOrigin::Operator || !held.present;
-            held.on_the_way |= is_latched && (stage == Stage::Active || drive_unknown);
+            held.needs_release |= active_unknown || is_latched && stage == Stage::Active;
         }
         let surely_at_a_stop = at_a_stop && self.arrives.is_none_or(|at| at <= now);
         self.held.retain(|held| {
             let is_over = held.by == RequestOrigin::Operator || !held.present;
-            !is_over || held.request.kind().moves() && (held.on_the_way || !surely_at_a_stop)
+            !is_over || held.request.kind().moves() && (held.needs_release || !surely_at_a_stop)
         });
     }
 
@@ -392,7 +394,7 @@ impl Countermeasures {
             Some(known) => {
                 held.causes.iter().for_each(|cause| known.add(*cause));
                 known.present |= held.present;
-                known.on_the_way |= held.on_the_way;
+                known.needs_release |= held.needs_release;
                 known.cut(others);
             }
             None => self.held.push(held),

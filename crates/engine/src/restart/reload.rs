@@ -12,6 +12,7 @@ use crate::module::names::Names;
 use crate::module::names::NewModule;
 use crate::module::overflow;
 use crate::react::held::{HeldRequest, RequestCause, RequestOrigin};
+use crate::signals::driving_word::ARRIVAL;
 use crate::snapshot::Reason;
 use crate::stage::machine::Event;
 use crate::time::Timestamp;
@@ -216,13 +217,16 @@ impl Engine {
 
     /// A clearance is for the vehicle as it was judged: another configuration withdraws it.
     fn take_vehicle(&mut self, old: &Engine) {
-        let drives = self.active_signal.and_then(|index| self.signals.value(index));
-        self.vehicle.reload(self.model.stages, drives);
+        self.vehicle.reload(self.model.stages, self.says_it_drives());
         if self.model != old.model {
             self.vehicle.raise(Event::Reloaded);
         }
         if self.vehicle.stage != old.vehicle.stage {
             let (from, to) = (old.vehicle.stage, self.vehicle.stage);
+            if from == Stage::Cleared {
+                // It may have set off already.
+                self.countermeasures.arrives = Some(self.now + ARRIVAL);
+            }
             self.events.push(self.now, EventKind::Stage { from, to });
         }
         self.stage_changed();

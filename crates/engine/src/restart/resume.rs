@@ -256,7 +256,7 @@ impl Engine {
             }
         }
         // Where the vehicle was meanwhile is not known.
-        self.countermeasures.held.iter_mut().for_each(|held| held.on_the_way = true);
+        self.countermeasures.held.iter_mut().for_each(|held| held.needs_release = true);
         self.stage_changed();
     }
 

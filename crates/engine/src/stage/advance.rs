@@ -153,20 +153,24 @@ impl Engine {
         !self.net.is_settled()
     }
 
+    /// What the vehicle says of whether it drives.
+    pub(crate) fn says_it_drives(&self) -> Option<bool> {
+        self.active_signal.and_then(|index| self.signals.value(index))
+    }
+
     /// Whether the vehicle is known to stand at a stop: the signal `active` is false, it has no clearance, and it
     /// does not roll. Without such a signal nothing tells a stop from a halt on the way.
     pub(crate) fn stands_at_a_stop(&self) -> bool {
-        let drives = self.active_signal.and_then(|index| self.signals.value(index));
         self.vehicle.model == StageModel::Shuttle
             && !matches!(self.vehicle.stage, Stage::Cleared | Stage::Active)
-            && drives == Some(false)
+            && self.says_it_drives() == Some(false)
             && !self.motion.shown().may_move()
     }
 
     /// Whether nothing tells if a vehicle with stages drives: no word on `active`, and no source of its speed.
     pub(crate) fn is_drive_unknown(&self) -> bool {
         self.vehicle.model == StageModel::Shuttle
-            && self.active_signal.and_then(|index| self.signals.value(index)).is_none()
+            && self.says_it_drives().is_none()
             && self.model.driving.speed.is_none()
     }
 
@@ -208,7 +212,7 @@ impl Engine {
     /// Reports faults of the vehicle's side in the group `telltale`.
     fn report_on_vehicle(&mut self) {
         let shuttle = self.vehicle.model == StageModel::Shuttle;
-        let known = self.active_signal.and_then(|index| self.signals.value(index));
+        let known = self.says_it_drives();
         let vehicle_faults = VehicleFaults {
             active_unknown: (shuttle && self.vehicle.stage == Stage::Active && known.is_none())
                 .then_some(if self.now < self.active_by { State::Unknown } else { State::Error }),

@@ -10,7 +10,7 @@ use crate::mask::responsible;
 use crate::model::countermeasure::RequestKind;
 use crate::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
 use crate::react::held::{Acknowledged, Whereabouts};
-use crate::snapshot::{MapPose, Unreached};
+use crate::snapshot::{MapPose, Unreached, may_move};
 use crate::state::State;
 use crate::time::{Since, Span};
 
@@ -89,8 +89,7 @@ impl Engine {
             }
             OperatorAction::RequestStop => {
                 self.need_operator()?;
-                let may_drive = matches!(self.vehicle.stage, Stage::Cleared | Stage::Active);
-                if !may_drive && !self.motion.shown().may_move() && !self.is_drive_unknown() {
+                if !may_move(self.vehicle.stage, self.motion.shown(), self.is_drive_unknown()) {
                     return Err(vec![Refusal::NotDriving]);
                 }
                 // Without a reader the request is still made: it is sent as soon as there is one.
@@ -346,7 +345,7 @@ impl Engine {
         let whereabouts = Whereabouts {
             stage: self.vehicle.stage,
             at_a_stop: self.stands_at_a_stop(),
-            drive_unknown: self.active_signal.is_none_or(|index| self.signals.value(index).is_none()),
+            active_unknown: self.says_it_drives().is_none(),
         };
         self.countermeasures.follow(&self.model, net, whereabouts, self.now, causes);
     }

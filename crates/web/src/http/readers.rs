@@ -24,7 +24,8 @@ use crate::AppState;
 use crate::texts::HttpError;
 use telltale_store::Role;
 
-/// Requests of one account that are worked on at once. Others of it wait; its connections are their bound.
+/// Requests of one account that are worked on at once. Others of it wait; its connections are their bound. A file that is
+/// being read for a client that went away is read to its end without a place.
 const AT_ONCE: usize = 2;
 /// A request that waits longer is refused. The whole request has twice that time.
 const WAITS: Duration = Duration::from_secs(5);
@@ -42,7 +43,8 @@ static THREADS: LazyLock<Option<Runtime>> = LazyLock::new(|| {
         .max_blocking_threads(BLOCKING_MAX)
         .thread_name("readers")
         .on_thread_start(|| {
-            let _ = rustix::process::nice(NICENESS);
+            // Not `nice`, which adds to the priority of the thread that starts this one.
+            let _ = rustix::process::setpriority_process(None, NICENESS);
         })
         .enable_all()
         .build();
@@ -69,11 +71,17 @@ impl Readers {
 /// The ends of the addresses of sockets. A header would not do: anybody can write one.
 const SOCKETS: [&str; 3] = ["/ws", "/api/v1/stream", "/developer/live"];
 
+/// Nobody waits to log in or out, or to learn whether the server is there: the browser of an operator may still have a
+/// developer's cookie.
+const NEVER_WAIT: [&str; 4] = ["/login", "/logout", "/readyz", "/healthz"];
+
 /// Whether a request waits for its turn: all of accounts that do not drive, and what a driver reads as a program does.
 /// What a driver's page asks for never waits, nor does a socket.
 fn waits(method: &Method, path: &str, role: Role) -> bool {
     let is_read = matches!(*method, Method::GET | Method::HEAD);
-    let is_made = !SOCKETS.iter().any(|end| path.ends_with(end)) && !path.starts_with("/static/");
+    let is_made = !SOCKETS.iter().any(|end| path.ends_with(end))
+        && !path.starts_with("/static/")
+        && !NEVER_WAIT.contains(&path);
     is_made && (role != Role::Operator || is_read && path.starts_with("/api/"))
 }
 
@@ -83,13 +91,17 @@ pub async fn apart(State(app): State<AppState>, request: Request, next: Next) ->
         .extensions()
         .get::<SignedIn>()
         .filter(|SignedIn(it)| waits(request.method(), request.uri().path(), it.role));
-    let user = session.map(|SignedIn(session)| session.user.clone());
-    let (Some(user), Some(threads)) = (user, &*THREADS) else { return next.run(request).await };
-    let Some(place) = app.readers.enter(&user).await else {
+    let session = session.map(|SignedIn(session)| session.clone());
+    let (Some(session), Some(threads)) = (session, &*THREADS) else { return next.run(request).await };
+    let Some(place) = app.readers.enter(&session.user).await else {
         let mut answer = HttpError::TooMany.into_response();
         answer.headers_mut().insert(RETRY_AFTER, HeaderValue::from(TRY_AGAIN_AFTER_S));
         return answer;
     };
+    // It may have ended while the request waited.
+    if !session.is_open() || app.has_expired(&session) {
+        return HttpError::NoSession.into_response();
+    }
     // Ends with this request, if nobody waits for the answer any longer.
     let mut work = JoinSet::new();
     let made = async move {
@@ -157,6 +169,9 @@ mod tests {
             (Method::GET, "/ws", false, false),
             (Method::GET, "/api/v1/stream", false, false),
             (Method::GET, "/replay/1/screen/ws", false, false),
+            (Method::POST, "/login", false, false),
+            (Method::POST, "/logout", false, false),
+            (Method::GET, "/readyz", false, false),
         ] {
             assert_eq!(waits(&method, path, Role::Operator), of_driver, "{method} {path}");
             for role in [Role::Developer, Role::Authority] {

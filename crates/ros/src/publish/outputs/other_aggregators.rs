@@ -132,6 +132,7 @@ pub async fn tell(
             }
             let other = voices.as_deref().map(Box::from);
             let news = Stamped::new(Input::Voices { other }, clock.now());
+            // A full queue is tried again with the next look of discovery, a second later.
             told_voices = inputs.try_send(news).is_ok().then_some(voices);
         }
         let words = others.words();
@@ -145,7 +146,6 @@ pub async fn tell(
             }
             let other = words.as_deref().map(Box::from);
             let news = Stamped::new(Input::Aggregator { other }, clock.now());
-            // A full queue is tried again with the next look of discovery, a second later.
             told = inputs.try_send(news).is_ok().then_some(words);
         }
         tokio::select! {
