@@ -17,7 +17,7 @@ pub struct Case {
 
 pub enum Verdict {
     Passed,
-    /// Something differs from what was expected: in a line, and in full.
+    /// The result differs from the expected one: in a line, and in full.
     Failed(String, String),
     /// It could not be run, and why.
     Broken(String),

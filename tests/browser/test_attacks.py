@@ -121,7 +121,7 @@ def test_stops_are_answered_beside_strangers(server, driving, trouble, strangers
     until(lambda: megabytes(server.process.pid) < before_mb + KEPT_MB, 5, "the memory returns")
 
 
-# What accounts that may only read ask for, compressed, eight times at once on each of 40 connections.
+# Requests of accounts that may only read, compressed, eight times at once on each of 40 connections.
 READ = {
     "description": "/api/v1/openapi.json",
     "history": "/api/v1/history?since=1970-01-01T00:00:00Z&count=5000",

@@ -60,7 +60,7 @@ async fn told(published: &mut Published) -> Option<Box<str>> {
     tokio::time::timeout(PATIENCE, told).await.expect("the engine is told in time")
 }
 
-/// What the engine is told next of other programs that speak to the vehicle.
+/// The next word to the engine about other programs that speak to the vehicle.
 async fn told_of_voices(published: &mut Published) -> Option<Box<str>> {
     let told = async {
         loop {

@@ -100,7 +100,7 @@ groups:
         }
         assert_eq!(lines, expected, "{found:#}");
         assert_eq!((other.status.code(), &found["ok"]), (Some(1), &json!(false)), "{found:#}");
-        assert_eq!(update.status.code(), Some(1), "what is missing is told: {}", text(&update.stderr));
+        assert_eq!(update.status.code(), Some(1), "a missing name is told: {}", text(&update.stderr));
         for part in wanted.iter().copied().chain(old.lines()) {
             assert!(written.contains(part), "lacks {part}:\n{written}");
         }

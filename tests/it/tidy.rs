@@ -1,5 +1,6 @@
 //! The rules of the house that neither the compiler nor clippy holds: circles of imports, where modules stand, how long a
-//! file may be, that no template is dead, how pages, scripts and styles begin, and what the documentation says of the house.
+//! file may be, that no template is dead, how pages, scripts and styles begin, and the sentences of the documentation
+//! about the house.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -303,7 +304,7 @@ fn no_template_is_dead() {
     }
 }
 
-/// What is said in each language stands in `web/texts/` alone, so that another language is a column there.
+/// The words of each language stand in `web/texts/` alone, so that another language is a column there.
 #[test]
 fn the_languages_of_the_pages_stand_in_one_table() {
     const BESIDE: [&str; 5] = ["Lang::De", "Lang::En =>", "== Lang::En", ".choose(\"", "\"de\""];

@@ -136,7 +136,7 @@ impl<'n, 'l> Fields<'n, 'l> {
         self.span
     }
 
-    /// Logs what the map as a whole is mistaken for, in place of its unknown keys.
+    /// Logs a problem of the map as a whole, in place of its unknown keys.
     pub fn refuse(mut self, problem: Problem) {
         self.log.push(problem);
         self.entries = &[];

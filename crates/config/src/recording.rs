@@ -16,7 +16,7 @@ pub struct Recording {
     pub disk: u64,
     /// The age at which a recording is removed.
     pub keep: Span,
-    /// Topics in addition to those that are read anyway.
+    /// Topics that are recorded in addition to the topics that Telltale reads anyway.
     pub topics: Vec<RecordedTopic>,
 }
 

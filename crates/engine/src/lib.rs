@@ -361,7 +361,7 @@ impl Engine {
         self.report_on_self(SystemCheck::Reception, state, self.reception.message.clone());
     }
 
-    /// Takes what is wrong with Telltale itself, or that nothing is.
+    /// Takes a fault of Telltale itself, or its end.
     fn take_fault(&mut self, check: SystemCheck, fault: Option<Text>) {
         let state = if fault.is_some() { State::Warning } else { State::Ok };
         self.report_on_self(check, state, fault.unwrap_or_default());

@@ -530,7 +530,7 @@ impl Motion {
 }
 
 words! {
-    /// Whether the vehicle moves. Nothing is concluded from what was not heard. Its words are those on the wire.
+    /// Whether the vehicle moves. A signal that was not heard proves nothing. The words are those on the wire.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum Moving {

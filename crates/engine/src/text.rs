@@ -17,7 +17,7 @@ impl Default for Text {
     }
 }
 
-/// Names, numbers and what is quoted are the same in every language.
+/// Names, numbers and quotations are the same in every language.
 impl<T: fmt::Display> From<T> for Text {
     fn from(text: T) -> Text {
         Text::plain(&text.to_string())

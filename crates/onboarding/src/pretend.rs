@@ -1,4 +1,4 @@
-//! A robot as tests need it: ten seconds of what it says, without a network.
+//! A robot as tests need it: ten seconds of its messages, without a network.
 
 use std::sync::Arc;
 
@@ -87,7 +87,7 @@ impl Robot {
         self.node(node)
     }
 
-    /// What was heard of it in ten seconds.
+    /// The observations of ten seconds, and the draft made of them.
     pub fn heard(self) -> (Observations, Draft) {
         let Robot { mut discovery, mut seen, .. } = self;
         discovery.participants = discovery.nodes.len();
@@ -97,7 +97,7 @@ impl Robot {
     }
 }
 
-/// Between the start and the end of what was heard.
+/// The observations with their start and their end.
 pub fn between<'a>((seen, draft): &'a (Observations, Draft)) -> Heard<'a> {
     Heard { seen, draft, start: Timestamp::ZERO, end: Timestamp::ZERO + Span::from_secs(10) }
 }

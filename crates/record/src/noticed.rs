@@ -1,5 +1,5 @@
 //! Collects from the engine's events what happens to single modules and may be a reason to record. Snapshots alone
-//! would miss what is short.
+//! would miss a short fault.
 
 use std::collections::HashSet;
 use std::sync::Arc;

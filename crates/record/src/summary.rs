@@ -1,4 +1,4 @@
-//! What is known of an incident apart from its recording: the content of a list and of the first lines of a page.
+//! The summary of an incident, without its recording: the content of a list and of the first lines of a page.
 
 use serde::{Deserialize, Serialize};
 

@@ -65,7 +65,7 @@ impl Loss {
     }
 }
 
-/// What of a recording could not be used, apart from damage of the file.
+/// The parts of a recording that could not be used, apart from damage of the file.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Notes {
     /// Inputs that the recorder did not keep, or whose message is missing.

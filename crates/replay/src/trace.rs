@@ -63,7 +63,7 @@ pub struct Totals {
     pub to_root_s: Option<f64>,
 }
 
-/// The instants of what is counted.
+/// The instants of the counted alarms, masked nodes, requests and transitions.
 #[derive(Debug, Default)]
 pub(super) struct Counts {
     alarms: Vec<Timestamp>,

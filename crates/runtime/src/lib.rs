@@ -180,12 +180,13 @@ pub struct Link {
     pub commands: mpsc::Sender<Command>,
     pub rehearsals: mpsc::Sender<Rehearsal>,
     pub reloads: mpsc::Sender<Reload>,
-    /// For programs, and for all who look and do not wait. Holds at most the latest; a slow reader skips what lies
+    /// For programs, and for readers that look and do not wait. Holds at most the latest; a slow reader skips what lies
     /// between.
     pub snapshots: watch::Receiver<Published>,
     /// The same for the outputs to the vehicle.
     pub vehicle: watch::Receiver<Arc<Snapshot>>,
-    /// The same for all others who wait: told when those have had their turn, because each would delay them.
+    /// The same for pages, the tools of ROS 2 and the store: told after programs and the vehicle, because each would
+    /// delay these.
     pub afterwards: watch::Receiver<Published>,
     /// Every snapshot in which the stage or the requests to the vehicle changed, also if the next one followed
     /// before a reader of `snapshots` saw it.
@@ -270,7 +271,7 @@ fn run(mut engine: Engine, clock: Clock, Followers { records, feed }: Followers)
             () = turn.run(queues) => {}
             () = asked.asked() => {}
         }
-        // The last turn may wait for those who go first.
+        // The pages, the tools of ROS 2 and the store may not have the last snapshot yet.
         turn.tell_others();
         turn.hand_on();
         turn.recorder.hand_on_rest(turn.clock.now());
@@ -293,7 +294,7 @@ struct Loop {
     publish: watch::Sender<Published>,
     to_vehicle: watch::Sender<Arc<Snapshot>>,
     to_others: watch::Sender<Published>,
-    /// Whether what was published last was told to the others, too.
+    /// Whether the last snapshot was told to the pages, the tools of ROS 2 and the store, too.
     is_told_to_all: bool,
     turns: broadcast::Sender<Published>,
     requests: (Stage, Arc<[Countermeasure]>),
@@ -349,7 +350,7 @@ impl Loop {
             self.tell_turn();
             self.publish_if_due();
             if !self.is_told_to_all && inputs.is_empty() {
-                // Tasks that were told run now, for one round of the scheduler. A command ends this wait.
+                // Programs and the vehicle have their turn: one round of the scheduler. A command ends this wait.
                 tokio::task::yield_now().await;
             }
             self.tell_others();
@@ -471,7 +472,7 @@ impl Loop {
         }
     }
 
-    /// Tells those who need not be first what was published last.
+    /// Tells the pages, the tools of ROS 2 and the store the last snapshot, unless they have it.
     fn tell_others(&mut self) {
         if !std::mem::replace(&mut self.is_told_to_all, true) {
             self.to_others.send_replace(self.publish.borrow().clone());

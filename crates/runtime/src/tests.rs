@@ -43,7 +43,7 @@ async fn the_vehicle_and_programs_are_told_before_all_others() {
     let (mut snapshots, mut vehicle, mut afterwards) =
         (link.snapshots.clone(), link.vehicle.clone(), link.afterwards.clone());
     let is_heard = |snapshot: &Snapshot| snapshot.node("other/pump").is_some();
-    // Each looks at what the others have when it runs.
+    // Each task reads, when it runs, the snapshot that the others have.
     let (program_sees, vehicle_sees) = (afterwards.clone(), afterwards.clone());
     let program = tokio::spawn(async move {
         snapshots.wait_for(|it| is_heard(&it.snapshot)).await.unwrap();
@@ -59,7 +59,7 @@ async fn the_vehicle_and_programs_are_told_before_all_others() {
     afterwards.wait_for(|it| is_heard(&it.snapshot)).await.unwrap();
     assert_eq!((program.await.unwrap(), vehicle.await.unwrap()), (false, false));
 
-    // Who commanded finds the effect everywhere.
+    // The client of a command finds its effect everywhere.
     let (reply, answer) = oneshot::channel();
     let action = OperatorAction::Login { name: "anna".into() };
     link.commands.send(Command { action, last_stop: None, reply }).await.unwrap();

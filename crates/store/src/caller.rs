@@ -1,11 +1,11 @@
-//! Who calls: the role of a user, and where the caller is. All bounds that differ between places use the second.
+//! The caller of the server: the role of its user, and its place. All bounds that differ between places use the place.
 
 /// The role of a user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Role {
     /// Leads the vehicle and is responsible for it.
     Operator,
-    /// Sees everything and may change what is diagnosed.
+    /// Sees everything and may change the configuration.
     Developer,
     /// May read everything and change nothing.
     Authority,

@@ -175,7 +175,7 @@ impl AppState {
         }))
     }
 
-    /// What is read of the history. While the vehicle is locked, its past is not shown either.
+    /// Reads from the history. While the vehicle is locked, its past is not shown either.
     async fn past<'a, T, F>(
         &'a self,
         published: &Published,

@@ -127,7 +127,7 @@ impl AppState {
         }
     }
 
-    /// The same for all who wait and need not be first.
+    /// The same for pages and other readers that need not be first.
     pub fn afterwards(&self) -> &watch::Receiver<Published> {
         match &self.source {
             Source::Live(link) => &link.afterwards,

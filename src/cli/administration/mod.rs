@@ -1,4 +1,4 @@
-//! Commands for who looks after a vehicle: its data folder, users, audit log and certificate.
+//! Commands for the administration of a vehicle: its data folder, users, audit log and certificate.
 
 pub mod audit;
 pub mod data;

@@ -50,7 +50,7 @@ proptest! {
             check_preview(preview, &input, &response, &after);
             if let Response::Refused(reasons) = &response {
                 prop_assert!(!reasons.is_empty());
-                // A STOP counts, whatever else comes of it.
+                // A STOP that is refused counts too.
                 let stop = u64::from(input == Input::Operator(OperatorAction::RequestStop));
                 let (seq, revision, last_stop) =
                     (before.seq + stop, before.revision + stop, before.last_stop + stop);

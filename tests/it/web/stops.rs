@@ -78,7 +78,7 @@ async fn a_stop_between_the_two_steps_of_a_clearance_forbids_it_also_where_there
     assert_eq!(operator.confirm_at(CLEARANCE, &token).await.status, StatusCode::OK);
 }
 
-/// The engine has the last word: whatever the pages judged before, a STOP that it took first wins.
+/// The engine has the last word: a STOP that it took first wins, also after the web server admitted the release.
 #[tokio::test]
 async fn a_release_that_the_engine_receives_after_a_stop_is_not_done() {
     let operator = Operator::driving().await;

@@ -1,5 +1,5 @@
-//! What a configuration names on the network of the vehicle, each with its place, so that it can be compared with what
-//! is there.
+//! The names of a configuration on the network of the vehicle, each with its place in the file. They are compared with
+//! the names that discovery finds.
 
 use crate::Loaded;
 use telltale_engine::model::filter::Filter;
@@ -20,7 +20,7 @@ pub struct Named<'m> {
 pub enum What<'m> {
     Topic {
         name: &'m str,
-        /// Empty: whatever its publisher says.
+        /// Empty: the configuration leaves the type to the publisher.
         type_name: &'m str,
         /// The place of the type.
         of_type: Option<Span>,

@@ -1,4 +1,4 @@
-//! Tests of configurations: what is read, what is refused, and with which words.
+//! Tests of configurations: files that are read, files that are refused, and the words of a refusal.
 
 mod agreements;
 mod countermeasures;

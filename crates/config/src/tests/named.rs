@@ -1,4 +1,4 @@
-//! What a configuration names on the network, with its places.
+//! The names of a configuration on the network, with their places.
 
 use super::*;
 use crate::What;

@@ -227,7 +227,7 @@ impl ModuleMonitor {
         memory.max(rounds)
     }
 
-    /// Whether it judges the same sources in the same way, whatever their indices are.
+    /// Whether it judges the same sources in the same way. The indices of the sources may differ.
     pub(crate) fn means_the_same(&self, watched: &Watched, other: &ModuleMonitor, others: &Watched) -> bool {
         match (self, other) {
             (ModuleMonitor::Other(spec), ModuleMonitor::Other(other)) => {
@@ -238,7 +238,7 @@ impl ModuleMonitor {
     }
 }
 
-/// What is true of a monitor by its kind.
+/// The facts about a monitor that follow from its kind.
 pub(crate) struct About<'a> {
     kind: &'static str,
     class: Class,
@@ -271,7 +271,7 @@ pub(crate) enum Source<'a> {
     Probe(&'a mut WatchdogId),
 }
 
-/// What a source is, without the index that one configuration gives to it.
+/// A source without the index that one configuration gives to it.
 #[derive(PartialEq)]
 enum Meaning<'a> {
     Topic(&'a str, &'a str, Option<&'a FieldSpec>),
@@ -348,12 +348,12 @@ impl MonitorSpec {
         self.clone().sources().into_iter().filter_map(status).collect()
     }
 
-    /// Whether it judges the same sources in the same way, whatever their indices are.
+    /// Whether it judges the same sources in the same way. The indices of the sources may differ.
     pub(crate) fn means_the_same(&self, watched: &Watched, other: &MonitorSpec, others: &Watched) -> bool {
         self.meaning(watched) == other.meaning(others)
     }
 
-    /// The monitor without indices, and what is behind the indices.
+    /// The monitor without indices, and the sources behind the indices.
     fn meaning<'a>(&self, watched: &'a Watched) -> (MonitorSpec, Vec<Meaning<'a>>) {
         let (mut bare, mut meaning) = (self.clone(), Vec::new());
         for source in bare.sources() {

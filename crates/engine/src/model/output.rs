@@ -69,11 +69,11 @@ words! {
 }
 
 words! {
-    /// The release of ROS 2's diagnostic_aggregator whose levels are followed. Those of 26 May 2026 changed what silence
-    /// means for what lies above it. Its words are those of the configuration.
+    /// The release of ROS 2's diagnostic_aggregator whose levels are followed. Those of 26 May 2026 changed the level
+    /// of a group with silent members. The words are those of the configuration.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
     pub enum Like {
-        /// To 4.3.6 (Kilted), 4.2.6 (Jazzy), 4.0.6 (Humble): what is STALE in part is ERROR.
+        /// To 4.3.6 (Kilted), 4.2.6 (Jazzy), 4.0.6 (Humble): a group that is STALE in part is ERROR.
         Before = "4.3.6",
         /// From 4.3.7, 4.2.7, 4.0.7 on: it is STALE, where nothing in it is in WARN or ERROR.
         #[default]

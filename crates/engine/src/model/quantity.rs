@@ -44,7 +44,7 @@ impl Quantity {
             MonitorSpec::Value { source, .. } => (source, source),
             MonitorSpec::Sequence { earlier: a, later: b, .. }
             | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => (a, b),
-            // What else is measured has a unit of its own, or none.
+            // The other measurements have a unit of their own, or none.
             _ => return None,
         };
         Quantity::of(a, watched).filter(|of| Quantity::of(b, watched).as_ref() == Some(of))

@@ -152,11 +152,11 @@ pub enum ProbeTarget {
 #[derive(Debug, Clone, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Resource {
-    /// What its cores are busy with together, in percent.
+    /// The load of all its cores together, in percent.
     Cpu,
-    /// What is not available to a new program, in percent.
+    /// The memory that is not available to a new program, in percent.
     Memory,
-    /// What is used of the file system with this path, in percent.
+    /// The used part of the file system with this path, in percent.
     Disk { path: Box<str> },
     /// In degrees Celsius, by the name that the kernel gives the sensor.
     Temperature { sensor: Box<str> },
@@ -174,7 +174,7 @@ pub enum ProcessMeasure {
 }
 
 impl Resource {
-    /// Its path or name, or what it is.
+    /// Its path or name, or `cpu` or `memory`.
     pub fn name(&self) -> &str {
         match self {
             Resource::Cpu => "cpu",

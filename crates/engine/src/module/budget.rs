@@ -1,5 +1,5 @@
 //! Bounds the bytes of all statuses. Beyond the bound the longest statuses are cut first, so a flood never
-//! affects a status of ordinary length. To drop new statuses instead would hide what came last.
+//! affects a status of ordinary length. To drop new statuses instead would hide the statuses that came last.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap};

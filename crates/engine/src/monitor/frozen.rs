@@ -60,7 +60,7 @@ impl Machine for Frozen {
         true
     }
 
-    /// Whatever it is, its text is compared.
+    /// Values of every type are compared as texts.
     fn wants_words(&self, _slot: usize) -> bool {
         true
     }

@@ -45,8 +45,8 @@ pub(super) use words::{Words, cut};
 /// The least time between two texts while the state stays.
 pub(super) const WORDS_EVERY: Span = Span::from_millis(250);
 
-/// A kind of monitor over time. It holds no ids, so it survives a change of the configuration. What a kind does not
-/// say of itself is as it is for most.
+/// A kind of monitor over time. It holds no ids, so it survives a change of the configuration. The defaults of the
+/// methods are those of most kinds.
 trait Machine: Sized {
     /// Goes on with the state of a keyframe.
     fn resume(&mut self, kept: Self) -> Result<(), KeyframeError>;
@@ -63,10 +63,10 @@ trait Machine: Sized {
         }
     }
 
-    /// Its module is no longer blocked, and is well: it is judged on, but what came before makes nothing worse.
+    /// Its module is no longer blocked, and is well: it is judged on, but earlier inputs make nothing worse.
     fn recover(&mut self, _now: Timestamp) {}
 
-    /// Starts its window again: what came before does not count. Returns whether it has a window.
+    /// Starts its window again: earlier inputs do not count. Returns whether it has a window.
     fn begin_anew(&mut self, _now: Timestamp) -> bool {
         false
     }
@@ -95,8 +95,8 @@ trait Machine: Sized {
     /// The state at `now`; `None` while there is nothing to judge.
     fn judge(&mut self, now: Timestamp) -> Option<State>;
 
-    /// After [`Machine::judge`] at `now`: the time at which the state may change without an input. What is past does
-    /// not count.
+    /// After [`Machine::judge`] at `now`: the time at which the state may change without an input. A time that has
+    /// passed does not count.
     fn due(&self, _now: Timestamp) -> Option<Timestamp> {
         None
     }

@@ -172,7 +172,7 @@ pub(crate) fn cut(text: &str) -> &str {
     &text[..text.floor_char_boundary(QUOTED_MAX)]
 }
 
-/// What a reader or a probe gives as its reason, cut if it is too long.
+/// The reason that a reader or a probe gives, cut if it is too long.
 pub(super) fn reason(why: &str) -> &str {
     &why[..why.floor_char_boundary(WHY_MAX)]
 }

@@ -172,7 +172,7 @@ impl HeldRequest {
     }
 }
 
-/// What is known of where the vehicle is.
+/// The stage of the vehicle, and whether it stands at a stop or may drive.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Whereabouts {
     pub(crate) stage: Stage,
@@ -200,7 +200,7 @@ pub(crate) struct Countermeasures {
     pub(crate) unsent: BTreeMap<Output, OutputReport>,
     /// Topics without a reader.
     pub(crate) unheard: BTreeMap<Output, Box<str>>,
-    /// Who else tells the vehicle what Telltale tells it, with the topics.
+    /// The other programs that publish on Telltale's topics to the vehicle, with these topics.
     #[serde(default)]
     pub(crate) other_voices: Option<Box<str>>,
     /// Outputs with a reader.

@@ -116,7 +116,7 @@ impl Engine {
         self.vehicle_changed = true;
     }
 
-    /// Takes who else speaks to the vehicle.
+    /// Takes the other programs that speak to the vehicle; `None`: there are none.
     pub(crate) fn take_voices(&mut self, other: Option<&str>) {
         self.countermeasures.other_voices = other.map(Box::from);
         self.vehicle_changed = true;

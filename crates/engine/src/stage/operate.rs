@@ -22,7 +22,7 @@ const WARNINGS_MAX: usize = 64;
 
 impl Engine {
     pub(crate) fn operate(&mut self, action: &OperatorAction) -> Response {
-        // Who taps STOP does not want a drive to begin, whatever else the tap does.
+        // A STOP that is refused counts too: its operator does not want a drive to begin.
         if *action == OperatorAction::RequestStop {
             self.countermeasures.last_stop += 1;
             self.vehicle_changed = true;

@@ -11,7 +11,7 @@ use crate::snapshot::{GroupInfo, Layout, ModuleInfo};
 use crate::text::Text;
 use crate::view::ros_names::shortened;
 
-/// A module that judges itself, of which no configuration says anything.
+/// A module that judges itself and has no entry in a configuration.
 pub(crate) fn self_reporting(id: Arc<str>, group: GroupId) -> ModuleInfo {
     ModuleInfo {
         id,

@@ -136,7 +136,7 @@ fn line(sources: &Sources, span: Span) -> String {
 /// Findings beyond this many are counted, not kept.
 const FINDINGS_MAX: usize = 1000;
 
-/// What an import found: what could not be carried over, and what has another meaning.
+/// The findings of an import: parts that could not be carried over, and parts with another meaning.
 #[derive(Debug, Default)]
 struct Findings {
     list: Vec<Problem>,

@@ -1,5 +1,5 @@
-//! A configuration beside the running system that it is for: what it names and is not there, what is other than it says,
-//! and what nobody watches. Pure: `cli` listens and prints.
+//! A configuration beside the running system that it is for: its names that are not there, types and measurements that
+//! differ, and parts of the robot that nothing watches. Pure: `cli` listens and prints.
 
 mod measured;
 mod there;
@@ -19,7 +19,7 @@ use telltale_yaml::{Problem, suggest};
 /// Names that one sentence lists.
 const NAMES_MAX: usize = 20;
 
-/// What was heard between two times, and what `init` would make of it.
+/// The observations between two times, and the draft that `init` makes of them.
 pub struct Heard<'a> {
     pub seen: &'a Observations,
     pub draft: &'a Draft,
@@ -33,7 +33,7 @@ impl Heard<'_> {
     }
 }
 
-/// The comparison of a configuration with what was heard.
+/// The comparison of a configuration with the observations.
 #[derive(Debug, Default)]
 pub struct Comparison {
     /// Nobody was found: nothing can be said of the configuration.
@@ -47,7 +47,7 @@ pub struct Comparison {
     pub unwatched: Unwatched,
 }
 
-/// Compares a configuration with what was heard.
+/// Compares a configuration with the observations.
 pub fn compare(loaded: &Loaded, heard: &Heard) -> Comparison {
     if heard.seen.is_empty() {
         let text = "nobody was found, so nothing was compared";

@@ -1,4 +1,4 @@
-//! What is said of a configuration beside what was heard of a running system.
+//! Tests of the comparison of a configuration with the observations of a running system.
 
 use super::*;
 use crate::pretend::{Robot, between};

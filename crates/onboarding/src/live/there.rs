@@ -1,4 +1,4 @@
-//! What discovery says is there, by names.
+//! The topics, nodes and services that discovery has found, by their names.
 
 use std::collections::{BTreeMap, BTreeSet};
 

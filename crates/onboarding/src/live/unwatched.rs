@@ -1,4 +1,5 @@
-//! What was heard and no part of a configuration watches: the end of it would go unnoticed.
+//! Statuses, topics and nodes that were heard and that no part of a configuration watches: nobody would notice their
+//! end.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +19,7 @@ pub struct Unwatched {
     pub forgotten: BTreeSet<String>,
     /// Topics that come steadily and that nothing reads.
     pub topics: BTreeSet<String>,
-    /// Nodes without a watchdog, of which nothing else is watched either.
+    /// Nodes without a watchdog, whose topics and statuses are not watched either.
     pub nodes: BTreeSet<String>,
     /// Topics of diagnostics that are not read.
     pub diagnostics: BTreeSet<String>,

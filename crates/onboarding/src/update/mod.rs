@@ -1,5 +1,6 @@
-//! Adds to a configuration what was heard and what nothing in it watches: modules to the groups to which they belong, and
-//! new groups. Pure: what people wrote stays byte for byte, and what is added says when it was heard.
+//! Adds to a configuration the statuses, topics and nodes that were heard and that nothing in it watches: as modules of
+//! the groups to which they belong, and as new groups. Pure: the text that people wrote stays byte for byte, and each
+//! addition says when it was heard.
 
 mod home;
 mod insert;
@@ -25,7 +26,7 @@ pub struct Updated {
     pub modules: Vec<String>,
     /// The ids of new groups.
     pub groups: Vec<String>,
-    /// What would have been added and has no place in this file, one sentence each.
+    /// Additions that have no place in this file, one sentence each.
     pub left: Vec<String>,
 }
 
@@ -41,8 +42,8 @@ impl fmt::Display for NoPlace {
 
 impl std::error::Error for NoPlace {}
 
-/// The text of the configuration's main file with what nothing in it watches. `when` says when that was heard; a type is
-/// known if the configuration finds its definition.
+/// The text of the configuration's main file with an addition for each part of the robot that nothing in it watches.
+/// `when` says when these parts were heard; a type is known if the configuration finds its definition.
 ///
 /// # Errors
 /// The file is written in a way that nothing can be added to without changing what it means.

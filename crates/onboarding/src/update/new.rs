@@ -1,4 +1,4 @@
-//! What a draft has and a configuration does not watch, with ids that are free in the file.
+//! The modules and groups of a draft that a configuration does not watch, with ids that are free in the file.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,7 +17,7 @@ pub struct New {
     /// Modules for groups of the file, by their paths.
     pub joining: BTreeMap<String, Vec<Module>>,
     pub groups: Vec<Group>,
-    /// What has no place in the file, one sentence each.
+    /// Modules and groups that have no place in the file, one sentence each.
     pub left: Vec<String>,
     /// The whole name in the file of each module of the draft.
     names: BTreeMap<String, String>,

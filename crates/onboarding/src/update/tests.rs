@@ -1,4 +1,4 @@
-//! What an update adds to a configuration, and that it keeps what people wrote.
+//! Tests of an update: its additions to a configuration, and that it keeps the text that people wrote.
 
 use super::*;
 use crate::init;
@@ -15,7 +15,7 @@ fn robot() -> Robot {
         .says("/base", "base: motors")
 }
 
-/// The text after an update with what is heard of a robot, and once more: the second time nothing is new.
+/// The text after an update with the observations of a robot. A second update adds nothing.
 #[track_caller]
 fn updated(text: &str, robot: fn() -> Robot) -> Updated {
     let once = once(text, robot);

@@ -192,7 +192,7 @@ pub fn footer(record: &[u8]) -> Option<Footer> {
     Some(Footer { summary_start, summary_offset_start, summary_crc: fields.u32()? })
 }
 
-/// Where the chunk begins of which this is the index.
+/// Where the indexed chunk begins.
 pub fn chunk_start(index: &[u8]) -> Option<u64> {
     let mut fields = Fields::new(index);
     let _times = (fields.u64()?, fields.u64()?);

@@ -19,7 +19,7 @@ use telltale_msg::cdr::Endian;
 /// memory of a writer.
 pub const CHUNK_BYTES: usize = 4 << 20;
 
-/// What a message or a document takes in the file apart from its bytes, with its entry in the index.
+/// The space of a message or a document in the file apart from its bytes, with its entry in the index.
 const RECORD_BYTES: usize = 64;
 
 /// An entry of the index of chunks, and what each topic adds to it.

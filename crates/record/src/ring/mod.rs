@@ -26,11 +26,11 @@ const THINNED_AFTER: Span = Span::from_secs(60);
 /// Topics that are accounted for by name. Messages of further ones are not kept.
 const TOPICS_MAX: usize = 1024;
 
-/// The memory of an entry apart from what it holds, with its places in the queues, which grow by doubling.
+/// The memory of an entry apart from its content, with its places in the queues, which grow by doubling.
 const ENTRY_BYTES: usize = 160;
 
-/// The memory of a message apart from its body, and of what an input, a change of what is shown or a word of the program
-/// takes.
+/// The memory of a message apart from its body, of an input, and of a change of the shown state or a word of the
+/// program.
 const MESSAGE_BYTES: usize = size_of::<Message>() + 96;
 const INPUT_BYTES: usize = size_of::<Input>() + 32;
 const RECORD_BYTES: usize = 320;

@@ -399,7 +399,7 @@ fn add(moments: &mut Vec<Moment>, at_ms: i64, masked_by: Option<&str>, node: &st
     }
 }
 
-/// What an action did; a first step of two does nothing.
+/// The effect of an action; a first step of two has none.
 fn done(action: &OperatorAction) -> Option<Happened> {
     let is_first = matches!(action, OperatorAction::AskClearance { .. } | OperatorAction::AskRelease { .. });
     let (action, on) = operator_word(action);

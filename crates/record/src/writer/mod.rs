@@ -56,7 +56,7 @@ pub enum News {
 /// Why nothing can be recorded; `None`: it can. It is told apart from the news, which wait for the database.
 pub type Fault = Option<Arc<str>>;
 
-/// What the writer needs in addition to what the recorder gives.
+/// The folder, definitions and facts that the writer needs in addition to the recorder.
 #[derive(Debug, Clone)]
 pub struct Place {
     /// The folder of the files.
@@ -297,8 +297,8 @@ pub fn write_recent(recorder: &Recorder, place: &Place, folder: &Path) -> Result
     let place = Place { folder: folder.to_owned(), ..place.clone() };
     let most = free_bytes(folder)?.saturating_sub(FREE_MIN);
     let mut file = OpenFile::begin(&place, &job, most, shared.clock())?;
-    // A piece after the other: all of it at once would keep a second ring in memory. The oldest is what the ring forgets
-    // next, so it is written first; what a slow disk loses is counted in the file.
+    // A piece after the other: all of it at once would keep a second ring in memory. The ring forgets the
+    // oldest entries next, so they are written first; entries that a slow disk loses are counted in the file.
     while job.end.is_some_and(|end| file.next < end) {
         let (entries, gone) = shared.lock().ring.read(file.next, BATCH_BYTES);
         if entries.is_empty() {

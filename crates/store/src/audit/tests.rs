@@ -1,4 +1,4 @@
-//! Tests of the audit log: what somebody changes in it is found.
+//! Tests of the audit log: a change in it is found.
 
 use super::*;
 use crate::{Breach, DemoSecrets, FILE_NAME, Head};

@@ -25,8 +25,8 @@ const LOG_STARTS_WITH: u32 = 0x377f_0682;
 /// The ends of the names of the files that SQLite makes beside a database.
 const BESIDE: [&str; 3] = ["-journal", "-wal", "-shm"];
 
-/// What lies in the place of a file that SQLite makes beside this database and is none: a folder, a pipe, a device, or
-/// a link to nothing. SQLite would wait for ever for a pipe, and fail at the others.
+/// A folder, a pipe, a device, or a link to nothing in the place of a file that SQLite makes beside this database.
+/// SQLite would wait for ever for a pipe, and fail at the others.
 pub(crate) fn odd_beside(database: &Path) -> Option<PathBuf> {
     let beside = BESIDE.map(|end| {
         let mut path = database.as_os_str().to_owned();

@@ -1,4 +1,4 @@
-//! Incidents: what is known of each apart from its recording, its note, and whether it is kept.
+//! Incidents: the summary of each, its note, and whether it is kept.
 //!
 //! The hashes of a finished recording and of its summary are written with its row in one transaction, into the audit
 //! log, so that the chain proves both.

@@ -1,5 +1,5 @@
-//! How often an account may do what is recorded: what one person does all day long must not push the records of
-//! others out of the audit log. What an operator does to the vehicle has no such bound.
+//! How often an account may do actions that the audit log records: the records of one person, who acts all day long,
+//! must not push the records of others out of the log. The actions of an operator on the vehicle have no such bound.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -15,7 +15,7 @@ const BURST: u32 = 60;
 const REFILL: Span = Span::from_secs(10);
 pub const TRY_AGAIN_AFTER_S: u16 = 10;
 
-/// What the accounts have left. There are no more than users who log in between two restarts.
+/// The actions that each account has left. There are no more accounts than users who log in between two restarts.
 #[derive(Debug, Default)]
 pub struct Recorded(Mutex<HashMap<Arc<str>, Bucket>>);
 
@@ -47,7 +47,7 @@ impl Bucket {
     }
 }
 
-/// Whether a request of a session leaves a record of what it does, and is none by which an operator drives.
+/// Whether a request of a session leaves a record of its action, and is no action by which an operator drives.
 pub fn is_bounded(method: &Method, path: &str, role: Role) -> bool {
     let acts = !matches!(*method, Method::GET | Method::HEAD);
     let is_mark = matches!(path, "/api/v1/mark" | "/incidents/mark");

@@ -1,7 +1,7 @@
 //! The interface for programs, in the order in which a request meets it. `operations` is the table of what a program can
 //! call, in words and types (`operation`); `openapi` makes one document of it and of the routes, `page` shows that to people.
 //! Then come the handlers that answer programs alone: their parameters are a `query`, their answer a `table`, JSON or CSV.
-//! What a page calls as well is answered where the page is: actions in `operator`, the stream in `live`.
+//! A route that a page calls as well has its handler beside the page: actions in `operator`, the stream in `live`.
 
 pub mod operation;
 pub mod operations;

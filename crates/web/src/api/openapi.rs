@@ -1,4 +1,4 @@
-//! The OpenAPI document, made of the table of routes; it and the schemas for who asks for them.
+//! The OpenAPI document, made of the table of routes, and the answers with this document and with the schemas.
 
 use std::sync::{Arc, LazyLock, OnceLock};
 

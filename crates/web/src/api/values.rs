@@ -30,7 +30,7 @@ pub struct ValuesAnswer<'a> {
     values: &'a [ValueRow<'a>],
 }
 
-/// What a value was at an instant; there is no row where it had none.
+/// The value at an instant; there is no row where there was none.
 #[derive(Debug, Serialize, JsonSchema)]
 #[schemars(rename = "Value")]
 pub struct ValueRow<'a> {

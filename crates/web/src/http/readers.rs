@@ -1,4 +1,4 @@
-//! Readers: what is made for accounts that do not drive. Tables, pages and documents are made and compressed by
+//! Readers: requests of accounts that do not drive. Their tables, pages and documents are made and compressed by
 //! threads of low priority, and only a few at a time for one account: a stop never waits for them.
 
 use std::collections::HashMap;
@@ -60,7 +60,7 @@ impl Readers {
     async fn enter(&self, user: &Arc<str>) -> Option<OwnedSemaphorePermit> {
         let places = {
             let mut accounts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-            // Each permit and each who waits holds one.
+            // Each permit and each waiting request holds a reference.
             accounts.retain(|_, places| Arc::strong_count(places) > 1);
             accounts.entry(user.clone()).or_insert_with(|| Arc::new(Semaphore::new(AT_ONCE))).clone()
         };
@@ -75,8 +75,8 @@ const SOCKETS: [&str; 3] = ["/ws", "/api/v1/stream", "/developer/live"];
 /// developer's cookie.
 const NEVER_WAIT: [&str; 4] = ["/login", "/logout", "/readyz", "/healthz"];
 
-/// Whether a request waits for its turn: all of accounts that do not drive, and what a driver reads as a program does.
-/// What a driver's page asks for never waits, nor does a socket.
+/// Whether a request waits for its turn: all requests of accounts that do not drive, and a driver's reads over the
+/// interface for programs. The requests of a driver's page never wait, nor do sockets.
 fn waits(method: &Method, path: &str, role: Role) -> bool {
     let is_read = matches!(*method, Method::GET | Method::HEAD);
     let is_made = !SOCKETS.iter().any(|end| path.ends_with(end))
@@ -118,13 +118,13 @@ pub async fn apart(State(app): State<AppState>, request: Request, next: Next) ->
     }
 }
 
-/// Compresses here what is compressed while it is sent. A file that is only passed on is not.
+/// Compresses an answer on this thread, before it is sent. An answer that is not compressed is passed on as it is.
 async fn whole(answer: Response) -> Response {
     if !answer.headers().contains_key(CONTENT_ENCODING) {
         return answer;
     }
     let (parts, body) = answer.into_parts();
-    // It is made of what lies in memory.
+    // The body is made of data in memory.
     match to_bytes(body, usize::MAX).await {
         Ok(bytes) => Response::from_parts(parts, bytes.into()),
         Err(error) => {
@@ -154,7 +154,7 @@ mod tests {
         assert!(waits.now_or_never().flatten().is_some(), "a place is free again");
         held.clear();
         drop(readers.enter(&bert).await);
-        assert!(readers.0.lock().unwrap().keys().eq([&bert]), "who asks for nothing is forgotten");
+        assert!(readers.0.lock().unwrap().keys().eq([&bert]), "an account without a request is forgotten");
     }
 
     #[test]

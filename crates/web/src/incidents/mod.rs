@@ -1,4 +1,4 @@
-//! Incidents for programs and developers: what is known of each, recordings, notes, and the mark of a moment.
+//! Incidents for programs and developers: their summaries, recordings and notes, and the mark of a moment.
 
 mod download;
 mod json;

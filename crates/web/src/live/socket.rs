@@ -267,8 +267,8 @@ impl LiveConnection {
         }
     }
 
-    /// Sends what is new for this client, with the panels behind the tiles if these do not `rest`. Returns whether there
-    /// was anything.
+    /// Sends the changes since the last message to this client, with the panels behind the tiles if these do not
+    /// `rest`. Returns whether there were any.
     async fn show(&mut self, published: &Published, mut rest: Pin<&mut Sleep>) -> Result<bool, Ending> {
         match &mut self.feed {
             Feed::Page { lang, shown, details } => {

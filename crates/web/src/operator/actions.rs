@@ -55,8 +55,7 @@ pub struct LocalizeForm {
 /// A stop, over HTTP or over the socket of the page. It counts whatever the page showed, and however late.
 #[derive(Debug, Deserialize, JsonSchema)]
 pub struct StopForm {
-    /// The tap's own name, another for each tap: what comes with the same one again within 10 s is the same tap, sent
-    /// again.
+    /// The tap's own name, another for each tap: a request with the same name within 10 s is the same tap, sent again.
     pub tap: Option<Box<str>>,
 }
 
@@ -140,7 +139,7 @@ pub async fn withdraw(tap: Tap, FormOf(shown): FormOf<Versioned>) -> Response {
 }
 
 async fn request(tap: Tap, shown: Versioned, steps: TwoSteps) -> Response {
-    // In this order: a STOP that is not counted in the number is a new one, whatever its name.
+    // In this order: a STOP that the number does not count is a new tap, also under a known name.
     let last_stop = tap.app.published().snapshot.last_stop;
     tap.app.stops.forget();
     let (display_live, storage_ok) = tap.conditions();

@@ -15,7 +15,7 @@ use telltale_store::Session;
 /// Taps that are remembered; the oldest is forgotten for a new one.
 const TAPS_MAX: usize = 64;
 
-/// After this no attempt of the same tap is under way: what comes under its name is another tap.
+/// After this no attempt of the same tap is under way: a request under its name is another tap.
 const REPEATED_WITHIN: Span = Span::from_secs(10);
 
 type Outcome = Result<(), NotDone>;

@@ -61,7 +61,7 @@ struct Requested {
     first: FirstStep,
 }
 
-/// What the second step depends on.
+/// The first step, on which the second one depends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FirstStep {
     /// The state of the vehicle that was shown with the request.
@@ -91,7 +91,7 @@ impl PendingConfirmation {
         Ok(token)
     }
 
-    /// Removes the request, whatever becomes of it, and returns what its confirmation depends on.
+    /// Removes the request, also one that is confirmed too late, and returns the first step.
     ///
     /// # Errors
     /// If the token is not that of the request. A foreign token removes nothing.

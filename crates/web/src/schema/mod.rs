@@ -7,7 +7,7 @@ use schemars::transform::RecursiveTransform;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde_json::Value;
 
-/// The schema of what is sent, in a document of its own.
+/// The schema of a message or an answer, in a document of its own.
 pub fn schema_of<T: JsonSchema>() -> Value {
     let mut schema = sent(SchemaSettings::draft2020_12()).into_generator().into_root_schema_for::<T>();
     schema.insert(
@@ -17,7 +17,7 @@ pub fn schema_of<T: JsonSchema>() -> Value {
     schema.to_value()
 }
 
-/// Settings for what is sent: a member that may be left out is never null.
+/// Settings for messages and answers: a member that may be left out is never null.
 pub fn sent(settings: SchemaSettings) -> SchemaSettings {
     settings.for_serialize().with_transform(RecursiveTransform(|schema: &mut Schema| {
         let required = schema.get("required").and_then(Value::as_array).cloned().unwrap_or_default();

@@ -15,8 +15,8 @@ use crate::yaml::Problems;
     _ => arg,
 }))]
 pub struct LiveArgs {
-    /// Listen to the running ROS 2 system too, and say what the configuration names and is not there, and what of the
-    /// robot nothing watches
+    /// Listen to the running ROS 2 system too, and list the names in the configuration that are not there and the
+    /// parts of the robot that nothing watches
     #[arg(long, conflicts_with_all = ["dot", "svg", "schema"])]
     pub live: bool,
     /// With `--live`: how long to listen once everybody had time to be found
@@ -26,7 +26,7 @@ pub struct LiveArgs {
     pub dds: dds::DdsFlags,
 }
 
-/// What was found of a configuration beside the running system.
+/// The comparison of a configuration with the running system.
 pub struct Beside {
     pub comparison: Comparison,
     pub problems: Option<Problems>,

@@ -34,11 +34,12 @@ const SIZES_ONLY_NAMED: usize = 8;
 /// a file as a whole is meant), `message`, `help`, and in `also` other places with a `message` each.
 /// With `-q` the object is printed only where there is a problem.
 ///
-/// `--live` listens to the running ROS 2 system as `telltale init` does. Whatever the configuration names and nobody
-/// offers in that time is an error at its place (topics, types that differ, statuses, nodes, services), and the exit
-/// code is 1. Warnings name what is beyond its limits, and lines below what of the robot nothing watches. A status may be
-/// silent for as long as its module allows, so it is judged only when it was listened for longer. The object of `--json`
-/// then has `live`: `listened_s`, `nobody`, `absent`, `not_judged` and `unwatched`.
+/// `--live` listens to the running ROS 2 system as `telltale init` does. A name in the configuration
+/// that nobody offers in that time is an error at its place (topics, types that differ, statuses, nodes, services), and
+/// the exit code is 1. Warnings name measurements beyond their limits, and lines below them name the parts of the robot
+/// that nothing watches. A status may be silent for as long as its module allows, so it is judged only when it was
+/// listened for longer. The object of `--json` then has `live`: `listened_s`, `nobody`, `absent`, `not_judged` and
+/// `unwatched`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale check config/shuttle.yaml\n  \
     telltale check --svg config/shuttle.yaml > graph.svg\n  \

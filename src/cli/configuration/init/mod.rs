@@ -51,9 +51,9 @@ const QUEUE: usize = 4096;
 ///
 /// The exit code is 1 if nothing was heard; a file to begin with is written all the same.
 ///
-/// `--update` adds to an existing configuration what was heard and what nothing in it watches, each addition below a line
-/// that says when it was heard. What stands in the file stays as it is; what the file names and was not heard is told, and
-/// the exit code is 1.
+/// `--update` adds to an existing configuration the statuses, topics and nodes that were heard and that nothing in it
+/// watches, each addition below a line that says when it was heard. The text of the file stays as it is. A name in the
+/// file that was not heard is told, and the exit code is 1.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:\n  telltale init -o robot.yaml && telltale serve --config robot.yaml\n  \
     telltale init --domain 7 --interface loopback --for 30s > robot.yaml\n  \
@@ -66,7 +66,7 @@ pub struct Args {
     /// The file to write, which must not exist, or is the one of `--update` [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// The configuration to which what is new is added
+    /// The configuration to which new modules and groups are added
     #[arg(long, value_name = "FILE")]
     update: Option<PathBuf>,
     /// Put the dependencies in force that the graph suggests
@@ -129,7 +129,7 @@ fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
     folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
 }
 
-/// What was heard between two times.
+/// The observations between two times.
 pub struct Heard {
     pub seen: Observations,
     pub start: Timestamp,

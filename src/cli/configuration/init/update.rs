@@ -1,4 +1,5 @@
-//! `telltale init --update`: adds to a configuration what was heard and what nothing in it watches.
+//! `telltale init --update`: adds to a configuration the statuses, topics and nodes that were heard and that nothing in
+//! it watches.
 
 use std::fs::{self, OpenOptions};
 use std::io::Write as _;
@@ -42,7 +43,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
     if !comparison.problems.is_empty() {
         print::problems(&Problems::new(loaded.sources().clone(), comparison.problems.clone()));
         if comparison.absent > 0 {
-            note!("What was not found stays in the file.");
+            note!("Names that were not found stay in the file.");
         }
     }
     if comparison.nobody {

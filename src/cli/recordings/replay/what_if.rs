@@ -119,7 +119,7 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
     })
 }
 
-/// Does something with each of these on all cores. Returns what came of it, in order, and how long each took.
+/// Calls `of` with each of `all` on all cores. Returns the results in order, and how long each took.
 fn on_all_cores<T: Sync, R: Send>(
     cores: usize,
     all: &[T],

@@ -43,7 +43,7 @@ pub struct Orders {
     holders: Holders,
 }
 
-/// Who said last that the machine is held, and when. One that says so wins over all that release it.
+/// The writers whose last word is that the machine is held, and when. Such a writer wins over all that release it.
 #[derive(Debug, Default)]
 struct Holders(BTreeMap<Guid, Timestamp>);
 
@@ -169,7 +169,7 @@ mod tests {
             assert!(!says(other, false, second * 1_000 + 600), "another releases it at {second} s");
         }
         assert!(says(telltale, false, 60_000));
-        // One that is gone does not hold it for ever: another start of it releases what it held.
+        // A writer that is gone does not hold it for ever: another start of its program releases it.
         assert!(says(telltale, true, 61_000));
         assert!(!says(other, false, 63_999));
         assert!(says(other, false, 64_000));

@@ -407,7 +407,7 @@ impl Watching {
         self.counts.iter().copied()
     }
 
-    /// Sets what a monitor counts. Returns whether it has to be judged.
+    /// Sets the number of modules that a monitor has counted. Returns whether it has to be judged.
     pub(crate) fn set_count(&mut self, index: u32, found: u32, now: Timestamp) -> bool {
         let watch = &mut self.watches[index as usize];
         let Monitor::Count(count) = &mut watch.monitor else { return false };

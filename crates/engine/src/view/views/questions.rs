@@ -1,4 +1,4 @@
-//! What the rest of the engine asks of the shown state.
+//! Questions of the rest of the engine about the shown state.
 
 use super::Views;
 use crate::model::wording::{Advice, Wording};

@@ -93,7 +93,7 @@ pub const VALUES: Operation = Operation {
     id: "values",
     tag: Tag::Tables,
     summary: "The numbers of a module in the last five minutes",
-    about: "What the page of a node draws: one row for each number and instant, every two seconds.",
+    about: "The numbers that the page of a node draws: one row for each number and instant, every two seconds.",
     query: Some(of::<ValuesAsked>),
     answer: Content::Table(of::<ValuesAnswer<'static>>),
     refusals: &[BAD_QUERY, (404, "There is no such module."), LOCKED],

@@ -55,7 +55,8 @@ pub const WITHDRAW: Operation = Operation {
 pub const STOP: Operation = Operation {
     id: "stop",
     summary: "Ask the vehicle to stop",
-    about: "It counts whatever the display showed, and forbids what was asked for before it and is not confirmed yet.",
+    about: "It counts for any state that the display showed. It forbids a clearance or a release that \
+            was requested before it and is not confirmed yet.",
     form: Some(of::<StopForm>),
     refusals: &[
         REFUSED,

@@ -41,7 +41,7 @@ const INCIDENTS: u32 = 8;
 const SPAN_S: u64 = 300;
 const RENEW_MS: u32 = 1000;
 
-/// What is read for the page in addition to the snapshot.
+/// The data that are read for the page in addition to the snapshot.
 #[derive(Default)]
 pub struct NodeRead {
     /// `None` if it cannot be read.

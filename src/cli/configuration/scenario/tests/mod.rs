@@ -1,4 +1,4 @@
-//! Tests of scenario files: what is read and refused, and every file in the repository.
+//! Tests of scenario files: files that are read, files that are refused, and every file in the repository.
 
 mod samples;
 

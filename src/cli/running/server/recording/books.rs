@@ -1,4 +1,4 @@
-//! Tells the store of every incident, and tells whoever marked a moment whether the mark is on the disk.
+//! Tells the store of every incident, and tells the client that marked a moment whether the mark is on the disk.
 
 use std::time::Duration;
 

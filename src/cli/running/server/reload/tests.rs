@@ -1,4 +1,4 @@
-//! Tests of reloads: what is taken, what is refused, and what hangs.
+//! Tests of reloads: configurations that are taken, configurations that are refused, and a reload that hangs.
 
 use super::*;
 use crate::clock::Clock;
