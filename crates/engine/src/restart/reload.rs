@@ -7,7 +7,7 @@ use crate::Engine;
 use crate::discovery::DISCOVERY;
 use crate::event::EventKind;
 use crate::mask::node::ModuleKind;
-use crate::model::{GroupId, Model, ModuleId, NodeId};
+use crate::model::{GroupId, Model, ModuleId, NodeId, Stage};
 use crate::module::names::Names;
 use crate::module::names::NewModule;
 use crate::module::overflow;
