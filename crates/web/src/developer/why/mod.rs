@@ -13,7 +13,7 @@ use axum::extract;
 use axum::response::{Html, IntoResponse, Response};
 
 use crate::AppState;
-use crate::texts::{DevWords, HttpError, MESSAGE, NAME, clean};
+use crate::texts::{HttpError, MESSAGE, NAME, clean};
 
 use super::request::PageRequest;
 use crate::incidents::wall_time;
