@@ -6,6 +6,7 @@ mod there;
 mod unwatched;
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use self::there::There;
 pub use self::unwatched::Unwatched;
@@ -77,13 +78,13 @@ pub fn compare(loaded: &Loaded, heard: &Heard) -> Comparison {
 
 impl Comparison {
     /// Judges one name of the file, each once.
-    fn look_for<'m>(
+    fn look_for(
         &mut self,
-        loaded: &'m Loaded,
+        loaded: &Loaded,
         heard: &Heard,
         there: &There,
-        named: &Named<'m>,
-        said: &mut BTreeSet<(u8, &'m str)>,
+        named: &Named,
+        said: &mut BTreeSet<(u8, Arc<str>)>,
     ) {
         let Named { what, place } = named;
         let mut push = |text: String, near: Option<&str>, otherwise: &str| {
@@ -94,11 +95,11 @@ impl Comparison {
                 None => of_file(loaded, &text, &help),
             });
         };
-        match *what {
+        match what {
             What::Topic { name, type_name, of_type } => {
                 let own = loaded.model.watched.published.iter().any(|own| same_topic(own, name));
                 let types = there.types_of(name);
-                if !said.insert((0, name)) || own {
+                if !said.insert((0, (*name).into())) || own {
                 } else if types.is_empty() && there.all_topics {
                     let is_alike = |it: &&str| type_name.is_empty() || there.types_of(it).contains(type_name);
                     let near = suggest(name, there.topics.iter().copied().filter(is_alike));
@@ -110,18 +111,18 @@ impl Comparison {
                     && !types.contains(type_name)
                 {
                     let text = format!("{name} is published as {}, and read as {type_name}", comment(first));
-                    let problem = Problem::at(of_type, text);
+                    let problem = Problem::at(*of_type, text);
                     let help = "write the type that is published, or name the topic that is meant";
                     self.problems.push(problem.label("another type").help(help));
                 }
             }
             What::Status { name, timeout } => {
                 if self.unwatched.no_status
-                    || heard.seen.statuses.contains_key(name)
-                    || !said.insert((1, name))
+                    || heard.seen.statuses.contains_key(&**name)
+                    || !said.insert((1, name.clone()))
                 {
-                } else if heard.length() <= timeout || heard.seen.statuses.len() >= STATUSES_MAX {
-                    self.undecided.push(name.to_owned());
+                } else if heard.length() <= *timeout || heard.seen.statuses.len() >= STATUSES_MAX {
+                    self.undecided.push(name.to_string());
                 } else {
                     let near = suggest(name, heard.seen.statuses.keys().map(|name| &**name));
                     let text = format!("no status `{name}` was heard");
@@ -129,7 +130,7 @@ impl Comparison {
                 }
             }
             What::Node(name) => {
-                if !there.nodes.contains(name) && said.insert((2, name)) {
+                if !there.nodes.contains(name) && said.insert((2, (*name).into())) {
                     let near = suggest(name, there.nodes.iter().copied());
                     push(
                         format!("there is no node {name}"),
@@ -139,7 +140,7 @@ impl Comparison {
                 }
             }
             What::Service(name) => {
-                if !there.services.contains(name) && there.all_topics && said.insert((3, name)) {
+                if !there.services.contains(name) && there.all_topics && said.insert((3, (*name).into())) {
                     let near = suggest(name, there.services.iter().map(|name| &**name));
                     push(format!("no node offers the service {name}"), near, "does its node run?");
                 }
