@@ -65,9 +65,7 @@ impl Robot {
     }
 
     pub fn serves(mut self, node: &str, service: &str) -> Robot {
-        let endpoint = Robot::endpoint(node, "");
-        self.topic(&format!("rq{service}Request")).subscribers.push(endpoint.clone());
-        self.topic(&format!("rr{service}Reply")).publishers.push(endpoint);
+        self.discovery.services.push(service.to_owned());
         self.node(node)
     }
 

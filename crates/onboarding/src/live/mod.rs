@@ -141,7 +141,7 @@ impl Comparison {
             }
             What::Service(name) => {
                 if !there.services.contains(name) && there.all_topics && said.insert((3, (*name).into())) {
-                    let near = suggest(name, there.services.iter().map(|name| &**name));
+                    let near = suggest(name, there.services.iter().copied());
                     push(format!("no node offers the service {name}"), near, "does its node run?");
                 }
             }
