@@ -11,7 +11,7 @@ use std::sync::Arc;
 use self::there::There;
 pub use self::unwatched::Unwatched;
 use crate::init::names::comment;
-use crate::init::{Draft, Observations, STATUSES_MAX};
+use crate::init::{Draft, Observations, STATUSES_MAX, draft};
 use telltale_config::{Loaded, Named, What};
 use telltale_engine::model::same_topic;
 use telltale_engine::time::{Span, Timestamp};
@@ -21,16 +21,24 @@ use telltale_yaml::{Problem, suggest};
 const NAMES_MAX: usize = 20;
 
 /// The observations between two times, and the draft that `init` makes of them.
-pub struct Heard<'a> {
-    pub seen: &'a Observations,
-    pub draft: &'a Draft,
+pub struct Heard {
+    pub seen: Observations,
+    pub draft: Draft,
     pub start: Timestamp,
     pub end: Timestamp,
 }
 
-impl Heard<'_> {
+impl Heard {
+    pub fn of(seen: Observations, start: Timestamp, end: Timestamp) -> Heard {
+        Heard { draft: draft(&seen, start, end), seen, start, end }
+    }
+
     pub fn length(&self) -> Span {
         self.end.since(self.start)
+    }
+
+    pub fn length_s(&self) -> u64 {
+        (self.length().as_millis() + 500) / 1000
     }
 }
 
@@ -58,7 +66,7 @@ pub fn compare(loaded: &Loaded, heard: &Heard) -> Comparison {
         return Comparison { nobody: true, problems, absent: 1, ..Comparison::default() };
     }
     let mut found = Comparison { unwatched: Unwatched::of(&loaded.model, heard), ..Comparison::default() };
-    let there = There::of(heard.seen);
+    let there = There::of(&heard.seen);
     let mut said = BTreeSet::new();
     for named in loaded.named() {
         found.look_for(loaded, heard, &there, &named, &mut said);

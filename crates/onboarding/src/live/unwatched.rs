@@ -44,7 +44,7 @@ pub fn reads(model: &Model, topic: &str) -> bool {
 
 impl Unwatched {
     pub fn of(model: &Model, heard: &Heard) -> Unwatched {
-        let seen = heard.seen;
+        let seen = &heard.seen;
         let mut found = Unwatched { no_status: seen.statuses.is_empty(), ..Unwatched::default() };
         let declared: BTreeSet<&str> =
             model.modules.iter().filter_map(|it| it.monitor.status()).map(|name| &**name).collect();

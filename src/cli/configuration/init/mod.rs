@@ -28,7 +28,7 @@ use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, Top
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::engine::time::Timestamp;
 use crate::init::{self, DIAGNOSTICS, Draft, Observations, TOPICS_MAX};
-use crate::live::{self, Comparison};
+use crate::live::Heard;
 use crate::msg::fields::Definitions;
 use crate::msg::received::Stamped;
 use crate::ros::{self, Bridge, BridgeOptions};
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let listens_to = dds::describe(&options);
     let definitions = options.definitions.clone();
     let heard = listen(options, args.length, None)?;
-    let (mut draft, empty) = (heard.draft(), heard.seen.is_empty());
+    let (mut draft, empty) = (heard.draft, heard.seen.is_empty());
     draft.message_folders = message_folders(&draft, &definitions);
     let text = init::text(&draft, args.accept_guesses);
     let mut is_wrong = false;
@@ -127,29 +127,6 @@ fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
         types.flat_map(|(type_name, _)| definitions.folders_of(type_name)).collect();
     let whole = |folder: &Path| std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
     folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
-}
-
-/// The observations between two times.
-pub struct Heard {
-    pub seen: Observations,
-    pub start: Timestamp,
-    pub end: Timestamp,
-}
-
-impl Heard {
-    pub fn draft(&self) -> Draft {
-        init::draft(&self.seen, self.start, self.end)
-    }
-
-    /// Compares a configuration with it.
-    pub fn compare(&self, loaded: &config::Loaded) -> Comparison {
-        let Heard { seen, start, end } = self;
-        live::compare(loaded, &live::Heard { seen, draft: &self.draft(), start: *start, end: *end })
-    }
-
-    pub fn length_s(&self) -> u64 {
-        (self.end.since(self.start).as_millis() + 500) / 1000
-    }
 }
 
 /// The topics of diagnostics that a configuration reads.
@@ -244,9 +221,9 @@ impl Lookout {
     }
 
     async fn close(self) -> Heard {
-        let heard = Heard { seen: self.seen, start: self.start, end: self.clock.now() };
+        let end = self.clock.now();
         self.bridge.shutdown().await;
-        heard
+        Heard::of(self.seen, self.start, end)
     }
 
     /// What is to be read now: what was read before, and what was found since.

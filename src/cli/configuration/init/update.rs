@@ -15,6 +15,7 @@ use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;
 use crate::engine::model::monitors::TopicSpec;
+use crate::live;
 use crate::msg::fields::Definitions;
 use crate::update::{self, Updated};
 use crate::yaml::Problems;
@@ -39,7 +40,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
     };
     options.definitions = options.definitions.with(&loaded.message_folders);
     let heard = listen(options, args.length, Some(diagnostics_of(&loaded)))?;
-    let comparison = heard.compare(&loaded);
+    let comparison = live::compare(&loaded, &heard);
     if !comparison.problems.is_empty() {
         print::problems(&Problems::new(loaded.sources().clone(), comparison.problems.clone()));
         if comparison.absent > 0 {
@@ -56,7 +57,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
     };
     let at = humantime::format_rfc3339_seconds(Clock::start().wall());
     let when = format!("heard in the {} s before {at}", heard.length_s());
-    let updated = update::update(&loaded, heard.draft(), &comparison.unwatched, is_known, &when)?;
+    let updated = update::update(&loaded, heard.draft, &comparison.unwatched, is_known, &when)?;
     tell(&updated);
     let bytes = fs::read(file).with_context(|| format!("{} cannot be read", file.display()))?;
     let mark = if bytes.starts_with(MARK.as_bytes()) { MARK } else { "" };
