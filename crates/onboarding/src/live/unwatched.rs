@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 
 use super::{Heard, listed};
 use crate::init::names::is_tool;
-use crate::init::{DIAGNOSTICS, ModuleKind};
+use crate::init::ModuleKind;
 use telltale_engine::model::monitors::ProbeTarget;
 use telltale_engine::model::{Model, same_topic};
 
@@ -27,8 +27,7 @@ pub struct Unwatched {
 
 /// The topics on which a configuration expects statuses.
 pub fn diagnostics(model: &Model) -> impl Iterator<Item = &str> {
-    let written = model.watched.diagnostics.iter().map(|it| &*it.topic);
-    written.chain(model.watched.diagnostics.is_empty().then_some(DIAGNOSTICS.0))
+    model.watched.diagnostics_topics().map(|(topic, _)| topic)
 }
 
 /// Whether something of a configuration reads the messages of a topic.

@@ -43,7 +43,7 @@ pub fn look(args: &LiveArgs, loaded: &Loaded) -> anyhow::Result<Beside> {
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
     let listens_to = dds::describe(&options);
-    let heard = init::listen(options, args.length, Some(init::diagnostics_of(loaded)))?;
+    let heard = init::listen(options, args.length, Some(loaded.model.watched.diagnostics.clone()))?;
     let comparison = live::compare(loaded, &heard);
     let problems = comparison.problems.clone();
     let problems = (!problems.is_empty()).then(|| Problems::new(loaded.sources().clone(), problems));

@@ -290,6 +290,7 @@ fn conditions(out: &mut Lines, model: &Model, pad: &str, depends_on: &[Dependenc
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::model::monitors::DIAGNOSTIC_ARRAY;
 
     #[test]
     fn one_of_a_kind_is_no_plural() {
@@ -316,6 +317,10 @@ mod tests {
         );
         assert_eq!(said("recording: { topics: [{ topic: '/po*' }] }\n"), None);
         assert_eq!(said("recording: false\n"), None);
+        let of_statuses = monitored
+            .replace("/points", "/diagnostics")
+            .replace("sensor_msgs/msg/PointCloud2", DIAGNOSTIC_ARRAY);
+        assert_eq!(sizes_only(&config::parse("c", &of_statuses).unwrap()), None, "the statuses are read");
     }
 
     #[test]

@@ -27,11 +27,11 @@ use crate::engine::discovery::Discovery;
 use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::engine::time::Timestamp;
-use crate::init::{self, DIAGNOSTICS, Draft, Observations, TOPICS_MAX};
+use crate::init::{self, Draft, Observations, TOPICS_MAX};
 use crate::live::Heard;
 use crate::msg::fields::Definitions;
 use crate::msg::received::Stamped;
-use crate::ros::{self, Bridge, BridgeOptions};
+use crate::ros::{self, Bridge, BridgeOptions, DIAGNOSTICS};
 
 /// Its name in the graph of ROS 2.
 const NODE: &str = "telltale_init";
@@ -129,14 +129,7 @@ fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
     folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
 }
 
-/// The topics of diagnostics that a configuration reads.
-pub(super) fn diagnostics_of(loaded: &config::Loaded) -> Vec<DiagnosticsTopic> {
-    let default = || vec![DiagnosticsTopic { topic: DIAGNOSTICS.0.into(), prefix: Box::default() }];
-    let written = loaded.model.watched.diagnostics.clone();
-    if written.is_empty() { default() } else { written }
-}
-
-/// Listens to a system for a while: on these topics of diagnostics, or else on all that are found.
+/// Listens to a system for a while: on the topics of diagnostics of a configuration, or else on all that are found.
 ///
 /// # Errors
 /// DDS cannot be started, or a signal ended it.
@@ -170,7 +163,7 @@ pub(super) struct Lookout {
     watched: Watched,
     /// Topics are read, too.
     measures: bool,
-    /// The only topics of diagnostics that are read; `None`: all that are found.
+    /// The topics of diagnostics that a configuration names: no others are read. `None`: all that are found.
     given: Option<Vec<DiagnosticsTopic>>,
     definitions: Definitions,
     clock: Clock,
@@ -233,7 +226,7 @@ impl Lookout {
         let new = self.seen.measurable().filter(|(topic, _)| self.measures && !known.contains(*topic));
         topics.extend(new.filter_map(|(topic, type_name)| readable(topic, type_name, &self.definitions)));
         topics.truncate(TOPICS_MAX);
-        let all = || std::iter::once(DIAGNOSTICS.0.to_owned()).chain(self.seen.more_diagnostics());
+        let all = || std::iter::once(DIAGNOSTICS.to_owned()).chain(self.seen.more_diagnostics());
         let found = || all().map(|topic| DiagnosticsTopic { topic: topic.into(), prefix: Box::default() });
         let diagnostics = self.given.clone().unwrap_or_else(|| found().collect());
         Watched { topics, diagnostics, ..Watched::default() }

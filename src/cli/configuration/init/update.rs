@@ -8,7 +8,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 
-use super::{Args, diagnostics_of, listen, refusal, write};
+use super::{Args, listen, refusal, write};
 use crate::cli::print::{self, note};
 use crate::cli::{EXIT_NO, fields};
 use crate::clock::Clock;
@@ -39,7 +39,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
         }
     };
     options.definitions = options.definitions.with(&loaded.message_folders);
-    let heard = listen(options, args.length, Some(diagnostics_of(&loaded)))?;
+    let heard = listen(options, args.length, Some(loaded.model.watched.diagnostics.clone()))?;
     let comparison = live::compare(&loaded, &heard);
     if !comparison.problems.is_empty() {
         print::problems(&Problems::new(loaded.sources().clone(), comparison.problems.clone()));
