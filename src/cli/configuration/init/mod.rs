@@ -118,11 +118,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 /// The folders, as whole paths, that define the types of the measured topics that are not built in.
 fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
-    let is_strange = |&(type_name, stamp): &(&str, bool)| {
-        let (topic, type_name) = ("".into(), type_name.into());
-        Definitions::default().check(&TopicSpec { topic, type_name, stamp, fields: Vec::new() }).is_err()
-    };
-    let types = draft.types().into_iter().filter(is_strange);
+    let built_in = Definitions::default();
+    let types = draft.types().into_iter().filter(|(type_name, stamp)| !built_in.knows(type_name, *stamp));
     let folders: BTreeSet<&Path> =
         types.flat_map(|(type_name, _)| definitions.folders_of(type_name)).collect();
     let whole = |folder: &Path| std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());

@@ -14,7 +14,6 @@ use crate::cli::{EXIT_NO, fields};
 use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;
-use crate::engine::model::monitors::TopicSpec;
 use crate::live;
 use crate::msg::fields::Definitions;
 use crate::update::{self, Updated};
@@ -42,7 +41,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
     let heard = listen(options, args.length, Some(loaded.model.watched.diagnostics.clone()))?;
     let comparison = live::compare(&loaded, &heard);
     if !comparison.problems.is_empty() {
-        print::problems(&Problems::new(loaded.sources().clone(), comparison.problems.clone()));
+        print::problems(&Problems::new(loaded.sources().clone(), comparison.problems));
         if comparison.absent > 0 {
             note!("Names that were not found stay in the file.");
         }
@@ -51,10 +50,7 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
         bail!("nobody was heard, so nothing is written");
     }
     let known = definitions(&loaded);
-    let is_known = |type_name: &str| {
-        let (topic, type_name) = ("".into(), type_name.into());
-        known.check(&TopicSpec { topic, type_name, stamp: false, fields: Vec::new() }).is_ok()
-    };
+    let is_known = |type_name: &str| known.knows(type_name, false);
     let at = humantime::format_rfc3339_seconds(Clock::start().wall());
     let when = format!("heard in the {} s before {at}", heard.length_s());
     let updated = update::update(&loaded, heard.draft, &comparison.unwatched, is_known, &when)?;
