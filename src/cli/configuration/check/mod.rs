@@ -92,16 +92,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     };
     let (found, mut problems) = loaded.soundness();
-    let beside = match args.beside.live {
+    let mut beside = match args.beside.live {
         true => Some(live::look(&args.beside, &loaded)?),
         false => None,
     };
-    if let Some(more) = beside.as_ref().and_then(|beside| beside.problems.clone()) {
-        problems = Some(match problems {
-            Some(problems) => problems.and(more),
-            None => more,
-        });
-    }
+    let more = beside.as_mut().and_then(|beside| beside.problems.take());
+    problems = problems.into_iter().chain(more).reduce(Problems::and);
     match args {
         Args { dot: true, .. } => drop(print::text(&escaped(&graph::dot(&loaded.model)))),
         Args { svg: true, .. } => drop(print::text(&escaped(&graph::svg(&loaded.model)))),
