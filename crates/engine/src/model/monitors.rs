@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::sample::FieldValue;
 pub use super::watched::{
     DIAGNOSTIC_ARRAY, DIAGNOSTICS, DiagnosticsTopic, FieldKind, FieldSpec, ProbeTarget, ProcessMeasure,
-    RecordedTopic, Resource, ScalarKind, StampClock, TopicId, TopicSpec, ValueSource, WatchdogId, WatchdogSpec,
-    Watched,
+    RecordedTopic, Resource, ScalarKind, StampClock, TopicId, TopicSpec, ValueSource, WatchdogId,
+    WatchdogSpec, Watched,
 };
 use crate::state::State;
 use crate::time::Span;

@@ -4,8 +4,8 @@
 use std::collections::BTreeSet;
 
 use super::{Heard, listed};
-use crate::init::names::is_tool;
 use crate::init::ModuleKind;
+use crate::init::names::is_tool;
 use telltale_engine::model::monitors::ProbeTarget;
 use telltale_engine::model::{Model, same_topic};
 
