@@ -292,7 +292,7 @@ def test_a_command_says_that_the_disk_of_the_server_hangs(server):
     # The head may be written right now, under this name.
     until(lambda: subprocess.run(["mkfifo", pipe], capture_output=True).returncode == 0, 5, "a pipe")
     with pytest.raises(urllib.error.HTTPError):
-        client.post("/vehicle/stop", version=client.snapshot()["seq"])
+        client.post("/vehicle/clearance/withdraw", version=client.snapshot()["seq"])
     done = run_user(server, "remove", "dora")
     assert done.returncode == 1 and "has not taken it in" in done.stderr, done
     assert "has not answered" in until(lambda: storage(client), NOTICE_S, "a warning")

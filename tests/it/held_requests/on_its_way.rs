@@ -82,3 +82,22 @@ fn an_operator_sets_a_vehicle_going_of_which_nothing_is_remembered() {
     vehicle.says(true, 1);
     assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(false)));
 }
+
+#[test]
+fn a_component_that_was_silent_and_starts_again_releases_nothing_with_its_first_words() {
+    let text = CONFIG.replace("std_msgs/msg/Bool }", "std_msgs/msg/Bool, timeout: 2s }");
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
+    vehicle.signal("active", true);
+    vehicle.say(2, 0);
+    vehicle.pass(Span::from_secs(3));
+    // The cause is still there when it says so, and gone afterwards.
+    vehicle.signal("active", false);
+    vehicle.say(2, 0);
+    for _ in 0..6 {
+        vehicle.says(false, 1);
+    }
+    assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Standby, Some(true)));
+    vehicle.says(true, 0);
+    assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(true)));
+    assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
+}

@@ -22,7 +22,7 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::database::schema;
-use super::database::{from_unix_ms, to_unix_ms};
+use super::database::to_unix_ms;
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
@@ -120,11 +120,6 @@ pub struct Entry {
 }
 
 impl Entry {
-    /// The wall time at which it was written.
-    pub fn at(&self) -> SystemTime {
-        from_unix_ms(self.at_ms)
-    }
-
     pub fn was_refused(&self) -> bool {
         self.outcome != DONE
     }

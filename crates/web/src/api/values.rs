@@ -1,7 +1,5 @@
 //! The numbers that a module reported in the last minutes, as they are drawn on the page of a node.
 
-use std::time::SystemTime;
-
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -13,7 +11,8 @@ use telltale_engine::model::NodeId;
 use super::query::Asked;
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::http::respond::{Reader, refusal};
+use crate::incidents::{wall_ms, wall_time};
+use crate::schema::words;
 use crate::texts::HttpError;
 
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -34,6 +33,7 @@ pub struct ValuesAnswer<'a> {
 #[derive(Debug, Serialize, JsonSchema)]
 #[schemars(rename = "Value")]
 pub struct ValueRow<'a> {
+    #[schemars(schema_with = "words::time")]
     at: String,
     key: &'a str,
     value: f64,
@@ -46,24 +46,22 @@ pub async fn get(
     State(app): State<AppState>,
     Asked(asked): Asked<ValuesAsked>,
     headers: HeaderMap,
-    reader: Reader,
-) -> Response {
+) -> Result<Response, HttpError> {
     let published = app.published();
     let snapshot = &published.snapshot;
     if published.is_locked() {
-        return refusal(&reader, HttpError::Locked);
+        return Err(HttpError::Locked);
     }
     let Some(NodeId::Module(id)) = snapshot.node(&asked.node) else {
-        return refusal(&reader, HttpError::NotFound);
+        return Err(HttpError::NotFound);
     };
     let (times, series) = app.trends.numbers(id.0 as usize, &snapshot.module(id).0.id);
-    let wall = |at| -> SystemTime { wall_at(published.at, snapshot.now, at) };
     let mut rows = Vec::new();
     for (index, at) in times.iter().enumerate() {
-        let at = humantime::format_rfc3339_millis(wall(*at)).to_string();
+        let at = wall_time(wall_ms(wall_at(published.at, snapshot.now, *at)));
         let then = series.iter().filter_map(|(key, numbers)| Some((key, numbers.get(index).copied()??)));
         rows.extend(then.map(|(key, value)| ValueRow { at: at.clone(), key, value }));
     }
     let table = Table { name: "values", columns: &COLUMNS, rows: &rows, next: None };
-    table.answer(Format::of(asked.format, &headers), &ValuesAnswer { values: &rows })
+    Ok(table.answer(Format::of(asked.format, &headers), &ValuesAnswer { values: &rows }))
 }

@@ -20,6 +20,7 @@ use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
 
 use super::{DevFrame, Page};
+use crate::incidents::wall_time;
 
 /// What the page shows.
 #[derive(Debug, Clone)]
@@ -104,7 +105,7 @@ pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> S
     dev.locked = false;
     let rows = page.entries.iter().map(|entry| RecordRow {
         number: entry.number,
-        at: humantime::format_rfc3339_millis(entry.at()).to_string(),
+        at: wall_time(entry.at_ms),
         who: clean(&entry.who, NAME),
         role: clean(word(&entry.role, context.lang), NAME),
         source: clean(word(&entry.source, context.lang), NAME),

@@ -206,7 +206,7 @@ texts! {
         "shutdown" => "ends the work", "Dienstende";
         "localize" => "says where the vehicle is", "Positionsangabe";
         "clearance" => "presses: give clearance", "drückt: Freigabe";
-        "stop" => "presses STOP", "drückt STOPP";
+        "stop" => "presses STOP", "drückt STOP";
         "withdraw" => "withdraws the clearance", "widerruft die Freigabe";
         "release" => "presses: continue driving", "drückt: Weiterfahrt";
         "acknowledge" => "acknowledges", "quittiert";

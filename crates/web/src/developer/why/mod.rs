@@ -27,6 +27,7 @@ use telltale_runtime::{Published, Written};
 use telltale_store::{Incident, IncidentFilter, Past};
 
 use super::incidents::list::length;
+use super::page_query::address;
 use super::timeline::{SpanOption, Window, spans};
 use super::{DevFrame, NodeLink, Page, PageQuery, graph};
 use excerpt::{Excerpt, excerpt};
@@ -210,22 +211,13 @@ pub fn page(
         to_ms,
         live: window.live,
         present: query.without(&["until"]),
-        timeline: format!(
-            "/developer/timeline{}",
-            super::page_query::address([("node", &**raw_name)].into_iter())
-        ),
+        timeline: format!("/developer/timeline{}", address([("node", &**raw_name)].into_iter())),
         around: graph::neighbourhood(view, node),
         excerpt: own_excerpt.or_else(of_group),
         is_matched,
         incidents: read.incidents.iter().map(incident_row).collect(),
-        incidents_address: format!(
-            "/incidents{}",
-            super::page_query::address([(field, &**raw_name)].into_iter())
-        ),
-        csv: format!(
-            "/api/v1/values{}",
-            super::page_query::address([("node", &**raw_name), ("format", "csv")].into_iter())
-        ),
+        incidents_address: format!("/incidents{}", address([(field, &**raw_name)].into_iter())),
+        csv: format!("/api/v1/values{}", address([("node", &**raw_name), ("format", "csv")].into_iter())),
         has_incidents: !context.replay,
         node: name,
         frame: super::frame(context),
@@ -236,7 +228,7 @@ pub fn page(
             let (info, module) = snapshot.module(id);
             page.since = view.wall(module.since);
             page.message = view.message_text(module);
-            let it = DevWords::of(view.lang);
+            let it = page.dev.words;
             let facts = [
                 (it.status, info.status.as_deref().unwrap_or_default()),
                 (it.monitor, info.kind),
@@ -306,7 +298,6 @@ mod tests {
     #[test]
     fn a_why_page_leads_to_what_it_names() {
         let published = jump().pass(4).published();
-        let NodeId::Group(_) = published.snapshot.node("perception").expect("it is there") else { panic!() };
         let node = published.snapshot.node("perception").expect("it is there");
         let query = query(&[("node", "perception")]);
         let window = Window::over(&published, &query, 300);
