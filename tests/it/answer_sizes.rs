@@ -3,7 +3,6 @@
 
 use std::time::UNIX_EPOCH;
 
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray, WriterId};
 use telltale::engine::model::Stage;
@@ -17,6 +16,8 @@ use telltale::web::live::frame::Frames;
 use telltale::web::texts::Lang;
 use telltale::web::view::{PageContext, PagePart, Palette, RecorderState, Trends, operator_page};
 
+use crate::by_hand;
+
 const PAGE_BYTES: usize = 1 << 20;
 const ANSWER_BYTES: usize = 16 << 20;
 /// Of a developer's page. The address of a module is as long as its name, and stands in each of its links.
@@ -28,7 +29,7 @@ fn engine(stage: Stage) -> Engine {
         let needs = if group == 0 { "" } else { "depends_on: [g0], " };
         text += &format!("- {{ id: g{group}, {needs}match: [{{ regex: '{group} .*' }}] }}\n");
     }
-    let mut engine = Engine::new(config::parse("test", &text).unwrap().model, Timestamp::ZERO);
+    let mut engine = Engine::new(by_hand::model(&text), Timestamp::ZERO);
     engine.start_in(stage);
     engine
 }
@@ -191,7 +192,7 @@ fn long_names_take_the_room_of_many() {
 #[test]
 fn the_state_of_a_large_vehicle_fits_into_a_recording() {
     let text = "limits: { discovered_modules: 100000 }\ngroups: [{ id: g0, match: [{ regex: '.*' }] }]\n";
-    let mut large = Engine::new(config::parse("test", text).unwrap().model, Timestamp::ZERO);
+    let mut large = Engine::new(by_hand::model(text), Timestamp::ZERO);
     for part in 0..10 {
         let names = (0..10_000).map(|it| format!("0 sensors/lidar_{part}_{it}: connection"));
         say(&mut large, part, 1, "the rate is too low", 4, names);

@@ -34,15 +34,17 @@ pub fn alarms(snapshot: &Snapshot) -> Vec<(u64, String, bool)> {
 }
 
 pub struct Vehicle {
+    pub model: Arc<Model>,
     pub engine: Engine,
     pub now: Timestamp,
 }
 
 impl Vehicle {
     pub fn of(text: &str, stage: Stage) -> Vehicle {
-        let mut engine = Engine::new(model(text), Timestamp::ZERO);
+        let model = model(text);
+        let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
         engine.start_in(stage);
-        Vehicle { engine, now: Timestamp::ZERO }
+        Vehicle { model, engine, now: Timestamp::ZERO }
     }
 
     pub fn input(&mut self, input: &Input) -> Response {
@@ -79,11 +81,13 @@ impl Vehicle {
 
     /// The program ends and starts again with its stored state.
     pub fn restart(&mut self, text: &str) {
-        self.engine = Engine::resume(model(text), &self.look().to_restore(), self.now);
+        self.model = model(text);
+        self.engine = Engine::resume(self.model.clone(), &self.look().to_restore(), self.now);
     }
 
     pub fn reload(&mut self, text: &str) {
-        self.engine.reload(model(text), self.now);
+        self.model = model(text);
+        self.engine.reload(self.model.clone(), self.now);
     }
 
     pub fn look(&mut self) -> Arc<Snapshot> {

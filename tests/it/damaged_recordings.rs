@@ -20,6 +20,7 @@ use telltale::record::writer::digest;
 use telltale::replay::line::lines;
 use telltale::replay::{Gap, Playback, Recording, ReplayError, Run};
 
+use crate::by_hand;
 use crate::folder::TestFolder;
 use crate::program::run;
 
@@ -103,7 +104,7 @@ fn a_message_that_means_nothing_lets_the_same_time_pass_by_any_configuration() {
     let about = BTreeMap::from([("start_of_clock_ns".to_owned(), zero_ns.to_string())]);
     let mut file = IncidentFile::create(&path, about).unwrap();
     file.attach("configuration/v.yaml", "application/yaml", 1, ALONE.as_bytes()).unwrap();
-    let model = config::parse("v.yaml", ALONE).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(ALONE);
     let engine = Engine::begin(model.clone(), Timestamp::ZERO);
     file.json(&KEYFRAMES, 1, &engine.keyframe()).unwrap();
     let Input::Diagnostics(array) = says(0) else { panic!("it is one") };
@@ -161,7 +162,7 @@ fn with_wrong_chunk(folder: &TestFolder, wrong: Option<usize>) -> PathBuf {
     let about = BTreeMap::from([("start_of_clock_ns".to_owned(), ZERO_NS.to_string())]);
     let mut file = IncidentFile::create(&path, about).unwrap();
     file.attach("configuration/v.yaml", "application/yaml", 1, ALONE.as_bytes()).unwrap();
-    let model = config::parse("v.yaml", ALONE).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(ALONE);
     let mut engine = Engine::begin(model, Timestamp::ZERO);
     engine.keep_events();
     let mut chunks = Vec::new();

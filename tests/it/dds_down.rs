@@ -3,7 +3,6 @@
 
 use std::sync::Arc;
 
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::model::Model;
@@ -12,6 +11,8 @@ use telltale::engine::model::sample::{FieldValue, Probe, ProbeOutcome, Publisher
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State::{self, Error, Ok, Unknown, Warning};
 use telltale::engine::time::{Span, Timestamp};
+
+use crate::by_hand;
 
 const CONFIG: &str = "
 vehicle: { stages: none }
@@ -40,7 +41,7 @@ struct Vehicle {
 impl Vehicle {
     /// After three seconds in which each module said what it says.
     fn after_three_seconds() -> Vehicle {
-        let model = config::parse("c", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
+        let model = by_hand::model(CONFIG);
         let engine = Engine::new(model.clone(), Timestamp::ZERO);
         let mut vehicle = Vehicle { engine, model, now: Timestamp::ZERO };
         for topic in ["/scan", "/dead"] {

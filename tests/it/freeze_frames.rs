@@ -1,12 +1,13 @@
 //! Freeze frames of incidents: which modules they have, and with which values.
 
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::time::Timestamp;
 use telltale::record::freeze::{first, later};
 use telltale::record::incident::{Change, Margins, Open, Tracker, Trigger};
 use telltale::record::summary::FrozenNode;
+
+use crate::by_hand;
 
 const CONFIG: &str = "
 vehicle: { stages: none }
@@ -40,7 +41,7 @@ fn names(frozen: &[FrozenNode]) -> Vec<&str> {
 
 #[test]
 fn a_freeze_frame_has_every_root_its_symptoms_and_their_groups_at_their_instants() {
-    let model = config::parse("v.yaml", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(CONFIG);
     let mut engine = Engine::begin(model, Timestamp::ZERO);
     say(&mut engine, 100, &ALL.map(|name| (name, 0)));
     let mut tracker = Tracker::new(Margins::default(), &engine.snapshot());
@@ -86,7 +87,7 @@ fn a_freeze_frame_is_bounded() {
         (0..500).map(|number| format!("{{ id: m{number}, status: m{number} }}")).collect();
     let text =
         format!("vehicle: {{ stages: none }}\ngroups: [{{ id: g, modules: [{}] }}]\n", modules.join(", "));
-    let model = config::parse("v.yaml", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(&text);
     let mut engine = Engine::begin(model, Timestamp::ZERO);
     let mut tracker = Tracker::new(Margins::default(), &engine.snapshot());
     let names: Vec<String> = (0..500).map(|number| format!("m{number}")).collect();

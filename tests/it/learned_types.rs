@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use telltale::clock::Clock;
-use telltale::config;
 use telltale::engine::input::Input;
 use telltale::engine::model::sample::FieldValue;
 use telltale::msg::messages::encode;
 use telltale::ros::{self, BridgeOptions, Publisher, Quality};
 use tokio::sync::mpsc;
 
+use crate::by_hand;
 use crate::peer::{Domain, PATIENCE};
 
 const TEXT: &str = "
@@ -21,7 +21,7 @@ groups: [{ id: g, modules: [{ id: rate, monitor: { frequency: { topic: /scan, er
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_is_published_says_its_type_and_a_reload_goes_on_with_it() {
     let domain = Domain::take();
-    let model = config::parse("c", TEXT).expect("it is right").model;
+    let model = by_hand::model(TEXT);
     let (sender, mut inputs) = mpsc::channel(1024);
     let bridge = ros::start(BridgeOptions::loopback(domain.id), &model, sender, Clock::start());
     let bridge = bridge.await.expect("the bridge starts");

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use crate::first_configuration::{Robot, telltale};
 use crate::folder::TestFolder;
 use crate::peer::{Domain, Peer, Vendor};
+use crate::program::run;
 
 fn robot(domain: &mut Domain) -> Robot {
     let good =
@@ -123,8 +124,6 @@ fn a_file_is_not_judged_where_nobody_is() {
     let updated = telltale(&domain, &["init", "--update", file, "--for", "1s"]);
     let said = text(&updated.stderr);
     assert!(updated.status.code() == Some(2) && updated.stdout.is_empty(), "{said}");
-    let words = ["check", "--domain", "1", file];
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_telltale")).args(words).output();
-    let said = text(&output.expect("the program can be run").stderr);
+    let said = text(&run(["check", "--domain", "1", file]).stderr);
     assert!(said.contains("--live"), "{said}");
 }

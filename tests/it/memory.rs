@@ -3,7 +3,6 @@
 use std::sync::Arc;
 use std::time::UNIX_EPOCH;
 
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray, WriterId};
 use telltale::engine::snapshot::Snapshot;
@@ -11,6 +10,8 @@ use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::runtime::Published;
 use telltale::web::live::frame::Frames;
+
+use crate::by_hand;
 
 const TEXT: &str = "
 vehicle: { stages: none }
@@ -51,7 +52,7 @@ fn view(snapshot: &Snapshot, name: &str) -> telltale::engine::snapshot::ModuleVi
 
 #[test]
 fn a_flood_of_long_values_takes_no_more_than_its_share_and_hides_no_state() {
-    let mut engine = Engine::new(config::parse("test", TEXT).unwrap().model, Timestamp::ZERO);
+    let mut engine = Engine::new(by_hand::model(TEXT), Timestamp::ZERO);
     engine.handle(&Input::Operator(OperatorAction::Login { name: "dev".into() }), Timestamp::ZERO);
     say(&mut engine, 1, 1, "honest", 3, "12.5");
     // 4,096 names with 128 kB each, from two writers: half a GB.
@@ -104,7 +105,7 @@ fn a_flood_of_long_values_takes_no_more_than_its_share_and_hides_no_state() {
 #[test]
 fn one_writer_takes_no_more_than_its_share() {
     let text = TEXT.replace("limits: { ", "limits: { status_bytes: 1000000, source_bytes: 200000, ");
-    let mut engine = Engine::new(config::parse("test", &text).unwrap().model, Timestamp::ZERO);
+    let mut engine = Engine::new(by_hand::model(&text), Timestamp::ZERO);
     for number in 0..20 {
         say(&mut engine, 2, 0, &format!("flood {number}"), 10, &"9".repeat(4000));
     }
@@ -112,7 +113,7 @@ fn one_writer_takes_no_more_than_its_share() {
     assert!(held(&snapshot) <= 200_000, "{}", held(&snapshot));
     assert_eq!(view(&snapshot, "telltale/memory").own, State::Warning);
     // What was cut stays so over a reload, and so does its writer.
-    engine.reload(config::parse("test", &text).unwrap().model, Timestamp::from_millis(20));
+    engine.reload(by_hand::model(&text), Timestamp::from_millis(20));
     let after = engine.snapshot();
     assert_eq!(after.counters, snapshot.counters);
     assert_eq!(view(&after, "telltale/memory").own, State::Warning);

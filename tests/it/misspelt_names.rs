@@ -1,10 +1,11 @@
 //! Hints for configured names that are never heard while similar names are.
 
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Timestamp;
+
+use crate::by_hand;
 
 fn hear(engine: &mut Engine, at_ms: u64, name: &str) {
     let mut array = StatusArray::with_capacity(1, 0);
@@ -33,7 +34,7 @@ groups:
 
 #[test]
 fn a_status_that_never_comes_names_the_one_that_does() {
-    let model = config::parse("c", TEXT).unwrap().model;
+    let model = by_hand::model(TEXT);
     let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
     hear(&mut engine, 100, "imu: Status");
     hear(&mut engine, 100, "imu: status 2");

@@ -5,13 +5,13 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use serde_json::{Value, json};
 use telltale::clock::Clock;
-use telltale::config;
 use telltale::engine::input::TroubleKind;
 use telltale::engine::model::NodeId;
 use telltale::engine::state::State::{self, Error, Ok as Good, Unknown, Warning};
 use telltale::ros::{self, Bridge, BridgeOptions};
 use telltale::runtime::{self, Link};
 
+use crate::by_hand;
 use crate::peer::{Domain, PATIENCE, Peer, Vendor};
 
 with_each_peer!(whatever_is_wrong_with_a_message_is_said, a_flood_a_crash_and_another_type_are_said);
@@ -51,7 +51,7 @@ struct Watching {
 
 impl Watching {
     async fn start(domain: &Domain) -> Watching {
-        let model = config::parse("c", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
+        let model = by_hand::model(CONFIG);
         let clock = Clock::start();
         let link = runtime::start(model.clone(), clock);
         let options = BridgeOptions::loopback(domain.id);

@@ -1,6 +1,5 @@
 //! A module's message is recorded when its state changes.
 
-use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::event::EventKind;
 use telltale::engine::input::{Input, StatusArray};
@@ -8,6 +7,8 @@ use telltale::engine::model::NodeId;
 use telltale::engine::state::State;
 use telltale::engine::time::Timestamp;
 use telltale::engine::view::record::{Record, Recorded};
+
+use crate::by_hand;
 
 const CONFIG: &str = "
 vehicle: { stages: none }
@@ -46,7 +47,7 @@ fn words(records: Vec<Record>, node: &str) -> Vec<String> {
 
 #[test]
 fn a_silence_and_a_reported_error_are_recorded_in_their_words() {
-    let model = config::parse("c.yaml", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(CONFIG);
     let mut engine = Engine::new(model, Timestamp::ZERO);
     engine.keep_events();
     let camera = "sensors/camera";
@@ -89,7 +90,7 @@ fn an_input_that_is_too_old_is_said_once() {
         let text = format!(
             "vehicle: {{ stages: none }}\ngroups:\n  - {{ id: a, modules: [{{ id: m, timeout: 3s, stale: error, monitor: {{ {monitor} }} }}] }}\n"
         );
-        let model = config::parse("c.yaml", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+        let model = by_hand::model(&text);
         let mut engine = Engine::new(model, Timestamp::ZERO);
         engine.keep_events();
         let mut says = |input: Input, millis: u64| {

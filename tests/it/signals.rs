@@ -1,30 +1,26 @@
 //! Signals that are conditions over values of messages.
 
-use std::sync::Arc;
-
-use telltale::config;
-use telltale::engine::Engine;
 use telltale::engine::input::Input;
-use telltale::engine::model::Model;
+use telltale::engine::model::Stage;
 use telltale::engine::model::sample::{FieldValue, Sample};
 use telltale::engine::time::Timestamp;
 
-fn model(signals: &str) -> Arc<Model> {
-    let text = format!(
-        "vehicle: {{ stages: none }}\nsignals:\n{signals}\ngroups:\n- {{ id: g, modules: [{{ id: m, status: s }}] }}\n"
-    );
-    config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}")).model
-}
+use crate::by_hand::Vehicle;
 
-struct Vehicle {
-    model: Arc<Model>,
-    engine: Engine,
-    now: Timestamp,
+fn configuration(signals: &str) -> String {
+    format!(
+        "vehicle: {{ stages: none }}\nsignals:\n{signals}\ngroups:\n- {{ id: g, modules: [{{ id: m, status: s }}] }}\n"
+    )
 }
 
 impl Vehicle {
-    fn new(model: Arc<Model>) -> Vehicle {
-        Vehicle { engine: Engine::new(model.clone(), Timestamp::ZERO), model, now: Timestamp::ZERO }
+    fn with_signals(signals: &str) -> Vehicle {
+        Vehicle::of(&configuration(signals), Stage::Active)
+    }
+
+    fn reload_signals(&mut self, at_ms: u64, signals: &str) {
+        self.now = Timestamp::from_millis(at_ms);
+        self.reload(&configuration(signals));
     }
 
     fn hear(&mut self, at_ms: u64, topic: &str, value: FieldValue) {
@@ -38,8 +34,7 @@ impl Vehicle {
     fn value(&mut self, at_ms: u64, signal: &str) -> Option<bool> {
         self.now = Timestamp::from_millis(at_ms);
         self.engine.handle(&Input::Tick, self.now);
-        let snapshot = self.engine.snapshot();
-        snapshot.signals.iter().find(|(name, _)| **name == *signal).unwrap().1
+        self.look().signals.iter().find(|(name, _)| **name == *signal).unwrap().1
     }
 }
 
@@ -48,34 +43,29 @@ const DOCKED: &str = "  docked: { topic: /battery, type: sensor_msgs/msg/Battery
 #[test]
 fn what_was_heard_for_a_condition_outlives_a_reload_that_renumbers_the_topics() {
     let two = "  both: { inputs: { a: { topic: /a, type: std_msgs/msg/Float64, field: data }, b: { topic: /b, type: std_msgs/msg/Float64, field: data } }, when: a > b }";
-    let mut vehicle = Vehicle::new(model(&format!("{DOCKED}\n{two}")));
+    let mut vehicle = Vehicle::with_signals(&format!("{DOCKED}\n{two}"));
     vehicle.hear(1000, "/battery", FieldValue::Number(1.0));
     vehicle.hear(1000, "/a", FieldValue::Number(2.0));
     vehicle.hear(1000, "/b", FieldValue::Number(1.0));
     assert_eq!((vehicle.value(1100, "docked"), vehicle.value(1100, "both")), (Some(true), Some(true)));
-    let other = model(&format!(
-        "  first: {{ topic: /c, type: std_msgs/msg/Float64, when: value > 0 }}\n{two}\n{DOCKED}"
-    ));
-    vehicle.model = other.clone();
-    vehicle.engine.reload(other, Timestamp::from_millis(1200));
+    let first = "  first: { topic: /c, type: std_msgs/msg/Float64, when: value > 0 }";
+    vehicle.reload_signals(1200, &format!("{first}\n{two}\n{DOCKED}"));
     assert_eq!((vehicle.value(1300, "docked"), vehicle.value(1300, "both")), (Some(true), Some(true)));
     // One input alone is judged with the last value of the other before the reload.
     vehicle.hear(1400, "/b", FieldValue::Number(3.0));
     assert_eq!(vehicle.value(1400, "both"), Some(false));
     assert_eq!((vehicle.value(2999, "docked"), vehicle.value(3000, "docked")), (Some(true), None));
     // Another condition knows nothing yet.
-    let other = model(&DOCKED.replace("== 1", "!= 1"));
-    vehicle.model = other.clone();
     vehicle.hear(3100, "/battery", FieldValue::Number(1.0));
-    vehicle.engine.reload(other, Timestamp::from_millis(3200));
+    vehicle.reload_signals(3200, &DOCKED.replace("== 1", "!= 1"));
     assert_eq!(vehicle.value(3200, "docked"), None);
 }
 
 #[test]
 fn an_event_is_the_message_with_which_the_condition_holds() {
-    let mut vehicle = Vehicle::new(model(
+    let mut vehicle = Vehicle::with_signals(
         "  goal: { topic: /goal, type: std_msgs/msg/String, when: 'value != \"\"', present_for: 5s }",
-    ));
+    );
     let text = |text: &str| FieldValue::Text(text.into());
     assert_eq!(vehicle.value(0, "goal"), Some(false));
     vehicle.hear(1000, "/goal", text("depot"));
@@ -89,7 +79,7 @@ fn an_event_is_the_message_with_which_the_condition_holds() {
 
 #[test]
 fn a_value_of_another_kind_leaves_the_signal_unknown() {
-    let mut vehicle = Vehicle::new(model(DOCKED));
+    let mut vehicle = Vehicle::with_signals(DOCKED);
     vehicle.hear(1000, "/battery", FieldValue::Number(1.0));
     assert_eq!(vehicle.value(1000, "docked"), Some(true));
     for value in [FieldValue::Text("1".into()), FieldValue::Bool(true), FieldValue::Number(f64::NAN)] {

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use serde_json::json;
 use telltale::clock::Clock;
-use telltale::config;
 use telltale::engine::input::Input;
 use telltale::msg::cdr::Endian;
 use telltale::msg::messages;
@@ -13,6 +12,7 @@ use telltale::msg::received::{Message, Stamped};
 use telltale::ros::{self, BridgeOptions};
 use tokio::sync::mpsc;
 
+use crate::by_hand;
 use crate::dds::one;
 use crate::peer::{Domain, PATIENCE, Peer};
 
@@ -37,7 +37,7 @@ async fn next(inputs: &mut mpsc::Receiver<Stamped>) -> (Input, Arc<Message>) {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_message_goes_with_its_inputs_as_it_was_received() {
     let domain = Domain::take();
-    let model = config::parse("c", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(CONFIG);
     let (sender, mut inputs) = mpsc::channel(64);
     let bridge = ros::start(BridgeOptions::loopback(domain.id), &model, sender, Clock::start())
         .await
@@ -80,7 +80,7 @@ async fn topics_that_are_only_recorded_come_with_ticks_and_no_more_often_than_as
     let domain = Domain::take();
     let topics = "recording: { topics: [{ topic: /camera/front, every: 1h }, { topic: '/camera/*' }] }\n";
     let text = format!("{CONFIG}{topics}");
-    let model = config::parse("c", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(&text);
     let (sender, mut inputs) = mpsc::channel(64);
     let bridge = ros::start(BridgeOptions::loopback(domain.id), &model, sender, Clock::start())
         .await
@@ -108,7 +108,7 @@ async fn topics_that_are_only_recorded_come_with_ticks_and_no_more_often_than_as
         assert_eq!(bool_of(&message), Some(value));
     }
     // Another configuration records nothing of it.
-    let model = config::parse("c", CONFIG).unwrap_or_else(|problems| panic!("{problems}")).model;
+    let model = by_hand::model(CONFIG);
     bridge.follow(&model).expect("it can be read");
     rear.wait_matched(0);
     bridge.shutdown().await;

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::by_hand;
 use crate::dds::{Reading, one};
 use crate::peer::{Domain, Peer, Vendor};
 use telltale::config;
@@ -337,7 +338,7 @@ fn a_reload_forgets_nobody() {
     }
     let before = vehicle.dispute(3000);
     assert!(before.is_some());
-    let model = config::parse("test", TEXT).unwrap().model;
+    let model = by_hand::model(TEXT);
     vehicle.engine.reload(model, Timestamp::from_millis(3000));
     vehicle.say(3001, 2, OK, "lidar");
     vehicle.say(3002, 3, OK, "brake");

@@ -21,6 +21,8 @@ pub struct Discovery {
     pub topics: Vec<TopicSeen>,
     /// Full names of the announced nodes, `/ns/name`.
     pub nodes: Vec<String>,
+    /// Full names of the services that a node serves, `/ns/name`.
+    pub services: Vec<String>,
     /// The number of topics beyond the limit.
     pub more: usize,
     /// Participants other than our own.

@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use crate::init::{Draft, Observations, draft};
+use crate::init::Observations;
 use crate::live::Heard;
 use telltale_engine::discovery::{Discovery, Endpoint, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
 use telltale_engine::model::monitors::TopicSpec;
 use telltale_engine::model::sample::Sample;
-use telltale_engine::time::{Span, Timestamp};
+use telltale_engine::time::Timestamp;
 
-pub const END: Timestamp = Timestamp::from_millis(10_000);
+const END: Timestamp = Timestamp::from_millis(10_000);
 const SCAN: &str = "sensor_msgs/msg/LaserScan";
 
 #[derive(Default)]
@@ -65,9 +65,7 @@ impl Robot {
     }
 
     pub fn serves(mut self, node: &str, service: &str) -> Robot {
-        let endpoint = Robot::endpoint(node, "");
-        self.topic(&format!("rq{service}Request")).subscribers.push(endpoint.clone());
-        self.topic(&format!("rr{service}Reply")).publishers.push(endpoint);
+        self.discovery.services.push(service.to_owned());
         self.node(node)
     }
 
@@ -88,16 +86,10 @@ impl Robot {
     }
 
     /// The observations of ten seconds, and the draft made of them.
-    pub fn heard(self) -> (Observations, Draft) {
+    pub fn heard(self) -> Heard {
         let Robot { mut discovery, mut seen, .. } = self;
         discovery.participants = discovery.nodes.len();
         seen.see(Arc::new(discovery));
-        let draft = draft(&seen, Timestamp::ZERO, END);
-        (seen, draft)
+        Heard::of(seen, Timestamp::ZERO, END)
     }
-}
-
-/// The observations with their start and their end.
-pub fn between<'a>((seen, draft): &'a (Observations, Draft)) -> Heard<'a> {
-    Heard { seen, draft, start: Timestamp::ZERO, end: Timestamp::ZERO + Span::from_secs(10) }
 }

@@ -13,7 +13,7 @@ use telltale_engine::model::sample::PublisherReport;
 use telltale_engine::model::{FieldSource, Limits, Model};
 use telltale_msg::fields::Definitions;
 use telltale_msg::ros_clock::{self, RosClock};
-use telltale_msg::subscription::{DIAGNOSTICS, Plan, Received, Subscription};
+use telltale_msg::subscription::{Plan, Received, Subscription};
 use telltale_record::file::Channel;
 
 /// Topics that are remembered to be read the same way, or not.
@@ -49,17 +49,14 @@ impl Reading<'_> {
         let is_it = |named: &str| name(named) == name(topic);
         let fields = model.signals.iter().filter_map(|spec| Some((spec, spec.source.field()?)));
         let signals = fields.filter(|(_, source)| is_it(&source.topic));
-        let Watched { topics, diagnostics, stamps, .. } = &model.watched;
-        let prefix = match diagnostics.is_empty() {
-            true => is_it(DIAGNOSTICS).then_some(""),
-            false => diagnostics.iter().find(|it| is_it(&it.topic)).map(|it| &*it.prefix),
-        };
+        let Watched { topics, stamps, .. } = &model.watched;
+        let named = model.watched.diagnostics_topics().find(|(it, _)| is_it(it));
         Reading {
             signals: signals
                 .map(|(spec, source)| (&*spec.name, source, spec.present_for.is_some()))
                 .collect(),
             watched: topics.iter().filter(|spec| is_it(&spec.topic)).map(|spec| &**spec).collect(),
-            diagnostics: prefix.map(|prefix| (prefix, &model.limits)),
+            diagnostics: named.map(|(_, prefix)| (prefix, &model.limits)),
             stamps: *stamps,
         }
     }

@@ -31,7 +31,8 @@ pub use library::qos::Quality;
 pub use options::interfaces::{Address, addresses};
 pub use options::{BridgeOptions, DOMAIN_MAX, DdsProcess, Interface, OptionsError};
 pub use publish::publisher::{PublishError, Publisher};
-pub use telltale_msg::subscription::{DIAGNOSTICS, SubscriptionError};
+pub use telltale_engine::model::monitors::DIAGNOSTICS;
+pub use telltale_msg::subscription::SubscriptionError;
 
 use discovery::graph::{MessageCounts, OwnParticipants};
 use futures_util::FutureExt as _;

@@ -30,8 +30,8 @@ impl Vehicle {
 
     /// A start that remembers nothing, with an operator.
     fn without_memory(text: &str) -> Vehicle {
-        let mut vehicle =
-            Vehicle { engine: Engine::begin(model(text), Timestamp::ZERO), now: Timestamp::ZERO };
+        let mut vehicle = Vehicle::of(text, Stage::Locked);
+        vehicle.engine = Engine::begin(vehicle.model.clone(), Timestamp::ZERO);
         assert_eq!(vehicle.does(OperatorAction::Login { name: "anna".into() }), Response::Done);
         vehicle
     }

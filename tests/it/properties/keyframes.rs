@@ -27,6 +27,8 @@ use super::cases::{self, Choices};
 use super::files::history_of_all;
 use super::{config, numbers};
 
+use crate::by_hand;
+
 pub enum Step {
     Take(Input),
     Reload(Arc<Model>),
@@ -281,10 +283,8 @@ fn spoil(value: &mut Value, choices: &mut Choices<'_>) {
 
 #[test]
 fn a_keyframe_of_another_format_or_configuration_is_refused_in_plain_words() {
-    let model = |id: &str| {
-        let text = format!("groups:\n- {{ id: {id}, modules: [{{ id: m, status: s }}] }}\n");
-        telltale::config::parse("test", &text).unwrap().model
-    };
+    let model =
+        |id: &str| by_hand::model(&format!("groups:\n- {{ id: {id}, modules: [{{ id: m, status: s }}] }}\n"));
     let text = written(&Engine::new(model("a"), Timestamp::ZERO));
     let keyframe: Keyframe = serde_json::from_str(&text).unwrap();
     assert!(Engine::from_keyframe(model("a"), &keyframe).is_ok());

@@ -110,7 +110,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
         facts.push(("services", words::services(&loaded.services)));
         facts.push(("rosout.level", publishing.log_level().as_str().to_owned()));
         let beside = |it| publishing.beside_others(it).to_string();
-        facts.push(("diagnostics", words::diagnostics(&loaded.model.watched.diagnostics)));
+        facts.push(("diagnostics", words::diagnostics(&loaded.model.watched)));
         let simulated = loaded.model.watched.stamps == StampClock::Ros;
         facts.push(("clock", if simulated { "ros" } else { "system" }.to_owned()));
         facts.push(("diagnostics_agg.beside_others", beside(Publication::DiagnosticsAgg)));

@@ -1,9 +1,11 @@
 //! The names of a configuration on the network of the vehicle, each with its place in the file. They are compared with
 //! the names that discovery finds.
 
+use std::sync::Arc;
+
 use crate::Loaded;
 use telltale_engine::model::filter::Filter;
-use telltale_engine::model::monitors::{AgreementRule, MonitorSpec, ProbeTarget, ValueSource};
+use telltale_engine::model::monitors::{MonitorSpec, ProbeTarget};
 use telltale_engine::model::{ModuleSpec, Policy};
 use telltale_engine::time;
 use telltale_yaml::Span;
@@ -26,7 +28,7 @@ pub enum What<'m> {
         of_type: Option<Span>,
     },
     /// A status, and the silence that its module allows.
-    Status { name: &'m str, timeout: time::Span },
+    Status { name: Arc<str>, timeout: time::Span },
     /// Its full name.
     Node(&'m str),
     /// Its full name.
@@ -49,7 +51,7 @@ impl Loaded {
                 add(What::Topic { name, type_name, of_type: Some(place.type_name) }, Some(place.topic));
             }
             let timeout = signal.timeout.unwrap_or(Policy::default().timeout);
-            for name in signal.source.condition().into_iter().flat_map(statuses) {
+            for name in signal.source.condition().into_iter().flat_map(MonitorSpec::keyed_statuses) {
                 add(What::Status { name, timeout }, Some(place.field));
             }
         }
@@ -60,6 +62,7 @@ impl Loaded {
             for (filter, of_filter) in group.filters.iter().zip(&place.targets) {
                 let policy = filter.policy.as_ref().unwrap_or(&model.discovered);
                 if let Filter::Name(name) = &filter.filter {
+                    let name = Arc::from(&**name);
                     add(What::Status { name, timeout: policy.timeout }, Some(*of_filter));
                 }
                 writers(policy).for_each(|node| add(What::Node(node), Some(*of_filter)));
@@ -78,10 +81,7 @@ impl Loaded {
 
     fn of_module<'m>(&'m self, module: &'m ModuleSpec) -> impl Iterator<Item = What<'m>> {
         let timeout = module.policy.timeout;
-        let own = module.monitor.status().filter(|_| module.monitor.other().is_none());
-        let spec = module.monitor.other();
-        let named = own.map(|name| &**name).into_iter().chain(spec.into_iter().flat_map(statuses));
-        let target = match spec {
+        let target = match module.monitor.other() {
             Some(MonitorSpec::Watchdog { watchdog, .. }) => {
                 match &self.model.watched.watchdogs[watchdog.0 as usize].target {
                     ProbeTarget::Node { name } => Some(What::Node(name)),
@@ -95,27 +95,10 @@ impl Loaded {
             }
             _ => None,
         };
-        named.map(move |name| What::Status { name, timeout }).chain(target)
+        module.monitor.statuses().map(move |name| What::Status { name, timeout }).chain(target)
     }
 }
 
 fn writers(policy: &Policy) -> impl Iterator<Item = &str> {
     policy.writers.iter().flat_map(|nodes| nodes.iter()).map(|node| &**node)
-}
-
-/// The names of the statuses that a monitor reads.
-fn statuses(monitor: &MonitorSpec) -> Vec<&str> {
-    let sources: Vec<&ValueSource> = match monitor {
-        MonitorSpec::External { status, .. } => return vec![status],
-        MonitorSpec::Value { source, .. } | MonitorSpec::Frozen { source, .. } => vec![source],
-        MonitorSpec::Sequence { earlier: a, later: b, .. }
-        | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => vec![a, b],
-        MonitorSpec::Expression { inputs, .. } => inputs.iter().map(|(_, source)| source).collect(),
-        _ => Vec::new(),
-    };
-    let named = sources.into_iter().filter_map(|source| match source {
-        ValueSource::Key { status, .. } => Some(&**status),
-        ValueSource::Field { .. } => None,
-    });
-    named.collect()
 }

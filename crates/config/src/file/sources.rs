@@ -3,7 +3,7 @@
 use super::forms::{self, FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
-use telltale_engine::model::monitors::{Class, FieldKind, StampClock};
+use telltale_engine::model::monitors::{Class, DIAGNOSTICS, FieldKind, StampClock};
 use telltale_engine::model::sample::POSITIONS_MAX;
 use telltale_yaml::decode::{scalar, word};
 use telltale_yaml::schema::{default, needs_one, not_empty, one_of, words};
@@ -54,7 +54,7 @@ impl FromNode for RawDiagnostics {
             .about("Of diagnostic_msgs/msg/DiagnosticArray; their statuses share their names.")
             .rules(|| {
                 let most = ("maxItems", DIAGNOSTICS_MAX.into());
-                not_empty().into_iter().chain([most, default(vec!["/diagnostics"])]).collect()
+                not_empty().into_iter().chain([most, default(vec![DIAGNOSTICS])]).collect()
             });
         let topics = fields.required(topics).map(|All(topics)| topics);
         Some(RawDiagnostics { topics: topics?, span: node.span })

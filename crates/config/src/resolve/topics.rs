@@ -8,13 +8,11 @@ use crate::describe::places::TopicPlace;
 use crate::file::ros_names::{check_list, check_path, check_topic, check_type};
 use crate::file::sources::{DIAGNOSTICS_MAX, PREFIX_BYTES_MAX, RawDiagnostics, RawDiagnosticsTopic, Topic};
 use telltale_engine::model::monitors::{
-    DiagnosticsTopic, FieldKind, FieldSpec, StampClock, TopicId, TopicSpec, WatchdogId, WatchdogSpec, Watched,
+    DIAGNOSTIC_ARRAY, DIAGNOSTICS, DiagnosticsTopic, FieldKind, FieldSpec, StampClock, TopicId, TopicSpec,
+    WatchdogId, WatchdogSpec, Watched,
 };
 use telltale_yaml::{Log, Problem, Span};
 
-/// The topic of diagnostics without a configuration.
-const DIAGNOSTICS: &str = "/diagnostics";
-const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
 /// The topic of the time of a simulation.
 const CLOCK: (&str, &str) = ("/clock", "rosgraph_msgs/msg/Clock");
 

@@ -339,7 +339,7 @@ impl Model {
         let is_counted = |spec: &&Arc<TopicSpec>| spec.fields.iter().all(|it| it.kind == FieldKind::Content);
         let counted = self.watched.topics.iter().filter(is_counted);
         counted.map(|spec| &*spec.topic).filter(move |topic| {
-            let is_diagnostics = self.watched.diagnostics.iter().any(|it| same_topic(&it.topic, topic));
+            let is_diagnostics = self.watched.diagnostics_topics().any(|(it, _)| same_topic(it, topic));
             !is_diagnostics && !is_signal(topic) && self.watched.recorded(topic).is_none()
         })
     }

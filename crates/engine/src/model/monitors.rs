@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use super::sample::FieldValue;
 pub use super::watched::{
-    DiagnosticsTopic, FieldKind, FieldSpec, ProbeTarget, ProcessMeasure, RecordedTopic, Resource, ScalarKind,
-    StampClock, TopicId, TopicSpec, ValueSource, WatchdogId, WatchdogSpec, Watched,
+    DIAGNOSTIC_ARRAY, DIAGNOSTICS, DiagnosticsTopic, FieldKind, FieldSpec, ProbeTarget, ProcessMeasure,
+    RecordedTopic, Resource, ScalarKind, StampClock, TopicId, TopicSpec, ValueSource, WatchdogId,
+    WatchdogSpec, Watched,
 };
 use crate::state::State;
 use crate::time::Span;

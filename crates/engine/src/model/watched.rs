@@ -5,6 +5,11 @@ use std::sync::Arc;
 
 use crate::time::Span;
 
+/// The topic of diagnostics without a configuration.
+pub const DIAGNOSTICS: &str = "/diagnostics";
+/// The type of every topic of diagnostics.
+pub const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
+
 /// Index of a topic in [`Watched::topics`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TopicId(pub u32);
@@ -19,7 +24,7 @@ pub struct Watched {
     /// No two have the same name.
     pub topics: Vec<Arc<TopicSpec>>,
     pub watchdogs: Vec<Arc<WatchdogSpec>>,
-    /// Topics of `diagnostic_msgs/DiagnosticArray`; if empty, `/diagnostics`.
+    /// As they are written; [`Watched::diagnostics_topics`] has the one that counts if there are none.
     pub diagnostics: Vec<DiagnosticsTopic>,
     pub stamps: StampClock,
     /// Read for recordings alone.
@@ -29,6 +34,13 @@ pub struct Watched {
 }
 
 impl Watched {
+    /// The topics on which components report, each with what stands in front of the names of its statuses:
+    /// [`DIAGNOSTICS`] if none is written.
+    pub fn diagnostics_topics(&self) -> impl Iterator<Item = (&str, &str)> {
+        let written = self.diagnostics.iter().map(|it| (&*it.topic, &*it.prefix));
+        written.chain(self.diagnostics.is_empty().then_some((DIAGNOSTICS, "")))
+    }
+
     /// How the messages of a topic are recorded, if the configuration says so: the first entry that names it decides.
     pub fn recorded(&self, topic: &str) -> Option<&RecordedTopic> {
         if self.published.iter().any(|own| **own == *topic) {

@@ -99,6 +99,12 @@ impl Definitions {
         if errors.is_empty() { Ok(reader) } else { Err(FieldsError(errors)) }
     }
 
+    /// Whether the arrival of messages of a type can be watched, or else their stamps.
+    pub fn knows(&self, type_name: &str, stamp: bool) -> bool {
+        let (topic, type_name) = ("".into(), type_name.into());
+        self.check(&TopicSpec { topic, type_name, stamp, fields: Vec::new() }).is_ok()
+    }
+
     /// Compiles the readable fields, and returns the errors beside the reader: an unreadable field is
     /// unreadable in every message, and the others have their values.
     ///

@@ -10,8 +10,8 @@ use std::time::SystemTime;
 use super::cdr::{Endian, Fault, FaultKind, Reader, Writer};
 use telltale_engine::input::{Status, StatusArray};
 use telltale_engine::model::Limits;
+pub use telltale_engine::model::monitors::DIAGNOSTIC_ARRAY;
 
-pub const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
 pub const BOOL: &str = "std_msgs/msg/Bool";
 pub const PARTICIPANT_ENTITIES_INFO: &str = "rmw_dds_common/msg/ParticipantEntitiesInfo";
 

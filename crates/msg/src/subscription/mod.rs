@@ -10,14 +10,12 @@ use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::ros_clock::{self, RosClock};
 use super::sample_bytes::{Guid, RawBody};
 use telltale_engine::input::{Input, StatusArray, WriterId};
-use telltale_engine::model::monitors::{DiagnosticsTopic, StampClock, TopicSpec, WatchdogSpec, Watched};
+use telltale_engine::model::monitors::{StampClock, TopicSpec, WatchdogSpec, Watched};
 use telltale_engine::model::sample::{FieldValue, Sample};
 use telltale_engine::model::{FieldSource, Limits, Model, SignalSpec, same_topic};
 use telltale_engine::time::Span;
 pub use untyped::Learned;
 use untyped::Untyped;
-
-pub const DIAGNOSTICS: &str = "/diagnostics";
 
 /// A topic with more bytes a second is large.
 pub const LARGE_BYTES_PER_S: u64 = 1_000_000;
@@ -131,21 +129,17 @@ pub struct Received<'a> {
 }
 
 impl Plan {
-    /// `/diagnostics` comes first.
+    /// The topics of diagnostics come first.
     ///
     /// # Errors
     /// A signal or a field that no message of its type can provide.
     pub fn of(model: &Model, definitions: &Definitions) -> Result<Plan, SubscriptionError> {
         let mut all = Vec::new();
-        let Watched { diagnostics, stamps, .. } = &model.watched;
-        if diagnostics.is_empty() {
-            subscribe(&mut all, DIAGNOSTICS, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics =
-                Some(Box::default());
+        let stamps = model.watched.stamps;
+        for (topic, prefix) in model.watched.diagnostics_topics() {
+            subscribe(&mut all, topic, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics = Some(prefix.into());
         }
-        for DiagnosticsTopic { topic, prefix } in diagnostics {
-            subscribe(&mut all, topic, DIAGNOSTIC_ARRAY, &model.limits)?.diagnostics = Some(prefix.clone());
-        }
-        if *stamps == StampClock::Ros {
+        if stamps == StampClock::Ros {
             subscribe(&mut all, ros_clock::TOPIC, ros_clock::TYPE, &model.limits)?.is_clock = true;
         }
         // The inputs of a condition are watched.
@@ -179,7 +173,7 @@ impl Plan {
             .into_iter()
             .map(|one| {
                 let may_be_large = definitions.may_be_large(&one.type_name);
-                Arc::new(Subscription { stamps: *stamps, keeping: keeping(&one), may_be_large, ..one })
+                Arc::new(Subscription { stamps, keeping: keeping(&one), may_be_large, ..one })
             })
             .collect();
         let (watched, limits) = (model.watched.clone(), model.limits.clone());
@@ -393,12 +387,8 @@ pub fn recorded_statuses(
     endian: Endian,
     writer: Guid,
 ) -> StatusArray {
-    let named = model
-        .watched
-        .diagnostics
-        .iter()
-        .find(|it| it.topic.trim_start_matches('/') == topic.trim_start_matches('/'));
-    let prefix = named.map_or("", |named| &*named.prefix);
+    let named = model.watched.diagnostics_topics().find(|(it, _)| same_topic(it, topic));
+    let prefix = named.map_or("", |(_, prefix)| prefix);
     statuses(body, endian, (prefix, writer), &model.limits).0
 }
 

@@ -7,6 +7,7 @@ use super::names::{is_full_name, is_tool, is_type};
 use super::rhythm::Rhythm;
 use telltale_engine::discovery::{Discovery, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId};
+use telltale_engine::model::monitors::{DIAGNOSTIC_ARRAY, DIAGNOSTICS};
 use telltale_engine::model::sample::{FieldValue, Fingerprint, Sample};
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
@@ -21,15 +22,12 @@ const NODES_MAX: usize = 20_000;
 const WRITERS_MAX: usize = 8;
 const NAME_BYTES_MAX: usize = 256;
 
-/// The topic of diagnostics and its type.
-pub const DIAGNOSTICS: (&str, &str) = ("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray");
-
 /// Topics that belong to ROS itself, or repeat what others said.
 const INFRASTRUCTURE: [&str; 6] = [
     "/rosout",
     "/parameter_events",
     "/clock",
-    "/diagnostics",
+    DIAGNOSTICS,
     "/diagnostics_agg",
     "/diagnostics_toplevel_state",
 ];
@@ -153,11 +151,11 @@ impl Observations {
     /// Topics of diagnostics beside `/diagnostics`, as robots with a namespace have them.
     pub fn more_diagnostics(&self) -> Vec<String> {
         let is_one = |topic: &&TopicSeen| {
-            let published = topic.publishers.iter().any(|it| !it.ours && it.type_name == DIAGNOSTICS.1);
+            let published = topic.publishers.iter().any(|it| !it.ours && it.type_name == DIAGNOSTIC_ARRAY);
             published && is_full_name(&topic.name) && topic.name.ends_with("/diagnostics")
         };
         let names = self.discovery.topics.iter().filter(is_one).map(|topic| topic.name.clone());
-        names.filter(|name| name != DIAGNOSTICS.0).take(30).collect()
+        names.filter(|name| name != DIAGNOSTICS).take(30).collect()
     }
 
     /// Whether anybody else was found in the domain.

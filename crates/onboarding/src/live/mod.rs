@@ -6,11 +6,12 @@ mod there;
 mod unwatched;
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use self::there::There;
 pub use self::unwatched::Unwatched;
 use crate::init::names::comment;
-use crate::init::{Draft, Observations, STATUSES_MAX};
+use crate::init::{Draft, Observations, STATUSES_MAX, draft};
 use telltale_config::{Loaded, Named, What};
 use telltale_engine::model::same_topic;
 use telltale_engine::time::{Span, Timestamp};
@@ -20,16 +21,24 @@ use telltale_yaml::{Problem, suggest};
 const NAMES_MAX: usize = 20;
 
 /// The observations between two times, and the draft that `init` makes of them.
-pub struct Heard<'a> {
-    pub seen: &'a Observations,
-    pub draft: &'a Draft,
+pub struct Heard {
+    pub seen: Observations,
+    pub draft: Draft,
     pub start: Timestamp,
     pub end: Timestamp,
 }
 
-impl Heard<'_> {
+impl Heard {
+    pub fn of(seen: Observations, start: Timestamp, end: Timestamp) -> Heard {
+        Heard { draft: draft(&seen, start, end), seen, start, end }
+    }
+
     pub fn length(&self) -> Span {
         self.end.since(self.start)
+    }
+
+    pub fn length_s(&self) -> u64 {
+        (self.length().as_millis() + 500) / 1000
     }
 }
 
@@ -57,7 +66,7 @@ pub fn compare(loaded: &Loaded, heard: &Heard) -> Comparison {
         return Comparison { nobody: true, problems, absent: 1, ..Comparison::default() };
     }
     let mut found = Comparison { unwatched: Unwatched::of(&loaded.model, heard), ..Comparison::default() };
-    let there = There::of(heard.seen);
+    let there = There::of(&heard.seen);
     let mut said = BTreeSet::new();
     for named in loaded.named() {
         found.look_for(loaded, heard, &there, &named, &mut said);
@@ -77,13 +86,13 @@ pub fn compare(loaded: &Loaded, heard: &Heard) -> Comparison {
 
 impl Comparison {
     /// Judges one name of the file, each once.
-    fn look_for<'m>(
+    fn look_for(
         &mut self,
-        loaded: &'m Loaded,
+        loaded: &Loaded,
         heard: &Heard,
         there: &There,
-        named: &Named<'m>,
-        said: &mut BTreeSet<(u8, &'m str)>,
+        named: &Named,
+        said: &mut BTreeSet<(u8, Arc<str>)>,
     ) {
         let Named { what, place } = named;
         let mut push = |text: String, near: Option<&str>, otherwise: &str| {
@@ -94,11 +103,11 @@ impl Comparison {
                 None => of_file(loaded, &text, &help),
             });
         };
-        match *what {
+        match what {
             What::Topic { name, type_name, of_type } => {
                 let own = loaded.model.watched.published.iter().any(|own| same_topic(own, name));
                 let types = there.types_of(name);
-                if !said.insert((0, name)) || own {
+                if !said.insert((0, (*name).into())) || own {
                 } else if types.is_empty() && there.all_topics {
                     let is_alike = |it: &&str| type_name.is_empty() || there.types_of(it).contains(type_name);
                     let near = suggest(name, there.topics.iter().copied().filter(is_alike));
@@ -110,18 +119,18 @@ impl Comparison {
                     && !types.contains(type_name)
                 {
                     let text = format!("{name} is published as {}, and read as {type_name}", comment(first));
-                    let problem = Problem::at(of_type, text);
+                    let problem = Problem::at(*of_type, text);
                     let help = "write the type that is published, or name the topic that is meant";
                     self.problems.push(problem.label("another type").help(help));
                 }
             }
             What::Status { name, timeout } => {
                 if self.unwatched.no_status
-                    || heard.seen.statuses.contains_key(name)
-                    || !said.insert((1, name))
+                    || heard.seen.statuses.contains_key(&**name)
+                    || !said.insert((1, name.clone()))
                 {
-                } else if heard.length() <= timeout || heard.seen.statuses.len() >= STATUSES_MAX {
-                    self.undecided.push(name.to_owned());
+                } else if heard.length() <= *timeout || heard.seen.statuses.len() >= STATUSES_MAX {
+                    self.undecided.push(name.to_string());
                 } else {
                     let near = suggest(name, heard.seen.statuses.keys().map(|name| &**name));
                     let text = format!("no status `{name}` was heard");
@@ -129,7 +138,7 @@ impl Comparison {
                 }
             }
             What::Node(name) => {
-                if !there.nodes.contains(name) && said.insert((2, name)) {
+                if !there.nodes.contains(name) && said.insert((2, (*name).into())) {
                     let near = suggest(name, there.nodes.iter().copied());
                     push(
                         format!("there is no node {name}"),
@@ -139,8 +148,8 @@ impl Comparison {
                 }
             }
             What::Service(name) => {
-                if !there.services.contains(name) && there.all_topics && said.insert((3, name)) {
-                    let near = suggest(name, there.services.iter().map(|name| &**name));
+                if !there.services.contains(name) && there.all_topics && said.insert((3, (*name).into())) {
+                    let near = suggest(name, there.services.iter().copied());
                     push(format!("no node offers the service {name}"), near, "does its node run?");
                 }
             }

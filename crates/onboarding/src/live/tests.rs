@@ -1,7 +1,7 @@
 //! Tests of the comparison of a configuration with the observations of a running system.
 
 use super::*;
-use crate::pretend::{Robot, between};
+use crate::pretend::Robot;
 use telltale_yaml::Problems;
 
 const FILE: &str = "\
@@ -26,8 +26,7 @@ fn robot() -> Robot {
 
 fn compared(file: &str, robot: Robot) -> (Vec<String>, Comparison) {
     let loaded = telltale_config::parse("f", file).unwrap_or_else(|problems| panic!("{problems}"));
-    let heard = robot.heard();
-    let comparison = compare(&loaded, &between(&heard));
+    let comparison = compare(&loaded, &robot.heard());
     let lines = Problems::new(loaded.sources().clone(), comparison.problems.clone()).lines();
     (lines, comparison)
 }

@@ -4,8 +4,8 @@
 use std::collections::BTreeSet;
 
 use super::{Heard, listed};
+use crate::init::ModuleKind;
 use crate::init::names::is_tool;
-use crate::init::{DIAGNOSTICS, ModuleKind};
 use telltale_engine::model::monitors::ProbeTarget;
 use telltale_engine::model::{Model, same_topic};
 
@@ -27,8 +27,7 @@ pub struct Unwatched {
 
 /// The topics on which a configuration expects statuses.
 pub fn diagnostics(model: &Model) -> impl Iterator<Item = &str> {
-    let written = model.watched.diagnostics.iter().map(|it| &*it.topic);
-    written.chain(model.watched.diagnostics.is_empty().then_some(DIAGNOSTICS.0))
+    model.watched.diagnostics_topics().map(|(topic, _)| topic)
 }
 
 /// Whether something of a configuration reads the messages of a topic.
@@ -44,7 +43,7 @@ pub fn reads(model: &Model, topic: &str) -> bool {
 
 impl Unwatched {
     pub fn of(model: &Model, heard: &Heard) -> Unwatched {
-        let seen = heard.seen;
+        let seen = &heard.seen;
         let mut found = Unwatched { no_status: seen.statuses.is_empty(), ..Unwatched::default() };
         let declared: BTreeSet<&str> =
             model.modules.iter().filter_map(|it| it.monitor.status()).map(|name| &**name).collect();

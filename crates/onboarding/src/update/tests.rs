@@ -3,7 +3,7 @@
 use super::*;
 use crate::init;
 use crate::live;
-use crate::pretend::{Robot, between};
+use crate::pretend::Robot;
 
 const WHEN: &str = "heard on 2026-01-02";
 
@@ -25,11 +25,21 @@ fn updated(text: &str, robot: fn() -> Robot) -> Updated {
 }
 
 fn once(text: &str, robot: fn() -> Robot) -> Updated {
-    let loaded = telltale_config::parse("f", text).unwrap_or_else(|problems| panic!("{problems}\n{text}"));
-    let heard = robot().heard();
-    let unwatched = live::compare(&loaded, &between(&heard)).unwatched;
     let is_known = |type_name: &str| type_name.starts_with("sensor_msgs/");
-    update(&loaded, heard.1, &unwatched, is_known, WHEN).unwrap_or_else(|error| panic!("{error}\n{text}"))
+    of_files(&[("f", text)], robot(), is_known).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+/// An update of a file, which includes the others.
+fn of_files(
+    files: &[(&str, &str)],
+    robot: Robot,
+    is_known: impl Fn(&str) -> bool,
+) -> Result<Updated, NoPlace> {
+    let texts = files.iter().map(|(name, text)| ((*name).to_owned(), (*text).to_owned()));
+    let loaded = telltale_config::of_texts(texts).unwrap_or_else(|problems| panic!("{problems}\n{files:?}"));
+    let heard = robot.heard();
+    let unwatched = live::compare(&loaded, &heard).unwatched;
+    update(&loaded, heard.draft, &unwatched, is_known, WHEN)
 }
 
 /// Each line of the old text stands in the new one, in order.
@@ -43,7 +53,7 @@ fn keeps(old: &str, new: &str) {
 
 #[test]
 fn the_file_of_an_unchanged_robot_stays_byte_for_byte() {
-    let text = init::text(&robot().heard().1, false);
+    let text = init::text(&robot().heard().draft, false);
     let updated = updated(&text, robot);
     assert_eq!((updated.text, updated.left), (text, Vec::new()));
 }
@@ -138,10 +148,7 @@ fn ids_that_are_taken_and_types_without_a_definition_are_seen_to() {
                 - { id: scan_rate, status: 'lidar: device' }\n- { id: base, match: [{ namespace: x }] }\n";
     let updated = updated(text, robot);
     assert!(updated.modules.iter().any(|module| module == "lidar/scan_rate_2"), "{:?}", updated.modules);
-    let loaded = telltale_config::parse("f", text).unwrap();
-    let heard = robot().heard();
-    let unwatched = live::compare(&loaded, &between(&heard)).unwatched;
-    let unknown = update(&loaded, heard.1, &unwatched, |_| false, WHEN).unwrap();
+    let unknown = of_files(&[("f", text)], robot(), |_| false).unwrap();
     assert!(!unknown.text.contains("frequency"), "{}", unknown.text);
     let left = "the type sensor_msgs/msg/LaserScan of /odom is not defined for the file: name the folder with it in `message_folders`";
     assert!(unknown.left.iter().any(|it| it == left), "{:?}", unknown.left);
@@ -151,10 +158,7 @@ fn ids_that_are_taken_and_types_without_a_definition_are_seen_to() {
 fn a_list_that_stands_in_two_groups_is_not_changed() {
     let text = "vehicle: { id: r, stages: none }\ngroups:\n- id: lidar\n  match: [{ namespace: lidar }]\n  modules: &m\n  \
                 - { id: c, monitor: { constant: { state: ok } } }\n- { id: b, modules: *m }\n";
-    let loaded = telltale_config::parse("f", text).unwrap_or_else(|problems| panic!("{problems}"));
-    let heard = robot().heard();
-    let unwatched = live::compare(&loaded, &between(&heard)).unwatched;
-    let refused = update(&loaded, heard.1, &unwatched, |_| true, WHEN).unwrap_err().to_string();
+    let refused = of_files(&[("f", text)], robot(), |_| true).unwrap_err().to_string();
     assert!(
         refused
             .starts_with("what was heard cannot be added to f without a change of what is there (module `b/"),
@@ -168,12 +172,8 @@ fn what_belongs_to_a_group_of_another_file_is_told() {
         ("a", "include: [b]\nvehicle: { id: r, stages: none }\n"),
         ("b", "groups:\n- { id: lidar, match: [{ namespace: lidar }] }\n"),
     ];
-    let loaded =
-        telltale_config::of_texts(files.map(|(name, text)| (name.to_owned(), text.to_owned()))).unwrap();
     let lidar = Robot::default().publishes("/lidar", "/scan", 100).says("/lidar", "lidar: device");
-    let heard = lidar.heard();
-    let unwatched = live::compare(&loaded, &between(&heard)).unwatched;
-    let updated = update(&loaded, heard.1, &unwatched, |_| true, WHEN).unwrap();
+    let updated = of_files(&files, lidar, |_| true).unwrap();
     assert_eq!(updated.text, files[0].1);
     assert_eq!(updated.left, ["2 modules for the group lidar, which stands in another file"]);
 }

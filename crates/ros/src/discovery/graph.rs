@@ -91,7 +91,8 @@ pub async fn run(
         let now = (clock.now(), tallies.read());
         let mut discovery = {
             let nodes = nodes.borrow();
-            Discovery { nodes: nodes.all(), ..look(&participant, &nodes.endpoints()) }
+            let (all, services) = (nodes.all(), nodes.services());
+            Discovery { nodes: all, services, ..look(&participant, &nodes.endpoints()) }
         };
         let siblings = siblings.all();
         for topic in &mut discovery.topics {

@@ -88,6 +88,11 @@ impl Nodes {
         names.into_iter().map(str::to_owned).collect()
     }
 
+    /// Full names of the services that a node serves, in order.
+    pub fn services(&self) -> Vec<String> {
+        self.services.iter().map(ToString::to_string).collect()
+    }
+
     /// The nodes of the readers and writers that are announced.
     pub fn endpoints(&self) -> BTreeMap<Guid, &str> {
         let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
@@ -277,6 +282,7 @@ mod tests {
         assert!(matches!(nodes.ask_service("/planning/plan", at(4000)), ProbeOutcome::Impossible(_)));
         nodes.update(&[9; 16], BTreeSet::new(), found);
         assert_eq!(nodes.ask_service("/planning/plan", at(4000)), ProbeOutcome::Announced);
+        assert_eq!(nodes.services(), ["/planning/plan"]);
         let missed = ProbeOutcome::Missed("nobody serves /map".into());
         assert_eq!(nodes.ask_service("map", at(6000)), missed);
     }

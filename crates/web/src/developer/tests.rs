@@ -122,8 +122,8 @@ fn discovery(text: &str) -> Discovery {
         at: Some(Timestamp::ZERO),
         topics: vec![topic],
         nodes: vec![format!("/{text}")],
-        more: 0,
         participants: 1,
+        ..Discovery::default()
     }
 }
 

@@ -43,9 +43,9 @@ pub fn look(args: &LiveArgs, loaded: &Loaded) -> anyhow::Result<Beside> {
     let mut options = args.dds.resolve()?;
     options.definitions = options.definitions.with(&loaded.message_folders);
     let listens_to = dds::describe(&options);
-    let heard = init::listen(options, args.length, Some(init::diagnostics_of(loaded)))?;
-    let comparison = heard.compare(loaded);
-    let problems = comparison.problems.clone();
+    let heard = init::listen(options, args.length, Some(loaded.model.watched.diagnostics.clone()))?;
+    let mut comparison = live::compare(loaded, &heard);
+    let problems = std::mem::take(&mut comparison.problems);
     let problems = (!problems.is_empty()).then(|| Problems::new(loaded.sources().clone(), problems));
     Ok(Beside { comparison, problems, listened_s: heard.length_s(), listens_to })
 }

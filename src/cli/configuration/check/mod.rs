@@ -92,16 +92,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
     };
     let (found, mut problems) = loaded.soundness();
-    let beside = match args.beside.live {
+    let mut beside = match args.beside.live {
         true => Some(live::look(&args.beside, &loaded)?),
         false => None,
     };
-    if let Some(more) = beside.as_ref().and_then(|beside| beside.problems.clone()) {
-        problems = Some(match problems {
-            Some(problems) => problems.and(more),
-            None => more,
-        });
-    }
+    let more = beside.as_mut().and_then(|beside| beside.problems.take());
+    problems = problems.into_iter().chain(more).reduce(Problems::and);
     match args {
         Args { dot: true, .. } => drop(print::text(&escaped(&graph::dot(&loaded.model)))),
         Args { svg: true, .. } => drop(print::text(&escaped(&graph::svg(&loaded.model)))),
@@ -290,6 +286,7 @@ fn conditions(out: &mut Lines, model: &Model, pad: &str, depends_on: &[Dependenc
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::engine::model::monitors::DIAGNOSTIC_ARRAY;
 
     #[test]
     fn one_of_a_kind_is_no_plural() {
@@ -316,6 +313,10 @@ mod tests {
         );
         assert_eq!(said("recording: { topics: [{ topic: '/po*' }] }\n"), None);
         assert_eq!(said("recording: false\n"), None);
+        let of_statuses = monitored
+            .replace("/points", "/diagnostics")
+            .replace("sensor_msgs/msg/PointCloud2", DIAGNOSTIC_ARRAY);
+        assert_eq!(sizes_only(&config::parse("c", &of_statuses).unwrap()), None, "the statuses are read");
     }
 
     #[test]

@@ -27,11 +27,11 @@ use crate::engine::discovery::Discovery;
 use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::engine::time::Timestamp;
-use crate::init::{self, DIAGNOSTICS, Draft, Observations, TOPICS_MAX};
-use crate::live::{self, Comparison};
+use crate::init::{self, Draft, Observations, TOPICS_MAX};
+use crate::live::Heard;
 use crate::msg::fields::Definitions;
 use crate::msg::received::Stamped;
-use crate::ros::{self, Bridge, BridgeOptions};
+use crate::ros::{self, Bridge, BridgeOptions, DIAGNOSTICS};
 
 /// Its name in the graph of ROS 2.
 const NODE: &str = "telltale_init";
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let listens_to = dds::describe(&options);
     let definitions = options.definitions.clone();
     let heard = listen(options, args.length, None)?;
-    let (mut draft, empty) = (heard.draft(), heard.seen.is_empty());
+    let (mut draft, empty) = (heard.draft, heard.seen.is_empty());
     draft.message_folders = message_folders(&draft, &definitions);
     let text = init::text(&draft, args.accept_guesses);
     let mut is_wrong = false;
@@ -118,48 +118,15 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 
 /// The folders, as whole paths, that define the types of the measured topics that are not built in.
 fn message_folders(draft: &Draft, definitions: &Definitions) -> Vec<String> {
-    let is_strange = |&(type_name, stamp): &(&str, bool)| {
-        let (topic, type_name) = ("".into(), type_name.into());
-        Definitions::default().check(&TopicSpec { topic, type_name, stamp, fields: Vec::new() }).is_err()
-    };
-    let types = draft.types().into_iter().filter(is_strange);
+    let built_in = Definitions::default();
+    let types = draft.types().into_iter().filter(|(type_name, stamp)| !built_in.knows(type_name, *stamp));
     let folders: BTreeSet<&Path> =
         types.flat_map(|(type_name, _)| definitions.folders_of(type_name)).collect();
     let whole = |folder: &Path| std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
     folders.into_iter().map(|folder| whole(folder).display().to_string()).collect()
 }
 
-/// The observations between two times.
-pub struct Heard {
-    pub seen: Observations,
-    pub start: Timestamp,
-    pub end: Timestamp,
-}
-
-impl Heard {
-    pub fn draft(&self) -> Draft {
-        init::draft(&self.seen, self.start, self.end)
-    }
-
-    /// Compares a configuration with it.
-    pub fn compare(&self, loaded: &config::Loaded) -> Comparison {
-        let Heard { seen, start, end } = self;
-        live::compare(loaded, &live::Heard { seen, draft: &self.draft(), start: *start, end: *end })
-    }
-
-    pub fn length_s(&self) -> u64 {
-        (self.end.since(self.start).as_millis() + 500) / 1000
-    }
-}
-
-/// The topics of diagnostics that a configuration reads.
-pub(super) fn diagnostics_of(loaded: &config::Loaded) -> Vec<DiagnosticsTopic> {
-    let default = || vec![DiagnosticsTopic { topic: DIAGNOSTICS.0.into(), prefix: Box::default() }];
-    let written = loaded.model.watched.diagnostics.clone();
-    if written.is_empty() { default() } else { written }
-}
-
-/// Listens to a system for a while: on these topics of diagnostics, or else on all that are found.
+/// Listens to a system for a while: on the topics of diagnostics of a configuration, or else on all that are found.
 ///
 /// # Errors
 /// DDS cannot be started, or a signal ended it.
@@ -193,7 +160,7 @@ pub(super) struct Lookout {
     watched: Watched,
     /// Topics are read, too.
     measures: bool,
-    /// The only topics of diagnostics that are read; `None`: all that are found.
+    /// The topics of diagnostics that a configuration names: no others are read. `None`: all that are found.
     given: Option<Vec<DiagnosticsTopic>>,
     definitions: Definitions,
     clock: Clock,
@@ -244,9 +211,9 @@ impl Lookout {
     }
 
     async fn close(self) -> Heard {
-        let heard = Heard { seen: self.seen, start: self.start, end: self.clock.now() };
+        let end = self.clock.now();
         self.bridge.shutdown().await;
-        heard
+        Heard::of(self.seen, self.start, end)
     }
 
     /// What is to be read now: what was read before, and what was found since.
@@ -256,7 +223,7 @@ impl Lookout {
         let new = self.seen.measurable().filter(|(topic, _)| self.measures && !known.contains(*topic));
         topics.extend(new.filter_map(|(topic, type_name)| readable(topic, type_name, &self.definitions)));
         topics.truncate(TOPICS_MAX);
-        let all = || std::iter::once(DIAGNOSTICS.0.to_owned()).chain(self.seen.more_diagnostics());
+        let all = || std::iter::once(DIAGNOSTICS.to_owned()).chain(self.seen.more_diagnostics());
         let found = || all().map(|topic| DiagnosticsTopic { topic: topic.into(), prefix: Box::default() });
         let diagnostics = self.given.clone().unwrap_or_else(|| found().collect());
         Watched { topics, diagnostics, ..Watched::default() }

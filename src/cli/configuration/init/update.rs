@@ -8,13 +8,13 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 
-use super::{Args, diagnostics_of, listen, refusal, write};
+use super::{Args, listen, refusal, write};
 use crate::cli::print::{self, note};
 use crate::cli::{EXIT_NO, fields};
 use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;
-use crate::engine::model::monitors::TopicSpec;
+use crate::live;
 use crate::msg::fields::Definitions;
 use crate::update::{self, Updated};
 use crate::yaml::Problems;
@@ -38,10 +38,10 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
         }
     };
     options.definitions = options.definitions.with(&loaded.message_folders);
-    let heard = listen(options, args.length, Some(diagnostics_of(&loaded)))?;
-    let comparison = heard.compare(&loaded);
+    let heard = listen(options, args.length, Some(loaded.model.watched.diagnostics.clone()))?;
+    let comparison = live::compare(&loaded, &heard);
     if !comparison.problems.is_empty() {
-        print::problems(&Problems::new(loaded.sources().clone(), comparison.problems.clone()));
+        print::problems(&Problems::new(loaded.sources().clone(), comparison.problems));
         if comparison.absent > 0 {
             note!("Names that were not found stay in the file.");
         }
@@ -50,13 +50,10 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
         bail!("nobody was heard, so nothing is written");
     }
     let known = definitions(&loaded);
-    let is_known = |type_name: &str| {
-        let (topic, type_name) = ("".into(), type_name.into());
-        known.check(&TopicSpec { topic, type_name, stamp: false, fields: Vec::new() }).is_ok()
-    };
+    let is_known = |type_name: &str| known.knows(type_name, false);
     let at = humantime::format_rfc3339_seconds(Clock::start().wall());
     let when = format!("heard in the {} s before {at}", heard.length_s());
-    let updated = update::update(&loaded, heard.draft(), &comparison.unwatched, is_known, &when)?;
+    let updated = update::update(&loaded, heard.draft, &comparison.unwatched, is_known, &when)?;
     tell(&updated);
     let bytes = fs::read(file).with_context(|| format!("{} cannot be read", file.display()))?;
     let mark = if bytes.starts_with(MARK.as_bytes()) { MARK } else { "" };

@@ -56,46 +56,45 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
     let (mut compared, mut failed) = (Vec::new(), 0);
     let (mut covered, mut cases) = (Covered::default(), Vec::new());
     let cores = std::thread::available_parallelism().map_or(1, NonZero::get);
-    'all: for batch in recordings.chunks(AT_ONCE_PER_CORE * cores) {
-        for (named, (result, took)) in
-            batch.iter().zip(on_all_cores(cores, batch, |named| one(args, named, new)))
-        {
-            let outcome;
-            let is_read = match result {
-                Ok(comparison) => {
-                    if compared.is_empty() && !args.json {
-                        print::line(&heading());
-                    }
-                    let [recorded, new] = comparison.alone(covered.until(&comparison.facts));
-                    covered.add(&comparison);
-                    compared.push((comparison.differs(), recorded, new));
-                    let said = text(&named.name, &comparison);
-                    outcome = match &comparison.first {
-                        None => Verdict::Passed,
-                        Some(first) => Verdict::Failed(parting(&comparison, first), said.text().to_owned()),
-                    };
-                    match args.json {
-                        true => print::json(&with_name(comparison.json(), &named.name)),
-                        false => print::text(said.text()),
-                    }
+    let batches = recordings.chunks(AT_ONCE_PER_CORE * cores);
+    let results =
+        batches.flat_map(|batch| batch.iter().zip(on_all_cores(cores, batch, |named| one(args, named, new))));
+    for (named, (result, took)) in results {
+        let outcome;
+        let is_read = match result {
+            Ok(comparison) => {
+                if compared.is_empty() && !args.json {
+                    print::line(&heading());
                 }
-                Err(Trouble::Configuration(problems)) => {
-                    print::problems(&problems);
-                    return Ok(ExitCode::from(EXIT_USAGE));
+                let [recorded, new] = comparison.alone(covered.until(&comparison.facts));
+                covered.add(&comparison);
+                compared.push((comparison.differs(), recorded, new));
+                let said = text(&named.name, &comparison);
+                outcome = match &comparison.first {
+                    None => Verdict::Passed,
+                    Some(first) => Verdict::Failed(parting(&comparison, first), said.text().to_owned()),
+                };
+                match args.json {
+                    true => print::json(&with_name(comparison.json(), &named.name)),
+                    false => print::text(said.text()),
                 }
-                Err(Trouble::Recording(why)) => {
-                    failed += 1;
-                    note!("telltale: {}: {why}", named.name);
-                    let is_read = !args.json || print::json(&with_name(json!({ "error": why }), &named.name));
-                    outcome = Verdict::Broken(why);
-                    is_read
-                }
-            };
-            if args.junit.is_some() {
-                cases.push(Case { name: named.name.clone(), took, result: outcome });
-            } else if !is_read {
-                break 'all;
             }
+            Err(Trouble::Configuration(problems)) => {
+                print::problems(&problems);
+                return Ok(ExitCode::from(EXIT_USAGE));
+            }
+            Err(Trouble::Recording(why)) => {
+                failed += 1;
+                note!("telltale: {}: {why}", named.name);
+                let is_read = !args.json || print::json(&with_name(json!({ "error": why }), &named.name));
+                outcome = Verdict::Broken(why);
+                is_read
+            }
+        };
+        if args.junit.is_some() {
+            cases.push(Case { name: named.name.clone(), took, result: outcome });
+        } else if !is_read {
+            break;
         }
     }
     if let Some(path) = &args.junit {

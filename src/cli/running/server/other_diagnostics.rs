@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
-use crate::init::DIAGNOSTICS;
+use crate::engine::model::monitors::{DIAGNOSTIC_ARRAY, DIAGNOSTICS};
 
 /// Nodes that are only late, and a reader that is only being made, are found in this time.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
@@ -28,7 +28,7 @@ pub async fn say(discovery: watch::Receiver<Arc<Discovery>>) {
 /// `None` while a topic of diagnostics is read, or nobody publishes any.
 fn sentence(discovery: &Discovery) -> Option<String> {
     let is_published = |topic: &&TopicSeen| {
-        topic.publishers.iter().any(|it: &Endpoint| !it.ours && it.type_name == DIAGNOSTICS.1)
+        topic.publishers.iter().any(|it: &Endpoint| !it.ours && it.type_name == DIAGNOSTIC_ARRAY)
             && !topic.name.ends_with("/diagnostics_agg")
     };
     let published: Vec<&TopicSeen> = discovery.topics.iter().filter(is_published).collect();
@@ -41,7 +41,7 @@ fn sentence(discovery: &Discovery) -> Option<String> {
     Some(format!(
         "nobody publishes a topic of diagnostics that the configuration reads ({} without `diagnostics`), but {named}: write \
          `diagnostics: {{ topics: [{named}] }}` if these are the statuses of this vehicle",
-        DIAGNOSTICS.0
+        DIAGNOSTICS
     ))
 }
 
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     fn topic(name: &str, is_read: bool) -> TopicSeen {
-        let end = |ours| Endpoint { ours, type_name: DIAGNOSTICS.1.to_owned(), ..Endpoint::default() };
+        let end = |ours| Endpoint { ours, type_name: DIAGNOSTIC_ARRAY.to_owned(), ..Endpoint::default() };
         let subscribers = if is_read { vec![end(true)] } else { vec![end(false)] };
         TopicSeen { name: name.to_owned(), publishers: vec![end(false)], subscribers, rate_hz: None }
     }

@@ -10,7 +10,7 @@ use crate::recording::Recording;
 use crate::services::{Offer, Services};
 use telltale_engine::model::countermeasure::{ConfirmedBy, Request, Rule};
 use telltale_engine::model::filter::Filter;
-use telltale_engine::model::monitors::{DiagnosticsTopic, RecordedTopic};
+use telltale_engine::model::monitors::{RecordedTopic, Watched};
 use telltale_engine::model::motion::SpeedSource;
 use telltale_engine::model::service::Service;
 use telltale_engine::model::{
@@ -231,13 +231,10 @@ pub fn recording(recording: Option<&Recording>) -> String {
 }
 
 /// The topics on which components report.
-pub fn diagnostics(topics: &[DiagnosticsTopic]) -> String {
-    let one = |DiagnosticsTopic { topic, prefix }: &DiagnosticsTopic| match &**prefix {
-        "" => topic.to_string(),
+pub fn diagnostics(watched: &Watched) -> String {
+    let one = |(topic, prefix): (&str, &str)| match prefix {
+        "" => topic.to_owned(),
         prefix => format!("{topic} as `{prefix}...`"),
     };
-    match topics {
-        [] => "/diagnostics".to_owned(),
-        topics => topics.iter().map(one).collect::<Vec<_>>().join(", "),
-    }
+    watched.diagnostics_topics().map(one).collect::<Vec<_>>().join(", ")
 }
