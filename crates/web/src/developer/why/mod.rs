@@ -28,6 +28,7 @@ use telltale_store::{Incident, IncidentFilter, Past};
 
 use super::incidents::list::length;
 use super::page_query::address;
+use super::timeline::strips::{Explained, legend};
 use super::timeline::{SpanOption, Window, spans};
 use super::{DevFrame, NodeLink, Page, PageQuery, graph};
 use excerpt::{Excerpt, excerpt};
@@ -90,6 +91,7 @@ struct WhyHtml {
     /// The patterns of states; the stylesheet says their colours.
     patterns: String,
     states: Option<NodeStates>,
+    legend: Vec<Explained>,
     spans: Vec<SpanOption>,
     from_ms: i64,
     to_ms: i64,
@@ -204,6 +206,7 @@ pub fn page(
         plots: plots(published, node, trends, (from_ms, to_ms)),
         members: Vec::new(),
         more_members: None,
+        legend: legend(context.lang),
         patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
         states: read.past.as_ref().map(|past| states(context.lang, query, window, past)),
         spans: spans(window),

@@ -84,8 +84,8 @@ struct DetailHtml<'a> {
     own: String,
     since: String,
     count: String,
-    /// Names of the components from the root cause to this one.
-    chain: Vec<String>,
+    /// Paths and names of the components from the root cause to this one.
+    chain: Vec<(String, String)>,
     root: String,
     rows: Vec<ModuleRow>,
     more: Option<String>,
@@ -146,12 +146,16 @@ fn fitting(detail: &mut DetailHtml<'_>, bytes: usize, more: impl Fn(usize) -> Op
 }
 
 /// The way from the first root cause to this component, and what the root cause says.
-fn why(view: &View<'_>, tile: Tile) -> (Vec<String>, String) {
+fn why(view: &View<'_>, tile: Tile) -> (Vec<(String, String)>, String) {
     let (_, group) = view.snapshot.group(view.board.tiles[tile]);
     let Some(path) = group.paths.first() else { return (Vec::new(), String::new()) };
     let mut steps: Vec<Tile> = path.iter().filter_map(|&node| view.board.tile_of(node)).collect();
     steps.dedup();
-    let chain = steps.iter().rev().map(|&step| view.group_name(view.board.tiles[step])).collect();
+    let named = |step: Tile| {
+        let id = view.board.tiles[step];
+        (view.snapshot.group(id).0.path.to_string(), view.group_name(id))
+    };
+    let chain = steps.into_iter().rev().map(named).collect();
     let root = match path.last() {
         Some(&NodeId::Module(id)) => view.fault(id, view.snapshot.module(id).1.state),
         _ => String::new(),
