@@ -24,7 +24,7 @@ use telltale_engine::view::why::WhyStep;
 use telltale_picture::bars::patterns;
 use telltale_picture::graph::Drawing;
 use telltale_runtime::{Published, Written};
-use telltale_store::{Incident, IncidentFilter, Past};
+use telltale_store::{Incident, IncidentFilter, Past, Role};
 
 use super::incidents::list::length;
 use super::page_query::address;
@@ -90,6 +90,9 @@ struct WhyHtml {
     more_members: Option<String>,
     /// The patterns of states; the stylesheet says their colours.
     patterns: String,
+    /// A developer may shelve this module.
+    may_shelve: bool,
+    is_shelved: bool,
     states: Option<NodeStates>,
     legend: Vec<Explained>,
     spans: Vec<SpanOption>,
@@ -192,6 +195,9 @@ pub fn page(
         let NodeId::Module(id) = node else { return None };
         excerpt(written?, snapshot.node_name(NodeId::Group(snapshot.module(id).0.group)))
     };
+    let is_module = matches!(node, NodeId::Module(_));
+    let is_shelved = snapshot.shelved.iter().any(|it| NodeId::Module(it.module) == node);
+    let may_shelve = is_module && context.role == Role::Developer && !context.replay;
     let field = if matches!(node, NodeId::Group(_)) { "group" } else { "cause" };
     let mut page = WhyHtml {
         state: state.as_str(),
@@ -206,6 +212,8 @@ pub fn page(
         plots: plots(published, node, trends, (from_ms, to_ms)),
         members: Vec::new(),
         more_members: None,
+        may_shelve,
+        is_shelved,
         legend: legend(context.lang),
         patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
         states: read.past.as_ref().map(|past| states(context.lang, query, window, past)),

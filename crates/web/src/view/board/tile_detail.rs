@@ -8,7 +8,7 @@ use telltale_engine::state::State;
 
 use super::Tile;
 use crate::texts::operator::unit;
-use crate::texts::{ID, VALUE, Words, address, clean};
+use crate::texts::{ID, NAME, VALUE, Words, address, clean};
 use crate::view::node_names::{ModuleMessage, icon, own_matters, reason_word};
 use crate::view::trends::{POINTS_SMALL, Trend};
 use crate::view::versions::Aspect;
@@ -37,6 +37,8 @@ struct ModuleRow {
     icon: &'static str,
     word: &'static str,
     because: String,
+    /// Until when it is shelved, and who has done that.
+    shelved: Option<(String, String)>,
     own: Option<&'static str>,
     /// Why its state is not the reported one.
     decided: String,
@@ -189,6 +191,10 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> ModuleRow {
         icon: icon(module.state, module.reason.as_ref()),
         word: view.lang.state(module.state),
         because: view.reason(NodeId::Module(id), module.reason.as_ref()),
+        shelved: view
+            .snapshot
+            .shelved(id)
+            .map(|it| (view.wall(it.until), view.lang.shelved_by(&clean(&it.by, NAME)))),
         own: own.then(|| view.lang.state(module.own)),
         decided: decided(view, module),
         since: view.wall(module.since),
