@@ -30,7 +30,8 @@ fn the_contents_list_every_page_once() {
     let mut listed = links(&read(&docs.join("SUMMARY.md")));
     listed.sort();
     let inside = |page: &PathBuf| shown(page).trim_start_matches("docs/").to_owned();
-    let mut there: Vec<String> = pages("docs").iter().map(inside).filter(|page| page != "SUMMARY.md").collect();
+    let mut there: Vec<String> =
+        pages("docs").iter().map(inside).filter(|page| page != "SUMMARY.md").collect();
     there.sort();
     assert_eq!(listed, there);
 }
