@@ -1,4 +1,4 @@
-//! Limits as they are written: up to four, in an order that makes sense.
+//! Limits in the file: up to four, in an order that makes sense.
 
 use super::{forms, units};
 use crate::decode::{FromNode, Spanned};
