@@ -28,6 +28,7 @@ pub(crate) fn self_reporting(id: Arc<str>, group: GroupId) -> ModuleInfo {
         kind: "self_state",
         class: Class { location: "isolated", information: "content", flow: None },
         quantity: None,
+        reads: None,
     }
 }
 
@@ -82,6 +83,7 @@ pub(crate) fn layout(model: &Model) -> Layout {
             kind: spec.monitor.kind(),
             class: spec.monitor.class(),
             quantity: spec.monitor.other().and_then(|it| Quantity::measured_by(it, &model.watched)),
+            reads: spec.monitor.other().and_then(|it| it.reads(&model.watched)).map(Box::new),
             ..self_reporting(spec.id.clone(), spec.group)
         }));
     }
