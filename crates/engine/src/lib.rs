@@ -20,6 +20,7 @@ pub mod model;
 pub mod module;
 pub mod monitor;
 mod motion;
+pub mod pace;
 pub mod persistent;
 mod react;
 pub mod restart;

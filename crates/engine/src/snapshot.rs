@@ -3,7 +3,7 @@
 //! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
 use super::files::count;
-use super::model::monitors::Class;
+use super::model::monitors::{Class, Reads};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -276,6 +276,8 @@ pub struct ModuleInfo {
     pub of_component: bool,
     /// How people read what its monitor measures.
     pub quantity: Option<Quantity>,
+    /// The topics that its monitor reads; `None`: none.
+    pub reads: Option<Box<Reads>>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]

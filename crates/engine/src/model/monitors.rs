@@ -244,6 +244,15 @@ impl ModuleMonitor {
     }
 }
 
+/// What a monitor reads of topics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reads {
+    /// By their ROS names, each once.
+    pub topics: Vec<Box<str>>,
+    /// The limits of the rate of the one topic, in Hz, if that is what it judges.
+    pub rate: Option<Bands>,
+}
+
 /// The facts about a monitor that follow from its kind.
 pub(crate) struct About<'a> {
     kind: &'static str,
@@ -372,6 +381,24 @@ impl MonitorSpec {
             Source::Value(ValueSource::Field { .. }) | Source::Messages(_) | Source::Probe(_) => None,
         };
         self.clone().sources().into_iter().filter_map(status).collect()
+    }
+
+    /// The topics that it reads, each once; `None`: none.
+    pub(crate) fn reads(&self, watched: &Watched) -> Option<Reads> {
+        let mut bare = self.clone();
+        let topic = |source| match source {
+            Source::Messages(topic) | Source::Value(ValueSource::Field { topic, .. }) => Some(*topic),
+            Source::Value(ValueSource::Key { .. }) | Source::Probe(_) => None,
+        };
+        let mut ids: Vec<TopicId> = bare.sources().into_iter().filter_map(topic).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let topics = ids.iter().map(|&TopicId(id)| watched.topics[id as usize].topic.clone()).collect();
+        let rate = match self {
+            MonitorSpec::Frequency { bands, .. } => Some(*bands),
+            _ => None,
+        };
+        (!ids.is_empty()).then_some(Reads { topics, rate })
     }
 
     /// Whether it judges the same sources in the same way. The indices of the sources may differ.

@@ -7,8 +7,9 @@ use super::names::{self, comment, is_full_name, is_tool, prefix};
 use super::observations::{Messages, Observations, STATUSES_MAX, Status, is_of_components, measured_type};
 use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
-use super::rhythm::{RateLimits, at_least_ms};
+use super::rhythm::at_least_ms;
 use telltale_engine::discovery::TopicSeen;
+use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
 
 /// Modules that are written out in one group; further statuses join it by their names.

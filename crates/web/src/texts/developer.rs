@@ -190,6 +190,18 @@ texts! {
         publishers: "Publishers", "Publisher";
         subscribers: "Subscribers", "Subscriber";
         rate: "Rate", "Rate";
+        rate_title: "Over the last 5 s, or as many more as hold ten messages", "Über die letzten 5 s, oder so viele mehr, bis es zehn Nachrichten sind";
+        wanted: "Wanted", "Soll";
+        wanted_title: "What the frequency monitors allow", "Was die Monitore der Frequenz zulassen";
+        jitter: "Jitter", "Jitter";
+        jitter_title: "Standard deviation of the time from one message to the next, as they arrived", "Standardabweichung der Zeit von einer Nachricht zur nächsten, wie sie ankamen";
+        too_slow: "too slow", "zu langsam";
+        too_fast: "too fast", "zu schnell";
+        monitors: "Monitors", "Monitore";
+        add_monitor: "Add a monitor", "Monitor hinzufügen";
+        draft_of_rate: "For the modules of a group. A WARNING below 70 % of the rate, an ERROR below 40 %: set them to what the component needs.", "Für die Module einer Gruppe. WARNUNG unter 70 % der Rate, FEHLER unter 40 %: Tragen Sie ein, was die Komponente braucht.";
+        draft_of_unread: "For the modules of a group. Telltale does not read this topic yet, so its rate is not known. This monitor is in ERROR when nothing comes for 10 s. Once it runs, this page shows the rate and limits that fit.", "Für die Module einer Gruppe. Telltale liest dieses Topic noch nicht, seine Rate ist also nicht bekannt. Dieser Monitor meldet FEHLER, wenn 10 s lang nichts kommt. Sobald er läuft, zeigt diese Seite die Rate und passende Grenzen.";
+        draft_of_kept: "Its publishers keep the last message for those that come later: it is sent when it changes, and has no rate.", "Seine Publisher behalten die letzte Nachricht für alle, die später kommen: Sie kommt, wenn sich etwas ändert, und hat keine Rate.";
         mismatch_type: "Types differ", "Typen verschieden";
         mismatch_reliability: "Reliability asked for, not offered", "Zuverlässigkeit verlangt, nicht geboten";
         mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
