@@ -126,6 +126,14 @@
 
   const rows = () => [...document.querySelectorAll("main [data-row]")];
   const target = (row) => (row.matches("a") ? row : (row.querySelector("[data-open]") ?? row.querySelector("a")));
+  // A click anywhere in a row opens what the row names. Text can still be marked.
+  document.addEventListener("click", (event) => {
+    const row = event.target.closest?.(":is(tr, li)[data-row]");
+    if (!row || event.target.closest("a, button, input, select, label")) return;
+    const isPlain = !(event.ctrlKey || event.metaKey || event.shiftKey || event.altKey);
+    if (isPlain && getSelection().isCollapsed) row.querySelector("[data-open]")?.click();
+  });
+
   const move = (step) => {
     const all = rows();
     const at = all.findIndex((row) => row.contains(document.activeElement));

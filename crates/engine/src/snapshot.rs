@@ -51,6 +51,8 @@ pub struct Snapshot {
     pub last_alarm: u64,
     /// Modules with a WARNING that the operator accepted.
     pub accepted: Arc<[NodeId]>,
+    /// Modules whose faults call nobody for now, by their ids. Their states are what they are without that.
+    pub shelved: Arc<[Shelved]>,
     /// The requests to the vehicle, strongest first; at most one of each kind.
     pub countermeasures: Arc<[Countermeasure]>,
     pub localization: Localization,
@@ -387,6 +389,15 @@ pub struct Alarm {
     /// The highest urgency of its fault, and of all that waits for it, since the vehicle set off.
     #[serde(default)]
     pub asked: Option<Urgency>,
+}
+
+/// A module that a developer has shelved for maintenance.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shelved {
+    pub module: ModuleId,
+    pub until: Timestamp,
+    /// The user.
+    pub by: Arc<str>,
 }
 
 /// A request to the vehicle because of a failure.

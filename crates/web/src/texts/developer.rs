@@ -26,6 +26,11 @@ texts! {
         chatters: "chatters", "flattert";
         no_alarm: "No alarm in this time.", "Kein Alarm in dieser Zeit.";
         nothing_recorded: "Nothing is recorded in this time.", "In dieser Zeit ist nichts aufgezeichnet.";
+        shelved: "Shelved", "In Wartung";
+        shelve: "Shelve", "In Wartung nehmen";
+        shelve_about: "Its faults raise no alarm for so long, while the vehicle stands. All else stays as it is.", "So lange lösen seine Fehler keinen Alarm aus, solange das Fahrzeug steht. Alles andere bleibt, wie es ist.";
+        shelve_for: "for", "für";
+        unshelve: "End the maintenance", "Wartung beenden";
         api: "Interface for programs", "Schnittstelle für Programme";
         api_get: "The whole description as OpenAPI:", "Die ganze Beschreibung als OpenAPI:";
         api_schemas: "JSON Schemas:", "JSON-Schemas:";
@@ -303,6 +308,8 @@ texts! {
         "acknowledge" => "acknowledge", "Quittierung";
         "acknowledge over" => "acknowledge over", "Quittierung aller behobenen";
         "reset" => "reset", "Zurücksetzen";
+        "shelved" => "shelved", "in Wartung genommen";
+        "shelving ended" => "shelving ended", "Wartung beendet";
         "stage" => "stage", "Phase";
         "countermeasure" => "countermeasure", "Gegenmaßnahme";
         "configuration" => "configuration", "Konfiguration";

@@ -196,6 +196,7 @@ texts! {
         Happened::LostActive { .. } => "Autonomous driving ended while the vehicle was not known to stand", "Autonomes Fahren endete, ohne dass das Fahrzeug sicher stand";
         Happened::Request { .. } => "The vehicle is asked to {other}", "Das Fahrzeug soll {other}";
         Happened::Mark { .. } => "Marked by {name}{other}", "Markiert von {name}{other}";
+        Happened::Operator { action: "shelve" | "unshelve", .. } => "A developer {other} {name}", "Entwicklung: {other} {name}";
         Happened::Operator { .. } => "The operator {other} {name}", "Fahrbegleitung: {other} {name}";
         Happened::Refused { .. } => "The operator {name} {other}", "Fahrbegleitung {name}: {other}";
         Happened::ClockSet { by_ms: ..0 } => "The clock was set back by {other}, which the times here do not follow", "Die Uhr wurde um {other} zurückgestellt; die Zeiten hier laufen gleichmäßig weiter";
@@ -217,6 +218,8 @@ texts! {
         "release" => "presses: continue driving", "drückt: Weiterfahrt";
         "acknowledge" => "acknowledges", "quittiert";
         "reset" => "resets", "setzt zurück:";
+        "shelve" => "shelves", "in Wartung:";
+        "unshelve" => "ends the maintenance of", "Wartung beendet:";
     }
 
     text refused_deed(deed: &str, why: &str) { "{deed}. Refused: {why}", "{deed}. Abgelehnt: {why}" }

@@ -22,6 +22,8 @@ struct LastAlarmsHtml {
 
 struct AlarmHtml {
     at: String,
+    /// The component whose panel its row opens; empty if it has none.
+    panel: String,
     state: &'static str,
     icon: &'static str,
     title: String,
@@ -55,8 +57,11 @@ fn of_alarm(view: &View<'_>, alarm: &PastAlarm) -> AlarmHtml {
         let ms = u64::try_from(cleared_ms - alarm.raised_ms).unwrap_or(0);
         view.lang.lasted(Span::from_millis(ms))
     });
+    let tile = view.snapshot.node(&alarm.node).and_then(|node| view.board.tile_of(node));
+    let panel = tile.map(|tile| view.snapshot.group(view.board.tiles[tile]).0.path.to_string());
     AlarmHtml {
         at: wall(alarm.raised_ms),
+        panel: panel.unwrap_or_default(),
         state: alarm.state.as_str(),
         icon: icon(alarm.state, None),
         title,
