@@ -275,6 +275,8 @@ pub struct ModuleInfo {
     /// The kind of its monitor, as in the configuration.
     pub kind: &'static str,
     pub class: Class,
+    /// It judges a component, and not a data stream.
+    pub of_component: bool,
     /// How people read what its monitor measures.
     pub quantity: Option<Quantity>,
 }

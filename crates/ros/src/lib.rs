@@ -1,8 +1,9 @@
 //! The DDS bridge: turns what the vehicle's ROS 2 nodes publish into
 //! [`Input`](telltale_engine::input::Input)s.
 //!
-//! It has one participant, a task for each topic, raw readers and a lenient decoder of its own. Where the
-//! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
+//! The participant that reads has a task for each topic, raw readers and a lenient decoder; publishing and services
+//! have participants of their own. Where the DDS library cannot recover by itself, the participant is replaced and
+//! the bridge goes on.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -48,7 +48,17 @@ fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
         }
         Some(MonitorSpec::System { watchdog, .. }) => model.watched.watchdogs[watchdog.0 as usize].every,
         Some(MonitorSpec::Frozen { limits, .. }) => limits.longest(),
-        _ => Span::ZERO,
+        Some(
+            MonitorSpec::External { .. }
+            | MonitorSpec::Latency { .. }
+            | MonitorSpec::Value { .. }
+            | MonitorSpec::Sequence { .. }
+            | MonitorSpec::Agreement { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. }
+            | MonitorSpec::Expression { .. },
+        )
+        | None => Span::ZERO,
     };
     let by_the_clock = module.monitor.by_the_clock();
     let silent = module.policy.stale == State::Error && !by_the_clock;

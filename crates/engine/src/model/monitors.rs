@@ -186,7 +186,7 @@ impl ModuleMonitor {
     fn about(&self) -> About<'_> {
         match self {
             ModuleMonitor::SelfState(status) => {
-                About { status: Some(status), ..About::of("self_state", CONTENT) }
+                About { status: Some(status), ..About::of_component("self_state", CONTENT) }
             }
             ModuleMonitor::Other(spec) => spec.about(),
         }
@@ -200,6 +200,11 @@ impl ModuleMonitor {
     /// Its class in the paper's classification.
     pub fn class(&self) -> Class {
         self.about().class
+    }
+
+    /// Whether it judges a component, and not a data stream.
+    pub fn is_of_component(&self) -> bool {
+        self.about().of_component
     }
 
     /// Whether the monitor itself judges silence, so that the module's timeout has no effect.
@@ -243,6 +248,7 @@ impl ModuleMonitor {
 pub(crate) struct About<'a> {
     kind: &'static str,
     class: Class,
+    of_component: bool,
     pub(crate) by_the_clock: bool,
     /// How far back it looks.
     memory: Span,
@@ -261,7 +267,22 @@ const fn contextual(information: &'static str, flow: &'static str) -> Class {
 impl About<'_> {
     /// A kind that takes all defaults.
     fn of(kind: &'static str, class: Class) -> Self {
-        About { kind, class, by_the_clock: false, memory: Span::ZERO, probe: None, status: None }
+        let of_component = false;
+        About {
+            kind,
+            class,
+            of_component,
+            by_the_clock: false,
+            memory: Span::ZERO,
+            probe: None,
+            status: None,
+        }
+    }
+
+    /// One whose technique is about a component: what it says of itself or is said of it, whether it answers, what it
+    /// makes of its input. The others judge a data stream.
+    fn of_component(kind: &'static str, class: Class) -> Self {
+        About { of_component: true, ..About::of(kind, class) }
     }
 }
 
@@ -282,23 +303,27 @@ enum Meaning<'a> {
 impl MonitorSpec {
     pub(crate) fn about(&self) -> About<'_> {
         use MonitorSpec as Of;
-        let of = About::of;
+        let (of, of_component) = (About::of, About::of_component);
         match self {
-            Of::External { status, class } => About { status: Some(status), ..of("external", *class) },
+            Of::External { status, class } => {
+                About { status: Some(status), ..of_component("external", *class) }
+            }
             Of::Frequency { window, .. } => {
                 About { by_the_clock: true, memory: *window, ..of("frequency", META) }
             }
             Of::Latency { window, .. } => About { memory: *window, ..of("latency", META) },
             Of::Value { .. } => of("value", CONTENT),
             Of::Frozen { limits, .. } => About { memory: limits.longest(), ..of("frozen", CONTENT) },
-            Of::Watchdog { watchdog, misses, .. } => {
-                About { by_the_clock: true, probe: Some((*watchdog, *misses)), ..of("watchdog", META) }
-            }
+            Of::Watchdog { watchdog, misses, .. } => About {
+                by_the_clock: true,
+                probe: Some((*watchdog, *misses)),
+                ..of_component("watchdog", META)
+            },
             Of::System { watchdog, .. } => {
-                About { by_the_clock: true, probe: Some((*watchdog, 1)), ..of("system", META) }
+                About { by_the_clock: true, probe: Some((*watchdog, 1)), ..of_component("system", META) }
             }
             Of::RateRatio { window, .. } => {
-                let of = of("rate_ratio", contextual("meta", "sequential"));
+                let of = of_component("rate_ratio", contextual("meta", "sequential"));
                 About { by_the_clock: true, memory: *window, ..of }
             }
             Of::Sequence { max_gap, .. } => {
