@@ -57,6 +57,9 @@ pub struct Snapshot {
     pub countermeasures: Arc<[Countermeasure]>,
     pub localization: Localization,
     pub motion: Motion,
+    /// The way since the start of the program, in metres, as far as the speed was known. It changes nothing else of a
+    /// snapshot.
+    pub driven_m: f64,
     /// The vehicle may start; a level for its topic.
     pub clearance: bool,
     /// Whether the vehicle must not go on before it is released; a level for its topic. `None`: after a restart

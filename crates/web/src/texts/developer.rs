@@ -20,7 +20,12 @@ texts! {
         alarms_an_hour: "an hour", "je Stunde";
         most_in_10_min: "Most alarms in 10 min", "Meiste Alarme in 10 min";
         to_acknowledge: "Half were acknowledged within", "Zur Hälfte quittiert nach";
-        between_two: "between two", "zwischen zweien";
+        on_100_km: "on 100 km", "auf 100 km";
+        between_failures: "time between failures", "Zeit zwischen Ausfällen";
+        driven: "Driven", "Gefahren";
+        versions: "By version of Telltale", "Nach Version von Telltale";
+        version: "Version", "Version";
+        version_unknown: "not known", "nicht bekannt";
         in_all: "in all", "insgesamt";
         longest: "longest", "längster";
         chatters: "chatters", "flattert";
@@ -240,7 +245,11 @@ texts! {
 
         past: "States over time", "Zustände über die Zeit";
         numbers_none: "No number of this module has a past yet.", "Noch keine Zahl dieses Moduls hat eine Vergangenheit.";
-        numbers_kept: "Numbers are kept for five minutes. Earlier ones are in the recordings of incidents.", "Zahlen bleiben fünf Minuten. Frühere stehen in den Aufzeichnungen von Vorfällen.";
+        numbers_kept: "Numbers are kept every two seconds for five minutes.", "Zahlen bleiben fünf Minuten lang alle zwei Sekunden.";
+        numbers_minutes: "Drawn is the mean of each minute, within its least and greatest number.", "Gezeichnet ist das Mittel jeder Minute zwischen ihrer kleinsten und größten Zahl.";
+        numbers_hours: "Drawn is the mean of each hour, within its least and greatest number.", "Gezeichnet ist das Mittel jeder Stunde zwischen ihrer kleinsten und größten Zahl.";
+        minutes_since: "Minutes are kept since", "Minuten gibt es seit";
+        hours_since: "hours since", "Stunden seit";
         transitions: "Transitions", "Wechsel";
         no_transitions: "No state is recorded in this span.", "In dieser Spanne ist kein Zustand aufgezeichnet.";
         lasted: "For", "Dauer";

@@ -63,6 +63,7 @@ texts! {
         link: "Link to this moment", "Link zu diesem Augenblick";
         damaged: "Damaged recording", "Beschädigte Aufzeichnung";
         has_gaps: "Recording with gaps", "Lückenhafte Aufzeichnung";
+        unheard: "The configuration reads these topics, the recording has no message of them", "Die Konfiguration liest diese Topics, die Aufzeichnung hat keine Nachricht davon";
         missing_are: "missing", "es fehlt";
         to_the_end: "the end", "Ende";
         may_differ: "may differ from what was shown", "kann von damals abweichen";
