@@ -37,6 +37,7 @@ pub(crate) fn tf(node: &Node, log: &mut Log) -> Option<Monitor> {
         let problem = Problem::at(wrong.span, format!("`{}` is no namespace", wrong.value));
         fields.log.push(problem.help("begin with `/`, as in `/robot1`; without it `/tf` is read"));
     }
+    let namespace = namespace.filter(|it| is_full_name(&it.value));
     let All(frames) = frames?;
     if !(2..=FRAMES_MAX).contains(&frames.len()) {
         let text =
