@@ -53,6 +53,7 @@ fn earlier(spec: &MonitorSpec) -> Vec<Source<'_>> {
         | MonitorSpec::Agreement { .. }
         | MonitorSpec::Constant { .. }
         | MonitorSpec::Count { .. }
+        | MonitorSpec::Tf { .. }
         | MonitorSpec::Expression { .. } => Vec::new(),
     }
 }
