@@ -219,7 +219,7 @@ async fn the_numbers_of_days_come_as_minutes_or_hours() {
         let wall =
             humantime::parse_rfc3339("2026-11-20T12:00:00Z").unwrap() + Duration::from_secs(60 * minute);
         let later = Snapshot { now, ..(*snapshot).clone() };
-        for minute in sums.take(&later, wall) {
+        if let Some(minute) = sums.take(&later, wall) {
             history.keep_minute(minute).await;
         }
     }
