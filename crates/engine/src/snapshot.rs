@@ -3,7 +3,7 @@
 //! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
 use super::files::count;
-use super::model::monitors::Class;
+use super::model::monitors::{Class, Reads};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -51,6 +51,8 @@ pub struct Snapshot {
     pub last_alarm: u64,
     /// Modules with a WARNING that the operator accepted.
     pub accepted: Arc<[NodeId]>,
+    /// Modules whose faults call nobody for now, by their ids. Their states are what they are without that.
+    pub shelved: Arc<[Shelved]>,
     /// The requests to the vehicle, strongest first; at most one of each kind.
     pub countermeasures: Arc<[Countermeasure]>,
     pub localization: Localization,
@@ -279,6 +281,8 @@ pub struct ModuleInfo {
     pub of_component: bool,
     /// How people read what its monitor measures.
     pub quantity: Option<Quantity>,
+    /// The topics that its monitor reads; `None`: none.
+    pub reads: Option<Box<Reads>>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -388,6 +392,15 @@ pub struct Alarm {
     /// The highest urgency of its fault, and of all that waits for it, since the vehicle set off.
     #[serde(default)]
     pub asked: Option<Urgency>,
+}
+
+/// A module that a developer has shelved for maintenance.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shelved {
+    pub module: ModuleId,
+    pub until: Timestamp,
+    /// The user.
+    pub by: Arc<str>,
 }
 
 /// A request to the vehicle because of a failure.

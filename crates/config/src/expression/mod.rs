@@ -111,6 +111,7 @@ fn fit(names: &[String], taken: &[Option<PartType>], values: &[FieldValue]) -> R
         FieldValue::Text(_) => Some(PartType::Text),
         FieldValue::Pose(_)
         | FieldValue::Positions(_)
+        | FieldValue::Transforms(_)
         | FieldValue::Content(_)
         | FieldValue::Absent
         | FieldValue::Unreadable(_) => None,
@@ -277,6 +278,7 @@ impl VariableResolver for Inputs<'_> {
             FieldValue::Text(text) => Some(CowVal::Owned(Box::new(CelString::from(&**text)))),
             FieldValue::Pose(_)
             | FieldValue::Positions(_)
+            | FieldValue::Transforms(_)
             | FieldValue::Content(_)
             | FieldValue::Absent
             | FieldValue::Unreadable(_) => None,

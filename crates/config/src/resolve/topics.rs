@@ -152,6 +152,8 @@ impl Topics {
             FieldKind::Positions => check_list(path, log),
             // All of the message.
             FieldKind::Content if path.value.is_empty() => {}
+            // Made of a frame, whose name was checked.
+            FieldKind::Transforms => {}
             FieldKind::Scalar | FieldKind::Pose | FieldKind::Content => check_path(path, log),
         }
         let index = id.0 as usize;

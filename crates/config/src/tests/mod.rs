@@ -19,6 +19,7 @@ mod signals;
 mod slips;
 mod soundness;
 mod system;
+mod tf;
 mod watchdogs;
 mod watching;
 

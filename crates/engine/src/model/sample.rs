@@ -36,6 +36,9 @@ impl Sample {
         let held = |value: &FieldValue| match value {
             FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
             FieldValue::Positions(list) => size_of_val(&*list.taken) + size_of::<Positions>(),
+            FieldValue::Transforms(list) => {
+                size_of_val(&**list) + list.iter().map(|it| it.parent.len()).sum::<usize>()
+            }
             FieldValue::Number(_)
             | FieldValue::Bool(_)
             | FieldValue::Pose(_)
@@ -55,6 +58,8 @@ pub enum FieldValue {
     Text(Box<str>),
     Pose(Pose),
     Positions(Arc<Positions>),
+    /// Those of one child frame, of different parents, at most [`PARENTS_MAX`]; never empty.
+    Transforms(#[serde(deserialize_with = "few_parents")] Box<[Transform]>),
     /// Equal for equal content.
     Content(Fingerprint),
     /// The message does not contain it: no element has the requested property. The last value stays and ages.
@@ -82,6 +87,25 @@ impl TryFrom<String> for Fingerprint {
         let number = digits.and_then(|digits| u64::from_str_radix(digits, 16).ok());
         number.map(Fingerprint).ok_or("a fingerprint has 16 hexadecimal digits")
     }
+}
+
+/// Parents of one frame that are kept of a message: two are a fault already.
+pub const PARENTS_MAX: usize = 2;
+
+/// That a frame has this parent, by a transform in a `tf2_msgs/TFMessage`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Transform {
+    pub parent: Box<str>,
+    /// In nanoseconds since 1970, on the publisher's clock; `None` if it is no time.
+    pub stamp_ns: Option<i64>,
+}
+
+fn few_parents<'de, D: Deserializer<'de>>(from: D) -> Result<Box<[Transform]>, D::Error> {
+    let taken = Box::<[Transform]>::deserialize(from)?;
+    if !(1..=PARENTS_MAX).contains(&taken.len()) {
+        return Err(D::Error::invalid_length(taken.len(), &"one or two parents"));
+    }
+    Ok(taken)
 }
 
 /// Metres, and a rotation as a quaternion that need not be normalized.

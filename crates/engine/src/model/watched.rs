@@ -10,6 +10,12 @@ pub const DIAGNOSTICS: &str = "/diagnostics";
 /// The type of every topic of diagnostics.
 pub const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
+/// The topics of transforms: those that are sent again and again, and those that are sent once and hold.
+pub const TF: &str = "/tf";
+pub const TF_STATIC: &str = "/tf_static";
+/// The type of both.
+pub const TF_MESSAGE: &str = "tf2_msgs/msg/TFMessage";
+
 /// Index of a topic in [`Watched::topics`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TopicId(pub u32);
@@ -113,6 +119,13 @@ pub struct FieldSpec {
     pub kind: FieldKind,
 }
 
+impl FieldSpec {
+    /// The transforms of a child frame in a `tf2_msgs/TFMessage`.
+    pub fn transforms_of(child: &str) -> FieldSpec {
+        FieldSpec { path: format!("transforms[child_frame_id={child}]").into(), kind: FieldKind::Transforms }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FieldKind {
@@ -123,6 +136,8 @@ pub enum FieldKind {
     /// An array of positions, or of messages that contain one; `[]` in its path stands for each element, and
     /// may be omitted at its end.
     Positions,
+    /// The transforms of a child frame in a `tf2_msgs/TFMessage`: `transforms[child_frame_id=base_link]`.
+    Transforms,
     /// Any part of the message, as a fingerprint of its values; without a path the whole message. Times with the
     /// name `stamp` in it do not count.
     Content,

@@ -110,6 +110,7 @@ impl Machine for Expression {
                 FieldValue::Text(text) => format!("\"{}\"", cut(text)).into(),
                 FieldValue::Pose(_)
                 | FieldValue::Positions(_)
+                | FieldValue::Transforms(_)
                 | FieldValue::Content(_)
                 | FieldValue::Absent
                 | FieldValue::Unreadable(_) => return None,

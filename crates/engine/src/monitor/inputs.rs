@@ -182,6 +182,7 @@ impl Inputs {
             | FieldValue::Bool(_)
             | FieldValue::Pose(_)
             | FieldValue::Positions(_)
+            | FieldValue::Transforms(_)
             | FieldValue::Content(_)
             | FieldValue::Absent
             | FieldValue::Unreadable(_) => None,
@@ -288,9 +289,11 @@ fn wrong_kind(slot: usize, wanted: ValueKind, value: &FieldValue) -> UnusableInp
         FieldValue::Pose(_) => ValueKind::Pose,
         FieldValue::Positions(_) => ValueKind::Positions,
         FieldValue::Bool(_) => ValueKind::Bool,
-        FieldValue::Text(_) | FieldValue::Content(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
-            ValueKind::Words
-        }
+        FieldValue::Text(_)
+        | FieldValue::Transforms(_)
+        | FieldValue::Content(_)
+        | FieldValue::Absent
+        | FieldValue::Unreadable(_) => ValueKind::Words,
     };
     UnusableInput { slot, fault: InputFault::WrongKind { wanted, is } }
 }

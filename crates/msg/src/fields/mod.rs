@@ -15,6 +15,7 @@ mod path;
 mod positions;
 mod program;
 mod shape;
+mod transforms;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;

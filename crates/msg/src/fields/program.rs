@@ -8,6 +8,7 @@ use super::definition::Primitive;
 use super::path::Step;
 use super::positions::Positions;
 use super::shape::{Array, Message, Shape, ShapeKind};
+use super::transforms::Transforms;
 use crate::cdr::{Fault, Reader};
 use telltale_engine::model::monitors::{FieldKind, ScalarKind};
 use telltale_engine::model::sample::{FieldValue, Pose};
@@ -48,6 +49,7 @@ enum Leaf {
     Pose,
     Length(Array),
     Positions(Box<Positions>),
+    Transforms(Box<Transforms>),
     Content(Arc<Shape>),
 }
 
@@ -100,6 +102,10 @@ impl Program {
             let (positions, moves) = Positions::compile(compiler, steps)?;
             return Ok(Program { moves, leaf: Leaf::Positions(Box::new(positions)) });
         }
+        if kind == FieldKind::Transforms {
+            let (transforms, moves) = Transforms::compile(compiler, steps)?;
+            return Ok(Program { moves, leaf: Leaf::Transforms(Box::new(transforms)) });
+        }
         for (index, step) in steps.iter().enumerate() {
             let is_last = index + 1 == steps.len();
             if let (Step::Member(name), true, ShapeKind::Array(array)) = (step, is_last, &compiler.here.kind)
@@ -114,17 +120,17 @@ impl Program {
         match kind {
             FieldKind::Pose => compiler.pose(),
             FieldKind::Content => compiler.content(),
-            FieldKind::Scalar | FieldKind::Positions => compiler.scalar(),
+            FieldKind::Scalar | FieldKind::Positions | FieldKind::Transforms => compiler.scalar(),
         }
     }
 
-    /// The kind of its value; `None` for a pose, for positions and for a fingerprint.
+    /// The kind of its value; `None` for a pose, for positions, for transforms and for a fingerprint.
     pub fn kind(&self) -> Option<ScalarKind> {
         Some(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
             Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
             Leaf::Text => ScalarKind::Text,
-            Leaf::Pose | Leaf::Positions(_) | Leaf::Content(_) => return None,
+            Leaf::Pose | Leaf::Positions(_) | Leaf::Transforms(_) | Leaf::Content(_) => return None,
         })
     }
 
@@ -147,6 +153,7 @@ impl Program {
             Leaf::Pose => FieldValue::Pose(pose(reader)?),
             Leaf::Length(array) => FieldValue::Number(f64::from(array.count(reader)?)),
             Leaf::Positions(positions) => FieldValue::Positions(positions.read(reader)?.into()),
+            Leaf::Transforms(transforms) => FieldValue::Transforms(transforms.read(reader)?),
             Leaf::Content(shape) => FieldValue::Content(content::fingerprint(shape, reader)?),
         })
     }
@@ -156,6 +163,12 @@ impl Program {
         self.go(&mut reader).ok()?;
         let (seconds, nanos) = time(&mut reader).ok()?;
         (nanos < 1_000_000_000).then(|| i64::from(seconds) * 1_000_000_000 + i64::from(nanos))
+    }
+
+    /// The bytes of a text.
+    pub(super) fn text_bytes<'a>(&self, mut reader: Reader<'a>) -> Result<&'a [u8], NoValue> {
+        self.go(&mut reader)?;
+        Ok(reader.string()?)
     }
 
     /// Moves to the position of the value.
@@ -201,7 +214,12 @@ impl Program {
         match &self.leaf {
             Leaf::Primitive(primitive) => range(*primitive),
             Leaf::Length(_) => range(Primitive::U32),
-            Leaf::Text | Leaf::Time | Leaf::Pose | Leaf::Positions(_) | Leaf::Content(_) => None,
+            Leaf::Text
+            | Leaf::Time
+            | Leaf::Pose
+            | Leaf::Positions(_)
+            | Leaf::Transforms(_)
+            | Leaf::Content(_) => None,
         }
     }
 }
@@ -235,7 +253,10 @@ pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f6
 }
 
 fn text<'a>(reader: &mut Reader<'a>) -> Result<&'a str, NoValue> {
-    let bytes = reader.string()?;
+    text_of(reader.string()?)
+}
+
+pub(super) fn text_of(bytes: &[u8]) -> Result<&str, NoValue> {
     if bytes.len() > TEXT_BYTES_MAX {
         let text = format!("a string of {} bytes; at most {TEXT_BYTES_MAX} are taken", bytes.len());
         return Err(NoValue::Refused(text));

@@ -10,7 +10,7 @@ use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::ros_clock::{self, RosClock};
 use super::sample_bytes::{Guid, RawBody};
 use telltale_engine::input::{Input, StatusArray, WriterId};
-use telltale_engine::model::monitors::{StampClock, TopicSpec, WatchdogSpec, Watched};
+use telltale_engine::model::monitors::{FieldKind, FieldSpec, StampClock, TopicSpec, WatchdogSpec, Watched};
 use telltale_engine::model::sample::{FieldValue, Sample};
 use telltale_engine::model::{FieldSource, Limits, Model, SignalSpec, same_topic};
 use telltale_engine::time::Span;
@@ -394,7 +394,8 @@ pub fn recorded_statuses(
 
 impl WatchedFields {
     fn wants_last_value(&self) -> bool {
-        !self.spec.fields.is_empty() && !self.spec.stamp
+        let is_static = |field: &FieldSpec| field.kind == FieldKind::Transforms;
+        !self.spec.fields.is_empty() && !self.spec.stamp || self.spec.fields.iter().any(is_static)
     }
 
     fn sample(&self, received: Received<'_>, wrong: &mut Option<NoValue>) -> Sample {

@@ -16,7 +16,7 @@ use telltale_engine::snapshot::ModuleInfo;
 use telltale_runtime::Published;
 
 use super::pager::Pager;
-use super::{DevFrame, NodeLink, Page, PageQuery};
+use super::{DevFrame, NodeLink, Page, PageQuery, why_address};
 
 /// The columns of the paper's Fig. 3.
 const COLUMNS: usize = 5;
@@ -35,6 +35,7 @@ struct Cell {
 struct GroupRow {
     name: String,
     path: String,
+    why: String,
     depth: usize,
     cells: Vec<Cell>,
     sum: usize,
@@ -151,6 +152,7 @@ fn row(view: &View<'_>, id: GroupId, columns: usize, query: &PageQuery) -> Group
     GroupRow {
         name: view.group_name(id),
         path: clean(&group.path, 2 * NAME),
+        why: why_address(&group.path),
         depth: group.path.matches('/').count().min(5),
         cells,
         sum: group.modules.len(),

@@ -120,6 +120,7 @@ fn discovery(text: &str) -> Discovery {
         publishers: vec![endpoint],
         subscribers: vec![other],
         rate_hz: Some(9.96),
+        ..TopicSeen::default()
     };
     Discovery {
         at: Some(Timestamp::ZERO),

@@ -40,6 +40,7 @@ pub fn permitted(published: &Published) -> Published {
         alarms: Arc::new([]),
         last_alarm: snapshot.last_alarm,
         accepted: Arc::new([]),
+        shelved: Arc::new([]),
         countermeasures: Arc::new([]),
         localization: Localization::default(),
         motion: snapshot.motion,

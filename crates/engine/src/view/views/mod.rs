@@ -122,6 +122,7 @@ impl Views {
             alarms: self.alarms.clone(),
             last_alarm: self.vehicle.last_alarm,
             accepted: self.vehicle.accepted.clone(),
+            shelved: self.vehicle.shelved.clone(),
             countermeasures: self.vehicle.countermeasures.clone(),
             localization: self.vehicle.localization,
             motion: self.motion,

@@ -24,10 +24,11 @@ use telltale_engine::view::why::WhyStep;
 use telltale_picture::bars::patterns;
 use telltale_picture::graph::Drawing;
 use telltale_runtime::{Published, Written};
-use telltale_store::{Incident, IncidentFilter, Past, Resolution, Trend, TrendQuery};
+use telltale_store::{Incident, IncidentFilter, Past, Resolution, Role, Trend, TrendQuery};
 
 use super::incidents::list::length;
 use super::page_query::address;
+use super::timeline::strips::{Explained, legend};
 use super::timeline::{SpanOption, Window, spans};
 use super::{DevFrame, NodeLink, Page, PageQuery, graph};
 use excerpt::{Excerpt, excerpt};
@@ -93,7 +94,11 @@ struct WhyHtml {
     more_members: Option<String>,
     /// The patterns of states; the stylesheet says their colours.
     patterns: String,
+    /// A developer may shelve this module.
+    may_shelve: bool,
+    is_shelved: bool,
     states: Option<NodeStates>,
+    legend: Vec<Explained>,
     spans: Vec<SpanOption>,
     from_ms: i64,
     to_ms: i64,
@@ -210,6 +215,9 @@ pub fn page(
         let NodeId::Module(id) = node else { return None };
         excerpt(written?, snapshot.node_name(NodeId::Group(snapshot.module(id).0.group)))
     };
+    let is_module = matches!(node, NodeId::Module(_));
+    let is_shelved = snapshot.shelved.iter().any(|it| NodeId::Module(it.module) == node);
+    let may_shelve = is_module && context.role == Role::Developer && !context.replay;
     let field = if matches!(node, NodeId::Group(_)) { "group" } else { "cause" };
     let mut page = WhyHtml {
         state: state.as_str(),
@@ -235,6 +243,9 @@ pub fn page(
         }),
         members: Vec::new(),
         more_members: None,
+        may_shelve,
+        is_shelved,
+        legend: legend(context.lang),
         patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
         states: read.past.as_ref().map(|past| states(context.lang, query, window, past)),
         spans: spans(window),
