@@ -21,10 +21,7 @@ fn what_is_no_chain_of_frames_is_refused() {
         "tf: { frames: [map] }",
         &["7: 1 frame, not 2 to 32 (name each frame after its parent: `frames: [map, odom, base_link]`)"],
     );
-    wrong(
-        "tf: { frames: [map, odom, map] }",
-        &["27: `map` would be above itself (name each frame once)"],
-    );
+    wrong("tf: { frames: [map, odom, map] }", &["27: `map` would be above itself (name each frame once)"]);
     wrong(
         "tf: { frames: [/map, 'a b'] }",
         &[

@@ -138,6 +138,8 @@ pub enum FieldKind {
     Positions,
     /// The transforms of a child frame in a `tf2_msgs/TFMessage`: `transforms[child_frame_id=base_link]`.
     Transforms,
+    /// One value of each element of an array: `status_list[].status`.
+    Elements,
     /// Any part of the message, as a fingerprint of its values; without a path the whole message. Times with the
     /// name `stamp` in it do not count.
     Content,
