@@ -61,11 +61,14 @@ impl Watched {
 pub struct RecordedTopic {
     /// A name, in which each `*` stands for any characters: `/camera/*`.
     pub pattern: Box<str>,
-    /// The least time between two recorded messages of a topic; zero: all are recorded.
+    /// The least time between two recorded messages of a topic; zero: all are recorded, [`RecordedTopic::NEVER`]: none.
     pub every: Span,
 }
 
 impl RecordedTopic {
+    /// No message is recorded; of a topic that is read, its times and sizes are.
+    pub const NEVER: Span = Span::from_nanos(u64::MAX);
+
     pub fn names(&self, topic: &str) -> bool {
         let mut parts = self.pattern.split('*');
         let Some(mut rest) = parts.next().and_then(|first| topic.strip_prefix(first)) else { return false };
