@@ -96,11 +96,14 @@
   // The version of the button of the first step; none if it is not offered any more.
   const version = () => document.querySelector(`#step form[data-act="${first}"] [name=version]`)?.value;
 
+  // The focus goes back to where it came from, if that is still offered.
   const closeConfirmation = () => {
+    const hadFocus = confirmation.contains(document.activeElement);
     confirmation.hidden = true;
     confirmation.elements.token.value = "";
     delete bar.dataset.confirming;
     clearInterval(countdown);
+    if (hadFocus) document.querySelector(`#step form[data-act="${first}"] button`)?.focus({ preventScroll: true });
   };
 
   const count = () => {
@@ -120,7 +123,21 @@
     clearInterval(countdown);
     countdown = setInterval(count, 100);
     count();
+    // On the question, not on its button: the key that asked must not answer as well.
+    confirmation.querySelector(".next").focus({ preventScroll: true });
   };
+
+  // An open panel takes the key first.
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape" || document.querySelector(":popover-open")) return;
+    if (confirmation.hidden) hideNotice();
+    else closeConfirmation();
+  });
+
+  // A key that is held is one press.
+  document.addEventListener("keydown", (event) => {
+    if (event.repeat && event.key === "Enter" && event.target.closest?.("form[data-act]")) event.preventDefault();
+  });
 
   // --- sending
 
@@ -257,6 +274,10 @@
     if (!form) return;
     event.preventDefault();
     const address = form.action;
+    // The stylesheet lets no finger through; this lets no key through.
+    if (form.dataset.act !== "stop" && event.submitter?.closest("#step, aside")?.closest("[data-quiet]")) {
+      return show(bar.contains(form) ? quietWhy : "changed", "");
+    }
     // A stop waits for nothing. Further taps on it are the same stop, as long as it is not answered.
     if (form.dataset.act === "stop") {
       if (sent.has(address)) return undefined;

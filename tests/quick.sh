@@ -1,6 +1,9 @@
 #!/usr/bin/env bash
-# The tests of every change: format, clippy, unit tests, scenarios, integration tests that need no other DDS program, scripts.
-# It installs nothing, says how long each part took, and ends at the first that fails.
+# The tests of every change: format, clippy, unit tests with the scenarios, integration tests that need no other DDS
+# program, scripts. It installs nothing, says how long each part took, and ends at the first that fails.
+#
+#   tests/quick.sh           everything
+#   tests/quick.sh PACKAGE   clippy and the unit tests of one package, such as telltale-web
 #
 # Left to tests/run.sh: what needs foreign DDS programs, the pages of docs/ that are followed to the letter, the browser and the
 # package; and nine of ten random cases of the properties.
@@ -22,18 +25,16 @@ part() {
     printf '%4d s  %s\n' $((SECONDS - start)) "$1"
 }
 
-# One process for all; what it prints matters only where an expectation fails.
-scenarios() {
-    local said
-    said=$("${CARGO_TARGET_DIR:-target}/debug/telltale" scenario config/scenarios/*.yaml) || { echo "$said"; return 1; }
-}
-
 part format cargo fmt --all --check
+if [ $# -gt 0 ]; then
+    part clippy cargo clippy --locked --package "$1" --all-targets --quiet -- -D warnings
+    part "unit tests" cargo test --locked --package "$1" --lib --quiet
+    exit
+fi
 part clippy cargo clippy --locked --all-targets --quiet -- -D warnings
 # Built at once: what both kinds of tests need is compiled side by side.
 part build cargo test --locked --quiet --lib --test it --no-run
 part "unit tests" cargo test --locked --quiet --lib
 part "integration tests" cargo test --locked --quiet --test it -- "${others[@]/#/--skip=}"
-part scenarios scenarios
 if command -v npm >/dev/null; then part scripts tests/lint.sh; else echo "npm is missing: the scripts of the pages were not linted" >&2; fi
 printf '%4d s  in all\n' "$SECONDS"

@@ -267,3 +267,33 @@ def test_without_scripts_links_are_links(server, vehicle, developer, chromium, t
         page.wait_for_url(server.url + path)
         assert current(page) == [name]
     context.close()
+
+
+def test_a_whole_row_and_a_chip_open_what_they_name(server, vehicle, developer, trouble):
+    page = developer
+    vehicle.set(STATUS, 2, "broken")
+    visit(page, server, "/developer")
+    page.evaluate(MARK)
+    row(page, CAUSE).locator("td.message").click()
+    at(page, "/developer/why?node=sensors%2Fvelodyne_packet_alive", f"Why: {CAUSE}")
+    visit(page, server, "/developer/coverage")
+    page.locator("#coverage tr[data-group=sensors] th").click()
+    page.wait_for_url("**/developer/why?node=sensors")
+    # What happened names its nodes, and its moment.
+    visit(page, server, "/developer/timeline")
+    raised = page.locator("#events tr").filter(has_text=CAUSE).first
+    expect(raised.locator("td a").first).to_have_attribute("href", re.compile("^/developer/moment"))
+    raised.locator("a.value").click()
+    page.wait_for_url("**/developer/why?node=sensors%2Fvelodyne_packet_alive*")
+
+
+def test_strips_have_a_legend(server, vehicle, developer, trouble):
+    page = developer
+    for path in ("/developer/timeline", "/developer/why?node=sensors"):
+        visit(page, server, path)
+        looks = page.locator(".looks > span")
+        expect(looks).to_have_count(8)
+        for word in ("OK", "Warning", "Error", "Unknown", "because its cause is shown", "does not matter then"):
+            expect(page.locator(".looks")).to_contain_text(word)
+        for look in looks.locator("rect.bar").all():
+            assert look.bounding_box()["width"] > 20

@@ -71,6 +71,12 @@ def test_the_path_from_the_cause_to_what_it_masks_is_drawn(server, vehicle, page
     way = lambda arrow: (arrow.get_attribute("data-from"), arrow.get_attribute("data-to"))
     ways = lambda: {way(arrow) for arrow in drawn.all()}
     until(lambda: reaches(ways(), "sensors") == set(BEHIND_SENSORS), 20, lambda: f"the path is {ways()}")
+    tile(page, "execution").click()
+    chain = page.locator("#detail-execution .why")
+    expect(chain.locator(".step").last).to_have_text("Execution")
+    chain.get_by_role("button", name="Sensors").click()
+    expect(page.locator(f"#detail-sensors [data-module='{CAUSE}']")).to_be_visible()
+    page.locator("#panel-sensors .close").click()
     for arrow in drawn.all():
         box = arrow.bounding_box()
         assert box and box["width"] + box["height"] > 10, f"{way(arrow)} cannot be seen: {box}"

@@ -81,3 +81,6 @@ def test_what_has_just_beeped_is_one_tap_away(server, vehicle, page, trouble):
     expect(alarm.locator("time.clock").first).not_to_be_empty()
     # It covers the board alone.
     expect(page.locator("#motion")).to_be_in_viewport(ratio=1)
+    # Its row opens the component that it names.
+    alarm.locator(".open").click()
+    expect(page.locator("#panel-sensors")).to_be_visible()

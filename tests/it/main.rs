@@ -62,6 +62,7 @@ mod recording_schemas;
 mod ros_services;
 mod schemas;
 mod second_faults;
+mod shelving;
 mod signals;
 mod source_messages;
 mod start_errors;

@@ -147,6 +147,8 @@ fn inputs() -> Vec<Input> {
         OperatorAction::Acknowledge { alarm: AlarmRef::Over { last: 2 } },
         OperatorAction::Acknowledge { alarm: AlarmRef::Node("a/b".into()) },
         OperatorAction::Reset { module: "a/b".into() },
+        OperatorAction::Shelve { module: "a/b".into(), lasts: Span::from_secs(60), by: "dev".into() },
+        OperatorAction::Unshelve { module: "a/b".into() },
     ];
     let outputs = [
         Output::Stage,

@@ -322,3 +322,21 @@ fn the_languages_of_the_pages_stand_in_one_table() {
         assert!(!is_german && !asks, "{} says or asks for a language: web/texts/ does", file.display());
     }
 }
+
+#[test]
+fn the_tests_that_hold_a_requirement_are_there() {
+    let text = fs::read_to_string(root().join("docs/security.md")).expect("it is readable");
+    let (_, table) = text.split_once("## Which test holds what").expect("it has the table");
+    let table = table.split("\n## ").next().unwrap_or_default();
+    let named = table.split('`').skip(1).step_by(2).filter(|name| !name.contains(['/', '.', ' ']));
+    let named: BTreeSet<&str> = named.filter(|name| name.matches('_').count() > 1).collect();
+    assert!(named.len() > 100, "{} tests are named", named.len());
+    let tests = files(&root().join("tests"), "rs").into_iter().chain(files(&root().join("tests"), "py"));
+    let sources: Vec<String> = tests.chain(sources()).map(|file| fs::read_to_string(file).unwrap()).collect();
+    let is_there = |name: &&str| {
+        let heads = [format!("fn {name}("), format!("def {name}(")];
+        sources.iter().any(|text| heads.iter().any(|head| text.contains(head)))
+    };
+    let missing: Vec<&&str> = named.iter().filter(|name| !is_there(name)).collect();
+    assert!(missing.is_empty(), "docs/security.md names {missing:?}");
+}

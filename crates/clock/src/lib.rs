@@ -108,8 +108,9 @@ impl Clock {
     }
 }
 
-/// The wall time at `then`, seen from now: a step of the clock shifts past and present alike.
+/// The wall time at `then`, seen from now: a step of the clock shifts past, present and future alike.
 pub fn wall_at(wall_now: SystemTime, now: Timestamp, then: Timestamp) -> SystemTime {
-    let ago: Span = now.since(then);
-    wall_now.checked_sub(Duration::from_nanos(ago.as_nanos())).unwrap_or(SystemTime::UNIX_EPOCH)
+    let duration = |span: Span| Duration::from_nanos(span.as_nanos());
+    let at = wall_now.checked_sub(duration(now.since(then))).unwrap_or(SystemTime::UNIX_EPOCH);
+    at.checked_add(duration(then.since(now))).unwrap_or(at)
 }

@@ -61,7 +61,18 @@ fn relaxed(spec: &mut MonitorSpec) -> Span {
             }
             LATER.as_nanos()
         }
-        _ => 0,
+        MonitorSpec::External { .. }
+        | MonitorSpec::Value { .. }
+        | MonitorSpec::Frozen { .. }
+        | MonitorSpec::Tf { .. }
+        | MonitorSpec::Watchdog { .. }
+        | MonitorSpec::System { .. }
+        | MonitorSpec::RateRatio { .. }
+        | MonitorSpec::Sequence { .. }
+        | MonitorSpec::Agreement { .. }
+        | MonitorSpec::Constant { .. }
+        | MonitorSpec::Count { .. }
+        | MonitorSpec::Expression { .. } => 0,
     };
     Span::from_nanos(PATIENCE.as_nanos().saturating_sub(taken))
 }

@@ -1,9 +1,10 @@
-//! The operator's actions, and the engine's answers.
+//! The actions of the operator and of developers, and the engine's answers.
 
 use super::files::float;
 use super::model::Stage;
 use super::model::countermeasure::RequestKind;
 use super::state::State;
+use super::time::Span;
 use serde::{Deserialize, Serialize};
 
 /// An operator's action. The engine grants or refuses it: see [`Response`].
@@ -52,6 +53,17 @@ pub enum OperatorAction {
     },
     /// Resets the latched ERROR of a module, named `group/module`.
     Reset {
+        module: Box<str>,
+    },
+    /// Shelves a module, named `group/module`, for maintenance: its faults call nobody for so long. Of a developer.
+    Shelve {
+        module: Box<str>,
+        lasts: Span,
+        /// The user.
+        by: Box<str>,
+    },
+    /// Ends that before its time.
+    Unshelve {
         module: Box<str>,
     },
 }
@@ -161,4 +173,22 @@ pub enum Refusal {
     NotLatched(Box<str>),
     /// The module is still in ERROR.
     StillInError(Box<str>),
+    /// The vehicle may move, or nothing says that it stands.
+    NotKnownToStand,
+    /// A module is shelved for more than nothing and at most so long.
+    ShelvedTooLong {
+        limit_h: u32,
+    },
+    /// So many modules are shelved already.
+    ShelvesFull {
+        limit: u32,
+    },
+    /// The module is one of Telltale's own.
+    NeverShelved(Box<str>),
+    /// A request to slow down or to stop rests on the module.
+    CountermeasureRests {
+        module: Box<str>,
+    },
+    /// The module is not shelved.
+    NotShelved(Box<str>),
 }

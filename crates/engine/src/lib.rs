@@ -20,8 +20,9 @@ pub mod model;
 pub mod module;
 pub mod monitor;
 mod motion;
+pub mod pace;
 pub mod persistent;
-mod react;
+pub mod react;
 pub mod restart;
 mod signals;
 pub mod snapshot;
@@ -52,6 +53,7 @@ use monitor::feeds::Watching;
 use motion::MotionState;
 use react::alarms::Alarms;
 use react::held::Countermeasures;
+use react::shelves::Shelves;
 use react::urgency::Asks;
 use react::warnings::Warnings;
 use signals::Signals;
@@ -81,6 +83,7 @@ pub struct Engine {
     causes: Causes,
     alarms: Alarms,
     warnings: Warnings,
+    shelves: Shelves,
     asks: Asks,
     countermeasures: Countermeasures,
     vehicle_faults: VehicleFaults,
@@ -137,6 +140,7 @@ impl Engine {
             causes: Causes::default(),
             alarms: Alarms::default(),
             warnings: Warnings::default(),
+            shelves: Shelves::default(),
             asks: Asks::default(),
             countermeasures: Countermeasures::new(&model),
             vehicle_faults: VehicleFaults::default(),
@@ -222,7 +226,7 @@ impl Engine {
             status_bytes: self.views.budget.total(),
             ..self.counters
         };
-        Arc::new(self.views.snapshot(self.now, &self.vehicle, counters))
+        Arc::new(self.views.snapshot(self.now, &self.vehicle, self.motion.driven_m(), counters))
     }
 
     /// The time of the last input.
@@ -280,7 +284,7 @@ impl Engine {
             TimerKey::Localization | TimerKey::Countermeasures | TimerKey::Active | TimerKey::Searched => {
                 self.vehicle_changed = true;
             }
-            TimerKey::Motion => {}
+            TimerKey::Motion | TimerKey::Shelves => {}
             TimerKey::Monitor(index) => {
                 self.judge_monitor(index, false);
             }
@@ -390,11 +394,12 @@ impl Engine {
             self.report_on_self(SystemCheck::Invariants, State::Error, &*breach);
             causes_changed |= self.follow_changes();
         }
+        self.show_motion();
+        let unshelved = self.end_shelving();
         // Only now all states are final: a module that is given time from now on calls nobody.
-        if self.release_awaited_alarms() || causes_changed {
+        if self.release_awaited_alarms() || causes_changed || unshelved {
             self.follow_alarms();
         }
-        self.show_motion();
         self.follow_urgency();
         if let Some(node) = self.under_asked() {
             let what = format!("{} asks for more than the instruction says", self.views.name(node));
@@ -449,7 +454,7 @@ impl Engine {
         // The empty list is handed back, so that its memory is used again.
         self.net.changes = changes;
         self.net.changes.clear();
-        changed || self.alarms.active() != self.views.alarm_count()
+        changed || self.alarms.active() != self.views.alarm_count(&self.shelves)
     }
 
     /// A contradiction between shown states: a fault of this program, never of the vehicle.

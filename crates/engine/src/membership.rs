@@ -171,6 +171,7 @@ impl Engine {
             let name = self.views.leave(id);
             self.names.forget(id);
             self.warnings.forget(id);
+            self.shelves.forget(id);
             self.events.push(self.now, EventKind::Left { node: name.clone() });
             self.departed.named.insert(name, id);
         }

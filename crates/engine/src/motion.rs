@@ -35,6 +35,9 @@ pub(super) struct MotionState {
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
     shown: Motion,
+    /// The speed summed up over the time for which it was known, in metres.
+    #[serde(default)]
+    driven_m: f64,
 }
 
 impl MotionState {
@@ -43,6 +46,10 @@ impl MotionState {
             FieldValue::Absent => {}
             FieldValue::Number(mps) if mps.is_finite() => {
                 let mps = mps.abs();
+                // Beyond its timeout nothing is known of the way.
+                if let Some((before, at)) = self.speed.filter(|(_, at)| now < *at + source.timeout) {
+                    self.driven_m += f64::midpoint(before, mps) * now.since(at).as_nanos() as f64 / 1e9;
+                }
                 self.speed = Some((mps, now));
                 self.slow_since = (mps < source.standing_below_mps).then(|| self.slow_since.unwrap_or(now));
             }
@@ -52,6 +59,10 @@ impl MotionState {
 
     pub(super) fn shown(&self) -> Motion {
         self.shown
+    }
+
+    pub(super) fn driven_m(&self) -> f64 {
+        self.driven_m
     }
 
     pub(super) fn lose_speed(&mut self) {
@@ -163,6 +174,7 @@ impl Engine {
             .goal
             .zip(before.driving.goal)
             .filter(|(it, other)| it.means_the_same(&now.watched, *other, &before.watched));
+        self.motion.driven_m = old.motion.driven_m;
         if let Some((source, _)) = speed {
             (self.motion.speed, self.motion.shown) = (old.motion.speed, old.motion.shown);
             let is_slow = |(mps, _): &(f64, Timestamp)| *mps < source.standing_below_mps;

@@ -3,7 +3,7 @@
 //! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
 use super::files::count;
-use super::model::monitors::Class;
+use super::model::monitors::{Class, Reads};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -51,10 +51,15 @@ pub struct Snapshot {
     pub last_alarm: u64,
     /// Modules with a WARNING that the operator accepted.
     pub accepted: Arc<[NodeId]>,
+    /// Modules whose faults call nobody for now, by their ids. Their states are what they are without that.
+    pub shelved: Arc<[Shelved]>,
     /// The requests to the vehicle, strongest first; at most one of each kind.
     pub countermeasures: Arc<[Countermeasure]>,
     pub localization: Localization,
     pub motion: Motion,
+    /// The way since the start of the program, in metres, as far as the speed was known. It changes nothing else of a
+    /// snapshot.
+    pub driven_m: f64,
     /// The vehicle may start; a level for its topic.
     pub clearance: bool,
     /// Whether the vehicle must not go on before it is released; a level for its topic. `None`: after a restart
@@ -272,8 +277,12 @@ pub struct ModuleInfo {
     /// The kind of its monitor, as in the configuration.
     pub kind: &'static str,
     pub class: Class,
+    /// It judges a component, and not a data stream.
+    pub of_component: bool,
     /// How people read what its monitor measures.
     pub quantity: Option<Quantity>,
+    /// The topics that its monitor reads; `None`: none.
+    pub reads: Option<Box<Reads>>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -383,6 +392,15 @@ pub struct Alarm {
     /// The highest urgency of its fault, and of all that waits for it, since the vehicle set off.
     #[serde(default)]
     pub asked: Option<Urgency>,
+}
+
+/// A module that a developer has shelved for maintenance.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Shelved {
+    pub module: ModuleId,
+    pub until: Timestamp,
+    /// The user.
+    pub by: Arc<str>,
 }
 
 /// A request to the vehicle because of a failure.

@@ -20,6 +20,7 @@ pub(super) enum TimerKey {
     Active,
     Searched,
     Motion,
+    Shelves,
     Monitor(u32),
     Module(u32),
     Group(u32),
@@ -33,7 +34,7 @@ const SUPERSEDED_MAX: usize = 64;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Timers {
     heap: BinaryHeap<Reverse<(Timestamp, TimerKey)>>,
-    queued: [Vec<Option<Timestamp>>; 11],
+    queued: [Vec<Option<Timestamp>>; 12],
     live: usize,
 }
 
@@ -149,6 +150,7 @@ fn place(key: TimerKey) -> (usize, usize) {
         TimerKey::Group(index) => (8, index as usize),
         TimerKey::Disputes => (9, 0),
         TimerKey::Motion => (10, 0),
+        TimerKey::Shelves => (11, 0),
     }
 }
 
@@ -169,6 +171,7 @@ mod tests {
             TimerKey::Active,
             TimerKey::Searched,
             TimerKey::Motion,
+            TimerKey::Shelves,
         ];
         for round in 0..10_000 {
             for &key in &keys {

@@ -1,8 +1,9 @@
 //! The DDS bridge: turns what the vehicle's ROS 2 nodes publish into
 //! [`Input`](telltale_engine::input::Input)s.
 //!
-//! It has one participant, a task for each topic, raw readers and a lenient decoder of its own. Where the
-//! DDS library cannot recover by itself, the participant is replaced and the bridge goes on.
+//! The participant that reads has a task for each topic, raw readers and a lenient decoder; publishing and services
+//! have participants of their own. Where the DDS library cannot recover by itself, the participant is replaced and
+//! the bridge goes on.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
@@ -34,7 +35,7 @@ pub use publish::publisher::{PublishError, Publisher};
 pub use telltale_engine::model::monitors::DIAGNOSTICS;
 pub use telltale_msg::subscription::SubscriptionError;
 
-use discovery::graph::{MessageCounts, OwnParticipants};
+use discovery::graph::{OwnParticipants, Paces};
 use futures_util::FutureExt as _;
 use library::Participant;
 use outbox::{End, stopped};
@@ -133,7 +134,7 @@ pub async fn start(
         clock,
         stop: stopping,
         discovery: Arc::new(seen),
-        tallies: MessageCounts::default(),
+        paces: Paces::default(),
         siblings: siblings.clone(),
         ros_clock: RosClock::default(),
         works,

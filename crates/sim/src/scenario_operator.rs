@@ -35,6 +35,10 @@ pub(super) fn operator(node: &Node, log: &mut Log) -> Option<OperatorAction> {
     }
     found.extend(fields.optional("login").map(|name: String| OperatorAction::Login { name: name.into() }));
     found.extend(fields.optional("reset").map(|name: String| OperatorAction::Reset { module: name.into() }));
+    found.extend(fields.optional("shelve").map(|ShelveTarget(action)| action));
+    found.extend(
+        fields.optional("unshelve").map(|name: String| OperatorAction::Unshelve { module: name.into() }),
+    );
     found.extend(fields.optional("localize").map(|LocalizeTarget(place)| OperatorAction::Localize { place }));
     found.extend(
         fields.optional("acknowledge").map(|AcknowledgeTarget(alarm)| OperatorAction::Acknowledge { alarm }),
@@ -57,6 +61,18 @@ impl FromNode for LocalizeTarget {
         let mut fields = Fields::of(node, "a pose", log)?;
         let (x, y, yaw) = (fields.required("x"), fields.required("y"), fields.required("yaw_deg"));
         Some(LocalizeTarget(Place::Pose { x_m: x?, y_m: y?, yaw_deg: yaw? }))
+    }
+}
+
+/// `{ module: a/b, for: 30min }`
+struct ShelveTarget(OperatorAction);
+
+impl FromNode for ShelveTarget {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a module to shelve", log)?;
+        let (module, lasts) = (fields.required::<String>("module"), fields.required("for"));
+        let (module, lasts) = (module?.into(), lasts?);
+        Some(ShelveTarget(OperatorAction::Shelve { module, lasts, by: "developer".into() }))
     }
 }
 

@@ -10,7 +10,7 @@ use super::audit::Record;
 use super::database::{from_unix_ms, to_unix_ms};
 use super::{Database, Store, StoreError};
 use telltale_engine::model::Stage;
-use telltale_engine::model::countermeasure::Request;
+use telltale_engine::model::countermeasure::{Request, RequestKind};
 use telltale_engine::model::wording::Urgency;
 use telltale_engine::restart::resume::{Restored, RestoredAlarm, RestoredCountermeasure};
 use telltale_engine::snapshot::{KnownPlace, MapPose};
@@ -259,12 +259,13 @@ fn read_measures(
     let mut rows = query.query([])?;
     let mut measures = Vec::new();
     while let Some(row) = rows.next()? {
-        let known = [Request::Notify, Request::ManeuverStop, Request::Decelerate { mps2: 0.0 }];
         let word: String = row.get(1)?;
-        let request = match (known.into_iter().find(|it| it.as_str() == word), row.get(2)?) {
-            (Some(Request::Decelerate { .. }), Some(mps2)) => Request::Decelerate { mps2 },
-            (Some(request @ (Request::Notify | Request::ManeuverStop)), _) => request,
-            _ => continue,
+        let kind = RequestKind::ALL.into_iter().find(|kind| kind.as_str() == word);
+        let request = match (kind, row.get(2)?) {
+            (Some(RequestKind::Notify), _) => Request::Notify,
+            (Some(RequestKind::Decelerate), Some(mps2)) => Request::Decelerate { mps2 },
+            // A word of another version, or a damaged row, holds the vehicle too.
+            _ => Request::ManeuverStop,
         };
         let causes = causes.query_map([row.get::<_, i64>(0)?], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let causes = causes.collect::<Result<_, _>>()?;
@@ -352,5 +353,19 @@ mod tests {
             assert!(recalled(&found).says_the_same(&recalled(&expected)), "{found:?}");
         }
         assert_eq!(store.audit_entries(None, 10).await.unwrap().len(), 3);
+    }
+
+    #[tokio::test]
+    async fn a_request_in_words_that_nobody_knows_still_holds_the_vehicle() {
+        let clock = Clock::start();
+        let store = Store::in_memory(clock, DemoSecrets::Refused).unwrap();
+        let memory = VehicleMemory { seq: 1, at: clock.wall(), vehicle: vehicle(Stage::Active, false) };
+        assert!(store.remember(memory).await.unwrap());
+        for damage in ["request = 'pull_over'", "request = 'decelerate', mps2 = NULL"] {
+            let sql = format!("UPDATE countermeasures SET {damage}");
+            store.call(move |database| Ok(database.connection.execute(&sql, [])?)).await.unwrap();
+            let found = store.recall().await.unwrap().unwrap().countermeasures;
+            assert_eq!(found.iter().map(|it| it.request).collect::<Vec<_>>(), [Request::ManeuverStop; 2]);
+        }
     }
 }

@@ -24,6 +24,7 @@ use super::api::operation::Operation;
 use super::api::operations as op;
 use super::auth::login;
 use super::developer::incidents::what_if;
+use super::developer::shelving;
 use super::http::guard::Access::{Asset, Open, Roles, Session};
 use super::http::guard::{Access, AccessTable, guard};
 use super::http::{headers, plain_errors, readers};
@@ -100,6 +101,8 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/api", Roles(&[Developer, Authority]), api::page::get),
         on_get("/developer/audit", Roles(&[Developer, Authority]), developer::audit::get),
         on_post("/developer/configuration/reload", Roles(&[Developer]), developer::reload::post),
+        on_post("/developer/shelving", Roles(&[Developer]), shelving::shelve).told(&op::SHELVE),
+        on_post("/developer/shelving/end", Roles(&[Developer]), shelving::unshelve).told(&op::UNSHELVE),
         on_get("/incidents", Roles(&[Developer, Authority]), developer::incidents::list::get),
         // The page of an incident; with `.mcap` after its number its recording, with `.html` its report.
         on_get("/incidents/{id}", Roles(&[Developer, Authority]), developer::incidents::one::get)

@@ -142,7 +142,17 @@ impl Kinds<'_> {
                     [a, b].into_iter().filter_map(|source| self.no_number(source)).collect()
                 }
                 MonitorSpec::Expression { .. } => self.unanswered(monitor),
-                _ => Vec::new(),
+                MonitorSpec::Agreement { .. }
+                | MonitorSpec::External { .. }
+                | MonitorSpec::Frequency { .. }
+                | MonitorSpec::Latency { .. }
+                | MonitorSpec::Frozen { .. }
+                | MonitorSpec::Tf { .. }
+                | MonitorSpec::Watchdog { .. }
+                | MonitorSpec::System { .. }
+                | MonitorSpec::RateRatio { .. }
+                | MonitorSpec::Constant { .. }
+                | MonitorSpec::Count { .. } => Vec::new(),
             };
             problems.extend(self.beyond(monitor));
             let name = &module.id;

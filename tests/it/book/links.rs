@@ -24,6 +24,18 @@ fn every_link_leads_somewhere() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
+#[test]
+fn the_contents_list_every_page_once() {
+    let docs = root().join("docs");
+    let mut listed = links(&read(&docs.join("SUMMARY.md")));
+    listed.sort();
+    let inside = |page: &PathBuf| shown(page).trim_start_matches("docs/").to_owned();
+    let mut there: Vec<String> =
+        pages("docs").iter().map(inside).filter(|page| page != "SUMMARY.md").collect();
+    there.sort();
+    assert_eq!(listed, there);
+}
+
 fn links(text: &str) -> Vec<String> {
     let events = Parser::new_ext(text, Options::ENABLE_TABLES);
     events

@@ -1,7 +1,6 @@
-//! The documentation in `docs/`: it builds as a book, its links lead somewhere, its generated pages are up to
+//! The documentation in `docs/`: its contents list every page, its links lead somewhere, its generated pages are up to
 //! date, and the commands of the tutorial and the how-to pages do what the pages show.
 
-mod build;
 mod commands;
 mod generated;
 mod links;

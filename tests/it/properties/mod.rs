@@ -3,7 +3,7 @@
 
 mod cases;
 mod clones;
-mod driving;
+mod drives;
 mod files;
 mod keyframes;
 mod lines;

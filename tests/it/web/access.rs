@@ -72,6 +72,8 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("POST", "/api/v1/incidents/{id}/note", [false, true, false, false]),
     ("POST", "/api/v1/incidents/{id}/keep", [false, true, false, false]),
     ("POST", "/api/v1/mark", [true, true, false, false]),
+    ("POST", "/developer/shelving", [false, true, false, false]),
+    ("POST", "/developer/shelving/end", [false, true, false, false]),
     ("POST", "/incidents/mark", [false, true, false, false]),
     ("GET", "/api/v1/statuses", [false, true, true, false]),
     ("GET", "/api/v1/history", [false, true, true, false]),

@@ -56,6 +56,7 @@ fn a_snapshot_reads_as_documented() {
             json!([{ "id": 1, "node": "sensors/lidar", "raised": then, "acknowledged": false, "active": true,
                      "repeats": 0 }]),
         ),
+        ("shelved", json!([])),
         ("countermeasures", json!([])),
         ("signals", json!({ "active": null })),
     ] {
@@ -112,7 +113,7 @@ fn a_locked_vehicle_tells_its_stage_alone() {
     engine.handle(&Input::Diagnostics(array), Timestamp::from_millis(10));
     let snapshot = read(&mut engine);
     assert_eq!((snapshot["stage"].as_str(), snapshot["overall"].as_str()), (Some("locked"), Some("ignore")));
-    for list in ["groups", "roots", "alarms", "countermeasures"] {
+    for list in ["groups", "roots", "alarms", "shelved", "countermeasures"] {
         assert_eq!(snapshot[list], json!([]), "{list}");
     }
 }

@@ -1,4 +1,4 @@
-//! Agreements as they are written: two sources of one kind, and their limits.
+//! Agreements in the file: two sources of one kind, and their limits.
 
 use super::bands::{self, Unit, bands};
 use super::monitors::{MAX_AGE, Monitor, Source, WINDOW_MAX, age, span};

@@ -1,4 +1,4 @@
-//! Monitors as they are written: one kind each, with its sources, its limits and its window.
+//! Monitors in the file: one kind each, with its sources, its limits and its window.
 
 use super::bands::{self, Unit, bands, some_bands};
 use super::forms::default_span;

@@ -49,7 +49,18 @@ fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
             });
             written.next()
         }
-        _ => None,
+        // Their limits are in units of their own.
+        MonitorSpec::Agreement { .. }
+        | MonitorSpec::External { .. }
+        | MonitorSpec::Frequency { .. }
+        | MonitorSpec::Latency { .. }
+        | MonitorSpec::Frozen { .. }
+        | MonitorSpec::Tf { .. }
+        | MonitorSpec::Watchdog { .. }
+        | MonitorSpec::System { .. }
+        | MonitorSpec::RateRatio { .. }
+        | MonitorSpec::Constant { .. }
+        | MonitorSpec::Count { .. } => None,
     }
 }
 

@@ -51,7 +51,17 @@ fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
         Some(MonitorSpec::Tf { bands, .. }) => {
             Span::from_nanos((bands.error_above.or(bands.warning_above).unwrap_or_default() * 1e9) as u64)
         }
-        _ => Span::ZERO,
+        Some(
+            MonitorSpec::External { .. }
+            | MonitorSpec::Latency { .. }
+            | MonitorSpec::Value { .. }
+            | MonitorSpec::Sequence { .. }
+            | MonitorSpec::Agreement { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. }
+            | MonitorSpec::Expression { .. },
+        )
+        | None => Span::ZERO,
     };
     let by_the_clock = module.monitor.by_the_clock();
     let silent = module.policy.stale == State::Error && !by_the_clock;

@@ -30,6 +30,7 @@ use super::monitor::feeds::Watching;
 use super::motion::MotionState;
 use super::react::alarms::Alarms;
 use super::react::held::Countermeasures;
+use super::react::shelves::Shelves;
 use super::react::warnings::Warnings;
 use super::signals::Signals;
 use super::snapshot::{Counters, Localization};
@@ -76,6 +77,8 @@ struct Kept {
     causes: Vec<(NodeId, Timestamp)>,
     alarms: Alarms,
     warnings: Warnings,
+    #[serde(default)]
+    shelves: Shelves,
     countermeasures: Countermeasures,
     vehicle_faults: VehicleFaults,
     active_by: Timestamp,
@@ -117,6 +120,7 @@ impl Engine {
             causes,
             alarms,
             warnings,
+            shelves,
             countermeasures,
             vehicle_faults,
             active_by,
@@ -160,6 +164,7 @@ impl Engine {
             causes: causes.since(),
             alarms: alarms.clone(),
             warnings: warnings.clone(),
+            shelves: shelves.clone(),
             countermeasures: countermeasures.clone(),
             vehicle_faults: vehicle_faults.clone(),
             active_by: *active_by,
@@ -211,6 +216,7 @@ impl Engine {
         engine.check_modules()?;
         engine.alarms = kept.alarms;
         engine.warnings = kept.warnings;
+        engine.shelves = kept.shelves;
         engine.countermeasures.resume(kept.countermeasures)?;
         engine.watching.resume(kept.watching)?;
         engine.timers = Timers::resume(kept.timers, |key| engine.knows(key))?;
@@ -252,6 +258,7 @@ impl Engine {
             NodeId::Module(id) => (id.0 as usize) < self.net.modules.len(),
         };
         let named = self.alarms.nodes().chain(self.warnings.nodes()).chain(self.countermeasures.nodes());
+        let named = named.chain(self.shelves.nodes());
         match named.chain(self.events.nodes()).find(|&node| !exists(node)) {
             Some(node) => Err(KeyframeError::new(format!("there is no {node:?}"))),
             None => Ok(()),
@@ -271,7 +278,8 @@ impl Engine {
             | TimerKey::Countermeasures
             | TimerKey::Active
             | TimerKey::Searched
-            | TimerKey::Motion => return true,
+            | TimerKey::Motion
+            | TimerKey::Shelves => return true,
         };
         (index as usize) < count
     }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::sample::FieldValue;
 pub use super::watched::{
     DIAGNOSTIC_ARRAY, DIAGNOSTICS, DiagnosticsTopic, FieldKind, FieldSpec, ProbeTarget, ProcessMeasure,
-    RecordedTopic, Resource, ScalarKind, StampClock, TF, TF_MESSAGE, TF_STATIC, TopicId, TopicSpec, ValueSource, WatchdogId,
-    WatchdogSpec, Watched,
+    RecordedTopic, Resource, ScalarKind, StampClock, TF, TF_MESSAGE, TF_STATIC, TopicId, TopicSpec,
+    ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
 use crate::state::State;
 use crate::time::Span;
@@ -207,7 +207,7 @@ impl ModuleMonitor {
     fn about(&self) -> About<'_> {
         match self {
             ModuleMonitor::SelfState(status) => {
-                About { status: Some(status), ..About::of("self_state", CONTENT) }
+                About { status: Some(status), ..About::of_component("self_state", CONTENT) }
             }
             ModuleMonitor::Other(spec) => spec.about(),
         }
@@ -221,6 +221,11 @@ impl ModuleMonitor {
     /// Its class in the paper's classification.
     pub fn class(&self) -> Class {
         self.about().class
+    }
+
+    /// Whether it judges a component, and not a data stream.
+    pub fn is_of_component(&self) -> bool {
+        self.about().of_component
     }
 
     /// Whether the monitor itself judges silence, so that the module's timeout has no effect.
@@ -260,10 +265,20 @@ impl ModuleMonitor {
     }
 }
 
+/// What a monitor reads of topics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reads {
+    /// By their ROS names, each once.
+    pub topics: Vec<Box<str>>,
+    /// The limits of the rate of the one topic, in Hz, if that is what it judges.
+    pub rate: Option<Bands>,
+}
+
 /// The facts about a monitor that follow from its kind.
 pub(crate) struct About<'a> {
     kind: &'static str,
     class: Class,
+    of_component: bool,
     pub(crate) by_the_clock: bool,
     /// How far back it looks.
     memory: Span,
@@ -282,7 +297,22 @@ const fn contextual(information: &'static str, flow: &'static str) -> Class {
 impl About<'_> {
     /// A kind that takes all defaults.
     fn of(kind: &'static str, class: Class) -> Self {
-        About { kind, class, by_the_clock: false, memory: Span::ZERO, probe: None, status: None }
+        let of_component = false;
+        About {
+            kind,
+            class,
+            of_component,
+            by_the_clock: false,
+            memory: Span::ZERO,
+            probe: None,
+            status: None,
+        }
+    }
+
+    /// One whose technique is about a component: what it says of itself or is said of it, whether it answers, what it
+    /// makes of its input. The others judge a data stream.
+    fn of_component(kind: &'static str, class: Class) -> Self {
+        About { of_component: true, ..About::of(kind, class) }
     }
 }
 
@@ -303,23 +333,27 @@ enum Meaning<'a> {
 impl MonitorSpec {
     pub(crate) fn about(&self) -> About<'_> {
         use MonitorSpec as Of;
-        let of = About::of;
+        let (of, of_component) = (About::of, About::of_component);
         match self {
-            Of::External { status, class } => About { status: Some(status), ..of("external", *class) },
+            Of::External { status, class } => {
+                About { status: Some(status), ..of_component("external", *class) }
+            }
             Of::Frequency { window, .. } => {
                 About { by_the_clock: true, memory: *window, ..of("frequency", META) }
             }
             Of::Latency { window, .. } => About { memory: *window, ..of("latency", META) },
             Of::Value { .. } => of("value", CONTENT),
             Of::Frozen { limits, .. } => About { memory: limits.longest(), ..of("frozen", CONTENT) },
-            Of::Watchdog { watchdog, misses, .. } => {
-                About { by_the_clock: true, probe: Some((*watchdog, *misses)), ..of("watchdog", META) }
-            }
+            Of::Watchdog { watchdog, misses, .. } => About {
+                by_the_clock: true,
+                probe: Some((*watchdog, *misses)),
+                ..of_component("watchdog", META)
+            },
             Of::System { watchdog, .. } => {
-                About { by_the_clock: true, probe: Some((*watchdog, 1)), ..of("system", META) }
+                About { by_the_clock: true, probe: Some((*watchdog, 1)), ..of_component("system", META) }
             }
             Of::RateRatio { window, .. } => {
-                let of = of("rate_ratio", contextual("meta", "sequential"));
+                let of = of_component("rate_ratio", contextual("meta", "sequential"));
                 About { by_the_clock: true, memory: *window, ..of }
             }
             Of::Sequence { max_gap, .. } => {
@@ -361,9 +395,8 @@ impl MonitorSpec {
                 vec![Source::Value(a), Source::Value(b)]
             }
             MonitorSpec::Tf { links, .. } => {
-                let both = |link: &'s mut TfLink| {
-                    [Source::Value(&mut link.moving), Source::Value(&mut link.fixed)]
-                };
+                let both =
+                    |link: &'s mut TfLink| [Source::Value(&mut link.moving), Source::Value(&mut link.fixed)];
                 links.iter_mut().flat_map(both).collect()
             }
             MonitorSpec::Expression { inputs, .. } => {
@@ -379,6 +412,24 @@ impl MonitorSpec {
             Source::Value(ValueSource::Field { .. }) | Source::Messages(_) | Source::Probe(_) => None,
         };
         self.clone().sources().into_iter().filter_map(status).collect()
+    }
+
+    /// The topics that it reads, each once; `None`: none.
+    pub(crate) fn reads(&self, watched: &Watched) -> Option<Reads> {
+        let mut bare = self.clone();
+        let topic = |source| match source {
+            Source::Messages(topic) | Source::Value(ValueSource::Field { topic, .. }) => Some(*topic),
+            Source::Value(ValueSource::Key { .. }) | Source::Probe(_) => None,
+        };
+        let mut ids: Vec<TopicId> = bare.sources().into_iter().filter_map(topic).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let topics = ids.iter().map(|&TopicId(id)| watched.topics[id as usize].topic.clone()).collect();
+        let rate = match self {
+            MonitorSpec::Frequency { bands, .. } => Some(*bands),
+            _ => None,
+        };
+        (!ids.is_empty()).then_some(Reads { topics, rate })
     }
 
     /// Whether it judges the same sources in the same way. The indices of the sources may differ.

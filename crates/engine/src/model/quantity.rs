@@ -44,8 +44,19 @@ impl Quantity {
             MonitorSpec::Value { source, .. } => (source, source),
             MonitorSpec::Sequence { earlier: a, later: b, .. }
             | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => (a, b),
-            // The other measurements have a unit of their own, or none.
-            _ => return None,
+            // These have a unit of their own, or none.
+            MonitorSpec::Agreement { .. }
+            | MonitorSpec::External { .. }
+            | MonitorSpec::Frequency { .. }
+            | MonitorSpec::Latency { .. }
+            | MonitorSpec::Frozen { .. }
+            | MonitorSpec::Tf { .. }
+            | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::System { .. }
+            | MonitorSpec::RateRatio { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. }
+            | MonitorSpec::Expression { .. } => return None,
         };
         Quantity::of(a, watched).filter(|of| Quantity::of(b, watched).as_ref() == Some(of))
     }

@@ -277,7 +277,7 @@ impl Alarms {
 impl Engine {
     /// Updates the alarms to the present root causes.
     pub(crate) fn follow_alarms(&mut self) {
-        let (views, net, now, roots) = (&self.views, &self.net, self.now, self.views.roots());
+        let (views, net, now, roots) = (&self.views, &self.net, self.now, self.views.roots(&self.shelves));
         // A fault that stood for longer is not owed to what failed later.
         let is_near = |alarm: &Alarm| match net.reach(alarm.node) {
             Within::Always => true,

@@ -56,10 +56,18 @@ impl Engine {
                 after.countermeasures = self.list_after(Countermeasures::release)
             }
             OperatorAction::Acknowledge { alarm } => self.preview_acknowledged(alarm, &mut after),
+            // Its alarms end. After a restart nothing is shelved, and what still fails calls anew.
+            OperatorAction::Shelve { module, .. } => {
+                let shelved = self.modules_with(module);
+                let is_its = |node| matches!(node, NodeId::Module(id) if shelved.contains(&id));
+                after.alarms =
+                    after.alarms.iter().filter(|it| !(it.active && is_its(it.node))).cloned().collect();
+            }
             // These change nothing that is stored; and a stop does not wait for the disk.
             OperatorAction::AskClearance { .. }
             | OperatorAction::AskRelease { .. }
             | OperatorAction::Reset { .. }
+            | OperatorAction::Unshelve { .. }
             | OperatorAction::RequestStop => {}
         }
         (after.operator, after.stage, after.localization) =

@@ -12,7 +12,7 @@ use crate::model::wording::Urgency;
 use crate::model::{GroupId, LOCALIZATION_GROUP, Model, NodeId, Stage, StageModel};
 use crate::module::system::{self, SystemCheck};
 use crate::signals::driving_word::ARRIVAL;
-use crate::snapshot::{Asked, Countermeasure, KnownPlace, Localization, Unreached};
+use crate::snapshot::{Asked, Countermeasure, KnownPlace, Localization, Shelved, Unreached};
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
@@ -42,6 +42,7 @@ pub(crate) struct VehicleView {
     pub(crate) asking: Arc<[(NodeId, Urgency)]>,
     pub(crate) asked: Option<Asked>,
     pub(crate) accepted: Arc<[NodeId]>,
+    pub(crate) shelved: Arc<[Shelved]>,
     pub(crate) countermeasures: Arc<[Countermeasure]>,
     pub(crate) localization: Localization,
     pub(crate) clearance: bool,
@@ -263,6 +264,7 @@ impl Engine {
             asking: self.asks.asking.clone(),
             asked: self.asks.asked,
             accepted: self.warnings.accepted().map(NodeId::Module).collect(),
+            shelved: self.shelves.list().into(),
             countermeasures: self.countermeasures.list(self.net.nobody()),
             localization: self.vehicle.localization,
             clearance: self.vehicle.stage == Stage::Cleared,

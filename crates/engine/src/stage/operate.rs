@@ -69,6 +69,8 @@ impl Engine {
                 self.net.modules[id.0 as usize].own.reset(&policy);
                 self.net.mark_module(id);
             }
+            OperatorAction::Shelve { module, lasts, by } => self.shelve(module, *lasts, by),
+            OperatorAction::Unshelve { module } => self.unshelve(module),
         }
         Ok(())
     }
@@ -115,6 +117,13 @@ impl Engine {
             }
             OperatorAction::Reset { module } => {
                 self.resettable(module).map(drop).map_err(|reason| vec![reason])
+            }
+            OperatorAction::Shelve { module, lasts, by: _ } => {
+                let reasons = self.shelving_refusals(module, *lasts);
+                if reasons.is_empty() { Ok(()) } else { Err(reasons) }
+            }
+            OperatorAction::Unshelve { module } => {
+                self.unshelving_refusal(module).map_or(Ok(()), |reason| Err(vec![reason]))
             }
         }
     }
@@ -266,7 +275,7 @@ impl Engine {
     }
 
     /// A node and its enclosing groups.
-    fn around(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
+    pub(crate) fn around(&self, node: NodeId) -> impl Iterator<Item = NodeId> {
         std::iter::successors(Some(node), |&node| self.net.node(node).parent.map(NodeId::Group))
     }
 

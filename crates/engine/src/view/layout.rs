@@ -27,7 +27,9 @@ pub(crate) fn self_reporting(id: Arc<str>, group: GroupId) -> ModuleInfo {
         number: 0,
         kind: "self_state",
         class: Class { location: "isolated", information: "content", flow: None },
+        of_component: true,
         quantity: None,
+        reads: None,
     }
 }
 
@@ -81,7 +83,9 @@ pub(crate) fn layout(model: &Model) -> Layout {
             depends_on: spec.depends_on.iter().map(|dependency| dependency.on.clone()).collect(),
             kind: spec.monitor.kind(),
             class: spec.monitor.class(),
+            of_component: spec.monitor.is_of_component(),
             quantity: spec.monitor.other().and_then(|it| Quantity::measured_by(it, &model.watched)),
+            reads: spec.monitor.other().and_then(|it| it.reads(&model.watched)).map(Box::new),
             ..self_reporting(spec.id.clone(), spec.group)
         }));
     }

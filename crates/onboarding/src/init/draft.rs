@@ -9,8 +9,9 @@ use super::observations::{
 };
 use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
-use super::rhythm::{RateLimits, at_least_ms};
+use super::rhythm::at_least_ms;
 use telltale_engine::discovery::TopicSeen;
+use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
 
 /// Modules that are written out in one group; further statuses join it by their names.
@@ -350,13 +351,13 @@ fn remark(group: &mut Group, topic: &TopicSeen, type_name: &str, why: &str) {
 /// Those with a rhythm, and with one parent.
 fn transforms(messages: &Messages, end: Timestamp) -> Vec<Transform> {
     let age_s = messages.age_ns.map_or(0.0, |(_, most)| (most as f64 / 1e9).clamp(0.0, AGES_S.1));
-    let of = |(child, frame): (&Box<str>, &Frame)| {
+    let of = |(child, frame): (&str, &Frame)| {
         let rate_hz = frame.rhythm.steady_hz(end).filter(|_| !frame.has_two)?;
         let warning_ms = at_least_ms((3.0 * frame.rhythm.longest_s(end) + age_s).max(0.2));
         let (parent, child) = (frame.parent.to_string(), child.to_string());
         Some(Transform { parent, child, rate_hz, warning_ms })
     };
-    messages.frames.iter().filter_map(of).take(LINES_MAX).collect()
+    messages.frames.iter().map(|(child, frame)| (&**child, frame)).filter_map(of).take(LINES_MAX).collect()
 }
 
 /// The monitors that the messages of a topic permit.

@@ -237,7 +237,8 @@ mod tests {
         let (node, type_name) = (Some("/ekf".to_owned()), TF_MESSAGE.to_owned());
         let publisher = Endpoint { participant: "p".to_owned(), node, type_name, ..Endpoint::default() };
         let (name, publishers) = ("/tf".to_owned(), vec![publisher]);
-        let topics = vec![TopicSeen { name, publishers, subscribers: Vec::new(), rate_hz: None }];
+        let topics =
+            vec![TopicSeen { name, publishers, subscribers: Vec::new(), rate_hz: None, jitter_ms: None }];
         let nodes = ["/ekf".to_owned()].into_iter().collect();
         let mut seen = Observations::default();
         seen.see(Arc::new(Discovery { topics, nodes, participants: 1, ..Discovery::default() }));

@@ -423,6 +423,8 @@ pub fn operator_word(action: &OperatorAction) -> (&'static str, String) {
         }
         OperatorAction::Acknowledge { alarm: AlarmRef::Over { .. } } => ("acknowledge", String::new()),
         OperatorAction::Reset { module } => ("reset", module.to_string()),
+        OperatorAction::Shelve { module, .. } => ("shelve", module.to_string()),
+        OperatorAction::Unshelve { module } => ("unshelve", module.to_string()),
     }
 }
 

@@ -13,7 +13,7 @@ use super::keeping::Kept;
 use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
-use crate::discovery::graph::MessageCounts;
+use crate::discovery::graph::Paces;
 use crate::library::qos::Via;
 use crate::library::{Found, Participant};
 use crate::outbox::{End, Outbox, stopped, waiting_bytes};
@@ -46,8 +46,7 @@ pub struct TopicContext {
     pub participant: Participant,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
-    /// Counts received messages.
-    pub tallies: MessageCounts,
+    pub paces: Paces,
     pub ros_clock: RosClock,
     pub stop: watch::Receiver<bool>,
 }
@@ -161,8 +160,7 @@ impl Topic {
             recorded_from: Timestamp::ZERO,
             kept: Kept::default(),
         };
-        // Nothing yet is a rate too.
-        topic.around.tallies.add(&topic.subscription.dds_topic, 0);
+        topic.around.paces.begin(&topic.subscription.dds_topic, topic.around.clock.now());
         topic
     }
 
@@ -241,7 +239,6 @@ impl Topic {
                 )));
             }
         }
-        self.around.tallies.add(&self.subscription.dds_topic, batch.len());
         for sample in batch.drain(..) {
             self.take_sample(sample, received).await?;
             // A slow engine takes a large batch for seconds: a loss is told at once, not after it.
@@ -260,7 +257,12 @@ impl Topic {
         let dds_type = &self.subscription.dds_type;
         let published = self.memory.writers.published(&sample.writer, sample.source, received);
         let troubles = &mut self.memory.troubles;
-        match self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type) {
+        let verdict = self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type);
+        // What two readers received came once.
+        if verdict != Verdict::Skip {
+            self.around.paces.take(&self.subscription.dds_topic, received);
+        }
+        match verdict {
             Verdict::Skip => return Ok(()),
             Verdict::WrongType => {
                 let theirs = self.memory.writers.type_name(&sample.writer).unwrap_or_default();

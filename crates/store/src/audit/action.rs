@@ -36,6 +36,8 @@ actions! {
     Acknowledge: "acknowledge", "The operator acknowledged an alarm.";
     AcknowledgeOver: "acknowledge over", "The operator acknowledged all alarms that were over.";
     Reset: "reset", "A latched error was forgotten.";
+    Shelved: "shelved", "A developer shelved a module for maintenance.";
+    Unshelved: "shelving ended", "A developer ended that before its time.";
     Stage: "stage", "The vehicle came into another stage.";
     Countermeasure: "countermeasure", "A countermeasure was requested or ended.";
     Configuration: "configuration", "The configuration was read again.";

@@ -1,5 +1,6 @@
-//! Bounds the records that anybody can cause: failed logins and refused requests. A few of each kind are
-//! recorded one by one; the rest is counted. Other records have no such bound.
+//! Bounds the records that one source can cause. Failed logins and refused requests, which anybody can cause, are
+//! bounded here: a few of each kind are recorded one by one, the rest is counted. What an account does is bounded
+//! before it is done.
 
 use std::collections::HashMap;
 
@@ -7,16 +8,16 @@ use super::{Action, Record, TELLTALE};
 use crate::Caller;
 use telltale_engine::time::{Span, Timestamp};
 
-/// Records of one kind that may come at once.
-const BURST: u32 = 60;
+/// Records of one source that may come at once.
+pub const BURST: u32 = 60;
 /// And then one after each of these: about 3 MB in a day.
-const REFILL: Span = Span::from_secs(10);
+pub const REFILL: Span = Span::from_secs(10);
 /// The count of records left out is written after this long, or before the next record of the kind.
 const TELL_AFTER: Span = Span::from_secs(60);
 
 /// How many records of each kind were written lately.
 #[derive(Debug, Default)]
-pub(crate) struct Limit(HashMap<LimitedKind, Bucket>);
+pub(crate) struct Limit(HashMap<LimitedKind, Counted>);
 
 /// What anybody can cause. The vehicle's own displays are counted apart, so that strangers do not keep them
 /// out of the log. There are few kinds.
@@ -26,10 +27,17 @@ struct LimitedKind {
     caller: Caller,
 }
 
+/// The records that a source has left: a token bucket.
 #[derive(Debug)]
-struct Bucket {
+pub struct Bucket {
     tokens: u32,
     filled: Timestamp,
+}
+
+/// The records of one kind, and those that were left out.
+#[derive(Debug)]
+struct Counted {
+    bucket: Bucket,
     omitted: u64,
     omitted_since: Timestamp,
 }
@@ -40,33 +48,53 @@ impl Limit {
     pub(crate) fn admit(&mut self, now: Timestamp, record: &Record) -> Option<Option<Record>> {
         let Some(caller) = record.by_anybody else { return Some(None) };
         let kind = LimitedKind { action: record.action, caller };
-        let new = Bucket { tokens: BURST, filled: now, omitted: 0, omitted_since: now };
-        let bucket = self.0.entry(kind).or_insert(new);
-        let refills = now.since(bucket.filled).as_nanos() / REFILL.as_nanos();
-        if refills > 0 {
-            bucket.tokens = bucket.tokens.saturating_add(u32::try_from(refills).unwrap_or(BURST)).min(BURST);
-            bucket.filled = bucket.filled + Span::from_nanos(refills * REFILL.as_nanos());
-        }
-        if bucket.tokens == 0 {
-            if bucket.omitted == 0 {
-                bucket.omitted_since = now;
+        let new = Counted { bucket: Bucket::full(now), omitted: 0, omitted_since: now };
+        let counted = self.0.entry(kind).or_insert(new);
+        if !counted.bucket.take(now) {
+            if counted.omitted == 0 {
+                counted.omitted_since = now;
             }
-            bucket.omitted += 1;
+            counted.omitted += 1;
             return None;
         }
-        bucket.tokens -= 1;
-        Some(bucket.take_omitted(kind))
+        Some(counted.take_omitted(kind))
     }
 
     /// The counts that are to be written now.
     pub(crate) fn due(&mut self, now: Timestamp) -> Vec<Record> {
-        let buckets = self.0.iter_mut();
-        let due = buckets.filter(|(_, bucket)| now.since(bucket.omitted_since) >= TELL_AFTER);
-        due.filter_map(|(kind, bucket)| bucket.take_omitted(*kind)).collect()
+        let all = self.0.iter_mut();
+        let due = all.filter(|(_, counted)| now.since(counted.omitted_since) >= TELL_AFTER);
+        due.filter_map(|(kind, counted)| counted.take_omitted(*kind)).collect()
     }
 }
 
 impl Bucket {
+    pub fn full(now: Timestamp) -> Bucket {
+        Bucket { tokens: BURST, filled: now }
+    }
+
+    /// Whether one more may be recorded now.
+    pub fn take(&mut self, now: Timestamp) -> bool {
+        self.fill(now);
+        let has = self.tokens > 0;
+        self.tokens = self.tokens.saturating_sub(1);
+        has
+    }
+
+    /// Whether all that may come at once is left, as at first.
+    pub fn is_full(&mut self, now: Timestamp) -> bool {
+        self.fill(now);
+        self.tokens == BURST
+    }
+
+    fn fill(&mut self, now: Timestamp) {
+        let refills = now.since(self.filled).as_nanos() / REFILL.as_nanos();
+        self.tokens = self.tokens.saturating_add(u32::try_from(refills).unwrap_or(BURST)).min(BURST);
+        self.filled = self.filled + Span::from_nanos(refills * REFILL.as_nanos());
+    }
+}
+
+impl Counted {
     fn take_omitted(&mut self, LimitedKind { action, caller }: LimitedKind) -> Option<Record> {
         let source = match caller {
             Caller::Vehicle => "the vehicle's displays",

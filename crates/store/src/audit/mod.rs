@@ -10,7 +10,7 @@ pub(super) mod chain;
 pub(super) mod head;
 mod key;
 pub(super) mod known;
-pub(super) mod limit;
+pub mod limit;
 mod log;
 mod write;
 

@@ -190,7 +190,7 @@ fn start_hashing(niceness: i32) -> Result<SyncSender<Work>, StoreError> {
         .name("hashing".to_owned())
         .spawn(move || {
             // On Linux this sets the priority of the calling thread only. Without it hashing still works.
-            let _ = rustix::process::nice(niceness);
+            let _ = rustix::process::setpriority_process(None, niceness);
             while let Ok(work) = queue.recv() {
                 // For all that wait now; freed when nobody waits.
                 let mut blocks = Blocks::new();

@@ -6,44 +6,24 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use axum::http::Method;
 
-use telltale_engine::time::{Span, Timestamp};
+use telltale_engine::time::Timestamp;
 use telltale_store::Role;
+use telltale_store::audit::limit::Bucket;
 
-/// Actions that may come at once.
-const BURST: u32 = 60;
-/// And then one after each of these: some thousand in a day, and the log has room for a million.
-const REFILL: Span = Span::from_secs(10);
+/// The token bucket of an account has one more action after this long.
 pub const TRY_AGAIN_AFTER_S: u16 = 10;
 
 /// The actions that each account has left. There are no more accounts than users who log in between two restarts.
 #[derive(Debug, Default)]
 pub struct Recorded(Mutex<HashMap<Arc<str>, Bucket>>);
 
-#[derive(Debug)]
-struct Bucket {
-    tokens: u32,
-    filled: Timestamp,
-}
-
 impl Recorded {
     /// Whether this account may do one more thing that is recorded.
     pub fn admit(&self, now: Timestamp, user: &Arc<str>) -> bool {
         let mut accounts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         // A full bucket is that of a new account.
-        accounts.retain(|_, it| it.fill(now) < BURST);
-        let bucket = accounts.entry(user.clone()).or_insert(Bucket { tokens: BURST, filled: now });
-        let admits = bucket.tokens > 0;
-        bucket.tokens = bucket.tokens.saturating_sub(1);
-        admits
-    }
-}
-
-impl Bucket {
-    fn fill(&mut self, now: Timestamp) -> u32 {
-        let refills = now.since(self.filled).as_nanos() / REFILL.as_nanos();
-        self.tokens = self.tokens.saturating_add(u32::try_from(refills).unwrap_or(BURST)).min(BURST);
-        self.filled = self.filled + Span::from_nanos(refills * REFILL.as_nanos());
-        self.tokens
+        accounts.retain(|_, bucket| !bucket.is_full(now));
+        accounts.entry(user.clone()).or_insert_with(|| Bucket::full(now)).take(now)
     }
 }
 
@@ -59,9 +39,12 @@ pub fn is_bounded(method: &Method, path: &str, role: Role) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use telltale_engine::time::Span;
+    use telltale_store::audit::limit::{BURST, REFILL};
 
     #[test]
     fn a_flood_of_one_account_is_refused_and_others_go_on() {
+        assert_eq!(Span::from_secs(TRY_AGAIN_AFTER_S.into()), REFILL);
         let (recorded, anna, bert) = (Recorded::default(), "anna".into(), "bert".into());
         let mut admitted = 0_u32;
         for second in 0..24 * 3600 {

@@ -16,13 +16,10 @@ use telltale_engine::snapshot::ModuleInfo;
 use telltale_runtime::Published;
 
 use super::pager::Pager;
-use super::{DevFrame, NodeLink, Page, PageQuery};
+use super::{DevFrame, NodeLink, Page, PageQuery, why_address};
 
 /// The columns of the paper's Fig. 3.
 const COLUMNS: usize = 5;
-/// Kinds of monitor whose technique is about a component: what it says of itself or is said of it,
-/// whether it answers, what it makes of its input. The others judge what is in a data stream.
-const OF_COMPONENTS: [&str; 5] = ["self_state", "external", "watchdog", "system", "rate_ratio"];
 /// Groups of one page.
 const ROWS: usize = 120;
 /// Modules listed of one cell.
@@ -38,6 +35,7 @@ struct Cell {
 struct GroupRow {
     name: String,
     path: String,
+    why: String,
     depth: usize,
     cells: Vec<Cell>,
     sum: usize,
@@ -109,13 +107,9 @@ fn column(info: &ModuleInfo) -> usize {
     info.class.column().unwrap_or(COLUMNS)
 }
 
-fn is_of_component(info: &ModuleInfo) -> bool {
-    OF_COMPONENTS.contains(&info.kind)
-}
-
 fn technique(view: &View<'_>, words: &'static DevWords, columns: usize, of_components: bool) -> Technique {
     let mut kinds = vec![BTreeMap::<&'static str, usize>::new(); columns];
-    for info in view.snapshot.layout.modules.iter().filter(|info| is_of_component(info) == of_components) {
+    for info in view.snapshot.layout.modules.iter().filter(|info| info.of_component == of_components) {
         *kinds[column(info)].entry(info.kind).or_default() += 1;
     }
     Technique {
@@ -158,6 +152,7 @@ fn row(view: &View<'_>, id: GroupId, columns: usize, query: &PageQuery) -> Group
     GroupRow {
         name: view.group_name(id),
         path: clean(&group.path, 2 * NAME),
+        why: why_address(&group.path),
         depth: group.path.matches('/').count().min(5),
         cells,
         sum: group.modules.len(),
@@ -194,7 +189,7 @@ fn listed(view: &View<'_>, words: &'static DevWords, query: &PageQuery) -> Optio
         name: if of_components { words.components } else { words.data_streams },
         modules: modules
             .iter()
-            .filter(|&&id| is_of_component(view.snapshot.module(id).0) == of_components)
+            .filter(|&&id| view.snapshot.module(id).0.of_component == of_components)
             .map(module)
             .collect(),
     };

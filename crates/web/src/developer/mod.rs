@@ -12,6 +12,7 @@ mod pager;
 pub mod reload;
 pub(crate) mod request;
 pub mod search;
+pub mod shelving;
 pub mod statistics;
 pub mod statuses;
 #[cfg(test)]
@@ -21,7 +22,7 @@ pub mod topics;
 pub mod why;
 
 use telltale_engine::model::{NodeId, Stage};
-use telltale_engine::snapshot::ModuleView;
+use telltale_engine::snapshot::{ModuleView, Shelved};
 use telltale_record::story::Limit;
 
 pub use audit::AuditPage;
@@ -139,6 +140,24 @@ pub(crate) struct DevFrame {
     /// The content does not change by itself: it is from the past, or complete.
     pub(crate) fixed: bool,
     pub(crate) replay: bool,
+    /// What is shelved, on every page.
+    pub(crate) shelved: Vec<ShelvedHtml>,
+}
+
+/// A shelved module.
+pub(crate) struct ShelvedHtml {
+    pub(crate) name: String,
+    pub(crate) address: String,
+    pub(crate) until: String,
+    pub(crate) by: String,
+}
+
+impl ShelvedHtml {
+    fn of(view: &View<'_>, shelved: &Shelved) -> ShelvedHtml {
+        let NodeLink { name, address } = NodeLink::of(view, NodeId::Module(shelved.module));
+        let by = view.lang.shelved_by(&clean(&shelved.by, NAME));
+        ShelvedHtml { name, address, until: view.wall(shelved.until), by }
+    }
 }
 
 impl DevFrame {
@@ -174,6 +193,7 @@ impl DevFrame {
             renew_ms,
             fixed: false,
             replay: context.replay,
+            shelved: snapshot.shelved.iter().map(|it| ShelvedHtml::of(view, it)).collect(),
         }
     }
 }

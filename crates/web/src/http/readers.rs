@@ -30,7 +30,6 @@ const AT_ONCE: usize = 2;
 /// A request that waits longer is refused. The whole request has twice that time.
 const WAITS: Duration = Duration::from_secs(5);
 const TRY_AGAIN_AFTER_S: u16 = 1;
-/// On Linux a thread's priority is its own.
 const NICENESS: i32 = 10;
 /// Threads that read files for these requests.
 const BLOCKING_MAX: usize = 8;
@@ -42,14 +41,17 @@ static THREADS: LazyLock<Option<Runtime>> = LazyLock::new(|| {
         .worker_threads(count)
         .max_blocking_threads(BLOCKING_MAX)
         .thread_name("readers")
-        .on_thread_start(|| {
-            // Not `nice`, which adds to the priority of the thread that starts this one.
-            let _ = rustix::process::setpriority_process(None, NICENESS);
-        })
+        .on_thread_start(lower_priority)
         .enable_all()
         .build();
     threads.inspect_err(|error| tracing::error!(%error, "no threads for readers")).ok()
 });
+
+/// From here on the threads that serve the vehicle and its operator go first. On Linux this changes the calling thread
+/// alone; `nice` would add to what the thread inherited.
+pub fn lower_priority() {
+    let _ = rustix::process::setpriority_process(None, NICENESS);
+}
 
 /// The places of each account. An account without a request has no entry.
 #[derive(Debug, Default)]

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use tokio::task;
 
 use crate::AppState;
+use crate::http::readers::lower_priority;
 use crate::texts::HttpError;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_record::folder;
@@ -29,7 +30,6 @@ const INCIDENTS_MAX: u32 = 50;
 const RECORDING_BYTES_MAX: u64 = 256 << 20;
 /// All recordings of a run must be done within this time.
 const RUN_WITHIN: Span = Span::from_secs(120);
-const NICENESS: i32 = 10;
 /// Mistakes that are told.
 const MISTAKES_MAX: usize = 50;
 
@@ -181,8 +181,7 @@ fn run_next(app: &AppState) {
     let Some(run) = app.what_ifs.next() else { return };
     let (turn, started) = (Turn(app.clone()), run.clone());
     let work = move || {
-        // On Linux this sets the priority of the calling thread only: the vehicle goes first.
-        let _ = rustix::process::setpriority_process(None, NICENESS);
+        lower_priority();
         run.run(&turn.0);
     };
     if let Err(error) = std::thread::Builder::new().name("what-if".into()).spawn(work) {

@@ -11,7 +11,8 @@ use super::act::act;
 use super::not_done::NotDone;
 use super::tap::{Tap, TapValidity, TappedAction, Versioned};
 use super::two_steps::{CONFIRM_WITHIN, FirstStep, TwoSteps};
-use crate::http::respond::{FormOf, Speaks, bad_field, refusal, refused_in_words};
+use crate::Live;
+use crate::http::respond::{FormOf, Reader, Speaks, bad_field, refusal, refused_in_words};
 use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view;
 use crate::view::versions::Aspect;
@@ -246,18 +247,25 @@ fn answer(tap: &Tap, done: Result<(), NotDone>, granted: impl Serialize) -> Resp
             Speaks::Json => Json(granted).into_response(),
             Speaks::Html => Redirect::to("/").into_response(),
         },
-        Err(NotDone::Refused(reasons)) => {
-            let reasons = view::refusals(&tap.app.published(), reader.lang, &reasons);
+        Err(why) => not_done(&tap.app, reader, why),
+    }
+}
+
+/// Says why nothing has changed.
+pub(crate) fn not_done(app: &Live, reader: &Reader, why: NotDone) -> Response {
+    match why {
+        NotDone::Refused(reasons) => {
+            let reasons = view::refusals(&app.published(), reader.lang, &reasons);
             refused_in_words(reader, &reasons, None)
         }
-        Err(NotDone::Invalid(InvalidTap::SessionEnded)) => refusal(reader, HttpError::NoSession),
-        Err(NotDone::Invalid(invalid)) => {
+        NotDone::Invalid(InvalidTap::SessionEnded) => refusal(reader, HttpError::NoSession),
+        NotDone::Invalid(invalid) => {
             // What was shown is old: the page asks for what is.
             let is_old = matches!(invalid, InvalidTap::Stale | InvalidTap::Late);
-            let seq = is_old.then(|| tap.app.published().snapshot.seq);
+            let seq = is_old.then(|| app.published().snapshot.seq);
             refused_in_words(reader, &[reader.lang.invalid_tap(invalid).to_owned()], seq)
         }
-        Err(NotDone::HttpError(error)) => refusal(reader, error),
+        NotDone::HttpError(error) => refusal(reader, error),
     }
 }
 

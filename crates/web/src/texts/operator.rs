@@ -161,6 +161,8 @@ texts! {
         acknowledge: "Acknowledge", "Quittieren";
         acknowledge_over: "over: acknowledge", "vorbei: quittieren";
         over: "Over", "Vorbei";
+        shelved: "Shelved", "In Wartung";
+        until: "until", "bis";
         held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
         reset: "Reset", "Zurücksetzen";
         reset_here: "Over. Held until reset: touch here.", "Vorbei. Gehalten bis zum Zurücksetzen: hier berühren.";
@@ -292,6 +294,12 @@ texts! {
         1 => "1 part waits", "1 Teil wartet";
         _ => "{count} parts wait", "{count} Teile warten";
     }
+
+    /// `1 shelved`: modules whose faults call nobody for now.
+    text so_many_shelved(count: usize) { "{count} shelved", "{count} in Wartung" }
+
+    /// Who has shelved a module.
+    text shelved_by(by: &str) { "by {by}", "durch {by}" }
 
     /// `2 faults of its own`: behind a component that waits.
     text own_faults(count: usize) {

@@ -22,6 +22,12 @@ texts! {
         Refusal::NoSuchModule(_) => "There is no module {name}.", "Es gibt kein Modul {name}.";
         Refusal::NotLatched(_) => "{name} holds no error.", "{name} hält keinen Fehler fest.";
         Refusal::StillInError(_) => "{name} is in error still. Mend the cause first.", "{name} meldet noch immer einen Fehler. Zuerst die Ursache beheben.";
+        Refusal::NotKnownToStand => "The vehicle is not known to stand. Nothing is shelved while it may move.", "Es ist nicht sicher, dass das Fahrzeug steht. Solange es sich bewegen kann, kommt nichts in Wartung.";
+        Refusal::ShelvedTooLong { limit_h } => "A module is shelved for at least a minute and at most {limit_h} h.", "Ein Modul kommt für mindestens eine Minute und höchstens {limit_h} h in Wartung.";
+        Refusal::ShelvesFull { limit } => "At most {limit} modules are shelved at once. End one of them first.", "Höchstens {limit} Module sind zugleich in Wartung. Zuerst eine Wartung beenden.";
+        Refusal::NeverShelved(_) => "{name} is one of Telltale's own modules and is never shelved.", "{name} gehört zu Telltale selbst und kommt nie in Wartung.";
+        Refusal::CountermeasureRests { .. } => "A request to slow down or to stop rests on {name}: it is never shelved.", "An {name} hängt, ob das Fahrzeug abbremsen oder anhalten soll: Es kommt nie in Wartung.";
+        Refusal::NotShelved(_) => "{name} is not shelved.", "{name} ist nicht in Wartung.";
         Refusal::NobodyLoggedIn => "Nobody is logged in. Log in first.", "Niemand ist angemeldet. Zuerst anmelden.";
         Refusal::WrongStage(Stage::Locked) => "The vehicle is locked. Log in first.", "Das Fahrzeug ist gesperrt. Zuerst anmelden.";
         Refusal::WrongStage(Stage::Localizing) => "The vehicle is not localized yet.", "Das Fahrzeug ist noch nicht lokalisiert.";
@@ -77,7 +83,10 @@ impl Lang {
             | Refusal::NothingToAcknowledge(name)
             | Refusal::NoSuchModule(name)
             | Refusal::NotLatched(name)
-            | Refusal::StillInError(name) => clean(name, NAME),
+            | Refusal::StillInError(name)
+            | Refusal::NeverShelved(name)
+            | Refusal::CountermeasureRests { module: name }
+            | Refusal::NotShelved(name) => clean(name, NAME),
             _ => String::new(),
         };
         self.refused(refusal, &name)

@@ -104,6 +104,9 @@ fn facts(vehicle: &Vehicle) -> BTreeMap<String, String> {
         let state = state.map_or(String::new(), |state| state.as_str().to_uppercase());
         facts.insert(format!("cause {}", root.node), format!("{state} {message} ({})", root.words()));
     }
+    for shelved in &vehicle.shelved {
+        facts.insert(format!("shelved {}", shelved.node), shelved.words());
+    }
     for countermeasure in &vehicle.countermeasures {
         let words = countermeasure.words();
         let (request, said) = words.split_once(": ").unwrap_or((&words, ""));

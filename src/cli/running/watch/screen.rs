@@ -195,6 +195,9 @@ fn below(vehicle: &Vehicle, freshness: Freshness, colours: Colours) -> Vec<Line<
             style.add_modifier(Modifier::BOLD),
         ));
     }
+    for shelved in &vehicle.shelved {
+        lines.push(Line::styled(format!("shelved: {} {}", shelved.node, shelved.words()), style));
+    }
     for root in &vehicle.roots {
         let (of, message) = vehicle.says(&root.node);
         let mut line = Line::from(state(of.unwrap_or(State::Unknown), freshness, colours));

@@ -40,6 +40,7 @@ pub struct Vehicle {
     modules: HashMap<Cleaned, Module>,
     pub roots: Vec<Root>,
     pub alarms: Vec<Alarm>,
+    pub shelved: Vec<Shelved>,
     pub countermeasures: Vec<Countermeasure>,
 }
 
@@ -109,6 +110,14 @@ pub struct Alarm {
     pub active: bool,
 }
 
+/// A module whose faults raise no alarm for now.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Shelved {
+    pub node: Cleaned,
+    until: Cleaned,
+    by: Cleaned,
+}
+
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Countermeasure {
     pub request: Cleaned,
@@ -126,6 +135,8 @@ struct Message {
     modules: Vec<Module>,
     roots: Option<Vec<Root>>,
     alarms: Option<Vec<Alarm>>,
+    /// An older server does not tell.
+    shelved: Option<Vec<Shelved>>,
     countermeasures: Option<Vec<Countermeasure>>,
 }
 
@@ -152,6 +163,7 @@ impl Vehicle {
             modules: HashMap::new(),
             roots: message.roots.unwrap_or_default(),
             alarms: message.alarms.unwrap_or_default(),
+            shelved: message.shelved.unwrap_or_default(),
             countermeasures: message.countermeasures.unwrap_or_default(),
         };
         vehicle.flatten(message.groups, 0)?;
@@ -190,6 +202,9 @@ impl Vehicle {
         }
         if let Some(alarms) = message.alarms {
             self.alarms = alarms;
+        }
+        if let Some(shelved) = message.shelved {
+            self.shelved = shelved;
         }
         if let Some(countermeasures) = message.countermeasures {
             self.countermeasures = countermeasures;
@@ -247,6 +262,12 @@ impl Root {
     pub fn words(&self) -> String {
         let second = if self.second { "second fault, " } else { "" };
         format!("{second}masks {}", self.masks)
+    }
+}
+
+impl Shelved {
+    pub fn words(&self) -> String {
+        format!("until {}, by {}", self.until, self.by)
     }
 }
 

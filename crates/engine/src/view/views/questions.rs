@@ -3,6 +3,7 @@
 use super::Views;
 use crate::model::wording::{Advice, Wording};
 use crate::model::{GroupId, ModuleId, NodeId};
+use crate::react::shelves::Shelves;
 use crate::snapshot::Reason;
 
 impl Views {
@@ -51,13 +52,14 @@ impl Views {
     }
 
     /// Root causes, ranked, each with whether it raises an alarm.
-    pub(crate) fn roots(&self) -> Vec<(NodeId, bool)> {
-        self.roots.iter().map(|root| (root.node, !root.grace)).collect()
+    pub(crate) fn roots(&self, shelves: &Shelves) -> Vec<(NodeId, bool)> {
+        let roots = self.roots.iter().filter(|root| !shelves.has(root.node));
+        roots.map(|root| (root.node, !root.grace)).collect()
     }
 
     /// The number of root causes that raise an alarm.
-    pub(crate) fn alarm_count(&self) -> usize {
-        self.roots.iter().filter(|root| !root.grace).count()
+    pub(crate) fn alarm_count(&self, shelves: &Shelves) -> usize {
+        self.roots.iter().filter(|root| !root.grace && !shelves.has(root.node)).count()
     }
 
     pub(crate) fn root_count(&self) -> usize {

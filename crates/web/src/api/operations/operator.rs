@@ -3,6 +3,7 @@
 use super::BAD_FORM;
 use crate::api::operation::{Content, Operation, Tag};
 use crate::auth::login::{LoggedIn, LoginForm};
+use crate::developer::shelving::{ShelveForm, UnshelveForm};
 use crate::operator::actions::{AcknowledgeOverForm, ConfirmForm, Done, Granted, LocalizeForm, StopForm};
 use crate::operator::tap::Versioned;
 use crate::schema::of;
@@ -118,6 +119,25 @@ pub const RESET: Operation = Operation {
     about: "The name of the module has slashes in it.",
     path: Some("/modules/{id}/reset"),
     id_in_path: Some(("The name of a module.", "sensors/velodyne_packet_alive")),
+    ..ACTION
+};
+
+pub const SHELVE: Operation = Operation {
+    id: "shelve",
+    summary: "Shelve a module for maintenance",
+    about: "Its faults raise no alarm for so long. Only while the vehicle stands, and for no module on which a request \
+            to slow down or to stop rests.",
+    form: Some(of::<ShelveForm>),
+    example: "module=base/imu&minutes=30",
+    ..ACTION
+};
+
+pub const UNSHELVE: Operation = Operation {
+    id: "unshelve",
+    summary: "End the maintenance of a module",
+    about: "A fault that is still there raises a new alarm.",
+    form: Some(of::<UnshelveForm>),
+    example: "module=base/imu",
     ..ACTION
 };
 

@@ -3,7 +3,7 @@
 use super::list::{flags, length};
 use super::plots::{Plot, plots};
 use super::sentences::{sentence, stage_word, state_word};
-use crate::developer::timeline::strips::{Painter, look_word, pattern};
+use crate::developer::timeline::strips::{Explained, Painter, legend};
 use crate::developer::timeline::{Tick, ticks};
 use crate::developer::why_address;
 use crate::incidents::{Read, wall_time};
@@ -13,7 +13,7 @@ use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::view::record::Stretch;
 use telltale_picture::bars::patterns;
-use telltale_picture::strips::{Axis, Look, class, recorded, stamp};
+use telltale_picture::strips::{Axis, recorded, stamp};
 use telltale_picture::svg::escaped;
 use telltale_record::proof::Proof;
 use telltale_record::retention::size;
@@ -79,15 +79,6 @@ pub(crate) struct TopicRow {
     pub left_out: Option<(u64, String)>,
 }
 
-/// A look of a bar in words.
-pub(crate) struct Explained {
-    pub class: &'static str,
-    pub pattern: Option<&'static str>,
-    /// With a line at its foot.
-    pub is_own: bool,
-    pub word: String,
-}
-
 /// Everything that is known of an incident, in words of one language.
 pub(crate) struct Content {
     pub it: &'static IncidentWords,
@@ -117,7 +108,6 @@ pub(crate) struct Content {
     pub lanes: Vec<Lane>,
     pub plots: Vec<Plot>,
     pub more_periods: u64,
-    /// Of a report. On the page each bar has its words as a tooltip.
     pub legend: Vec<Explained>,
     pub ticks: Vec<Tick>,
     /// The ends of the strips.
@@ -216,7 +206,7 @@ impl Content {
             lanes: story.strips.iter().map(lane).collect(),
             plots: plots(it, story),
             more_periods: story.more_periods,
-            legend: if medium == Medium::Report { legend(lang, it) } else { Vec::new() },
+            legend: legend(lang),
             from_ms: story.from_ms,
             to_ms: story.to_ms,
             ticks: if story.strips.is_empty() { Vec::new() } else { ticks(axis) },
@@ -348,24 +338,6 @@ fn node_bars(painter: &Painter, strip: &NodeStrip) -> String {
     };
     let stretches: Vec<Stretch> = strip.periods.iter().filter_map(stretch).collect();
     recorded(&stretches).iter().map(|segment| painter.segment(segment)).collect()
-}
-
-fn legend(lang: Lang, it: &IncidentWords) -> Vec<Explained> {
-    let looks = [Look::Ok, Look::Warning, Look::Error, Look::Unknown];
-    let plain = looks.map(|look| (look, false, look_word(lang, look)));
-    let rest = [
-        (Look::Attributed, false, it.look_attributed),
-        (Look::Masked, false, it.look_masked),
-        (Look::NotRelevant, false, it.look_not_relevant),
-        (Look::Masked, true, it.look_own),
-    ];
-    let explained = |(look, is_own, word): (Look, bool, &str)| Explained {
-        class: class(look),
-        pattern: pattern(look),
-        is_own,
-        word: word.to_owned(),
-    };
-    plain.into_iter().chain(rest).map(explained).collect()
 }
 
 fn topic(topic: &ToldTopic) -> TopicRow {

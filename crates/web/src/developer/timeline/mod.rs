@@ -24,8 +24,8 @@ use telltale_runtime::Published;
 use telltale_store::{HistoryQuery, Past, PastEvent};
 
 use super::page_query::is_clean;
-use super::{DevFrame, Page, PageQuery};
-use strips::{StripHtml, StripKind, TimelineStrips};
+use super::{DevFrame, Page, PageQuery, why_address};
+use strips::{Explained, StripHtml, StripKind, TimelineStrips, legend};
 
 /// Strips of nodes on one page, and below them of signals.
 const STRIPS: usize = 60;
@@ -45,9 +45,12 @@ const SLIDER_END: i64 = 1000;
 
 struct Event {
     at: String,
+    at_ms: i64,
     what: &'static str,
     detail: String,
-    cause: String,
+    /// Names and addresses of the nodes that it is about.
+    node: Option<(String, String)>,
+    cause: Option<(String, String)>,
 }
 
 pub(crate) struct Tick {
@@ -100,6 +103,7 @@ struct TimelineHtml {
     /// Marks over each strip.
     gaps: String,
     ticks: Vec<Tick>,
+    legend: Vec<Explained>,
     events: Vec<Event>,
     trouble: Option<&'static str>,
 }
@@ -171,6 +175,11 @@ impl Window {
             false => (place_ms + after).to_string(),
         };
         query.with_all(&[("span", &span_s.to_string()), ("until", &until)])
+    }
+
+    /// In milliseconds since 1970.
+    pub(super) fn span_ms(&self) -> (i64, i64) {
+        (self.query.from_ms, self.query.to_ms)
     }
 
     /// In hundredths of the width.
@@ -256,6 +265,7 @@ pub fn page(
         strips,
         gaps,
         ticks: ticks(window.axis()),
+        legend: legend(context.lang),
         events: past.map(|past| events(view, words, past)).unwrap_or_default(),
         trouble,
         dev,
@@ -304,32 +314,29 @@ pub(super) fn ticks(axis: Axis) -> Vec<Tick> {
 /// The newest first.
 fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> {
     let lang = view.lang;
+    let named = |name: &str| Some((clean(name, 2 * NAME), why_address(name)));
     let event = |(at_ms, what): &(i64, PastEvent)| {
-        let name = |name: &str| clean(name, 2 * NAME);
-        let (what, detail, cause) = match what {
-            PastEvent::Started { anew: false } => (words.ev_started, String::new(), String::new()),
-            PastEvent::Started { anew: true } => (words.ev_reloaded, String::new(), String::new()),
-            PastEvent::Stage(stage) => (words.ev_stage, lang.stage(*stage, true).to_owned(), String::new()),
-            PastEvent::Signal { name: signal, value } => {
+        let none = String::new;
+        let (what, detail, node, cause) = match what {
+            PastEvent::Started { anew: false } => (words.ev_started, none(), None, None),
+            PastEvent::Started { anew: true } => (words.ev_reloaded, none(), None, None),
+            PastEvent::Stage(stage) => (words.ev_stage, lang.stage(*stage, true).to_owned(), None, None),
+            PastEvent::Signal { name, value } => {
                 let value = value.map_or("unknown", |value| if value { "true" } else { "false" });
-                (words.ev_signal, format!("{} {value}", name(signal)), String::new())
+                (words.ev_signal, format!("{} {value}", clean(name, 2 * NAME)), None, None)
             }
-            PastEvent::AlarmRaised { id, node } => {
-                (words.ev_raised, format!("{id}: {}", name(node)), String::new())
-            }
+            PastEvent::AlarmRaised { id, node } => (words.ev_raised, format!("{id}:"), named(node), None),
             PastEvent::AlarmMoved { id, symptom, cause } => {
-                (words.ev_moved, format!("{id}: {}", name(symptom)), name(cause))
+                (words.ev_moved, format!("{id}:"), named(symptom), named(cause))
             }
             PastEvent::AlarmAcknowledged { id, node } => {
-                (words.ev_acknowledged, format!("{id}: {}", name(node)), String::new())
+                (words.ev_acknowledged, format!("{id}:"), named(node), None)
             }
-            PastEvent::AlarmCleared { id, node } => {
-                (words.ev_cleared, format!("{id}: {}", name(node)), String::new())
-            }
-            PastEvent::Left { node } => (words.ev_left, name(node), String::new()),
-            PastEvent::Lost(count) => (words.history_lost, count.to_string(), String::new()),
+            PastEvent::AlarmCleared { id, node } => (words.ev_cleared, format!("{id}:"), named(node), None),
+            PastEvent::Left { node } => (words.ev_left, none(), named(node), None),
+            PastEvent::Lost(count) => (words.history_lost, count.to_string(), None, None),
         };
-        Event { at: wall(*at_ms), what, detail, cause }
+        Event { at: wall(*at_ms), at_ms: *at_ms, what, detail, node, cause }
     };
     past.events.iter().rev().take(EVENTS).map(event).collect()
 }

@@ -1,6 +1,6 @@
 //! The strips of the timeline: the stage, nodes and signals, with their states at the selected moment.
 
-use crate::texts::{DevWords, Lang, MESSAGE, NAME, clean};
+use crate::texts::{DevWords, IncidentWords, Lang, MESSAGE, NAME, clean};
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
@@ -239,6 +239,31 @@ pub fn look_word(lang: Lang, look: Look) -> &'static str {
         Look::Masked | Look::NotRelevant => State::Ignore,
         Look::Unknown | Look::NotKnown => State::Unknown,
     })
+}
+
+/// A look of a bar in words.
+pub struct Explained {
+    pub class: &'static str,
+    pub pattern: Option<&'static str>,
+    /// With a line at its foot.
+    pub is_own: bool,
+    pub word: &'static str,
+}
+
+/// What the bars of nodes look like, and what that means.
+pub fn legend(lang: Lang) -> Vec<Explained> {
+    let it = IncidentWords::of(lang);
+    let looks = [Look::Ok, Look::Warning, Look::Error, Look::Unknown];
+    let plain = looks.map(|look| (look, false, look_word(lang, look)));
+    let rest = [
+        (Look::Attributed, false, it.look_attributed),
+        (Look::Masked, false, it.look_masked),
+        (Look::NotRelevant, false, it.look_not_relevant),
+        (Look::Masked, true, it.look_own),
+    ];
+    let explained =
+        |(look, is_own, word)| Explained { class: class(look), pattern: pattern(look), is_own, word };
+    plain.into_iter().chain(rest).map(explained).collect()
 }
 
 pub fn state_of(look: Look) -> &'static str {

@@ -92,6 +92,9 @@ pub(super) struct Tail<'a> {
     roots: Option<Vec<Root<'a>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     alarms: Option<Vec<Alarm<'a>>>,
+    /// Modules whose faults raise no alarm for now, because a developer has shelved them for maintenance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shelved: Option<Vec<Shelved<'a>>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     countermeasures: Option<Vec<Countermeasure<'a>>>,
     /// The signals of the configuration by their names; `null` is unknown.
@@ -109,6 +112,7 @@ pub(super) struct Tail<'a> {
 pub(super) struct Lists<T> {
     pub roots: T,
     pub alarms: T,
+    pub shelved: T,
     pub countermeasures: T,
     pub signals: T,
 }
@@ -212,6 +216,15 @@ struct Alarm<'a> {
 }
 
 #[derive(Serialize, JsonSchema)]
+struct Shelved<'a> {
+    node: &'a str,
+    #[schemars(schema_with = "words::time")]
+    until: Wall,
+    /// The user.
+    by: &'a str,
+}
+
+#[derive(Serialize, JsonSchema)]
 struct Countermeasure<'a> {
     #[schemars(schema_with = "words::request")]
     request: &'static str,
@@ -263,6 +276,7 @@ impl<'a> Context<'a> {
         Tail {
             roots: lists.roots.then(|| self.roots()),
             alarms: lists.alarms.then(|| self.alarms()),
+            shelved: lists.shelved.then(|| self.shelved()),
             countermeasures: lists.countermeasures.then(|| self.countermeasures()),
             signals: lists.signals.then(|| self.signals()),
             counters: self.counters(),
@@ -338,6 +352,15 @@ impl<'a> Context<'a> {
             repeats: it.repeats,
         };
         self.snapshot.alarms.iter().map(alarm).collect()
+    }
+
+    fn shelved(&self) -> Vec<Shelved<'a>> {
+        let shelved = |it: &'a snapshot::Shelved| Shelved {
+            node: self.name(NodeId::Module(it.module)),
+            until: self.wall(it.until),
+            by: &it.by,
+        };
+        self.snapshot.shelved.iter().map(shelved).collect()
     }
 
     fn countermeasures(&self) -> Vec<Countermeasure<'a>> {

@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::json::{Context, LeftOut, Lists};
-use telltale_engine::model::{GroupId, ModuleId};
+use telltale_engine::model::{GroupId, ModuleId, NodeId};
 use telltale_engine::snapshot::{GroupView, ModuleView, Snapshot};
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
@@ -210,6 +210,9 @@ impl Parts {
         if !is_same(|a, b| a.alarms == b.alarms) {
             self.lists.alarms = number;
         }
+        if !is_same(|a, b| a.shelved == b.shelved) {
+            self.lists.shelved = number;
+        }
         if !is_same(|a, b| a.countermeasures == b.countermeasures) {
             self.lists.countermeasures = number;
         }
@@ -228,7 +231,13 @@ impl Parts {
         let mut text = String::with_capacity(if groups_alone { BESIDE_BYTES } else { BESIDE_BYTES + bytes });
         let _ = write!(text, "{{{},\"groups\":[", members(&context.head(None)));
         self.push_groups(&mut text, tops(snapshot), groups_alone);
-        let tail = context.tail(Lists { roots: true, alarms: true, countermeasures: true, signals: true });
+        let tail = context.tail(Lists {
+            roots: true,
+            alarms: true,
+            shelved: true,
+            countermeasures: true,
+            signals: true,
+        });
         let _ = write!(text, "],{}}}", members(&tail));
         text
     }
@@ -298,6 +307,7 @@ impl Parts {
         let tail = context.tail(Lists {
             roots: self.lists.roots > sent.number,
             alarms: self.lists.alarms > sent.number,
+            shelved: self.lists.shelved > sent.number,
             countermeasures: self.lists.countermeasures > sent.number,
             signals: self.lists.signals > sent.number,
         });
@@ -379,7 +389,12 @@ fn listed_bytes_max(snapshot: &Snapshot) -> usize {
     let roots = snapshot.roots.iter().map(|it| it.node);
     let alarms = snapshot.alarms.iter().map(|it| it.node);
     let causes = snapshot.countermeasures.iter().flat_map(|it| it.causes.iter().map(|it| it.node));
-    let nodes = roots.chain(alarms).chain(causes).map(|node| 2 * 6 * snapshot.node_name(node).len() + 256);
+    let shelved = snapshot.shelved.iter().map(|it| NodeId::Module(it.module));
+    let nodes = roots
+        .chain(alarms)
+        .chain(causes)
+        .chain(shelved)
+        .map(|node| 2 * 6 * snapshot.node_name(node).len() + 256);
     let signals = snapshot.signals.iter().map(|(name, _)| 6 * name.len() + 16);
     nodes.chain(signals).sum()
 }

@@ -78,7 +78,7 @@ fn is_whole(schema: &mut Schema) {
     if let Some(properties) = schema.get_mut("properties").and_then(Value::as_object_mut) {
         properties.remove("base");
     }
-    for list in ["roots", "alarms", "countermeasures", "signals"] {
+    for list in ["roots", "alarms", "shelved", "countermeasures", "signals"] {
         requires(schema, list);
     }
     schema.insert("not".to_owned(), json!({ "required": ["base"] }));

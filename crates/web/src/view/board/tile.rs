@@ -3,7 +3,7 @@
 use askama::Template;
 
 use telltale_engine::model::{GroupId, NodeId};
-use telltale_engine::snapshot::Reason;
+use telltale_engine::snapshot::{Reason, Shelved};
 use telltale_engine::state::State;
 
 use super::{Tile, arrows as lines};
@@ -25,6 +25,8 @@ struct TileHtml<'a> {
     /// How many faults it reports while it waits, and the same in words.
     own: Option<(usize, String)>,
     flashes: bool,
+    /// A module in it is shelved.
+    shelved: bool,
 }
 
 pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
@@ -36,7 +38,13 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
             (view.words.waiting, view.cause_name(NodeId::Group(id), by))
         }
         (State::Ignore, _) => (view.words.not_active, String::new()),
-        (state, _) => (view.lang.state(state), count(view, id)),
+        (state, _) => {
+            let line = match shelved(view, tile) {
+                0 => count(view, id),
+                shelved => view.lang.so_many_shelved(shelved),
+            };
+            (view.lang.state(state), line)
+        }
     };
     let (column, row) = view.board.places[tile];
     let html = html(&TileHtml {
@@ -51,6 +59,7 @@ pub fn tile(view: &View<'_>, tile: Tile) -> Fragment {
         line,
         own: Some(view.own_faults(id)).filter(|&own| own > 0).map(|own| (own, view.lang.own_faults(own))),
         flashes: flashes(view, tile),
+        shelved: shelved(view, tile) > 0,
     });
     Fragment { id: format!("tile-{}", info.path), html }
 }
@@ -64,6 +73,12 @@ fn count(view: &View<'_>, id: GroupId) -> String {
         State::Unknown if group.ok == 0 => view.words.no_news.to_owned(),
         _ => format!("{}/{} {}", group.ok, group.counted, view.words.ok),
     }
+}
+
+/// How many of its modules a developer has shelved.
+fn shelved(view: &View<'_>, tile: Tile) -> usize {
+    let its = |it: &&Shelved| view.board.tile_of(NodeId::Module(it.module)) == Some(tile);
+    view.snapshot.shelved.iter().filter(its).count()
 }
 
 /// A tile flashes while an alarm in it waits to be acknowledged.

@@ -8,7 +8,7 @@ use telltale_engine::state::State;
 
 use super::Tile;
 use crate::texts::operator::unit;
-use crate::texts::{ID, VALUE, Words, address, clean};
+use crate::texts::{ID, NAME, VALUE, Words, address, clean};
 use crate::view::node_names::{ModuleMessage, icon, own_matters, reason_word};
 use crate::view::trends::{POINTS_SMALL, Trend};
 use crate::view::versions::Aspect;
@@ -37,6 +37,8 @@ struct ModuleRow {
     icon: &'static str,
     word: &'static str,
     because: String,
+    /// Until when it is shelved, and who has done that.
+    shelved: Option<(String, String)>,
     own: Option<&'static str>,
     /// Why its state is not the reported one.
     decided: String,
@@ -84,8 +86,8 @@ struct DetailHtml<'a> {
     own: String,
     since: String,
     count: String,
-    /// Names of the components from the root cause to this one.
-    chain: Vec<String>,
+    /// Paths and names of the components from the root cause to this one.
+    chain: Vec<(String, String)>,
     root: String,
     rows: Vec<ModuleRow>,
     more: Option<String>,
@@ -146,12 +148,16 @@ fn fitting(detail: &mut DetailHtml<'_>, bytes: usize, more: impl Fn(usize) -> Op
 }
 
 /// The way from the first root cause to this component, and what the root cause says.
-fn why(view: &View<'_>, tile: Tile) -> (Vec<String>, String) {
+fn why(view: &View<'_>, tile: Tile) -> (Vec<(String, String)>, String) {
     let (_, group) = view.snapshot.group(view.board.tiles[tile]);
     let Some(path) = group.paths.first() else { return (Vec::new(), String::new()) };
     let mut steps: Vec<Tile> = path.iter().filter_map(|&node| view.board.tile_of(node)).collect();
     steps.dedup();
-    let chain = steps.iter().rev().map(|&step| view.group_name(view.board.tiles[step])).collect();
+    let named = |step: Tile| {
+        let id = view.board.tiles[step];
+        (view.snapshot.group(id).0.path.to_string(), view.group_name(id))
+    };
+    let chain = steps.into_iter().rev().map(named).collect();
     let root = match path.last() {
         Some(&NodeId::Module(id)) => view.fault(id, view.snapshot.module(id).1.state),
         _ => String::new(),
@@ -185,6 +191,10 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> ModuleRow {
         icon: icon(module.state, module.reason.as_ref()),
         word: view.lang.state(module.state),
         because: view.reason(NodeId::Module(id), module.reason.as_ref()),
+        shelved: view
+            .snapshot
+            .shelved(id)
+            .map(|it| (view.wall(it.until), view.lang.shelved_by(&clean(&it.by, NAME)))),
         own: own.then(|| view.lang.state(module.own)),
         decided: decided(view, module),
         since: view.wall(module.since),

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 
 use telltale_engine::model::wording::Urgency;
 use telltale_engine::model::{GroupId, ModuleId, NodeId, Stage};
-use telltale_engine::snapshot::{Alarm, Reason, RootCause};
+use telltale_engine::snapshot::{Alarm, Reason, RootCause, Shelved};
 use telltale_engine::state::State;
 use telltale_engine::time::{Span, Timestamp};
 
@@ -40,6 +40,8 @@ pub struct FaultEntry {
     pub over: bool,
     /// For how long it lasted, once it is over.
     pub lasted: Option<Span>,
+    /// A developer has shelved it: it asks nobody for anything.
+    pub shelved: Option<Shelved>,
     /// Somebody has acknowledged it, and when, if that is known.
     pub seen: Option<Option<Timestamp>>,
     /// What an acknowledgement of this entry is for.
@@ -53,16 +55,36 @@ pub struct AcknowledgeTarget {
     pub aspect: Aspect,
 }
 
-/// All entries: what is over stands last, and the most urgent advice first.
+/// All entries: the most urgent advice first, then what is shelved, and last what is over.
 pub fn entries(view: &View<'_>) -> Vec<FaultEntry> {
     let roots = view.snapshot.roots.iter();
     let mut entries: Vec<FaultEntry> = roots.map(|root| of_root(view, root)).collect();
     add_unexplained(view, &mut entries);
     add_past_alarms(view, &mut entries);
     add_causes_of_countermeasures(view, &mut entries);
+    add_shelved(view, &mut entries);
     let mut entries = join_by_status(view, entries);
-    entries.sort_by_key(|entry| (entry.over, Reverse(entry.urgency)));
+    entries.sort_by_key(|entry| (entry.over, entry.shelved.is_some(), Reverse(entry.urgency)));
     entries
+}
+
+/// Marks the entries of shelved modules, and adds those that have none: a shelved module is never out of sight. What
+/// an operator has to accept before a clearance can still be accepted.
+fn add_shelved(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
+    for shelved in view.snapshot.shelved.iter() {
+        let node = NodeId::Module(shelved.module);
+        if let Some(entry) = entries.iter_mut().find(|entry| entry.node == node && !entry.over) {
+            (entry.help, entry.urgency, entry.unacknowledged) = (String::new(), None, false);
+            entry.shelved = Some(shelved.clone());
+            continue;
+        }
+        let (info, module) = view.snapshot.module(shelved.module);
+        let component = view.tile_name(node);
+        let entry = plain(view, node, module.state, (view.label(info), component.clone()), module.since);
+        let (help, urgency) = (String::new(), None);
+        let shelved = Some(shelved.clone());
+        entries.push(FaultEntry { help, urgency, shelved, places: vec![component], ..entry });
+    }
 }
 
 /// Entries of one status in several components become one, which names the components.
@@ -108,6 +130,7 @@ fn joined(view: &View<'_>, a: FaultEntry, b: FaultEntry) -> FaultEntry {
         second: entry.second || other.second,
         unacknowledged: entry.unacknowledged || other.unacknowledged,
         acknowledge,
+        shelved: entry.shelved.or(other.shelved),
         seen: entry.seen.and(other.seen),
         ..entry
     }
@@ -189,6 +212,7 @@ fn plain(
         unacknowledged: false,
         over: false,
         lasted: None,
+        shelved: None,
         seen: None,
         acknowledge: None,
     }

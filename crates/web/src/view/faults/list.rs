@@ -8,7 +8,7 @@ use telltale_engine::state::State;
 
 use super::entries::FaultEntry;
 use super::{instruction, undeclared_statuses};
-use crate::texts::{ID, Words, address, clean};
+use crate::texts::{ID, NAME, Words, address, clean};
 use crate::view::node_names::{ModuleMessage, icon};
 use crate::view::{Fragment, View, html, requests};
 
@@ -55,6 +55,8 @@ struct EntryHtml {
     lasted: String,
     waits: String,
     help: String,
+    /// Until when it is shelved, and who has done that.
+    shelved: Option<(String, String)>,
     acknowledge: Option<AcknowledgeHtml>,
     /// Acknowledged: the time of day as RFC 3339, if it is known.
     seen: Option<Option<String>>,
@@ -156,6 +158,10 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
         since: view.wall(entry.since),
         lasted: entry.lasted.map(|lasted| view.lang.lasted(lasted)).unwrap_or_default(),
         waits: entry.waits.clone(),
+        shelved: entry
+            .shelved
+            .as_ref()
+            .map(|it| (view.wall(it.until), view.lang.shelved_by(&clean(&it.by, NAME)))),
         help: if is_overruled(view, entry) { String::new() } else { entry.help.clone() },
         acknowledge: target.map(|target| AcknowledgeHtml {
             address: address(&target.id),

@@ -46,7 +46,6 @@ pub enum ReloadError {
     /// Everything that is wrong with the file. The old configuration stays.
     #[error("{0}")]
     Configuration(#[from] Problems),
-    /// Every field that cannot be read. The old configuration stays.
     #[error("the engine has ended")]
     Ended,
     #[error(
