@@ -55,54 +55,6 @@
     if (document.activeElement !== until) until.value = asked.get("until") ? local(to) : "";
   };
 
-  // --- the what-if: a mistake is marked beside its line, and leads to it
-
-  const fields = () => [...document.querySelectorAll(".what-if textarea")];
-  const number = (field, index) => {
-    const wrong = new Map();
-    for (const { dataset, parentElement } of document.querySelectorAll(`#problems button[data-file="${index}"]`)) {
-      const said = parentElement.textContent.trim();
-      wrong.set(Number(dataset.line), [wrong.get(Number(dataset.line)), said].filter(Boolean).join("\n"));
-    }
-    const count = field.value.split("\n").length;
-    const numbers = field.previousElementSibling;
-    const shown = `${count} ${JSON.stringify([...wrong])}`;
-    if (numbers.dataset.shown !== shown) {
-      const line = (_, at) => {
-        const text = document.createElement("span");
-        text.textContent = `${at + 1}\n`;
-        if (wrong.has(at + 1)) Object.assign(text, { className: "wrong", title: wrong.get(at + 1) });
-        return text;
-      };
-      numbers.replaceChildren(...Array.from({ length: count }, line));
-      numbers.dataset.shown = shown;
-    }
-    numbers.scrollTop = field.scrollTop;
-  };
-  const numberAll = () => fields().forEach(number);
-  for (const event of ["input", "scroll"]) {
-    document.addEventListener(event, ({ target }) => {
-      if (fields().includes(target)) number(target, fields().indexOf(target));
-    }, true);
-  }
-  for (const event of ["telltale:page", "telltale:shown"]) addEventListener(event, numberAll);
-  numberAll();
-
-  document.addEventListener("click", ({ target }) => {
-    const button = target.closest?.("#problems button");
-    const field = button && fields()[button.dataset.file];
-    if (!field) return;
-    const lines = field.value.split("\n");
-    const line = Math.min(button.dataset.line, lines.length) - 1;
-    const start = lines.slice(0, line).reduce((sum, text) => sum + text.length + 1, 0);
-    field.focus();
-    field.setSelectionRange(start, start + lines[line].length);
-    const height = parseFloat(getComputedStyle(field).lineHeight);
-    field.scrollTop = Math.max(0, line * height - field.clientHeight / 2);
-    // The browser's own event of the scroll comes a frame later.
-    number(field, Number(button.dataset.file));
-  });
-
   // --- the graph: larger and smaller, around the pointer
 
   let zoom = 1;
@@ -188,6 +140,15 @@
     const next = all[at < 0 ? (step > 0 ? 0 : all.length - 1) : Math.min(all.length - 1, Math.max(0, at + step))];
     if (next) target(next)?.focus();
   };
+
+  // A whole row opens what it names, unless something in it was meant, or a text in it is marked.
+  document.addEventListener("click", (event) => {
+    const row = event.target.closest?.(":is(tr, li)[data-row]");
+    if (!row || event.target.closest("a, button, input, label") || !getSelection().isCollapsed) return;
+    const { ctrlKey, metaKey, shiftKey } = event;
+    const click = new MouseEvent("click", { bubbles: true, cancelable: true, ctrlKey, metaKey, shiftKey });
+    row.querySelector("[data-open]")?.dispatchEvent(click);
+  });
 
   const press = {
     "/": () => document.querySelector("[data-search]")?.click(),

@@ -6,6 +6,9 @@
   // As wide as the last column of the lanes with the gap before it, so that plots and strips share their time.
   const AXIS = 212;
 
+  // The edges of a band have no line of their own.
+  const EDGE = { width: 0, points: { show: false } };
+
   const drawn = new Map();
   let loading = null;
   const load = ({ uplot, uplotStyle }) => {
@@ -31,7 +34,8 @@
     return {
       span: [Number(lanes.dataset.start) / 1000, Number(lanes.dataset.end) / 1000],
       limits: JSON.parse(plot.dataset.limits),
-      data: [times, JSON.parse(plot.dataset.numbers)],
+      // Minutes and hours have their least and greatest numbers too.
+      data: [times, ...[plot.dataset.numbers, plot.dataset.least, plot.dataset.most].filter(Boolean).map((all) => JSON.parse(all))],
     };
   };
 
@@ -62,13 +66,15 @@
 
   const say = (plot) => (chart) => {
     const { idx, left } = chart.cursor;
-    const number = left >= 0 && idx !== null ? chart.data[1][idx] : undefined;
-    const text = number === undefined ? "" : `${clock(chart.data[0][idx])}  ${number ?? "-"}`;
+    const [number, least, most] = left >= 0 && idx !== null ? chart.data.slice(1).map((all) => all[idx]) : [];
+    const ends = Number.isFinite(least) ? `  ${least} … ${most}` : "";
+    const text = number === undefined ? "" : `${clock(chart.data[0][idx])}  ${number ?? "-"}${ends}`;
     Live.setText(plot.querySelector("output"), text);
   };
 
   const make = (plot) => {
     const host = plot.querySelector(".chart");
+    const within = read(plot).data.slice(2);
     const options = {
       width: host.parentElement.clientWidth - host.offsetLeft + host.parentElement.offsetLeft,
       height: HEIGHT,
@@ -83,7 +89,8 @@
           grid: { stroke: colour("--line"), width: 1 }, ticks: { show: false },
         },
       ],
-      series: [{}, { stroke: colour("--plot"), width: 1.6, points: { show: false } }],
+      series: [{}, { stroke: colour("--plot"), width: 1.6, points: { show: false } }, ...within.map(() => EDGE)],
+      bands: within.length ? [{ series: [3, 2], fill: colour("--band") }] : [],
       hooks: { draw: [drawLimits(plot)], setCursor: [say(plot)] },
     };
     const chart = new uPlot(options, read(plot).data, host);
@@ -111,7 +118,14 @@
       // The server's pictures stay.
       return;
     }
-    for (const plot of all) if (drawn.has(plot)) drawn.get(plot).setData(read(plot).data);
+    for (const plot of all) {
+      const [chart, { data }] = [drawn.get(plot), read(plot)];
+      if (chart?.data.length === data.length) chart.setData(data);
+      else if (chart) {
+        chart.destroy();
+        drawn.delete(plot);
+      }
+    }
     // A page is painted with the pictures of the server first.
     requestAnimationFrame(() => setTimeout(() => {
       for (const plot of all) if (plot.isConnected && !drawn.has(plot)) make(plot);

@@ -1,5 +1,5 @@
 // Copies a table of the developer's pages, or saves it as CSV or JSON: with all rows, also where the page shows only
-// some. The server bounds their number.
+// some. The server bounds their number. Also copies a text that stands beside a button.
 (() => {
   "use strict";
   const ALL_ROWS = { "Telltale-Part": "content", "Telltale-All-Rows": "1" };
@@ -38,7 +38,7 @@
   };
 
   const read = (table) => {
-    const rows = [...table.rows].filter((row) => row.parentElement !== table.tHead);
+    const rows = [...table.rows].filter((row) => row.parentElement !== table.tHead && row.dataset.aside === undefined);
     const cells = rows.map((row) => [...row.cells].filter((cell) => !cell.matches(".pin")));
     const shown = heads(table);
     if (table.querySelector("td.pin")) shown.shift();
@@ -122,6 +122,18 @@
       }
     } catch {
       say(button, button.dataset.failed ?? "!");
+    }
+  });
+
+  // A text beside a button.
+  document.addEventListener("click", async ({ target }) => {
+    const button = target.closest?.("[data-copy]");
+    if (!button || button.textContent === button.dataset.done) return;
+    try {
+      await copy(button.closest("[data-aside]").querySelector(button.dataset.copy).textContent);
+      say(button, button.dataset.done);
+    } catch {
+      say(button, button.dataset.failed);
     }
   });
 

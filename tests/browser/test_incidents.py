@@ -46,8 +46,19 @@ def test_a_fault_is_listed_told_noted_and_kept(server, vehicle, page, trouble, p
     visit(page, server, "/incidents?cause=VELODYNE")
     row = page.locator(f"[data-incident='{incident}']")
     expect(row).to_contain_text(CAUSE)
+    # What it was, as the operator's page says it, and how bad.
+    expect(row).to_have_attribute("data-state", "error")
+    expect(row.locator(".told")).to_contain_text("LiDAR data missing (Sensors)")
+    assert row.locator(".state span").evaluate("it => getComputedStyle(it).backgroundColor") == "rgb(168, 13, 27)"
     assert violations(page) == ""
-    row.locator("[data-open]").click()
+    # The row opens by the keyboard, and wherever it is clicked.
+    page.keyboard.press("j")
+    expect(page.locator("[data-row] [data-open]").first).to_be_focused()
+    row.locator("[data-open]").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_url(f"**/incidents/{incident}")
+    page.go_back()
+    row.locator("td").nth(3).click()
     page.wait_for_url(f"**/incidents/{incident}")
     expect(page.locator("#story tbody")).to_contain_text("hides: ")
     expect(page.locator(f"#states [data-node='{CAUSE}'] .bar-error")).not_to_have_count(0)

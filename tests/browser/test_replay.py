@@ -320,6 +320,7 @@ def test_a_bag_is_shown_in_the_display(plain, config, page):
         expect(page.locator(".lane[data-node='base/motor']")).to_be_visible()
         page.goto(f"{url}/replay/file?at={BEGIN_NS // 10**6 + 2_000}")
         expect(screen.locator("#tile-base")).to_have_attribute("data-state", "ok")
+        expect(page.locator("#unheard")).to_have_count(0)
         # There is nothing else, and nothing acts.
         for path in ["/", "/developer"]:
             page.goto(url + path)
@@ -340,6 +341,16 @@ def test_a_bag_is_shown_in_the_display(plain, config, page):
     assert "--config" in said, said
     _, said = replay(plain, "--config", config, "--serve", "--listen", "0.0.0.0:0", exits=2)
     assert "beyond this computer" in said, said
+
+
+def test_the_topics_that_a_recording_does_not_have_are_named(tmp_path, plain, config, page):
+    other = tmp_path / "other.yaml"
+    other.write_text(config.read_text().replace("/odom", "/robot/odom"))
+    with shown(plain, other) as (url, name, password):
+        log_in(page, SimpleNamespace(url=url), name, password)
+        page.wait_for_url(f"{url}/replay/file")
+        expect(page.locator("#unheard")).to_have_text(re.compile("has no message of them: /robot/odom$"))
+        page.goto("about:blank")
 
 
 def with_wrong_bit(folder, plain):

@@ -109,6 +109,68 @@ def test_a_dependency_that_is_removed_shows_the_alarms_that_it_hid(server, vehic
     assert violations(page) == ""
 
 
+LIMIT = "      - { id: rate, monitor: { frequency: { topic: /mission/active, type: std_msgs/msg/Bool, window: 2s, warning_below: 3, error_below: 1 } } }\n"
+
+
+def test_a_click_writes_into_the_text_and_the_editor_stays_where_it_was(server, vehicle, page, trouble, incident):  # noqa: F811
+    number, _ = incident
+    enter(page, server, *DEVELOPER)
+    visit(page, server, f"/incidents/{number}/what-if")
+    text = page.locator("textarea")
+    recorded = text.input_value()
+    chip = lambda node, entry: page.locator(f'#by-click [data-node="{node}"] [data-entry="{entry}"]')
+    changed = lambda: [int(it) for it in page.locator(".numbers .changed").all_inner_texts()]
+
+    def run():
+        page.locator("button[name=run]").click()
+        expect(page.locator("#phase")).to_have_attribute("data-progress", "done")
+
+    # A dependency is switched off in the text, its line is marked and can be seen.
+    chip("localization", "sensors/velodyne_packet_alive").click()
+    line = 1 + next(at for at, it in enumerate(text.input_value().split("\n")) if it == "    depends_on: [can/wheel_speed]")
+    assert changed() == [line]
+    mark, field = page.locator(".numbers .changed").bounding_box(), text.bounding_box()
+    assert field["y"] < mark["y"] < field["y"] + field["height"]
+    chip("localization", "can/wheel_speed").click()
+    assert text.input_value().split("\n")[line - 1] == "    depends_on: []"
+    chip("localization", "can/wheel_speed").click()
+    assert violations(page) == ""
+
+    # What is typed above moves the places below.
+    text.evaluate("it => it.setSelectionRange(0, 0)")
+    text.press("#")
+    text.press("Enter")
+    chip("localization", "sensors/velodyne_packet_alive").click()
+    assert text.input_value() == "#\n" + recorded and changed() == []
+    chip("localization", "sensors/velodyne_packet_alive").click()
+
+    # The answer leaves the text, its place and the caret alone.
+    text.evaluate("it => { it.setSelectionRange(500, 510); it.scrollTop = 333; it.isTheSame = true }")
+    stands = "it => [it.isTheSame, it.scrollTop, it.selectionStart, it.selectionEnd]"
+    before = text.evaluate(stands)
+    run()
+    expect(page.locator(f"#compared [data-incident='{number}']")).to_have_attribute("data-differs", "true")
+    expect(page.locator("#differences")).to_contain_text("depends_on from [sensors/velodyne_packet_alive, can/wheel_speed] to [can/wheel_speed]")
+    assert text.evaluate(stands) == before and before[0]
+    expect(chip("localization", "sensors/velodyne_packet_alive")).to_have_attribute("aria-pressed", "false")
+
+    # What is written over has no place any more; without its text nothing is written.
+    text.fill(recorded.replace("    modules:\n", "    modules:\n" + LIMIT, 1))
+    expect(chip("localization", "can/wheel_speed")).to_be_disabled()
+    run()
+    page.reload()
+    below = page.locator('#by-click [data-node="sensors/rate"] label', has_text="warning_below").locator("input")
+    below.fill("2")
+    assert LIMIT.replace("warning_below: 3", "warning_below: 2") in text.input_value()
+    expect(below).to_be_focused()
+    below.fill("")
+    assert "warning_below: 2," in text.input_value(), "nothing is no limit"
+    below.fill("0.5")
+    page.locator("button[name=run]").click()
+    expect(page.locator("#phase")).to_have_attribute("data-progress", "wrong")
+    assert "warning_below: 0.5," in text.input_value()
+
+
 def test_it_works_without_scripts(server, vehicle, chromium, incident):  # noqa: F811
     number, _ = incident
     developer = Client(server, *DEVELOPER)

@@ -9,7 +9,7 @@ use telltale::engine::input::{Input, TroubleKind};
 use telltale::engine::model::monitors::{
     FieldKind, FieldSpec, ProbeTarget, TopicSpec, WatchdogSpec, Watched,
 };
-use telltale::engine::model::sample::{FieldValue, Pose, ProbeOutcome, PublisherReport, Sample};
+use telltale::engine::model::sample::{FieldValue, Pose, ProbeOutcome, PublisherReport, Sample, Transform};
 use telltale::engine::model::{Model, Parts, StageModel};
 use telltale::engine::time::Span;
 use telltale::msg::messages::encode;
@@ -23,6 +23,8 @@ const ODOMETRY: &str = "pub --topic rt/odometry --type nav_msgs::msg::dds_::Odom
 const CLOUD: &str =
     "--reliability best_effort pub --topic rt/cloud --type sensor_msgs::msg::dds_::PointCloud2_";
 const TF: &str = "pub --topic rt/tf --type tf2_msgs::msg::dds_::TFMessage_";
+const TF_STATIC: &str =
+    "--durability transient_local --depth 1 pub --topic rt/tf_static --type tf2_msgs::msg::dds_::TFMessage_";
 const POSE: &str = "--durability transient_local --depth 1 pub --topic rt/pose --type geometry_msgs::msg::dds_::PoseStamped_";
 
 fn topic(name: &str, type_name: &str, stamp: bool, fields: &[(&str, FieldKind)]) -> TopicSpec {
@@ -109,6 +111,7 @@ const STAMP_NS: Option<i64> = Some(1_700_000_000_000_000_005);
 
 with_each_peer!(
     fields_of_foreign_messages_arrive_right,
+    the_transforms_of_a_frame_arrive_also_those_sent_once_before_our_start,
     hostile_bodies_are_unreadable_and_counted_and_a_publisher_that_leaves_is_noticed,
     another_configuration_learns_the_last_value_and_who_publishes,
     a_node_is_there_until_it_is_announced_no_longer,
@@ -183,6 +186,35 @@ async fn fields_of_foreign_messages_arrive_right(vendor: Vendor) {
         matches!(&sample.values[1], FieldValue::Unreadable(why) if why.contains("there are 2")),
         "{sample:?}"
     );
+    watching.bridge.shutdown().await;
+}
+
+async fn the_transforms_of_a_frame_arrive_also_those_sent_once_before_our_start(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let of = |name: &str| TopicSpec {
+        fields: vec![FieldSpec::transforms_of("base_link")],
+        ..topic(name, "tf2_msgs/msg/TFMessage", false, &[])
+    };
+    let message = |frames: &[(&str, &str)]| {
+        let transform =
+            |(parent, child): &(&str, &str)| json!({"header": stamped(parent), "child_frame_id": child});
+        json!({"message": "TFMessage", "fields": {"transforms": frames.iter().map(transform).collect::<Value>()}})
+    };
+    let found = |parents: &[&str]| {
+        let transform = |parent: &&str| Transform { parent: (*parent).into(), stamp_ns: STAMP_NS };
+        FieldValue::Transforms(parents.iter().map(transform).collect())
+    };
+    let mut fixed = Peer::start(&domain, TF_STATIC);
+    fixed.write(&message(&[("base_link", "lidar"), ("footprint", "base_link")]));
+    let mut watching = Watching::start(&domain, &model(vec![of("/tf"), of("/tf_static")], Vec::new())).await;
+    let sample = watching.sample("/tf_static").await;
+    assert_eq!((&*sample.values, sample.late), (&[found(&["footprint"])][..], true));
+    let mut tf = Peer::start(&domain, TF);
+    tf.wait_matched(1);
+    tf.write(&message(&[("map", "odom")]));
+    assert_eq!(&*watching.sample("/tf").await.values, [FieldValue::Absent]);
+    tf.write(&message(&[("map", "odom"), ("odom", "base_link"), ("ekf", "base_link")]));
+    assert_eq!(&*watching.sample("/tf").await.values, [found(&["odom", "ekf"])]);
     watching.bridge.shutdown().await;
 }
 

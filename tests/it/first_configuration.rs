@@ -37,7 +37,7 @@ fn topic(name: &str, type_name: &str, publishers: &[&str], subscribers: &[&str])
         name: name.to_owned(),
         publishers: ends(publishers),
         subscribers: ends(subscribers),
-        rate_hz: None,
+        ..TopicSeen::default()
     }
 }
 

@@ -15,7 +15,8 @@ use telltale::engine::model::monitors::{
 };
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::{
-    FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
+    Elements, FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport,
+    Sample, Transform,
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
@@ -62,12 +63,23 @@ fn inputs() -> Vec<Input> {
         topic: "/odometry".into(),
         type_name: "nav_msgs/msg/Odometry".into(),
         stamp: true,
-        fields: [FieldKind::Scalar, FieldKind::Pose, FieldKind::Positions, FieldKind::Content]
-            .map(field)
-            .into(),
+        fields: [
+            FieldKind::Scalar,
+            FieldKind::Pose,
+            FieldKind::Positions,
+            FieldKind::Transforms,
+            FieldKind::Elements,
+            FieldKind::Content,
+        ]
+        .map(field)
+        .into(),
     });
     let pose = Pose { x_m: f64::NAN, y_m: f64::INFINITY, z_m: f64::NEG_INFINITY, ..Pose::default() };
     let positions = Positions { taken: [Position { x_m: 1.5, y_m: -2.0 }].into(), count: 3 };
+    let elements =
+        Elements { taken: [FieldValue::Number(6.0), FieldValue::Text("a".into())].into(), count: 3 };
+    let of = |stamp_ns| Transform { parent: "map".into(), stamp_ns };
+    let transforms = [of(Some(7)), of(None)];
     let values = [
         FieldValue::Number(f64::NAN),
         FieldValue::Number(-1e300),
@@ -75,6 +87,8 @@ fn inputs() -> Vec<Input> {
         FieldValue::Text("".into()),
         FieldValue::Pose(pose),
         FieldValue::Positions(Arc::new(positions)),
+        FieldValue::Transforms(transforms.into()),
+        FieldValue::Elements(Arc::new(elements)),
         FieldValue::Content(Fingerprint(u64::MAX)),
         FieldValue::Absent,
         FieldValue::Unreadable("it ends early".into()),

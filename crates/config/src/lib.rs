@@ -1,6 +1,7 @@
 //! The configuration: from YAML files to a [`Model`] that cannot be wrong. Every problem is found in one pass,
 //! with file, line and a help.
 
+pub mod changeable;
 pub mod decode;
 pub mod describe;
 pub mod expression;

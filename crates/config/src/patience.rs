@@ -64,6 +64,7 @@ fn relaxed(spec: &mut MonitorSpec) -> Span {
         MonitorSpec::External { .. }
         | MonitorSpec::Value { .. }
         | MonitorSpec::Frozen { .. }
+        | MonitorSpec::Tf { .. }
         | MonitorSpec::Watchdog { .. }
         | MonitorSpec::System { .. }
         | MonitorSpec::RateRatio { .. }

@@ -37,6 +37,8 @@ pub struct TopicSeen {
     pub subscribers: Vec<Endpoint>,
     /// Messages per second that Telltale received; `None` if Telltale does not read the topic.
     pub rate_hz: Option<f32>,
+    /// The standard deviation of the time from one message to the next, as they arrived; `None` of fewer than three.
+    pub jitter_ms: Option<f32>,
 }
 
 /// A publisher or subscriber of a topic.

@@ -20,6 +20,7 @@ pub mod model;
 pub mod module;
 pub mod monitor;
 mod motion;
+pub mod pace;
 pub mod persistent;
 pub mod react;
 pub mod restart;
@@ -225,7 +226,7 @@ impl Engine {
             status_bytes: self.views.budget.total(),
             ..self.counters
         };
-        Arc::new(self.views.snapshot(self.now, &self.vehicle, counters))
+        Arc::new(self.views.snapshot(self.now, &self.vehicle, self.motion.driven_m(), counters))
     }
 
     /// The time of the last input.

@@ -11,6 +11,7 @@ use super::model::{Model, Stage, StageModel, Stop};
 use super::snapshot::{Motion, Moving};
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
+use crate::signals::driving_word::ARRIVAL;
 use serde::{Deserialize, Serialize};
 
 /// A vehicle stands once it has been slow for this long. It moves at once.
@@ -35,6 +36,9 @@ pub(super) struct MotionState {
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
     shown: Motion,
+    /// The speed summed up over the time for which it was known, in metres.
+    #[serde(default)]
+    driven_m: f64,
 }
 
 impl MotionState {
@@ -43,6 +47,10 @@ impl MotionState {
             FieldValue::Absent => {}
             FieldValue::Number(mps) if mps.is_finite() => {
                 let mps = mps.abs();
+                // Beyond its timeout nothing is known of the way.
+                if let Some((before, at)) = self.speed.filter(|(_, at)| now < *at + source.timeout) {
+                    self.driven_m += f64::midpoint(before, mps) * now.since(at).as_nanos() as f64 / 1e9;
+                }
                 self.speed = Some((mps, now));
                 self.slow_since = (mps < source.standing_below_mps).then(|| self.slow_since.unwrap_or(now));
             }
@@ -52,6 +60,10 @@ impl MotionState {
 
     pub(super) fn shown(&self) -> Motion {
         self.shown
+    }
+
+    pub(super) fn driven_m(&self) -> f64 {
+        self.driven_m
     }
 
     pub(super) fn lose_speed(&mut self) {
@@ -145,6 +157,15 @@ impl Engine {
         self.goal_signal.is_some_and(|index| self.signals.value(index) == Some(true))
     }
 
+    /// Whether a vehicle that just said that it drives no more stood before for as long as an arrival takes, or whether
+    /// that is not known: then it was stopped between stops, and its mission component has started again. Without a
+    /// speed nothing tells the two apart.
+    pub(super) fn stood_on_the_way(&self) -> bool {
+        let Some(source) = &self.model.driving.speed else { return false };
+        let known = self.motion.speed.is_some_and(|(_, at)| self.now < at + source.timeout);
+        !known || self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL)
+    }
+
     /// The drive to the goal is over.
     pub(super) fn forget_destination(&mut self) {
         self.motion.goal = None;
@@ -163,6 +184,7 @@ impl Engine {
             .goal
             .zip(before.driving.goal)
             .filter(|(it, other)| it.means_the_same(&now.watched, *other, &before.watched));
+        self.motion.driven_m = old.motion.driven_m;
         if let Some((source, _)) = speed {
             (self.motion.speed, self.motion.shown) = (old.motion.speed, old.motion.shown);
             let is_slow = |(mps, _): &(f64, Timestamp)| *mps < source.standing_below_mps;

@@ -3,7 +3,7 @@
 //! A snapshot is cheap to make and to keep: it shares unchanged parts with the one before.
 
 use super::files::count;
-use super::model::monitors::Class;
+use super::model::monitors::{Class, Reads};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -57,6 +57,9 @@ pub struct Snapshot {
     pub countermeasures: Arc<[Countermeasure]>,
     pub localization: Localization,
     pub motion: Motion,
+    /// The way since the start of the program, in metres, as far as the speed was known. It changes nothing else of a
+    /// snapshot.
+    pub driven_m: f64,
     /// The vehicle may start; a level for its topic.
     pub clearance: bool,
     /// Whether the vehicle must not go on before it is released; a level for its topic. `None`: after a restart
@@ -278,6 +281,8 @@ pub struct ModuleInfo {
     pub of_component: bool,
     /// How people read what its monitor measures.
     pub quantity: Option<Quantity>,
+    /// The topics that its monitor reads; `None`: none.
+    pub reads: Option<Box<Reads>>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,9 +1,9 @@
 //! The requests and replies of Telltale's services on the wire, as Cyclone DDS and Fast DDS write them under
 //! ROS 2.
 //!
-//! rmw_cyclonedds puts 16 bytes before each request and reply, by which a client knows the replies to its
-//! requests; rmw_fastrtps leaves that to the protocol. Topics and types are the same, so a server sees what
-//! each request is.
+//! rmw_cyclonedds puts 16 bytes before each request and reply, which name the client and number
+//! its requests; rmw_fastrtps has them in the protocol. Topics and types are the same, so a server tells by each
+//! request which of the two its client is.
 
 use super::cdr::{Endian, Reader, Writer};
 use super::messages::dds_type_name;

@@ -7,8 +7,9 @@ use telltale_engine::time::Timestamp;
 use telltale_msg::received::Message;
 use telltale_msg::sample_bytes::Guid;
 
-/// Writers of one topic whose last message is kept; of more, those that wrote last.
-const WRITERS_MAX: usize = 8;
+/// Writers of one topic whose last message is kept; of more, those that wrote last. Each static transform may have one of
+/// its own.
+const WRITERS_MAX: usize = 64;
 
 /// One message, and all messages of one topic, take at most this part of the ring's bytes.
 const TOPIC_SHARE: usize = 64;
@@ -122,7 +123,7 @@ mod tests {
         assert_eq!(kept(&[("/a", 1, 600), ("/a", 2, 600)]), named(&[("/a", 2)]));
         let many = [("/a", 1, 900), ("/b", 1, 900), ("/c", 1, 900), ("/d", 1, 900), ("/e", 1, 900)];
         assert_eq!(kept(&many), named(&[("/b", 1), ("/c", 1), ("/d", 1), ("/e", 1)]));
-        let writers: Vec<_> = (0..20).map(|writer| ("/a", writer, 0)).collect();
+        let writers: Vec<_> = (0..100).map(|writer| ("/a", writer, 0)).collect();
         assert_eq!(kept(&writers).len(), WRITERS_MAX);
         let topics: Vec<String> = (0..500).map(|at| format!("/{at}")).collect();
         let topics: Vec<_> = topics.iter().map(|topic| (topic.as_str(), 1, 0)).collect();

@@ -24,4 +24,5 @@ pub use playback::Playback;
 pub use recording::{Facts, Recording, ReplayError};
 pub use run::{Load, Run, Taken};
 pub use steps::Notes;
+pub use telltale_config::changeable::{Changeable, WhatChanges, changeable};
 pub use trace::{Shown, Totals};

@@ -36,6 +36,8 @@ pub struct Playback {
     changes: Vec<Record>,
     flows: Arc<Flows>,
     gaps: Gaps,
+    unheard: Vec<String>,
+    unheard_sentences: Vec<String>,
 }
 
 impl Playback {
@@ -82,7 +84,20 @@ impl Playback {
         let at = facts.from;
         let flows = Arc::new(run.take_flows());
         let gaps = run.gaps().clone();
-        let mut playback = Playback { run, facts, marks, taken: to, at, to, changes, flows, gaps };
+        let (unheard, unheard_sentences) = (run.unheard_topics(), run.unheard());
+        let mut playback = Playback {
+            run,
+            facts,
+            marks,
+            taken: to,
+            at,
+            to,
+            changes,
+            flows,
+            gaps,
+            unheard,
+            unheard_sentences,
+        };
         playback.go_to(at)?;
         Ok(playback)
     }
@@ -136,6 +151,17 @@ impl Playback {
     /// What is missing of the recording.
     pub fn gaps(&self) -> &Gaps {
         &self.gaps
+    }
+
+    /// The topics that the configuration reads and the whole recording has no message of, but for those that the recorded
+    /// configuration reads too: they were silent.
+    pub fn unheard(&self) -> &[String] {
+        &self.unheard
+    }
+
+    /// All of them, in sentences with those that may be meant.
+    pub fn unheard_sentences(&self) -> &[String] {
+        &self.unheard_sentences
     }
 
     /// The time of the first change of a node, the stage or an alarm after the shown instant, or before it.

@@ -218,6 +218,12 @@ impl Run {
         unheard::sentences(&unheard.collect::<Vec<_>>(), &self.steps.unread())
     }
 
+    /// These topics by their names.
+    pub fn unheard_topics(&self) -> Vec<String> {
+        let unheard = self.steps.unheard().into_iter().map(|it| it.topic);
+        unheard.filter(|topic| !self.reads.contains(topic)).collect()
+    }
+
     /// The engine, which has taken all steps so far.
     pub fn engine(&mut self) -> Option<&mut Engine> {
         self.engine.as_mut()

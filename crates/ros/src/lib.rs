@@ -35,7 +35,7 @@ pub use publish::publisher::{PublishError, Publisher};
 pub use telltale_engine::model::monitors::DIAGNOSTICS;
 pub use telltale_msg::subscription::SubscriptionError;
 
-use discovery::graph::{MessageCounts, OwnParticipants};
+use discovery::graph::{OwnParticipants, Paces};
 use futures_util::FutureExt as _;
 use library::Participant;
 use outbox::{End, stopped};
@@ -134,7 +134,7 @@ pub async fn start(
         clock,
         stop: stopping,
         discovery: Arc::new(seen),
-        tallies: MessageCounts::default(),
+        paces: Paces::default(),
         siblings: siblings.clone(),
         ros_clock: RosClock::default(),
         works,

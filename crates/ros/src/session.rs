@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
-use super::discovery::graph::{self, MessageCounts, OwnParticipants};
+use super::discovery::graph::{self, OwnParticipants, Paces};
 use super::discovery::nodes::Nodes;
 use super::discovery::{peers, presence, status_writers};
 use super::library::{Ended, Participant};
@@ -42,7 +42,7 @@ pub struct BridgeContext {
     pub stop: watch::Receiver<bool>,
     /// The graph from discovery, and the number of received messages.
     pub discovery: Arc<watch::Sender<Arc<Discovery>>>,
-    pub tallies: MessageCounts,
+    pub paces: Paces,
     pub siblings: OwnParticipants,
     pub ros_clock: RosClock,
     /// When the bridge last did its work.
@@ -60,7 +60,7 @@ pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mu
         participant: participant.clone(),
         inputs: context.inputs.clone(),
         clock: context.clock,
-        tallies: context.tallies.clone(),
+        paces: context.paces.clone(),
         ros_clock: context.ros_clock.clone(),
         stop: stopping.clone(),
     };
@@ -79,10 +79,10 @@ pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mu
         },
         stopping.clone(),
     ));
-    let (seen, tallies) = (context.discovery.clone(), context.tallies.clone());
+    let (seen, paces) = (context.discovery.clone(), context.paces.clone());
     others.spawn(graph::run(
         participant.clone(),
-        tallies,
+        paces,
         seen,
         (context.nodes.subscribe(), context.siblings.clone()),
         context.clock,

@@ -12,6 +12,7 @@ use super::expectation::compare;
 use super::scenario_sample::Stamp;
 use telltale_engine::input::{Input, Response};
 use telltale_engine::model::countermeasure::RequestKind;
+use telltale_engine::model::sample::FieldValue;
 use telltale_engine::model::{GroupId, Model, NodeId, Stage};
 use telltale_engine::snapshot::{Moving, Reason, Snapshot};
 use telltale_engine::state::State;
@@ -264,6 +265,12 @@ impl Run {
             Stamp::At(ns) => right(ns),
             Stamp::Behind(ns) => right(since_start.saturating_sub(ns)),
         });
+        let stamp_ns = sample.stamp_ns.or_else(|| Some(right(since_start)));
+        for value in &mut sample.values {
+            if let FieldValue::Transforms(list) = value {
+                list.iter_mut().for_each(|transform| transform.stamp_ns = stamp_ns);
+            }
+        }
         Cow::Owned(Input::Sample(sample))
     }
 

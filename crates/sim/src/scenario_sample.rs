@@ -11,8 +11,8 @@ use telltale_engine::model::countermeasure::RequestKind;
 use telltale_engine::model::monitors::{FieldKind, FieldSpec, ProbeTarget, TopicSpec};
 use telltale_engine::model::output::Output;
 use telltale_engine::model::sample::{
-    FieldValue, Fingerprint, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport,
-    Sample,
+    ELEMENTS_MAX, Elements, FieldValue, Fingerprint, PARENTS_MAX, POSITIONS_MAX, Pose, Position, Positions,
+    Probe, ProbeOutcome, PublisherReport, Sample, Transform,
 };
 use telltale_engine::time;
 use telltale_yaml::decode::{did_you_mean, word};
@@ -35,6 +35,22 @@ pub(super) struct RawSample {
     fields: Entries<Spanned<Value>>,
     /// What stands for the whole message: equal texts are equal messages.
     content: Option<Spanned<String>>,
+    transforms: Vec<RawTransform>,
+}
+
+/// `{ parent: odom, child: base_link }`: a transform with the stamp of its sample, or of now.
+#[derive(Debug)]
+struct RawTransform {
+    parent: String,
+    child: Spanned<String>,
+}
+
+impl FromNode for RawTransform {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        let mut fields = Fields::of(node, "a transform", log)?;
+        let (parent, child) = (fields.required("parent"), fields.required("child"));
+        Some(RawTransform { parent: parent?, child: child? })
+    }
 }
 
 impl FromNode for RawSample {
@@ -52,7 +68,8 @@ impl FromNode for RawSample {
         let delay = delay.map(|it| Spanned { value: Stamp::Behind(nanos(it)), span: it.span });
         let values = fields.or_default("fields");
         let content = fields.optional("content");
-        Some(RawSample { topic: topic?, stamp: stamp.or(delay), fields: values, content })
+        let transforms = fields.or_default("transforms");
+        Some(RawSample { topic: topic?, stamp: stamp.or(delay), fields: values, content, transforms })
     }
 }
 
@@ -81,6 +98,14 @@ impl FromNode for Value {
                         _ => FieldValue::Text(text.into()),
                     },
                 }))
+            }
+            Kind::Sequence(items) if items.iter().any(|item| matches!(item.kind, Kind::Scalar { .. })) => {
+                let values: Option<Vec<Value>> =
+                    items.iter().map(|item| Value::from_node(item, log)).collect();
+                let taken: Box<[FieldValue]> =
+                    values?.into_iter().map(|it| it.0).take(ELEMENTS_MAX).collect();
+                let count = u32::try_from(items.len()).unwrap_or(u32::MAX);
+                Some(Value(FieldValue::Elements(Arc::new(Elements { taken, count }))))
             }
             Kind::Sequence(items) => {
                 let positions: Option<Vec<Position>> = items.iter().map(|item| position(item, log)).collect();
@@ -254,8 +279,17 @@ fn system(fields: &mut Fields) -> Option<(ProbeTarget, Span)> {
 /// A sample without its times, which come from the step.
 pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<Input> {
     let source = topic(&raw.topic, model, log)?;
-    let absent = || FieldValue::Unreadable("the scenario says nothing of it".into());
-    let mut values: Box<[FieldValue]> = source.fields.iter().map(|_| absent()).collect();
+    let absent = |field: &FieldSpec| match field.kind {
+        FieldKind::Transforms => transforms(&raw.transforms, field),
+        _ => FieldValue::Unreadable("the scenario says nothing of it".into()),
+    };
+    let mut values: Box<[FieldValue]> = source.fields.iter().map(absent).collect();
+    for RawTransform { child, .. } in &raw.transforms {
+        if !source.fields.contains(&FieldSpec::transforms_of(&child.value)) {
+            let text = format!("no monitor reads the transforms of `{}` on {}", child.value, source.topic);
+            log.push(Problem::at(child.span, text).help("remove it, or name the frame in a `tf` monitor"));
+        }
+    }
     for (key, Spanned { value: Value(value), span }) in &raw.fields.0 {
         let mut found = false;
         for (field, place) in
@@ -264,11 +298,14 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
             let fits = match value {
                 FieldValue::Unreadable(_) => true,
                 FieldValue::Pose(_) => field.kind == FieldKind::Pose,
+                FieldValue::Positions(list) if list.count == 0 && field.kind == FieldKind::Elements => true,
                 FieldValue::Positions(_) => field.kind == FieldKind::Positions,
+                FieldValue::Elements(_) => field.kind == FieldKind::Elements,
                 _ => field.kind == FieldKind::Scalar,
             } || field.kind == FieldKind::Content;
             let value = match field.kind {
                 FieldKind::Content if !matches!(value, FieldValue::Unreadable(_)) => &fingerprint(value),
+                FieldKind::Elements if matches!(value, FieldValue::Positions(_)) => &no_elements(),
                 _ => value,
             };
             if !fits {
@@ -276,6 +313,10 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
                     FieldKind::Scalar | FieldKind::Content => ("one value", "1.5"),
                     FieldKind::Pose => ("a pose", "{ x: 1, y: 2, yaw_deg: 90 }"),
                     FieldKind::Positions => ("a list of positions", "[[1.5, 2], [3, 4]]"),
+                    FieldKind::Elements => ("a list of values", "[2, 6]"),
+                    FieldKind::Transforms => {
+                        ("transforms", "transforms: [{ parent: odom, child: base_link }]")
+                    }
                 };
                 let problem = Problem::at(*span, format!("`{}` is read as {what}", key.text));
                 log.push(problem.help(format!("for example `{example}`")));
@@ -302,12 +343,29 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
             }
         }
     }
-    if let Some(stamp) = raw.stamp.as_ref().filter(|_| !source.stamp) {
+    if let Some(stamp) = raw.stamp.as_ref().filter(|_| !source.stamp && raw.transforms.is_empty()) {
         let problem = Problem::at(stamp.span, format!("no monitor reads the stamp of {}", source.topic));
         log.push(problem.help("remove it, or add a latency monitor"));
     }
     let source = source.clone();
     Some(Input::Sample(Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, values }))
+}
+
+/// Those of one frame. Their stamps come with the step.
+fn transforms(all: &[RawTransform], field: &FieldSpec) -> FieldValue {
+    let mut found: Vec<Transform> = Vec::new();
+    for RawTransform { parent, child } in all {
+        let is_new = found.len() < PARENTS_MAX && found.iter().all(|known| *known.parent != **parent);
+        if is_new && FieldSpec::transforms_of(&child.value) == *field {
+            found.push(Transform { parent: parent.as_str().into(), stamp_ns: None });
+        }
+    }
+    if found.is_empty() { FieldValue::Absent } else { FieldValue::Transforms(found.into()) }
+}
+
+/// `[]` may be a list of anything.
+fn no_elements() -> FieldValue {
+    FieldValue::Elements(Arc::default())
 }
 
 /// Stands for content that is written like this.

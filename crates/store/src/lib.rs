@@ -34,9 +34,10 @@ pub use disk::exposed::{Exposed, exposed};
 pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{
-    HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, NodeFigures, NodePast,
-    NodeStatistics, Past, PastAlarm, PastEvent, Period, SavedHistory, Statistics, Stretch, history_damage,
-    how_long_ms, past_in, repair_history, statistics_in,
+    HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, Minute, MinuteSums, NodeFigures,
+    NodePast, NodeStatistics, Past, PastAlarm, PastEvent, Period, Resolution, SavedHistory, Statistics,
+    Stretch, Trend, TrendPoint, TrendQuery, ValueTrend, VersionStatistics, between_failures_ms,
+    history_damage, how_long_ms, past_in, per_100_km, repair_history, statistics_in, way,
 };
 pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,

@@ -1,5 +1,5 @@
-//! The JSON Schema of a file, made by the decoders themselves. Each decoder runs once on an empty map: every
-//! key that it asks for comes with its meaning, and the type of the value gives its form.
+//! The JSON Schema of a file, made by the decoders themselves. Each decoder runs once on an empty map. It asks
+//! for its keys there, each with a description; the type of the value gives the rest of the schema.
 
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use serde_json::Value;

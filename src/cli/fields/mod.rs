@@ -147,6 +147,7 @@ impl Kinds<'_> {
                 | MonitorSpec::Frequency { .. }
                 | MonitorSpec::Latency { .. }
                 | MonitorSpec::Frozen { .. }
+                | MonitorSpec::Tf { .. }
                 | MonitorSpec::Watchdog { .. }
                 | MonitorSpec::System { .. }
                 | MonitorSpec::RateRatio { .. }

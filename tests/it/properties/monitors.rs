@@ -6,12 +6,13 @@ use std::sync::Arc;
 
 use telltale::engine::input::Input;
 use telltale::engine::model::monitors::{
-    AgreementRule, Bands, Class, Condition, FieldKind, FieldSpec, FrozenLimits, ProbeTarget, TopicId,
+    AgreementRule, Bands, Class, Condition, FieldKind, FieldSpec, FrozenLimits, ProbeTarget, TfLink, TopicId,
     TopicSpec, ValueRule, ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
 use telltale::engine::model::motion::{SpeedSource, WatchedField};
 use telltale::engine::model::sample::{
     FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
+    Transform,
 };
 use telltale::engine::model::{Model, ModuleId, MonitorSpec, Parts};
 use telltale::engine::state::State;
@@ -31,6 +32,7 @@ fn topic(index: usize) -> Arc<TopicSpec> {
             FieldSpec { path: "pose".into(), kind: FieldKind::Pose },
             FieldSpec { path: "objects".into(), kind: FieldKind::Positions },
             FieldSpec { path: "".into(), kind: FieldKind::Content },
+            FieldSpec::transforms_of("c"),
         ],
     })
 }
@@ -69,7 +71,15 @@ fn monitor(choices: &mut Choices<'_>) -> MonitorSpec {
         }
         topic => ValueSource::Field { topic: TopicId(topic as u32), field: 0 },
     };
-    match choices.below(9) {
+    match choices.below(10) {
+        9 => {
+            let source =
+                |choices: &mut Choices<'_>| ValueSource::Field { topic: any_topic(choices), field: 4 };
+            let (moving, fixed) = (source(choices), source(choices));
+            let links = vec![TfLink { parent: "p".into(), child: "c".into(), moving, fixed }];
+            let above = Bands { warning_below: None, error_below: None, ..bands(choices, 0.1) };
+            MonitorSpec::Tf { links, bands: above }
+        }
         0 => MonitorSpec::Frequency { topic: any_topic(choices), window, bands: bands(choices, 10.0) },
         1 => MonitorSpec::Latency { topic: any_topic(choices), window, bands: bands(choices, 0.1) },
         2 => match (number(choices), bands(choices, 1.0)) {
@@ -181,7 +191,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
                 -60 => FieldValue::Unreadable("the message ends early".into()),
                 age_ms => FieldValue::Content(Fingerprint(u64::from(age_ms > 100))),
             };
-            let values = [number, pose(choices), positions(choices), content];
+            let values = [number, pose(choices), positions(choices), content, transforms(choices, wall)];
             let stamp_ns = (!choices.one_in(8)).then_some(wall - age_ms * 1_000_000);
             let values = values.into();
             Input::Sample(Sample { source, stamp_ns, received_wall_ns: wall, late: false, values })
@@ -196,6 +206,18 @@ fn pose(choices: &mut Choices<'_>) -> FieldValue {
     let half = (choices.below(4) as f64 * 20.0).to_radians() / 2.0;
     let x_m = choices.below(4) as f64;
     FieldValue::Pose(Pose { x_m, qz: half.sin(), qw: half.cos(), ..Pose::default() })
+}
+
+fn transforms(choices: &mut Choices<'_>, wall: i64) -> FieldValue {
+    let parents: &[&str] = match choices.below(6) {
+        0 => return FieldValue::Absent,
+        1 => &["q"],
+        2 => &["p", "q"],
+        _ => &["p"],
+    };
+    let stamp_ns = (!choices.one_in(8)).then(|| wall - 50_000_000 * choices.below(4) as i64);
+    let of = |parent: &&str| Transform { parent: (*parent).into(), stamp_ns };
+    FieldValue::Transforms(parents.iter().map(of).collect())
 }
 
 fn positions(choices: &mut Choices<'_>) -> FieldValue {

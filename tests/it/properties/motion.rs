@@ -50,6 +50,20 @@ fn expected(source: SpeedSource, speeds: &[(Timestamp, Option<f64>)], now: Times
     }
 }
 
+/// The way in metres: between two speeds that follow one another in time, half of each.
+fn driven_m(source: SpeedSource, speeds: &[(Timestamp, Option<f64>)]) -> f64 {
+    let between = |pair: &[(Timestamp, Option<f64>)]| {
+        let [(at, now), (earlier, before)] = pair else { return 0.0 };
+        match now.zip(*before) {
+            Some((now, before)) if *at < *earlier + source.timeout => {
+                (now + before) / 2.0 * at.since(*earlier).as_nanos() as f64 / 1e9
+            }
+            _ => 0.0,
+        }
+    };
+    speeds.windows(2).map(between).sum()
+}
+
 proptest! {
     #![proptest_config(config())]
 
@@ -74,6 +88,9 @@ proptest! {
                 (Moving::No, kmh) => prop_assert_eq!(kmh, Some(0)),
                 (Moving::Yes | Moving::Unknown, kmh) => prop_assert_eq!(kmh, None),
             }
+            let driven_m = driven_m(source, &speeds(&model, source, &history[..=index]));
+            let is = engine.snapshot().driven_m;
+            prop_assert!((is - driven_m).abs() <= 1e-6 * (1.0 + driven_m), "{} m, not {}", is, driven_m);
         }
     }
 }

@@ -1,10 +1,14 @@
 //! The interface for programs: its description, its tables, and what it says to a wrong request.
 
 use std::collections::HashSet;
+use std::time::Duration;
 
 use axum::http::header::{ACCEPT, UPGRADE};
 use axum::http::{Method, StatusCode};
 use serde_json::{Value, json};
+use telltale::engine::snapshot::Snapshot;
+use telltale::engine::time::Span;
+use telltale::store::MinuteSums;
 use telltale::web::{openapi, routes};
 
 use super::fixture::{Fixture, request};
@@ -201,6 +205,61 @@ async fn the_numbers_of_a_module_come_as_they_are_drawn() {
         let answer = fixture.get(&format!("/api/v1/values?node={node}"), Some(&cookie)).await;
         assert_eq!(answer.status, StatusCode::NOT_FOUND, "{node}");
     }
+}
+
+#[tokio::test]
+async fn the_numbers_of_days_come_as_minutes_or_hours() {
+    let (fixture, cookie) = fixture().await;
+    let history = fixture.app.settings.history.clone().expect("there is one");
+    let mut sums = MinuteSums::default();
+    let snapshot = fixture.app.published().snapshot;
+    // Three minutes at the end of an hour, and one of the next.
+    for (second, minute) in [(0, 57), (1, 58), (2, 59), (3, 60), (4, 61)] {
+        let now = snapshot.now + Span::from_secs(second);
+        let wall =
+            humantime::parse_rfc3339("2026-11-20T12:00:00Z").unwrap() + Duration::from_secs(60 * minute);
+        let later = Snapshot { now, ..(*snapshot).clone() };
+        if let Some(minute) = sums.take(&later, wall) {
+            history.keep_minute(minute).await;
+        }
+    }
+    let at = |from: &str| format!("/api/v1/values?node=sensors/lidar&since=2026-11-20T{from}:00Z");
+    let value = fixture.get_json(&format!("{}&until=2026-11-20T13:00:00Z", at("12:58")), &cookie).await;
+    let begins: Vec<&str> =
+        value["values"].as_array().unwrap().iter().map(|row| row["at"].as_str().unwrap()).collect();
+    assert_eq!(begins, ["2026-11-20T12:58:00.000Z", "2026-11-20T12:59:00.000Z", "2026-11-20T13:00:00.000Z"]);
+    let row = &value["values"][0];
+    assert_eq!(
+        [&row["key"], &row["value"], &row["min"], &row["max"]],
+        [&json!("n"), &json!(1.0), &json!(1.0), &json!(1.0)]
+    );
+    assert_eq!((&value["resolution"], &value["next"]), (&json!("minute"), &json!(null)));
+    assert_eq!(value["minutes_since"], "2026-11-20T12:00:00.000Z", "{value}");
+    // A longer time comes in hours, unless minutes are asked for.
+    let week = format!("{}&until=2026-11-27T12:00:00Z", at("12:00"));
+    let hours = fixture.get_json(&week, &cookie).await;
+    assert_eq!((&hours["resolution"], hours["values"].as_array().unwrap().len()), (&json!("hour"), 2));
+    let minutes = fixture.get_json(&format!("{week}&resolution=minute&count=3"), &cookie).await;
+    assert_eq!((&minutes["next"], minutes["values"].as_array().unwrap().len()), (&json!(3), 3));
+    let rest =
+        fixture.get(&format!("{week}&resolution=minute&count=3&offset=3&format=csv"), Some(&cookie)).await;
+    let lines: Vec<&str> = rest.body.lines().collect();
+    assert_eq!((lines[0], lines.len()), ("at,key,value,min,max,known_s", 2), "{}", rest.body);
+    assert!(lines[1].starts_with("2026-11-20T13:00:00.000Z,n,1.0,1.0,1.0,"), "{}", rest.body);
+    let nobody = "/api/v1/values?node=nobody&resolution=hour";
+    assert_eq!(fixture.get(nobody, Some(&cookie)).await.status, StatusCode::NOT_FOUND);
+    // The page draws them, and leads to the same numbers.
+    let until_ms = 1_795_183_200_000_i64;
+    let page = format!("/developer/why?node=sensors/lidar&span=86400&until={until_ms}");
+    let page = fixture.get(&page, Some(&cookie)).await.body;
+    for holds in
+        ["class=\"band\"", "data-least=\"[1,1,1,1,null]\"", "mean of each minute", "resolution=minute"]
+    {
+        assert!(page.contains(holds), "{holds}: {page}");
+    }
+    let week = format!("/developer/why?node=sensors/lidar&span=604800&until={until_ms}");
+    let week = fixture.get(&week, Some(&cookie)).await.body;
+    assert!(week.contains("mean of each hour") && week.contains("data-least=\"[1,1,null]\""), "{week}");
 }
 
 #[tokio::test]

@@ -1,4 +1,4 @@
-//! Limits as they are written: up to four, in an order that makes sense.
+//! Limits in the file: up to four, in an order that makes sense.
 
 use super::{forms, units};
 use crate::decode::{FromNode, Spanned};
@@ -9,7 +9,8 @@ use telltale_yaml::decode::scalar;
 use telltale_yaml::schema::{least, most, needs_any, of_type};
 use telltale_yaml::{KeyDoc, Log, MapDoc, Members, Node, Problem, Schema, Span, key};
 
-const KEYS: [&str; 4] = ["warning_below", "error_below", "warning_above", "error_above"];
+/// The names of the limits.
+pub(crate) const KEYS: [&str; 4] = ["warning_below", "error_below", "warning_above", "error_above"];
 
 /// The unit of a monitor's limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

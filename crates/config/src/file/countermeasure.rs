@@ -1,4 +1,4 @@
-//! Countermeasures as they are written: the request, when it is made, and how it is confirmed.
+//! Countermeasures in the file: the request, when it is made, and how it is confirmed.
 
 use super::forms::{self, default_span};
 use crate::decode::{All, FromNode, Spanned};

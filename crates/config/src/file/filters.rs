@@ -1,4 +1,4 @@
-//! The entries of a group's `match` list as they are written: the statuses that become modules of the group.
+//! The entries of a group's `match` list in the file: the statuses that become modules of the group.
 
 use super::forms::WRITERS;
 use super::policy::Policy;

@@ -1,4 +1,4 @@
-//! Monitors of what repeats itself as they are written: the source, and for how long and how often it may stay the same.
+//! Monitors of what repeats itself in the file: the source, and for how long and how often it may stay the same.
 
 use super::bands;
 use super::monitors::Monitor;

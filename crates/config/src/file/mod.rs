@@ -19,6 +19,7 @@ pub(super) mod services;
 pub(super) mod signals;
 pub(super) mod sources;
 pub(crate) mod system;
+pub(crate) mod tf;
 pub(super) mod units;
 pub(super) mod watchdog;
 pub(super) mod wording;

@@ -1,10 +1,10 @@
-//! Monitors as they are written: one kind each, with its sources, its limits and its window.
+//! Monitors in the file: one kind each, with its sources, its limits and its window.
 
 use super::bands::{self, Unit, bands, some_bands};
 use super::forms::default_span;
 use super::sources::ScalarSource;
 pub(crate) use super::sources::{Source, Topic};
-use super::{agreement, frozen, system, watchdog};
+use super::{agreement, frozen, system, tf, watchdog};
 use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::expression::TEXT_BYTES_MAX;
 use crate::fields::Fields;
@@ -21,7 +21,7 @@ use telltale_yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, key
 pub(crate) type Decoder = fn(&Node, &mut Log) -> Option<Monitor>;
 
 /// The kinds of monitor, each with its decoder.
-pub(crate) const KINDS: [(&str, Decoder); 13] = [
+pub(crate) const KINDS: [(&str, Decoder); 14] = [
     ("self_state", self_state),
     ("frequency", frequency),
     ("latency", latency),
@@ -32,6 +32,7 @@ pub(crate) const KINDS: [(&str, Decoder); 13] = [
     ("rate_ratio", rate_ratio),
     ("sequence", sequence),
     ("agreement", agreement::agreement),
+    ("tf", tf::tf),
     ("expression", expression),
     ("external", external),
     ("constant", constant),
@@ -104,6 +105,12 @@ pub(crate) enum Monitor {
         max_age: time::Span,
         motion_over: Option<time::Span>,
         rule: AgreementRule,
+    },
+    Tf {
+        /// From the first one downwards.
+        frames: Vec<Spanned<String>>,
+        namespace: Option<Spanned<String>>,
+        bands: Bands,
     },
     Expression(Expression),
     Constant(State),
@@ -334,7 +341,7 @@ pub(crate) fn input_rules() -> Members {
 
 fn condition(schema: &mut Schema) -> Members {
     schema.define("condition", |_| {
-        let about = "In CEL: `speed > 3 && !stopped`. Numbers are doubles; functions are contains, startsWith, endsWith, double and those of math.";
+        let about = "In CEL: `speed > 3 && !stopped`. Numbers are doubles; functions are contains, startsWith, endsWith, double and those of math. Of a list: `goals.exists(goal, goal.status == 6)`, and `all`.";
         vec![
             ("description", about.into()),
             ("type", vec!["string", "boolean"].into()),

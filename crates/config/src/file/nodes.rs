@@ -1,4 +1,4 @@
-//! Groups and modules as they are written, and their relations.
+//! Groups and modules in the file, and their relations.
 
 use super::filters::{Filter, Writers};
 use super::forms::{self, ID, WRITERS};

@@ -1,4 +1,4 @@
-//! Published topics as they are written: only the differences from the default.
+//! Published topics in the file: only the differences from the default.
 
 use super::bands::hertz;
 use super::forms::{self, TOPIC};

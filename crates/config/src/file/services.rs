@@ -1,4 +1,4 @@
-//! The offered services as they are written: `services: { acknowledge: true, reset: { while_driving: true } }`.
+//! The offered services in the file: `services: { acknowledge: true, reset: { while_driving: true } }`.
 
 use super::forms::with_about;
 use crate::decode::{FromNode, Spanned};

@@ -1,4 +1,4 @@
-//! Signals as they are written: a field of a topic, or a condition over values.
+//! Signals in the file: a field of a topic, or a condition over values.
 
 use super::forms::{self, KEY, STATUS, TOPIC, TYPE, UNIT};
 use super::monitors::{INPUTS_MAX, input_rules};

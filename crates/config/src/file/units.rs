@@ -1,4 +1,4 @@
-//! Durations as they are written: a number with its unit.
+//! Durations in the file: a number with its unit.
 
 use crate::decode::FromNode;
 use telltale_engine::model::Within;

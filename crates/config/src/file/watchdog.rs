@@ -1,4 +1,4 @@
-//! Watchdogs as they are written: the target, the interval, and the limits of the response time.
+//! Watchdogs in the file: the target, the interval, and the limits of the response time.
 
 use super::bands;
 use super::forms::{default_span, topic_name};

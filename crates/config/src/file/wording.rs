@@ -1,4 +1,4 @@
-//! `name` and `help` of a module as they are written: one text, or different texts by level and stage.
+//! `name` and `help` of a module in the file: one text, or different texts by level and stage.
 
 use super::forms::with_about;
 use super::languages;

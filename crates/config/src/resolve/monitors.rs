@@ -1,9 +1,13 @@
 //! Converts monitors from the file into monitors of the model.
 
 use super::topics::Topics;
+use crate::decode::Spanned;
 use crate::expression;
-use crate::file::monitors::{Expression, Monitor, Source};
-use telltale_engine::model::monitors::{ModuleMonitor, MonitorSpec, ProbeTarget, ValueSource, WatchdogSpec};
+use crate::file::monitors::{Expression, Monitor, Source, Topic};
+use telltale_engine::model::monitors::{
+    FieldKind, FieldSpec, ModuleMonitor, MonitorSpec, ProbeTarget, TF, TF_MESSAGE, TF_STATIC, TfLink,
+    ValueSource, WatchdogSpec,
+};
 use telltale_yaml::{Log, Problem, Span};
 
 /// The monitor of the model; `None` if the log has the reason.
@@ -55,10 +59,37 @@ pub(crate) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> 
             let (max_age, motion_over, rule) = (*max_age, *motion_over, rule.clone());
             MonitorSpec::Agreement { a, b, max_age, motion_over, rule }
         }
+        Monitor::Tf { frames, namespace, bands } => {
+            let links =
+                frames.windows(2).map(|pair| link(&pair[0], &pair[1], namespace.as_ref(), topics, log));
+            MonitorSpec::Tf { links: links.collect(), bands: *bands }
+        }
         Monitor::Constant(state) => MonitorSpec::Constant { state: *state },
         Monitor::Expression(expression) => resolve_expression(expression, topics, log)?,
     };
     Some(spec.into())
+}
+
+/// A wanted transform, from both topics.
+fn link(
+    parent: &Spanned<String>,
+    child: &Spanned<String>,
+    namespace: Option<&Spanned<String>>,
+    topics: &mut Topics,
+    log: &mut Log,
+) -> TfLink {
+    let span = child.span;
+    let mut of = |topic: &str| {
+        let value = format!("{}{topic}", namespace.map_or("", |namespace| &namespace.value));
+        let name = Spanned { value, span: namespace.map_or(span, |namespace| namespace.span) };
+        let type_name = Some(Spanned { value: TF_MESSAGE.to_owned(), span });
+        let field = FieldSpec::transforms_of(&child.value);
+        let path = Spanned { value: field.path.into_string(), span };
+        let (topic, field) = topics.field(&Topic { name, type_name }, &path, field.kind, log);
+        ValueSource::Field { topic, field }
+    };
+    let (moving, fixed) = (of(TF), of(TF_STATIC));
+    TfLink { parent: parent.value.as_str().into(), child: child.value.as_str().into(), moving, fixed }
 }
 
 fn span_of(source: &Source) -> Span {
@@ -82,13 +113,40 @@ pub(crate) fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> Val
     }
 }
 
+/// The inputs of conditions. A list of whose elements they ask is one input for each member that they use.
+pub(crate) fn inputs(
+    raw: &[(Spanned<String>, Source)],
+    texts: &[&Spanned<String>],
+    topics: &mut Topics,
+    log: &mut Log,
+) -> Vec<(Box<str>, ValueSource)> {
+    let members = expression::members(texts);
+    let mut inputs: Vec<(Box<str>, ValueSource)> = Vec::new();
+    for (name, from) in raw {
+        let of_list = || members.iter().filter(|(list, _)| *list == name.value).map(|(_, member)| &**member);
+        match from {
+            Source::Field { topic, path, .. } if of_list().next().is_some() => {
+                for member in of_list() {
+                    let dot = if member.is_empty() { "" } else { "." };
+                    let path = Spanned { value: format!("{}[]{dot}{member}", path.value), span: path.span };
+                    let (topic, field) = topics.field(topic, &path, FieldKind::Elements, log);
+                    let name = expression::column(&name.value, member).into();
+                    inputs.push((name, ValueSource::Field { topic, field }));
+                }
+            }
+            _ => inputs.push((name.value.as_str().into(), source(from, topics, log))),
+        }
+    }
+    inputs
+}
+
 fn resolve_expression(raw: &Expression, topics: &mut Topics, log: &mut Log) -> Option<MonitorSpec> {
     for (name, _) in &raw.inputs {
         expression::check_name(name, log);
     }
-    let names: Vec<&str> = raw.inputs.iter().map(|(name, _)| name.value.as_str()).collect();
-    let inputs = raw.inputs.iter();
-    let inputs = inputs.map(|(name, from)| (name.value.as_str().into(), source(from, topics, log))).collect();
+    let texts: Vec<_> = [&raw.error, &raw.warning].into_iter().flatten().collect();
+    let inputs = inputs(&raw.inputs, &texts, topics, log);
+    let names: Vec<&str> = inputs.iter().map(|(name, _)| &**name).collect();
     let mut condition = |text: &Option<_>| match text {
         Some(text) => expression::condition(text, &names, log).map(Some),
         None => Some(None),

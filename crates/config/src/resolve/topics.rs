@@ -149,9 +149,11 @@ impl Topics {
     ) -> (TopicId, u32) {
         let id = self.watch(topic, false, log);
         match kind {
-            FieldKind::Positions => check_list(path, log),
+            FieldKind::Positions | FieldKind::Elements => check_list(path, log),
             // All of the message.
             FieldKind::Content if path.value.is_empty() => {}
+            // Made of a frame, whose name was checked.
+            FieldKind::Transforms => {}
             FieldKind::Scalar | FieldKind::Pose | FieldKind::Content => check_path(path, log),
         }
         let index = id.0 as usize;

@@ -1,5 +1,5 @@
-//! Finds contextual modules that compare a later stage with an earlier one and do not depend on what judges the
-//! earlier one: its fault is then theirs too.
+//! Finds contextual modules that compare a later stage with an earlier one, but do not depend on the module of the
+//! earlier stage. A fault of the earlier stage then shows as a fault of theirs.
 
 use std::collections::BTreeSet;
 
@@ -53,6 +53,7 @@ fn earlier(spec: &MonitorSpec) -> Vec<Source<'_>> {
         | MonitorSpec::Agreement { .. }
         | MonitorSpec::Constant { .. }
         | MonitorSpec::Count { .. }
+        | MonitorSpec::Tf { .. }
         | MonitorSpec::Expression { .. } => Vec::new(),
     }
 }

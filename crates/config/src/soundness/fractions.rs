@@ -55,6 +55,7 @@ fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
         | MonitorSpec::Frequency { .. }
         | MonitorSpec::Latency { .. }
         | MonitorSpec::Frozen { .. }
+        | MonitorSpec::Tf { .. }
         | MonitorSpec::Watchdog { .. }
         | MonitorSpec::System { .. }
         | MonitorSpec::RateRatio { .. }

@@ -48,6 +48,9 @@ fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
         }
         Some(MonitorSpec::System { watchdog, .. }) => model.watched.watchdogs[watchdog.0 as usize].every,
         Some(MonitorSpec::Frozen { limits, .. }) => limits.longest(),
+        Some(MonitorSpec::Tf { bands, .. }) => {
+            Span::from_nanos((bands.error_above.or(bands.warning_above).unwrap_or_default() * 1e9) as u64)
+        }
         Some(
             MonitorSpec::External { .. }
             | MonitorSpec::Latency { .. }

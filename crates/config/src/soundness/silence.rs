@@ -68,6 +68,8 @@ fn may_be_in_error(judge: &Judge<'_>, node: NodeId) -> bool {
                 | MonitorSpec::RateRatio { bands, .. }
                 | MonitorSpec::Sequence { bands, .. }
                 | MonitorSpec::Value { rule: ValueRule::Bands(bands), .. } => can(bands),
+                // A frame with two parents is always an ERROR.
+                MonitorSpec::Tf { .. } => true,
                 MonitorSpec::Frozen { limits, .. } => can(&limits.time) || can(&limits.repeats),
                 MonitorSpec::Expression { error, .. } => error.is_some(),
                 MonitorSpec::Constant { state } => *state == State::Error,

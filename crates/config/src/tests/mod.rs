@@ -6,6 +6,7 @@ mod diagnostics;
 mod difference;
 mod expression;
 mod frozen;
+mod lists;
 mod monitors;
 mod motion;
 mod named;
@@ -19,6 +20,7 @@ mod signals;
 mod slips;
 mod soundness;
 mod system;
+mod tf;
 mod watchdogs;
 mod watching;
 

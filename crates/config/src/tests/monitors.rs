@@ -165,7 +165,7 @@ fn a_monitor_has_one_known_kind_and_known_keys() {
         "frequenzy: { topic: /t }",
         &["1: unknown kind of monitor `frequenzy` (did you mean `frequency`?)"],
     );
-    let kinds = "one of: self_state, frequency, latency, value, frozen, watchdog, system, rate_ratio, sequence, agreement, expression, external, constant";
+    let kinds = "one of: self_state, frequency, latency, value, frozen, watchdog, system, rate_ratio, sequence, agreement, tf, expression, external, constant";
     wrong("magic: {}", &[&format!("1: unknown kind of monitor `magic` ({kinds})")]);
     wrong(
         "{ self_state: { status: s }, external: { status: s } }",

@@ -37,6 +37,7 @@ groups:
       - { monitor: { rate_ratio: { zzzz: 1, input: { zzzz: 1 } } } }
       - { monitor: { sequence: { zzzz: 1, earlier: { zzzz: 1 } } } }
       - { monitor: { agreement: { zzzz: 1, a: { zzzz: 1 }, translation: { zzzz: 1 }, rotation_deg: { zzzz: 1 }, count: { zzzz: 1 }, nearest: { zzzz: 1 } } } }
+      - { monitor: { tf: { zzzz: 1 } } }
       - { monitor: { expression: { zzzz: 1 } } }
       - { monitor: { constant: { zzzz: 1 } } }
 countermeasures: [{ zzzz: 1, when: { zzzz: 1 }, confirmed_by: { zzzz: 1 } }]
@@ -55,7 +56,7 @@ fn the_schema_knows_the_keys_that_the_reader_knows() {
         let keys = problem.help.as_ref().and_then(|help| help.strip_prefix("known here: ")).unwrap();
         reader.insert(what.to_owned(), keys.split(", ").map(str::to_owned).collect());
     }
-    assert_eq!(reader.len(), 59, "{reader:#?}");
+    assert_eq!(reader.len(), 60, "{reader:#?}");
 
     let schema: Value = serde_json::from_str(&schema()).unwrap();
     let definitions = schema["$defs"].as_object().unwrap().values();

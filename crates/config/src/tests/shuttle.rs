@@ -74,7 +74,7 @@ fn the_shuttle_is_valid() {
     let kinds: BTreeSet<_> = loaded.model.modules.iter().map(|it| it.monitor.kind()).collect();
     let all = file::monitors::KINDS.map(|(name, _)| name);
     let missing: Vec<_> = all.into_iter().filter(|name| !kinds.contains(name)).collect();
-    assert_eq!(missing, ["frozen", "system", "constant"]);
+    assert_eq!(missing, ["frozen", "system", "tf", "constant"]);
 }
 
 /// The arrows between the tiles: modules depend on modules, and the components on one another as in the paper (Fig. 4,

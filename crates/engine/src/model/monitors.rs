@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::sample::FieldValue;
 pub use super::watched::{
     DIAGNOSTIC_ARRAY, DIAGNOSTICS, DiagnosticsTopic, FieldKind, FieldSpec, ProbeTarget, ProcessMeasure,
-    RecordedTopic, Resource, ScalarKind, StampClock, TopicId, TopicSpec, ValueSource, WatchdogId,
-    WatchdogSpec, Watched,
+    RecordedTopic, Resource, ScalarKind, StampClock, TF, TF_MESSAGE, TF_STATIC, TopicId, TopicSpec,
+    ValueSource, WatchdogId, WatchdogSpec, Watched,
 };
 use crate::state::State;
 use crate::time::Span;
@@ -158,6 +158,13 @@ pub enum MonitorSpec {
         /// After the start, the time in which modules may still come.
         grace: Span,
     },
+    /// The transforms along a chain of frames: whether each is there, how old the oldest is, and whether a frame has
+    /// two parents. Bands on the age, in seconds.
+    Tf {
+        /// From the first frame downwards.
+        links: Vec<TfLink>,
+        bands: Bands,
+    },
     Expression {
         /// By the names that the conditions use.
         inputs: Vec<(Box<str>, ValueSource)>,
@@ -167,6 +174,20 @@ pub enum MonitorSpec {
         class: Class,
     },
 }
+
+/// A wanted transform.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TfLink {
+    pub parent: Arc<str>,
+    pub child: Arc<str>,
+    /// Of the topic of transforms that are sent again and again.
+    pub moving: ValueSource,
+    /// Of the topic of those that are sent once and hold.
+    pub fixed: ValueSource,
+}
+
+/// What tf2 keeps: a frame has two parents while both were sent within this time.
+pub const TF_MEMORY: Span = Span::from_secs(10);
 
 impl From<MonitorSpec> for ModuleMonitor {
     fn from(spec: MonitorSpec) -> ModuleMonitor {
@@ -242,6 +263,15 @@ impl ModuleMonitor {
             _ => self == other,
         }
     }
+}
+
+/// What a monitor reads of topics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reads {
+    /// By their ROS names, each once.
+    pub topics: Vec<Box<str>>,
+    /// The limits of the rate of the one topic, in Hz, if that is what it judges.
+    pub rate: Option<Bands>,
 }
 
 /// The facts about a monitor that follow from its kind.
@@ -335,11 +365,16 @@ impl MonitorSpec {
             }
             Of::Constant { .. } => About { by_the_clock: true, ..of("constant", CONTENT) },
             Of::Count { .. } => About { by_the_clock: true, ..of("count", META) },
+            Of::Tf { bands, .. } => {
+                let limits = [bands.warning_above, bands.error_above].into_iter().flatten();
+                let longest = Span::from_nanos((limits.fold(0.0, f64::max) * 1e9) as u64);
+                About { by_the_clock: true, memory: longest.max(TF_MEMORY), ..of("tf", META) }
+            }
             Of::Expression { max_age, class, .. } => About { memory: *max_age, ..of("expression", *class) },
         }
     }
 
-    pub(crate) fn sources(&mut self) -> Vec<Source<'_>> {
+    pub(crate) fn sources<'s>(&'s mut self) -> Vec<Source<'s>> {
         match self {
             MonitorSpec::External { .. } | MonitorSpec::Constant { .. } | MonitorSpec::Count { .. } => {
                 Vec::new()
@@ -359,6 +394,11 @@ impl MonitorSpec {
             MonitorSpec::Sequence { earlier: a, later: b, .. } | MonitorSpec::Agreement { a, b, .. } => {
                 vec![Source::Value(a), Source::Value(b)]
             }
+            MonitorSpec::Tf { links, .. } => {
+                let both =
+                    |link: &'s mut TfLink| [Source::Value(&mut link.moving), Source::Value(&mut link.fixed)];
+                links.iter_mut().flat_map(both).collect()
+            }
             MonitorSpec::Expression { inputs, .. } => {
                 inputs.iter_mut().map(|(_, source)| Source::Value(source)).collect()
             }
@@ -372,6 +412,24 @@ impl MonitorSpec {
             Source::Value(ValueSource::Field { .. }) | Source::Messages(_) | Source::Probe(_) => None,
         };
         self.clone().sources().into_iter().filter_map(status).collect()
+    }
+
+    /// The topics that it reads, each once; `None`: none.
+    pub(crate) fn reads(&self, watched: &Watched) -> Option<Reads> {
+        let mut bare = self.clone();
+        let topic = |source| match source {
+            Source::Messages(topic) | Source::Value(ValueSource::Field { topic, .. }) => Some(*topic),
+            Source::Value(ValueSource::Key { .. }) | Source::Probe(_) => None,
+        };
+        let mut ids: Vec<TopicId> = bare.sources().into_iter().filter_map(topic).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let topics = ids.iter().map(|&TopicId(id)| watched.topics[id as usize].topic.clone()).collect();
+        let rate = match self {
+            MonitorSpec::Frequency { bands, .. } => Some(*bands),
+            _ => None,
+        };
+        (!ids.is_empty()).then_some(Reads { topics, rate })
     }
 
     /// Whether it judges the same sources in the same way. The indices of the sources may differ.

@@ -50,6 +50,7 @@ impl Quantity {
             | MonitorSpec::Frequency { .. }
             | MonitorSpec::Latency { .. }
             | MonitorSpec::Frozen { .. }
+            | MonitorSpec::Tf { .. }
             | MonitorSpec::Watchdog { .. }
             | MonitorSpec::System { .. }
             | MonitorSpec::RateRatio { .. }

@@ -10,6 +10,12 @@ pub const DIAGNOSTICS: &str = "/diagnostics";
 /// The type of every topic of diagnostics.
 pub const DIAGNOSTIC_ARRAY: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
+/// The topics of transforms: those that are sent again and again, and those that are sent once and hold.
+pub const TF: &str = "/tf";
+pub const TF_STATIC: &str = "/tf_static";
+/// The type of both.
+pub const TF_MESSAGE: &str = "tf2_msgs/msg/TFMessage";
+
 /// Index of a topic in [`Watched::topics`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct TopicId(pub u32);
@@ -55,11 +61,14 @@ impl Watched {
 pub struct RecordedTopic {
     /// A name, in which each `*` stands for any characters: `/camera/*`.
     pub pattern: Box<str>,
-    /// The least time between two recorded messages of a topic; zero: all are recorded.
+    /// The least time between two recorded messages of a topic; zero: all are recorded, [`RecordedTopic::NEVER`]: none.
     pub every: Span,
 }
 
 impl RecordedTopic {
+    /// No message is recorded; of a topic that is read, its times and sizes are.
+    pub const NEVER: Span = Span::from_nanos(u64::MAX);
+
     pub fn names(&self, topic: &str) -> bool {
         let mut parts = self.pattern.split('*');
         let Some(mut rest) = parts.next().and_then(|first| topic.strip_prefix(first)) else { return false };
@@ -113,6 +122,13 @@ pub struct FieldSpec {
     pub kind: FieldKind,
 }
 
+impl FieldSpec {
+    /// The transforms of a child frame in a `tf2_msgs/TFMessage`.
+    pub fn transforms_of(child: &str) -> FieldSpec {
+        FieldSpec { path: format!("transforms[child_frame_id={child}]").into(), kind: FieldKind::Transforms }
+    }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FieldKind {
@@ -123,6 +139,10 @@ pub enum FieldKind {
     /// An array of positions, or of messages that contain one; `[]` in its path stands for each element, and
     /// may be omitted at its end.
     Positions,
+    /// The transforms of a child frame in a `tf2_msgs/TFMessage`: `transforms[child_frame_id=base_link]`.
+    Transforms,
+    /// One value of each element of an array: `status_list[].status`.
+    Elements,
     /// Any part of the message, as a fingerprint of its values; without a path the whole message. Times with the
     /// name `stamp` in it do not count.
     Content,

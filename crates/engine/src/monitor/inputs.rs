@@ -182,6 +182,8 @@ impl Inputs {
             | FieldValue::Bool(_)
             | FieldValue::Pose(_)
             | FieldValue::Positions(_)
+            | FieldValue::Transforms(_)
+            | FieldValue::Elements(_)
             | FieldValue::Content(_)
             | FieldValue::Absent
             | FieldValue::Unreadable(_) => None,
@@ -288,9 +290,12 @@ fn wrong_kind(slot: usize, wanted: ValueKind, value: &FieldValue) -> UnusableInp
         FieldValue::Pose(_) => ValueKind::Pose,
         FieldValue::Positions(_) => ValueKind::Positions,
         FieldValue::Bool(_) => ValueKind::Bool,
-        FieldValue::Text(_) | FieldValue::Content(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
-            ValueKind::Words
-        }
+        FieldValue::Text(_)
+        | FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
+        | FieldValue::Content(_)
+        | FieldValue::Absent
+        | FieldValue::Unreadable(_) => ValueKind::Words,
     };
     UnusableInput { slot, fault: InputFault::WrongKind { wanted, is } }
 }

@@ -21,7 +21,7 @@ const OTHER_CLOCK: Span = Span::from_secs(3600);
 /// The reason why a stamp is useless.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum StampFault {
+pub(super) enum StampFault {
     Absent,
     /// There is no time on `/clock` to compare it with.
     NoClock,
@@ -61,7 +61,7 @@ impl Machine for Latency {
     }
 
     fn take_message(&mut self, _slot: usize, sample: &Sample, now: Timestamp) {
-        match age(sample) {
+        match age(sample.stamp_ns, sample.received_wall_ns) {
             Ok(seconds) => self.window.push(seconds, now),
             Err(doubt) => self.doubt = Some((now, doubt)),
         }
@@ -121,15 +121,15 @@ impl Latency {
 }
 
 /// Seconds from stamp to receipt. A stamp slightly ahead of this machine's clock counts as now.
-fn age(sample: &Sample) -> Result<f64, StampFault> {
-    let stamp = sample.stamp_ns.ok_or(StampFault::Absent)?;
+pub(super) fn age(stamp_ns: Option<i64>, received_wall_ns: i64) -> Result<f64, StampFault> {
+    let stamp = stamp_ns.ok_or(StampFault::Absent)?;
     if stamp == 0 {
         return Err(StampFault::Zero);
     }
-    if sample.received_wall_ns == Sample::NO_CLOCK {
+    if received_wall_ns == Sample::NO_CLOCK {
         return Err(StampFault::NoClock);
     }
-    let age = i128::from(sample.received_wall_ns) - i128::from(stamp);
+    let age = i128::from(received_wall_ns) - i128::from(stamp);
     let away = Span::from_nanos(u64::try_from(age.unsigned_abs()).unwrap_or(u64::MAX));
     if away > OTHER_CLOCK {
         return Err(StampFault::OtherClock(away));
@@ -141,7 +141,7 @@ fn age(sample: &Sample) -> Result<f64, StampFault> {
 }
 
 impl StampFault {
-    fn say(self) -> Text {
+    pub(super) fn say(self) -> Text {
         match self {
             StampFault::Absent => {
                 say!("the message has no readable stamp", "Nachricht ohne lesbaren Zeitstempel")

@@ -15,6 +15,7 @@ mod rate_ratio;
 mod sequence;
 #[cfg(test)]
 mod tests;
+mod tf;
 mod value;
 mod watchdog;
 mod window;
@@ -38,6 +39,7 @@ use latency::Latency;
 use rate_ratio::RateRatio;
 use sequence::Sequence;
 use serde::{Deserialize, Serialize};
+use tf::Tf;
 use value::Value;
 use watchdog::Watchdog;
 pub(super) use words::{Words, cut};
@@ -89,6 +91,16 @@ trait Machine: Sized {
     fn take_message(&mut self, _slot: usize, _sample: &Sample, _now: Timestamp) {}
 
     fn take_value(&mut self, _slot: usize, _value: &FieldValue, _now: Timestamp) {}
+
+    /// The value of a field of this message.
+    fn take_field(&mut self, slot: usize, value: &FieldValue, _sample: &Sample, now: Timestamp) {
+        self.take_value(slot, value, now);
+    }
+
+    /// Whether a judgement needs somebody who publishes the topic of this slot.
+    fn needs_publisher(&self, _slot: usize) -> bool {
+        true
+    }
 
     fn take_probe(&mut self, _outcome: &ProbeOutcome, _now: Timestamp) {}
 
@@ -146,7 +158,8 @@ macro_rules! kinds {
 
 // A new kind is added here, and in `Monitor::new`.
 kinds!(
-    Frequency, Latency, Value, Frozen, Watchdog, RateRatio, Sequence, Agreement, Constant, Count, Expression
+    Frequency, Latency, Value, Frozen, Watchdog, RateRatio, Sequence, Agreement, Constant, Count, Tf,
+    Expression
 );
 
 /// Each method is that of its [`Machine`].
@@ -187,6 +200,7 @@ impl Monitor {
                     Inputs::new([("a".into(), a), ("b".into(), b)].into_iter(), watched, Some(*max_age));
                 Monitor::Agreement(Agreement::new(inputs, *max_age, *motion_over, rule.clone()))
             }
+            MonitorSpec::Tf { links, bands } => Monitor::Tf(Tf::new(links, *bands)),
             MonitorSpec::Expression { inputs: sources, max_age, warning, error, .. } => {
                 let roles = sources.iter().map(|(name, source)| (Text::plain(name), source));
                 let inputs = Inputs::new(roles, watched, Some(*max_age));
@@ -230,6 +244,14 @@ impl Monitor {
 
     pub(super) fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
         machine!(self, machine => machine.take_value(slot, value, now))
+    }
+
+    pub(super) fn take_field(&mut self, slot: usize, value: &FieldValue, sample: &Sample, now: Timestamp) {
+        machine!(self, machine => machine.take_field(slot, value, sample, now))
+    }
+
+    pub(super) fn needs_publisher(&self, slot: usize) -> bool {
+        machine!(self, machine => machine.needs_publisher(slot))
     }
 
     pub(super) fn take_probe(&mut self, outcome: &ProbeOutcome, now: Timestamp) {

@@ -108,7 +108,11 @@ fn words_of(value: &FieldValue, quantity: Option<&Quantity>) -> Text {
         FieldValue::Bool(false) => say!("false", "falsch"),
         FieldValue::Pose(_) => say!("a pose", "eine Pose"),
         FieldValue::Positions(_) => say!("a list", "eine Liste"),
-        FieldValue::Content(_) | FieldValue::Absent | FieldValue::Unreadable(_) => {
+        FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
+        | FieldValue::Content(_)
+        | FieldValue::Absent
+        | FieldValue::Unreadable(_) => {
             say!("unreadable", "nicht lesbar")
         }
     }
@@ -121,6 +125,10 @@ fn bare(value: &FieldValue) -> String {
         FieldValue::Text(text) => super::words::cut(text).to_owned(),
         FieldValue::Pose(_) => "a pose".into(),
         FieldValue::Positions(_) => "a list".into(),
-        FieldValue::Content(_) | FieldValue::Absent | FieldValue::Unreadable(_) => "unreadable".into(),
+        FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
+        | FieldValue::Content(_)
+        | FieldValue::Absent
+        | FieldValue::Unreadable(_) => "unreadable".into(),
     }
 }

@@ -29,6 +29,7 @@ pub(crate) fn self_reporting(id: Arc<str>, group: GroupId) -> ModuleInfo {
         class: Class { location: "isolated", information: "content", flow: None },
         of_component: true,
         quantity: None,
+        reads: None,
     }
 }
 
@@ -84,6 +85,7 @@ pub(crate) fn layout(model: &Model) -> Layout {
             class: spec.monitor.class(),
             of_component: spec.monitor.is_of_component(),
             quantity: spec.monitor.other().and_then(|it| Quantity::measured_by(it, &model.watched)),
+            reads: spec.monitor.other().and_then(|it| it.reads(&model.watched)).map(Box::new),
             ..self_reporting(spec.id.clone(), spec.group)
         }));
     }

@@ -9,12 +9,14 @@
 
 mod content;
 mod definition;
+mod elements;
 mod event;
 mod library;
 mod path;
 mod positions;
 mod program;
 mod shape;
+mod transforms;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;

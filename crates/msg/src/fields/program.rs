@@ -5,9 +5,11 @@ use std::sync::Arc;
 
 use super::content;
 use super::definition::Primitive;
+use super::elements::Elements;
 use super::path::Step;
 use super::positions::Positions;
 use super::shape::{Array, Message, Shape, ShapeKind};
+use super::transforms::Transforms;
 use crate::cdr::{Fault, Reader};
 use telltale_engine::model::monitors::{FieldKind, ScalarKind};
 use telltale_engine::model::sample::{FieldValue, Pose};
@@ -48,6 +50,8 @@ enum Leaf {
     Pose,
     Length(Array),
     Positions(Box<Positions>),
+    Transforms(Box<Transforms>),
+    Elements(Box<Elements>),
     Content(Arc<Shape>),
 }
 
@@ -100,6 +104,14 @@ impl Program {
             let (positions, moves) = Positions::compile(compiler, steps)?;
             return Ok(Program { moves, leaf: Leaf::Positions(Box::new(positions)) });
         }
+        if kind == FieldKind::Transforms {
+            let (transforms, moves) = Transforms::compile(compiler, steps)?;
+            return Ok(Program { moves, leaf: Leaf::Transforms(Box::new(transforms)) });
+        }
+        if kind == FieldKind::Elements {
+            let (elements, moves) = Elements::compile(compiler, steps)?;
+            return Ok(Program { moves, leaf: Leaf::Elements(Box::new(elements)) });
+        }
         for (index, step) in steps.iter().enumerate() {
             let is_last = index + 1 == steps.len();
             if let (Step::Member(name), true, ShapeKind::Array(array)) = (step, is_last, &compiler.here.kind)
@@ -114,17 +126,20 @@ impl Program {
         match kind {
             FieldKind::Pose => compiler.pose(),
             FieldKind::Content => compiler.content(),
-            FieldKind::Scalar | FieldKind::Positions => compiler.scalar(),
+            FieldKind::Scalar | FieldKind::Positions | FieldKind::Transforms | FieldKind::Elements => {
+                compiler.scalar()
+            }
         }
     }
 
-    /// The kind of its value; `None` for a pose, for positions and for a fingerprint.
+    /// The kind of its value, or of each value of a list; `None` for a pose, for positions, for transforms and for a fingerprint.
     pub fn kind(&self) -> Option<ScalarKind> {
         Some(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
             Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
             Leaf::Text => ScalarKind::Text,
-            Leaf::Pose | Leaf::Positions(_) | Leaf::Content(_) => return None,
+            Leaf::Elements(elements) => return elements.kind(),
+            Leaf::Pose | Leaf::Positions(_) | Leaf::Transforms(_) | Leaf::Content(_) => return None,
         })
     }
 
@@ -147,6 +162,8 @@ impl Program {
             Leaf::Pose => FieldValue::Pose(pose(reader)?),
             Leaf::Length(array) => FieldValue::Number(f64::from(array.count(reader)?)),
             Leaf::Positions(positions) => FieldValue::Positions(positions.read(reader)?.into()),
+            Leaf::Transforms(transforms) => FieldValue::Transforms(transforms.read(reader)?),
+            Leaf::Elements(elements) => FieldValue::Elements(elements.read(reader)?.into()),
             Leaf::Content(shape) => FieldValue::Content(content::fingerprint(shape, reader)?),
         })
     }
@@ -156,6 +173,12 @@ impl Program {
         self.go(&mut reader).ok()?;
         let (seconds, nanos) = time(&mut reader).ok()?;
         (nanos < 1_000_000_000).then(|| i64::from(seconds) * 1_000_000_000 + i64::from(nanos))
+    }
+
+    /// The bytes of a text.
+    pub(super) fn text_bytes<'a>(&self, mut reader: Reader<'a>) -> Result<&'a [u8], NoValue> {
+        self.go(&mut reader)?;
+        Ok(reader.string()?)
     }
 
     /// Moves to the position of the value.
@@ -201,7 +224,13 @@ impl Program {
         match &self.leaf {
             Leaf::Primitive(primitive) => range(*primitive),
             Leaf::Length(_) => range(Primitive::U32),
-            Leaf::Text | Leaf::Time | Leaf::Pose | Leaf::Positions(_) | Leaf::Content(_) => None,
+            Leaf::Text
+            | Leaf::Time
+            | Leaf::Pose
+            | Leaf::Positions(_)
+            | Leaf::Transforms(_)
+            | Leaf::Elements(_)
+            | Leaf::Content(_) => None,
         }
     }
 }
@@ -235,7 +264,10 @@ pub(super) fn number(primitive: Primitive, reader: &mut Reader<'_>) -> Result<f6
 }
 
 fn text<'a>(reader: &mut Reader<'a>) -> Result<&'a str, NoValue> {
-    let bytes = reader.string()?;
+    text_of(reader.string()?)
+}
+
+pub(super) fn text_of(bytes: &[u8]) -> Result<&str, NoValue> {
     if bytes.len() > TEXT_BYTES_MAX {
         let text = format!("a string of {} bytes; at most {TEXT_BYTES_MAX} are taken", bytes.len());
         return Err(NoValue::Refused(text));

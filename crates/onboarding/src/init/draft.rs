@@ -4,11 +4,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::grouping::Grouping;
 use super::names::{self, comment, is_full_name, is_tool, prefix};
-use super::observations::{Messages, Observations, STATUSES_MAX, Status, is_of_components, measured_type};
+use super::observations::{
+    Frame, Messages, Observations, STATUSES_MAX, Status, is_of_components, measured_type,
+};
 use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
-use super::rhythm::{RateLimits, at_least_ms};
+use super::rhythm::at_least_ms;
 use telltale_engine::discovery::TopicSeen;
+use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
 
 /// Modules that are written out in one group; further statuses join it by their names.
@@ -81,6 +84,7 @@ pub enum ModuleKind {
         limits: RateLimits,
         /// For how long it may repeat itself, if it never did.
         frozen_ms: Option<u64>,
+        transforms: Vec<Transform>,
     },
     Age {
         topic: String,
@@ -90,6 +94,15 @@ pub enum ModuleKind {
     Node {
         name: String,
     },
+}
+
+/// A transform that came on a topic again and again.
+#[derive(Debug)]
+pub struct Transform {
+    pub parent: String,
+    pub child: String,
+    pub rate_hz: f64,
+    pub warning_ms: u64,
 }
 
 /// What may be concluded from observations that began and ended then.
@@ -335,6 +348,18 @@ fn remark(group: &mut Group, topic: &TopicSeen, type_name: &str, why: &str) {
     group.remarks.push(format!("{} ({}): {why}.", comment(&topic.name), comment(type_name)));
 }
 
+/// Those with a rhythm, and with one parent.
+fn transforms(messages: &Messages, end: Timestamp) -> Vec<Transform> {
+    let age_s = messages.age_ns.map_or(0.0, |(_, most)| (most as f64 / 1e9).clamp(0.0, AGES_S.1));
+    let of = |(child, frame): (&str, &Frame)| {
+        let rate_hz = frame.rhythm.steady_hz(end).filter(|_| !frame.has_two)?;
+        let warning_ms = at_least_ms((3.0 * frame.rhythm.longest_s(end) + age_s).max(0.2));
+        let (parent, child) = (frame.parent.to_string(), child.to_string());
+        Some(Transform { parent, child, rate_hz, warning_ms })
+    };
+    messages.frames.iter().map(|(child, frame)| (&**child, frame)).filter_map(of).take(LINES_MAX).collect()
+}
+
 /// The monitors that the messages of a topic permit.
 fn measure(
     group: &mut Group,
@@ -365,7 +390,17 @@ fn measure(
     // Several publishers say different things even if each repeats itself.
     let frozen_ms =
         (publishers == 1 && messages.never_repeats()).then(|| at_least_ms((FROZEN_MESSAGES / rate).max(1.0)));
-    let kind = ModuleKind::Rate { topic: of_topic.clone(), type_name: of_type.clone(), limits, frozen_ms };
+    let transforms = transforms(messages, end);
+    for (child, _) in messages.frames.iter().filter(|(_, frame)| frame.has_two) {
+        remark(group, topic, type_name, &format!("the frame {child} has two parents"));
+    }
+    let kind = ModuleKind::Rate {
+        topic: of_topic.clone(),
+        type_name: of_type.clone(),
+        limits,
+        frozen_ms,
+        transforms,
+    };
     group.modules.push(Module { id, kind, about, nodes: nodes.clone(), proposals: Vec::new() });
     let Some((least, most)) = messages.age_ns.map(|(least, most)| (least as f64 / 1e9, most as f64 / 1e9))
     else {

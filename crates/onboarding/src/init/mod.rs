@@ -15,6 +15,6 @@ mod rhythm;
 pub(crate) mod yaml;
 
 pub use draft::{Draft, Group, ModuleKind, draft};
-pub use observations::{Observations, STATUSES_MAX, TOPICS_MAX};
+pub use observations::{Observations, STATUSES_MAX, TOPICS_MAX, more_fields};
 pub use proposals::Proposal;
 pub use yaml::{heard_text, text};

@@ -7,7 +7,7 @@ use super::names::{is_full_name, is_tool, is_type};
 use super::rhythm::Rhythm;
 use telltale_engine::discovery::{Discovery, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId};
-use telltale_engine::model::monitors::{DIAGNOSTIC_ARRAY, DIAGNOSTICS};
+use telltale_engine::model::monitors::{DIAGNOSTIC_ARRAY, DIAGNOSTICS, FieldKind, FieldSpec, TF_MESSAGE};
 use telltale_engine::model::sample::{FieldValue, Fingerprint, Sample};
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
@@ -21,6 +21,10 @@ const NODES_MAX: usize = 20_000;
 /// Writers of one status that are remembered.
 const WRITERS_MAX: usize = 8;
 const NAME_BYTES_MAX: usize = 256;
+/// Frames of one topic of transforms that are told apart.
+const FRAMES_MAX: usize = 64;
+/// Transforms of one message that are read.
+const TRANSFORMS_MAX: usize = 16;
 
 /// Topics that belong to ROS itself, or repeat what others said.
 const INFRASTRUCTURE: [&str; 6] = [
@@ -63,9 +67,42 @@ pub struct Messages {
     content: Option<Fingerprint>,
     /// Messages with the same content as the one before them.
     pub repeated: u64,
+    /// The child frames of transforms.
+    pub frames: BTreeMap<Box<str>, Frame>,
+}
+
+/// A frame below another one.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    pub parent: Box<str>,
+    pub rhythm: Rhythm,
+    /// It has another parent, too.
+    pub has_two: bool,
+}
+
+/// What is read of the messages of this type beside their content.
+pub fn more_fields(type_name: &str) -> impl Iterator<Item = FieldSpec> {
+    let count = if type_name == TF_MESSAGE { TRANSFORMS_MAX } else { 0 };
+    let of = |at: usize| ["header.frame_id", "child_frame_id"].map(|name| format!("transforms[{at}].{name}"));
+    (0..count).flat_map(of).map(|path| FieldSpec { path: path.into(), kind: FieldKind::Scalar })
 }
 
 impl Messages {
+    /// Takes the transforms of a message: pairs of a parent and a child.
+    fn take_frames(&mut self, values: &[FieldValue], at: Timestamp) {
+        for pair in values.chunks_exact(2) {
+            let [FieldValue::Text(parent), FieldValue::Text(child)] = pair else { continue };
+            let has_room = self.frames.len() < FRAMES_MAX || self.frames.contains_key(child);
+            if !has_room || !is_frame(parent) || !is_frame(child) {
+                continue;
+            }
+            let new = || Frame { parent: parent.clone(), rhythm: Rhythm::default(), has_two: false };
+            let frame = self.frames.entry(child.clone()).or_insert_with(new);
+            frame.has_two |= frame.parent != *parent;
+            frame.rhythm.beat(at);
+        }
+    }
+
     /// Whether all of them could be compared, and each differed from the one before it.
     pub fn never_repeats(&self) -> bool {
         self.content.is_some() && self.repeated == 0
@@ -129,9 +166,10 @@ impl Observations {
         let messages = self.topics.entry(topic.clone()).or_default();
         messages.rhythm.beat(at);
         let content = match sample.values[..] {
-            [FieldValue::Content(content)] => Some(content),
+            [FieldValue::Content(content), ..] => Some(content),
             _ => None,
         };
+        messages.take_frames(sample.values.get(1..).unwrap_or_default(), at);
         if content.is_none() || content == messages.content {
             messages.repeated += 1;
         }
@@ -164,6 +202,12 @@ impl Observations {
     }
 }
 
+/// A name that can stand in a comment as it is.
+fn is_frame(name: &str) -> bool {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"_-./".contains(&byte);
+    (1..=NAME_BYTES_MAX).contains(&name.len()) && !name.starts_with('/') && name.bytes().all(is_plain)
+}
+
 /// Whether a topic connects components, rather than to serve ROS itself.
 pub fn is_of_components(topic: &TopicSeen) -> bool {
     let name = &*topic.name;
@@ -179,4 +223,55 @@ pub fn measured_type(topic: &TopicSeen) -> Option<&str> {
     let aggregated = first.starts_with("diagnostic_msgs/msg/Diagnostic");
     let by_tools = publishers().all(|it| it.node.as_deref().is_some_and(is_tool));
     (only && is_type(first) && !aggregated && !by_tools && is_of_components(topic)).then_some(first)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::init::{draft, text};
+    use telltale_engine::discovery::Endpoint;
+    use telltale_engine::model::monitors::TopicSpec;
+
+    #[test]
+    fn transforms_that_come_steadily_are_proposed_with_their_rate() {
+        let (node, type_name) = (Some("/ekf".to_owned()), TF_MESSAGE.to_owned());
+        let publisher = Endpoint { participant: "p".to_owned(), node, type_name, ..Endpoint::default() };
+        let (name, publishers) = ("/tf".to_owned(), vec![publisher]);
+        let topics =
+            vec![TopicSeen { name, publishers, subscribers: Vec::new(), rate_hz: None, jitter_ms: None }];
+        let nodes = ["/ekf".to_owned()].into_iter().collect();
+        let mut seen = Observations::default();
+        seen.see(Arc::new(Discovery { topics, nodes, participants: 1, ..Discovery::default() }));
+        let whole = FieldSpec { path: "".into(), kind: FieldKind::Content };
+        let source = Arc::new(TopicSpec {
+            topic: "/tf".into(),
+            type_name: TF_MESSAGE.into(),
+            stamp: false,
+            fields: std::iter::once(whole).chain(more_fields(TF_MESSAGE)).collect(),
+        });
+        for tenth in 0..100 {
+            let other = format!("other{tenth}");
+            let frames = [
+                ("map", "odom"),
+                ("odom", "base_link"),
+                (if tenth % 2 == 0 { "odom" } else { "base_link" }, "laser"),
+                ("map", "new\nline"),
+                ("map", &other),
+            ];
+            let names = frames.into_iter().flat_map(|(parent, child)| [parent, child]);
+            let names = names.map(|name| FieldValue::Text(name.into()));
+            let content = FieldValue::Content(Fingerprint(tenth));
+            let mut values: Vec<FieldValue> = std::iter::once(content).chain(names).collect();
+            values.resize(source.fields.len(), FieldValue::Unreadable("there is none".into()));
+            let (source, values) = (source.clone(), values.into());
+            let sample = Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, values };
+            seen.take(&Input::Sample(sample), Timestamp::from_millis(100 * tenth));
+        }
+        assert_eq!(seen.topics["/tf"].frames.len(), FRAMES_MAX);
+        let text = text(&draft(&seen, Timestamp::ZERO, Timestamp::from_millis(10_000)), false);
+        let odom = "# - { id: tf_odom, monitor: { tf: { frames: [map, odom], warning_above: 300ms, error_above: 600ms } } }  # 10.0 Hz";
+        assert!(text.contains(odom) && text.contains("frames: [odom, base_link]"), "{text}");
+        assert!(text.contains("the frame laser has two parents"), "{text}");
+        assert!(!text.contains("line]") && !text.contains("other1"), "{text}");
+    }
 }

@@ -1,5 +1,6 @@
-//! How often something came, and the limits that follow from it.
+//! How often something came.
 
+use telltale_engine::pace::RateLimits;
 use telltale_engine::time::{Span, Timestamp};
 
 /// Fewer messages have no rhythm.
@@ -59,30 +60,6 @@ impl Rhythm {
     }
 }
 
-/// Limits of a rate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RateLimits {
-    pub window_s: u64,
-    pub warning_below: f64,
-    pub error_below: f64,
-}
-
-impl RateLimits {
-    /// A window holds at least ten messages; a WARNING is for 70 % of them, an ERROR for 40 %.
-    pub fn of(rate_hz: f64) -> RateLimits {
-        let window_s = (10.0 / rate_hz).ceil().clamp(2.0, 60.0) as u64;
-        let (warning_below, error_below) = (floor(rate_hz * 0.7), floor(rate_hz * 0.4));
-        RateLimits { window_s, warning_below, error_below }
-    }
-}
-
-/// Rounded down to two digits.
-fn floor(value: f64) -> f64 {
-    let scale = 10f64.powf(value.log10().floor() - 1.0);
-    let digits = (value / scale + 1e-9).floor();
-    if scale >= 1.0 { digits * scale } else { digits / (1.0 / scale).round() }
-}
-
 /// Durations as people write them.
 const STEPS_MS: [u64; 15] =
     [100, 200, 300, 500, 1000, 2000, 3000, 5000, 10_000, 15_000, 20_000, 30_000, 60_000, 120_000, 300_000];
@@ -101,19 +78,6 @@ pub fn duration(ms: u64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn limits_lie_below_what_was_measured_and_have_two_digits() {
-        for (rate, window_s, warning_below, error_below) in [
-            (10.0, 2, 7.0, 4.0),
-            (19.97, 2, 13.0, 7.9),
-            (0.5, 20, 0.35, 0.2),
-            (1234.0, 2, 860.0, 490.0),
-            (1.01, 10, 0.7, 0.4),
-        ] {
-            assert_eq!(RateLimits::of(rate), RateLimits { window_s, warning_below, error_below }, "{rate}");
-        }
-    }
 
     #[test]
     fn only_what_comes_evenly_has_a_rate() {

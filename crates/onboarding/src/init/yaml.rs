@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::draft::{Draft, Group, Module, ModuleKind};
+use super::draft::{Draft, Group, Module, ModuleKind, Transform};
 use super::names::{comment, is_full_name, scalar};
 use super::passing::Passing;
 use super::proposals::Proposal;
@@ -150,7 +150,7 @@ pub(crate) fn write_module(out: &mut String, module: &Module, accept_guesses: bo
     }
     if open.is_empty() {
         let _ = writeln!(out, "      - {{ id: {}, {} }}", module.id, keys.join(", "));
-        return write_frozen(out, module);
+        return write_comments(out, module);
     }
     let (advice, hash) = match accept_guesses {
         true => ("A guess from the graph, in force as asked:", ""),
@@ -164,7 +164,23 @@ pub(crate) fn write_module(out: &mut String, module: &Module, accept_guesses: bo
     }
     let on: Vec<&str> = open.iter().flat_map(|it| &it.on).map(|name| &**name).collect();
     let _ = writeln!(out, "        {hash}depends_on: [{}]", on.join(", "));
+    write_comments(out, module);
+}
+
+/// Further monitors that a reader may want.
+fn write_comments(out: &mut String, module: &Module) {
     write_frozen(out, module);
+    let ModuleKind::Rate { topic, transforms, .. } = &module.kind else { return };
+    let Some(namespace) = topic.strip_suffix("/tf").filter(|_| !transforms.is_empty()) else { return };
+    let of = if namespace.is_empty() { String::new() } else { format!("namespace: {namespace}, ") };
+    out.push_str("      # Transforms that came on it. Whether they are old, or of two parents, can be watched, a whole chain at once:\n");
+    for Transform { parent, child, rate_hz, warning_ms } in transforms {
+        let (id, warning, error) = (child.replace('/', "_"), duration(*warning_ms), duration(2 * warning_ms));
+        let _ = writeln!(
+            out,
+            "      # - {{ id: tf_{id}, monitor: {{ tf: {{ frames: [{parent}, {child}], {of}warning_above: {warning}, error_above: {error} }} }} }}  # {rate_hz:.1} Hz",
+        );
+    }
 }
 
 /// What never repeated itself may be watched for it. A machine at rest may well repeat itself, so that is a comment.
@@ -193,7 +209,7 @@ fn keys(kind: &ModuleKind) -> Vec<String> {
         ModuleKind::Status { name, timeout_ms } => {
             vec![format!("status: {}", scalar(name)), format!("timeout: {}", duration(*timeout_ms))]
         }
-        ModuleKind::Rate { topic, type_name, limits, frozen_ms: _ } => vec![format!(
+        ModuleKind::Rate { topic, type_name, limits, .. } => vec![format!(
             "monitor: {{ frequency: {{ topic: {topic}, type: {type_name}, window: {}s, warning_below: {}, \
              error_below: {} }} }}",
             limits.window_s, limits.warning_below, limits.error_below

@@ -15,22 +15,29 @@ use crate::library::{Found, Participant};
 use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
+use telltale_engine::pace::{Arrivals, Pace};
 use telltale_engine::time::Timestamp;
 use telltale_msg::messages;
 use telltale_msg::sample_bytes::Guid;
 
 const LOOK: Duration = Duration::from_secs(1);
 
-/// Messages received since the start, by the topic's name on the wire; only of topics that are read.
+/// The pace of the topics that are read, by their names on the wire.
 #[derive(Debug, Clone, Default)]
-pub struct MessageCounts(Arc<Mutex<BTreeMap<String, u64>>>);
+pub struct Paces(Arc<Mutex<BTreeMap<String, Arrivals>>>);
 
-impl MessageCounts {
-    pub fn add(&self, dds_topic: &str, count: usize) {
-        let mut tallies = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        match tallies.get_mut(dds_topic) {
-            Some(tally) => *tally += count as u64,
-            None => drop(tallies.insert(dds_topic.to_owned(), count as u64)),
+impl Paces {
+    /// The topic is read from now on: nothing yet is a rate too.
+    pub fn begin(&self, dds_topic: &str, now: Timestamp) {
+        let mut paces = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        paces.entry(dds_topic.to_owned()).or_insert_with(|| Arrivals::since(now));
+    }
+
+    /// A message came.
+    pub fn take(&self, dds_topic: &str, now: Timestamp) {
+        let mut paces = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(arrivals) = paces.get_mut(dds_topic) {
+            arrivals.take(now);
         }
     }
 
@@ -39,8 +46,10 @@ impl MessageCounts {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(dds_topic);
     }
 
-    fn read(&self) -> BTreeMap<String, u64> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// By the ROS names of the topics.
+    fn look(&self, now: Timestamp) -> BTreeMap<String, Pace> {
+        let mut paces = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        paces.iter_mut().map(|(topic, arrivals)| (ros_name(topic), arrivals.look(now))).collect()
     }
 }
 
@@ -75,20 +84,19 @@ impl OwnParticipants {
 /// Runs until it is stopped.
 pub async fn run(
     participant: Participant,
-    tallies: MessageCounts,
+    paces: Paces,
     seen: Arc<watch::Sender<Arc<Discovery>>>,
     (nodes, siblings): (watch::Receiver<Nodes>, OwnParticipants),
     clock: Clock,
     mut stop: watch::Receiver<bool>,
 ) {
     let mut looks = every(LOOK);
-    let mut before = (clock.now(), tallies.read());
     loop {
         tokio::select! {
             () = stopped(&mut stop) => return,
             _ = looks.tick() => {}
         }
-        let now = (clock.now(), tallies.read());
+        let now = clock.now();
         let mut discovery = {
             let nodes = nodes.borrow();
             let (all, services) = (nodes.all(), nodes.services());
@@ -100,33 +108,19 @@ pub async fn run(
                 endpoint.ours |= siblings.contains(&endpoint.participant);
             }
         }
-        discovery.at = Some(now.0);
-        let rates = rates(&before, &now);
-        for (name, rate) in rates {
+        discovery.at = Some(now);
+        for (name, pace) in paces.look(now) {
             let place = discovery.topics.binary_search_by(|topic| topic.name.cmp(&name));
             // A topic that is read and that nobody publishes also gets a row.
             let place = place.unwrap_or_else(|place| {
                 discovery.topics.insert(place, TopicSeen { name, ..TopicSeen::default() });
                 place
             });
-            discovery.topics[place].rate_hz = Some(rate);
+            let topic = &mut discovery.topics[place];
+            (topic.rate_hz, topic.jitter_ms) = (Some(pace.rate_hz), pace.jitter_ms);
         }
         seen.send_replace(Arc::new(discovery));
-        before = now;
     }
-}
-
-/// Messages per second of the topics that are read, by their ROS names.
-fn rates(
-    before: &(Timestamp, BTreeMap<String, u64>),
-    now: &(Timestamp, BTreeMap<String, u64>),
-) -> BTreeMap<String, f32> {
-    let seconds = now.0.since(before.0).as_nanos() as f32 / 1e9;
-    let rate = |(topic, count): (&String, &u64)| {
-        let more = count - before.1.get(topic).copied().unwrap_or(0).min(*count);
-        (ros_name(topic), if seconds > 0.0 { more as f32 / seconds } else { 0.0 })
-    };
-    now.1.iter().map(rate).collect()
 }
 
 fn look(participant: &Participant, nodes: &BTreeMap<Guid, &str>) -> Discovery {
@@ -187,15 +181,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rates_are_of_the_time_between_two_looks() {
-        let tallies = MessageCounts::default();
-        tallies.add("rt/diagnostics", 5);
-        let before = (Timestamp::from_millis(1000), tallies.read());
-        tallies.add("rt/diagnostics", 20);
-        tallies.add("rt/new", 4);
-        let now = (Timestamp::from_millis(3000), tallies.read());
-        let expect = [("/diagnostics".to_owned(), 10.0), ("/new".to_owned(), 2.0)];
-        assert_eq!(rates(&before, &now), BTreeMap::from(expect));
-        assert_eq!(rates(&now, &now).values().copied().collect::<Vec<_>>(), [0.0, 0.0]);
+    fn a_topic_that_is_read_has_a_pace_from_the_start_by_its_ros_name() {
+        let paces = Paces::default();
+        paces.begin("rt/scan", Timestamp::from_millis(1000));
+        for at in (1000..3000).step_by(100) {
+            paces.begin("rt/scan", Timestamp::from_millis(at));
+            paces.take("rt/scan", Timestamp::from_millis(at));
+            paces.take("rt/unread", Timestamp::from_millis(at));
+        }
+        paces.begin("outside", Timestamp::from_millis(2000));
+        let seen = paces.look(Timestamp::from_millis(3000));
+        let rates: Vec<(&str, f32)> = seen.iter().map(|(name, pace)| (&**name, pace.rate_hz)).collect();
+        assert_eq!(rates, [("/scan", 10.0), ("outside", 0.0)]);
+        paces.forget("rt/scan");
+        assert_eq!(paces.look(Timestamp::from_millis(4000)).len(), 1);
     }
 }

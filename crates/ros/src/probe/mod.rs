@@ -234,7 +234,7 @@ mod tests {
             name: name.into(),
             publishers: vec![end("/p", publisher)],
             subscribers: vec![end("/s", subscriber)],
-            rate_hz: None,
+            ..TopicSeen::default()
         };
         let topics = vec![topic("/bad", false, true), topic("/good", true, true)];
         let mut seen = Discovery { topics, ..Discovery::default() };

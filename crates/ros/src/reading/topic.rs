@@ -13,7 +13,7 @@ use super::keeping::Kept;
 use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
-use crate::discovery::graph::MessageCounts;
+use crate::discovery::graph::Paces;
 use crate::library::qos::Via;
 use crate::library::{Found, Participant};
 use crate::outbox::{End, Outbox, stopped, waiting_bytes};
@@ -46,8 +46,7 @@ pub struct TopicContext {
     pub participant: Participant,
     pub inputs: mpsc::Sender<Stamped>,
     pub clock: Clock,
-    /// Counts received messages.
-    pub tallies: MessageCounts,
+    pub paces: Paces,
     pub ros_clock: RosClock,
     pub stop: watch::Receiver<bool>,
 }
@@ -130,6 +129,9 @@ pub struct Topic {
     memory: Memory,
     outbox: Outbox,
     unknown: BTreeSet<Guid>,
+    /// The last value that the participant before this one heard. Its publisher repeats it; the engine forgot it when
+    /// that participant ended.
+    forgotten: Option<Arc<Message>>,
     /// Of a topic that is only recorded: when the next message may be.
     recorded_from: Timestamp,
     /// Of another one: what is recorded whole.
@@ -147,6 +149,7 @@ impl Topic {
         let depth = memory.retention.depth();
         let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
+        let forgotten = memory.last_value.clone();
         let topic = Topic {
             subscription,
             searching_until: around.clock.now() + DISCOVERY,
@@ -158,11 +161,11 @@ impl Topic {
             memory,
             outbox,
             unknown: BTreeSet::new(),
+            forgotten,
             recorded_from: Timestamp::ZERO,
             kept: Kept::default(),
         };
-        // Nothing yet is a rate too.
-        topic.around.tallies.add(&topic.subscription.dds_topic, 0);
+        topic.around.paces.begin(&topic.subscription.dds_topic, topic.around.clock.now());
         topic
     }
 
@@ -241,7 +244,6 @@ impl Topic {
                 )));
             }
         }
-        self.around.tallies.add(&self.subscription.dds_topic, batch.len());
         for sample in batch.drain(..) {
             self.take_sample(sample, received).await?;
             // A slow engine takes a large batch for seconds: a loss is told at once, not after it.
@@ -260,8 +262,20 @@ impl Topic {
         let dds_type = &self.subscription.dds_type;
         let published = self.memory.writers.published(&sample.writer, sample.source, received);
         let troubles = &mut self.memory.troubles;
-        match self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type) {
-            Verdict::Skip => return Ok(()),
+        let verdict = self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type);
+        // What two readers received came once.
+        if verdict != Verdict::Skip {
+            self.around.paces.take(&self.subscription.dds_topic, received);
+        }
+        match verdict {
+            Verdict::Skip => {
+                let is_it =
+                    |it: &mut Arc<Message>| (it.writer, it.sequence) == (sample.writer, sample.sequence);
+                return match self.forgotten.take_if(is_it) {
+                    Some(message) => self.hand_over(&message, PublicationTime::Kept, received).await,
+                    None => Ok(()),
+                };
+            }
             Verdict::WrongType => {
                 let theirs = self.memory.writers.type_name(&sample.writer).unwrap_or_default();
                 troubles.add(TroubleKind::WrongType, 1, || wrong_type(theirs, &self.subscription));
@@ -272,6 +286,7 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
+        self.forgotten = None;
         self.trial.note_data();
         if let Some(every) = self.subscription.recorded_every() {
             if received < self.recorded_from {

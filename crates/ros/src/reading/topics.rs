@@ -208,7 +208,7 @@ impl Topics {
         if let Some(running) = self.running.remove(key) {
             self.ending.insert(key.clone());
             if !running.trial.has_data() {
-                self.around.tallies.forget(&key.0);
+                self.around.paces.forget(&key.0);
             }
         }
     }

@@ -1,5 +1,5 @@
-//! The statuses of the shuttle's nodes, in the words of their developers. They say only what the nodes
-//! alone can know; the rest shows on their topics.
+//! The statuses of the shuttle's nodes, in the words of their developers. They say only what a node
+//! itself knows; other monitors read the topics.
 
 use super::Fault;
 use super::localizer::Match;

@@ -51,6 +51,13 @@ pub fn history_damage(folder: &Path) -> Option<String> {
 pub(super) fn strange(connection: &Connection) -> rusqlite::Result<Option<String>> {
     let known = Connection::open_in_memory()?;
     prepare(&known)?;
+    for (has, drop) in
+        [(has_trends(connection)?, "DROP TABLE trends"), (has_days(connection)?, "DROP TABLE days")]
+    {
+        if !has {
+            known.execute_batch(drop)?;
+        }
+    }
     difference(connection, &known, Compare::Names)
 }
 
@@ -67,7 +74,7 @@ pub fn repair_history(folder: &Path, wall: SystemTime) -> Result<Option<SavedHis
     let to = Connection::open(&new)?;
     prepare(&to)?;
     if let Ok(from) = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY) {
-        for table in ["nodes", "records", "alive"] {
+        for table in ["nodes", "records", "alive", "trends", "days"] {
             salvage::copy_all(&from, &to, table)?;
         }
     }
@@ -122,4 +129,19 @@ pub(super) fn counts_rows(connection: &Connection) -> rusqlite::Result<bool> {
 
 fn count(connection: &Connection) -> rusqlite::Result<i64> {
     connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0))
+}
+
+/// Whether the file has the table of the numbers: files of earlier versions do not.
+pub(super) fn has_trends(connection: &Connection) -> rusqlite::Result<bool> {
+    has_table(connection, "trends")
+}
+
+/// Whether it has the table of the days whose records are gone.
+pub(super) fn has_days(connection: &Connection) -> rusqlite::Result<bool> {
+    has_table(connection, "days")
+}
+
+fn has_table(connection: &Connection, name: &str) -> rusqlite::Result<bool> {
+    let sql = "SELECT count(*) = 1 FROM sqlite_schema WHERE type = 'table' AND name = ?";
+    connection.prepare_cached(sql)?.query_row([name], |row| row.get(0))
 }

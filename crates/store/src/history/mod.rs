@@ -3,7 +3,7 @@
 //! A thread writes the batches that the engine's task hands over. The state of the vehicle does not depend
 //! on it: a failure is logged and counted, and everything else goes on. The file is bounded: beyond
 //! [`ROWS_MAX`] records the oldest go, but the last of each node stays, so that the state of every node is
-//! known for every kept moment.
+//! known for every kept moment. Of alarms and stages the statistics of their days stay. Beside them it has the numbers of the modules over days (`trends`).
 
 mod alarms;
 mod damage;
@@ -11,6 +11,7 @@ mod lines;
 mod read;
 mod reader;
 mod statistics;
+mod trends;
 mod write;
 
 use std::path::{Path, PathBuf};
@@ -26,8 +27,12 @@ pub use damage::{SavedHistory, history_damage, repair_history};
 pub use lines::{HistoryLine, LineKind, LineQuery};
 pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
 use reader::Reader;
-pub use statistics::{NodeFigures, NodeStatistics, Statistics, how_long_ms};
+pub use statistics::{
+    NodeFigures, NodeStatistics, Statistics, VersionStatistics, between_failures_ms, how_long_ms, per_100_km,
+    way,
+};
 pub use telltale_engine::view::record::Stretch;
+pub use trends::{Minute, MinuteSums, Resolution, Trend, TrendPoint, TrendQuery, ValueTrend};
 
 use super::StoreError;
 use super::database::files::{odd_beside, put_odd_aside};
@@ -36,6 +41,7 @@ use super::private_file::make_private_file;
 use telltale_clock::Clock;
 use telltale_engine::time::Timestamp;
 use telltale_engine::view::record::Record;
+use trends::TrendWriter;
 
 /// The file of the history. It may grow large, and may be removed.
 pub const HISTORY_FILE: &str = "history.db";
@@ -74,6 +80,8 @@ const READ_WITHIN: Duration = Duration::from_secs(5);
 pub struct History {
     connection: Arc<Mutex<Connection>>,
     reader: Arc<Reader>,
+    /// Locked after the connection.
+    trends: Arc<Mutex<TrendWriter>>,
     /// `None` for one in memory.
     folder: Option<PathBuf>,
     /// Its other end goes with the thread that writes.
@@ -152,7 +160,8 @@ impl History {
         write::Writer::new(&connection, ROWS_MAX)?.write(&mut connection, records, until)?;
         let connection = Arc::new(Mutex::new(connection));
         let reader = Arc::new(Reader::new(connection.clone()));
-        Ok(History { reader, connection, folder: None, written: Arc::default(), clock })
+        let trends = Arc::default();
+        Ok(History { reader, connection, trends, folder: None, written: Arc::default(), clock })
     }
 
     /// `reading` is the connection for readers.
@@ -168,7 +177,7 @@ impl History {
         let folder = folder.map(Path::to_owned);
         let (writing, written) = oneshot::channel::<()>();
         let written = Arc::new(Mutex::new(Some(written)));
-        let history = History { connection, reader, folder, written, clock };
+        let history = History { connection, reader, trends: Arc::default(), folder, written, clock };
         let (queue, records) = sync_channel(QUEUE);
         let shared = history.clone();
         // Without a thread the queue fills and records are counted as lost; the program goes on.
@@ -204,6 +213,23 @@ impl History {
         self.reader.read(READ_WITHIN, move |connection| alarms::last_alarms(connection, count)).await
     }
 
+    /// Keeps a minute of the numbers of all modules. Returns when that is written, or cannot be.
+    pub async fn keep_minute(&self, minute: Minute) {
+        let history = self.clone();
+        let kept = tokio::task::spawn_blocking(move || {
+            let mut connection = history.lock();
+            history.trends.lock().unwrap_or_else(PoisonError::into_inner).keep(&mut connection, &minute);
+        });
+        if let Err(error) = kept.await {
+            tracing::error!(%error, "a minute of the numbers is not kept");
+        }
+    }
+
+    /// The numbers of a module in a span of time.
+    pub async fn trend(&self, query: TrendQuery) -> Result<Trend, StoreError> {
+        self.reader.read(READ_WITHIN, move |connection| trends::trend(connection, &query)).await
+    }
+
     /// Waits until all is written that came through the queue, whose sender must be gone.
     pub async fn written(&self) {
         let written = self.written.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -223,6 +249,7 @@ impl History {
         begin_anew(folder, self.clock, why)?;
         let opened = Opened::of(folder)?;
         *self.lock() = opened.writing;
+        *self.trends.lock().unwrap_or_else(PoisonError::into_inner) = TrendWriter::default();
         self.reader.replace(opened.reading);
         Ok(opened.writer)
     }
@@ -298,6 +325,8 @@ fn begin_anew(folder: &Path, clock: Clock, why: &rusqlite::Error) -> Result<(), 
 /// Makes the tables, or adds the columns that a file of an earlier version lacks.
 fn prepare(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(SCHEMA)?;
+    connection.execute_batch(trends::SCHEMA)?;
+    connection.execute_batch(statistics::SCHEMA)?;
     if !read::has_words(connection)? {
         connection.execute_batch(
             "BEGIN;

@@ -115,6 +115,27 @@ pub(super) fn stages(connection: &Connection, query: &HistoryQuery) -> rusqlite:
     Ok(held(rows, &starts, query, |value| value.and_then(stage)))
 }
 
+/// How long the program ran, and which version of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Run {
+    pub from_ms: i64,
+    pub to_ms: i64,
+    /// Empty if it did not say.
+    pub version: String,
+}
+
+/// The runs of the program in a span of time that ends no later than the last sign of life.
+pub(super) fn runs(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec<Run>> {
+    let starts = starts(connection, query)?;
+    let ends = starts.iter().skip(1).map(|next| next.ended_ms).chain([query.to_ms]);
+    let run = |(start, ended_ms): (&Start, i64)| Run {
+        from_ms: start.at_ms.max(query.from_ms),
+        to_ms: ended_ms.min(query.to_ms),
+        version: start.version.clone(),
+    };
+    Ok(starts.iter().zip(ends).map(run).filter(|run| run.from_ms < run.to_ms).collect())
+}
+
 /// When the program that wrote last was surely alive.
 pub(super) fn alive_ms(connection: &Connection) -> rusqlite::Result<Option<i64>> {
     connection.query_row("SELECT max(at_ms) FROM alive", [], |row| row.get(0))
@@ -123,8 +144,10 @@ pub(super) fn alive_ms(connection: &Connection) -> rusqlite::Result<Option<i64>>
 /// The program started or took another configuration: earlier states end here.
 struct Start {
     id: i64,
+    at_ms: i64,
     /// When the earlier states ended.
     ended_ms: i64,
+    version: String,
 }
 
 /// A state from a moment on.
@@ -147,24 +170,26 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
     let start = |row: &Row<'_>| {
         let (id, at_ms): (i64, i64) = (row.get(0)?, row.get(1)?);
         let alive: Option<i64> = row.get(2)?;
-        Ok(Start { id, ended_ms: alive.unwrap_or(at_ms).min(at_ms) })
+        let version = row.get::<_, Option<String>>(3)?.unwrap_or_default();
+        Ok(Start { id, at_ms, ended_ms: alive.unwrap_or(at_ms).min(at_ms), version })
     };
-    let mut before = connection.prepare_cached(
-        "SELECT id, at_ms, number FROM records WHERE kind = ? AND kind <> 1 AND at_ms <= ?
+    let said = if has_words(connection)? { "said" } else { "NULL" };
+    let mut before = connection.prepare_cached(&format!(
+        "SELECT id, at_ms, number, {said} FROM records WHERE kind = ? AND kind <> 1 AND at_ms <= ?
             ORDER BY at_ms DESC, id DESC LIMIT 1",
-    )?;
+    ))?;
     let mut starts: Vec<Start> =
         before.query_row([STARTED, query.from_ms], start).optional()?.into_iter().collect();
-    let mut within = connection.prepare_cached(
-        "SELECT id, at_ms, number FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ? AND at_ms <= ? ORDER BY id",
-    )?;
+    let mut within = connection.prepare_cached(&format!(
+        "SELECT id, at_ms, number, {said} FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ? AND at_ms <= ? ORDER BY id",
+    ))?;
     for found in within.query_map([STARTED, query.from_ms, query.to_ms], start)? {
         starts.push(found?);
     }
-    let mut after = connection.prepare_cached(
-        "SELECT id, at_ms, number FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ?
+    let mut after = connection.prepare_cached(&format!(
+        "SELECT id, at_ms, number, {said} FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ?
             ORDER BY at_ms, id LIMIT 1",
-    )?;
+    ))?;
     starts.extend(after.query_row([STARTED, query.to_ms], start).optional()?);
     Ok(starts)
 }

@@ -1,11 +1,13 @@
 //! Writes records as rows, and removes the oldest rows.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::database::foreign::damage;
 use rusqlite::{Connection, Transaction, TransactionBehavior, params};
 
+use super::read::{self, HistoryQuery};
+use super::statistics;
+use crate::database::foreign::damage;
 use telltale_clock::wall_at;
 use telltale_engine::event::Said;
 use telltale_engine::time::Timestamp;
@@ -23,6 +25,8 @@ pub const LOST: i64 = 8;
 pub const ACKNOWLEDGED: i64 = 9;
 pub const LEFT: i64 = 10;
 
+const DAY_MS: i64 = 24 * 3_600_000;
+
 /// Names whose row is known without a query; the others are looked up again.
 const NAMES_MAX: usize = 65_536;
 
@@ -33,6 +37,8 @@ pub struct Writer {
     rows_max: usize,
     /// When the previous program that wrote this file was last alive.
     alive_before_ms: Option<i64>,
+    /// The version of this program, for the records of its starts.
+    version: Option<Said>,
     lost: u64,
     /// The version of the schema that was found to be Telltale's.
     schema: Option<i64>,
@@ -64,9 +70,15 @@ impl Writer {
             rows,
             rows_max,
             alive_before_ms: alive,
+            version: Said::of(telltale_record::VERSION, None),
             lost: missing,
             schema: None,
         })
+    }
+
+    #[cfg(test)]
+    pub fn of_version(self, version: &str) -> Writer {
+        Writer { version: Said::of(version, None), ..self }
     }
 
     /// Records that are not written.
@@ -136,7 +148,7 @@ impl Writer {
         }
         rows += batch.len();
         if rows > self.rows_max {
-            rows = trim(&transaction, rows - self.rows_max + self.rows_max / 20, rows)?;
+            rows = trim(&transaction, rows, self.rows_max)?;
         }
         // How many there are tells `telltale data check` whether somebody removed some.
         transaction
@@ -146,7 +158,7 @@ impl Writer {
         Ok(rows)
     }
 
-    fn row<'a>(&mut self, transaction: &Transaction<'_>, what: &'a Recorded) -> rusqlite::Result<Row<'a>> {
+    fn row<'a>(&'a mut self, transaction: &Transaction<'_>, what: &'a Recorded) -> rusqlite::Result<Row<'a>> {
         let mut id = |name: &str| self.name(transaction, name);
         Ok(match what {
             Recorded::Shown { node, state, own, cause, said } => Row {
@@ -162,6 +174,7 @@ impl Writer {
                 kind: STARTED,
                 state: Some(i64::from(*anew)),
                 number: if *anew { None } else { self.alive_before_ms },
+                said: self.version.as_ref(),
                 ..Row::default()
             },
             Recorded::Stage(stage) => Row { kind: STAGE, state: Some(*stage as i64), ..Row::default() },
@@ -221,25 +234,71 @@ fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row<'_>) -> rusqlite::
     Ok(())
 }
 
-/// Removes about this many of the oldest rows, but keeps the last row of each node among them. Returns the
-/// remaining number of rows.
-fn trim(transaction: &Transaction<'_>, surplus: usize, rows: usize) -> rusqlite::Result<usize> {
-    let border: i64 = transaction.query_row(
-        "SELECT id FROM records ORDER BY id LIMIT 1 OFFSET ?",
-        [surplus as i64],
-        |row| row.get(0),
-    )?;
-    let dropped = transaction.execute(
-        "DELETE FROM records WHERE id < ?1 AND id NOT IN
-            (SELECT max(id) FROM records WHERE id < ?1 AND kind = 1 GROUP BY node)",
-        [border],
-    )?;
+/// Removes the oldest rows, a twentieth of all or more. Returns the remaining number of rows.
+///
+/// Transitions of nodes go first, as they are the most: alarms, stages and starts, of which the statistics are made, may
+/// take half of the rows. Beyond it their oldest days go, whose statistics stay.
+fn trim(transaction: &Transaction<'_>, rows: usize, rows_max: usize) -> rusqlite::Result<usize> {
+    let target = rows_max - rows_max / 20;
+    let others = "SELECT count(*) FROM records WHERE kind <> 1";
+    let others: i64 = transaction.query_row(others, [], |row| row.get(0))?;
+    let surplus = others - (target / 2) as i64;
+    let summed = if others > (rows_max / 2) as i64 { sum_up_oldest(transaction, surplus)? } else { 0 };
+    let rows = rows - summed;
+    let gone = if rows > target { forget_oldest(transaction, rows - target)? } else { 0 };
     transaction.execute(
         "DELETE FROM nodes WHERE id NOT IN (SELECT node FROM records WHERE node IS NOT NULL
             UNION SELECT other FROM records WHERE other IS NOT NULL)",
         [],
     )?;
-    Ok(rows - dropped)
+    Ok(rows - gone)
+}
+
+/// Removes about this many of the oldest transitions, but the last one of each node among them stays.
+fn forget_oldest(transaction: &Transaction<'_>, surplus: usize) -> rusqlite::Result<usize> {
+    transaction.execute(
+        "DELETE FROM records WHERE kind = 1
+            AND id < ifnull((SELECT id FROM records WHERE kind = 1 ORDER BY id LIMIT 1 OFFSET ?1), 1 << 62)
+            AND id NOT IN (SELECT max(id) FROM records WHERE kind = 1
+                AND id < ifnull((SELECT id FROM records WHERE kind = 1 ORDER BY id LIMIT 1 OFFSET ?1), 1 << 62)
+                GROUP BY node)",
+        [surplus as i64],
+    )
+}
+
+/// Removes about this many of the oldest records of another kind, whole days if there are several, and keeps the
+/// statistics of each day. What held at the end of them holds from there on.
+fn sum_up_oldest(transaction: &Transaction<'_>, surplus: i64) -> rusqlite::Result<usize> {
+    let at = |sql: &str, offset: i64| transaction.query_row(sql, [offset], |row| row.get::<_, i64>(0));
+    let ordered = "SELECT at_ms FROM records WHERE kind <> 1 ORDER BY at_ms LIMIT 1 OFFSET ?";
+    let (first_ms, border_ms) = (at(ordered, 0)?, at(ordered, surplus)?);
+    let day_ms = border_ms - border_ms.rem_euclid(DAY_MS) + DAY_MS;
+    let last_ms: i64 =
+        transaction.query_row("SELECT max(at_ms) FROM records WHERE kind <> 1", [], |row| row.get(0))?;
+    // Nothing is at the end of the day any more, or the day goes on.
+    let end_ms = if day_ms <= last_ms { day_ms } else { border_ms + 1 };
+    let query = HistoryQuery { nodes: Vec::new(), signals: Vec::new(), from_ms: first_ms, to_ms: end_ms };
+    let mut days: BTreeSet<i64> = BTreeSet::new();
+    for run in read::runs(transaction, &query)? {
+        let newest = run.to_ms.div_euclid(DAY_MS);
+        let oldest = run.from_ms.div_euclid(DAY_MS).max(newest - statistics::DAYS_MAX);
+        days.extend(oldest..=newest);
+    }
+    let mut with_records =
+        transaction.prepare("SELECT DISTINCT at_ms / ?1 FROM records WHERE kind <> 1 AND at_ms < ?2")?;
+    for day in with_records.query_map([DAY_MS, end_ms], |row| row.get(0))? {
+        days.insert(day?);
+    }
+    for day_ms in days.into_iter().map(|day| day * DAY_MS) {
+        statistics::keep_day(transaction, day_ms.max(first_ms), (day_ms + DAY_MS).min(end_ms))?;
+    }
+    let gone = transaction.execute(
+        "DELETE FROM records WHERE kind <> 1 AND at_ms < ?1 AND id NOT IN
+            (SELECT max(id) FROM records WHERE kind <> 1 AND kind IN (?2, ?3, ?4) AND at_ms < ?1 GROUP BY kind, node)",
+        params![end_ms, STARTED, STAGE, SIGNAL],
+    )?;
+    transaction.execute("UPDATE records SET at_ms = ?1 WHERE kind <> 1 AND at_ms < ?1", [end_ms])?;
+    Ok(gone)
 }
 
 pub fn millis(at: SystemTime) -> i64 {

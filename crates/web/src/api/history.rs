@@ -77,7 +77,7 @@ pub struct HistoryRow<'a> {
     own: Option<&'static str>,
     /// The root cause that masks the node, or to which an alarm moved.
     cause: Option<&'a str>,
-    /// The first 200 bytes, in English.
+    /// The first 200 bytes, in English; of `started` the version of Telltale.
     message: Option<&'a str>,
     silent_s: Option<f64>,
     /// The number of an alarm.

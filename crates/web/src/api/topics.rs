@@ -10,8 +10,10 @@ use super::query::{Asked, Count};
 use super::table::{Format, Table};
 use crate::AppState;
 use crate::developer::topics::matches;
+use crate::developer::topics::wanted::{Wanted, all_wanted};
 use crate::texts::HttpError;
 use telltale_engine::discovery::{Endpoint, TopicSeen};
+use telltale_engine::snapshot::Snapshot;
 
 /// Nodes that are named.
 const NODES_MAX: usize = 2000;
@@ -56,6 +58,16 @@ pub struct TopicRow<'a> {
     subscribers: Vec<End<'a>>,
     /// Messages a second that Telltale received; `null` if it does not read the topic.
     rate_hz: Option<f32>,
+    /// The standard deviation of the time from one message to the next, as they arrived, in milliseconds; `null` of fewer
+    /// than three.
+    jitter_ms: Option<f32>,
+    /// The least and the most messages a second that frequency monitors allow without a WARNING; `null`: no limit.
+    wanted_min_hz: Option<f64>,
+    wanted_max_hz: Option<f64>,
+    /// Fewer come than a monitor that matters now wants.
+    too_slow: bool,
+    /// The modules whose monitors read it.
+    monitors: Vec<&'a str>,
     /// Why publishers and subscribers do not match.
     mismatches: Vec<&'static str>,
 }
@@ -75,7 +87,19 @@ pub struct End<'a> {
     ours: bool,
 }
 
-const COLUMNS: [&str; 6] = ["topic", "types", "publishers", "subscribers", "rate_hz", "mismatches"];
+const COLUMNS: [&str; 11] = [
+    "topic",
+    "types",
+    "publishers",
+    "subscribers",
+    "rate_hz",
+    "mismatches",
+    "jitter_ms",
+    "wanted_min_hz",
+    "wanted_max_hz",
+    "too_slow",
+    "monitors",
+];
 
 /// `GET /api/v1/topics`
 pub async fn get(
@@ -83,14 +107,19 @@ pub async fn get(
     Asked(asked): Asked<TopicsAsked>,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
-    if app.published().is_locked() {
+    let published = app.published();
+    if published.is_locked() {
         return Err(HttpError::Locked);
     }
+    let (snapshot, nothing) = (&*published.snapshot, Wanted::default());
+    let wanted = all_wanted(snapshot);
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();
     let text = asked.q.to_lowercase();
     let found: Vec<&TopicSeen> = seen.topics.iter().filter(|topic| matches(topic, &text)).collect();
     let (offset, count) = (asked.offset as usize, asked.count.0 as usize);
-    let rows: Vec<TopicRow<'_>> = found.iter().skip(offset).take(count).map(|topic| row(topic)).collect();
+    let of = |topic: &TopicSeen| wanted.get(&*topic.name).unwrap_or(&nothing);
+    let rows: Vec<TopicRow<'_>> =
+        found.iter().skip(offset).take(count).map(|topic| row(snapshot, topic, of(topic))).collect();
     let next =
         (offset + rows.len() < found.len() && !rows.is_empty()).then_some((offset + rows.len()) as u64);
     let answer = TopicsAnswer {
@@ -105,13 +134,18 @@ pub async fn get(
     Ok(table.answer(Format::of(asked.format, &headers), &answer))
 }
 
-fn row(topic: &TopicSeen) -> TopicRow<'_> {
+fn row<'a>(snapshot: &'a Snapshot, topic: &'a TopicSeen, wanted: &Wanted) -> TopicRow<'a> {
     TopicRow {
         topic: &topic.name,
         types: topic.types(),
         publishers: topic.publishers.iter().map(end).collect(),
         subscribers: topic.subscribers.iter().map(end).collect(),
         rate_hz: topic.rate_hz,
+        jitter_ms: topic.jitter_ms,
+        wanted_min_hz: wanted.least_hz,
+        wanted_max_hz: wanted.most_hz,
+        too_slow: wanted.is_too_slow(topic),
+        monitors: wanted.monitors.iter().map(|&id| &*snapshot.module(id).0.id).collect(),
         mismatches: topic.mismatches().into_iter().map(|it| it.as_str()).collect(),
     }
 }

@@ -11,7 +11,7 @@ use crate::incidents::wall_ms;
 use crate::texts::{DevWords, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
-use telltale_store::{NodeFigures, NodeStatistics, Statistics, how_long_ms};
+use telltale_store::{NodeFigures, NodeStatistics, Statistics, VersionStatistics, how_long_ms, way};
 
 const DAY_MS: i64 = 24 * 3_600_000;
 /// The choices of days; the first one counts without a choice.
@@ -39,6 +39,18 @@ struct StatisticsHtml {
     /// What it is and its figure.
     figures: Vec<(&'static str, String)>,
     rows: Vec<NodeRow>,
+    /// The way is known.
+    has_way: bool,
+    versions: Vec<VersionRow>,
+}
+
+struct VersionRow {
+    /// Empty: it did not say.
+    version: String,
+    recorded: String,
+    way: String,
+    alarms: u64,
+    between: String,
 }
 
 /// `GET /developer/statistics?days=N`
@@ -66,6 +78,8 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<Stri
         trouble,
         figures: known.as_ref().map(|found| figures(view, words, found)).unwrap_or_default(),
         rows: known.as_ref().map(rows).unwrap_or_default(),
+        has_way: known.as_ref().is_some_and(|found| found.driven_m.is_some()),
+        versions: known.iter().flat_map(|found| &found.versions).map(version_row).collect(),
     }))
 }
 
@@ -75,6 +89,7 @@ fn figures(view: &View<'_>, words: &'static DevWords, found: &Statistics) -> Vec
         (words.alarms, format!("{}, {} {}", found.alarms, found.rate(found.alarms), words.alarms_an_hour)),
         (words.most_in_10_min, found.most_in_10_min.to_string()),
     ];
+    figures.extend(found.driven_m.map(|metres| (words.driven, way(metres))));
     figures.extend(found.to_acknowledge_ms.map(|ms| (words.to_acknowledge, how_long_ms(ms))));
     let stages = found.shares().filter(|_| view.has_stages());
     figures.extend(stages.map(|(stage, _, share)| (view.lang.stage(stage, true), share)));
@@ -82,6 +97,16 @@ fn figures(view: &View<'_>, words: &'static DevWords, found: &Statistics) -> Vec
         figures.push((words.history_lost, found.lost.to_string()));
     }
     figures
+}
+
+fn version_row(found: &VersionStatistics) -> VersionRow {
+    VersionRow {
+        version: clean(&found.version, NAME),
+        recorded: how_long_ms(found.recorded_ms),
+        way: found.driven_m.map(way).unwrap_or_default(),
+        alarms: found.alarms,
+        between: found.between_alarms_ms().map_or_else(String::new, how_long_ms),
+    }
 }
 
 fn rows(found: &Statistics) -> Vec<NodeRow> {

@@ -100,8 +100,11 @@ pub fn pages(published: &Published, context: &PageContext, text: &str) -> Vec<(&
         modules.chain(published.snapshot.layout.groups.iter().filter(|_| !locked).map(|info| &info.path))
     {
         let node = published.snapshot.node(name).expect("it is there");
-        let read =
-            why::NodeRead { past: Some(past.clone()), incidents: Vec::new(), written: Some(written.clone()) };
+        let read = why::NodeRead {
+            past: Some(past.clone()),
+            written: Some(written.clone()),
+            ..why::NodeRead::default()
+        };
         pages.push(("why", why::page((published, &trends), node, context, (&query, &window), &read)));
     }
     pages
@@ -117,6 +120,7 @@ fn discovery(text: &str) -> Discovery {
         publishers: vec![endpoint],
         subscribers: vec![other],
         rate_hz: Some(9.96),
+        ..TopicSeen::default()
     };
     Discovery {
         at: Some(Timestamp::ZERO),

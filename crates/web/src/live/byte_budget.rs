@@ -1,5 +1,5 @@
 //! Limits the bytes that browsers and programs may send over their sockets: a budget for each socket and
-//! for all sockets of one account. The shortest frame has six bytes, so the budget bounds frames too.
+//! for all sockets of one account. The shortest frame has six bytes, so this bounds the number of frames, too.
 
 use std::collections::HashMap;
 use std::io;

@@ -1,4 +1,4 @@
-//! Finds the changes of a state that every page shows at once, however many came before them.
+//! Finds the changes of a state that every page shows at once, even where many changes came just before.
 
 use tokio::sync::watch;
 

@@ -1,4 +1,4 @@
-//! The address of the stream for programs, and the answer to who asks for it without a WebSocket.
+//! The address of the stream for programs, and the answer to a request for it without a WebSocket.
 
 use axum::http::header::{CONNECTION, HOST, SEC_WEBSOCKET_VERSION, UPGRADE};
 use axum::http::{HeaderMap, StatusCode};

@@ -1,16 +1,18 @@
-//! What the recording of a replay lacks: as a notice on its pages, and as marks over its strips.
+//! What the recording of a replay lacks, in time and in topics: as notices on its pages, and as marks over its strips.
 
 use std::sync::Arc;
 
 use crate::incidents::wall_time;
 use crate::source::{GapThen, gap_marks};
-use crate::texts::{IncidentWords, Lang};
+use crate::texts::{IncidentWords, Lang, NAME, clean};
 use telltale_engine::time::Timestamp;
 use telltale_record::writer::unix_ms;
 use telltale_replay::Playback;
 
 /// Gaps that a notice names.
 const NAMED_MAX: usize = 3;
+/// Topics that a notice names.
+const TOPICS_MAX: usize = 10;
 
 /// The gaps of a recording. Times are milliseconds since 1970.
 #[derive(Debug, Clone, Default)]
@@ -18,6 +20,8 @@ pub(super) struct Missing {
     pub gaps: Arc<[GapThen]>,
     more: u64,
     is_damage: bool,
+    /// Topics that the configuration reads and the recording has no message of.
+    unheard: Arc<[String]>,
 }
 
 /// The same in words, for a page.
@@ -64,7 +68,16 @@ impl Missing {
             gaps: gaps.list().iter().map(gap).collect(),
             more: gaps.more(),
             is_damage: gaps.is_damage(),
+            unheard: playback.unheard().into(),
         }
+    }
+
+    /// The topics without a message, for a page; empty if there is none.
+    pub fn unheard(&self, lang: Lang) -> String {
+        let mut named: Vec<String> = self.unheard.iter().take(TOPICS_MAX).map(|it| clean(it, NAME)).collect();
+        let more = self.unheard.len().saturating_sub(TOPICS_MAX);
+        named.extend((more > 0).then(|| lang.and_more(more)));
+        named.join(", ")
     }
 
     fn title(&self, it: &'static IncidentWords) -> &'static str {

@@ -39,6 +39,8 @@ struct ReplayHtml {
     edited: &'static str,
     /// What the recording lacks.
     missing: Option<MissingTold>,
+    /// The topics that the configuration reads and the recording does not have.
+    unheard: String,
     /// Why another moment is shown than was asked for; empty if that one is.
     beyond: &'static str,
     /// The shown moment.
@@ -165,6 +167,7 @@ pub async fn get(
         subject,
         edited: if subject.is_edited() { it.edited } else { "" },
         missing: replay.missing.told(lang, it),
+        unheard: replay.missing.unheard(lang),
         beyond: at_ms.map(|at_ms| beyond(it, &replay, at_ms)).unwrap_or_default(),
         shown: wall_time(state.at_ms),
         other,

@@ -20,7 +20,12 @@ texts! {
         alarms_an_hour: "an hour", "je Stunde";
         most_in_10_min: "Most alarms in 10 min", "Meiste Alarme in 10 min";
         to_acknowledge: "Half were acknowledged within", "Zur Hälfte quittiert nach";
-        between_two: "between two", "zwischen zweien";
+        on_100_km: "on 100 km", "auf 100 km";
+        between_failures: "time between failures", "Zeit zwischen Ausfällen";
+        driven: "Driven", "Gefahren";
+        versions: "By version of Telltale", "Nach Version von Telltale";
+        version: "Version", "Version";
+        version_unknown: "not known", "nicht bekannt";
         in_all: "in all", "insgesamt";
         longest: "longest", "längster";
         chatters: "chatters", "flattert";
@@ -195,6 +200,18 @@ texts! {
         publishers: "Publishers", "Publisher";
         subscribers: "Subscribers", "Subscriber";
         rate: "Rate", "Rate";
+        rate_title: "Over the last 5 s, or as many more as hold ten messages", "Über die letzten 5 s, oder so viele mehr, bis es zehn Nachrichten sind";
+        wanted: "Wanted", "Soll";
+        wanted_title: "What the frequency monitors allow", "Was die Monitore der Frequenz zulassen";
+        jitter: "Jitter", "Jitter";
+        jitter_title: "Standard deviation of the time from one message to the next, as they arrived", "Standardabweichung der Zeit von einer Nachricht zur nächsten, wie sie ankamen";
+        too_slow: "too slow", "zu langsam";
+        too_fast: "too fast", "zu schnell";
+        monitors: "Monitors", "Monitore";
+        add_monitor: "Add a monitor", "Monitor hinzufügen";
+        draft_of_rate: "For the modules of a group. A WARNING below 70 % of the rate, an ERROR below 40 %: set them to what the component needs.", "Für die Module einer Gruppe. WARNUNG unter 70 % der Rate, FEHLER unter 40 %: Tragen Sie ein, was die Komponente braucht.";
+        draft_of_unread: "For the modules of a group. Telltale does not read this topic yet, so its rate is not known. This monitor is in ERROR when nothing comes for 10 s. Once it runs, this page shows the rate and limits that fit.", "Für die Module einer Gruppe. Telltale liest dieses Topic noch nicht, seine Rate ist also nicht bekannt. Dieser Monitor meldet FEHLER, wenn 10 s lang nichts kommt. Sobald er läuft, zeigt diese Seite die Rate und passende Grenzen.";
+        draft_of_kept: "Its publishers keep the last message for those that come later: it is sent when it changes, and has no rate.", "Seine Publisher behalten die letzte Nachricht für alle, die später kommen: Sie kommt, wenn sich etwas ändert, und hat keine Rate.";
         mismatch_type: "Types differ", "Typen verschieden";
         mismatch_reliability: "Reliability asked for, not offered", "Zuverlässigkeit verlangt, nicht geboten";
         mismatch_durability: "Last value asked for, not kept", "Letzter Wert verlangt, nicht behalten";
@@ -228,7 +245,11 @@ texts! {
 
         past: "States over time", "Zustände über die Zeit";
         numbers_none: "No number of this module has a past yet.", "Noch keine Zahl dieses Moduls hat eine Vergangenheit.";
-        numbers_kept: "Numbers are kept for five minutes. Earlier ones are in the recordings of incidents.", "Zahlen bleiben fünf Minuten. Frühere stehen in den Aufzeichnungen von Vorfällen.";
+        numbers_kept: "Numbers are kept every two seconds for five minutes.", "Zahlen bleiben fünf Minuten lang alle zwei Sekunden.";
+        numbers_minutes: "Drawn is the mean of each minute, within its least and greatest number.", "Gezeichnet ist das Mittel jeder Minute zwischen ihrer kleinsten und größten Zahl.";
+        numbers_hours: "Drawn is the mean of each hour, within its least and greatest number.", "Gezeichnet ist das Mittel jeder Stunde zwischen ihrer kleinsten und größten Zahl.";
+        minutes_since: "Minutes are kept since", "Minuten gibt es seit";
+        hours_since: "hours since", "Stunden seit";
         transitions: "Transitions", "Wechsel";
         no_transitions: "No state is recorded in this span.", "In dieser Spanne ist kein Zustand aufgezeichnet.";
         lasted: "For", "Dauer";

@@ -23,6 +23,8 @@ texts! {
         gone: "recording lost", "Aufzeichnung verloren";
         unfinished: "not completed", "nicht abgeschlossen";
         why: "Why", "Anlass";
+        severity: "State", "Zustand";
+        ended_on_the_way: "autonomous driving ended on the way", "das autonome Fahren endete unterwegs";
         note: "Note", "Notiz";
         what_happened: "What happened", "Was geschah";
         states: "States", "Zustände";
@@ -61,6 +63,7 @@ texts! {
         link: "Link to this moment", "Link zu diesem Augenblick";
         damaged: "Damaged recording", "Beschädigte Aufzeichnung";
         has_gaps: "Recording with gaps", "Lückenhafte Aufzeichnung";
+        unheard: "The configuration reads these topics, the recording has no message of them", "Die Konfiguration liest diese Topics, die Aufzeichnung hat keine Nachricht davon";
         missing_are: "missing", "es fehlt";
         to_the_end: "the end", "Ende";
         may_differ: "may differ from what was shown", "kann von damals abweichen";
@@ -123,6 +126,10 @@ texts! {
         title: "What if: incident", "Was wäre, wenn: Vorfall";
         other_configuration: "Another configuration", "Eine andere Konfiguration";
         about: "Edit the configuration. The recording then runs by the recorded one and by yours. Nothing of this touches the vehicle.", "Ändern Sie die Konfiguration. Die Aufzeichnung läuft dann mit der aufgezeichneten und mit Ihrer. Nichts davon berührt das Fahrzeug.";
+        by_click: "Change by a click", "Mit einem Klick ändern";
+        by_click_about: "A click switches a dependency off or on, and a field changes a limit. Both write into the text.", "Ein Klick schaltet eine Abhängigkeit aus oder ein, ein Feld ändert eine Grenze. Beides schreibt in den Text.";
+        depends_on: "depends on", "hängt ab von";
+        switch_off: "Switch off or on", "Aus- oder einschalten";
         recorded_one: "Recorded text", "Aufgezeichneter Text";
         running_one: "Text in force", "Geltender Text";
         over_this: "this incident", "dieser Vorfall";
@@ -223,6 +230,11 @@ texts! {
         "decelerate" => "slow down", "abbremsen";
         "maneuver_stop" => "stop safely", "sicher anhalten";
     }
+
+    /// What a countermeasure asked of the vehicle.
+    text was_asked_to(what: &str) { "the vehicle was asked to {what}", "das Fahrzeug sollte {what}" }
+
+    text marked_by(who: &str) { "marked by {who}", "markiert von {who}" }
 
     /// What the recording lacks because it grew no further.
     text no_room(count: u64, bytes: &str) {

@@ -20,6 +20,7 @@ use std::time::{Duration, SystemTime};
 use crate::texts::{Lang, Words};
 use bars::{action_bar, motion, top_bar};
 use board::{Board, tile, tile_detail};
+pub(crate) use faults::last_alarms::past_fault;
 use faults::{entries, instruction, list};
 use telltale_clock::wall_at;
 use telltale_engine::input::Refusal;

@@ -44,6 +44,7 @@ pub fn permitted(published: &Published) -> Published {
         countermeasures: Arc::new([]),
         localization: Localization::default(),
         motion: snapshot.motion,
+        driven_m: snapshot.driven_m,
         clearance: snapshot.clearance,
         hold: snapshot.hold,
         last_stop: snapshot.last_stop,

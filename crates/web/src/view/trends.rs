@@ -107,7 +107,7 @@ impl Trends {
 pub type Numbers = Vec<Option<f64>>;
 
 /// The decimal number that was reported, not the binary one that is nearest to it.
-fn exactly(value: f32) -> f64 {
+pub fn exactly(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(f64::from(value))
 }
 

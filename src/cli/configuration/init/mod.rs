@@ -237,7 +237,11 @@ fn readable(topic: &str, type_name: &str, definitions: &Definitions) -> Option<A
         topic: topic.into(),
         type_name: type_name.into(),
         stamp,
-        fields: content.then(whole).into_iter().collect(),
+        fields: content
+            .then(whole)
+            .into_iter()
+            .chain(init::more_fields(type_name).filter(|_| content))
+            .collect(),
     };
     let ways = [(true, true), (false, true), (true, false), (false, false)];
     ways.map(spec).into_iter().find(|spec| definitions.check(spec).is_ok()).map(Arc::new)

@@ -69,7 +69,7 @@ fn discovery(machine: &Machine) -> Discovery {
         name: name.to_owned(),
         publishers: endpoints(type_name, &|node| machine.topics_of(node).contains(&name)),
         subscribers: endpoints(type_name, &|node| machine.subscriptions_of(node).contains(&name)),
-        rate_hz: None,
+        ..TopicSeen::default()
     });
     let nodes = nodes.iter().map(|node| format!("/{node}")).collect();
     Discovery { topics: topics.collect(), nodes, participants: 1, ..Discovery::default() }
@@ -185,7 +185,7 @@ fn the_file_names_the_folders_with_its_types() {
             name: name.to_owned(),
             publishers: vec![end(type_name)],
             subscribers: Vec::new(),
-            rate_hz: None,
+            ..TopicSeen::default()
         };
         let mut topics = seen.discovery.topics.clone();
         topics.push(topic);

@@ -10,7 +10,7 @@ use crate::cli::EXIT_NO;
 use crate::cli::print::{Lines, note, text};
 use crate::clock::Clock;
 use crate::record::writer::unix_ms;
-use crate::store::{NodeFigures, Statistics, how_long_ms, statistics_in};
+use crate::store::{NodeFigures, Statistics, how_long_ms, per_100_km, statistics_in, way};
 
 const WEEK: Duration = Duration::from_secs(7 * 24 * 3600);
 /// As ISA-18.2 counts.
@@ -37,7 +37,16 @@ fn told(found: &Statistics) -> Lines {
     for (stage, ms, share) in found.shares() {
         lines.add(format_args!("  {:<14}{}, {share}", stage.as_str(), how_long_ms(ms)));
     }
-    lines.add(format_args!("alarms          {}, {} an hour", found.alarms, found.rate(found.alarms)));
+    if let Some(metres) = found.driven_m {
+        lines.add(format_args!("driven          {}", way(metres)));
+    }
+    let on_100_km = per_100_km(found.alarms, found.driven_m).map(|rate| format!(", {rate:.2} on 100 km"));
+    lines.add(format_args!(
+        "alarms          {}, {} an hour{}",
+        found.alarms,
+        found.rate(found.alarms),
+        on_100_km.unwrap_or_default()
+    ));
     lines.add(format_args!("most in 10 min  {}", found.most_in_10_min));
     let soon = found.to_acknowledge_ms.map(|ms| format!(", half of them within {}", how_long_ms(ms)));
     lines.add(format_args!("acknowledged    {}{}", found.acknowledged, soon.unwrap_or_default()));
@@ -46,19 +55,29 @@ fn told(found: &Statistics) -> Lines {
     }
     if !found.nodes.is_empty() {
         lines.add("");
-        lines.add("alarms  an hour  between two  in all      longest     node");
+        lines.add("alarms  an hour  on 100 km  MTBF         in all      longest     node");
     }
     for node in found.nodes.iter().take(MOST_FREQUENT) {
-        let NodeFigures { an_hour, between, alarmed, longest } = found.figures(node);
+        let NodeFigures { an_hour, on_100_km, between, alarmed, longest } = found.figures(node);
         let chatters = if node.chatters { "  (chatters)" } else { "" };
         lines.add(format_args!(
-            "{:>6}  {an_hour:>7}  {between:<11}  {alarmed:<10}  {longest:<10}  {}{chatters}",
+            "{:>6}  {an_hour:>7}  {on_100_km:>9}  {between:<11}  {alarmed:<10}  {longest:<10}  {}{chatters}",
             node.alarms, node.node,
         ));
     }
     match found.nodes.len().saturating_sub(MOST_FREQUENT) {
         0 => {}
         more => lines.add(format_args!("and {more} nodes more")),
+    }
+    lines.add("");
+    lines.add("recorded    driven      alarms  MTBF         version of Telltale");
+    for version in &found.versions {
+        let recorded = how_long_ms(version.recorded_ms);
+        let driven = version.driven_m.map(way).unwrap_or_default();
+        let between = version.between_alarms_ms().map_or_else(String::new, how_long_ms);
+        let name = if version.version.is_empty() { "not known" } else { &version.version };
+        let alarms = version.alarms;
+        lines.add(format_args!("{recorded:<10}  {driven:<10}  {alarms:>6}  {between:<11}  {name}"));
     }
     lines
 }
@@ -67,7 +86,7 @@ fn told(found: &Statistics) -> Lines {
 mod tests {
     use super::*;
     use crate::engine::model::Stage;
-    use crate::store::NodeStatistics;
+    use crate::store::{NodeStatistics, VersionStatistics};
 
     #[test]
     fn a_week_is_told_in_lines() {
@@ -85,6 +104,14 @@ mod tests {
             acknowledged: 1,
             to_acknowledge_ms: Some(3_000),
             stages: vec![(Stage::Standby, 5_400_000), (Stage::Active, 1_800_000)],
+            versions: vec![VersionStatistics {
+                version: "0.1.0".to_owned(),
+                recorded_ms: 7_200_000,
+                driven_m: Some(20_000.0),
+                alarms: 4,
+                nodes: vec![node.clone()],
+            }],
+            driven_m: Some(20_000.0),
             nodes: vec![node],
             ..Statistics::default()
         };
@@ -92,12 +119,16 @@ mod tests {
 recorded        2 h 0 min
   standby       1 h 30 min, 75 %
   active        30 min, 25 %
-alarms          4, 2.00 an hour
+driven          20.0 km
+alarms          4, 2.00 an hour, 20.00 on 100 km
 most in 10 min  3
 acknowledged    1, half of them within 3 s
 
-alarms  an hour  between two  in all      longest     node
-     3     1.50  40 min       15 s        5 s         sensors/gnss  (chatters)
+alarms  an hour  on 100 km  MTBF         in all      longest     node
+     3     1.50      15.00  39 min       15 s        5 s         sensors/gnss  (chatters)
+
+recorded    driven      alarms  MTBF         version of Telltale
+2 h 0 min   20.0 km          4  30 min       0.1.0
 ";
         assert_eq!(told(&found).text(), expected);
     }

@@ -36,6 +36,7 @@ pub fn run(args: &Args, name: String, open: Arc<Open>) -> anyhow::Result<ExitCod
     }
     let missing = playback.gaps().sentences(playback.facts());
     missing.iter().for_each(|sentence| note!("telltale: {sentence}"));
+    playback.unheard_sentences().iter().for_each(|sentence| note!("telltale: {sentence}"));
     drop(playback);
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?

@@ -8,6 +8,7 @@ mod recording;
 pub mod reload;
 mod services;
 mod timekeeping;
+mod trends;
 mod watchdog;
 pub mod what_if;
 
@@ -122,6 +123,7 @@ impl Server {
         let past = history.clone();
         let (feed, turns) = recording::queue(&loaded, clock);
         let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
+        let trends = past.clone().map(|history| trends::keep(&link, history));
         TemporaryFolder::remove_left_over();
         let recordings = recording::Folder::of(folder.as_deref())?;
         let incidents = recordings.path().to_owned();
@@ -239,6 +241,10 @@ impl Server {
         let written = async {
             if let Some(history) = past {
                 history.written().await;
+            }
+            if let Some(trends) = trends {
+                // It cannot panic, and nobody aborts it.
+                let _ = trends.await;
             }
         };
         let last = async { tokio::join!(written, end.close()) };

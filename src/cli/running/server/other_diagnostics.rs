@@ -52,7 +52,7 @@ mod tests {
     fn topic(name: &str, is_read: bool) -> TopicSeen {
         let end = |ours| Endpoint { ours, type_name: DIAGNOSTIC_ARRAY.to_owned(), ..Endpoint::default() };
         let subscribers = if is_read { vec![end(true)] } else { vec![end(false)] };
-        TopicSeen { name: name.to_owned(), publishers: vec![end(false)], subscribers, rate_hz: None }
+        TopicSeen { name: name.to_owned(), publishers: vec![end(false)], subscribers, ..TopicSeen::default() }
     }
 
     fn said(topics: Vec<TopicSeen>) -> Option<String> {

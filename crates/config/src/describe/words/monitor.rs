@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::span;
 use telltale_engine::model::monitors::{
     AgreementRule, Bands, Class, Condition, FieldKind, FrozenLimits, ProbeTarget, ProcessMeasure, Resource,
-    TopicId, ValueRule, ValueSource,
+    TF, TfLink, TopicId, ValueRule, ValueSource,
 };
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::model::{Model, ModuleMonitor, MonitorSpec};
@@ -80,6 +80,12 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
                 span(*grace)
             )
         }
+        MonitorSpec::Tf { links, bands } => {
+            let first = links.iter().map(|link| &*link.parent).take(1);
+            let frames: Vec<&str> = first.chain(links.iter().map(|link| &*link.child)).collect();
+            let topics = links.first().map(|link| tf_topics(model, link)).unwrap_or_default();
+            format!("the transforms {}{topics}: {}", frames.join(" -> "), limits(bands, " s old"))
+        }
         MonitorSpec::Expression { inputs, max_age, warning, error, class } => {
             let inputs: Vec<String> =
                 inputs.iter().map(|(name, source)| format!("{name} = {}", value(model, source))).collect();
@@ -117,6 +123,8 @@ pub(super) fn field(model: &Model, id: TopicId, field: u32) -> String {
         FieldKind::Content => "all in ",
         FieldKind::Pose => "the pose ",
         FieldKind::Positions => "the positions in ",
+        FieldKind::Transforms => "",
+        FieldKind::Elements => "each ",
     };
     format!("{what}{} of {}", field.path, topic(model, id))
 }
@@ -129,6 +137,17 @@ fn value(model: &Model, source: &ValueSource) -> String {
             format!("'{key}'{unit} of the status '{status}'")
         }
     }
+}
+
+/// ` of /robot1/tf and /robot1/tf_static`; nothing for those without a namespace.
+fn tf_topics(model: &Model, link: &TfLink) -> String {
+    let [ValueSource::Field { topic: moving, .. }, ValueSource::Field { topic: fixed, .. }] =
+        [&link.moving, &link.fixed]
+    else {
+        return String::new();
+    };
+    let [moving, fixed] = [moving, fixed].map(|id| &*model.watched.topics[id.0 as usize].topic);
+    if moving == TF { String::new() } else { format!(" of {moving} and {fixed}") }
 }
 
 fn target(target: &ProbeTarget) -> String {
@@ -199,6 +218,8 @@ fn literal(value: &FieldValue) -> String {
         // No configuration can contain these.
         FieldValue::Pose(_)
         | FieldValue::Positions(_)
+        | FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
         | FieldValue::Content(_)
         | FieldValue::Absent
         | FieldValue::Unreadable(_) => String::new(),

@@ -283,7 +283,7 @@ impl Watching {
                 Some(FieldValue::Absent) => continue,
                 Some(value) => {
                     watch.found(slot, now);
-                    watch.monitor.take_value(slot, value, now);
+                    watch.monitor.take_field(slot, value, sample, now);
                 }
             }
             watch.pending = true;

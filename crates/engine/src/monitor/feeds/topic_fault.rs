@@ -59,7 +59,7 @@ impl Watching {
 
     /// A wrong type is a better explanation than a missing publisher, and that than a silence.
     fn topic_fault(&self, index: u32) -> Option<TopicFault> {
-        let Watch { topics, by_the_clock, .. } = &self.watches[index as usize];
+        let Watch { topics, by_the_clock, monitor, .. } = &self.watches[index as usize];
         let of = |&id: &TopicId| {
             let topic = &self.topics[id.0 as usize];
             match &topic.news {
@@ -76,7 +76,8 @@ impl Watching {
             TopicFault::NoPublisher(_) => 1,
             TopicFault::WrongType(_) => 2,
         };
-        topics.iter().rev().filter_map(of).max_by_key(weight)
+        let needed = topics.iter().enumerate().filter(|(slot, _)| monitor.needs_publisher(*slot));
+        needed.map(|(_, topic)| topic).rev().filter_map(of).max_by_key(weight)
     }
 
     /// Combines the reason with the measured values, if those are judged beside it.

@@ -3,6 +3,7 @@
 mod beginning;
 mod contextual;
 mod isolated;
+mod tf;
 mod whole;
 
 use std::sync::Arc;

@@ -99,7 +99,13 @@ impl Views {
         views
     }
 
-    pub(crate) fn snapshot(&self, now: Timestamp, vehicle: &Vehicle, counters: Counters) -> Snapshot {
+    pub(crate) fn snapshot(
+        &self,
+        now: Timestamp,
+        vehicle: &Vehicle,
+        driven_m: f64,
+        counters: Counters,
+    ) -> Snapshot {
         Snapshot {
             seq: self.seq,
             revision: self.revision,
@@ -120,6 +126,7 @@ impl Views {
             countermeasures: self.vehicle.countermeasures.clone(),
             localization: self.vehicle.localization,
             motion: self.motion,
+            driven_m,
             clearance: self.vehicle.clearance,
             hold: self.vehicle.hold,
             last_stop: self.vehicle.last_stop,

@@ -2,6 +2,7 @@
 
 mod content;
 mod lists;
+mod transforms;
 
 use std::time::{Duration, UNIX_EPOCH};
 

@@ -80,8 +80,10 @@ pub const STATISTICS: Operation = Operation {
     id: "statistics",
     tag: Tag::Tables,
     summary: "The alarms between two instants summed up, and the time in each stage",
-    about: "As ISA-18.2 counts: alarms an hour and in ten minutes, how soon they were acknowledged, and of each node \
-        how many, how long and whether it chatters. Without `since` of a week. A CSV has the nodes.",
+    about: "As ISA-18.2 counts: alarms an hour, on 100 km and in ten minutes, how soon they were acknowledged, and of each \
+        node how many, how long, the mean time between failures and whether it chatters; all of it by version of \
+        Telltale too. Without `since` of a week. Of days whose records are gone, the whole day counts. A CSV has the \
+        nodes.",
     query: Some(of::<StatisticsAsked>),
     answer: Content::Table(of::<StatisticsAnswer<'static>>),
     refusals: &[BAD_QUERY, LOCKED, UNAVAILABLE],
@@ -92,12 +94,16 @@ pub const STATISTICS: Operation = Operation {
 pub const VALUES: Operation = Operation {
     id: "values",
     tag: Tag::Tables,
-    summary: "The numbers of a module in the last five minutes",
-    about: "The numbers that the page of a node draws: one row for each number and instant, every two seconds.",
+    summary: "The numbers of a module in the last five minutes, or over days",
+    about: "The numbers that the page of a node draws. Without an instant those of the last five minutes: one row for \
+        each number, every two seconds. With `since` or `until` each minute, of more than two days each hour, with the \
+        least, the mean by time and the greatest; `resolution` chooses otherwise. When the minutes are too many for \
+        their room, the oldest become hours, and much later the oldest hours are removed: `minutes_since` and \
+        `hours_since` say from when on there are any. Numbers that are not finite are left out.",
     query: Some(of::<ValuesAsked>),
     answer: Content::Table(of::<ValuesAnswer<'static>>),
-    refusals: &[BAD_QUERY, (404, "There is no such module."), LOCKED],
-    example: "?node=sensors/velodyne_packet_alive&format=csv",
+    refusals: &[BAD_QUERY, (404, "There is no such module."), LOCKED, UNAVAILABLE],
+    example: "?node=sensors/velodyne_packet_alive&since=2026-11-20T12:00:00Z&format=csv",
     ..Operation::PLAIN
 };
 

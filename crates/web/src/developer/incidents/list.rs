@@ -4,6 +4,7 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::{Html, IntoResponse, Response};
 
+use super::told::{Told, told};
 use crate::AppState;
 use crate::developer::pager::ROWS_MAX;
 use crate::developer::request::PageRequest;
@@ -32,6 +33,7 @@ struct Choice {
 
 struct Row {
     id: u64,
+    told: Told,
     since: String,
     /// Empty while it lasts.
     length: String,
@@ -85,7 +87,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Result<Re
     let it = IncidentWords::of(lang);
     let count = if query.wants_all_rows() { ROWS_MAX } else { ROWS as usize };
     let is_full = found.len() > count;
-    let rows: Vec<Row> = found.iter().take(count).map(|incident| row(it, lang, incident)).collect();
+    let rows: Vec<Row> = found.iter().take(count).map(|incident| row(it, view, incident)).collect();
     let older = rows.last().filter(|_| is_full).map(|last| query.with("before", &last.id.to_string()));
     let words = dev.words;
     let has_stages = view.snapshot.has_stages();
@@ -174,7 +176,8 @@ fn groups(view: &View<'_>, query: &PageQuery, it: &IncidentWords) -> Vec<Choice>
     std::iter::once(choice(query, "group", "", it.any)).chain(named).collect()
 }
 
-fn row(it: &'static IncidentWords, lang: Lang, incident: &Incident) -> Row {
+fn row(it: &'static IncidentWords, view: &View<'_>, incident: &Incident) -> Row {
+    let lang = view.lang;
     let summary = &incident.summary;
     let causes = summary.causes();
     let mut kinds: Vec<&str> = summary.triggers.iter().map(|trigger| &*trigger.kind).collect();
@@ -182,6 +185,7 @@ fn row(it: &'static IncidentWords, lang: Lang, incident: &Incident) -> Row {
     kinds.dedup();
     Row {
         id: summary.id,
+        told: told(view, summary),
         since: wall_time(summary.since_ms),
         length: length(incident),
         causes: causes.iter().take(CAUSES).map(|cause| clean(cause, 2 * NAME)).collect(),

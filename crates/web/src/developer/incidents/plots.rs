@@ -35,8 +35,19 @@ fn plot(it: &IncidentWords, series: &Series, span: (i64, i64)) -> Plot {
 }
 
 /// Numbers as a picture of a span of time, in milliseconds since 1970.
-pub fn drawn(name: &str, series: &Series, (from_ms, to_ms): (i64, i64)) -> Plot {
-    let numbers = || series.points.iter().filter_map(|(_, number)| *number);
+pub fn drawn(name: &str, series: &Series, span: (i64, i64)) -> Plot {
+    drawn_within(name, series, &[], span)
+}
+
+/// The same within a band: at each point the least and the greatest number, which the points are means of.
+pub fn drawn_within(
+    name: &str,
+    series: &Series,
+    band: &[Option<(f64, f64)>],
+    (from_ms, to_ms): (i64, i64),
+) -> Plot {
+    let ends = band.iter().flatten().flat_map(|&(least, most)| [least, most]);
+    let numbers = || series.points.iter().filter_map(|(_, number)| *number).chain(ends.clone());
     let (least, most) =
         (numbers().fold(f64::INFINITY, f64::min), numbers().fold(f64::NEG_INFINITY, f64::max));
     let limits = || series.limits.iter().map(|limit| limit.value);
@@ -50,6 +61,20 @@ pub fn drawn(name: &str, series: &Series, (from_ms, to_ms): (i64, i64)) -> Plot 
     for limit in &series.limits {
         let class = if limit.name.starts_with("error") { "limit-error" } else { "limit-warning" };
         let _ = write!(lines, "<path class=\"limit {class}\" d=\"M0 {y:.1}H{WIDTH}\"/>", y = y(limit.value));
+    }
+    let points: Vec<(i64, Option<(f64, f64)>)> =
+        series.points.iter().map(|&(at_ms, _)| at_ms).zip(band.iter().copied()).collect();
+    for known in points.split(|(_, band)| band.is_none()).filter(|known| !known.is_empty()) {
+        let edge =
+            |&(at_ms, band): &(i64, Option<(f64, f64)>)| band.map(|(least, most)| (at_ms, least, most));
+        let mut area = String::new();
+        for (at_ms, _, most) in known.iter().filter_map(edge) {
+            let _ = write!(area, "{}{:.1} {:.1}", if area.is_empty() { 'M' } else { 'L' }, x(at_ms), y(most));
+        }
+        for (at_ms, least, _) in known.iter().rev().filter_map(edge) {
+            let _ = write!(area, "L{:.1} {:.1}", x(at_ms), y(least));
+        }
+        let _ = write!(lines, "<path class=\"band\" d=\"{area}Z\"/>");
     }
     let mut path = String::new();
     let mut is_drawn = false;

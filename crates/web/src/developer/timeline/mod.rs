@@ -177,6 +177,11 @@ impl Window {
         query.with_all(&[("span", &span_s.to_string()), ("until", &until)])
     }
 
+    /// In milliseconds since 1970.
+    pub(super) fn span_ms(&self) -> (i64, i64) {
+        (self.query.from_ms, self.query.to_ms)
+    }
+
     /// In hundredths of the width.
     pub(super) fn axis(&self) -> Axis {
         let HistoryQuery { from_ms, to_ms, .. } = self.query;

@@ -1,7 +1,9 @@
-//! The page of topics: topics, types, publishers and subscribers from discovery, mismatches between them, and what
-//! the recorder's memory holds.
+//! The page of topics: topics, types, publishers and subscribers from discovery, mismatches between them, the rates that
+//! come beside those that monitors want, and what the recorder's memory holds.
 
+mod draft;
 mod then;
+pub mod wanted;
 
 use askama::Template;
 
@@ -21,12 +23,17 @@ use telltale_record::retention::size;
 use telltale_runtime::Published;
 
 use super::pager::Pager;
-use super::{DevFrame, Page, PageQuery};
+use super::{DevFrame, NodeLink, Page, PageQuery};
+use draft::{Draft, draft};
+use telltale_engine::model::NodeId;
+use wanted::{Wanted, all_wanted};
 
 /// Rows of one page.
 const ROWS: usize = 40;
 /// Endpoints listed of one topic.
 const LISTED: usize = 24;
+/// Monitors of one topic that are named.
+const MONITORS: usize = 6;
 const NODES: usize = 500;
 const RENEW_MS: u32 = 1000;
 
@@ -42,6 +49,16 @@ struct TopicRow {
     /// Publishers, then subscribers.
     sides: [EndpointList; 2],
     rate: Option<String>,
+    jitter: Option<String>,
+    /// The rate that monitors want, and whether that matters now.
+    wanted: Option<(String, bool)>,
+    /// `too_slow`, `too_fast` or empty, and its word.
+    pace: (&'static str, &'static str),
+    monitors: Vec<NodeLink>,
+    more_monitors: usize,
+    /// The page with or without its draft of a monitor.
+    draft_address: Option<String>,
+    draft: Option<Draft>,
     held: Option<HeldCell>,
     mismatches: Vec<&'static str>,
 }
@@ -75,6 +92,7 @@ struct TopicsHtml {
     more: usize,
     /// What a recording needs and the memory for it, if anything is recorded.
     memory: Option<(String, String)>,
+    columns: usize,
 }
 
 /// `GET /developer/topics?q=TEXT&page=N`: what discovery sees; in a replay what the recording holds.
@@ -95,11 +113,16 @@ pub fn page(
     meter: Option<&Meter>,
 ) -> String {
     let view = &View::new(published, context.lang, false);
-    let words = DevWords::of(context.lang);
     let filter = query.get("q").to_lowercase();
     let mut topics: Vec<&TopicSeen> = seen.topics.iter().filter(|topic| matches(topic, &filter)).collect();
-    // Mismatches stand first.
-    topics.sort_by_key(|topic| topic.mismatches().is_empty() && !topic.is_published_beside_us());
+    let wanted = all_wanted(view.snapshot);
+    let nothing = Wanted::default();
+    let of = |topic: &TopicSeen| wanted.get(&*topic.name).unwrap_or(&nothing);
+    // What is too slow stands first, then what is wrong otherwise.
+    topics.sort_by_key(|topic| {
+        let is_wrong = of(topic).is_too_fast(topic) || !topic.mismatches().is_empty();
+        (!of(topic).is_too_slow(topic), !is_wrong && !topic.is_published_beside_us())
+    });
     let (pager, shown) = Pager::of(query, "matching", "page", topics.len(), ROWS);
     html(&TopicsHtml {
         frame: super::frame(context),
@@ -107,11 +130,12 @@ pub fn page(
         filter: clean(query.get("q"), MESSAGE),
         looked: seen.at.is_some(),
         pager,
-        rows: topics[shown].iter().map(|topic| row(words, topic, meter)).collect(),
+        rows: topics[shown].iter().map(|topic| row(view, query, topic, of(topic), meter)).collect(),
         participants: seen.participants,
         nodes: seen.nodes.iter().take(NODES).map(|name| clean(name, 2 * NAME)).collect(),
         node_count: seen.nodes.len(),
         more: seen.more,
+        columns: 8 + usize::from(meter.is_some()),
         memory: meter
             .map(|meter| (format!("{} s", meter.wanted.as_millis() / 1000), size(meter.memory as u64))),
     })
@@ -127,7 +151,14 @@ pub fn matches(topic: &TopicSeen, lower: &str) -> bool {
         || ends.any(|end| end.node.as_deref().is_some_and(holds))
 }
 
-fn row(words: &'static DevWords, topic: &TopicSeen, meter: Option<&Meter>) -> TopicRow {
+fn row(
+    view: &View<'_>,
+    query: &PageQuery,
+    topic: &TopicSeen,
+    wanted: &Wanted,
+    meter: Option<&Meter>,
+) -> TopicRow {
+    let words = DevWords::of(view.lang);
     let word = |mismatch: Mismatch| match mismatch {
         Mismatch::Type => words.mismatch_type,
         Mismatch::Reliability => words.mismatch_reliability,
@@ -136,6 +167,8 @@ fn row(words: &'static DevWords, topic: &TopicSeen, meter: Option<&Meter>) -> To
         Mismatch::Liveliness => words.mismatch_liveliness,
     };
     let twice = topic.is_published_beside_us().then_some(words.published_twice);
+    let draft = draft(words, topic);
+    let is_asked = query.all("monitor").any(|name| name == topic.name);
     TopicRow {
         name: clean(&topic.name, 2 * NAME),
         types: topic.types().into_iter().map(|name| clean(name, 2 * NAME)).collect(),
@@ -144,6 +177,24 @@ fn row(words: &'static DevWords, topic: &TopicSeen, meter: Option<&Meter>) -> To
             endpoints(&topic.subscribers, topic.rate_hz.is_some()),
         ],
         rate: topic.rate_hz.map(|rate| format!("{rate:.1} Hz")),
+        jitter: topic
+            .jitter_ms
+            .map(|ms| if ms < 9.95 { format!("{ms:.1} ms") } else { format!("{ms:.0} ms") }),
+        wanted: wanted.in_words().map(|rate| (rate, wanted.is_now)),
+        pace: match (wanted.is_too_slow(topic), wanted.is_too_fast(topic)) {
+            (true, _) => ("too_slow", words.too_slow),
+            (_, true) => ("too_fast", words.too_fast),
+            _ => ("", ""),
+        },
+        monitors: wanted
+            .monitors
+            .iter()
+            .take(MONITORS)
+            .map(|&id| NodeLink::of(view, NodeId::Module(id)))
+            .collect(),
+        more_monitors: wanted.monitors.len().saturating_sub(MONITORS),
+        draft_address: draft.is_some().then(|| query.toggled("monitor", &topic.name)),
+        draft: draft.filter(|_| is_asked),
         held: meter.and_then(|meter| held(&topic.name, meter)),
         mismatches: topic.mismatches().into_iter().map(word).chain(twice).collect(),
     }
@@ -194,7 +245,7 @@ mod tests {
             name: name.into(),
             publishers: Vec::new(),
             subscribers: Vec::new(),
-            rate_hz: None,
+            ..TopicSeen::default()
         };
         let topics = ["/diagnostics", "/points", "/unread"].map(seen).to_vec();
         let discovery = Discovery { at: Some(Timestamp::ZERO), topics, ..Discovery::default() };

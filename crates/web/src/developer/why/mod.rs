@@ -24,7 +24,7 @@ use telltale_engine::view::why::WhyStep;
 use telltale_picture::bars::patterns;
 use telltale_picture::graph::Drawing;
 use telltale_runtime::{Published, Written};
-use telltale_store::{Incident, IncidentFilter, Past, Role};
+use telltale_store::{Incident, IncidentFilter, Past, Resolution, Role, Trend, TrendQuery};
 
 use super::incidents::list::length;
 use super::page_query::address;
@@ -33,7 +33,7 @@ use super::timeline::{SpanOption, Window, spans};
 use super::{DevFrame, NodeLink, Page, PageQuery, graph};
 use excerpt::{Excerpt, excerpt};
 use past::{NodeStates, states};
-use plots::{Plots, plots};
+use plots::{Plots, plots, plots_of, resolution};
 
 /// Nodes named in one step; a group may have thousands of members.
 const NAMED: usize = 20;
@@ -42,12 +42,16 @@ const INCIDENTS: u32 = 8;
 /// The span of the strip if the address names none: as long as numbers are kept.
 const SPAN_S: u64 = 300;
 const RENEW_MS: u32 = 1000;
+/// Where minutes or hours are drawn.
+const RENEW_SLOWLY_MS: u32 = 10_000;
 
 /// The data that are read for the page in addition to the snapshot.
 #[derive(Default)]
 pub struct NodeRead {
     /// `None` if it cannot be read.
     pub past: Option<Past>,
+    /// The numbers in minutes or hours, if the span asks for these and they can be read.
+    pub trend: Option<(Resolution, Trend)>,
     /// The newest first.
     pub incidents: Vec<Incident>,
     pub written: Option<Arc<Written>>,
@@ -108,7 +112,11 @@ struct WhyHtml {
     is_matched: bool,
     incidents: Vec<IncidentRow>,
     incidents_address: String,
-    /// The numbers of the last minutes for a spreadsheet.
+    /// What the numbers are: of instants, minutes or hours.
+    drawn: &'static str,
+    /// From when on there are minutes and hours.
+    kept: Option<(String, String)>,
+    /// The numbers for a spreadsheet.
     csv: String,
     has_incidents: bool,
 }
@@ -145,6 +153,17 @@ async fn read(
     context: &PageContext,
 ) -> NodeRead {
     let past = app.past(published, |history| history.past(window.query.clone())).await.ok();
+    let trend = match (node, resolution(window.span_ms(), window.live)) {
+        // A replay has the numbers of its recording.
+        (NodeId::Module(_), Some(resolution)) if !context.replay => {
+            let (from_ms, to_ms) = window.span_ms();
+            let node = window.query.nodes.first().cloned().unwrap_or_default();
+            let query = TrendQuery { node, from_ms, to_ms, resolution };
+            let read = app.past(published, |history| history.trend(query)).await;
+            read.ok().map(|trend| (resolution, trend))
+        }
+        _ => None,
+    };
     let name = window.query.nodes.first().cloned().unwrap_or_default();
     let filter = match node {
         // Causes stand on lines of their own.
@@ -160,7 +179,7 @@ async fn read(
                 .unwrap_or_default()
         }
     };
-    NodeRead { past, incidents, written: app.settings.written.as_ref().map(|it| it.borrow().clone()) }
+    NodeRead { past, trend, incidents, written: app.settings.written.as_ref().map(|it| it.borrow().clone()) }
 }
 
 pub fn page(
@@ -175,7 +194,8 @@ pub fn page(
     let raw_name = snapshot.node_name(node);
     let name = clean(raw_name, 2 * NAME);
     let link = |node: NodeId| NodeLink::of(view, node);
-    let mut dev = DevFrame::new(view, context, Page::Statuses, RENEW_MS);
+    let renew_ms = if read.trend.is_some() { RENEW_SLOWLY_MS } else { RENEW_MS };
+    let mut dev = DevFrame::new(view, context, Page::Statuses, renew_ms);
     dev.title = format!("{}: {name}", dev.words.why);
     let (state, _) = snapshot.shown(node);
     let steps = snapshot.why(node).into_iter().map(|step| {
@@ -209,7 +229,18 @@ pub fn page(
         paths: Vec::new(),
         values: Vec::new(),
         more_values: 0,
-        plots: plots(published, node, trends, (from_ms, to_ms)),
+        plots: match &read.trend {
+            Some((resolution, trend)) => plots_of(published, node, trend, *resolution, (from_ms, to_ms)),
+            None => plots(published, node, trends, (from_ms, to_ms)),
+        },
+        drawn: match &read.trend {
+            Some((Resolution::Minute, _)) => dev.words.numbers_minutes,
+            Some((Resolution::Hour, _)) => dev.words.numbers_hours,
+            None => dev.words.numbers_kept,
+        },
+        kept: read.trend.as_ref().and_then(|(_, trend)| {
+            Some((wall_time(trend.minutes_from_ms?), wall_time(trend.hours_from_ms?)))
+        }),
         members: Vec::new(),
         more_members: None,
         may_shelve,
@@ -228,7 +259,7 @@ pub fn page(
         is_matched,
         incidents: read.incidents.iter().map(incident_row).collect(),
         incidents_address: format!("/incidents{}", address([(field, &**raw_name)].into_iter())),
-        csv: format!("/api/v1/values{}", address([("node", &**raw_name), ("format", "csv")].into_iter())),
+        csv: csv(raw_name, read, (from_ms, to_ms)),
         has_incidents: !context.replay,
         node: name,
         frame: super::frame(context),
@@ -269,6 +300,19 @@ pub fn page(
         }
     }
     html(&page)
+}
+
+/// The address of the numbers of the span: of minutes or hours, as many as one answer has.
+fn csv(node: &str, read: &NodeRead, (from_ms, to_ms): (i64, i64)) -> String {
+    let (since, until) = (wall_time(from_ms), wall_time(to_ms));
+    let resolution = match &read.trend {
+        Some((Resolution::Hour, _)) => "hour",
+        _ => "minute",
+    };
+    let span = [("since", &*since), ("until", &*until), ("resolution", resolution), ("count", "50000")];
+    let asked = [("node", node), ("format", "csv")].into_iter();
+    let of_span = span.into_iter().filter(|_| read.trend.is_some());
+    format!("/api/v1/values{}", address(asked.chain(of_span)))
 }
 
 fn incident_row(incident: &Incident) -> IncidentRow {

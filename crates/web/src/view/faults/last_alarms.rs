@@ -9,6 +9,7 @@ use crate::texts::{NAME, Words, clean};
 use crate::view::node_names::icon;
 use crate::view::{View, html};
 use telltale_engine::model::NodeId;
+use telltale_engine::state::State;
 use telltale_engine::time::Span;
 use telltale_store::PastAlarm;
 
@@ -37,16 +38,21 @@ pub fn last_alarms(view: &View<'_>, alarms: &[PastAlarm]) -> String {
     html(&LastAlarmsHtml { words: view.words, alarms })
 }
 
-fn of_alarm(view: &View<'_>, alarm: &PastAlarm) -> AlarmHtml {
-    let (title, place) = match view.snapshot.node(&alarm.node) {
+/// The title of a fault that a node had, and its place.
+pub fn past_fault(view: &View<'_>, node: &str, state: State) -> (String, String) {
+    match view.snapshot.node(node) {
         Some(NodeId::Module(id)) => {
             let component = view.tile_name(NodeId::Module(id));
-            entries::titled(view, id, alarm.state, &component)
+            entries::titled(view, id, state, &component)
         }
         Some(NodeId::Group(id)) => (view.group_name(id), String::new()),
         // It left, or another configuration has it no more.
-        None => (clean(&alarm.node, NAME), String::new()),
-    };
+        None => (clean(node, NAME), String::new()),
+    }
+}
+
+fn of_alarm(view: &View<'_>, alarm: &PastAlarm) -> AlarmHtml {
+    let (title, place) = past_fault(view, &alarm.node, alarm.state);
     let lasted = alarm.cleared_ms.map(|cleared_ms| {
         let ms = u64::try_from(cleared_ms - alarm.raised_ms).unwrap_or(0);
         view.lang.lasted(Span::from_millis(ms))

@@ -1,6 +1,7 @@
 //! The page of a what-if: the configuration to edit, and what it would have changed of an incident or of all that are
 //! kept. Nothing of it touches the vehicle.
 
+mod by_click;
 mod shown;
 
 use askama::Template;
@@ -9,6 +10,7 @@ use axum::http::StatusCode;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde_json::json;
 
+use self::by_click::{NodeChanges, by_click};
 use self::shown::{Row, Strips};
 use crate::developer::configuration::reread;
 use crate::developer::request::PageRequest;
@@ -68,6 +70,9 @@ struct WhatIfHtml {
     id: u64,
     causes: Vec<String>,
     files: Vec<File>,
+    /// What a click may change, and how many nodes have no room.
+    changes: Vec<NodeChanges>,
+    more_changes: usize,
     is_all: bool,
     phase: Phase,
     /// Nothing differs of what is compared.
@@ -178,12 +183,11 @@ fn what_if(
     dev.fixed = !matches!(phase, Phase::Waiting | Phase::Running(_));
     dev.locked = false;
     dev.title = format!("{} {id}", it.title);
-    // What was found has the room.
-    let rows = match phase {
-        Phase::None if texts.len() == 1 => 24,
-        Phase::None | Phase::Wrong => 16,
-        _ => 10,
-    };
+    // The same before and after an answer.
+    let rows = if texts.len() == 1 { 16 } else { 10 };
+    // The form is not renewed.
+    let is_form_shown = !page.context.part.is_content();
+    let (changes, more_changes) = if is_form_shown { by_click(texts) } else { Default::default() };
     let file = |it: &ConfigurationText| File {
         label: clean(&it.name, 2 * NAME),
         name: it.name.clone(),
@@ -206,6 +210,8 @@ fn what_if(
         frame: frame(&page.context),
         causes: incident.summary.causes().iter().take(3).map(|name| clean(name, 2 * NAME)).collect(),
         files: texts.iter().map(file).collect(),
+        changes,
+        more_changes,
         is_all: run.is_some_and(|run| run.is_all),
         is_same: compared.iter().all(|it| it.result.as_ref().is_ok_and(|it| !it.differs())),
         mistakes,

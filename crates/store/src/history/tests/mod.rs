@@ -1,5 +1,7 @@
 //! Tests of the history: what it keeps, its bound, and damage.
 
+mod statistics_of;
+
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::write::Writer;
@@ -177,47 +179,6 @@ fn the_last_alarms_tell_what_became_of_them() {
     let last = |count| alarms::last_alarms(&disk.connection, count).unwrap();
     assert_eq!(last(1), std::slice::from_ref(&second));
     assert_eq!(last(10), [second.clone(), first]);
-}
-
-#[test]
-fn an_operation_is_summed_up_by_its_alarms_and_stages() {
-    const HOUR_MS: u64 = 3_600_000;
-    let mut disk = Disk::new(ROWS_MAX);
-    let raised = |id, node: &str| Recorded::AlarmRaised { id, node: node.into() };
-    let cleared = |id, node: &str| Recorded::AlarmCleared { id, node: node.into() };
-    disk.write(0, &[Recorded::Started { anew: true }, Recorded::Stage(Stage::Standby)]);
-    // One that chatters, of which the second is acknowledged, and one that moves to its cause and lasts.
-    for (id, at_ms) in [(1, 10_000), (2, 25_000), (3, 40_000)] {
-        disk.write(at_ms, &[raised(id, "a")]);
-        if id == 2 {
-            disk.write(at_ms + 3_000, &[Recorded::AlarmAcknowledged { id, node: "a".into() }]);
-        }
-        disk.write(at_ms + 5_000, &[cleared(id, "a")]);
-    }
-    disk.write(HOUR_MS, &[Recorded::Stage(Stage::Active), raised(4, "b")]);
-    disk.write(HOUR_MS + 1_000, &[Recorded::AlarmMoved { id: 4, symptom: "b".into(), cause: "c".into() }]);
-    disk.write(2 * HOUR_MS, &[Recorded::Lost(7)]);
-    let of = |from_ms: u64, to_ms: u64| {
-        let [from_ms, to_ms] = [from_ms, to_ms].map(|ms| START_MS + ms as i64);
-        statistics::statistics(&disk.connection, from_ms, to_ms).unwrap()
-    };
-    let found = of(0, 2 * HOUR_MS);
-    assert_eq!((found.alarms, found.acknowledged, found.to_acknowledge_ms), (4, 1, Some(3_000)));
-    assert_eq!((found.most_in_10_min, found.lost), (3, 7));
-    let hour_ms = HOUR_MS as i64;
-    assert_eq!(found.stages, [(Stage::Standby, hour_ms), (Stage::Active, hour_ms)]);
-    assert_eq!((found.recorded_ms, found.per_hour(found.alarms)), (2 * hour_ms, Some(2.0)));
-    let node = |node: &str, alarms, alarmed_ms, longest_ms, chatters| NodeStatistics {
-        node: node.to_owned(),
-        alarms,
-        alarmed_ms,
-        longest_ms,
-        chatters,
-    };
-    assert_eq!(found.nodes, [node("a", 3, 15_000, 5_000, true), node("c", 1, hour_ms, hour_ms, false)]);
-    assert_eq!(found.between_alarms_ms(&found.nodes[1]), Some(2 * hour_ms));
-    let later = of(HOUR_MS + 5_000, 2 * HOUR_MS);
-    assert_eq!((later.alarms, later.nodes.len(), later.stages.len()), (0, 0, 1));
 }
 
 #[test]
