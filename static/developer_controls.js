@@ -141,15 +141,6 @@
     if (next) target(next)?.focus();
   };
 
-  // A whole row opens what it names, unless something in it was meant, or a text in it is marked.
-  document.addEventListener("click", (event) => {
-    const row = event.target.closest?.(":is(tr, li)[data-row]");
-    if (!row || event.target.closest("a, button, input, label") || !getSelection().isCollapsed) return;
-    const { ctrlKey, metaKey, shiftKey } = event;
-    const click = new MouseEvent("click", { bubbles: true, cancelable: true, ctrlKey, metaKey, shiftKey });
-    row.querySelector("[data-open]")?.dispatchEvent(click);
-  });
-
   const press = {
     "/": () => document.querySelector("[data-search]")?.click(),
     f: () => document.getElementById("filter")?.focus(),
