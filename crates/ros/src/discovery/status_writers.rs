@@ -99,11 +99,13 @@ pub async fn run(
         }
         // Taken before discovery is asked: messages that come meanwhile are newer than its answer.
         let now = clock.now();
-        let is_searching = participant.is_searching();
+        let is_searching = participant.is_searching() || participant.sees_not_all();
+        let writers = writers(&participant);
+        let is_searching = is_searching || participant.sees_not_all();
         let (list, names) = {
             let nodes = nodes.borrow();
             let who = (&nodes.endpoints(), |guid: &Guid| nodes.is_unheard(guid));
-            let list = speakers.look(&writers(&participant), who, (now, is_searching));
+            let list = speakers.look(&writers, who, (now, is_searching));
             (list, repeated.look(&nodes.repeated(), now))
         };
         let list = list.map(|list| Input::Writers(Arc::new(list)));
