@@ -274,8 +274,10 @@ def test_a_whole_row_and_a_chip_open_what_they_name(server, vehicle, developer, 
     vehicle.set(STATUS, 2, "broken")
     visit(page, server, "/developer")
     page.evaluate(MARK)
+    before = page.evaluate("() => history.length")
     row(page, CAUSE).locator("td.message").click()
     at(page, "/developer/why?node=sensors%2Fvelodyne_packet_alive", f"Why: {CAUSE}")
+    assert page.evaluate("() => history.length") == before + 1, "it was opened more than once"
     visit(page, server, "/developer/coverage")
     page.locator("#coverage tr[data-group=sensors] th").click()
     page.wait_for_url("**/developer/why?node=sensors")
