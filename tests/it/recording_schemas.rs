@@ -15,8 +15,8 @@ use telltale::engine::model::monitors::{
 };
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::{
-    FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
-    Transform,
+    Elements, FieldValue, Fingerprint, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport,
+    Sample, Transform,
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
@@ -68,6 +68,7 @@ fn inputs() -> Vec<Input> {
             FieldKind::Pose,
             FieldKind::Positions,
             FieldKind::Transforms,
+            FieldKind::Elements,
             FieldKind::Content,
         ]
         .map(field)
@@ -75,6 +76,8 @@ fn inputs() -> Vec<Input> {
     });
     let pose = Pose { x_m: f64::NAN, y_m: f64::INFINITY, z_m: f64::NEG_INFINITY, ..Pose::default() };
     let positions = Positions { taken: [Position { x_m: 1.5, y_m: -2.0 }].into(), count: 3 };
+    let elements =
+        Elements { taken: [FieldValue::Number(6.0), FieldValue::Text("a".into())].into(), count: 3 };
     let of = |stamp_ns| Transform { parent: "map".into(), stamp_ns };
     let transforms = [of(Some(7)), of(None)];
     let values = [
@@ -85,6 +88,7 @@ fn inputs() -> Vec<Input> {
         FieldValue::Pose(pose),
         FieldValue::Positions(Arc::new(positions)),
         FieldValue::Transforms(transforms.into()),
+        FieldValue::Elements(Arc::new(elements)),
         FieldValue::Content(Fingerprint(u64::MAX)),
         FieldValue::Absent,
         FieldValue::Unreadable("it ends early".into()),

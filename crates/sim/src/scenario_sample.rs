@@ -11,8 +11,8 @@ use telltale_engine::model::countermeasure::RequestKind;
 use telltale_engine::model::monitors::{FieldKind, FieldSpec, ProbeTarget, TopicSpec};
 use telltale_engine::model::output::Output;
 use telltale_engine::model::sample::{
-    FieldValue, Fingerprint, PARENTS_MAX, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome,
-    PublisherReport, Sample, Transform,
+    ELEMENTS_MAX, Elements, FieldValue, Fingerprint, PARENTS_MAX, POSITIONS_MAX, Pose, Position, Positions,
+    Probe, ProbeOutcome, PublisherReport, Sample, Transform,
 };
 use telltale_engine::time;
 use telltale_yaml::decode::{did_you_mean, word};
@@ -98,6 +98,14 @@ impl FromNode for Value {
                         _ => FieldValue::Text(text.into()),
                     },
                 }))
+            }
+            Kind::Sequence(items) if items.iter().any(|item| matches!(item.kind, Kind::Scalar { .. })) => {
+                let values: Option<Vec<Value>> =
+                    items.iter().map(|item| Value::from_node(item, log)).collect();
+                let taken: Box<[FieldValue]> =
+                    values?.into_iter().map(|it| it.0).take(ELEMENTS_MAX).collect();
+                let count = u32::try_from(items.len()).unwrap_or(u32::MAX);
+                Some(Value(FieldValue::Elements(Arc::new(Elements { taken, count }))))
             }
             Kind::Sequence(items) => {
                 let positions: Option<Vec<Position>> = items.iter().map(|item| position(item, log)).collect();
@@ -290,11 +298,14 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
             let fits = match value {
                 FieldValue::Unreadable(_) => true,
                 FieldValue::Pose(_) => field.kind == FieldKind::Pose,
+                FieldValue::Positions(list) if list.count == 0 && field.kind == FieldKind::Elements => true,
                 FieldValue::Positions(_) => field.kind == FieldKind::Positions,
+                FieldValue::Elements(_) => field.kind == FieldKind::Elements,
                 _ => field.kind == FieldKind::Scalar,
             } || field.kind == FieldKind::Content;
             let value = match field.kind {
                 FieldKind::Content if !matches!(value, FieldValue::Unreadable(_)) => &fingerprint(value),
+                FieldKind::Elements if matches!(value, FieldValue::Positions(_)) => &no_elements(),
                 _ => value,
             };
             if !fits {
@@ -302,6 +313,7 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
                     FieldKind::Scalar | FieldKind::Content => ("one value", "1.5"),
                     FieldKind::Pose => ("a pose", "{ x: 1, y: 2, yaw_deg: 90 }"),
                     FieldKind::Positions => ("a list of positions", "[[1.5, 2], [3, 4]]"),
+                    FieldKind::Elements => ("a list of values", "[2, 6]"),
                     FieldKind::Transforms => {
                         ("transforms", "transforms: [{ parent: odom, child: base_link }]")
                     }
@@ -349,6 +361,11 @@ fn transforms(all: &[RawTransform], field: &FieldSpec) -> FieldValue {
         }
     }
     if found.is_empty() { FieldValue::Absent } else { FieldValue::Transforms(found.into()) }
+}
+
+/// `[]` may be a list of anything.
+fn no_elements() -> FieldValue {
+    FieldValue::Elements(Arc::default())
 }
 
 /// Stands for content that is written like this.

@@ -3,6 +3,7 @@
 use cel::common::ast::{CallExpr, Expr, IdedExpr, LiteralValue, SourceInfo, operators};
 use cel::common::types::CelDouble;
 
+use super::each::{self, QUANTIFIERS_MAX, Quantifier};
 use crate::decode::Spanned;
 use telltale_engine::model::monitors::ScalarKind;
 use telltale_yaml::decode::did_you_mean;
@@ -88,6 +89,10 @@ pub(super) struct Check<'a> {
     known: &'a [Option<PartType>],
     /// The type that the condition assumes for each input, from its use.
     pub(super) taken: Vec<Option<PartType>>,
+    /// The parts about the elements of lists, in place of which their answers stand.
+    pub(super) quantifiers: Vec<Quantifier>,
+    /// The variable and the list of the part about elements that is looked at.
+    scope: Option<(String, String)>,
     info: &'a SourceInfo,
     log: &'a mut Log,
     pub(super) good: bool,
@@ -101,7 +106,8 @@ impl<'a> Check<'a> {
         info: &'a SourceInfo,
         log: &'a mut Log,
     ) -> Check<'a> {
-        Check { text, names, known, taken: vec![None; names.len()], info, log, good: true }
+        let (taken, quantifiers) = (vec![None; names.len()], Vec::new());
+        Check { text, names, known, taken, quantifiers, scope: None, info, log, good: true }
     }
 
     /// Checks the whole condition, and turns all numbers into doubles.
@@ -132,6 +138,16 @@ impl<'a> Check<'a> {
 
     fn walk(&mut self, part: &mut IdedExpr) -> Option<PartType> {
         let id = part.id;
+        if let Some((variable, list)) = &self.scope
+            && let Some(member) = each::member(part, variable)
+        {
+            let name = each::column(list, &member);
+            part.expr = Expr::Ident(name.clone());
+            return self.input(id, &name);
+        }
+        if matches!(&part.expr, Expr::Call(call) if each::asks_for_all(call).is_some()) {
+            return self.quantifier(part);
+        }
         match &mut part.expr {
             Expr::Literal(literal) => self.literal(id, literal),
             Expr::Ident(name) => {
@@ -176,17 +192,83 @@ impl<'a> Check<'a> {
         if let Some(index) = self.names.iter().position(|known| *known == name) {
             return self.known[index];
         }
-        let known = self.names.iter().copied();
+        if self.names.iter().any(|known| each::is_column_of(known, name)) {
+            let help = format!("ask for its elements: `{name}.exists(it, it.status == 6)`");
+            self.problem(id, &format!("`{name}` is a list here"), &help);
+            return None;
+        }
+        let known = self.written_names().into_iter();
         let help = suggest(name, known).map_or_else(|| self.inputs(), did_you_mean);
         self.problem(id, &format!("there is no input `{name}`"), &help);
         None
     }
 
     fn inputs(&self) -> String {
-        match self.names {
+        match &self.written_names()[..] {
             [] => "name what the condition uses under `inputs`".to_owned(),
             names => format!("the inputs are: {}", names.join(", ")),
         }
+    }
+
+    /// The inputs as the file names them.
+    fn written_names(&self) -> Vec<&'a str> {
+        let mut names: Vec<&str> =
+            self.names.iter().map(|name| name.split("[]").next().unwrap_or_default()).collect();
+        names.dedup();
+        names
+    }
+
+    /// `goals.exists(goal, goal.status == 6)`; what stands for its answer takes its place.
+    fn quantifier(&mut self, part: &mut IdedExpr) -> Option<PartType> {
+        const WRITE: &str = "write `goals.exists(goal, goal.status == 6)`, or `all` for every element";
+        let id = part.id;
+        let Expr::Call(call) = &mut part.expr else { return None };
+        let (is_all, scope) = (each::asks_for_all(call) == Some(true), each::scope(call));
+        let Some((variable, list)) = scope.map(|(variable, list)| (variable.to_owned(), list.to_owned()))
+        else {
+            self.problem(id, "`exists` and `all` take an input, a name and a condition", WRITE);
+            return None;
+        };
+        let names = self.names;
+        let is_input = |name: &str| names.contains(&name);
+        if self.scope.is_some() || self.quantifiers.len() == QUANTIFIERS_MAX {
+            let text = format!("a condition asks for at most {QUANTIFIERS_MAX} lists, one after the other");
+            self.problem(id, &text, "let a second module judge the other one");
+            return None;
+        }
+        if is_input(&variable) {
+            let text = format!("`{variable}` is an input already");
+            self.problem(id, &text, "give the element another name");
+            return None;
+        }
+        if !self.names.iter().any(|known| each::is_column_of(known, &list)) {
+            match is_input(&list) {
+                true => self.problem(
+                    id,
+                    &format!("nothing is asked of an element of `{list}`, or it is no list"),
+                    WRITE,
+                ),
+                false => {
+                    self.input(id, &list);
+                }
+            }
+            return None;
+        }
+        let mut body = call.args.pop()?;
+        self.scope = Some((variable, list.clone()));
+        let kind = self.walk(&mut body);
+        self.take(&body, PartType::Truth);
+        self.scope = None;
+        if self.good && !matches!(kind, None | Some(PartType::Truth)) {
+            self.problem(
+                body.id,
+                "what is asked of an element must be true or false",
+                "compare it: `... > 0`",
+            );
+        }
+        part.expr = Expr::Ident(each::placeholder(self.quantifiers.len()));
+        self.quantifiers.push(Quantifier { is_all, list, body });
+        Some(PartType::Truth)
     }
 
     fn call(&mut self, id: u64, call: &mut CallExpr) -> Option<PartType> {

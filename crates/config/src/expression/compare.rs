@@ -202,6 +202,7 @@ fn written(part: &IdedExpr) -> String {
     };
     match &part.expr {
         Expr::Ident(name) => name.clone(),
+        Expr::Select(select) => format!("{}.{}", inner(&select.operand), select.field),
         Expr::Literal(LiteralValue::Boolean(value)) => value.inner().to_string(),
         Expr::Literal(LiteralValue::String(text)) => format!("'{}'", text.inner()),
         Expr::Literal(literal) => {

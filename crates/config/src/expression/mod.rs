@@ -6,8 +6,10 @@
 
 mod check;
 mod compare;
+mod each;
 mod ranges;
 
+use std::collections::BTreeSet;
 use std::sync::{Arc, LazyLock};
 
 use cel::common::ast::{Expr, IdedExpr};
@@ -19,8 +21,9 @@ use cel::{Context, Env, Value, extensions};
 use crate::decode::Spanned;
 use check::{Check, PartType, offset, point};
 use compare::ComparedWith;
+use each::Quantifier;
 use telltale_engine::model::monitors::{Condition, ScalarKind};
-use telltale_engine::model::sample::FieldValue;
+use telltale_engine::model::sample::{Elements, FieldValue};
 use telltale_yaml::{Log, Problem, Span};
 
 pub(super) const TEXT_BYTES_MAX: usize = 1000;
@@ -81,13 +84,13 @@ pub(super) fn condition(text: &Spanned<String>, names: &[&str], log: &mut Log) -
     {
         check.problem(wrong.id, &wrong.text, "correct one of the two, or remove it");
     }
-    let Check { taken, good, .. } = check;
+    let Check { taken, good, quantifiers, .. } = check;
     let taking: Vec<Option<ScalarKind>> = taken.iter().map(|kind| kind.and_then(PartType::scalar)).collect();
     let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
     good.then(|| {
         let holds = move |values: &[FieldValue]| {
             fit(&names, &taken, values)?;
-            holds(&expression, &names, values)
+            holds(&expression, &quantifiers, &names, values)
         };
         Condition::new(value, holds).taking(taking)
     })
@@ -109,6 +112,13 @@ fn fit(names: &[String], taken: &[Option<PartType>], values: &[FieldValue]) -> R
         FieldValue::Number(_) => Some(PartType::Number),
         FieldValue::Bool(_) => Some(PartType::Truth),
         FieldValue::Text(_) => Some(PartType::Text),
+        // All elements are of one kind.
+        FieldValue::Elements(list) => match list.taken.first() {
+            Some(FieldValue::Number(_)) => Some(PartType::Number),
+            Some(FieldValue::Bool(_)) => Some(PartType::Truth),
+            Some(FieldValue::Text(_)) => Some(PartType::Text),
+            _ => None,
+        },
         FieldValue::Pose(_)
         | FieldValue::Positions(_)
         | FieldValue::Transforms(_)
@@ -139,18 +149,23 @@ pub fn misfit(condition: &Condition, inputs: &[(&str, Option<ScalarKind>)]) -> O
     let problem = log.into_problems().into_iter().next();
     problem.map(|problem| (problem.message, problem.help.unwrap_or_default().into())).or_else(|| {
         let kinds: Option<Vec<ScalarKind>> = inputs.iter().map(|(_, kind)| *kind).collect();
-        unanswered(condition, &kinds?).map(|why| (why.into(), "correct one of the parts".to_owned()))
+        unanswered(condition, &names, &kinds?).map(|why| (why.into(), "correct one of the parts".to_owned()))
     })
 }
 
 /// The reason why no values of these types have an answer, if there is one.
-fn unanswered(condition: &Condition, kinds: &[ScalarKind]) -> Option<Box<str>> {
+fn unanswered(condition: &Condition, names: &[&str], kinds: &[ScalarKind]) -> Option<Box<str>> {
     let probe = |round: usize| -> Vec<FieldValue> {
         let value = |(position, kind): (usize, &ScalarKind)| match kind {
             ScalarKind::Number => FieldValue::Number([1.0, 0.0, -1.0, 1e6][(round + position) % 4]),
             ScalarKind::Bool => FieldValue::Bool((round >> (position % 2)).is_multiple_of(2)),
             // A value that `double` accepts, too.
             ScalarKind::Text => FieldValue::Text(["1", "", "a", "2.5"][(round + position) % 4].into()),
+        };
+        let value = |(position, kind)| {
+            let value = value((position, kind));
+            let list = |value| FieldValue::Elements(Arc::new(Elements { taken: [value].into(), count: 1 }));
+            if each::is_column(names[position]) { list(value) } else { value }
         };
         kinds.iter().enumerate().map(value).collect()
     };
@@ -205,21 +220,50 @@ fn comparisons(condition: &Condition) -> Vec<compare::Comparison> {
 pub(super) fn named(condition: &Condition) -> Vec<String> {
     let mut names = Vec::new();
     if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
-        collect(program.expression(), &mut names);
+        let mut members = Vec::new();
+        each::members(program.expression(), None, &mut members);
+        names.extend(members.iter().map(|(list, member)| each::column(list, member)));
+        collect(program.expression(), None, &mut names);
     }
     names
 }
 
-fn collect(part: &IdedExpr, names: &mut Vec<String>) {
+/// The inputs apart from the elements of lists, which `variable` stands for.
+fn collect(part: &IdedExpr, variable: Option<&str>, names: &mut Vec<String>) {
     match &part.expr {
-        Expr::Ident(name) if !RESERVED.contains(&&**name) => names.push(name.clone()),
-        Expr::Call(call) => {
-            let target = call.target.as_deref().into_iter();
-            target.chain(&call.args).for_each(|part| collect(part, names));
+        Expr::Ident(name) if !RESERVED.contains(&&**name) && variable != Some(name) => {
+            names.push(name.clone());
         }
-        Expr::List(list) => list.elements.iter().for_each(|part| collect(part, names)),
+        Expr::Call(call) => match each::asks_for_all(call).and_then(|_| each::scope(call)) {
+            Some((variable, _)) => {
+                call.args.iter().skip(1).for_each(|part| collect(part, Some(variable), names));
+            }
+            None => {
+                let target = call.target.as_deref().into_iter();
+                target.chain(&call.args).for_each(|part| collect(part, variable, names));
+            }
+        },
+        Expr::List(list) => list.elements.iter().for_each(|part| collect(part, variable, names)),
         _ => {}
     }
+}
+
+/// The lists of conditions, each with the members of its elements that are used, in order.
+pub(super) fn members(texts: &[&Spanned<String>]) -> Vec<(String, String)> {
+    let mut found: Vec<(String, String)> = Vec::new();
+    for text in texts.iter().filter(|text| text.value.len() <= TEXT_BYTES_MAX) {
+        if let Ok(program) = ENVIRONMENT.compile(&text.value) {
+            each::members(program.expression(), None, &mut found);
+        }
+    }
+    let mut seen = BTreeSet::new();
+    found.retain(|it| seen.insert(it.clone()));
+    found
+}
+
+/// The name of the input with this member of each element of a list.
+pub(super) fn column(list: &str, member: &str) -> String {
+    each::column(list, member)
 }
 
 /// An `and`, `or` or `not` outside of quotes, and its place.
@@ -253,10 +297,19 @@ fn syntax(message: &str) -> String {
     format!("this is no CEL: {short}")
 }
 
-fn holds(expression: &IdedExpr, names: &[String], values: &[FieldValue]) -> Result<bool, Box<str>> {
-    let inputs = Inputs { names, values };
+fn holds(
+    expression: &IdedExpr,
+    quantifiers: &[Quantifier],
+    names: &[String],
+    values: &[FieldValue],
+) -> Result<bool, Box<str>> {
+    let answers = quantifiers.iter().map(|it| it.answer(names, values)).collect::<Result<Vec<bool>, _>>()?;
+    evaluate(expression, &Inputs { names, values, answers: &answers, row: None })
+}
+
+fn evaluate(expression: &IdedExpr, inputs: &Inputs<'_>) -> Result<bool, Box<str>> {
     let mut context = Context::with_env(ENVIRONMENT.clone());
-    context.set_variable_resolver(&inputs);
+    context.set_variable_resolver(inputs);
     match Value::resolve(expression, &context) {
         Ok(Value::Bool(value)) => Ok(value),
         Ok(other) => Err(format!("the condition is neither true nor false: {other:?}").into()),
@@ -267,18 +320,30 @@ fn holds(expression: &IdedExpr, names: &[String], values: &[FieldValue]) -> Resu
 struct Inputs<'a> {
     names: &'a [String],
     values: &'a [FieldValue],
+    /// Of the quantifiers.
+    answers: &'a [bool],
+    /// The element that is looked at.
+    row: Option<usize>,
 }
 
 impl VariableResolver for Inputs<'_> {
     fn resolve<'b>(&'b self, variable: &str) -> Option<CowVal<'b, 'b>> {
+        if let Some(answer) = each::index_of(variable) {
+            return Some(CowVal::Owned(Box::new(CelBool::from(*self.answers.get(answer)?))));
+        }
         let index = self.names.iter().position(|name| name == variable)?;
-        match self.values.get(index)? {
+        let value = match self.values.get(index)? {
+            FieldValue::Elements(list) => list.taken.get(self.row?)?,
+            value => value,
+        };
+        match value {
             FieldValue::Number(value) => Some(CowVal::Owned(Box::new(CelDouble::from(*value)))),
             FieldValue::Bool(value) => Some(CowVal::Owned(Box::new(CelBool::from(*value)))),
             FieldValue::Text(text) => Some(CowVal::Owned(Box::new(CelString::from(&**text)))),
             FieldValue::Pose(_)
             | FieldValue::Positions(_)
             | FieldValue::Transforms(_)
+            | FieldValue::Elements(_)
             | FieldValue::Content(_)
             | FieldValue::Absent
             | FieldValue::Unreadable(_) => None,

@@ -97,7 +97,9 @@ impl AgreementLimits {
     /// Each kind of source has its own limits, and needs at least one.
     fn check(&self, kind: FieldKind, node: &Node, log: &mut Log) {
         let own = match kind {
-            FieldKind::Scalar | FieldKind::Transforms | FieldKind::Content => self.has_numbers,
+            FieldKind::Scalar | FieldKind::Transforms | FieldKind::Elements | FieldKind::Content => {
+                self.has_numbers
+            }
             FieldKind::Pose => self.of_pose.is_some(),
             FieldKind::Positions => self.of_list.is_some(),
         };
@@ -128,7 +130,7 @@ impl AgreementLimits {
         } else if !own {
             let text = "without a limit this would never be anything but OK";
             match kind {
-                FieldKind::Scalar | FieldKind::Transforms | FieldKind::Content => {
+                FieldKind::Scalar | FieldKind::Transforms | FieldKind::Elements | FieldKind::Content => {
                     bands::without_a_limit(node.span, "", log)
                 }
                 FieldKind::Pose => log
@@ -145,7 +147,7 @@ impl AgreementLimits {
 
     fn rule(self, kind: FieldKind) -> AgreementRule {
         match kind {
-            FieldKind::Scalar | FieldKind::Transforms | FieldKind::Content => {
+            FieldKind::Scalar | FieldKind::Transforms | FieldKind::Elements | FieldKind::Content => {
                 AgreementRule::Number(self.numbers)
             }
             FieldKind::Pose => AgreementRule::Pose {

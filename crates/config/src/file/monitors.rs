@@ -341,7 +341,7 @@ pub(crate) fn input_rules() -> Members {
 
 fn condition(schema: &mut Schema) -> Members {
     schema.define("condition", |_| {
-        let about = "In CEL: `speed > 3 && !stopped`. Numbers are doubles; functions are contains, startsWith, endsWith, double and those of math.";
+        let about = "In CEL: `speed > 3 && !stopped`. Numbers are doubles; functions are contains, startsWith, endsWith, double and those of math. Of a list: `goals.exists(goal, goal.status == 6)`, and `all`.";
         vec![
             ("description", about.into()),
             ("type", vec!["string", "boolean"].into()),

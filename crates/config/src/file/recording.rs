@@ -1,14 +1,15 @@
 //! The recording as it is written: `recording: { before: 30s, after: 10s, memory: 256MB, disk: 10GB, keep: 30d,
 //! topics: [{ topic: /points, every: 500ms }] }`.
 
-use super::forms::{default_span, example, with_about};
+use super::forms::{default_span, duration, example, with_about};
 use crate::decode::{All, FromNode, Spanned};
 use crate::describe::words;
 use crate::fields::Fields;
 use crate::recording::Recording;
+use telltale_engine::model::monitors::RecordedTopic;
 use telltale_engine::time;
 use telltale_yaml::decode::{scalar, scaled};
-use telltale_yaml::schema::{default, pattern};
+use telltale_yaml::schema::{default, one_of, pattern, words as words_of};
 use telltale_yaml::{Log, Members, Node, Problem, Schema, Span, key, map};
 
 /// The bounds of its keys.
@@ -77,7 +78,7 @@ impl FromNode for RawRecording {
 #[derive(Debug)]
 pub(crate) struct RawRecordedTopic {
     pub topic: Option<Spanned<String>>,
-    pub every: Option<Spanned<time::Span>>,
+    pub every: Option<Spanned<Every>>,
 }
 
 impl FromNode for RawRecordedTopic {
@@ -85,13 +86,30 @@ impl FromNode for RawRecordedTopic {
         let about = "A topic that is recorded, or several: `*` stands for any characters.";
         let mut fields = Fields::of(node, map("recorded_topic", "a recorded topic").about(about), log)?;
         let every = key("every")
-            .about("At most one message of each topic in this time is recorded; without it, all are. From 1ms to 1h.");
+            .about("At most one message of each topic in this time is recorded; without it, all are. From 1ms to 1h; or `never`: of a topic that a monitor reads, the times and sizes alone.");
         Some(RawRecordedTopic {
             topic: fields.required(
                 key("topic").about("The full name, in which `*` stands for any characters: `/camera/*`."),
             ),
             every: fields.optional(every),
         })
+    }
+}
+
+/// A time between two messages, or [`RecordedTopic::NEVER`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Every(pub time::Span);
+
+impl FromNode for Every {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        match scalar(node) {
+            Some("never") => Some(Every(RecordedTopic::NEVER)),
+            _ => time::Span::from_node(node, log).map(Every),
+        }
+    }
+
+    fn form(schema: &mut Schema) -> Members {
+        one_of([duration(schema), words_of(["never"])])
     }
 }
 

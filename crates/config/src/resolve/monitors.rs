@@ -5,8 +5,8 @@ use crate::decode::Spanned;
 use crate::expression;
 use crate::file::monitors::{Expression, Monitor, Source, Topic};
 use telltale_engine::model::monitors::{
-    FieldSpec, ModuleMonitor, MonitorSpec, ProbeTarget, TF, TF_MESSAGE, TF_STATIC, TfLink, ValueSource,
-    WatchdogSpec,
+    FieldKind, FieldSpec, ModuleMonitor, MonitorSpec, ProbeTarget, TF, TF_MESSAGE, TF_STATIC, TfLink,
+    ValueSource, WatchdogSpec,
 };
 use telltale_yaml::{Log, Problem, Span};
 
@@ -113,13 +113,40 @@ pub(crate) fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> Val
     }
 }
 
+/// The inputs of conditions. A list of whose elements they ask is one input for each member that they use.
+pub(crate) fn inputs(
+    raw: &[(Spanned<String>, Source)],
+    texts: &[&Spanned<String>],
+    topics: &mut Topics,
+    log: &mut Log,
+) -> Vec<(Box<str>, ValueSource)> {
+    let members = expression::members(texts);
+    let mut inputs: Vec<(Box<str>, ValueSource)> = Vec::new();
+    for (name, from) in raw {
+        let of_list = || members.iter().filter(|(list, _)| *list == name.value).map(|(_, member)| &**member);
+        match from {
+            Source::Field { topic, path, .. } if of_list().next().is_some() => {
+                for member in of_list() {
+                    let dot = if member.is_empty() { "" } else { "." };
+                    let path = Spanned { value: format!("{}[]{dot}{member}", path.value), span: path.span };
+                    let (topic, field) = topics.field(topic, &path, FieldKind::Elements, log);
+                    let name = expression::column(&name.value, member).into();
+                    inputs.push((name, ValueSource::Field { topic, field }));
+                }
+            }
+            _ => inputs.push((name.value.as_str().into(), source(from, topics, log))),
+        }
+    }
+    inputs
+}
+
 fn resolve_expression(raw: &Expression, topics: &mut Topics, log: &mut Log) -> Option<MonitorSpec> {
     for (name, _) in &raw.inputs {
         expression::check_name(name, log);
     }
-    let names: Vec<&str> = raw.inputs.iter().map(|(name, _)| name.value.as_str()).collect();
-    let inputs = raw.inputs.iter();
-    let inputs = inputs.map(|(name, from)| (name.value.as_str().into(), source(from, topics, log))).collect();
+    let texts: Vec<_> = [&raw.error, &raw.warning].into_iter().flatten().collect();
+    let inputs = inputs(&raw.inputs, &texts, topics, log);
+    let names: Vec<&str> = inputs.iter().map(|(name, _)| &**name).collect();
     let mut condition = |text: &Option<_>| match text {
         Some(text) => expression::condition(text, &names, log).map(Some),
         None => Some(None),

@@ -43,7 +43,11 @@ fn topics(raw: &RawRecording, log: &mut Log) -> Vec<RecordedTopic> {
             let problem = Problem::at(topic.span, format!("{} is recorded already", topic.value));
             log.push(problem.help("name each topic once"));
         }
-        if let Some(every) = every.filter(|every| !(EVERY.0..=EVERY.1).contains(&every.value)) {
+        let every = every.map(|Spanned { value, span }| Spanned { value: value.0, span });
+        let is_possible = |every: &Spanned<Span>| {
+            every.value == RecordedTopic::NEVER || (EVERY.0..=EVERY.1).contains(&every.value)
+        };
+        if let Some(every) = every.filter(|every| !is_possible(every)) {
             let [given, least, most] = [every.value, EVERY.0, EVERY.1].map(words::span);
             let problem = Problem::at(every.span, format!("{given} is not between {least} and {most}"));
             log.push(problem.help("without `every`, all messages are recorded"));

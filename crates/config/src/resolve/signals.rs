@@ -124,12 +124,9 @@ fn condition(
     for (name, _) in inputs {
         expression::check_name(name, log);
     }
-    let names: Vec<&str> = inputs.iter().map(|(name, _)| name.value.as_str()).collect();
+    let inputs = monitors::inputs(inputs, &[when], topics, log);
+    let names: Vec<&str> = inputs.iter().map(|(name, _)| &**name).collect();
     let condition = expression::condition(when, &names, log);
-    let inputs = inputs.iter();
-    let inputs = inputs
-        .map(|(name, from)| (name.value.as_str().into(), monitors::source(from, topics, log)))
-        .collect();
     let spec = MonitorSpec::Expression {
         inputs,
         // The signal's own timeout bounds their age.

@@ -149,7 +149,7 @@ impl Topics {
     ) -> (TopicId, u32) {
         let id = self.watch(topic, false, log);
         match kind {
-            FieldKind::Positions => check_list(path, log),
+            FieldKind::Positions | FieldKind::Elements => check_list(path, log),
             // All of the message.
             FieldKind::Content if path.value.is_empty() => {}
             // Made of a frame, whose name was checked.

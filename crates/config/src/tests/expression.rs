@@ -130,7 +130,7 @@ fn what_is_wrong_is_said_with_its_place() {
     wrong(
         "\"[1, 2].all(i, i > x)\"",
         &[
-            "27: there is no function `all` (the functions are: contains, startsWith, endsWith, double, math.abs, math.sign, math.sqrt, math.floor, math.ceil, math.round, math.trunc, math.greatest, math.least, math.isNaN)",
+            "27: `exists` and `all` take an input, a name and a condition (write `goals.exists(goal, goal.status == 6)`, or `all` for every element)",
         ],
     );
     wrong(

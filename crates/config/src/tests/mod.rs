@@ -6,6 +6,7 @@ mod diagnostics;
 mod difference;
 mod expression;
 mod frozen;
+mod lists;
 mod monitors;
 mod motion;
 mod named;

@@ -41,6 +41,8 @@ fn what_cannot_be_recorded_is_said_at_its_place() {
 fn further_topics_are_recorded_by_name_or_pattern() {
     let text = "recording: { topics: [{ topic: /points, every: 500ms }, { topic: '/camera/*' }] }\n";
     assert!(of(text).ends_with("kept for 30d; also /points every 500ms, /camera/*"), "{}", of(text));
+    let never = "recording: { topics: [{ topic: /imu, every: never }] }\n";
+    assert!(of(never).ends_with("also /imu never"), "{}", of(never));
     let watched = &parsed(text).model.watched;
     let every = |topic: &str| watched.recorded(topic).map(|it| it.every.as_millis());
     assert_eq!(

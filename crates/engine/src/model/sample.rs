@@ -36,6 +36,10 @@ impl Sample {
         let held = |value: &FieldValue| match value {
             FieldValue::Text(text) | FieldValue::Unreadable(text) => text.len(),
             FieldValue::Positions(list) => size_of_val(&*list.taken) + size_of::<Positions>(),
+            FieldValue::Elements(list) => {
+                let text = |it: &FieldValue| if let FieldValue::Text(text) = it { text.len() } else { 0 };
+                size_of_val(&*list.taken) + list.taken.iter().map(text).sum::<usize>()
+            }
             FieldValue::Transforms(list) => {
                 size_of_val(&**list) + list.iter().map(|it| it.parent.len()).sum::<usize>()
             }
@@ -60,6 +64,8 @@ pub enum FieldValue {
     Positions(Arc<Positions>),
     /// Those of one child frame, of different parents, at most [`PARENTS_MAX`]; never empty.
     Transforms(#[serde(deserialize_with = "few_parents")] Box<[Transform]>),
+    /// Of the elements of an array.
+    Elements(Arc<Elements>),
     /// Equal for equal content.
     Content(Fingerprint),
     /// The message does not contain it: no element has the requested property. The last value stays and ages.
@@ -87,6 +93,36 @@ impl TryFrom<String> for Fingerprint {
         let number = digits.and_then(|digits| u64::from_str_radix(digits, 16).ok());
         number.map(Fingerprint).ok_or("a fingerprint has 16 hexadecimal digits")
     }
+}
+
+/// Elements of one array that are kept; further ones are only counted.
+pub const ELEMENTS_MAX: usize = 256;
+
+/// One value of each element of an array: numbers, truth values or texts.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Elements {
+    /// At most [`ELEMENTS_MAX`], the first ones.
+    #[serde(deserialize_with = "few_scalars")]
+    pub taken: Box<[FieldValue]>,
+    /// The length of the array.
+    pub count: u32,
+}
+
+impl Elements {
+    /// Whether the array has more elements than were kept.
+    pub fn is_cut(&self) -> bool {
+        self.count as usize > self.taken.len()
+    }
+}
+
+fn few_scalars<'de, D: Deserializer<'de>>(from: D) -> Result<Box<[FieldValue]>, D::Error> {
+    let taken = Box::<[FieldValue]>::deserialize(from)?;
+    let is_scalar =
+        |it: &FieldValue| matches!(it, FieldValue::Number(_) | FieldValue::Bool(_) | FieldValue::Text(_));
+    if taken.len() > ELEMENTS_MAX || !taken.iter().all(is_scalar) {
+        return Err(D::Error::custom("at most 256 elements, each a number, a truth value or a text"));
+    }
+    Ok(taken)
 }
 
 /// Parents of one frame that are kept of a message: two are a fault already.

@@ -61,11 +61,14 @@ impl Watched {
 pub struct RecordedTopic {
     /// A name, in which each `*` stands for any characters: `/camera/*`.
     pub pattern: Box<str>,
-    /// The least time between two recorded messages of a topic; zero: all are recorded.
+    /// The least time between two recorded messages of a topic; zero: all are recorded, [`RecordedTopic::NEVER`]: none.
     pub every: Span,
 }
 
 impl RecordedTopic {
+    /// No message is recorded; of a topic that is read, its times and sizes are.
+    pub const NEVER: Span = Span::from_nanos(u64::MAX);
+
     pub fn names(&self, topic: &str) -> bool {
         let mut parts = self.pattern.split('*');
         let Some(mut rest) = parts.next().and_then(|first| topic.strip_prefix(first)) else { return false };
@@ -138,6 +141,8 @@ pub enum FieldKind {
     Positions,
     /// The transforms of a child frame in a `tf2_msgs/TFMessage`: `transforms[child_frame_id=base_link]`.
     Transforms,
+    /// One value of each element of an array: `status_list[].status`.
+    Elements,
     /// Any part of the message, as a fingerprint of its values; without a path the whole message. Times with the
     /// name `stamp` in it do not count.
     Content,

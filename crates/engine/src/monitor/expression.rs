@@ -5,12 +5,16 @@ use super::inputs::{Inputs, UnusableInput};
 use super::words::{Words, cut, numeral_in};
 use crate::files::KeyframeError;
 use crate::model::monitors::{Condition, ScalarKind};
-use crate::model::sample::FieldValue;
+use crate::model::quantity::number;
+use crate::model::sample::{Elements, FieldValue};
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
 use crate::time::Timestamp;
 use serde::{Deserialize, Serialize};
+
+/// Elements of a list that a message names.
+const SAID_MAX: usize = 8;
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Expression {
@@ -108,6 +112,7 @@ impl Machine for Expression {
                 FieldValue::Bool(true) => say!("true", "wahr"),
                 FieldValue::Bool(false) => say!("false", "falsch"),
                 FieldValue::Text(text) => format!("\"{}\"", cut(text)).into(),
+                FieldValue::Elements(list) => elements(list),
                 FieldValue::Pose(_)
                 | FieldValue::Positions(_)
                 | FieldValue::Transforms(_)
@@ -136,6 +141,19 @@ impl Machine for Expression {
         };
         Words::plain(message)
     }
+}
+
+/// The first values of a list.
+fn elements(list: &Elements) -> Text {
+    let word = |value: &FieldValue| match value {
+        FieldValue::Number(value) => number(*value),
+        FieldValue::Bool(is) => is.to_string(),
+        FieldValue::Text(text) => format!("\"{}\"", cut(text)),
+        _ => String::new(),
+    };
+    let words: Vec<String> = list.taken.iter().take(SAID_MAX).map(word).collect();
+    let more = if list.count as usize > SAID_MAX { ", …" } else { "" };
+    format!("[{}{more}]", words.join(", ")).into()
 }
 
 impl Expression {

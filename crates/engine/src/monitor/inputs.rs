@@ -183,6 +183,7 @@ impl Inputs {
             | FieldValue::Pose(_)
             | FieldValue::Positions(_)
             | FieldValue::Transforms(_)
+            | FieldValue::Elements(_)
             | FieldValue::Content(_)
             | FieldValue::Absent
             | FieldValue::Unreadable(_) => None,
@@ -291,6 +292,7 @@ fn wrong_kind(slot: usize, wanted: ValueKind, value: &FieldValue) -> UnusableInp
         FieldValue::Bool(_) => ValueKind::Bool,
         FieldValue::Text(_)
         | FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
         | FieldValue::Content(_)
         | FieldValue::Absent
         | FieldValue::Unreadable(_) => ValueKind::Words,

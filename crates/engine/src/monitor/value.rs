@@ -109,6 +109,7 @@ fn words_of(value: &FieldValue, quantity: Option<&Quantity>) -> Text {
         FieldValue::Pose(_) => say!("a pose", "eine Pose"),
         FieldValue::Positions(_) => say!("a list", "eine Liste"),
         FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
         | FieldValue::Content(_)
         | FieldValue::Absent
         | FieldValue::Unreadable(_) => {
@@ -125,6 +126,7 @@ fn bare(value: &FieldValue) -> String {
         FieldValue::Pose(_) => "a pose".into(),
         FieldValue::Positions(_) => "a list".into(),
         FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
         | FieldValue::Content(_)
         | FieldValue::Absent
         | FieldValue::Unreadable(_) => "unreadable".into(),

@@ -9,6 +9,7 @@
 
 mod content;
 mod definition;
+mod elements;
 mod event;
 mod library;
 mod path;

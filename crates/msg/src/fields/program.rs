@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::content;
 use super::definition::Primitive;
+use super::elements::Elements;
 use super::path::Step;
 use super::positions::Positions;
 use super::shape::{Array, Message, Shape, ShapeKind};
@@ -50,6 +51,7 @@ enum Leaf {
     Length(Array),
     Positions(Box<Positions>),
     Transforms(Box<Transforms>),
+    Elements(Box<Elements>),
     Content(Arc<Shape>),
 }
 
@@ -106,6 +108,10 @@ impl Program {
             let (transforms, moves) = Transforms::compile(compiler, steps)?;
             return Ok(Program { moves, leaf: Leaf::Transforms(Box::new(transforms)) });
         }
+        if kind == FieldKind::Elements {
+            let (elements, moves) = Elements::compile(compiler, steps)?;
+            return Ok(Program { moves, leaf: Leaf::Elements(Box::new(elements)) });
+        }
         for (index, step) in steps.iter().enumerate() {
             let is_last = index + 1 == steps.len();
             if let (Step::Member(name), true, ShapeKind::Array(array)) = (step, is_last, &compiler.here.kind)
@@ -120,16 +126,19 @@ impl Program {
         match kind {
             FieldKind::Pose => compiler.pose(),
             FieldKind::Content => compiler.content(),
-            FieldKind::Scalar | FieldKind::Positions | FieldKind::Transforms => compiler.scalar(),
+            FieldKind::Scalar | FieldKind::Positions | FieldKind::Transforms | FieldKind::Elements => {
+                compiler.scalar()
+            }
         }
     }
 
-    /// The kind of its value; `None` for a pose, for positions, for transforms and for a fingerprint.
+    /// The kind of its value, or of each value of a list; `None` for a pose, for positions, for transforms and for a fingerprint.
     pub fn kind(&self) -> Option<ScalarKind> {
         Some(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
             Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
             Leaf::Text => ScalarKind::Text,
+            Leaf::Elements(elements) => return elements.kind(),
             Leaf::Pose | Leaf::Positions(_) | Leaf::Transforms(_) | Leaf::Content(_) => return None,
         })
     }
@@ -154,6 +163,7 @@ impl Program {
             Leaf::Length(array) => FieldValue::Number(f64::from(array.count(reader)?)),
             Leaf::Positions(positions) => FieldValue::Positions(positions.read(reader)?.into()),
             Leaf::Transforms(transforms) => FieldValue::Transforms(transforms.read(reader)?),
+            Leaf::Elements(elements) => FieldValue::Elements(elements.read(reader)?.into()),
             Leaf::Content(shape) => FieldValue::Content(content::fingerprint(shape, reader)?),
         })
     }
@@ -219,6 +229,7 @@ impl Program {
             | Leaf::Pose
             | Leaf::Positions(_)
             | Leaf::Transforms(_)
+            | Leaf::Elements(_)
             | Leaf::Content(_) => None,
         }
     }

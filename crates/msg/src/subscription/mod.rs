@@ -10,7 +10,9 @@ use super::messages::{self, DIAGNOSTIC_ARRAY};
 use super::ros_clock::{self, RosClock};
 use super::sample_bytes::{Guid, RawBody};
 use telltale_engine::input::{Input, StatusArray, WriterId};
-use telltale_engine::model::monitors::{FieldKind, FieldSpec, StampClock, TopicSpec, WatchdogSpec, Watched};
+use telltale_engine::model::monitors::{
+    FieldKind, FieldSpec, RecordedTopic, StampClock, TopicSpec, WatchdogSpec, Watched,
+};
 use telltale_engine::model::sample::{FieldValue, Sample};
 use telltale_engine::model::{FieldSource, Limits, Model, SignalSpec, same_topic};
 use telltale_engine::time::Span;
@@ -78,6 +80,8 @@ pub struct Subscription {
 pub enum Keeping {
     #[default]
     Whole,
+    /// None.
+    Never,
     /// One in this time.
     Every(Span),
     /// All, unless the topic is large: nothing reads their content.
@@ -162,6 +166,7 @@ impl Plan {
             let is_needed = one.diagnostics.is_some() || one.is_clock;
             match model.watched.recorded(&one.topic) {
                 _ if is_needed => Keeping::Whole,
+                Some(recorded) if recorded.every == RecordedTopic::NEVER => Keeping::Never,
                 Some(recorded) if recorded.every > Span::ZERO => Keeping::Every(recorded.every),
                 None if model.counted_topics().any(|topic| same_topic(topic, &one.topic)) => {
                     Keeping::UnlessLarge
@@ -189,7 +194,7 @@ impl Plan {
     /// The subscription that only records this topic, if the configuration wants that and nothing else reads it.
     /// `type_name` is `package/msg/Name`.
     pub fn recorded(&self, topic: &str, type_name: &str) -> Option<Subscription> {
-        let recorded = self.watched.recorded(topic)?;
+        let recorded = self.watched.recorded(topic).filter(|it| it.every != RecordedTopic::NEVER)?;
         if self.subscriptions.iter().any(|known| *known.topic == *topic) {
             return None;
         }

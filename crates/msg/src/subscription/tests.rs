@@ -165,8 +165,14 @@ fn a_recording_needs_no_content_of_what_is_only_counted_unless_it_is_named() {
             topic("/whole", &[]),
             topic("/door", &[]),
             topic("/read", &["data"]),
+            topic("/never", &[]),
         ],
-        recorded: vec![recorded("/thin", 500), recorded("/whole", 0), recorded("/diagnostics", 500)],
+        recorded: vec![
+            recorded("/thin", 500),
+            RecordedTopic { pattern: "/never*".into(), every: RecordedTopic::NEVER },
+            recorded("/whole", 0),
+            recorded("/diagnostics", 500),
+        ],
         ..Watched::default()
     };
     let signals = vec![signal("door", "door", BOOL, None)];
@@ -178,6 +184,8 @@ fn a_recording_needs_no_content_of_what_is_only_counted_unless_it_is_named() {
     };
     assert_eq!(keeping("/points"), Some(Keeping::UnlessLarge));
     assert_eq!(keeping("/thin"), Some(Keeping::Every(Span::from_millis(500))));
+    assert_eq!(keeping("/never"), Some(Keeping::Never));
+    assert!(plan.recorded("/never_read", BOOL).is_none());
     for whole in ["/whole", "/read", "/diagnostics", "/door"] {
         assert_eq!(keeping(whole), Some(Keeping::Whole), "{whole}");
     }

@@ -22,6 +22,7 @@ impl Kept {
     pub fn is_whole(&mut self, keeping: Keeping, bytes: usize, now: Timestamp) -> bool {
         match keeping {
             Keeping::Whole => true,
+            Keeping::Never => false,
             Keeping::Every(_) if now < self.from => false,
             Keeping::Every(every) => {
                 self.from = now + every;
@@ -66,6 +67,7 @@ mod tests {
         const LARGE: usize = 5_000_000;
         let small = LARGE_BYTES_PER_S as usize / 20;
         assert_eq!(whole(Keeping::Whole, &[LARGE; 3]), [10, 10, 10]);
+        assert_eq!(whole(Keeping::Never, &[10; 2]), [0, 0]);
         assert_eq!(whole(Keeping::UnlessLarge, &[small; 4]), [10, 10, 10, 10]);
         assert_eq!(whole(Keeping::UnlessLarge, &[LARGE; 3]), [0, 0, 0]);
         let changes = whole(Keeping::UnlessLarge, &[small, LARGE, LARGE, 10, 10, 10, 10, 10]);

@@ -2,6 +2,7 @@
 
 pub mod live;
 
+use std::collections::BTreeSet;
 use std::io::stdin;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -12,6 +13,7 @@ use crate::cli::{EXIT_NO, EXIT_USAGE, fields};
 use crate::config::describe::words;
 use crate::config::soundness::{self, FindingKind, Soundness};
 use crate::config::{self, Loaded};
+use crate::engine::model::monitors::RecordedTopic;
 use crate::engine::model::{Combine, Dependency, GroupId, Model, Stage, StageModel, When};
 use crate::engine::stage::machine::{Guard, TRANSITIONS, Transition};
 use crate::engine::state::State;
@@ -193,6 +195,9 @@ fn text(loaded: &Loaded, found: &Soundness) -> Lines {
     if let Some(sizes) = sizes_only(loaded) {
         out.add(sizes);
     }
+    if let Some(never) = never_recorded(loaded) {
+        out.add(never);
+    }
     for signal in &model.signals {
         out.add(format_args!("signal {}: {}", signal.name, words::signal(model, signal)));
     }
@@ -211,20 +216,35 @@ fn text(loaded: &Loaded, found: &Soundness) -> Lines {
 /// Names the topics whose recordings may have only the times and sizes of messages.
 fn sizes_only(loaded: &Loaded) -> Option<String> {
     loaded.recording.as_ref()?;
-    let topics: Vec<&str> = loaded.model.counted_topics().collect();
+    let topics = listed(loaded.model.counted_topics().collect())?;
+    let limit = words::bytes(LARGE_BYTES_PER_S);
+    Some(format!(
+        "recording: above {limit} a second, only the times and sizes of {topics} are recorded, because nothing reads \
+         their content; `recording.topics` names what is to be recorded whole"
+    ))
+}
+
+/// Names the topics that are read and by `every: never` not recorded.
+fn never_recorded(loaded: &Loaded) -> Option<String> {
+    loaded.recording.as_ref()?;
+    let watched = &loaded.model.watched;
+    let of_signals = loaded.model.signals.iter().filter_map(|it| it.source.field()).map(|it| &*it.topic);
+    let read: BTreeSet<&str> = watched.topics.iter().map(|it| &*it.topic).chain(of_signals).collect();
+    let is_never = |topic: &&str| watched.recorded(topic).is_some_and(|it| it.every == RecordedTopic::NEVER);
+    let topics = listed(read.into_iter().filter(is_never).collect())?;
+    Some(format!(
+        "recording: only the times and sizes of {topics} are recorded, as `every: never` says; another configuration \
+         cannot judge them in a replay"
+    ))
+}
+
+fn listed(topics: Vec<&str>) -> Option<String> {
     let named: Vec<&str> = topics.iter().copied().take(SIZES_ONLY_NAMED).collect();
     let more = match topics.len() - named.len() {
         0 => String::new(),
         more => format!(" and {more} more"),
     };
-    let limit = words::bytes(LARGE_BYTES_PER_S);
-    (!topics.is_empty()).then(|| {
-        format!(
-            "recording: above {limit} a second, only the times and sizes of {}{more} are recorded, because nothing reads \
-             their content; `recording.topics` names what is to be recorded whole",
-            named.join(", ")
-        )
-    })
+    (!topics.is_empty()).then(|| format!("{}{more}", named.join(", ")))
 }
 
 /// The table of transitions between stages.
@@ -313,6 +333,14 @@ mod tests {
         );
         assert_eq!(said("recording: { topics: [{ topic: '/po*' }] }\n"), None);
         assert_eq!(said("recording: false\n"), None);
+        let never = "recording: { topics: [{ topic: /points, every: never }] }\n";
+        assert_eq!(said(never), None);
+        let never = never_recorded(&config::parse("c", &format!("{never}{monitored}")).unwrap());
+        assert!(
+            never.is_some_and(
+                |said| said.contains("times and sizes of /points are recorded, as `every: never`")
+            )
+        );
         let of_statuses = monitored
             .replace("/points", "/diagnostics")
             .replace("sensor_msgs/msg/PointCloud2", DIAGNOSTIC_ARRAY);

@@ -223,7 +223,9 @@ pub fn recording(recording: Option<&Recording>) -> String {
     for (index, RecordedTopic { pattern, every }) in topics.iter().enumerate() {
         words.push_str(if index == 0 { "; also " } else { ", " });
         words.push_str(pattern);
-        if *every > Span::ZERO {
+        if *every == RecordedTopic::NEVER {
+            words.push_str(" never");
+        } else if *every > Span::ZERO {
             words.push_str(&format!(" every {}", span(*every)));
         }
     }

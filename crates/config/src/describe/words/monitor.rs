@@ -124,6 +124,7 @@ pub(super) fn field(model: &Model, id: TopicId, field: u32) -> String {
         FieldKind::Pose => "the pose ",
         FieldKind::Positions => "the positions in ",
         FieldKind::Transforms => "",
+        FieldKind::Elements => "each ",
     };
     format!("{what}{} of {}", field.path, topic(model, id))
 }
@@ -218,6 +219,7 @@ fn literal(value: &FieldValue) -> String {
         FieldValue::Pose(_)
         | FieldValue::Positions(_)
         | FieldValue::Transforms(_)
+        | FieldValue::Elements(_)
         | FieldValue::Content(_)
         | FieldValue::Absent
         | FieldValue::Unreadable(_) => String::new(),

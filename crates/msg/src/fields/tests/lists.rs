@@ -1,9 +1,36 @@
 //! Tests of lists of positions, from arrays of various messages.
 
 use super::*;
+use telltale_engine::model::sample::Elements;
 
 fn list(path: &str) -> Vec<(&str, FieldKind)> {
     vec![(path, FieldKind::Positions)]
+}
+
+#[test]
+fn each_element_has_a_value() {
+    let read = |path: &str, type_name: &str, body: &[u8]| {
+        let reader = reader(type_name, false, &[(path, FieldKind::Elements)]);
+        let kinds: Vec<_> = reader.kinds().collect();
+        (reader.read(body, Endian::Little).values.into_iter().next().unwrap(), kinds[0])
+    };
+    // An id of 16 bytes, which are not aligned, a stamp of 8, which are, and the status.
+    let goals = [&3_u32.to_le_bytes()[..], &[0; 24], &[2], &[0; 27], &[6], &[0; 27], &[4]].concat();
+    let (found, kind) = read("status_list[].status", "action_msgs/msg/GoalStatusArray", &goals);
+    let list = |values: &[f64], count: u32| {
+        let taken = values.iter().map(|value| number(*value)).collect();
+        FieldValue::Elements(Arc::new(Elements { taken, count }))
+    };
+    assert_eq!((found, kind), (list(&[2.0, 6.0, 4.0], 3), Some(ScalarKind::Number)));
+    let many: Vec<u8> = [&[0; 8][..], &300_u32.to_le_bytes(), &[7; 300]].concat();
+    let (found, _) = read("data[]", "std_msgs/msg/UInt8MultiArray", &many);
+    assert_eq!(found, list(&[7.0; 256], 300));
+    let (found, _) = read("status_list[].status", "action_msgs/msg/GoalStatusArray", &goals[..40]);
+    assert!(matches!(found, FieldValue::Unreadable(_)));
+    for path in ["status_list[].stat", "status_list[].goal_info", "status_list", "status_list[][]"] {
+        let of = spec("action_msgs/msg/GoalStatusArray", false, &[(path, FieldKind::Elements)]);
+        assert!(Definitions::default().check(&of).is_err(), "{path}");
+    }
 }
 
 #[test]
