@@ -59,20 +59,20 @@ fn a_condition_asks_the_elements_of_a_list() {
         ("goals.exists(g, g.status == 6) && !ranges.exists(r, r < 0.2)", true),
         ("'ranges.all(r, math.abs(r) < 5) ? x == 6 : false'", true),
     ] {
-        assert_eq!(answer(condition, &three), Ok(expected), "{condition}");
+        assert_eq!(answer(condition, three), Ok(expected), "{condition}");
     }
     let none = status(&[], 0);
-    assert_eq!(answer("goals.exists(g, g.status == 6)", &none), Ok(false));
-    assert_eq!(answer("goals.all(g, g.status == 6)", &none), Ok(true));
+    assert_eq!(answer("goals.exists(g, g.status == 6)", none), Ok(false));
+    assert_eq!(answer("goals.all(g, g.status == 6)", none), Ok(true));
     // Not all of them are known.
     let cut = status(&[2.0, 6.0], 300);
-    assert_eq!(answer("goals.exists(g, g.status == 6)", &cut), Ok(true));
-    assert!(answer("goals.exists(g, g.status == 5)", &cut).is_err());
-    assert_eq!(answer("goals.all(g, g.status == 2)", &cut), Ok(false));
+    assert_eq!(answer("goals.exists(g, g.status == 6)", cut), Ok(true));
+    assert!(answer("goals.exists(g, g.status == 5)", cut).is_err());
+    assert_eq!(answer("goals.all(g, g.status == 2)", cut), Ok(false));
     assert!(answer("goals.exists(g, g.status == 6)", |_| FieldValue::Bool(true)).is_err());
     let broken = status(&[f64::NAN, 6.0], 2);
-    assert_eq!(answer("goals.exists(g, g.status == 6)", &broken), Ok(true), "one settles it");
-    assert!(answer("goals.exists(g, g.status > 7)", &broken).is_err());
+    assert_eq!(answer("goals.exists(g, g.status == 6)", broken), Ok(true), "one settles it");
+    assert!(answer("goals.exists(g, g.status > 7)", broken).is_err());
 }
 
 #[test]
