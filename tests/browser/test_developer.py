@@ -88,7 +88,7 @@ def test_every_page_tells_of_a_fault_and_of_what_it_hides(server, vehicle, devel
     expect(page.locator(".node").first).to_be_visible()
     visit(page, server, "/developer/coverage")
     expect(page.locator('tr[data-group="can"] td')).to_have_count(6)
-    page.locator('tr[data-group="can"] a').click()
+    page.locator('tr[data-group="can"] td a').click()
     expect(page.locator("#listed")).to_contain_text("can/battery")
     expect(page.locator("#listed h4")).to_have_text(["Components"])
     expect(page.locator("#coverage [data-technique] th")).to_have_text(["Components", "Data streams"])

@@ -190,6 +190,12 @@ class Attacker:
         """As many participants as there are packets."""
         self.send(self.announcement(self.stranger()), offsets=(10,))
 
+    def silence(self):
+        """One reliable reader of each of two topics, which acknowledges nothing."""
+        self.send(self.announcement(self.prefix), offsets=(10,))
+        for number, name in enumerate(("held", "free"), 1):
+            self.send(self.endpoint(self.prefix, bytes([0, 0, number, 4]), f"rt/{name}", "std_msgs::msg::dds_::Bool_", number), offsets=(10,))
+
     def endpoints(self):
         """One participant, with as many writers and readers as there are packets, each of a topic of its own."""
         if self.sent % 500 == 0:
@@ -305,6 +311,7 @@ def main():
         "gap": Attacker.gaps,
         "builtin": Attacker.builtin,
         "flood": Attacker.flood,
+        "silence": Attacker.silence,
         "endpoints": Attacker.endpoints,
         "fuzz": Attacker.fuzz,
     }

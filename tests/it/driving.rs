@@ -1,7 +1,7 @@
 //! Messages to the vehicle, against foreign DDS peers: what Telltale publishes, and how the simulated
 //! shuttle reacts.
 
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,10 +15,10 @@ use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::Pose;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::time::Timestamp;
-use telltale::msg::messages::GidSize;
 use telltale::msg::messages::encode::{self, Header, Motion};
+use telltale::msg::messages::{BOOL, GidSize};
 use telltale::ros::publish::outputs::{self, Outputs, Snapshots};
-use telltale::ros::{self, Bridge, BridgeOptions};
+use telltale::ros::{self, Bridge, BridgeOptions, Publisher, Quality};
 use telltale::runtime::Stamped;
 use tokio::sync::{mpsc, watch};
 
@@ -227,10 +227,10 @@ async fn a_clearance_is_taken_back_at_the_end(vendor: Vendor) {
     hear(&mut peer, "/telltale/clearance", |value| value["data"] == false);
 }
 
-/// `telltale sim` as a process.
-struct Shuttle(Child);
+/// `telltale sim`, or another process, which ends with this.
+struct Running(Child);
 
-impl Drop for Shuttle {
+impl Drop for Running {
     fn drop(&mut self) {
         // It may have ended by itself; then the test has failed.
         let _ = self.0.kill();
@@ -238,13 +238,13 @@ impl Drop for Shuttle {
     }
 }
 
-impl Shuttle {
-    fn start(domain: &Domain) -> Shuttle {
+impl Running {
+    fn start(domain: &Domain) -> Running {
         let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/shuttle.yaml");
         let domain = domain.id.to_string();
         let words = ["sim", "--interface", "127.0.0.1", "--config", config, "--domain", &domain];
         let mut command = telltale(words);
-        Shuttle(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"))
+        Running(command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("the program starts"))
     }
 }
 
@@ -266,7 +266,7 @@ fn wait_for_speed(peer: &mut Peer, fits: impl Fn(f64) -> bool) {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     let domain = Domain::take();
-    let _shuttle = Shuttle::start(&domain);
+    let _shuttle = Running::start(&domain);
     let topics = "rt/can/speed=TwistStamped rt/mission/active=Bool rt/mission/state=String \
                   rt/vehicle/deceleration_active=Bool rt/vehicle/maneuver_stop_active=Bool";
     let mut listener = Peer::start(&domain, &format!("sub --topic {topics}"));
@@ -347,4 +347,30 @@ async fn the_shuttle_localizes_drives_and_decelerates_as_a_foreign_peer_asks() {
     hold.write(&json!({ "bool": false }));
     hear(&mut listener, "/vehicle/maneuver_stop_active", |value| value["data"] == false);
     wait_for_speed(&mut listener, |mps| mps >= 0.5);
+}
+
+/// The library counts all that a writer ever sent against a reader that has not acknowledged anything yet.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_reader_that_acknowledges_nothing_holds_back_no_message_for_the_vehicle() {
+    let domain = Domain::of(Vendor::Cyclone);
+    let options = BridgeOptions::loopback(domain.id);
+    let mut publisher = Publisher::empty(&options).await.expect("DDS is to be had");
+    publisher.offer("/held", BOOL, Quality::Reliable).expect("it is a type");
+    publisher.offer("/free", BOOL, Quality::Command).expect("it is a type");
+    let forger = Command::new(std::env::var("TELLTALE_PEER_PYTHON").expect("tests/run.sh sets it"))
+        .args([concat!(env!("CARGO_MANIFEST_DIR"), "/tests/dds/rtps.py"), "silence", "--rate", "12"])
+        .args(["--seconds", "600", "--domain", &domain.id.to_string()])
+        .stdout(Stdio::null())
+        .spawn();
+    let _forger = Running(forger.expect("Python starts"));
+    let limit = Limit::start();
+    // So many are sent that the first one is held back.
+    while publisher.publish("/held", encode::boolean(true)).await.is_ok() {
+        publisher.publish("/free", encode::boolean(true)).await.expect("nobody holds it back");
+        assert!(limit.holds());
+    }
+    for _ in 0..100 {
+        publisher.publish("/free", encode::boolean(true)).await.expect("nobody holds it back");
+    }
+    publisher.shutdown().await;
 }

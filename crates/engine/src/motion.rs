@@ -11,6 +11,7 @@ use super::model::{Model, Stage, StageModel, Stop};
 use super::snapshot::{Motion, Moving};
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
+use crate::signals::driving_word::ARRIVAL;
 use serde::{Deserialize, Serialize};
 
 /// A vehicle stands once it has been slow for this long. It moves at once.
@@ -154,6 +155,15 @@ impl Engine {
 
     fn has_set_goal(&self) -> bool {
         self.goal_signal.is_some_and(|index| self.signals.value(index) == Some(true))
+    }
+
+    /// Whether a vehicle that just said that it drives no more stood before for as long as an arrival takes, or whether
+    /// that is not known: then it was stopped between stops, and its mission component has started again. Without a
+    /// speed nothing tells the two apart.
+    pub(super) fn stood_on_the_way(&self) -> bool {
+        let Some(source) = &self.model.driving.speed else { return false };
+        let known = self.motion.speed.is_some_and(|(_, at)| self.now < at + source.timeout);
+        !known || self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL)
     }
 
     /// The drive to the goal is over.

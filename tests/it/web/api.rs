@@ -234,7 +234,7 @@ async fn the_numbers_of_days_come_as_minutes_or_hours() {
         [&json!("n"), &json!(1.0), &json!(1.0), &json!(1.0)]
     );
     assert_eq!((&value["resolution"], &value["next"]), (&json!("minute"), &json!(null)));
-    assert_eq!(value["minutes_since"], "2026-11-20T12:57:00.000Z", "{value}");
+    assert_eq!(value["minutes_since"], "2026-11-20T12:00:00.000Z", "{value}");
     // A longer time comes in hours, unless minutes are asked for.
     let week = format!("{}&until=2026-11-27T12:00:00Z", at("12:00"));
     let hours = fixture.get_json(&week, &cookie).await;

@@ -31,8 +31,8 @@ pub(crate) struct HeldRequest {
     #[serde(default)]
     pub(crate) before: Span,
     pub(crate) present: bool,
-    /// Only a release ends it: it outlived its cause on the way, it is the operator's own stop there, or the vehicle
-    /// did not say meanwhile whether it drives.
+    /// Only a release ends it: it outlived its cause on the way, it is the operator's own stop there, the vehicle stood
+    /// there, or did not say meanwhile whether it drives.
     #[serde(default = "surely", alias = "on_the_way")]
     pub(crate) needs_release: bool,
     /// Empty only for a stop of the operator.
@@ -310,6 +310,11 @@ impl Countermeasures {
             let is_over = held.by == RequestOrigin::Operator || !held.present;
             !is_over || held.request.kind().moves() && (held.needs_release || !surely_at_a_stop)
         });
+    }
+
+    /// From now on only a release ends what is held.
+    pub(crate) fn latch(&mut self) {
+        self.held.iter_mut().for_each(|held| held.needs_release = true);
     }
 
     /// Holds a stop that the operator requested, once.

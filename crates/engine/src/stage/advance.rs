@@ -69,6 +69,9 @@ impl Engine {
             self.countermeasures.arrives = Some(self.now + ARRIVAL);
         }
         if from == Stage::Active {
+            if self.stood_on_the_way() {
+                self.countermeasures.latch();
+            }
             self.arrived();
         }
         self.countermeasures.knows_all |= event == Event::Clearance;

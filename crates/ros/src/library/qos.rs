@@ -16,8 +16,10 @@ pub enum Quality {
     Reliable,
     /// Best effort, volatile: as sensors publish.
     BestEffort,
-    /// Reliable, transient local: late joiners get the last value.
+    /// Reliable, transient local: late joiners get the last value. No reader holds it back.
     LastValue,
+    /// Reliable, volatile: small messages for the vehicle, which no reader holds back.
+    Command,
     /// Reliable, volatile: replies of a service to many clients at once.
     Reply,
     /// As rcl offers `/rosout`: late joiners get the lines of the last ten seconds.
@@ -25,8 +27,14 @@ pub enum Quality {
 }
 
 impl Quality {
-    pub const ALL: [Quality; 5] =
-        [Quality::Reliable, Quality::BestEffort, Quality::LastValue, Quality::Reply, Quality::Log];
+    pub const ALL: [Quality; 6] = [
+        Quality::Reliable,
+        Quality::BestEffort,
+        Quality::LastValue,
+        Quality::Command,
+        Quality::Reply,
+        Quality::Log,
+    ];
     pub const COUNT: u8 = Quality::ALL.len() as u8;
 
     /// Its index in [`Quality::ALL`].
@@ -96,7 +104,7 @@ fn asked(via: Via) -> QosPolicies {
 
 pub fn offered(quality: Quality) -> QosPolicies {
     let (reliability, durability, depth) = match quality {
-        Quality::Reliable => (reliable(), Durability::Volatile, 10),
+        Quality::Reliable | Quality::Command => (reliable(), Durability::Volatile, 10),
         Quality::BestEffort => (Reliability::BestEffort, Durability::Volatile, 10),
         Quality::LastValue => (reliable(), Durability::TransientLocal, 1),
         Quality::Reply => (reliable(), Durability::Volatile, 128),
@@ -108,11 +116,32 @@ pub fn offered(quality: Quality) -> QosPolicies {
         .history(History::KeepLast { depth });
     match quality {
         Quality::Log => qos.lifespan(Lifespan { duration: rustdds::Duration::from_secs(10) }),
-        _ => qos,
+        // A writer waits while so many samples are not acknowledged (else 8,192), and the library counts all that it
+        // ever sent against a reader that has not acknowledged anything yet: one that never does would silence it. The
+        // memory of the process is the bound of what is kept for such a reader.
+        Quality::LastValue | Quality::Command => qos.resource_limits(ResourceLimits {
+            max_samples: i32::MAX,
+            max_instances: 1,
+            max_samples_per_instance: i32::MAX,
+        }),
+        Quality::Reliable | Quality::BestEffort | Quality::Reply => qos,
     }
     .build()
 }
 
 fn reliable() -> Reliability {
     Reliability::Reliable { max_blocking_time: rustdds::Duration::from_millis(100) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reader_that_acknowledges_nothing_holds_back_no_message_for_the_vehicle() {
+        for quality in [Quality::LastValue, Quality::Command] {
+            let most = offered(quality).resource_limits().map(|limits| limits.max_samples);
+            assert_eq!(most, Some(i32::MAX), "{quality:?}");
+        }
+    }
 }

@@ -129,6 +129,9 @@ pub struct Topic {
     memory: Memory,
     outbox: Outbox,
     unknown: BTreeSet<Guid>,
+    /// The last value that the participant before this one heard. Its publisher repeats it; the engine forgot it when
+    /// that participant ended.
+    forgotten: Option<Arc<Message>>,
     /// Of a topic that is only recorded: when the next message may be.
     recorded_from: Timestamp,
     /// Of another one: what is recorded whole.
@@ -146,6 +149,7 @@ impl Topic {
         let depth = memory.retention.depth();
         let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
+        let forgotten = memory.last_value.clone();
         let topic = Topic {
             subscription,
             searching_until: around.clock.now() + DISCOVERY,
@@ -157,6 +161,7 @@ impl Topic {
             memory,
             outbox,
             unknown: BTreeSet::new(),
+            forgotten,
             recorded_from: Timestamp::ZERO,
             kept: Kept::default(),
         };
@@ -263,7 +268,14 @@ impl Topic {
             self.around.paces.take(&self.subscription.dds_topic, received);
         }
         match verdict {
-            Verdict::Skip => return Ok(()),
+            Verdict::Skip => {
+                let is_it =
+                    |it: &mut Arc<Message>| (it.writer, it.sequence) == (sample.writer, sample.sequence);
+                return match self.forgotten.take_if(is_it) {
+                    Some(message) => self.hand_over(&message, PublicationTime::Kept, received).await,
+                    None => Ok(()),
+                };
+            }
             Verdict::WrongType => {
                 let theirs = self.memory.writers.type_name(&sample.writer).unwrap_or_default();
                 troubles.add(TroubleKind::WrongType, 1, || wrong_type(theirs, &self.subscription));
@@ -274,6 +286,7 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
+        self.forgotten = None;
         self.trial.note_data();
         if let Some(every) = self.subscription.recorded_every() {
             if received < self.recorded_from {

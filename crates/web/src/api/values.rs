@@ -59,10 +59,10 @@ pub enum Step {
 pub struct ValuesAnswer<'a> {
     values: &'a [ValueRow<'a>],
     resolution: Step,
-    /// From here on there are minutes of any module. Before it they are put together to hours.
+    /// From this hour on there are minutes of any module. Before it they are put together to hours.
     #[schemars(schema_with = "words::some_time")]
     minutes_since: Option<String>,
-    /// From here on there are hours of any module. Before it nothing is kept.
+    /// From this hour or day on there are hours of any module. Before it nothing is kept.
     #[schemars(schema_with = "words::some_time")]
     hours_since: Option<String>,
     /// For `offset` of the next page; `null` on the last one.

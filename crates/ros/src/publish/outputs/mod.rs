@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
+use futures_util::future::join_all;
 use tokio::sync::{mpsc, watch};
 use tokio::task::{JoinHandle, JoinSet};
 use tokio::time::Instant;
@@ -49,8 +50,8 @@ const fn offer(publication: Publication) -> (&'static str, Quality) {
         Publication::DiagnosticsAgg => (DIAGNOSTIC_ARRAY, Quality::Reliable),
         Publication::TopLevelState => (STATUS, Quality::Reliable),
         Publication::Rosout => (encode::LOG, Quality::Log),
-        Publication::Vehicle(Output::Pose) => (encode::POSE_WITH_COVARIANCE_STAMPED, Quality::Reliable),
-        Publication::Vehicle(Output::Deceleration) => (encode::ACCEL_STAMPED, Quality::Reliable),
+        Publication::Vehicle(Output::Pose) => (encode::POSE_WITH_COVARIANCE_STAMPED, Quality::Command),
+        Publication::Vehicle(Output::Deceleration) => (encode::ACCEL_STAMPED, Quality::Command),
         Publication::Vehicle(Output::Stage) => (encode::STRING, Quality::LastValue),
         Publication::Vehicle(Output::Clearance | Output::ManeuverStop | Output::Hold) => {
             (BOOL, Quality::LastValue)
@@ -294,8 +295,11 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
     }
     loop {
         let snapshot = context.snapshots.vehicle.borrow_and_update().clone();
-        for say in levels.due(&snapshot, context.clock.now()) {
-            if speech.say(say, &context).await {
+        // Side by side, in this order: a topic that is held back delays no other one.
+        let due = levels.due(&snapshot, context.clock.now());
+        let sent = join_all(due.iter().map(|say| speech.send(*say, &context))).await;
+        for (say, sent) in due.into_iter().zip(sent) {
+            if speech.is_sent(say, sent, &context) {
                 levels.said(say, context.clock.now());
             }
         }
@@ -314,7 +318,9 @@ async fn control(publisher: Arc<Publisher>, mut context: OutputContext, mut leve
         }
     }
     if levels.cleared() {
-        speech.say(VehicleMessage::Clearance(false), &context).await;
+        let say = VehicleMessage::Clearance(false);
+        let sent = speech.send(say, &context).await;
+        speech.is_sent(say, sent, &context);
     }
     levels
 }
@@ -346,11 +352,21 @@ impl VehicleSender {
         }
     }
 
+    async fn send(&self, say: VehicleMessage, context: &OutputContext) -> Result<(), PublishError> {
+        match self.topics.get(&say.output()) {
+            Some(topic) => self.publisher.publish(topic, body(say, context.clock.wall())).await,
+            None => Ok(()),
+        }
+    }
+
     /// Whether it was sent, or has no topic.
-    async fn say(&mut self, say: VehicleMessage, context: &OutputContext) -> bool {
+    fn is_sent(
+        &mut self,
+        say: VehicleMessage,
+        sent: Result<(), PublishError>,
+        context: &OutputContext,
+    ) -> bool {
         let Some(topic) = self.topics.get(&say.output()) else { return true };
-        let stamp = context.clock.wall();
-        let sent = self.publisher.publish(topic, body(say, stamp)).await;
         let failed = sent.is_err();
         if self.failed.get(&say.output()) != Some(&failed) && tell(context, say.output(), topic, sent.err()) {
             self.failed.insert(say.output(), failed);

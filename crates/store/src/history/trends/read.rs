@@ -31,7 +31,7 @@ pub struct TrendQuery {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Trend {
     pub values: Vec<ValueTrend>,
-    /// From when on there are minutes and hours of any module.
+    /// From which hour on there are minutes of any module, and from which hour or day on hours.
     pub minutes_from_ms: Option<i64>,
     pub hours_from_ms: Option<i64>,
 }
