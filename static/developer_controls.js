@@ -126,13 +126,6 @@
 
   const rows = () => [...document.querySelectorAll("main [data-row]")];
   const target = (row) => (row.matches("a") ? row : (row.querySelector("[data-open]") ?? row.querySelector("a")));
-  // A click anywhere in a row opens what the row names. Text can still be marked.
-  document.addEventListener("click", (event) => {
-    const row = event.target.closest?.(":is(tr, li)[data-row]");
-    if (!row || event.target.closest("a, button, input, select, label")) return;
-    const isPlain = !(event.ctrlKey || event.metaKey || event.shiftKey || event.altKey);
-    if (isPlain && getSelection().isCollapsed) row.querySelector("[data-open]")?.click();
-  });
 
   const move = (step) => {
     const all = rows();
@@ -144,7 +137,7 @@
   // A whole row opens what it names, unless something in it was meant, or a text in it is marked.
   document.addEventListener("click", (event) => {
     const row = event.target.closest?.(":is(tr, li)[data-row]");
-    if (!row || event.target.closest("a, button, input, label") || !getSelection().isCollapsed) return;
+    if (!row || event.target.closest("a, button, input, select, label") || !getSelection().isCollapsed) return;
     const { ctrlKey, metaKey, shiftKey } = event;
     const click = new MouseEvent("click", { bubbles: true, cancelable: true, ctrlKey, metaKey, shiftKey });
     row.querySelector("[data-open]")?.dispatchEvent(click);

@@ -81,7 +81,8 @@
     field.setRangeText(text, start, start + old.length, "preserve");
     texts.set(field, field.value);
     for (const other of places(place.dataset.file)) {
-      if (other !== place && Number(other.dataset.start) > start) other.dataset.start = Number(other.dataset.start) + text.length - old.length;
+      const begin = Number(other.dataset.start);
+      if (other !== place && begin > start) other.dataset.start = begin + text.length - old.length;
     }
     place.dataset.now = text;
     centre(field, lineOf(field, start));

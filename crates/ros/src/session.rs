@@ -84,7 +84,7 @@ pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mu
         participant.clone(),
         paces,
         seen,
-        (context.nodes.subscribe(), context.siblings.clone()),
+        (context.nodes.subscribe(), context.siblings.clone(), context.plan.clone()),
         context.clock,
         stopping.clone(),
     ));

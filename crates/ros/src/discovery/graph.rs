@@ -3,7 +3,6 @@
 
 use crate::every;
 use crate::library::discovered::participant_name;
-use crate::library::spdp::PREFIX;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -11,14 +10,16 @@ use std::time::Duration;
 use tokio::sync::watch;
 
 use super::nodes::Nodes;
-use crate::library::{Found, Participant};
+use crate::library::{Found, Participant, Seen};
 use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX, TopicSeen};
+use telltale_engine::model::monitors::ProbeTarget;
 use telltale_engine::pace::{Arrivals, Pace};
 use telltale_engine::time::Timestamp;
 use telltale_msg::messages;
 use telltale_msg::sample_bytes::Guid;
+use telltale_msg::subscription::Plan;
 
 const LOOK: Duration = Duration::from_secs(1);
 
@@ -86,7 +87,7 @@ pub async fn run(
     participant: Participant,
     paces: Paces,
     seen: Arc<watch::Sender<Arc<Discovery>>>,
-    (nodes, siblings): (watch::Receiver<Nodes>, OwnParticipants),
+    (nodes, siblings, plan): (watch::Receiver<Nodes>, OwnParticipants, watch::Receiver<Arc<Plan>>),
     clock: Clock,
     mut stop: watch::Receiver<bool>,
 ) {
@@ -97,19 +98,27 @@ pub async fn run(
             _ = looks.tick() => {}
         }
         let now = clock.now();
+        let wanted = wanted(&plan.borrow());
+        participant.follow_first(wanted.iter().map(|topic| &**topic));
+        let paces = paces.look(now);
+        let mut first: BTreeSet<String> = wanted.iter().map(|topic| ros_name(topic)).collect();
+        first.extend(paces.keys().cloned());
+        let mut ours = siblings.all();
+        ours.insert(participant_name(&participant.guid()));
         let mut discovery = {
             let nodes = nodes.borrow();
             let (all, services) = (nodes.all(), nodes.services());
-            Discovery { nodes: all, services, ..look(&participant, &nodes.endpoints()) }
-        };
-        let siblings = siblings.all();
-        for topic in &mut discovery.topics {
-            for endpoint in topic.publishers.iter_mut().chain(&mut topic.subscribers) {
-                endpoint.ours |= siblings.contains(&endpoint.participant);
+            Discovery {
+                nodes: all,
+                services,
+                ..look(&participant.seen(), &nodes.endpoints(), (&ours, &first))
             }
-        }
+        };
+        let of_ours = discovery.topics.iter().filter(|topic| has_ours(topic));
+        let of_ours: Vec<String> = of_ours.map(|topic| dds_name(&topic.name)).collect();
+        participant.follow_first(of_ours.iter().map(|topic| &**topic));
         discovery.at = Some(now);
-        for (name, pace) in paces.look(now) {
+        for (name, pace) in paces {
             let place = discovery.topics.binary_search_by(|topic| topic.name.cmp(&name));
             // A topic that is read and that nobody publishes also gets a row.
             let place = place.unwrap_or_else(|place| {
@@ -123,51 +132,75 @@ pub async fn run(
     }
 }
 
-fn look(participant: &Participant, nodes: &BTreeMap<Guid, &str>) -> Discovery {
-    let own = participant.guid();
-    let mut topics: BTreeMap<String, TopicSeen> = BTreeMap::new();
-    let mut participants = BTreeSet::new();
-    let seen = participant.seen();
-    for found in seen.writers() {
-        let endpoint = endpoint(found, &own, nodes);
-        participants.insert(endpoint.participant.clone());
-        push(&mut topics, &found.topic, endpoint, |topic| &mut topic.publishers);
-    }
-    for found in seen.readers() {
-        let endpoint = endpoint(found, &own, nodes);
-        participants.insert(endpoint.participant.clone());
-        push(&mut topics, &found.topic, endpoint, |topic| &mut topic.subscribers);
-    }
-    participants.remove(&participant_name(&own));
-    let more = topics.len().saturating_sub(TOPICS_MAX);
-    let topics = topics.into_values().take(TOPICS_MAX);
-    Discovery { topics: topics.collect(), more, participants: participants.len(), ..Discovery::default() }
+/// The topics that the configuration names, as they are called on the wire.
+fn wanted(plan: &Plan) -> BTreeSet<String> {
+    let read = plan.subscriptions.iter().map(|subscription| subscription.dds_topic.clone());
+    let asked = plan.watchdogs.iter().flat_map(|watchdog| match &watchdog.target {
+        ProbeTarget::Qos { topic } => vec![dds_name(topic)],
+        ProbeTarget::Service { name } => {
+            let name = name.trim_start_matches('/');
+            vec![format!("rq/{name}Request"), format!("rr/{name}Reply")]
+        }
+        _ => Vec::new(),
+    });
+    read.chain(asked).collect()
 }
 
-fn endpoint(found: &Found, own: &Guid, nodes: &BTreeMap<Guid, &str>) -> Endpoint {
+/// `ours` are our participants, and `first` the topics that are listed in any case. So are those on which one of ours
+/// publishes or listens.
+fn look(
+    seen: &Seen,
+    nodes: &BTreeMap<Guid, &str>,
+    (ours, first): (&BTreeSet<String>, &BTreeSet<String>),
+) -> Discovery {
+    let mut topics: BTreeMap<String, TopicSeen> = BTreeMap::new();
+    let mut participants = BTreeSet::new();
+    for found in seen.writers().chain(seen.readers()) {
+        let endpoint = endpoint(found, ours, nodes);
+        participants.insert(endpoint.participant.clone());
+        let name = ros_name(&found.topic);
+        let topic = topics.entry(name.clone()).or_insert_with(|| TopicSeen { name, ..TopicSeen::default() });
+        let list = if found.writes { &mut topic.publishers } else { &mut topic.subscribers };
+        list.push(endpoint);
+    }
+    let more = topics.len().saturating_sub(TOPICS_MAX);
+    let mut topics: Vec<TopicSeen> = topics.into_values().collect();
+    if more > 0 {
+        topics.sort_by_key(|topic| (!first.contains(&topic.name), !has_ours(topic)));
+        topics.truncate(TOPICS_MAX);
+        topics.sort_by(|one, other| one.name.cmp(&other.name));
+    }
+    topics.iter_mut().for_each(shorten);
+    Discovery { topics, more, participants: participants.len(), ..Discovery::default() }
+}
+
+fn has_ours(topic: &TopicSeen) -> bool {
+    topic.publishers.iter().chain(&topic.subscribers).any(|it| it.ours)
+}
+
+/// Keeps ours of many endpoints, and before others those that speak the same type.
+fn shorten(topic: &mut TopicSeen) {
+    let ours = topic.publishers.iter().chain(&topic.subscribers).filter(|it| it.ours);
+    let types: BTreeSet<String> = ours.map(|it| it.type_name.clone()).collect();
+    for list in [&mut topic.publishers, &mut topic.subscribers] {
+        if list.len() > ENDPOINTS_MAX {
+            list.sort_by_key(|it| (!it.ours, !types.contains(&it.type_name)));
+            list.truncate(ENDPOINTS_MAX);
+        }
+    }
+}
+
+fn endpoint(found: &Found, ours: &BTreeSet<String>, nodes: &BTreeMap<Guid, &str>) -> Endpoint {
+    let participant = participant_name(&found.guid);
     Endpoint {
-        participant: participant_name(&found.guid),
+        ours: ours.contains(&participant),
+        participant,
         node: nodes.get(&found.guid).map(|name| (*name).to_owned()),
         type_name: messages::ros_type_name(&found.type_name),
         reliable: found.reliable,
         transient_local: found.transient_local,
         deadline_ns: found.deadline_ns,
         liveliness: found.liveliness,
-        ours: found.guid[..PREFIX] == own[..PREFIX],
-    }
-}
-
-fn push(
-    topics: &mut BTreeMap<String, TopicSeen>,
-    dds_topic: &str,
-    endpoint: Endpoint,
-    list: impl Fn(&mut TopicSeen) -> &mut Vec<Endpoint>,
-) {
-    let name = ros_name(dds_topic);
-    let topic = topics.entry(name.clone()).or_insert_with(|| TopicSeen { name, ..TopicSeen::default() });
-    let list = list(topic);
-    if list.len() < ENDPOINTS_MAX {
-        list.push(endpoint);
     }
 }
 
@@ -176,9 +209,56 @@ fn ros_name(dds_topic: &str) -> String {
     dds_topic.strip_prefix("rt/").map_or_else(|| dds_topic.to_owned(), |name| format!("/{name}"))
 }
 
+fn dds_name(ros_topic: &str) -> String {
+    ros_topic.strip_prefix('/').map_or_else(|| ros_topic.to_owned(), |name| format!("rt/{name}"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::library::found;
+
+    /// So many endpoints of one participant.
+    fn add(seen: &mut Seen, participant: u8, endpoints: impl Iterator<Item = (String, String)>) {
+        for (number, (topic, type_name)) in endpoints.enumerate() {
+            let mut guid = [participant; 16];
+            guid[12..].copy_from_slice(&(number as u32).to_be_bytes());
+            assert!(seen.add(Found { guid, type_name, ..found(0, &topic) }));
+        }
+    }
+
+    fn seen_with(strangers: impl Iterator<Item = (String, String)>) -> Discovery {
+        let mut seen = Seen::default();
+        let bool_type = || "std_msgs::msg::dds_::Bool_".to_owned();
+        add(&mut seen, 1, strangers);
+        add(&mut seen, 7, [("rt/telltale/hold".to_owned(), bool_type())].into_iter());
+        add(&mut seen, 8, [("rt/zeta".to_owned(), bool_type())].into_iter());
+        add(&mut seen, 9, [("rt/telltale/hold".to_owned(), bool_type())].into_iter());
+        let ours = BTreeSet::from([participant_name(&[7; 16])]);
+        look(&seen, &BTreeMap::new(), (&ours, &BTreeSet::from(["/zeta".to_owned()])))
+    }
+
+    fn publishers<'a>(discovery: &'a Discovery, topic: &str) -> Vec<&'a str> {
+        let place = discovery.topics.binary_search_by(|it| (*it.name).cmp(topic)).expect("it is listed");
+        discovery.topics[place].publishers.iter().map(|it| &it.participant[..2]).collect()
+    }
+
+    #[test]
+    fn the_topics_of_ours_and_of_the_configuration_are_listed_however_many_others_there_are() {
+        let many = (0..TOPICS_MAX + 100).map(|number| (format!("rt/a{number:05}"), "t".to_owned()));
+        let discovery = seen_with(many);
+        assert_eq!((discovery.topics.len(), discovery.more), (TOPICS_MAX, 102));
+        assert_eq!(publishers(&discovery, "/telltale/hold"), ["07", "09"]);
+        assert_eq!(publishers(&discovery, "/zeta"), ["08"]);
+    }
+
+    #[test]
+    fn who_speaks_our_type_on_a_topic_of_ours_is_listed_however_many_others_do_not() {
+        let many = (0..2 * ENDPOINTS_MAX).map(|_| ("rt/telltale/hold".to_owned(), "t".to_owned()));
+        let discovery = seen_with(many);
+        let listed = publishers(&discovery, "/telltale/hold");
+        assert_eq!((&listed[..2], listed.len()), (&["07", "09"][..], ENDPOINTS_MAX));
+    }
 
     #[test]
     fn a_topic_that_is_read_has_a_pace_from_the_start_by_its_ros_name() {

@@ -4,6 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::library::spdp::{self, PREFIX, Prefix};
 use telltale_engine::model::sample::ProbeOutcome;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::cdr::{Endian, Fault, Reader};
@@ -20,8 +21,6 @@ const SERVICES_MAX: usize = 8192;
 
 /// Readers and writers of one participant whose node is remembered.
 const ENDPOINTS_MAX: usize = 4096;
-/// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
-const PREFIX: usize = 12;
 
 /// A node is reported as missing only after discovery had this time to find it.
 const DISCOVERY: Span = Span::from_secs(5);
@@ -30,8 +29,9 @@ const DISCOVERY: Span = Span::from_secs(5);
 pub struct Nodes {
     /// The start of the search; `None` while there is no participant.
     since: Option<Timestamp>,
-    /// Announcements by the writer that sent them.
-    announced: BTreeMap<Guid, Announcement>,
+    /// The latest announcement of each participant, with its writer. However many a participant makes, one counts: so
+    /// none takes the places of others.
+    announced: BTreeMap<Prefix, (Guid, Announcement)>,
     /// The writers that exist now. A writer that comes back may not announce again.
     present: BTreeSet<Guid>,
     /// Full names of the services that a node serves.
@@ -58,19 +58,38 @@ impl Nodes {
     pub fn announce(&mut self, writer: Guid, body: &[u8], endian: Endian, size: Option<GidSize>) {
         let Some(announcement) = announcement(body, endian, size, &writer) else { return };
         if self.announced.len() >= PARTICIPANTS_MAX {
-            self.announced.retain(|writer, _| self.present.contains(writer));
+            self.announced.retain(|_, (writer, _)| self.present.contains(writer));
         }
-        if self.announced.contains_key(&writer) || self.announced.len() < PARTICIPANTS_MAX {
-            self.announced.insert(writer, announcement);
+        let participant = spdp::prefix(&writer);
+        if self.announced.contains_key(&participant) || self.announced.len() < PARTICIPANTS_MAX {
+            self.announced.insert(participant, (writer, announcement));
             self.present.insert(writer);
         }
+    }
+
+    /// The announcements that count.
+    fn present(&self) -> impl Iterator<Item = &(Guid, Announcement)> {
+        self.announced.values().filter(|(writer, _)| self.present.contains(writer))
+    }
+
+    /// Whether the participant of this endpoint announces nodes and none of its announcements is known: it came too
+    /// late, was lost, or found no place among those of others.
+    pub fn is_unheard(&self, endpoint: &Guid) -> bool {
+        let participant = spdp::prefix(endpoint);
+        let known = self.announced.get(&participant);
+        if known.is_some_and(|(writer, _)| self.present.contains(writer)) {
+            return false;
+        }
+        let mut first = [0; 16];
+        first[..PREFIX].copy_from_slice(&participant);
+        self.present.range(first..).next().is_some_and(|writer| writer.starts_with(&participant))
     }
 
     /// Takes the writers that discovery knows; announcements of other writers no longer count. Discovery
     /// does not know the writers of the participant that asks, which certainly exist.
     pub fn update(&mut self, own: &Guid, mut writers: BTreeSet<Guid>, services: BTreeSet<Box<str>>) {
-        let announced = self.announced.keys().copied();
-        writers.extend(announced.filter(|writer| writer[..PREFIX] == own[..PREFIX]));
+        let announced = self.announced.get(&spdp::prefix(own));
+        writers.extend(announced.map(|(writer, _)| *writer));
         self.present = writers;
         self.services = services;
     }
@@ -82,8 +101,7 @@ impl Nodes {
 
     /// Full names of the existing nodes, in order.
     pub fn all(&self) -> Vec<String> {
-        let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
-        let names = present.flat_map(|(_, announcement)| &announcement.names).map(|name| &**name);
+        let names = self.present().flat_map(|(_, announcement)| &announcement.names).map(|name| &**name);
         let names: BTreeSet<&str> = names.collect();
         names.into_iter().map(str::to_owned).collect()
     }
@@ -95,16 +113,14 @@ impl Nodes {
 
     /// The nodes of the readers and writers that are announced.
     pub fn endpoints(&self) -> BTreeMap<Guid, &str> {
-        let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
-        let endpoints = present.flat_map(|(_, announcement)| &announcement.endpoints);
+        let endpoints = self.present().flat_map(|(_, announcement)| &announcement.endpoints);
         endpoints.map(|(guid, name)| (*guid, &**name)).collect()
     }
 
     /// The nodes whose name another one has too: by name, their participants' writers, each with a number.
     pub fn repeated(&self) -> BTreeSet<(&str, Guid, u8)> {
-        let present = self.announced.iter().filter(|(writer, _)| self.present.contains(*writer));
         let mut by_name: BTreeMap<&str, Vec<(Guid, u8)>> = BTreeMap::new();
-        for (writer, said) in present {
+        for (writer, said) in self.present() {
             for name in &said.names {
                 by_name.entry(&**name).or_default().push((*writer, 0));
             }
@@ -121,9 +137,7 @@ impl Nodes {
     /// Whether a node exists, by its name with namespace, `/ns/name`.
     pub fn ask(&self, name: &str, now: Timestamp) -> ProbeOutcome {
         let whole = format!("/{}", name.trim_start_matches('/'));
-        let present = |writer: &Guid| self.present.contains(writer);
-        let names =
-            self.announced.iter().filter(|(writer, said)| present(writer) && said.names.contains(&*whole));
+        let names = self.present().filter(|(_, said)| said.names.contains(&*whole));
         match names.count() {
             0 => self.missing(now, || format!("no node {whole} is announced")),
             1 => ProbeOutcome::Announced,
@@ -256,6 +270,47 @@ mod tests {
         }
         assert_eq!(nodes.ask("/lidar", at(6000)), there);
         assert!(matches!(Nodes::default().ask("/lidar", at(6000)), ProbeOutcome::Impossible(_)));
+    }
+
+    #[test]
+    fn one_participant_takes_one_place_and_who_found_none_is_unheard() {
+        let mut nodes = Nodes::new(Timestamp::ZERO);
+        let writer = |participant: usize, entity: usize| -> Guid {
+            let mut guid = [0; 16];
+            guid[..8].copy_from_slice(&(participant as u64).to_be_bytes());
+            guid[12..].copy_from_slice(&(entity as u32).to_be_bytes());
+            guid
+        };
+        let body = |name| {
+            let node = NodeEntities { name, readers: &[], writers: &[] };
+            encode_nodes([9; 16], &[node], GidSize::Bytes16)
+        };
+        let announce = |nodes: &mut Nodes, writer: Guid, name| {
+            nodes.announce(writer, &body(name), Endian::Little, None);
+        };
+        for entity in 0..2 * PARTICIPANTS_MAX {
+            announce(&mut nodes, writer(1, entity), "stranger");
+        }
+        announce(&mut nodes, writer(2, 0), "lidar_driver");
+        assert_eq!(nodes.all(), ["/lidar_driver", "/stranger"]);
+        assert!(!nodes.is_unheard(&writer(2, 7)));
+
+        // So many participants that there is no place for another.
+        let late = writer(PARTICIPANTS_MAX + 9, 0);
+        let many: BTreeSet<Guid> = (1..=PARTICIPANTS_MAX).map(|it| writer(it, 0)).chain([late]).collect();
+        for writer in &many {
+            announce(&mut nodes, *writer, "x");
+        }
+        nodes.update(&[9; 16], many, BTreeSet::new());
+        let of_late = writer(PARTICIPANTS_MAX + 9, 7);
+        assert!(nodes.is_unheard(&of_late), "it announces its nodes, and nobody has them");
+        assert!(!nodes.is_unheard(&writer(3, 7)), "it has said what it has");
+        assert!(!nodes.is_unheard(&writer(PARTICIPANTS_MAX + 8, 7)), "it announces nothing");
+        // Its announcement does not come again when there is a place.
+        nodes.update(&[9; 16], [late].into(), BTreeSet::new());
+        assert!(nodes.is_unheard(&of_late));
+        announce(&mut nodes, late, "late");
+        assert!(!nodes.is_unheard(&of_late));
     }
 
     #[test]

@@ -27,7 +27,8 @@ const REPEAT_LOOKS: u32 = 5;
 const WRITERS_MAX: usize = 1024;
 /// The time that discovery has to find everybody.
 const DISCOVERY: Span = Span::from_secs(5);
-/// A participant announces its nodes within this time of being found, or is not a ROS 2 participant.
+/// A participant announces its nodes within this time of being found, or is not a ROS 2 participant. One that announces
+/// some that are not known may be anybody's for longer.
 const ANNOUNCED: Span = Span::from_secs(10);
 
 /// Follows discovery from one look to the next.
@@ -44,11 +45,11 @@ impl StatusWriters {
         StatusWriters { since, found: BTreeMap::new(), said: None, looks: 0 }
     }
 
-    /// Takes the present writers; returns the input for the engine.
+    /// Takes the present writers and their nodes; returns the input for the engine.
     fn look(
         &mut self,
         writers: &BTreeSet<Guid>,
-        nodes: &BTreeMap<Guid, &str>,
+        (nodes, is_unheard): (&BTreeMap<Guid, &str>, impl Fn(&Guid) -> bool),
         (now, is_searching): (Timestamp, bool),
     ) -> Option<WriterList> {
         self.found.retain(|guid, _| writers.contains(guid));
@@ -60,7 +61,7 @@ impl StatusWriters {
         let node = |(guid, found): (&Guid, &Timestamp)| {
             let node = match nodes.get(guid) {
                 Some(name) => NodeOf::Named((*name).into()),
-                None if now.since(*found) < ANNOUNCED => NodeOf::Pending,
+                None if now.since(*found) < ANNOUNCED || is_unheard(guid) => NodeOf::Pending,
                 None => NodeOf::Unannounced,
             };
             (WriterId(*guid), node)
@@ -98,10 +99,13 @@ pub async fn run(
         }
         // Taken before discovery is asked: messages that come meanwhile are newer than its answer.
         let now = clock.now();
-        let is_searching = participant.is_searching();
+        let is_searching = participant.is_searching() || participant.sees_not_all();
+        let writers = writers(&participant);
+        let is_searching = is_searching || participant.sees_not_all();
         let (list, names) = {
             let nodes = nodes.borrow();
-            let list = speakers.look(&writers(&participant), &nodes.endpoints(), (now, is_searching));
+            let who = (&nodes.endpoints(), |guid: &Guid| nodes.is_unheard(guid));
+            let list = speakers.look(&writers, who, (now, is_searching));
             (list, repeated.look(&nodes.repeated(), now))
         };
         let list = list.map(|list| Input::Writers(Arc::new(list)));
@@ -128,6 +132,11 @@ mod tests {
     const A: Guid = [1; 16];
     const B: Guid = [2; 16];
 
+    /// Whatever the participants announce is known.
+    fn heard(_: &Guid) -> bool {
+        false
+    }
+
     fn node(list: &WriterList, guid: Guid) -> Option<&NodeOf> {
         list.writers.get(&WriterId(guid))
     }
@@ -137,16 +146,28 @@ mod tests {
         let at = Timestamp::from_millis;
         let mut speakers = StatusWriters::new(at(0));
         let named = BTreeMap::from([(A, "/lidar")]);
-        let list = speakers.look(&[A, B].into(), &named, (at(1000), false)).unwrap();
+        let list = speakers.look(&[A, B].into(), (&named, heard), (at(1000), false)).unwrap();
         assert!(!list.complete, "others may be found still");
         assert_eq!(node(&list, A), Some(&NodeOf::Named("/lidar".into())));
         assert_eq!(node(&list, B), Some(&NodeOf::Pending));
-        assert_eq!(speakers.look(&[A, B].into(), &named, (at(2000), false)), None, "nothing is new");
-        assert!(speakers.look(&[A, B].into(), &named, (at(5000), false)).unwrap().complete);
-        let list = speakers.look(&[A, B].into(), &named, (at(11_000), false)).unwrap();
+        assert_eq!(speakers.look(&[A, B].into(), (&named, heard), (at(2000), false)), None, "nothing is new");
+        assert!(speakers.look(&[A, B].into(), (&named, heard), (at(5000), false)).unwrap().complete);
+        let list = speakers.look(&[A, B].into(), (&named, heard), (at(11_000), false)).unwrap();
         assert_eq!(node(&list, B), Some(&NodeOf::Unannounced));
-        let list = speakers.look(&[B].into(), &named, (at(12_000), false)).unwrap();
+        let list = speakers.look(&[B].into(), (&named, heard), (at(12_000), false)).unwrap();
         assert_eq!((node(&list, A), list.as_of), (None, at(12_000)));
+    }
+
+    /// Refused, it could not say that something is wrong.
+    #[test]
+    fn a_writer_whose_announcement_found_no_place_is_not_taken_for_one_without_a_node() {
+        let at = Timestamp::from_millis;
+        let mut speakers = StatusWriters::new(at(0));
+        let none = BTreeMap::new();
+        speakers.look(&[A, B].into(), (&none, heard), (at(0), false));
+        let list =
+            speakers.look(&[A, B].into(), (&none, |guid: &Guid| *guid == A), (at(60_000), false)).unwrap();
+        assert_eq!([A, B].map(|it| node(&list, it).unwrap()), [&NodeOf::Pending, &NodeOf::Unannounced]);
     }
 
     #[test]
@@ -154,12 +175,13 @@ mod tests {
         let mut speakers = StatusWriters::new(Timestamp::ZERO);
         let at = |look: u64| Timestamp::from_millis(60_000 + 1000 * look);
         let named = BTreeMap::from([(A, "/a")]);
-        let said: Vec<u64> =
-            (0..11).filter(|&look| speakers.look(&[A].into(), &named, (at(look), false)).is_some()).collect();
+        let said: Vec<u64> = (0..11)
+            .filter(|&look| speakers.look(&[A].into(), (&named, heard), (at(look), false)).is_some())
+            .collect();
         assert_eq!(said, [0, 5, 10]);
         let many: BTreeSet<Guid> =
             (0..2000_u32).map(|it| std::array::from_fn(|n| it.to_le_bytes()[n % 4])).collect();
-        let list = speakers.look(&many, &BTreeMap::new(), (at(20), false)).unwrap();
+        let list = speakers.look(&many, (&BTreeMap::new(), heard), (at(20), false)).unwrap();
         assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
     }
 }

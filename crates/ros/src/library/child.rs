@@ -4,7 +4,7 @@
 //! A packet from the network can make the library take all memory or hang. So it runs in a process of its own,
 //! and `watch` checks it from outside.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
 use std::io::Write as _;
 use std::net::Ipv4Addr;
@@ -30,6 +30,7 @@ use super::busy_discovery::BusyDiscovery;
 use super::echo_check::EchoCheck;
 use super::losses::Losses;
 use super::open_readers::{OpenReader, OpenReaders};
+use super::places;
 use super::qos::{self, RawWriter};
 use super::wire::{self, Frame, FromChild, Order};
 use super::{BEAT, SampleId, WRITING_MAX, discovered};
@@ -160,6 +161,10 @@ struct Child {
     topics: BTreeMap<(String, String), Topic>,
     open_readers: OpenReaders,
     losses: Losses,
+    /// The topics whose endpoints are followed before others.
+    ours: BTreeSet<String>,
+    /// Endpoints that are not followed, as the parent knows: those of such topics, and all.
+    told_cut: (u32, u32),
     writers: BTreeMap<u32, Arc<RawWriter>>,
     writing: JoinSet<(u32, Option<String>)>,
     echo_check: EchoCheck,
@@ -188,6 +193,8 @@ impl Child {
             topics: BTreeMap::new(),
             open_readers: OpenReaders::default(),
             losses: Losses::default(),
+            ours: BTreeSet::new(),
+            told_cut: (0, 0),
             writers: BTreeMap::new(),
             writing: JoinSet::new(),
             echo_check,
@@ -232,7 +239,7 @@ impl Child {
                 }
                 () = tokio::time::sleep_until(clock.instant(look_at).into()) => {
                     let started = clock.now();
-                    self.tell_discovered(out);
+                    self.tell_discovered(out)?;
                     // A large graph is looked at less often than it changes.
                     let now = clock.now();
                     looked = now + Span::from_nanos(4 * now.since(started).as_nanos());
@@ -246,7 +253,7 @@ impl Child {
                 }
                 taken = poll_fn(|context| self.open_readers.poll(context, &mut out.samples)) => {
                     if taken? {
-                        self.tell_discovered(out);
+                        self.tell_discovered(out)?;
                     }
                 }
             }
@@ -261,6 +268,7 @@ impl Child {
     fn obey(&mut self, order: Order, out: &mut ToParent) -> Result<(), String> {
         match order {
             Order::Reader { id, topic, type_name, via, depth } => {
+                self.ours.insert(topic.clone());
                 let topic = self.topic(topic, type_name, depth as usize)?;
                 let reader = qos::reader(&self.subscriber, &topic, via).map_err(refused)?;
                 out.frame.news(&FromChild::Made { id, guid: reader.guid().to_bytes() });
@@ -276,6 +284,7 @@ impl Child {
                 qos::create_topic(&self.participant, &topic, &type_name, depth as usize).map_err(refused)?;
             }
             Order::Writer { id, topic, type_name, quality } => {
+                self.ours.insert(topic.clone());
                 let topic = qos::offered_topic(&self.participant, &topic, &type_name, quality);
                 let writer = topic.and_then(|topic| qos::writer(&self.participant, &topic, quality));
                 let writer = writer.map_err(refused)?;
@@ -288,6 +297,7 @@ impl Child {
                 }
             }
             Order::Forget { participant } => self.losses.forget(&participant),
+            Order::FollowFirst { topic } => drop(self.ours.insert(topic)),
             Order::Open { .. } | Order::Close => {}
         }
         Ok(())
@@ -304,11 +314,21 @@ impl Child {
     }
 
     /// Reports endpoints that are gone, new or have changed.
-    fn tell_discovered(&mut self, out: &mut ToParent) {
+    fn tell_discovered(&mut self, out: &mut ToParent) -> Result<(), String> {
         let mut now = discovered::all(&self.participant);
         let told = std::mem::take(&mut self.open_readers.told);
-        for guid in self.losses.look(&told, &mut now) {
-            out.frame.news(&FromChild::Gone { guid });
+        self.losses.look(&told, &mut now);
+        let places::Places { followed: now, cut_of_ours, cut } = places::choose(now, &told, &self.ours)?;
+        let before = std::mem::replace(&mut self.told_cut, (cut_of_ours, cut));
+        let tell_cut = |frame: &mut Frame| frame.news(&FromChild::Cut { of_ours: cut_of_ours, all: cut });
+        // Whoever looks meanwhile must not take for gone what is cut.
+        let is_more = cut_of_ours > before.0;
+        if is_more {
+            tell_cut(&mut out.frame);
+        }
+        // Before the new ones, which need their places.
+        for guid in told.keys().filter(|guid| !now.contains_key(*guid)) {
+            out.frame.news(&FromChild::Gone { guid: *guid });
         }
         for (guid, found) in &now {
             if told.get(guid) != Some(found) {
@@ -316,7 +336,11 @@ impl Child {
                 self.open_readers.unknown.clear();
             }
         }
+        if !is_more && before != self.told_cut {
+            tell_cut(&mut out.frame);
+        }
         self.open_readers.told = now;
+        Ok(())
     }
 
     /// If the library's discovery thread has ended, it takes no orders. This order affects only writers

@@ -6,7 +6,7 @@ use rustdds::DomainParticipant;
 use rustdds::policy::{self, Deadline, Durability, Reliability};
 
 use super::wire::NAME_BYTES_MAX;
-use super::{ENDPOINTS_MAX, Found, Quality, qos};
+use super::{Found, Quality, qos};
 use telltale_engine::discovery::{Liveliness, LivelinessKind};
 use telltale_msg::sample_bytes::Guid;
 
@@ -21,7 +21,7 @@ pub fn echo_topic(guid: &Guid) -> String {
     format!("{ECHO_TOPIC_PREFIX}{}", participant_name(guid))
 }
 
-/// All endpoints that can belong to ROS, at most as many as the parent takes.
+/// All endpoints that can belong to ROS.
 pub fn all(participant: &DomainParticipant) -> BTreeMap<Guid, Found> {
     let writers = participant.discovered_writers().into_iter().map(|found| {
         let data = found.publication_topic_data;
@@ -59,8 +59,7 @@ pub fn all(participant: &DomainParticipant) -> BTreeMap<Guid, Found> {
         let fits = |name: &str| name.len() <= NAME_BYTES_MAX;
         fits(&found.topic) && fits(&found.type_name) && !found.topic.starts_with(ECHO_TOPIC_PREFIX)
     };
-    let all = writers.chain(readers).filter(is_ours_to_tell);
-    all.take(ENDPOINTS_MAX).map(|found| (found.guid, found)).collect()
+    writers.chain(readers).filter(is_ours_to_tell).map(|found| (found.guid, found)).collect()
 }
 
 fn keeps(durability: Option<Durability>) -> bool {

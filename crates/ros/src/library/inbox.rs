@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::ErrorKind;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 
@@ -17,7 +17,7 @@ use super::raw_bytes::BODY_BYTES_MAX;
 use super::spdp::Prefix;
 use super::watch::Ended;
 use super::wire::{self, Change, FromChild, Order};
-use super::{Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
+use super::{ENDPOINTS_MAX, Participant, RawSample, SAMPLE_BYTES, Seen, WINDOW_BYTES};
 use telltale_engine::time::Timestamp;
 use telltale_msg::sample_bytes::Guid;
 
@@ -76,6 +76,9 @@ pub struct Shared {
     ended: watch::Sender<Option<Ended>>,
     /// The process is gone.
     over: watch::Sender<bool>,
+    /// Endpoints of topics of ours that are not followed.
+    pub cut_of_ours: AtomicU32,
+    said_cut: AtomicBool,
     /// The number of the process's beats, and the newest beat that it heard itself.
     pub beats: AtomicU64,
     pub heard: AtomicU64,
@@ -96,6 +99,8 @@ impl Shared {
             own_readers: watch::channel(BTreeSet::new()).0,
             ended: watch::channel(None).0,
             over: watch::channel(false).0,
+            cut_of_ours: AtomicU32::new(0),
+            said_cut: AtomicBool::new(false),
             beats: AtomicU64::new(0),
             heard: AtomicU64::new(0),
         }
@@ -185,6 +190,17 @@ impl Shared {
             FromChild::Gone { guid } => {
                 self.seen().remove(&guid);
                 self.news.send_modify(|count| *count += 1);
+            }
+            FromChild::Cut { of_ours, all } => {
+                self.cut_of_ours.store(of_ours, Ordering::Relaxed);
+                // Once for each process: the number may change at each look.
+                if all > 0 && !self.said_cut.swap(true, Ordering::Relaxed) {
+                    tracing::warn!(
+                        "more than {ENDPOINTS_MAX} readers and writers of other programs are discovered: {all} or more \
+                         are not looked at, those of the programs with the most, and {of_ours} of them on topics of \
+                         Telltale. Look for the program that makes them"
+                    );
+                }
             }
             FromChild::Sample { reader, sample } => return self.hear(reader, ReaderEvent::Sample(sample)),
             FromChild::Fault { reader, reason } => return self.hear(reader, ReaderEvent::Fault(reason)),

@@ -6,9 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use rustdds::DomainParticipantStatusEvent as Event;
 use rustdds::LostReason;
 
+use super::Found;
 use super::spdp::{self, Prefix};
 use super::wire::Change;
-use super::{ENDPOINTS_MAX, Found};
 use telltale_msg::sample_bytes::Guid;
 
 /// Participants that are remembered. Discovery is given up before it has lost so many.
@@ -74,17 +74,15 @@ impl Losses {
         !self.missing.is_empty()
     }
 
-    /// Returns the endpoints that are gone. Others that `now` lacks are added to it.
-    pub fn look(&mut self, before: &BTreeMap<Guid, Found>, now: &mut BTreeMap<Guid, Found>) -> Vec<Guid> {
-        let mut gone = Vec::new();
+    /// Adds to `now` the endpoints that it lacks and that are not surely gone.
+    pub fn look(&mut self, before: &BTreeMap<Guid, Found>, now: &mut BTreeMap<Guid, Found>) {
         let mut missing = BTreeSet::new();
         for (guid, found) in before {
             if now.contains_key(guid) {
                 continue;
             }
             let is_doubtful = self.doubtful.contains(&spdp::prefix(guid));
-            if now.len() >= ENDPOINTS_MAX || !is_doubtful && self.missing.contains(guid) {
-                gone.push(*guid);
+            if !is_doubtful && self.missing.contains(guid) {
                 continue;
             }
             if !is_doubtful {
@@ -93,7 +91,6 @@ impl Losses {
             now.insert(*guid, found.clone());
         }
         self.missing = missing;
-        gone
     }
 }
 
@@ -120,17 +117,20 @@ mod tests {
         let mut losses = Losses::default();
         // The library drops the endpoints before it says why.
         let mut now = all(&[1]);
-        assert_eq!(losses.look(&all(&[1, 2]), &mut now), [[0; 16]; 0]);
+        losses.look(&all(&[1, 2]), &mut now);
         assert!(now == all(&[1, 2]) && losses.is_looking());
         assert_eq!(losses.hear(&lost(2, timeout())), Some(([2; 12], Change::Lost)));
         for _ in 0..3 {
             let mut now = all(&[1]);
-            assert!(losses.look(&all(&[1, 2]), &mut now).is_empty() && now == all(&[1, 2]));
+            losses.look(&all(&[1, 2]), &mut now);
+            assert!(now == all(&[1, 2]));
         }
         assert!(!losses.is_looking());
         losses.forget(&[2; 12]);
         losses.look(&all(&[1, 2]), &mut all(&[1]));
-        assert_eq!(losses.look(&all(&[1, 2]), &mut all(&[1])), [[2; 16]]);
+        let mut now = all(&[1]);
+        losses.look(&all(&[1, 2]), &mut now);
+        assert!(now == all(&[1]));
     }
 
     /// The library matches nothing of it any more: only another process hears it.
@@ -153,9 +153,11 @@ mod tests {
     fn an_endpoint_that_ends_is_gone_at_the_second_look() {
         let mut losses = Losses::default();
         assert_eq!(losses.hear(&lost(2, LostReason::Disposed)), Some(([2; 12], Change::Left)));
-        assert!(losses.look(&all(&[1, 2]), &mut all(&[1])).is_empty());
         let mut now = all(&[1]);
-        assert_eq!(losses.look(&all(&[1, 2]), &mut now), [[2; 16]]);
+        losses.look(&all(&[1, 2]), &mut now);
+        assert!(now == all(&[1, 2]));
+        let mut now = all(&[1]);
+        losses.look(&all(&[1, 2]), &mut now);
         assert!(now == all(&[1]) && !losses.is_looking());
     }
 }

@@ -14,6 +14,7 @@ mod inbox;
 mod keep;
 mod losses;
 mod open_readers;
+mod places;
 pub mod qos;
 pub(super) mod raw_bytes;
 mod seen;
@@ -33,6 +34,8 @@ use tokio::task::JoinHandle;
 
 pub use child::process;
 pub use inbox::{Reader, ReaderEvent};
+#[cfg(test)]
+pub use seen::tests::found;
 pub use seen::{Found, Seen};
 use tokio::io::AsyncWriteExt as _;
 pub use watch::Ended;
@@ -56,6 +59,8 @@ const WINDOW_BYTES: usize = 4 << 20;
 const SAMPLE_BYTES: usize = 128;
 /// Endpoints of others that are remembered.
 const ENDPOINTS_MAX: usize = 16_384;
+/// Topics of ours that a process is told of beside those that it reads and writes itself.
+const TOPICS_OF_OURS_MAX: usize = 4096;
 /// Orders that wait for the DDS process. If there are more, the process no longer takes them.
 const ORDERS_MAX: usize = 1024;
 /// The longest time to make a participant.
@@ -101,6 +106,7 @@ struct Inner {
     shared: Arc<Shared>,
     orders: mpsc::Sender<Order>,
     next: AtomicU32,
+    topics_of_ours: Mutex<BTreeSet<String>>,
     watch: watch::Watch,
     opened: Timestamp,
     /// It says goodbye at the end.
@@ -147,7 +153,18 @@ impl Participant {
                 let keeper = keep::run(guid, port, networks, shared.clone(), orders.downgrade());
                 let keeper = Mutex::new(Some(tokio::spawn(keeper)));
                 let opened = shared.announced.now();
-                Ok(Participant(Arc::new(Inner { guid, id, shared, orders, next, watch, opened, keeper })))
+                let topics_of_ours = Mutex::default();
+                Ok(Participant(Arc::new(Inner {
+                    guid,
+                    id,
+                    shared,
+                    orders,
+                    next,
+                    topics_of_ours,
+                    watch,
+                    opened,
+                    keeper,
+                })))
             }
             Ok(Err(_)) => Err(BridgeError::Participant(shared.ended().await.reason.to_string())),
             Err(_) => Err(BridgeError::Participant(format!("it does not start within {OPENING:?}"))),
@@ -202,6 +219,22 @@ impl Participant {
         let (met, seen) = (announced.met(), self.seen());
         let own = spdp::prefix(&self.0.guid);
         met.iter().any(|participant| *participant != own && !seen.has_any_of(participant))
+    }
+
+    /// Whether there are more endpoints on topics of ours than are followed: one that is not seen may be there.
+    pub fn sees_not_all(&self) -> bool {
+        self.0.shared.cut_of_ours.load(Ordering::Relaxed) > 0
+    }
+
+    /// Follows the endpoints of these topics before those of others, as it does with what it reads and writes itself.
+    pub fn follow_first<'a>(&self, topics: impl IntoIterator<Item = &'a str>) {
+        let mut known = self.0.topics_of_ours.lock().unwrap_or_else(PoisonError::into_inner);
+        for topic in topics {
+            if known.len() < TOPICS_OF_OURS_MAX && !known.contains(topic) {
+                known.insert(topic.to_owned());
+                self.order(Order::FollowFirst { topic: topic.to_owned() });
+            }
+        }
     }
 
     /// Waits until it hears itself, if any participant on this network ever did.

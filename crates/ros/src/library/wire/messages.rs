@@ -57,6 +57,10 @@ pub enum Order {
     Forget {
         participant: Prefix,
     },
+    /// The endpoints of this topic are followed before others.
+    FollowFirst {
+        topic: String,
+    },
 }
 
 /// From the DDS process to the program.
@@ -75,6 +79,12 @@ pub enum FromChild {
     Found(Found),
     Gone {
         guid: Guid,
+    },
+    /// So many endpoints are not told of, because there are more than may be: those of topics that are followed first,
+    /// and all.
+    Cut {
+        of_ours: u32,
+        all: u32,
     },
     Sample {
         reader: u32,

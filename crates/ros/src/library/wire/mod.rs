@@ -132,6 +132,7 @@ impl Frame {
             }
             Order::Close => drop(self.u8(7)),
             Order::Forget { participant } => self.u8(8).0.extend(participant),
+            Order::FollowFirst { topic } => drop(self.u8(9).bytes(topic.as_bytes())),
         }
     }
 
@@ -152,6 +153,7 @@ impl Frame {
             FromChild::Participant { participant, change } => {
                 self.u8(9).u8(*change as u8).0.extend(participant);
             }
+            FromChild::Cut { of_ours, all } => drop(self.u8(10).u32(*of_ours).u32(*all)),
         }
     }
 
@@ -290,7 +292,7 @@ impl<'a> Reading<'a> {
     }
 
     fn order(&mut self) -> Result<Order, InvalidFrame> {
-        Ok(match self.below(9)? {
+        Ok(match self.below(10)? {
             0 => {
                 let (domain, is_some) = (self.u16()?, self.flag()?);
                 let count = self.u32()? as usize;
@@ -321,12 +323,13 @@ impl<'a> Reading<'a> {
                 body: self.body()?,
             },
             7 => Order::Close,
-            _ => Order::Forget { participant: self.array()? },
+            8 => Order::Forget { participant: self.array()? },
+            _ => Order::FollowFirst { topic: self.text()? },
         })
     }
 
     fn news(&mut self) -> Result<FromChild, InvalidFrame> {
-        Ok(match self.below(10)? {
+        Ok(match self.below(11)? {
             0 => FromChild::Ready { guid: self.array()?, participant: self.u16()? },
             1 => FromChild::Made { id: self.u32()?, guid: self.array()? },
             2 => FromChild::Found(self.found()?),
@@ -339,6 +342,7 @@ impl<'a> Reading<'a> {
             }
             7 => FromChild::Beat { heard: self.u64()? },
             8 => FromChild::Broken { reason: self.text()? },
+            10 => FromChild::Cut { of_ours: self.u32()?, all: self.u32()? },
             _ => {
                 let change = Change::ALL[usize::from(self.below(Change::ALL.len() as u8)?)];
                 FromChild::Participant { participant: self.array()?, change }

@@ -26,6 +26,7 @@ fn some_orders() -> Vec<Order> {
         Order::EndReader { id: 1 },
         Order::Close,
         Order::Forget { participant: [7; 12] },
+        Order::FollowFirst { topic: "rt/x".to_owned() },
     ]
 }
 
@@ -52,6 +53,7 @@ fn some_news() -> Vec<FromChild> {
         FromChild::Made { id: 5, guid: [2; 16] },
         FromChild::Found(found),
         FromChild::Gone { guid: [3; 16] },
+        FromChild::Cut { of_ours: 1, all: 70_000 },
         sample(Ok((Bytes::from_static(&[1, 2, 3]), Endian::Big))),
         sample(Ok((vec![7; 500].into(), Endian::Little))),
         sample(fault(FaultKind::Encoding([0, 7]))),

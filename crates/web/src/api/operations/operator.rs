@@ -128,7 +128,7 @@ pub const SHELVE: Operation = Operation {
     about: "Its faults raise no alarm for so long. Only while the vehicle stands, and for no module on which a request \
             to slow down or to stop rests.",
     form: Some(of::<ShelveForm>),
-    example: "module=base/imu&minutes=30",
+    example: "module=sensors/camera_front&minutes=30",
     ..ACTION
 };
 
@@ -137,7 +137,7 @@ pub const UNSHELVE: Operation = Operation {
     summary: "End the maintenance of a module",
     about: "A fault that is still there raises a new alarm.",
     form: Some(of::<UnshelveForm>),
-    example: "module=base/imu",
+    example: "module=sensors/camera_front",
     ..ACTION
 };
 
