@@ -21,6 +21,7 @@ mod watchdog;
 mod window;
 mod words;
 
+use super::model::Policy;
 use super::model::monitors::{MonitorSpec, Watched};
 use super::model::sample::{FieldValue, ProbeOutcome, Sample};
 use super::state::State;
@@ -208,6 +209,13 @@ impl Monitor {
                 Monitor::Expression(Expression::new(inputs, names, warning.clone(), error.clone()))
             }
         })
+    }
+
+    /// Takes what the policy of its module says of what never comes.
+    pub(super) fn follow(&mut self, policy: &Policy) {
+        if let Monitor::Tf(tf) = self {
+            tf.follow(policy);
+        }
     }
 
     pub(super) fn wants_words(&self, slot: usize) -> bool {

@@ -9,6 +9,7 @@ use super::inputs::nothing_yet;
 use super::latency::{StampFault, age};
 use super::words::{Words, cut, reason, span};
 use crate::files::KeyframeError;
+use crate::model::Policy;
 use crate::model::monitors::{Bands, TF_MEMORY, TfLink};
 use crate::model::sample::{FieldValue, Sample, Transform};
 use crate::state::State;
@@ -24,6 +25,23 @@ pub(crate) struct Tf {
     links: Box<[Link]>,
     #[serde(skip)]
     bands: Bands,
+    #[serde(skip)]
+    missing: Missing,
+    /// Since when its module is relevant, or it began anew.
+    since: Option<Timestamp>,
+}
+
+/// What a transform is that does not come: as a silent topic, this state after this time.
+#[derive(Debug, Clone, Copy)]
+struct Missing {
+    state: State,
+    after: Span,
+}
+
+impl Default for Missing {
+    fn default() -> Missing {
+        Missing { state: State::Unknown, after: Span::from_nanos(u64::MAX) }
+    }
 }
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -69,13 +87,19 @@ impl Tf {
             others: Vec::new(),
             unreadable: None,
         };
-        Tf { links: links.iter().map(link).collect(), bands }
+        Tf { links: links.iter().map(link).collect(), bands, missing: Missing::default(), since: None }
+    }
+
+    /// Takes the state of what is missing from the policy of its module.
+    pub(super) fn follow(&mut self, policy: &Policy) {
+        self.missing = Missing { state: policy.stale, after: policy.timeout };
     }
 }
 
 impl Machine for Tf {
     fn resume(&mut self, kept: Tf) -> Result<(), KeyframeError> {
-        let Tf { links, bands: _ } = kept;
+        let Tf { links, bands: _, missing: _, since } = kept;
+        self.since = since;
         KeyframeError::unless_same("transforms of a monitor", links.len(), self.links.len())?;
         for (link, kept) in self.links.iter_mut().zip(links) {
             let Link { parent: _, child: _, moving, fixed, mut others, unreadable } = kept;
@@ -85,8 +109,16 @@ impl Machine for Tf {
         Ok(())
     }
 
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        self.since = None;
+        if relevant {
+            self.begin_anew(now);
+        }
+    }
+
     /// Ages count from now on. What is static was said once and stays.
     fn begin_anew(&mut self, now: Timestamp) -> bool {
+        self.since = Some(now);
         for link in &mut self.links {
             if let Some(moving) = &mut link.moving {
                 *moving = Heard { at: now, lag: Span::ZERO, doubt: None, is_new: false };
@@ -114,7 +146,7 @@ impl Machine for Tf {
         self.links[slot / 2].fixed == (slot % 2 == 1)
     }
 
-    /// While a link has not come, nothing but an ERROR of another one is judged.
+    /// While a link has not come and still has time, nothing but an ERROR of another one is judged.
     fn judge(&mut self, now: Timestamp) -> Option<State> {
         let bands = &self.bands;
         let (mut worst, mut is_open) = (State::Ok, false);
@@ -125,12 +157,17 @@ impl Machine for Tf {
                 None => is_open = true,
             }
         }
-        (!is_open || worst == State::Error).then_some(worst)
+        match self.since {
+            _ if !is_open || worst == State::Error => Some(worst),
+            Some(since) if now >= since + self.missing.after => Some(worst.max(self.missing.state)),
+            _ => None,
+        }
     }
 
     fn due(&self, now: Timestamp) -> Option<Timestamp> {
         let next = self.links.iter().flat_map(|link| link.turns(&self.bands));
-        next.filter(|&at| at > now).min()
+        let missing = self.since.map(|since| since + self.missing.after);
+        next.chain(missing).filter(|&at| at > now).min()
     }
 
     fn words(&self, now: Timestamp) -> Words {

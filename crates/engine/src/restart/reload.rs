@@ -112,7 +112,9 @@ impl Engine {
             if !same {
                 continue;
             }
-            self.watching.keep(id, &old.watching, before);
+            if let Some(spec) = self.model.modules.get(id.0 as usize) {
+                self.watching.keep(id, &spec.policy, &old.watching, before);
+            }
             self.net.modules[id.0 as usize].own = old.net.modules[before.0 as usize].own.clone();
             let arrival = old.net.modules[before.0 as usize].arrival;
             self.net.modules[id.0 as usize].arrival = arrival;

@@ -186,7 +186,10 @@ impl Watching {
         };
         for (index, module) in model.modules.iter().enumerate() {
             let spec = module.monitor.other();
-            if let Some((spec, monitor)) = spec.and_then(|it| Some((it, Monitor::new(it, &model.watched)?))) {
+            if let Some((spec, mut monitor)) =
+                spec.and_then(|it| Some((it, Monitor::new(it, &model.watched)?)))
+            {
+                monitor.follow(&module.policy);
                 let (id, watch) = (ModuleId(index as u32), watching.watches.len() as u32);
                 watching.of_module[index] = Some(watch);
                 if matches!(spec, MonitorSpec::Count { .. }) {
@@ -381,14 +384,15 @@ impl Watching {
         index.is_none_or(|index| self.watches[index as usize].from_dds)
     }
 
-    /// Continues a monitor with the same meaning from before a reload.
-    pub(crate) fn keep(&mut self, id: ModuleId, old: &Watching, before: ModuleId) {
+    /// Continues a monitor with the same meaning from before a reload, by its module's policy of now.
+    pub(crate) fn keep(&mut self, id: ModuleId, policy: &Policy, old: &Watching, before: ModuleId) {
         let index =
             |watching: &Watching, id: ModuleId| watching.of_module.get(id.0 as usize).copied().flatten();
         let Some((index, before)) = index(self, id).zip(index(old, before)) else { return };
         let before = &old.watches[before as usize];
         let watch = &mut self.watches[index as usize];
         watch.monitor = before.monitor.clone();
+        watch.monitor.follow(policy);
         (watch.said, watch.worded) = (before.said, before.worded);
         (watch.pending, watch.running, watch.blocked) = (before.pending, before.running, before.blocked);
     }
