@@ -94,5 +94,5 @@ fn what_is_wrong_with_a_list_is_said() {
     wrong("goals.exists(x, x.status == 6)", "`x` is an input already");
     wrong("goals.exists(g, g.status + 1)", "must be true or false");
     wrong("goals.exists(g, g.status == 6 && ranges.all(r, r > 1))", "one after the other");
-    wrong("goals.exists(g, h.status == 6)", "an input has no members");
+    wrong("goals.exists(g, g.status == 6 && h.status == 6)", "an input has no members");
 }
