@@ -183,7 +183,7 @@ impl OwnState {
             self.silent = true;
             self.repeated = self.is_given(policy, since).then(|| Box::new(self.debounce.clone()));
             self.debounce.take(reported.max(policy.stale), policy, since);
-            self.judge(policy, since);
+            self.judge_before(policy, since, now);
         }
         if let Some(due) = self.lapse_due(policy).filter(|&due| self.received.is_some() && due <= now) {
             self.settle(policy, due);
@@ -246,7 +246,16 @@ impl OwnState {
                 self.latched = true;
             }
             self.debounce.step(policy, at);
-            self.judge(policy, at);
+            self.judge_before(policy, at, now);
+        }
+    }
+
+    /// Judges at an instant on the way to the present one. There only the last of several states counts for the
+    /// beginning of a fault: the one that is shown.
+    fn judge_before(&mut self, policy: &Policy, at: Timestamp, now: Timestamp) {
+        self.judge(policy, at);
+        if at < now {
+            self.onset.follow(self.state(policy), at);
         }
     }
 
@@ -263,7 +272,6 @@ impl OwnState {
         }
         let in_error = self.reported.is_some() && self.judged(policy) == State::Error;
         self.error_since = self.error_since.or(Some(at)).filter(|_| in_error);
-        self.onset.follow(self.state(policy), at);
     }
 
     /// Whether a module that is not heard still has time at this instant.

@@ -60,7 +60,7 @@ fn samples_and_probes_are_written_in_one_way() {
   - { at: 1, probe: { node: /planner, answered: true, after: 1 } }
 ",
         &[
-            "12:53: a list of a sample holds positions (write two numbers for each: `[[1.5, 2], [3, 4]]`; or name an element in the path)",
+            "12:52: `x` is read as one value (for example `1.5`)",
             "13:51: a rotation is either `yaw_deg` or a quaternion (remove one of the two)",
             "13:79: unknown key `w` in a pose of a sample (known here: x, y, z, yaw_deg, qx, qy, qz, qw)",
             "14:55: every one of these messages would have the same stamp (write how old each is when it comes: `delay: 0.05`)",
