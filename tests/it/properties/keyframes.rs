@@ -360,7 +360,7 @@ fn makes_a_difference(
 fn no_part_of_the_state_can_be_left_out() {
     let mut runner = TestRunner::deterministic();
     let (mut known, mut needed) = (BTreeSet::new(), BTreeSet::new());
-    for pick in 0..(config().cases as usize / 10).max(300) {
+    for pick in 0..(config().cases as usize / 10).max(500) {
         let numbers =
             vec(any::<u32>(), 250..400).new_tree(&mut runner).expect("numbers can be made").current();
         let mut choices = Choices::new(&numbers);
