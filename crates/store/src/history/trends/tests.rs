@@ -13,7 +13,7 @@ use telltale_clock::Clock;
 use telltale_engine::Engine;
 use telltale_engine::input::{Input, StatusArray};
 use telltale_engine::model::{Model, Parts, StageModel};
-use telltale_engine::time::{Span, Timestamp};
+use telltale_engine::time::Timestamp;
 
 /// A whole day since 1970, in milliseconds.
 const DAY: i64 = 20_000 * DAY_MS;
@@ -312,42 +312,4 @@ async fn a_trigger_of_somebody_else_never_acts_on_the_numbers() {
     assert!(refused.to_string().contains("the trigger forget"), "{refused}");
     disk.writer.keep(&mut disk.connection, &minute);
     assert_eq!(disk.points("a", (0, HOUR_MS), Resolution::Minute), [(0, [1.0; 3])]);
-}
-
-/// `cargo test --release -p telltale-store the_cost_of_a_day -- --ignored --nocapture` prints the figures of
-/// `docs/performance.md`.
-#[test]
-#[ignore = "a measurement"]
-fn the_cost_of_a_day() {
-    let temporary = tempfile::tempdir().unwrap();
-    let path = temporary.path().join("trends.db");
-    let connection = Connection::open(&path).unwrap();
-    connection.pragma_update_and_check(None, "journal_mode", "WAL", |_| Ok(())).unwrap();
-    connection.pragma_update(None, "synchronous", "NORMAL").unwrap();
-    crate::history::prepare(&connection).unwrap();
-    let mut disk = Disk { connection, writer: TrendWriter::default() };
-    let clock = Clock::start();
-    let (mut longest, mut sum) = (Span::from_millis(0), 0);
-    for minute in 0..24 * 60_i64 {
-        let node = |node: i64| {
-            let mean = 20.0 + ((node * 7 + minute * 13) % 101) as f32 * 0.173;
-            let values = vec![("temperature".into(), vec![point(600, [mean - 0.371, mean, mean + 0.529])])];
-            (format!("group_{}/module_{node}", node / 50).into(), values)
-        };
-        let nodes = (0..1000).map(node).collect();
-        let began = clock.now();
-        disk.keep_all(DAY + minute * MINUTE_MS, nodes);
-        let took = clock.now().since(began);
-        (longest, sum) = (longest.max(took), sum + took.as_nanos());
-    }
-    let began = clock.now();
-    let points = disk.points("group_3/module_170", (0, DAY_MS), Resolution::Minute).len();
-    let read = clock.now().since(began).as_nanos() / 1000;
-    let bytes = std::fs::metadata(&path).unwrap().len();
-    println!(
-        "a minute {} us, an hour's end {} ms, a day {points} points read in {read} us, file {bytes} bytes, {:?}",
-        sum / 1_440_000,
-        longest.as_millis(),
-        counted_bytes(&disk)
-    );
 }
