@@ -13,6 +13,7 @@ use crate::audit::known::Known;
 use crate::audit::{KEY_FILE_NAME, Key, Log};
 use crate::database::to_unix_ms;
 use crate::database::{backup, schema};
+use crate::users::secret::NOBODY;
 use crate::{Database, FILE_NAME, SessionKind, StoreError};
 
 /// The number of rows of one table that fit into memory, whatever a damaged file claims to hold.
@@ -75,11 +76,12 @@ impl Database {
             return format!("the database is damaged: {damage}");
         };
         match self.replacement(&folder) {
-            Ok((connection, log)) => {
+            Ok((connection, log, data_version)) => {
                 // It is not closed: SQLite would write into it, and others might remove its log.
                 std::mem::forget(std::mem::replace(&mut self.connection, connection));
                 self.log = log;
-                self.data_version = 0;
+                // Nobody else changes the copy, and its sessions are those that are open.
+                self.data_version = data_version;
                 self.health.is_salvaged(&fault(&folder, damage));
             }
             Err(error) => tracing::error!(%error, "what can be read of the database cannot be copied"),
@@ -87,13 +89,17 @@ impl Database {
         fault(&folder, damage)
     }
 
-    fn replacement(&self, folder: &Path) -> Result<(Connection, Log), StoreError> {
+    fn replacement(&self, folder: &Path) -> Result<(Connection, Log, i64), StoreError> {
         let mut connection = into_memory(folder)?;
-        // Open sessions stay, whether or not they could be read.
+        // Open sessions stay, whether or not they and their users could be read. Nobody knows the secret of such a user.
         let (wall, now) = (self.clock.wall(), self.clock.now());
         let sessions = self.sessions.all();
         for session in sessions.iter().filter(|session| session.kind == SessionKind::Person) {
             let left = Duration::from_nanos(session.expires.since(now).as_nanos());
+            connection.execute(
+                "INSERT OR IGNORE INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)",
+                params![&*session.user, session.role.as_str(), NOBODY, to_unix_ms(wall)],
+            )?;
             connection.execute(
                 "INSERT OR IGNORE INTO sessions (token_hash, user, created_ms, expires_ms, used_ms)
                  SELECT ?1, id, ?3, ?4, ?3 FROM users WHERE name = ?2",
@@ -101,7 +107,8 @@ impl Database {
             )?;
         }
         let log = Log::open(&mut connection, None, wall)?;
-        Ok((connection, log))
+        let data_version = connection.pragma_query_value(None, "data_version", |row| row.get(0))?;
+        Ok((connection, log, data_version))
     }
 }
 

@@ -66,7 +66,7 @@ const BLOCKS_OF_A_LANE: usize = 33 * 1024;
 
 /// A hash of an unknown secret, with the parameters of [`argon2`]: unknown users cost the same time as
 /// known ones.
-const NOBODY: &str =
+pub(crate) const NOBODY: &str =
     "$argon2id$v=19$m=19456,t=2,p=1$dGVsbHRhbGUtbm9ib2R5$Zm9yIHVua25vd24gdXNlcnMgb25seSwgbm8gc2VjcmU";
 
 /// Checks the `secret` of the user `name` against what `role` demands.
