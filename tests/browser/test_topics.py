@@ -1,4 +1,4 @@
-"""The page of topics: what comes beside what is wanted, and a monitor for what nobody watches."""
+"""The page of topics: the measured and the wanted rate, and a monitor for a topic that nobody watches."""
 
 import contextlib
 import json
@@ -113,7 +113,7 @@ def test_a_monitor_is_two_clicks_away_and_means_what_it_says(robot, topics, trou
     at = page.locator("#dev").get_attribute("data-at")
     expect(page.locator("#dev")).not_to_have_attribute("data-at", at)
     expect(page.locator("[data-aside]")).to_have_count(2)
-    # What is measured gives the limits.
+    # The measured rate gives the limits.
     assert "error_below: 0.1" in drafts["unread"] and "warning_below: " in drafts["well"], drafts
     config = tmp_path / "with.yaml"
     indented = textwrap.indent("".join(drafts.values()), "      ")

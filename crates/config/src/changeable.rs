@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::file::bands::KEYS;
+use super::file::monitors::bands::KEYS;
 use telltale_yaml::{Kind, Log, Node, Sources, tree};
 
 /// A place that may be changed, as a range of bytes.

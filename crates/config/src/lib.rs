@@ -18,7 +18,7 @@ pub mod soundness;
 pub use describe::difference::{Change, Difference, difference};
 pub use describe::named::{Named, What};
 pub use describe::places::ModelPlace;
-pub use file::system::resource;
+pub use file::monitors::system::resource;
 
 use std::collections::HashSet;
 use std::io::Read;

@@ -89,7 +89,7 @@ pub(super) struct Check<'a> {
     known: &'a [Option<PartType>],
     /// The type that the condition assumes for each input, from its use.
     pub(super) taken: Vec<Option<PartType>>,
-    /// The parts about the elements of lists, in place of which their answers stand.
+    /// The `exists` and `all` of the condition. The condition reads their answers as values.
     pub(super) quantifiers: Vec<Quantifier>,
     /// The variable and the list of the part about elements that is looked at.
     scope: Option<(String, String)>,
@@ -262,7 +262,7 @@ impl<'a> Check<'a> {
         if self.good && !matches!(kind, None | Some(PartType::Truth)) {
             self.problem(
                 body.id,
-                "what is asked of an element must be true or false",
+                "the condition on an element must be true or false",
                 "compare it: `... > 0`",
             );
         }

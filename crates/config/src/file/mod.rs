@@ -1,45 +1,34 @@
 //! The file as it is written: every key of a configuration, with its place and its documentation for the JSON
 //! Schema. Nothing here is checked against anything else; `resolve` does that.
 
-pub(super) mod agreement;
-pub(super) mod bands;
 pub(super) mod countermeasure;
-pub(super) mod filters;
 mod forms;
-mod frozen;
 pub(super) mod monitors;
 pub(super) mod motion;
 pub(super) mod nodes;
-pub(super) mod other;
-pub(super) mod policy;
 pub(super) mod publishing;
 pub(super) mod recording;
 pub(super) mod ros_names;
 pub(super) mod services;
 pub(super) mod signals;
-pub(super) mod sources;
-pub(crate) mod system;
-pub(crate) mod tf;
 pub(super) mod units;
-pub(super) mod watchdog;
-pub(super) mod wording;
 
 use std::ops::RangeInclusive;
 
 use crate::decode::{Entries, FromNode, Spanned};
 use crate::fields::Fields;
 use countermeasure::RawRule;
-pub(super) use filters::{Filter, FilterKind, Pattern, Writers};
 use forms::{ID, default_span, with_about};
+use monitors::sources::RawDiagnostics;
 use motion::RawMotion;
+pub(super) use nodes::filters::{Filter, FilterKind, Pattern, Writers};
+use nodes::other::RawOther;
+pub(super) use nodes::policy::Policy;
 pub(super) use nodes::{Dependency, DependsOn, Group, Module, TILE_MAX, Tile, When};
-use other::RawOther;
-pub(super) use policy::Policy;
 use publishing::{RawPublishing, Switch};
 use recording::RawRecording;
 use services::RawServices;
 pub(super) use signals::{Signal, SignalFrom};
-use sources::RawDiagnostics;
 use telltale_engine::model::monitors::StampClock;
 use telltale_engine::model::{DISPLAY_DPI, Driving, Limits as Bounds, Other, StageModel, Within};
 use telltale_engine::text::Text;

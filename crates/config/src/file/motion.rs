@@ -1,7 +1,7 @@
 //! The vehicle's motion as it is written: where its speed comes from, and when it stands.
 
 use super::forms::{FIELD, default_span};
-use super::sources::Topic;
+use super::monitors::sources::Topic;
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
 use telltale_engine::model::motion::{SPEED_TIMEOUT, STANDING_BELOW_MPS};

@@ -1,7 +1,7 @@
 //! Published topics in the file: only the differences from the default.
 
-use super::bands::hertz;
 use super::forms::{self, TOPIC};
+use super::monitors::bands::hertz;
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
 use telltale_engine::model::output::{Like, LogLevel};

@@ -1,8 +1,8 @@
 //! Signals in the file: a field of a topic, or a condition over values.
 
 use super::forms::{self, KEY, STATUS, TOPIC, TYPE, UNIT};
+use super::monitors::sources::{ScalarSource, Source, Topic};
 use super::monitors::{INPUTS_MAX, input_rules};
-use super::sources::{ScalarSource, Source, Topic};
 use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::describe::words::counted;
 use crate::fields::Fields;

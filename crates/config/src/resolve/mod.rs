@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 use super::describe::places::{NodePlace, Places};
 use super::describe::words;
-use super::file::other::RawOther;
+use super::file::nodes::other::RawOther;
 use super::file::publishing::RawPublishing;
 use super::{Loaded, file};
 use crate::decode::{All, Spanned};

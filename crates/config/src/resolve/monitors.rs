@@ -113,7 +113,7 @@ pub(crate) fn source(source: &Source, topics: &mut Topics, log: &mut Log) -> Val
     }
 }
 
-/// The inputs of conditions. A list of whose elements they ask is one input for each member that they use.
+/// The inputs of conditions. A list is one input for each member of its elements that the conditions use.
 pub(crate) fn inputs(
     raw: &[(Spanned<String>, Source)],
     texts: &[&Spanned<String>],

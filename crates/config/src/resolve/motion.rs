@@ -3,8 +3,8 @@
 use super::topics::Topics;
 use crate::decode::Spanned;
 use crate::describe::words;
+use crate::file::monitors::sources::Topic;
 use crate::file::motion::{RawMotion, STANDING_MPS_MAX, TIMEOUT_MAX};
-use crate::file::sources::Topic;
 use telltale_engine::model::monitors::{FieldKind, MonitorSpec, ValueSource};
 use telltale_engine::model::motion::{SPEED_TIMEOUT, STANDING_BELOW_MPS, SpeedSource, WatchedField};
 use telltale_engine::model::{GOAL_SIGNAL, SignalSource, SignalSpec};

@@ -5,8 +5,10 @@ use std::sync::Arc;
 
 use crate::decode::Spanned;
 use crate::describe::places::TopicPlace;
+use crate::file::monitors::sources::{
+    DIAGNOSTICS_MAX, PREFIX_BYTES_MAX, RawDiagnostics, RawDiagnosticsTopic, Topic,
+};
 use crate::file::ros_names::{check_list, check_path, check_topic, check_type};
-use crate::file::sources::{DIAGNOSTICS_MAX, PREFIX_BYTES_MAX, RawDiagnostics, RawDiagnosticsTopic, Topic};
 use telltale_engine::model::monitors::{
     DIAGNOSTIC_ARRAY, DIAGNOSTICS, DiagnosticsTopic, FieldKind, FieldSpec, StampClock, TopicId, TopicSpec,
     WatchdogId, WatchdogSpec, Watched,

@@ -1,12 +1,8 @@
 //! Tests of configurations: files that are read, files that are refused, and the words of a refusal.
 
-mod agreements;
 mod countermeasures;
 mod diagnostics;
 mod difference;
-mod expression;
-mod frozen;
-mod lists;
 mod monitors;
 mod motion;
 mod named;
@@ -19,10 +15,6 @@ mod shuttle;
 mod signals;
 mod slips;
 mod soundness;
-mod system;
-mod tf;
-mod watchdogs;
-mod watching;
 
 use std::path::PathBuf;
 

@@ -1,5 +1,5 @@
-//! The transforms along a chain of frames: a link that does not come, that is old, or whose frame has a second parent.
-//! Only the frames of the configuration are remembered, whatever else is sent.
+//! The transforms along a chain of frames: a link that does not come, a link that is old, a frame with two parents.
+//! Only frames of the configuration are remembered, so other frames need no memory.
 
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -90,7 +90,7 @@ impl Tf {
         Tf { links: links.iter().map(link).collect(), bands, missing: Missing::default(), since: None }
     }
 
-    /// Takes the state of what is missing from the policy of its module.
+    /// The state of a missing link, from the policy of the module.
     pub(super) fn follow(&mut self, policy: &Policy) {
         self.missing = Missing { state: policy.stale, after: policy.timeout };
     }
@@ -116,7 +116,7 @@ impl Machine for Tf {
         }
     }
 
-    /// Ages count from now on. What is static was said once and stays.
+    /// Ages count from now on. A static transform is sent once and stays.
     fn begin_anew(&mut self, now: Timestamp) -> bool {
         self.since = Some(now);
         for link in &mut self.links {

@@ -312,7 +312,7 @@ impl Countermeasures {
         });
     }
 
-    /// From now on only a release ends what is held.
+    /// From now on only a release ends the held requests.
     pub(crate) fn latch(&mut self) {
         self.held.iter_mut().for_each(|held| held.needs_release = true);
     }

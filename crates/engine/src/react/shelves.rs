@@ -119,7 +119,7 @@ impl Engine {
         places.into_iter().flatten().filter_map(of_module).collect()
     }
 
-    /// Ends what is over: by its time, or because the vehicle is not known to stand any more. Returns whether anything
+    /// Ends the shelvings that are over: by their time, or because the vehicle is not known to stand any more. Returns whether anything
     /// ended.
     pub(crate) fn end_shelving(&mut self) -> bool {
         if self.shelves.0.is_empty() {
@@ -136,7 +136,7 @@ impl Engine {
     }
 
     /// Whether the vehicle stands by its speed, and nothing may set it in motion: it is not cleared, and does not say
-    /// that it drives. In the stage `locked` nobody would see what is shelved.
+    /// that it drives. In the stage `locked` nobody would see the shelved modules.
     fn surely_stands(&self) -> bool {
         let is_at_a_stop = self.vehicle.model == StageModel::None
             || matches!(self.vehicle.stage, Stage::Localizing | Stage::Standby)
@@ -144,8 +144,8 @@ impl Engine {
         is_at_a_stop && self.motion.shown().moving == Moving::No
     }
 
-    /// Everything on which a request to slow down or to stop rests: the nodes of its rule and what is in them, all that
-    /// these depend on, and what confirms it.
+    /// The nodes that a request to slow down or to stop needs: the nodes of its rule with their members, all their
+    /// dependencies, and the status that confirms it.
     fn needed_by_countermeasures(&self) -> BTreeSet<NodeId> {
         let rules = self.model.driving.countermeasures.iter().filter(|rule| rule.request.kind().moves());
         let mut open: Vec<NodeId> = Vec::new();

@@ -80,7 +80,7 @@ pub struct Frame {
     pub has_two: bool,
 }
 
-/// What is read of the messages of this type beside their content.
+/// The fields that are read of messages of this type, beside a fingerprint of their content.
 pub fn more_fields(type_name: &str) -> impl Iterator<Item = FieldSpec> {
     let count = if type_name == TF_MESSAGE { TRANSFORMS_MAX } else { 0 };
     let of = |at: usize| ["header.frame_id", "child_frame_id"].map(|name| format!("transforms[{at}].{name}"));

@@ -146,8 +146,8 @@ fn wanted(plan: &Plan) -> BTreeSet<String> {
     read.chain(asked).collect()
 }
 
-/// `ours` are our participants, and `first` the topics that are listed in any case. So are those on which one of ours
-/// publishes or listens.
+/// `ours` are our participants. The topics in `first`, and the topics with a reader or writer of ours, are listed in any
+/// case.
 fn look(
     seen: &Seen,
     nodes: &BTreeMap<Guid, &str>,

@@ -132,7 +132,7 @@ mod tests {
     const A: Guid = [1; 16];
     const B: Guid = [2; 16];
 
-    /// Whatever the participants announce is known.
+    /// Every participant's announcement is known.
     fn heard(_: &Guid) -> bool {
         false
     }

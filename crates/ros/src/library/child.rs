@@ -321,7 +321,7 @@ impl Child {
         let places::Places { followed: now, cut_of_ours, cut } = places::choose(now, &told, &self.ours)?;
         let before = std::mem::replace(&mut self.told_cut, (cut_of_ours, cut));
         let tell_cut = |frame: &mut Frame| frame.news(&FromChild::Cut { of_ours: cut_of_ours, all: cut });
-        // Whoever looks meanwhile must not take for gone what is cut.
+        // Told first: an endpoint that was cut is not gone.
         let is_more = cut_of_ours > before.0;
         if is_more {
             tell_cut(&mut out.frame);

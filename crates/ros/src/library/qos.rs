@@ -118,7 +118,7 @@ pub fn offered(quality: Quality) -> QosPolicies {
         Quality::Log => qos.lifespan(Lifespan { duration: rustdds::Duration::from_secs(10) }),
         // A writer waits while so many samples are not acknowledged (else 8,192), and the library counts all that it
         // ever sent against a reader that has not acknowledged anything yet: one that never does would silence it. The
-        // memory of the process is the bound of what is kept for such a reader.
+        // memory of the process bounds the samples that are kept for such a reader.
         Quality::LastValue | Quality::Command => qos.resource_limits(ResourceLimits {
             max_samples: i32::MAX,
             max_instances: 1,

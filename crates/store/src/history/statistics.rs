@@ -144,7 +144,7 @@ impl Statistics {
         }
     }
 
-    /// Within the bounds of what is kept of a day.
+    /// Within the bounds of a day's sums.
     fn bounded(mut self) -> Statistics {
         self.nodes = Vec::new();
         self.waits_ms.truncate(WAITS_MAX);

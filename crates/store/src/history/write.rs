@@ -236,8 +236,8 @@ fn insert(transaction: &Transaction<'_>, at_ms: i64, row: Row<'_>) -> rusqlite::
 
 /// Removes the oldest rows, a twentieth of all or more. Returns the remaining number of rows.
 ///
-/// Transitions of nodes go first, as they are the most: alarms, stages and starts, of which the statistics are made, may
-/// take half of the rows. Beyond it their oldest days go, whose statistics stay.
+/// Transitions of nodes go first, as they are the most. Alarms, stages and starts may take half of the rows, because the
+/// statistics count them; beyond that their oldest days go, and the sums of these days stay.
 fn trim(transaction: &Transaction<'_>, rows: usize, rows_max: usize) -> rusqlite::Result<usize> {
     let target = rows_max - rows_max / 20;
     let others = "SELECT count(*) FROM records WHERE kind <> 1";

@@ -27,7 +27,7 @@ impl Recorded {
     }
 }
 
-/// Whether a request of a session leaves a record of its action, and is no action by which an operator drives.
+/// Whether the bound holds for a request: its action is recorded, and it is no action of an operator on the vehicle.
 pub fn is_bounded(method: &Method, path: &str, role: Role) -> bool {
     let acts = !matches!(*method, Method::GET | Method::HEAD);
     let is_mark = matches!(path, "/api/v1/mark" | "/incidents/mark");

@@ -131,7 +131,7 @@ pub async fn get(
         Some(resolution) => {
             let query = TrendQuery { node: asked.node.clone(), from_ms, to_ms, resolution };
             trend = app.past(&published, |history| history.trend(query)).await?;
-            // What has left may have a past.
+            // A module that has left may have a past.
             if trend.values.is_empty()
                 && !matches!(published.snapshot.node(&asked.node), Some(NodeId::Module(_)))
             {

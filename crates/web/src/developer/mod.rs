@@ -140,7 +140,7 @@ pub(crate) struct DevFrame {
     /// The content does not change by itself: it is from the past, or complete.
     pub(crate) fixed: bool,
     pub(crate) replay: bool,
-    /// What is shelved, on every page.
+    /// The shelved modules, on every page.
     pub(crate) shelved: Vec<ShelvedHtml>,
 }
 

@@ -61,7 +61,7 @@ struct Requested {
     first: FirstStep,
 }
 
-/// The first step, on which the second one depends.
+/// The first step. The second one names it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FirstStep {
     /// The state of the vehicle that was shown with the request.

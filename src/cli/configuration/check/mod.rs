@@ -220,7 +220,7 @@ fn sizes_only(loaded: &Loaded) -> Option<String> {
     let limit = words::bytes(LARGE_BYTES_PER_S);
     Some(format!(
         "recording: above {limit} a second, only the times and sizes of {topics} are recorded, because nothing reads \
-         their content; `recording.topics` names what is to be recorded whole"
+         their content; `recording.topics` names topics to record whole"
     ))
 }
 

@@ -87,7 +87,7 @@ fn a_chain_is_as_old_as_its_oldest_transform() {
     tf.is(State::Ok, "");
     tf.pass(401);
     tf.is(State::Warning, "map -> odom is older than 300 ms");
-    // The newest stamp counts, whatever comes after it.
+    // The newest stamp counts, also when an older one comes after it.
     tf.hear(MOVING, 410, [&["map"], &["odom"]], 0);
     tf.hear(MOVING, 420, [&["map"], &["odom"]], 900);
     tf.is(State::Ok, "");

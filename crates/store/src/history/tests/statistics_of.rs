@@ -9,7 +9,7 @@ fn an_operation_is_summed_up_by_its_alarms_and_stages() {
     let raised = |id, node: &str| Recorded::AlarmRaised { id, node: node.into() };
     let cleared = |id, node: &str| Recorded::AlarmCleared { id, node: node.into() };
     disk.write(0, &[Recorded::Started { anew: true }, Recorded::Stage(Stage::Standby)]);
-    // One that chatters, of which the second is acknowledged, and one that moves to its cause and lasts.
+    // Alarms of a node that chatters, the second one acknowledged, and an alarm that moves to its cause and lasts.
     for (id, at_ms) in [(1, 10_000), (2, 25_000), (3, 40_000)] {
         disk.write(at_ms, &[raised(id, "a")]);
         if id == 2 {

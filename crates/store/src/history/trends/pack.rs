@@ -3,7 +3,7 @@
 use std::io::Read as _;
 use std::sync::Arc;
 
-/// What a row may unpack to, whatever a damaged file claims: more than 20,000 values with long names need.
+/// A row unpacks to no more, also if a damaged file claims so: 20,000 values with long names need less.
 const UNPACKED_MAX: u64 = 32 << 20;
 const EFFORT: i32 = 3;
 

@@ -125,8 +125,8 @@ pub const RESET: Operation = Operation {
 pub const SHELVE: Operation = Operation {
     id: "shelve",
     summary: "Shelve a module for maintenance",
-    about: "Its faults raise no alarm for so long. Only while the vehicle stands, and for no module on which a request \
-            to slow down or to stop rests.",
+    about: "Its faults raise no alarm for so long. Only while the vehicle stands, and for no module that a request to \
+            slow down or to stop needs.",
     form: Some(of::<ShelveForm>),
     example: "module=sensors/camera_front&minutes=30",
     ..ACTION

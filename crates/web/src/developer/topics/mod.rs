@@ -118,7 +118,7 @@ pub fn page(
     let wanted = all_wanted(view.snapshot);
     let nothing = Wanted::default();
     let of = |topic: &TopicSeen| wanted.get(&*topic.name).unwrap_or(&nothing);
-    // What is too slow stands first, then what is wrong otherwise.
+    // Topics that are too slow stand first, then those with another fault.
     topics.sort_by_key(|topic| {
         let is_wrong = of(topic).is_too_fast(topic) || !topic.mismatches().is_empty();
         (!of(topic).is_too_slow(topic), !is_wrong && !topic.is_published_beside_us())

@@ -6,7 +6,7 @@ use telltale_engine::discovery::TopicSeen;
 use telltale_engine::model::{ModuleId, NodeId};
 use telltale_engine::snapshot::{Reason, Snapshot};
 
-/// What is wanted of one topic.
+/// The rate that monitors want of one topic.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Wanted {
     /// The modules whose monitors read it.

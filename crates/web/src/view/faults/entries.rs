@@ -55,7 +55,7 @@ pub struct AcknowledgeTarget {
     pub aspect: Aspect,
 }
 
-/// All entries: the most urgent advice first, then what is shelved, and last what is over.
+/// All entries: the most urgent advice first, then the shelved modules, and last the alarms that are over.
 pub fn entries(view: &View<'_>) -> Vec<FaultEntry> {
     let roots = view.snapshot.roots.iter();
     let mut entries: Vec<FaultEntry> = roots.map(|root| of_root(view, root)).collect();

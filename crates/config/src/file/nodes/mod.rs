@@ -1,12 +1,16 @@
 //! Groups and modules in the file, and their relations.
 
-use super::filters::{Filter, Writers};
+pub(crate) mod filters;
+pub(crate) mod other;
+pub(crate) mod policy;
+pub(crate) mod wording;
+
 use super::forms::{self, ID, WRITERS};
 use super::monitors::Monitor;
-use super::policy::Policy;
-use super::wording::RawWording;
 use crate::decode::{All, Entries, FromNode, Spanned};
 use crate::fields::Fields;
+use filters::{Filter, Writers};
+use policy::Policy;
 use telltale_engine::model::wording::Advice;
 use telltale_engine::model::{Combine, Stage, Within};
 use telltale_engine::state::State;
@@ -14,6 +18,7 @@ use telltale_engine::text::Text;
 use telltale_yaml::decode::word;
 use telltale_yaml::schema::{Json, default, least, most, needs_any, needs_one, not_empty, one_of, words};
 use telltale_yaml::{KeyDoc, Kind, Log, Members, Node, Problem, Schema, Span, key, map};
+use wording::RawWording;
 
 #[derive(Debug)]
 pub(crate) struct Group {

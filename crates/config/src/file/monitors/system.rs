@@ -1,10 +1,10 @@
 //! What is measured of the computer on which Telltale runs, as written: a resource or a process, and its limits.
 
 use super::bands::{self, Unit};
-use super::forms::default_span;
-use super::monitors::{AGE_MAX, Monitor, span};
+use super::{AGE_MAX, Monitor, span};
 use crate::decode::Spanned;
 use crate::fields::Fields;
+use crate::file::forms::default_span;
 use telltale_engine::model::monitors::{ProcessMeasure, Resource};
 use telltale_engine::time;
 use telltale_yaml::schema::{needs_one, pattern, words};

@@ -1,8 +1,8 @@
 //! The sources of monitors' values, and the terms of the paper's classification, as written.
 
-use super::forms::{self, FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
+use crate::file::forms::{self, FIELD, KEY, STATUS, TOPIC, TYPE, UNIT};
 use telltale_engine::model::monitors::{Class, DIAGNOSTICS, FieldKind, StampClock};
 use telltale_engine::model::sample::POSITIONS_MAX;
 use telltale_yaml::decode::{scalar, word};

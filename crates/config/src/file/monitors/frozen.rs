@@ -1,7 +1,7 @@
 //! Monitors of what repeats itself in the file: the source, and for how long and how often it may stay the same.
 
+use super::Monitor;
 use super::bands;
-use super::monitors::Monitor;
 use super::sources::Source;
 use crate::fields::Fields;
 use telltale_engine::model::monitors::{Bands, FrozenLimits};

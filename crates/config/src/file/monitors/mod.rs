@@ -1,13 +1,20 @@
 //! Monitors in the file: one kind each, with its sources, its limits and its window.
 
-use super::bands::{self, Unit, bands, some_bands};
+mod agreement;
+pub(crate) mod bands;
+mod frozen;
+pub(crate) mod sources;
+pub(crate) mod system;
+pub(crate) mod tf;
+pub(crate) mod watchdog;
+
 use super::forms::default_span;
-use super::sources::ScalarSource;
-pub(crate) use super::sources::{Source, Topic};
-use super::{agreement, frozen, system, tf, watchdog};
 use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::expression::TEXT_BYTES_MAX;
 use crate::fields::Fields;
+use bands::{Unit, bands, some_bands};
+use sources::ScalarSource;
+pub(crate) use sources::{Source, Topic};
 use telltale_engine::model::monitors::{
     AgreementRule, Bands, Class, FrozenLimits, ProbeTarget, Resource, ValueRule,
 };

@@ -1,6 +1,6 @@
 //! Tests of watchdogs: their targets and their limits.
 
-use super::monitors::{means, wrong};
+use super::{means, wrong};
 
 #[test]
 fn watchdogs_ask_what_can_be_asked() {

@@ -1,6 +1,6 @@
 //! Tests of monitors of the computer.
 
-use super::monitors::{means, wrong};
+use super::{means, wrong};
 
 #[test]
 fn the_computer_is_measured_in_the_units_of_its_parts() {

@@ -1,9 +1,9 @@
 //! `name` and `help` of a module in the file: one text, or different texts by level and stage.
 
-use super::forms::with_about;
-use super::languages;
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
+use crate::file::forms::with_about;
+use crate::file::languages;
 use telltale_engine::model::Stage;
 use telltale_engine::model::wording::{Advice, ByStage, Urgency, Wording};
 use telltale_engine::state::State;

@@ -1,5 +1,14 @@
 //! Tests of monitors: what they watch, and possible mistakes.
 
+mod agreements;
+mod expression;
+mod frozen;
+mod lists;
+mod system;
+mod tf;
+mod watchdogs;
+mod watching;
+
 use super::*;
 use crate::describe::words;
 use telltale_engine::model::MonitorSpec;

@@ -1,10 +1,10 @@
 //! Watchdogs in the file: the target, the interval, and the limits of the response time.
 
 use super::bands;
-use super::forms::{default_span, topic_name};
-use super::monitors::{AGE_MAX, Monitor, span};
+use super::{AGE_MAX, Monitor, span};
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
+use crate::file::forms::{default_span, topic_name};
 use telltale_engine::model::monitors::{Bands, ProbeTarget};
 use telltale_engine::time;
 use telltale_yaml::schema::{default, least, most, needs_one, of_type, pattern};
@@ -126,7 +126,7 @@ fn target(kind: &str, node: &Node, log: &mut Log) -> Option<ProbeTarget> {
         let name = bracketed.or_else(|| (!name.contains(':')).then_some(name))?;
         (host(name) && port.parse::<u16>().is_ok_and(|port| port > 0)).then_some(())
     };
-    let full_name = super::ros_names::is_full_name(&text);
+    let full_name = crate::file::ros_names::is_full_name(&text);
     let (target, good, help) = match kind {
         "icmp" => (
             ProbeTarget::Icmp { host: text.as_str().into() },

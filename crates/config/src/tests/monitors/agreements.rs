@@ -1,6 +1,6 @@
 //! Tests of agreements: their sources and their limits.
 
-use super::monitors::{TOPIC, means, wrong};
+use super::{TOPIC, means, wrong};
 
 #[test]
 fn two_sources_are_of_one_kind_with_its_own_limits() {
@@ -118,7 +118,7 @@ fn lists_have_limits_on_their_number_and_their_distance() {
     let path = "`a[]` is no path of a field";
     let found = super::parse(
         "c",
-        &super::monitors::module(&agreement("pose: 'a[]'", "pose: q", "translation: { error_above: 1 }")),
+        &super::module(&agreement("pose: 'a[]'", "pose: q", "translation: { error_above: 1 }")),
     );
     let lines = found.unwrap_err().lines();
     assert!(lines.len() == 1 && lines[0].contains(path), "{lines:?}");

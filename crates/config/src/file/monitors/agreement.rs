@@ -1,8 +1,8 @@
 //! Agreements in the file: two sources of one kind, and their limits.
 
 use super::bands::{self, Unit, bands};
-use super::monitors::{MAX_AGE, Monitor, Source, WINDOW_MAX, age, span};
 use super::sources::AnySource;
+use super::{MAX_AGE, Monitor, Source, WINDOW_MAX, age, span};
 use crate::fields::Fields;
 use telltale_engine::model::monitors::{AgreementRule, Bands, FieldKind};
 use telltale_engine::time;

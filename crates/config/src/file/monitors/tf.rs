@@ -1,10 +1,10 @@
 //! Monitors of transforms as they are written: a chain of frames, each the parent of the next.
 
+use super::Monitor;
 use super::bands;
-use super::monitors::Monitor;
-use super::ros_names::is_full_name;
 use crate::decode::{All, Spanned};
 use crate::fields::Fields;
+use crate::file::ros_names::is_full_name;
 use telltale_engine::model::monitors::Bands;
 use telltale_yaml::schema::pattern;
 use telltale_yaml::{Log, Node, Problem, key, map};

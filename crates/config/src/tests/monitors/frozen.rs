@@ -1,6 +1,6 @@
 //! Tests of monitors of what repeats itself.
 
-use super::monitors::{means, wrong};
+use super::{means, wrong};
 
 #[test]
 fn what_repeats_itself_has_limits_of_time_and_of_number() {

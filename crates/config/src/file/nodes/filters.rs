@@ -1,9 +1,9 @@
 //! The entries of a group's `match` list in the file: the statuses that become modules of the group.
 
-use super::forms::WRITERS;
 use super::policy::Policy;
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
+use crate::file::forms::WRITERS;
 use crate::glob::{self, is_glob};
 use telltale_yaml::decode::{did_you_mean, scalar};
 use telltale_yaml::schema::{needs_any, needs_one, not_empty, of_type, one_of};

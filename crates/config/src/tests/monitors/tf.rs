@@ -1,6 +1,6 @@
 //! Tests of monitors of transforms.
 
-use super::monitors::{means, wrong};
+use super::{means, wrong};
 
 #[test]
 fn a_chain_of_frames_has_limits_of_age() {

@@ -1,8 +1,8 @@
 //! Limits in the file: up to four, in an order that makes sense.
 
-use super::{forms, units};
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
+use crate::file::{forms, units};
 use telltale_engine::model::monitors::Bands;
 use telltale_engine::state::State;
 use telltale_yaml::decode::scalar;

@@ -1,8 +1,8 @@
 //! How reports become states, as it is written: timeouts, delays, latches.
 
-use super::forms::{FORGET_AFTER, default_span};
 use crate::decode::Spanned;
 use crate::fields::Fields;
+use crate::file::forms::{FORGET_AFTER, default_span};
 use telltale_engine::model::{CountsAs, Policy as Resolved};
 use telltale_engine::state::State;
 use telltale_engine::time;
