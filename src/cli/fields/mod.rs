@@ -7,9 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use crate::config::{Examined, Loaded, ModelPlace, expression};
-use crate::engine::model::monitors::{
-    AgreementRule, Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource,
-};
+use crate::engine::model::monitors::{Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource};
 use crate::engine::model::motion::WatchedField;
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{Model, ModuleId};
@@ -127,9 +125,6 @@ impl Kinds<'_> {
         for (id, module) in (0..).map(ModuleId).zip(&self.model.modules) {
             let Some(monitor) = module.monitor.other() else { continue };
             let mut problems = match monitor {
-                MonitorSpec::Value { source, rule: ValueRule::Bands(_) } => {
-                    self.no_number(source).into_iter().collect::<Vec<_>>()
-                }
                 MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning } } => {
                     let wanted = [("error_unless", error), ("warning_unless", warning)];
                     wanted
@@ -137,22 +132,11 @@ impl Kinds<'_> {
                         .filter_map(|(key, wanted)| self.never_equal(source, key, wanted.as_ref()?))
                         .collect()
                 }
-                MonitorSpec::Sequence { earlier: a, later: b, .. }
-                | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => {
-                    [a, b].into_iter().filter_map(|source| self.no_number(source)).collect()
-                }
                 MonitorSpec::Expression { .. } => self.unanswered(monitor),
-                MonitorSpec::Agreement { .. }
-                | MonitorSpec::External { .. }
-                | MonitorSpec::Frequency { .. }
-                | MonitorSpec::Latency { .. }
-                | MonitorSpec::Frozen { .. }
-                | MonitorSpec::Tf { .. }
-                | MonitorSpec::Watchdog { .. }
-                | MonitorSpec::System { .. }
-                | MonitorSpec::RateRatio { .. }
-                | MonitorSpec::Constant { .. }
-                | MonitorSpec::Count { .. } => Vec::new(),
+                other => {
+                    let (sources, _) = other.measured();
+                    sources.into_iter().filter_map(|source| self.no_number(source)).collect()
+                }
             };
             problems.extend(self.beyond(monitor));
             let name = &module.id;

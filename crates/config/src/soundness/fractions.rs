@@ -2,7 +2,7 @@
 
 use super::{Finding, FindingKind};
 use crate::expression;
-use telltale_engine::model::monitors::{AgreementRule, Bands, ValueRule, ValueSource};
+use telltale_engine::model::monitors::{Bands, ValueRule, ValueSource};
 use telltale_engine::model::quantity::Quantity;
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::model::{GroupId, Model, ModuleId, MonitorSpec, NodeId};
@@ -28,7 +28,6 @@ fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
         Some((field.into(), limits.iter().copied().find(|limit| limit.abs() > 1.0)?))
     };
     match monitor {
-        MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => first(&[source], &limits(bands)),
         MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning } } => {
             let number = |value: &FieldValue| match value {
                 FieldValue::Number(value) => Some(*value),
@@ -36,10 +35,6 @@ fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
             };
             let wanted: Vec<f64> = [error, warning].into_iter().flatten().filter_map(number).collect();
             first(&[source], &wanted)
-        }
-        MonitorSpec::Sequence { earlier: a, later: b, bands, .. }
-        | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(bands), .. } => {
-            first(&[a, b], &limits(bands))
         }
         MonitorSpec::Expression { inputs, warning, error, .. } => {
             let written = [error, warning].into_iter().flatten().flat_map(expression::limits);
@@ -49,18 +44,10 @@ fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
             });
             written.next()
         }
-        // Their limits are in units of their own.
-        MonitorSpec::Agreement { .. }
-        | MonitorSpec::External { .. }
-        | MonitorSpec::Frequency { .. }
-        | MonitorSpec::Latency { .. }
-        | MonitorSpec::Frozen { .. }
-        | MonitorSpec::Tf { .. }
-        | MonitorSpec::Watchdog { .. }
-        | MonitorSpec::System { .. }
-        | MonitorSpec::RateRatio { .. }
-        | MonitorSpec::Constant { .. }
-        | MonitorSpec::Count { .. } => None,
+        other => {
+            let (sources, bands) = other.measured();
+            first(&sources, &bands.map(limits).unwrap_or_default())
+        }
     }
 }
 

@@ -374,6 +374,30 @@ impl MonitorSpec {
         }
     }
 
+    /// The sources whose values are judged in their own unit, with the limits of these values if there are any.
+    pub fn measured(&self) -> (Vec<&ValueSource>, Option<&Bands>) {
+        match self {
+            MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => (vec![source], Some(bands)),
+            MonitorSpec::Value { source, rule: ValueRule::Unless { .. } } => (vec![source], None),
+            MonitorSpec::Sequence { earlier: a, later: b, bands, .. }
+            | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(bands), .. } => {
+                (vec![a, b], Some(bands))
+            }
+            MonitorSpec::Agreement { .. }
+            | MonitorSpec::External { .. }
+            | MonitorSpec::Frequency { .. }
+            | MonitorSpec::Latency { .. }
+            | MonitorSpec::Frozen { .. }
+            | MonitorSpec::Tf { .. }
+            | MonitorSpec::Watchdog { .. }
+            | MonitorSpec::System { .. }
+            | MonitorSpec::RateRatio { .. }
+            | MonitorSpec::Constant { .. }
+            | MonitorSpec::Count { .. }
+            | MonitorSpec::Expression { .. } => (Vec::new(), None),
+        }
+    }
+
     pub(crate) fn sources<'s>(&'s mut self) -> Vec<Source<'s>> {
         match self {
             MonitorSpec::External { .. } | MonitorSpec::Constant { .. } | MonitorSpec::Count { .. } => {

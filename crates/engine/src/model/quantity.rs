@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::monitors::{AgreementRule, MonitorSpec, ValueSource, Watched};
+use super::monitors::{MonitorSpec, ValueSource, Watched};
 
 /// How people read a number: times `factor`, with its unit.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,25 +40,10 @@ impl Quantity {
 
     /// The quantity of what a monitor measures, if its values have one quantity.
     pub fn measured_by(spec: &MonitorSpec, watched: &Watched) -> Option<Quantity> {
-        let (a, b) = match spec {
-            MonitorSpec::Value { source, .. } => (source, source),
-            MonitorSpec::Sequence { earlier: a, later: b, .. }
-            | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(_), .. } => (a, b),
-            // These have a unit of their own, or none.
-            MonitorSpec::Agreement { .. }
-            | MonitorSpec::External { .. }
-            | MonitorSpec::Frequency { .. }
-            | MonitorSpec::Latency { .. }
-            | MonitorSpec::Frozen { .. }
-            | MonitorSpec::Tf { .. }
-            | MonitorSpec::Watchdog { .. }
-            | MonitorSpec::System { .. }
-            | MonitorSpec::RateRatio { .. }
-            | MonitorSpec::Constant { .. }
-            | MonitorSpec::Count { .. }
-            | MonitorSpec::Expression { .. } => return None,
-        };
-        Quantity::of(a, watched).filter(|of| Quantity::of(b, watched).as_ref() == Some(of))
+        let (sources, _) = spec.measured();
+        let mut quantities = sources.into_iter().map(|source| Quantity::of(source, watched));
+        let first = quantities.next()??;
+        quantities.all(|it| it.as_ref() == Some(&first)).then_some(first)
     }
 }
 
