@@ -205,6 +205,7 @@ def check_authority(chromium, server, trouble, lang, palette):
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     check(page, "the authority's page")
     page.goto(server.url + "/developer/audit")
+    expect(page.locator("body")).to_have_attribute("data-live", "live")
     expect(page.locator("#audit tbody tr").first).to_be_visible()
     check(page, "the authority's audit log")
     context.close()
