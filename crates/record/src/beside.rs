@@ -26,7 +26,7 @@ pub struct Note {
 pub struct Beside {
     #[serde(flatten)]
     pub note: Option<Note>,
-    /// Whether it is kept; `None` in a file of an earlier version.
+    /// Whether it is kept; `None` if nobody said so.
     pub kept: Option<bool>,
 }
 

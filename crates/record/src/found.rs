@@ -7,8 +7,8 @@ use super::file::{ABOUT, BEGUN, Entry, FileError, JOURNAL, REPAIRED, Reader, TRA
 use super::folder::file_name;
 use super::incident::TRIGGERS_MAX;
 use super::journal::{Line, Took};
-use super::story::{BYTES_MAX, ENTRIES_MAX, is_module};
-use super::summary::{Recording, Summary, TriggerLine, kind};
+use super::story::{BYTES_MAX, ENTRIES_MAX};
+use super::summary::{Recording, Summary, TriggerLine};
 use super::transition::{Change, Transition};
 use super::writer::VEHICLE;
 
@@ -19,8 +19,8 @@ const PRE_ROLL_MS_MAX: i64 = 3_600_000;
 const ALARMS_MAX: usize = 1024;
 
 /// The summary of an incident by its file alone: what was known when it began, and what followed. Notes that were
-/// written about it later are not in it. Of a file of an earlier version, its changes tell the triggers; without any,
-/// the incident begins with the first instant that is shown. `None`: the file is no recording of this program.
+/// written about it later are not in it. Without a trigger in it, the incident begins with the first instant that is
+/// shown. `None`: the file is no recording of this program.
 ///
 /// # Errors
 /// It is no MCAP file, or the disk cannot read it.
@@ -48,16 +48,14 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
             break;
         }
     }
-    let Heard { triggers, told, more_triggers, alarms, stage_at_first, stage, messages, missing, .. } = heard;
+    let Heard { told, alarms, stage, messages, missing, .. } = heard;
     let begun = begun.unwrap_or_default();
-    let mut known = begun.triggers;
+    let mut triggers = begun.triggers;
     for line in told {
-        if known.len() < TRIGGERS_MAX && !known.contains(&line) {
-            known.push(line);
+        if triggers.len() < TRIGGERS_MAX && !triggers.contains(&line) {
+            triggers.push(line);
         }
     }
-    let (triggers, more_triggers) =
-        if known.is_empty() { (triggers, more_triggers) } else { (known, begun.more_triggers) };
     let since_ms = triggers.first().map_or(from_ms, |trigger| trigger.at_ms);
     let mut roots: Vec<String> = Vec::new();
     for root in alarms.into_values() {
@@ -77,11 +75,11 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
         id,
         since_ms,
         until_ms: Some(ms(last).max(since_ms)),
-        stage: if begun.stage.is_empty() { stage_at_first.unwrap_or(stage) } else { begun.stage },
+        stage: if begun.stage.is_empty() { stage } else { begun.stage },
         storm: begun.storm,
         freeze: begun.freeze,
         triggers,
-        more_triggers,
+        more_triggers: begun.more_triggers,
         roots,
         vehicle: text(VEHICLE),
         configuration: text("configuration_sha256"),
@@ -94,17 +92,12 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
 #[derive(Debug, Default)]
 struct Heard {
     from_ms: i64,
-    /// As its changes tell them.
-    triggers: Vec<TriggerLine>,
-    /// As it says itself.
+    /// The triggers.
     told: Vec<TriggerLine>,
-    more_triggers: u64,
     /// The present cause of each alarm.
     alarms: BTreeMap<u64, String>,
+    /// At the first trigger, or at the end if there is none.
     stage: String,
-    stage_at_first: Option<String>,
-    /// Modules that show a WARNING; others were there before.
-    shown: BTreeMap<String, bool>,
     messages: u64,
     missing: u64,
 }
@@ -147,37 +140,19 @@ impl Heard {
                 };
                 self.told.push(line);
             }
-            Change::Stage { stage } => self.stage = stage.to_string(),
-            Change::AlarmRaised { alarm, node } if *at_ms >= self.from_ms => {
-                if self.alarms.len() < ALARMS_MAX {
-                    self.alarms.insert(*alarm, node.to_string());
-                }
-                self.trigger(*at_ms, node, Some(*alarm));
+            Change::Stage { stage } if self.told.is_empty() => self.stage = stage.to_string(),
+            Change::AlarmRaised { alarm, node }
+                if *at_ms >= self.from_ms && self.alarms.len() < ALARMS_MAX =>
+            {
+                self.alarms.insert(*alarm, node.to_string());
             }
             Change::AlarmMoved { alarm, node, .. } => {
                 if let Some(root) = self.alarms.get_mut(alarm) {
                     *root = node.to_string();
                 }
             }
-            Change::Shown { node, shown, .. } if is_module(node) => {
-                let warns = shown == "warning";
-                let before = self.shown.insert(node.to_string(), warns);
-                if warns && before == Some(false) && *at_ms >= self.from_ms {
-                    self.trigger(*at_ms, node, None);
-                }
-            }
             _ => {}
         }
-    }
-
-    fn trigger(&mut self, at_ms: i64, node: &str, alarm: Option<u64>) {
-        self.stage_at_first.get_or_insert_with(|| self.stage.clone());
-        if self.triggers.len() >= TRIGGERS_MAX {
-            self.more_triggers += 1;
-            return;
-        }
-        let (kind, what, note) = (kind::ROOT.to_owned(), node.to_owned(), String::new());
-        self.triggers.push(TriggerLine { at_ms, kind, what, alarm, note });
     }
 }
 
@@ -191,12 +166,13 @@ mod tests {
 
     use super::*;
     use crate::file::{IncidentFile, MessageStamps};
+    use crate::summary::kind;
     use telltale_msg::cdr::Endian;
 
     const START_MS: i64 = 1_790_000_000_000;
 
-    fn shown(at_ms: i64, node: &str, shown: &str) -> Value {
-        json!({ "at_ms": START_MS + at_ms, "kind": "shown", "node": node, "shown": shown, "own": shown })
+    fn trigger(at_ms: i64, node: &str, alarm: Option<u64>) -> Value {
+        json!({ "at_ms": START_MS + at_ms, "kind": "trigger", "of": kind::ROOT, "what": node, "alarm": alarm })
     }
 
     #[test]
@@ -217,13 +193,11 @@ mod tests {
         let alarm = |at_ms: i64, number: u64, node: &str| json!({ "at_ms": START_MS + at_ms, "kind": "alarm_raised", "alarm": number, "node": node });
         let changes = [
             stage("active"),
-            shown(0, "a/warns before", "warning"),
-            shown(0, "a/rate", "ok"),
             alarm(5_000, 3, "a/earlier"),
-            shown(40_000, "a/rate", "warning"),
-            shown(40_100, "a", "warning"),
+            trigger(40_000, "a/rate", None),
             stage("locked"),
             alarm(41_000, 4, "a/symptom"),
+            trigger(41_000, "a/symptom", Some(4)),
             json!({ "at_ms": START_MS + 41_500, "kind": "alarm_moved", "alarm": 4, "symptom": "a/symptom", "node": "b/root" }),
             json!({ "kind": "of another version" }),
         ];

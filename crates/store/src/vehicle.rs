@@ -1,7 +1,6 @@
 //! The state of the vehicle that outlives a restart: its stage, its alarms with their numbers, and the
 //! decisions of the operator.
 
-use std::collections::HashMap;
 use std::time::{Duration, SystemTime};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
@@ -88,37 +87,32 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
             vehicle.last_alarm as i64,
         ])?;
     connection.execute_batch(
-        "DELETE FROM last_known_place; DELETE FROM alarm_urgencies; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes;
-         DELETE FROM countermeasure_times; DELETE FROM countermeasures;",
+        "DELETE FROM last_known_place; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes;
+         DELETE FROM countermeasures;",
     )?;
     if let Some(KnownPlace { pose: MapPose { x_m, y_m, yaw_deg }, driven }) = vehicle.last_known {
         let mut insert =
             connection.prepare_cached("INSERT INTO last_known_place VALUES (1, ?1, ?2, ?3, ?4)")?;
         insert.execute(params![x_m, y_m, yaw_deg, driven])?;
     }
-    let mut insert = connection.prepare_cached("INSERT INTO alarms VALUES (?1, ?2, ?3, ?4, ?5)")?;
-    let mut insert_urgency = connection.prepare_cached("INSERT INTO alarm_urgencies VALUES (?1, ?2)")?;
+    let mut insert = connection.prepare_cached("INSERT INTO alarms VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?;
     for alarm in vehicle.alarms.iter().take(ROWS_MAX) {
         let RestoredAlarm { id, node, age, acknowledged, active, asked } = alarm;
-        insert.execute(params![*id as i64, node, memory.began_ms(*age), acknowledged, active])?;
-        if let Some(asked) = asked {
-            insert_urgency.execute(params![*id as i64, asked.as_str()])?;
-        }
+        let asked = asked.map(Urgency::as_str);
+        insert.execute(params![*id as i64, node, memory.began_ms(*age), acknowledged, active, asked])?;
     }
     let mut insert = connection.prepare_cached("INSERT OR IGNORE INTO accepted VALUES (?1)")?;
     for node in vehicle.accepted.iter().take(ROWS_MAX) {
         insert.execute([node])?;
     }
-    let mut insert = connection.prepare_cached("INSERT INTO countermeasures VALUES (?1, ?2, ?3, ?4)")?;
-    let mut insert_times =
-        connection.prepare_cached("INSERT INTO countermeasure_times VALUES (?1, ?2, ?3)")?;
+    let mut insert = connection.prepare_cached("INSERT INTO countermeasures VALUES (?1, ?2, ?3, ?4, ?5)")?;
     let mut insert_cause = connection.prepare_cached("INSERT INTO causes VALUES (?1, ?2, ?3, ?4)")?;
     for (number, measure) in vehicle.countermeasures.iter().enumerate() {
         let number = number as i64;
         let mps2 = if let Request::Decelerate { mps2 } = measure.request { Some(mps2) } else { None };
         let stopped_ms = measure.by_operator.map(|age| memory.began_ms(age));
-        insert.execute(params![number, measure.request.as_str(), mps2, stopped_ms.is_some()])?;
-        insert_times.execute(params![number, memory.began_ms(measure.age), stopped_ms])?;
+        let since_ms = memory.began_ms(measure.age);
+        insert.execute(params![number, measure.request.as_str(), mps2, since_ms, stopped_ms])?;
         for (position, (node, acknowledged)) in measure.causes.iter().take(ROWS_MAX).enumerate() {
             insert_cause.execute(params![number, position as i64, node, acknowledged])?;
         }
@@ -167,9 +161,8 @@ impl Database {
         let sql =
             "SELECT stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm FROM vehicle";
         let Some(vehicle) = connection.query_row(sql, [], read_first).optional()? else { return Ok(None) };
-        let urgencies = read_urgencies(connection)?;
-        let mut query =
-            connection.prepare("SELECT id, node, raised_ms, acknowledged, active FROM alarms ORDER BY id")?;
+        let mut query = connection
+            .prepare("SELECT id, node, raised_ms, acknowledged, active, urgency FROM alarms ORDER BY id")?;
         let alarms = query.query_map([], |row| {
             Ok(RestoredAlarm {
                 id: row.get::<_, i64>(0)?.unsigned_abs(),
@@ -177,7 +170,7 @@ impl Database {
                 age: age(wall, row.get(2)?),
                 acknowledged: row.get(3)?,
                 active: row.get(4)?,
-                asked: urgencies.get(&row.get(0)?).copied(),
+                asked: row.get::<_, Option<String>>(5)?.and_then(|word| urgency(&word)),
             })
         })?;
         let alarms = alarms.collect::<Result<_, _>>()?;
@@ -207,11 +200,8 @@ fn read_first(row: &Row<'_>) -> rusqlite::Result<Restored> {
     })
 }
 
-/// Where the vehicle was last known to be. A database of an earlier schema that cannot be written does not tell.
+/// Where the vehicle was last known to be.
 fn read_last_known(connection: &Connection) -> rusqlite::Result<Option<KnownPlace>> {
-    if !has_table(connection, "last_known_place")? {
-        return Ok(None);
-    }
     let place = |row: &Row<'_>| {
         let pose = MapPose { x_m: row.get(0)?, y_m: row.get(1)?, yaw_deg: row.get(2)? };
         Ok(KnownPlace { pose, driven: row.get(3)? })
@@ -219,22 +209,8 @@ fn read_last_known(connection: &Connection) -> rusqlite::Result<Option<KnownPlac
     connection.query_row("SELECT x_m, y_m, yaw_deg, driven FROM last_known_place", [], place).optional()
 }
 
-/// The urgencies of alarms. A database of an earlier schema that cannot be written has none.
-fn read_urgencies(connection: &Connection) -> rusqlite::Result<HashMap<i64, Urgency>> {
-    if !has_table(connection, "alarm_urgencies")? {
-        return Ok(HashMap::new());
-    }
-    let mut query = connection.prepare("SELECT alarm, urgency FROM alarm_urgencies")?;
-    let rows = query.query_map([], |row| Ok((row.get(0)?, row.get::<_, String>(1)?)))?;
-    let known = |(alarm, word): (i64, String)| {
-        Some((alarm, Urgency::ALL.into_iter().find(|urgency| urgency.as_str() == word)?))
-    };
-    Ok(rows.collect::<rusqlite::Result<Vec<_>>>()?.into_iter().filter_map(known).collect())
-}
-
-/// A database of an earlier schema that cannot be written lacks tables.
-fn has_table(connection: &Connection, name: &str) -> rusqlite::Result<bool> {
-    connection.query_row("SELECT count(*) > 0 FROM sqlite_schema WHERE name = ?1", [name], |row| row.get(0))
+fn urgency(word: &str) -> Option<Urgency> {
+    Urgency::ALL.into_iter().find(|urgency| urgency.as_str() == word)
 }
 
 /// How old something is that began at this wall time.
@@ -247,13 +223,8 @@ fn read_measures(
     connection: &Connection,
     wall: SystemTime,
 ) -> Result<Vec<RestoredCountermeasure>, StoreError> {
-    let mut query = connection.prepare(match has_table(connection, "countermeasure_times")? {
-        true => {
-            "SELECT number, request, mps2, by_operator, since_ms, stopped_ms FROM countermeasures
-             LEFT JOIN countermeasure_times ON countermeasure = number ORDER BY number"
-        }
-        false => "SELECT number, request, mps2, by_operator, NULL, NULL FROM countermeasures ORDER BY number",
-    })?;
+    let mut query = connection
+        .prepare("SELECT number, request, mps2, since_ms, stopped_ms FROM countermeasures ORDER BY number")?;
     let mut causes = connection
         .prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;
     let mut rows = query.query([])?;
@@ -269,11 +240,8 @@ fn read_measures(
         };
         let causes = causes.query_map([row.get::<_, i64>(0)?], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let causes = causes.collect::<Result<_, _>>()?;
-        // Earlier versions kept no times.
-        let age = |began_ms: Option<i64>| began_ms.map_or(Span::ZERO, |ms| age(wall, ms));
-        let stopped = age(row.get(5)?);
-        let by_operator = row.get::<_, bool>(3)?.then_some(stopped);
-        measures.push(RestoredCountermeasure { request, age: age(row.get(4)?), by_operator, causes });
+        let by_operator = row.get::<_, Option<i64>>(4)?.map(|ms| age(wall, ms));
+        measures.push(RestoredCountermeasure { request, age: age(wall, row.get(3)?), by_operator, causes });
     }
     Ok(measures)
 }

@@ -283,7 +283,7 @@ fn triggers(summary: &Summary) -> impl Iterator<Item = Moment> {
 }
 
 /// A node below a group. Groups follow from them.
-pub(super) fn is_module(node: &str) -> bool {
+fn is_module(node: &str) -> bool {
     node.contains('/')
 }
 

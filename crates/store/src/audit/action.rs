@@ -46,7 +46,7 @@ actions! {
     UserSecret: "user secret", "A user got another secret.";
     UserRole: "user role", "A user got another role.";
     UserRemoved: "user removed", "A user was removed.";
-    UserKept: "user kept", "What an older record, which was pruned or has no key, said of a user.";
+    UserKept: "user kept", "What an older record, which was pruned or has another key, said of a user.";
     UsersForeign: "foreign users", "Users or tokens were found that another program wrote into the database; they cannot log in.";
     TokenAdded: "token added", "A token for a program was made.";
     TokenRevoked: "token revoked", "A token of a program was taken back.";
@@ -62,7 +62,6 @@ actions! {
     Omitted: "omitted", "Records that were left out, because there were too many of their kind.";
     Pruned: "pruned", "The oldest records were taken away.";
     HeadMissing: "head missing", "The note of where the chain ended was gone: it may have been cut before this.";
-    Keyed: "log keyed", "From here on records are written with the key; those before it are of an earlier version.";
     BreachAcknowledged: "breach acknowledged", "An authority has looked into what was wrong with the log before.";
     ChainBroken: "chain broken", "The chain did not end where it had been noted to.";
 }

@@ -71,7 +71,7 @@ impl fmt::Display for Head {
 }
 
 /// The hash of a record: every field with its length before it, so that no two records are written alike.
-/// With a key it is an HMAC-SHA-256; records of earlier versions have a SHA-256.
+/// With a key it is an HMAC-SHA-256, as each record has it; without, a SHA-256.
 pub(crate) fn hash(key: Option<&Key>, previous: Hash, number: u64, at_ms: i64, fields: [&str; 6]) -> Hash {
     let mut message = Vec::with_capacity(256);
     message.extend(if key.is_some() { b"telltale audit 2\0" } else { b"telltale audit 1\0" });
@@ -141,8 +141,6 @@ pub(crate) struct Verifier {
     /// Heads that were noted elsewhere: the chain must contain them.
     known: Vec<Head>,
     key: Option<Key>,
-    /// A record was written with the key, so all later records must be.
-    is_keyed: bool,
     records: u64,
     last: Option<Head>,
     /// Breaches within the chain, which an authority can acknowledge.
@@ -160,7 +158,6 @@ impl Verifier {
         Verifier {
             known,
             key,
-            is_keyed: false,
             records: 0,
             last: None,
             open: Vec::new(),
@@ -227,14 +224,8 @@ impl Verifier {
         *last = Head { number: entry.number, hash: entry.hash };
     }
 
-    /// Records of an earlier version may stand before the first record with a key: its hash covers them
-    /// too.
-    fn is_as_written(&mut self, entry: &Entry, previous: Hash) -> bool {
-        if self.key.is_some() && entry.sealed(self.key.as_ref(), previous) == entry.hash {
-            self.is_keyed = true;
-            return true;
-        }
-        !self.is_keyed && entry.sealed(None, previous) == entry.hash
+    fn is_as_written(&self, entry: &Entry, previous: Hash) -> bool {
+        self.key.is_some() && entry.sealed(self.key.as_ref(), previous) == entry.hash
     }
 
     /// Judges what an intact record says about the chain.
@@ -263,7 +254,6 @@ impl Verifier {
         let evidence = self.evidence();
         let is_acknowledged = entry.action == Action::BreachAcknowledged.as_str()
             && entry.role == Role::Authority.as_str()
-            && self.is_keyed
             && entry.target.ends_with(&evidence.to_string());
         if is_acknowledged {
             let count = self.open.len() as u64 + self.acknowledged.as_ref().map_or(0, |it| it.count);
@@ -308,9 +298,6 @@ impl Verifier {
             let what =
                 format!("is missing: the log was cut here; it was noted to reach record {}", known.number);
             against.push(after(head.number + 1, what));
-        }
-        if self.key.is_some() && !self.is_keyed && head.number > 0 {
-            against.push(after(head.number, "was written without the key, as all before it".to_owned()));
         }
         if !has_head_file && proven < head.number {
             let what = "may be missing: there is no audit.head that says where the log ends, and no head that was \

@@ -191,7 +191,7 @@ struct Keyed {
     is_new: bool,
 }
 
-/// Finds the key that the database refers to. A log of an earlier version has none yet.
+/// Finds the key that the database refers to, or makes that of a new log.
 fn take_key(transaction: &Transaction<'_>, file: &Path, last: Head) -> Result<Keyed, StoreError> {
     let sql = "SELECT id FROM audit_key";
     let named: Option<KeyId> = transaction.query_row(sql, [], |row| row.get(0)).optional()?;
@@ -218,8 +218,7 @@ fn take_key(transaction: &Transaction<'_>, file: &Path, last: Head) -> Result<Ke
     };
     let news = match named {
         _ if last.number == 0 => None,
-        None if is_new => Some(Record::of(Action::Keyed, TELLTALE).on(path.to_string())),
-        None => Some(broken(format!("{path} was there, and the log was not written with it"))),
+        None => Some(broken(format!("the log was not written with {path}"))),
         Some(_) if is_new => Some(broken(format!("{path} was gone"))),
         Some(_) => Some(broken(format!("{path} is another than the log was written with"))),
     };
@@ -249,12 +248,9 @@ fn head_missing() -> Record {
 }
 
 fn log_breach(record: &Record) {
-    let Record { action, target, .. } = record;
-    match action {
-        Action::Keyed => tracing::info!("from now on the audit log is written with the key in {target}"),
-        _ => tracing::error!(
-            "the audit log is not as it was left: {target}; `telltale audit verify` says more, `telltale audit \
-             acknowledge` is for an authority who has looked into it"
-        ),
-    }
+    tracing::error!(
+        "the audit log is not as it was left: {}; `telltale audit verify` says more, `telltale audit acknowledge` is \
+         for an authority who has looked into it",
+        record.target
+    );
 }

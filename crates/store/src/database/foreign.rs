@@ -20,33 +20,21 @@ const NAME_MAX: usize = 60;
 /// What stands in a schema by its kind and name: its table and its definition.
 type Entries = BTreeMap<(String, String), (String, Option<String>)>;
 
-/// How much of an entry is compared.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Compare {
-    All,
-    /// All but the definitions of tables, which differ between versions.
-    Names,
-}
-
-/// What is not as this version, or the earlier one that made the database, has it; `None` if all is.
+/// What is not as the schema of this version has it; `None` if all is.
 pub(crate) fn strange_in(connection: &Connection) -> Option<String> {
     let strange = || {
         let version: u32 = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
         let Some(steps) = MIGRATIONS.get(..version as usize) else { return Ok(None) };
         let known = Connection::open_in_memory()?;
         steps.iter().try_for_each(|step| known.execute_batch(step))?;
-        difference(connection, &known, Compare::All)
+        difference(connection, &known)
     };
     strange().unwrap_or_else(|error: rusqlite::Error| Some(error.to_string()))
 }
 
 /// In which a database differs from one that is as it should be; `None` if in nothing.
-pub(crate) fn difference(
-    connection: &Connection,
-    known: &Connection,
-    compare: Compare,
-) -> rusqlite::Result<Option<String>> {
-    let (found, known) = (entries(connection, compare)?, entries(known, compare)?);
+pub(crate) fn difference(connection: &Connection, known: &Connection) -> rusqlite::Result<Option<String>> {
+    let (found, known) = (entries(connection)?, entries(known)?);
     let strange = found.iter().filter_map(|(entry @ (kind, name), is)| {
         let (kind, name) = (cut(kind), cut(name));
         match known.get(entry) {
@@ -75,19 +63,14 @@ fn is_apart((kind, _): &(String, String), table: &str, known: &Entries) -> bool 
 }
 
 /// What `ANALYZE` counts changes no row.
-fn entries(connection: &Connection, compare: Compare) -> rusqlite::Result<Entries> {
+fn entries(connection: &Connection) -> rusqlite::Result<Entries> {
     let sql = format!(
         "SELECT ifnull(type, ''), ifnull(name, ''), ifnull(tbl_name, ''), substr(sql, 1, {DEFINITION_MAX})
          FROM sqlite_schema
          WHERE NOT (type = 'table' AND name IN ('sqlite_stat1', 'sqlite_stat4')) LIMIT {ENTRIES_MAX}"
     );
     let mut query = connection.prepare(&sql)?;
-    let entries = query.query_map([], |row| {
-        let kind: String = row.get(0)?;
-        let is_compared = compare == Compare::All || kind != "table";
-        let definition = if is_compared { row.get(3)? } else { None };
-        Ok(((kind, row.get(1)?), (row.get(2)?, definition)))
-    })?;
+    let entries = query.query_map([], |row| Ok(((row.get(0)?, row.get(1)?), (row.get(2)?, row.get(3)?))))?;
     entries.collect()
 }
 

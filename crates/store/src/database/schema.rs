@@ -19,9 +19,8 @@ pub(crate) const LOCK_WAIT: Duration = Duration::from_secs(2);
 /// The same for a server that opens it: the pages wait for that, and it can do without writing at first.
 pub(crate) const OPEN_WAIT: Duration = Duration::from_millis(500);
 
-/// Step N takes schema N to N + 1. Steps are never edited, only added.
-pub(super) const MIGRATIONS: &[&str] = &[
-    "
+/// Step N takes schema N to N + 1. Steps are never edited after a release, only added.
+pub(super) const MIGRATIONS: &[&str] = &["
     CREATE TABLE users (
         id INTEGER PRIMARY KEY,
         name TEXT NOT NULL UNIQUE,
@@ -33,15 +32,38 @@ pub(super) const MIGRATIONS: &[&str] = &[
         token_hash BLOB PRIMARY KEY CHECK (length(token_hash) = 32),
         user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
         created_ms INTEGER NOT NULL,
-        expires_ms INTEGER NOT NULL
+        expires_ms INTEGER NOT NULL,
+        used_ms INTEGER NOT NULL DEFAULT 0
     ) STRICT, WITHOUT ROWID;
     CREATE INDEX sessions_by_user ON sessions(user);
+    CREATE TABLE tokens (
+        number INTEGER PRIMARY KEY AUTOINCREMENT,
+        token_hash BLOB NOT NULL UNIQUE CHECK (length(token_hash) = 32),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
+        label TEXT NOT NULL,
+        created_ms INTEGER NOT NULL,
+        expires_ms INTEGER NOT NULL
+    ) STRICT;
+    CREATE INDEX tokens_by_user ON tokens(user);
+    -- Browsers from which a user logged in before.
+    CREATE TABLE devices (
+        token_hash BLOB PRIMARY KEY CHECK (length(token_hash) = 32),
+        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
+        created_ms INTEGER NOT NULL
+    ) STRICT, WITHOUT ROWID;
+    CREATE INDEX devices_by_user ON devices(user);
+    CREATE TABLE user_changes (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        made INTEGER NOT NULL,
+        taken_in INTEGER NOT NULL
+    ) STRICT;
+    INSERT INTO user_changes VALUES (1, 0, 0);
+    -- The operator in charge.
     CREATE TABLE seat (
         one INTEGER PRIMARY KEY CHECK (one = 1),
         user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE
     ) STRICT;
-",
-    "
+
     CREATE TABLE audit (
         number INTEGER PRIMARY KEY,
         at_ms INTEGER NOT NULL,
@@ -53,15 +75,13 @@ pub(super) const MIGRATIONS: &[&str] = &[
         outcome TEXT NOT NULL,
         hash BLOB NOT NULL CHECK (length(hash) = 32)
     ) STRICT;
-    CREATE TABLE tokens (
-        number INTEGER PRIMARY KEY AUTOINCREMENT,
-        token_hash BLOB NOT NULL UNIQUE CHECK (length(token_hash) = 32),
-        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
-        label TEXT NOT NULL,
-        created_ms INTEGER NOT NULL,
-        expires_ms INTEGER NOT NULL
+    CREATE INDEX audit_by_action ON audit(action);
+    -- Identifies the key with which the audit log is written.
+    CREATE TABLE audit_key (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        id BLOB NOT NULL CHECK (length(id) = 32)
     ) STRICT;
-    CREATE INDEX tokens_by_user ON tokens(user);
+
     CREATE TABLE vehicle (
         one INTEGER PRIMARY KEY CHECK (one = 1),
         stage TEXT NOT NULL,
@@ -72,19 +92,31 @@ pub(super) const MIGRATIONS: &[&str] = &[
         pose_yaw_deg REAL,
         last_alarm INTEGER NOT NULL
     ) STRICT;
+    -- Where the vehicle was last known to be.
+    CREATE TABLE last_known_place (
+        one INTEGER PRIMARY KEY CHECK (one = 1),
+        x_m REAL NOT NULL,
+        y_m REAL NOT NULL,
+        yaw_deg REAL NOT NULL,
+        driven INTEGER NOT NULL
+    ) STRICT;
+    -- urgency: the highest of the fault of the alarm.
     CREATE TABLE alarms (
         id INTEGER PRIMARY KEY,
         node TEXT NOT NULL,
         raised_ms INTEGER NOT NULL,
         acknowledged INTEGER NOT NULL,
-        active INTEGER NOT NULL
+        active INTEGER NOT NULL,
+        urgency TEXT
     ) STRICT;
     CREATE TABLE accepted (node TEXT PRIMARY KEY) STRICT, WITHOUT ROWID;
+    -- stopped_ms: since when the operator asks for it too.
     CREATE TABLE countermeasures (
         number INTEGER PRIMARY KEY,
         request TEXT NOT NULL,
         mps2 REAL,
-        by_operator INTEGER NOT NULL
+        since_ms INTEGER NOT NULL,
+        stopped_ms INTEGER
     ) STRICT;
     CREATE TABLE causes (
         countermeasure INTEGER NOT NULL REFERENCES countermeasures(number) ON DELETE CASCADE,
@@ -95,34 +127,8 @@ pub(super) const MIGRATIONS: &[&str] = &[
     ) STRICT, WITHOUT ROWID;
     CREATE TABLE beat (one INTEGER PRIMARY KEY CHECK (one = 1), count INTEGER NOT NULL) STRICT;
     INSERT INTO beat VALUES (1, 0);
-",
-    "ALTER TABLE sessions ADD COLUMN used_ms INTEGER NOT NULL DEFAULT 0;",
-    "
-    CREATE TABLE user_changes (
-        one INTEGER PRIMARY KEY CHECK (one = 1),
-        made INTEGER NOT NULL,
-        taken_in INTEGER NOT NULL
-    ) STRICT;
-    INSERT INTO user_changes VALUES (1, 0, 0);
-",
-    // The key with which the audit log is written.
-    "
-    CREATE TABLE audit_key (
-        one INTEGER PRIMARY KEY CHECK (one = 1),
-        id BLOB NOT NULL CHECK (length(id) = 32)
-    ) STRICT;
-",
-    // Browsers from which a user logged in before.
-    "
-    CREATE TABLE devices (
-        token_hash BLOB PRIMARY KEY CHECK (length(token_hash) = 32),
-        user INTEGER NOT NULL REFERENCES users(id) ON DELETE CASCADE,
-        created_ms INTEGER NOT NULL
-    ) STRICT, WITHOUT ROWID;
-    CREATE INDEX devices_by_user ON devices(user);
-",
-    // Incidents apart from their recordings. `causes` has each node between two line feeds.
-    "
+
+    -- Incidents apart from their recordings. causes has each node between two line feeds.
     CREATE TABLE incidents (
         id INTEGER PRIMARY KEY,
         since_ms INTEGER NOT NULL,
@@ -140,38 +146,7 @@ pub(super) const MIGRATIONS: &[&str] = &[
         note_ms INTEGER NOT NULL DEFAULT 0
     ) STRICT;
     CREATE TABLE incident_number (one INTEGER PRIMARY KEY CHECK (one = 1), last INTEGER NOT NULL) STRICT;
-",
-    // The records of incidents among a million others.
-    "CREATE INDEX IF NOT EXISTS audit_by_action ON audit(action);",
-    // The highest urgency of the fault of each alarm.
-    "
-    CREATE TABLE IF NOT EXISTS alarm_urgencies (
-        alarm INTEGER PRIMARY KEY REFERENCES alarms(id) ON DELETE CASCADE,
-        urgency TEXT NOT NULL
-    ) STRICT;
-",
-    // Since when a countermeasure is held, and since when the operator asks for it too.
-    "
-    CREATE TABLE IF NOT EXISTS countermeasure_times (
-        countermeasure INTEGER PRIMARY KEY REFERENCES countermeasures(number) ON DELETE CASCADE,
-        since_ms INTEGER NOT NULL,
-        stopped_ms INTEGER
-    ) STRICT;
-",
-    // Where the vehicle was last known to be.
-    "
-    CREATE TABLE IF NOT EXISTS last_known_place (
-        one INTEGER PRIMARY KEY CHECK (one = 1),
-        x_m REAL NOT NULL,
-        y_m REAL NOT NULL,
-        yaw_deg REAL NOT NULL,
-        driven INTEGER NOT NULL
-    ) STRICT;
-",
-];
-
-/// Schemas from this one on have everything that a server without write access needs.
-const READABLE_SINCE: u32 = 3;
+"];
 
 /// Waits so long for another process; [`go_on`] makes the connection wait as all others do.
 pub(crate) fn open(folder: &Path, wait: Duration) -> Result<Connection, StoreError> {
@@ -228,7 +203,7 @@ fn damage_of_state(connection: &Connection) -> Option<String> {
     tables.iter().find_map(|table| found_by(connection, &format!("PRAGMA integrity_check('{table}')")))
 }
 
-/// Damage in a database, also one of an earlier schema; `None` if there is none.
+/// Damage in a database; `None` if there is none.
 pub(crate) fn damage_of(connection: &Connection) -> Option<String> {
     let has_users = connection.query_row("SELECT count(*) FROM users", [], |_| Ok(()));
     has_users
@@ -260,7 +235,7 @@ pub(crate) fn existing(folder: &Path) -> Result<PathBuf, StoreError> {
 pub(crate) fn open_reading(folder: &Path) -> Result<Connection, StoreError> {
     let (connection, path, found) = read_only(folder, OPEN_WAIT)?;
     let known = MIGRATIONS.len() as u32;
-    if !(READABLE_SINCE..=known).contains(&found) {
+    if found != known {
         return Err(StoreError::Newer { path, found, known });
     }
     Ok(connection)

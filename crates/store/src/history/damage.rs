@@ -9,7 +9,7 @@ use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension as _};
 use super::{HISTORY_FILE, prepare};
 use crate::StoreError;
 use crate::database::files::odd_beside;
-use crate::database::foreign::{Compare, difference};
+use crate::database::foreign::difference;
 use crate::disk::salvage;
 use crate::private_file::{make_folder, make_private_file};
 
@@ -51,14 +51,7 @@ pub fn history_damage(folder: &Path) -> Option<String> {
 pub(super) fn strange(connection: &Connection) -> rusqlite::Result<Option<String>> {
     let known = Connection::open_in_memory()?;
     prepare(&known)?;
-    for (has, drop) in
-        [(has_trends(connection)?, "DROP TABLE trends"), (has_days(connection)?, "DROP TABLE days")]
-    {
-        if !has {
-            known.execute_batch(drop)?;
-        }
-    }
-    difference(connection, &known, Compare::Names)
+    difference(connection, &known)
 }
 
 /// Makes the history of a data folder anew of all that can be read of it; `None`: it is whole. No server may run.
@@ -108,12 +101,9 @@ pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
     matches!(code, Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase))
 }
 
-/// Records that another program removed. A file of an earlier version does not tell.
+/// Records that another program removed.
 pub(super) fn missing(connection: &Connection) -> rusqlite::Result<u64> {
     let transaction = connection.unchecked_transaction()?;
-    if !counts_rows(&transaction)? {
-        return Ok(0);
-    }
     let noted =
         transaction.query_row("SELECT rows FROM alive", [], |row| row.get::<_, Option<i64>>(0)).optional()?;
     let missing =
@@ -121,27 +111,6 @@ pub(super) fn missing(connection: &Connection) -> rusqlite::Result<u64> {
     Ok(u64::try_from(missing).unwrap_or(0))
 }
 
-/// Whether the file notes how many records it has.
-pub(super) fn counts_rows(connection: &Connection) -> rusqlite::Result<bool> {
-    let sql = "SELECT count(*) = 1 FROM pragma_table_info('alive') WHERE name = 'rows'";
-    connection.query_row(sql, [], |row| row.get(0))
-}
-
 fn count(connection: &Connection) -> rusqlite::Result<i64> {
     connection.query_row("SELECT count(*) FROM records", [], |row| row.get(0))
-}
-
-/// Whether the file has the table of the numbers: files of earlier versions do not.
-pub(super) fn has_trends(connection: &Connection) -> rusqlite::Result<bool> {
-    has_table(connection, "trends")
-}
-
-/// Whether it has the table of the days whose records are gone.
-pub(super) fn has_days(connection: &Connection) -> rusqlite::Result<bool> {
-    has_table(connection, "days")
-}
-
-fn has_table(connection: &Connection, name: &str) -> rusqlite::Result<bool> {
-    let sql = "SELECT count(*) = 1 FROM sqlite_schema WHERE type = 'table' AND name = ?";
-    connection.prepare_cached(sql)?.query_row([name], |row| row.get(0))
 }

@@ -2,7 +2,7 @@
 
 use rusqlite::{Connection, Row, params};
 
-use super::read::{has_words, silence, stage, state};
+use super::read::{silence, stage, state};
 use super::write::{ACKNOWLEDGED, CLEARED, LEFT, LOST, MOVED, RAISED, SHOWN, SIGNAL, STAGE, STARTED};
 use telltale_engine::event::Said;
 use telltale_engine::state::State;
@@ -109,9 +109,8 @@ impl LineKind {
 
 /// In the order in which they were recorded. Records of a newer program are left out.
 pub fn lines(connection: &Connection, query: &LineQuery) -> rusqlite::Result<Vec<HistoryLine>> {
-    let words = if has_words(connection)? { "said, silent_ms" } else { "NULL, NULL" };
     let mut statement = connection.prepare_cached(&format!(
-        "SELECT records.id, at_ms, kind, node.name, state, own, other.name, number, {words} FROM records
+        "SELECT records.id, at_ms, kind, node.name, state, own, other.name, number, said, silent_ms FROM records
             LEFT JOIN nodes AS node ON node.id = node LEFT JOIN nodes AS other ON other.id = other
             WHERE records.id > ?1 AND at_ms >= ?2 AND at_ms <= ?3 AND kind <= {LEFT}
             AND (?4 IS NULL OR records.node IN

@@ -322,23 +322,11 @@ fn begin_anew(folder: &Path, clock: Clock, why: &rusqlite::Error) -> Result<(), 
     Ok(())
 }
 
-/// Makes the tables, or adds the columns that a file of an earlier version lacks.
+/// Makes the tables.
 fn prepare(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(SCHEMA)?;
     connection.execute_batch(trends::SCHEMA)?;
-    connection.execute_batch(statistics::SCHEMA)?;
-    if !read::has_words(connection)? {
-        connection.execute_batch(
-            "BEGIN;
-            ALTER TABLE records ADD COLUMN said TEXT;
-            ALTER TABLE records ADD COLUMN silent_ms INTEGER;
-            COMMIT;",
-        )?;
-    }
-    if !damage::counts_rows(connection)? {
-        connection.execute_batch("ALTER TABLE alive ADD COLUMN rows INTEGER")?;
-    }
-    Ok(())
+    connection.execute_batch(statistics::SCHEMA)
 }
 
 #[cfg(test)]

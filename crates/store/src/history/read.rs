@@ -173,36 +173,31 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
         let version = row.get::<_, Option<String>>(3)?.unwrap_or_default();
         Ok(Start { id, at_ms, ended_ms: alive.unwrap_or(at_ms).min(at_ms), version })
     };
-    let said = if has_words(connection)? { "said" } else { "NULL" };
-    let mut before = connection.prepare_cached(&format!(
-        "SELECT id, at_ms, number, {said} FROM records WHERE kind = ? AND kind <> 1 AND at_ms <= ?
+    let mut before = connection.prepare_cached(
+        "SELECT id, at_ms, number, said FROM records WHERE kind = ? AND kind <> 1 AND at_ms <= ?
             ORDER BY at_ms DESC, id DESC LIMIT 1",
-    ))?;
+    )?;
     let mut starts: Vec<Start> =
         before.query_row([STARTED, query.from_ms], start).optional()?.into_iter().collect();
-    let mut within = connection.prepare_cached(&format!(
-        "SELECT id, at_ms, number, {said} FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ? AND at_ms <= ? ORDER BY id",
-    ))?;
+    let mut within = connection.prepare_cached(
+        "SELECT id, at_ms, number, said FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ? AND at_ms <= ? ORDER BY id",
+    )?;
     for found in within.query_map([STARTED, query.from_ms, query.to_ms], start)? {
         starts.push(found?);
     }
-    let mut after = connection.prepare_cached(&format!(
-        "SELECT id, at_ms, number, {said} FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ?
+    let mut after = connection.prepare_cached(
+        "SELECT id, at_ms, number, said FROM records WHERE kind = ? AND kind <> 1 AND at_ms > ?
             ORDER BY at_ms, id LIMIT 1",
-    ))?;
+    )?;
     starts.extend(after.query_row([STARTED, query.to_ms], start).optional()?);
     Ok(starts)
 }
 
 /// The state of a node when the span began, and its transitions in it.
 fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite::Result<Vec<Dated<Shown>>> {
-    // A process that only reads may find a file of an earlier version.
-    let words = if has_words(connection)? { "said, silent_ms" } else { "NULL, NULL" };
-    let columns = format!(
-        "SELECT records.id, at_ms, state, own, cause.name, {words} FROM records
+    const COLUMNS: &str = "SELECT records.id, at_ms, state, own, cause.name, said, silent_ms FROM records
         LEFT JOIN nodes AS cause ON cause.id = other
-        WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)"
-    );
+        WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
     let shown = |row: &Row<'_>| {
         let (message, silent_ms): (Option<String>, Option<i64>) = (row.get(5)?, row.get(6)?);
         let what = Shown {
@@ -213,7 +208,7 @@ fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite:
         };
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
-    dated(connection, &columns, &[&name], (query, STRETCHES_MAX as i64), shown)
+    dated(connection, COLUMNS, &[&name], (query, STRETCHES_MAX as i64), shown)
 }
 
 /// The stage or a signal when the span began, and its changes in it.
@@ -307,15 +302,6 @@ fn events(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
     let mut events = rows.filter_map(Result::transpose).collect::<rusqlite::Result<Vec<_>>>()?;
     events.reverse();
     Ok(events)
-}
-
-/// Whether a file has the columns for messages: files of earlier versions do not.
-pub fn has_words(connection: &Connection) -> rusqlite::Result<bool> {
-    connection
-        .prepare_cached(
-            "SELECT count(*) = 2 FROM pragma_table_info('records') WHERE name IN ('said', 'silent_ms')",
-        )?
-        .query_row([], |row| row.get(0))
 }
 
 /// A value that Telltale never writes is unknown.

@@ -6,7 +6,6 @@ use std::collections::{HashMap, VecDeque};
 use rusqlite::{Connection, OptionalExtension as _, Transaction, params};
 use serde::{Deserialize, Serialize};
 
-use super::damage::has_days;
 use super::read::{self, HistoryQuery};
 use super::trends::drives;
 use super::write::{ACKNOWLEDGED, CLEARED, LOST, MOVED, RAISED};
@@ -264,15 +263,13 @@ struct Counted {
 /// Of a span of time, with the days whose records are gone: those that the span touches, as a whole.
 pub fn statistics(connection: &Connection, from_ms: i64, to_ms: i64) -> rusqlite::Result<Statistics> {
     let mut found = Statistics { from_ms, to_ms, ..Statistics::default() };
-    if has_days(connection)? {
-        let mut days = connection
-            .prepare_cached("SELECT data FROM days WHERE from_ms > ? AND from_ms <= ? ORDER BY from_ms")?;
-        let mut days = days.query([from_ms.saturating_sub(DAY_MS), to_ms])?;
-        while let Some(row) = days.next()? {
-            // A damaged row is left out.
-            if let Ok(day) = serde_json::from_str(row.get_ref(0)?.as_str()?) {
-                found.add(day);
-            }
+    let mut days = connection
+        .prepare_cached("SELECT data FROM days WHERE from_ms > ? AND from_ms <= ? ORDER BY from_ms")?;
+    let mut days = days.query([from_ms.saturating_sub(DAY_MS), to_ms])?;
+    while let Some(row) = days.next()? {
+        // A damaged row is left out.
+        if let Ok(day) = serde_json::from_str(row.get_ref(0)?.as_str()?) {
+            found.add(day);
         }
     }
     found.add(recorded(connection, (from_ms, to_ms), to_ms)?);

@@ -5,9 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use rusqlite::{Connection, OptionalExtension as _, Row, params};
 use sha2::{Digest as _, Sha256};
 
-use super::read::{COLUMNS, Incidents, incident, is_known, surely};
+use super::read::{COLUMNS, Incidents, incident, surely};
 use super::{Incident, Note};
-use crate::audit::{Action, DONE, fits, in_field};
+use crate::audit::{Action, DONE, fits};
 use crate::{Store, StoreError};
 use telltale_record::proof::{Expected, NO_HASH};
 use telltale_record::summary::Summary;
@@ -25,7 +25,7 @@ pub struct IncidentRecords {
     pub removed: Vec<u64>,
     /// Those whose recordings were taken in without an incident, and whose hashes prove nothing before.
     pub found: BTreeSet<u64>,
-    /// The hashes of summaries; earlier versions wrote none.
+    /// The hashes of summaries.
     summaries: BTreeMap<u64, String>,
     /// The last records of notes, with the names of their writers.
     notes: BTreeMap<u64, (String, String)>,
@@ -95,10 +95,7 @@ impl IncidentRecords {
 
     fn has_note(&self, id: u64, note: &Note) -> bool {
         self.notes.get(&id).is_some_and(|(logged, by)| {
-            let is_text = *logged == note_target(id, &note.text)
-                // As earlier versions wrote it.
-                || *logged == in_field(&format!("{id}: {}", note.text));
-            is_text && (by.is_empty() || *by == note.by)
+            *logged == note_target(id, &note.text) && (by.is_empty() || *by == note.by)
         })
     }
 
@@ -249,9 +246,6 @@ fn hex_sha256(text: &str) -> String {
 }
 
 fn stored(connection: &Connection, id: u64) -> Result<Option<StoredIncident>, StoreError> {
-    if !is_known(connection)? {
-        return Ok(None);
-    }
     let sql = format!("SELECT {COLUMNS}, marked FROM incidents WHERE id = ?1");
     let mut query = connection.prepare_cached(&sql)?;
     let read = |row: &Row<'_>| {

@@ -77,9 +77,6 @@ impl Store {
     /// The number of all incidents, the bytes of their recordings, and the bytes of those since a time.
     pub async fn incidents_on_disk(&self, since_ms: i64) -> Result<OnDisk, StoreError> {
         self.call(move |database| {
-            if !is_known(&database.connection)? {
-                return Ok(OnDisk::default());
-            }
             let sql =
                 "SELECT count(*), total(bytes), total(bytes) FILTER (WHERE since_ms >= ?1) FROM incidents";
             let mut query = database.connection.prepare_cached(sql)?;
@@ -97,9 +94,6 @@ impl Store {
     /// gone.
     pub async fn unfinished_incidents(&self) -> Result<Vec<Summary>, StoreError> {
         self.call(|database| {
-            if !is_known(&database.connection)? {
-                return Ok(Vec::new());
-            }
             let sql = format!("SELECT {COLUMNS} FROM incidents WHERE NOT finished OR (sha256 IS NULL AND bytes = 0) ORDER BY id");
             let mut query = database.connection.prepare_cached(&sql)?;
             let found = query.query_map([], |row| Ok(incident(row)?.summary))?;
@@ -158,25 +152,13 @@ pub(super) fn surely(number: u64) -> i64 {
     i64::try_from(number).unwrap_or(i64::MAX)
 }
 
-/// A database of an earlier version, which is only read, has no incidents.
-pub(super) fn is_known(connection: &Connection) -> Result<bool, StoreError> {
-    let sql = "SELECT 1 FROM sqlite_schema WHERE type = 'table' AND name = 'incidents'";
-    Ok(connection.query_row(sql, [], |_| Ok(())).optional()?.is_some())
-}
-
 /// The largest number that was given; zero if there was none.
 pub(super) fn last_number(connection: &Connection) -> Result<u64, StoreError> {
-    if !is_known(connection)? {
-        return Ok(0);
-    }
     let sql = "SELECT max(ifnull((SELECT last FROM incident_number), 0), ifnull((SELECT max(id) FROM incidents), 0))";
     Ok(connection.query_row(sql, [], |row| row.get::<_, i64>(0))?.unsigned_abs())
 }
 
 fn list(connection: &Connection, filter: &IncidentFilter) -> Result<Vec<Incident>, StoreError> {
-    if !is_known(connection)? {
-        return Ok(Vec::new());
-    }
     let sql = format!(
         "SELECT {COLUMNS} FROM incidents
          WHERE id < ?1 AND (?2 = '' OR instr(lower(causes), lower(?2)))
@@ -204,18 +186,12 @@ fn list(connection: &Connection, filter: &IncidentFilter) -> Result<Vec<Incident
 }
 
 fn one(connection: &Connection, id: u64) -> Result<Option<Incident>, StoreError> {
-    if !is_known(connection)? {
-        return Ok(None);
-    }
     let sql = format!("SELECT {COLUMNS} FROM incidents WHERE id = ?1");
     let mut query = connection.prepare_cached(&sql)?;
     Ok(query.query_row([surely(id)], incident).optional()?)
 }
 
 fn held(connection: &Connection) -> Result<Vec<Held>, StoreError> {
-    if !is_known(connection)? {
-        return Ok(Vec::new());
-    }
     let sql = "SELECT id, since_ms, bytes, marked, kept, finished, sha256 FROM incidents ORDER BY id";
     let mut query = connection.prepare_cached(sql)?;
     let found = query.query_map([], |row| {

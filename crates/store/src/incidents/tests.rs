@@ -241,19 +241,6 @@ async fn a_data_folder_is_read_beside_a_server_and_the_audit_log_proves_each_has
     drop(incidents);
     store.close().await;
     assert_eq!(verify_audit_in(folder, &[], None).unwrap().breach, None);
-    // A database of an earlier version has none.
-    let earlier = Connection::open(folder.join(FILE_NAME)).unwrap();
-    earlier
-        .execute_batch("DROP TABLE incidents; DROP TABLE incident_number; PRAGMA user_version = 6")
-        .unwrap();
-    drop(earlier);
-    let incidents = Incidents::open(folder).unwrap();
-    assert_eq!(incidents.list(&IncidentFilter::default()).unwrap(), []);
-    assert_eq!(incidents.one(2).unwrap(), None);
-    drop(incidents);
-    let store = open(folder);
-    store.incident_opened(&summary(3, Vec::new())).await.unwrap();
-    assert_eq!(ids(&store, IncidentFilter::default()).await, [3], "it is migrated");
 }
 
 /// A change in the database alone, and what the audit log does not prove after it.

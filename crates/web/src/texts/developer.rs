@@ -341,7 +341,6 @@ texts! {
         "incident removed" => "incident removed", "Vorfall entfernt";
         "omitted" => "omitted", "ausgelassen";
         "pruned" => "pruned", "Älteste entfernt";
-        "log keyed" => "log keyed", "Schlüssel eingeführt";
         "breach acknowledged" => "breach acknowledged", "Bruch zur Kenntnis genommen";
         "chain broken" => "chain broken", "Kette beschädigt";
         "data repaired" => "data repaired", "Datenbank repariert";

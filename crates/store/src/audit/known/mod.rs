@@ -81,21 +81,11 @@ struct TokenRow {
     mark: Mark,
 }
 
-/// What the records say of a user.
-#[derive(Debug)]
-struct KnownUser {
-    /// `None` if the record does not say it. A mark proves it too.
-    role: Option<Role>,
-    /// Records of an earlier version have none.
-    mark: Option<Mark>,
-    /// The number of the record.
-    number: u64,
-}
-
 /// The users and tokens that the records name.
 #[derive(Debug, Default)]
 pub(crate) struct Known {
-    users: HashMap<String, KnownUser>,
+    /// By their names, each with the number of its record.
+    users: HashMap<String, (Mark, u64)>,
     /// Each with the name of its user and the number of its record.
     tokens: HashMap<Mark, (String, u64)>,
 }
@@ -148,16 +138,14 @@ impl Known {
         let Some(action) = ACTIONS.into_iter().find(|action| action.as_str() == entry.action) else { return };
         let (said, mark) = Mark::split(&entry.target);
         let number = entry.number;
-        let (name, rest) = said.split_once([' ', ':']).unwrap_or((said, ""));
+        let name = said.split([' ', ':']).next().unwrap_or(said);
         match action {
             Action::UserAdded | Action::UserKept => {
-                let role = Role::from_word(rest.trim_matches(['(', ')']));
-                self.users.insert(name.to_owned(), KnownUser { role, mark, number });
+                self.users.extend(mark.map(|mark| (name.to_owned(), (mark, number))));
             }
             Action::UserSecret | Action::UserRole => {
-                let before = self.users.remove(name).and_then(|known| known.role);
-                let role = rest.rsplit(' ').next().and_then(Role::from_word).or(before);
-                self.users.insert(name.to_owned(), KnownUser { role, mark, number });
+                self.users.remove(name);
+                self.users.extend(mark.map(|mark| (name.to_owned(), (mark, number))));
                 self.tokens.retain(|_, (of, _)| of != name);
             }
             Action::UserRemoved => {
@@ -174,14 +162,11 @@ impl Known {
 
     /// Whether this row of a user is as the records say.
     pub fn has_user(&self, name: &str, role: Role, secret_hash: &str) -> bool {
-        self.knows(&UserRow { name: name.to_owned(), role, mark: Mark::of_user(name, role, secret_hash) })
+        self.knows(name, &Mark::of_user(name, role, secret_hash))
     }
 
-    fn knows(&self, row: &UserRow) -> bool {
-        self.users.get(&row.name).is_some_and(|known| match &known.mark {
-            Some(mark) => *mark == row.mark,
-            None => known.role.is_none_or(|role| role == row.role),
-        })
+    fn knows(&self, name: &str, mark: &Mark) -> bool {
+        self.users.get(name).is_some_and(|(known, _)| known == mark)
     }
 
     /// Whether this row of a token is as the records say.
@@ -191,7 +176,10 @@ impl Known {
 
     /// What lies in the database and is in no record, in words.
     pub fn foreign(&self, connection: &Connection) -> Result<Vec<String>, StoreError> {
-        let users = users(connection)?.into_iter().filter(|row| !self.knows(row)).map(|row| row.name);
+        let users = users(connection)?
+            .into_iter()
+            .filter(|row| !self.knows(&row.name, &row.mark))
+            .map(|row| row.name);
         let tokens = tokens(connection)?.into_iter().filter(|row| !self.has_token(&row.mark));
         let tokens = tokens.map(|row| format!("token {} of {}", row.number, row.user));
         Ok(users.chain(tokens).collect())
@@ -207,7 +195,7 @@ impl Known {
         for row in tokens(copy)?.iter().filter(|row| !self.has_token(&row.mark)) {
             copy.execute("DELETE FROM tokens WHERE number = ?1", [row.number])?;
         }
-        for row in users(copy)?.iter().filter(|row| !self.knows(row)) {
+        for row in users(copy)?.iter().filter(|row| !self.knows(&row.name, &row.mark)) {
             copy.execute("DELETE FROM users WHERE name = ?1", [&row.name])?;
         }
         Ok(foreign)
@@ -216,7 +204,7 @@ impl Known {
     /// The records that say again what is known only by records up to this number, which are pruned.
     pub fn said_again(&self, connection: &Connection, number: u64) -> Result<Vec<Record>, StoreError> {
         let is_old_user = |row: &UserRow| {
-            self.knows(row) && self.users.get(&row.name).is_some_and(|it| it.number <= number)
+            self.users.get(&row.name).is_some_and(|(mark, it)| *mark == row.mark && *it <= number)
         };
         let is_old_token = |row: &TokenRow| self.tokens.get(&row.mark).is_some_and(|(_, it)| *it <= number);
         let users = users(connection)?.into_iter().filter(is_old_user).map(|row| row.kept());

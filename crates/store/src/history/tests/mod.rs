@@ -251,19 +251,6 @@ fn the_stage_and_the_signals_are_known_for_any_span() {
     assert_eq!((&**name, held), ("active", vec![(1500, None), (2000, Some(true)), (2500, Some(false))]));
 }
 
-/// The file in the form of the version before messages were kept.
-const WITHOUT_WORDS: &str = "
-    CREATE TABLE nodes (id INTEGER PRIMARY KEY, name TEXT NOT NULL UNIQUE) STRICT;
-    CREATE TABLE records (id INTEGER PRIMARY KEY, at_ms INTEGER NOT NULL, kind INTEGER NOT NULL, node INTEGER,
-        state INTEGER, own INTEGER, other INTEGER, number INTEGER) STRICT;
-    CREATE INDEX records_by_node ON records (node, at_ms) WHERE kind = 1;
-    CREATE INDEX records_by_time ON records (at_ms) WHERE kind <> 1;
-    CREATE TABLE alive (one INTEGER PRIMARY KEY CHECK (one = 1), at_ms INTEGER NOT NULL) STRICT;
-    INSERT INTO nodes (id, name) VALUES (1, 'a');
-    INSERT INTO records (at_ms, kind, state) VALUES (1000000, 2, 0);
-    INSERT INTO records (at_ms, kind, node, state, own) VALUES (1000000, 1, 1, 3, 3);
-";
-
 fn words(past: &Past) -> Vec<Option<String>> {
     let words = |it: &Stretch| it.said.as_ref().map(|said| said.words().into_owned());
     past.nodes[0].stretches.iter().map(words).collect()
@@ -287,35 +274,6 @@ fn a_silence_and_a_reported_error_are_told_apart() {
 fn a_long_message_is_cut_between_letters() {
     let cut = Said::of(&format!("a{}", "\u{e4}".repeat(150)), None).unwrap();
     assert_eq!((cut.message.len(), cut.message.chars().count()), (199, 100));
-}
-
-#[test]
-fn a_file_of_an_earlier_version_is_read_as_it_is_and_goes_on_with_words() {
-    let temporary = tempfile::tempdir().unwrap();
-    let folder = temporary.path();
-    let path = folder.join(HISTORY_FILE);
-    Connection::open(&path).unwrap().execute_batch(WITHOUT_WORDS).unwrap();
-    let nodes = vec!["a".to_owned()];
-    let query = HistoryQuery { nodes, signals: Vec::new(), from_ms: START_MS, to_ms: START_MS + 9000 };
-
-    // Read beside its writer, the file does not change.
-    let before = std::fs::read(&path).unwrap();
-    let past = past_in(folder, &query).unwrap();
-    assert_eq!((past.nodes[0].stretches.len(), words(&past)), (1, vec![None]));
-    assert_eq!(std::fs::read(&path).unwrap(), before);
-
-    // Opened for writing, it gets the columns and is like any other.
-    for _ in 0..2 {
-        prepare(&Connection::open(&path).unwrap()).unwrap();
-    }
-    let mut connection = Connection::open(&path).unwrap();
-    let mut writer = Writer::new(&connection, ROWS_MAX).unwrap();
-    let at = Timestamp::from_millis(5000);
-    let wall = UNIX_EPOCH + Duration::from_millis(START_MS as u64 + 5000);
-    let batch = [Record { at, what: said("a", State::Error, "no picture", None) }];
-    writer.write(&mut connection, &batch, (wall, at)).unwrap();
-    let past = past_in(folder, &query).unwrap();
-    assert_eq!(words(&past), [None, Some("no picture".to_owned())]);
 }
 
 #[tokio::test]

@@ -8,7 +8,6 @@ use super::minute::VEHICLE;
 use super::pack::{Point, Values, unpack, unpack_all};
 use super::write::{beginning, hour_of};
 use super::{HOUR_MS, Level, MINUTE_MS};
-use crate::history::damage::has_trends;
 
 /// What a point stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,11 +70,9 @@ pub fn drives(connection: &Connection, from_ms: i64, to_ms: i64) -> rusqlite::Re
     let query = TrendQuery { node: VEHICLE.to_owned(), from_ms, to_ms, resolution: Resolution::Minute };
     let mut drives = Vec::new();
     let metres = |point: &Point| f64::from(point.mean) * f64::from(point.tenths) / 10.0;
-    if has_trends(connection)? {
-        for (day_ms, values) in rows(connection, Level::Day, &query)? {
-            let points = values.iter().flat_map(|(_, points)| points);
-            drives.extend(points.map(|point| (day_ms + i64::from(point.place) * HOUR_MS, metres(point))));
-        }
+    for (day_ms, values) in rows(connection, Level::Day, &query)? {
+        let points = values.iter().flat_map(|(_, points)| points);
+        drives.extend(points.map(|point| (day_ms + i64::from(point.place) * HOUR_MS, metres(point))));
     }
     let minutes = trend(connection, &query)?;
     for point in minutes.values.iter().flat_map(|value| &value.points) {
@@ -89,9 +86,6 @@ pub fn drives(connection: &Connection, from_ms: i64, to_ms: i64) -> rusqlite::Re
 type Found = BTreeMap<String, BTreeMap<i64, Point>>;
 
 pub fn trend(connection: &Connection, query: &TrendQuery) -> rusqlite::Result<Trend> {
-    if !has_trends(connection)? {
-        return Ok(Trend::default());
-    }
     let mut found = Found::new();
     let first = |level| first_ms(connection, level);
     let minutes_from_ms = first(Level::Hour)?.into_iter().chain(first(Level::Minute)?).min();
