@@ -55,7 +55,7 @@ pub enum OperatorAction {
     Reset {
         module: Box<str>,
     },
-    /// Shelves a module, named `group/module`, for maintenance: its faults call nobody for so long. Of a developer.
+    /// Shelves a module, named `group/module`, for maintenance: its faults raise no alarm for `lasts`. For developers.
     Shelve {
         module: Box<str>,
         lasts: Span,
@@ -175,7 +175,7 @@ pub enum Refusal {
     StillInError(Box<str>),
     /// The vehicle may move, or nothing says that it stands.
     NotKnownToStand,
-    /// A module is shelved for more than nothing and at most so long.
+    /// The requested time is zero or longer than `limit_h`.
     ShelvedTooLong {
         limit_h: u32,
     },

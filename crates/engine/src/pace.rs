@@ -6,9 +6,9 @@ use std::collections::VecDeque;
 
 /// Looks that are kept; there is one a second.
 const LOOKS_MAX: usize = 60;
-/// Older looks go as soon as so many are left,
+/// Looks that remain when older ones are dropped.
 const LOOKS_ENOUGH: usize = 5;
-/// with so many messages.
+/// Messages in the looks that remain.
 const MESSAGES_ENOUGH: u32 = 10;
 /// A shorter silence is no end.
 const SILENCE_MIN: Span = Span::from_millis(1500);

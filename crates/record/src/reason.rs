@@ -1,4 +1,4 @@
-//! Why a node does not matter now, in the words of the API: for snapshots, streams and replays.
+//! Why a node shows `ignore`: masked, or not relevant. In the words of the API, for snapshots, streams and replays.
 
 use schemars::JsonSchema;
 use serde::Serialize;

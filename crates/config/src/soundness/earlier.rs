@@ -82,7 +82,7 @@ fn judges<'a>(judge: &'a Judge<'_>, source: &'a Source<'_>) -> impl Iterator<Ite
     modules.filter(move |(_, module)| of_source(module)).map(|(id, _)| NodeId::Module(id))
 }
 
-/// Whether a fault of `source` can mask `node`, by way of whatever.
+/// Whether a fault of `source` can mask `node`, directly or through other nodes.
 fn needs(judge: &Judge<'_>, node: NodeId, source: NodeId) -> bool {
     let (mut seen, mut open) = (BTreeSet::new(), vec![node]);
     while let Some(at) = open.pop() {

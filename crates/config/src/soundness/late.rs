@@ -1,5 +1,4 @@
-//! Finds modules that may be noticed later than a dependency waits: what fails together with them is shown as a
-//! fault of its own.
+//! Finds modules that may be noticed later than a dependency waits: their symptoms would appear as second faults.
 
 use super::{Finding, FindingKind};
 use telltale_engine::model::monitors::ProbeTarget;

@@ -112,7 +112,7 @@ impl Net {
         found
     }
 
-    /// When a cause began. An UNKNOWN explains only what it masks itself: not what waits behind its own cause.
+    /// When a cause began. An UNKNOWN explains only the nodes that it masks directly.
     fn began(&self, vertex: Vertex, masks_unknown: bool) -> [Option<Timestamp>; 3] {
         match vertex {
             Vertex::Module(id) => {

@@ -7,8 +7,7 @@ use crate::model::Within;
 use crate::state::State;
 use crate::time::{Span, Timestamp};
 
-/// Ends of times in which a module was well that are remembered. Each is shorter than the one before it, so few are
-/// needed.
+/// Past healthy periods that are kept. Each is shorter than the one before it, so few are needed.
 const WELL_MAX: usize = 8;
 
 /// The beginnings of a module's fault. The caller passes every change of the own state at its instant.
@@ -84,16 +83,16 @@ impl Onset {
         self.was_error = state == State::Error;
     }
 
-    /// When the ERROR of this module began, as what a cause may explain: when it became ERROR, and when the module
-    /// was last well for longer than the limit.
+    /// The beginnings of this ERROR as the effect of a cause: when it became ERROR, and when the module was last well for
+    /// longer than the limit.
     pub(crate) fn as_effect(&self, limit: Span) -> [Option<Timestamp>; 2] {
         let fault = self.fault.as_deref();
         let well = fault.and_then(|fault| fault.well.iter().rev().find(|well| well.lasted > limit));
         [fault.and_then(|fault| fault.error), Some(well.map_or(self.made, |well| well.until))]
     }
 
-    /// When the fault of this module began, as what explains others: when it became ERROR, when the module was last
-    /// well at all, and when it became relevant while failing. UNKNOWN is a failure if it masks.
+    /// The beginnings of this fault as the cause of others: when it became ERROR, when the module was last well at all,
+    /// and when it became relevant while failing. UNKNOWN is a failure if it masks.
     pub(crate) fn as_cause(
         &self,
         relevant_since: Option<Timestamp>,

@@ -146,7 +146,7 @@ impl Machine for Tf {
         self.links[slot / 2].fixed == (slot % 2 == 1)
     }
 
-    /// While a link has not come and still has time, nothing but an ERROR of another one is judged.
+    /// Until a missing link has used up its time, only ERRORs of other links count.
     fn judge(&mut self, now: Timestamp) -> Option<State> {
         let bands = &self.bands;
         let (mut worst, mut is_open) = (State::Ok, false);

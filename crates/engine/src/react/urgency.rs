@@ -1,5 +1,5 @@
-//! What the faults ask of the operator of a driving vehicle: never less than without masking, and never less than
-//! before while nothing got better.
+//! The urgency of the faults for the operator of a driving vehicle. Masking never lowers it, and it does not fall until a
+//! fault gets better.
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
@@ -135,8 +135,8 @@ impl Engine {
         self.net.node(node).facts.masked
     }
 
-    /// What a node asks for by its own state: what the configuration says; else an ERROR or UNKNOWN asks to be ready,
-    /// and one that leaves the vehicle nothing but to slow down asks to take over.
+    /// The urgency of a node's own state: the configured one; else an ERROR or UNKNOWN asks to be ready, and a fault after
+    /// which the vehicle can only slow down asks to take over.
     fn asks_for(&self, node: NodeId) -> Option<Urgency> {
         let own = self.net.node(node).facts.own;
         let advised = match node {

@@ -1,6 +1,6 @@
-//! Names of statuses that come and go, as those with the number of a task or of a process do: while one falls silent, its
-//! writer goes on with another that differs in a number alone. No module is declared for them, because it would wait for
-//! ever. A name that falls silent and is followed by none is a fault, and no such name.
+//! Finds names of statuses with a changing number (`task 17`, then `task 18`): one falls silent, and its writer goes on with
+//! the next. No module is declared for them, because it would wait for ever. A name that falls silent and has no successor
+//! is a fault, and no such name.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use telltale_engine::time::Timestamp;
 
 /// The shortest time after which such a name leaves.
 const FORGET_MS_MIN: u64 = 60_000;
-/// It is silent for so many timeouts before.
+/// A name leaves after this many timeouts of silence.
 const TIMEOUTS: u64 = 10;
 
 /// Names that differ in numbers alone, and come and go.

@@ -1,5 +1,5 @@
-//! The group of a configuration to which something new belongs: the one that watches the most of the same node, or else of
-//! the same group of the draft.
+//! The group of a configuration to which something new belongs: the one with the most modules of that ROS node, or else
+//! of the draft's group.
 
 use std::collections::BTreeMap;
 

@@ -166,7 +166,7 @@ impl Nodes {
 }
 
 /// The services that a node serves, from the topics of the readers and writers that discovery knows. A client
-/// has reader and writer the other way round, and one of both alone serves nothing.
+/// has reader and writer the other way round; a reader without a writer, or the reverse, is no service.
 pub fn services<'a>(
     readers: impl Iterator<Item = (&'a str, Guid)>,
     writers: impl Iterator<Item = (&'a str, Guid)>,

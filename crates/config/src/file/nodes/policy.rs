@@ -37,7 +37,7 @@ impl Policy {
             no_publisher,
             raise_after: fields.optional(
                 key("raise_after")
-                    .about("The state rises to the best that was reported within this time.")
+                    .about("The state becomes worse only when every report within this time was at least that bad.")
                     .rules(|| vec![default_span(Resolved::default().raise_after)]),
             ),
             clear_after: fields.optional(
