@@ -5,16 +5,11 @@
 
 pub mod cli;
 pub use telltale_clock as clock;
-pub use telltale_clock::latency;
 pub use telltale_config as config;
 pub use telltale_engine as engine;
-pub use telltale_onboarding::import;
-pub use telltale_onboarding::init;
-pub use telltale_onboarding::live;
-pub use telltale_onboarding::update;
-pub use telltale_yaml::input_file;
 pub mod metrics;
 pub use telltale_msg as msg;
+pub use telltale_onboarding as onboarding;
 pub use telltale_picture as picture;
 pub use telltale_record as record;
 pub use telltale_replay as replay;

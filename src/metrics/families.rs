@@ -3,7 +3,7 @@
 use prometheus_client::encoding::{DescriptorEncoder, EncodeMetric as _, NoLabelSet};
 use prometheus_client::metrics::MetricType;
 
-use crate::latency::Latency;
+use crate::clock::latency::Latency;
 
 /// Writes families in the order of the calls. Each is announced, also without values.
 #[derive(Debug)]

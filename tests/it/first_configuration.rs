@@ -15,7 +15,7 @@ use telltale::engine::model::monitors::TopicSpec;
 use telltale::engine::model::sample::Sample;
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
-use telltale::init::{self, Observations};
+use telltale::onboarding::init::{self, Observations};
 use telltale::ros::{self, BridgeOptions};
 use telltale::{config, runtime};
 

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use telltale::config;
-use telltale::import::{Imported, Lookup, import};
+use telltale::onboarding::import::{Imported, Lookup, import};
 use telltale::yaml::Sources;
 
 use crate::folder::TestFolder;

@@ -108,6 +108,18 @@ impl Clock {
     }
 }
 
+/// Nanoseconds since 1970; zero before.
+pub fn unix_ns(wall: SystemTime) -> u64 {
+    u64::try_from(wall.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default().as_nanos())
+        .unwrap_or(u64::MAX)
+}
+
+/// Milliseconds since 1970; zero before.
+pub fn unix_ms(wall: SystemTime) -> i64 {
+    let since = wall.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
 /// The wall time at `then`, seen from now: a step of the clock shifts past, present and future alike.
 pub fn wall_at(wall_now: SystemTime, now: Timestamp, then: Timestamp) -> SystemTime {
     let duration = |span: Span| Duration::from_nanos(span.as_nanos());

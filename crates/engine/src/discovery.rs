@@ -3,6 +3,7 @@
 use super::text::words;
 use super::time::Span;
 use super::time::Timestamp;
+use crate::text::hex;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -270,7 +271,7 @@ impl From<WriterId> for String {
 
 impl fmt::Display for WriterId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+        f.write_str(&hex(&self.0))
     }
 }
 

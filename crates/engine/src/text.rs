@@ -32,6 +32,11 @@ impl Text {
     }
 }
 
+/// Bytes as hexadecimal digits.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// One sentence in both languages. Each argument is inserted by its name, in its own language if it is a
 /// [`Text`]: `say!("no message for {time}", "keine Nachricht seit {time}", time = span(age))`. A variable stands for
 /// itself.

@@ -2,12 +2,13 @@
 
 use std::borrow::Cow;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
 use super::ring::{ConfigurationText, Entry, Taken};
+use telltale_clock::unix_ns;
 use telltale_engine::input::Input;
+use telltale_engine::text::hex;
 use telltale_engine::time::Timestamp;
 use telltale_msg::received::Message;
 use telltale_msg::sample_bytes::Guid;
@@ -91,14 +92,10 @@ impl<'a> Line<'a> {
 impl<'a> LeftOut<'a> {
     fn of(message: &'a Arc<Message>) -> LeftOut<'a> {
         let MessageRef { topic, writer, sequence, received_ns } = MessageRef::of(message);
-        let published_ns = message.source.map(since_1970_ns);
+        let published_ns = message.source.map(unix_ns);
         let bytes = (message.len() + message.left_out) as u64;
         LeftOut { topic, writer, sequence, received_ns, published_ns, bytes }
     }
-}
-
-fn since_1970_ns(at: SystemTime) -> u64 {
-    u64::try_from(at.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos()).unwrap_or(u64::MAX)
 }
 
 impl MessageRef<'_> {
@@ -115,9 +112,9 @@ impl<'a> MessageRef<'a> {
     fn of(message: &'a Arc<Message>) -> MessageRef<'a> {
         MessageRef {
             topic: Cow::Borrowed(&*message.topic),
-            writer: message.writer.iter().map(|byte| format!("{byte:02x}")).collect(),
+            writer: hex(&message.writer),
             sequence: message.sequence,
-            received_ns: since_1970_ns(message.received),
+            received_ns: unix_ns(message.received),
         }
     }
 }

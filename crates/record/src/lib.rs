@@ -1,6 +1,5 @@
 //! The black box: the last minutes of everything that the engine took, and incidents on the disk.
 
-pub mod beside;
 pub mod feed;
 pub mod file;
 pub mod folder;
@@ -10,6 +9,7 @@ pub mod incident;
 mod job;
 pub mod journal;
 mod latched;
+pub mod note_file;
 pub mod noticed;
 pub mod proof;
 pub mod reason;

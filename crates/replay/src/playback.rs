@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::run::{Mark, Run, Taken};
 use super::{Facts, Flows, Gaps, ReplayError};
+use telltale_clock::unix_ms;
 use telltale_engine::input::Input;
 use telltale_engine::module::system::SYSTEM_GROUP;
 use telltale_engine::snapshot::Snapshot;
@@ -13,7 +14,6 @@ use telltale_engine::view::record::{Record, Recorded};
 use telltale_record::story::{Story, of_changes};
 use telltale_record::summary::Summary;
 use telltale_record::transition::Transition;
-use telltale_record::writer::unix_ms;
 
 /// The time between two marks of a short recording.
 const MARK_EVERY: Span = Span::from_secs(10);

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::bag::Bag;
+use telltale_clock::unix_ns;
 use telltale_config::patience::patient;
 use telltale_config::{self as config, Loaded};
 use telltale_engine::time::Timestamp;
@@ -102,9 +103,7 @@ impl Facts {
 
     /// The instant of the engine's clock at this wall time.
     pub fn at_wall(&self, wall: SystemTime) -> Timestamp {
-        self.at(
-            u64::try_from(wall.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos()).unwrap_or(u64::MAX)
-        )
+        self.at(unix_ns(wall))
     }
 
     /// The instant of the engine's clock at this wall time, in nanoseconds since 1970.

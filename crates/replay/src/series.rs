@@ -1,11 +1,11 @@
 //! Numbers over time: the speed of the vehicle, and what the nodes of an incident reported, with their limits.
 
 use super::{Playback, ReplayError};
+use telltale_clock::unix_ms;
 use telltale_engine::model::NodeId;
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::time::Timestamp;
 use telltale_record::story::{Limit, Series};
-use telltale_record::writer::unix_ms;
 
 /// Instants, evenly from the first to the last one that is shown.
 const POINTS: u64 = 400;

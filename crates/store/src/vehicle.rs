@@ -6,8 +6,9 @@ use std::time::{Duration, SystemTime};
 use rusqlite::{Connection, OptionalExtension, Row, params};
 
 use super::audit::Record;
-use super::database::{from_unix_ms, to_unix_ms};
+use super::database::from_unix_ms;
 use super::{Database, Store, StoreError};
+use telltale_clock::unix_ms;
 use telltale_engine::model::Stage;
 use telltale_engine::model::countermeasure::{Request, RequestKind};
 use telltale_engine::model::wording::Urgency;
@@ -47,7 +48,7 @@ impl VehicleMemory {
     /// The wall time at which something began that is so old.
     fn began_ms(&self, age: Span) -> i64 {
         let began = self.at.checked_sub(Duration::from_nanos(age.as_nanos()));
-        to_unix_ms(began.unwrap_or(SystemTime::UNIX_EPOCH))
+        unix_ms(began.unwrap_or(SystemTime::UNIX_EPOCH))
     }
 }
 

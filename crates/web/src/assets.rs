@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::io::Read as _;
 use std::sync::LazyLock;
+use telltale_engine::text::hex;
 
 use axum::body::Bytes;
 use axum::http::header::{
@@ -67,19 +68,19 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
         hash.update(name.as_bytes());
         hash.update(&file.plain.tag);
     }
-    hex(&hash.finalize())
+    hex(&hash.finalize()[..8])
 });
 
 impl File {
     fn of(file: rust_embed::EmbeddedFile) -> File {
-        let hash = hex(&file.metadata.sha256_hash());
+        let hash = hex(&file.metadata.sha256_hash()[..8]);
         File::new(file.data.into_owned().into(), &hash)
     }
 
     /// A document, compressed here once and for all.
     pub fn json(document: &serde_json::Value) -> File {
         let data = Bytes::from(document.to_string());
-        let hash = hex(&Sha256::digest(&data));
+        let hash = hex(&Sha256::digest(&data)[..8]);
         File::new(data, &hash)
     }
 
@@ -119,11 +120,6 @@ impl Form {
         let tag = HeaderValue::try_from(format!("\"{tag}\"")).expect("hexadecimal digits are visible ASCII");
         Form { data, tag }
     }
-}
-
-/// The first eight bytes of a hash.
-fn hex(hash: &[u8]) -> String {
-    hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Where a page finds the file `static/NAME`: the address changes when any file does.

@@ -175,6 +175,13 @@ impl AppState {
         }))
     }
 
+    /// The present snapshot for programs; nothing is shown while the vehicle is locked.
+    fn unlocked(&self) -> Result<Published, HttpError> {
+        let published = self.published();
+        unlocked(&published)?;
+        Ok(published)
+    }
+
     /// Reads from the history. While the vehicle is locked, its past is not shown either.
     async fn past<'a, T, F>(
         &'a self,
@@ -184,14 +191,16 @@ impl AppState {
     where
         F: Future<Output = Result<T, StoreError>>,
     {
-        if published.is_locked() {
-            return Err(HttpError::Locked);
-        }
+        unlocked(published)?;
         let history = self.settings.history.as_ref().ok_or(HttpError::Unavailable)?;
         let past = read(history).await;
         past.inspect_err(|error| tracing::warn!(%error, "the history cannot be read"))
             .map_err(|_| HttpError::Unavailable)
     }
+}
+
+fn unlocked(published: &Published) -> Result<(), HttpError> {
+    if published.is_locked() { Err(HttpError::Locked) } else { Ok(()) }
 }
 
 impl Deref for AppState {

@@ -10,7 +10,7 @@ use crate::cli::print::{self, note};
 use crate::cli::{EXIT_NO, EXIT_USAGE};
 use crate::config;
 use crate::config::describe::words::counted;
-use crate::import::{Imported, Lookup, import};
+use crate::onboarding::import::{Imported, Lookup, import};
 use crate::yaml::{Problems, Sources};
 
 /// Turn diagnostic_aggregator's analyzers.yaml or an Autoware diagnostic graph into a configuration.

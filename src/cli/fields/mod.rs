@@ -1,7 +1,7 @@
 //! Checks that the fields of a configuration can be read, before the start and before a reload.
 
-mod beyond;
 mod labels;
+mod unreachable_limits;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

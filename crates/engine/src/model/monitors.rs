@@ -23,6 +23,14 @@ pub struct Bands {
     pub unmeasurable: Option<State>,
 }
 
+impl Bands {
+    /// The longest time that is allowed, of limits in seconds.
+    pub fn longest(&self) -> Span {
+        let limits = [self.warning_above, self.error_above].into_iter().flatten();
+        Span::from_nanos((limits.fold(0.0, f64::max) * 1e9) as u64)
+    }
+}
+
 /// The rule for a single value.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ValueRule {
@@ -40,7 +48,7 @@ impl Default for ValueRule {
     }
 }
 
-/// Limits of what repeats itself; only those above are set.
+/// Limits of a `frozen` monitor; only those above are used.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FrozenLimits {
     /// From the first of the equal messages to the last, in seconds.
@@ -52,8 +60,7 @@ pub struct FrozenLimits {
 impl FrozenLimits {
     /// The longest time that is allowed.
     pub fn longest(&self) -> Span {
-        let limits = [self.time.warning_above, self.time.error_above].into_iter().flatten();
-        Span::from_nanos((limits.fold(0.0, f64::max) * 1e9) as u64)
+        self.time.longest()
     }
 }
 
@@ -366,9 +373,7 @@ impl MonitorSpec {
             Of::Constant { .. } => About { by_the_clock: true, ..of("constant", CONTENT) },
             Of::Count { .. } => About { by_the_clock: true, ..of("count", META) },
             Of::Tf { bands, .. } => {
-                let limits = [bands.warning_above, bands.error_above].into_iter().flatten();
-                let longest = Span::from_nanos((limits.fold(0.0, f64::max) * 1e9) as u64);
-                About { by_the_clock: true, memory: longest.max(TF_MEMORY), ..of("tf", META) }
+                About { by_the_clock: true, memory: bands.longest().max(TF_MEMORY), ..of("tf", META) }
             }
             Of::Expression { max_age, class, .. } => About { memory: *max_age, ..of("expression", *class) },
         }

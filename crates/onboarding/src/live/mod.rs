@@ -1,14 +1,14 @@
 //! A configuration beside the running system that it is for: its names that are not there, types and measurements that
 //! differ, and parts of the robot that nothing watches. Pure: `cli` listens and prints.
 
+mod discovered_names;
 mod measured;
-mod there;
 mod unwatched;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use self::there::There;
+use self::discovered_names::There;
 pub use self::unwatched::Unwatched;
 use crate::init::names::comment;
 use crate::init::{Draft, Observations, STATUSES_MAX, draft};

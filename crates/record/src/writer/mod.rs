@@ -19,7 +19,7 @@ use super::ring::Entry;
 use super::room::{FREE_MIN, Part, Room, check_room, free_bytes};
 use super::summary::Summary;
 use open_file::OpenFile;
-pub use open_file::{digest, hash_file, unix_ms};
+pub use open_file::{copy_hashed, digest, hash_file};
 use telltale_clock::Clock;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::fields::Definitions;

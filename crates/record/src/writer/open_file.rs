@@ -1,10 +1,10 @@
 //! The file of the incident that is being written, and what is known of it so far.
 
 use std::collections::{BTreeMap, HashMap, VecDeque};
-use std::io::Read as _;
+use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::{Arc, Weak};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime};
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -21,8 +21,11 @@ use crate::ring::{ConfigurationText, Entry, Position, Taken};
 use crate::summary::{FrozenNode, Recording, Summary, TriggerLine};
 use crate::transition::{Change, Transition};
 use telltale_clock::Clock;
+use telltale_clock::unix_ms;
+use telltale_clock::unix_ns;
 use telltale_engine::Engine;
 use telltale_engine::model::Stage;
+use telltale_engine::text::hex;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_engine::view::record::Record;
 use telltale_msg::received::Message;
@@ -408,27 +411,21 @@ pub fn digest(configuration: &[ConfigurationText]) -> String {
 
 /// The SHA-256 of a file, in hexadecimal digits.
 pub fn hash_file(path: &Path) -> std::io::Result<String> {
-    let (mut digest, mut file) = (Sha256::new(), std::fs::File::open(path)?);
-    let mut buffer = vec![0; 1 << 16];
+    copy_hashed(&mut std::fs::File::open(path)?, &mut std::io::sink()).map(|(_, hash)| hash)
+}
+
+/// Copies everything. Returns the number of bytes and their SHA-256, in hexadecimal digits.
+pub fn copy_hashed(from: &mut impl Read, to: &mut impl Write) -> std::io::Result<(u64, String)> {
+    let (mut digest, mut bytes, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
     loop {
-        match file.read(&mut buffer) {
-            Ok(0) => return Ok(hex(&digest.finalize())),
-            Ok(read) => digest.update(&buffer[..read]),
-            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+        let read = match from.read(&mut buffer) {
+            Ok(0) => return Ok((bytes, hex(&digest.finalize()))),
+            Ok(read) => read,
+            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
             Err(error) => return Err(error),
-        }
+        };
+        digest.update(&buffer[..read]);
+        to.write_all(&buffer[..read])?;
+        bytes += read as u64;
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-fn unix_ns(at: SystemTime) -> u64 {
-    u64::try_from(at.duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos()).unwrap_or(u64::MAX)
-}
-
-/// Milliseconds since 1970.
-pub fn unix_ms(at: SystemTime) -> i64 {
-    i64::try_from(unix_ns(at) / 1_000_000).unwrap_or(i64::MAX)
 }

@@ -8,6 +8,7 @@ use rustdds::policy::{self, Deadline, Durability, Reliability};
 use super::wire::NAME_BYTES_MAX;
 use super::{Found, Quality, qos};
 use telltale_engine::discovery::{Liveliness, LivelinessKind};
+use telltale_engine::text::hex;
 use telltale_msg::sample_bytes::Guid;
 
 /// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
@@ -93,7 +94,3 @@ pub fn participant_name(guid: &Guid) -> String {
 }
 
 pub const TOPIC: &str = "ros_discovery_info";
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}

@@ -7,6 +7,7 @@ use sha2::{Digest, Sha256};
 
 use super::{Action, Entry, Key, PRUNED_UP_TO};
 use crate::{Role, StoreError};
+use telltale_engine::text::hex;
 
 /// Breaches that are reported one by one; the others are counted with the last.
 const BREACHES_MAX: usize = 1000;
@@ -34,7 +35,7 @@ impl Hash {
 
 impl fmt::Display for Hash {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+        f.write_str(&hex(&self.0))
     }
 }
 

@@ -22,7 +22,6 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
 use super::database::schema;
-use super::database::to_unix_ms;
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
@@ -31,6 +30,7 @@ pub use key::KEY_FILE_NAME;
 pub(super) use key::Key;
 use known::Known;
 pub(super) use log::{Log, is_sealed};
+use telltale_clock::unix_ms;
 pub use write::RECORDED_WITHIN;
 
 /// The number of records that are kept. Beyond it the oldest are pruned, which is recorded.
@@ -298,7 +298,7 @@ impl Database {
 fn append(connection: &Connection, key: &Key, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
     let last = Head::of(connection)?;
     let number = last.number + 1;
-    let at_ms = to_unix_ms(wall);
+    let at_ms = unix_ms(wall);
     let outcome = record.refusal.as_ref().map_or(DONE.to_owned(), |why| format!("refused: {why}"));
     let [who, source, target, outcome] =
         [&record.who, &record.source, &record.target, &outcome].map(|it| in_field(it));

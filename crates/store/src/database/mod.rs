@@ -7,12 +7,7 @@ pub(super) mod schema;
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// Times in the database: milliseconds since 1970.
-pub(crate) fn to_unix_ms(time: SystemTime) -> i64 {
-    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
-    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
-}
-
+/// Of a time in the database: milliseconds since 1970.
 pub(crate) fn from_unix_ms(ms: i64) -> SystemTime {
     UNIX_EPOCH + Duration::from_millis(u64::try_from(ms).unwrap_or(0))
 }

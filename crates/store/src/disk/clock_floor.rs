@@ -6,9 +6,10 @@ use std::time::{Duration, SystemTime};
 
 use rusqlite::Connection;
 
-use crate::database::{from_unix_ms, to_unix_ms};
+use crate::database::from_unix_ms;
 use crate::{Database, Store, StoreError};
 use telltale_clock::earliest;
+use telltale_clock::unix_ms;
 
 /// A record that is further ahead was written by a wrong clock and is ignored.
 const CREDIBLE: Duration = Duration::from_secs(20 * 365 * 24 * 3600);
@@ -24,7 +25,7 @@ pub(crate) fn of(connection: &Connection) -> Result<SystemTime, StoreError> {
             UNION ALL SELECT created_ms FROM tokens
             UNION ALL SELECT max(created_ms, used_ms) FROM sessions
         ) WHERE at <= ?1";
-    let latest = to_unix_ms(earliest() + CREDIBLE);
+    let latest = unix_ms(earliest() + CREDIBLE);
     let newest: Option<i64> = connection.query_row(sql, (latest, RECORDS), |row| row.get(0))?;
     Ok(newest.map_or(earliest(), |newest| from_unix_ms(newest).max(earliest())))
 }

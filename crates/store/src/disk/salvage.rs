@@ -11,10 +11,10 @@ use rusqlite::{Connection, Row, params, params_from_iter};
 
 use crate::audit::known::Known;
 use crate::audit::{KEY_FILE_NAME, Key, Log};
-use crate::database::to_unix_ms;
 use crate::database::{backup, schema};
 use crate::users::secret::NOBODY;
 use crate::{Database, FILE_NAME, SessionKind, StoreError};
+use telltale_clock::unix_ms;
 
 /// The number of rows of one table that fit into memory, whatever a damaged file claims to hold.
 const ROWS_IN_MEMORY_MAX: usize = 100_000;
@@ -98,12 +98,12 @@ impl Database {
             let left = Duration::from_nanos(session.expires.since(now).as_nanos());
             connection.execute(
                 "INSERT OR IGNORE INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)",
-                params![&*session.user, session.role.as_str(), NOBODY, to_unix_ms(wall)],
+                params![&*session.user, session.role.as_str(), NOBODY, unix_ms(wall)],
             )?;
             connection.execute(
                 "INSERT OR IGNORE INTO sessions (token_hash, user, created_ms, expires_ms, used_ms)
                  SELECT ?1, id, ?3, ?4, ?3 FROM users WHERE name = ?2",
-                params![session.key(), &*session.user, to_unix_ms(wall), to_unix_ms(wall + left)],
+                params![session.key(), &*session.user, unix_ms(wall), unix_ms(wall + left)],
             )?;
         }
         let log = Log::open(&mut connection, None, wall)?;

@@ -1,13 +1,14 @@
 //! Writes records as rows, and removes the oldest rows.
 
 use std::collections::{BTreeSet, HashMap};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use rusqlite::{Connection, Transaction, TransactionBehavior, params};
 
 use super::read::{self, HistoryQuery};
 use super::statistics;
 use crate::database::foreign::damage;
+use telltale_clock::unix_ms;
 use telltale_clock::wall_at;
 use telltale_engine::event::Said;
 use telltale_engine::time::Timestamp;
@@ -132,7 +133,7 @@ impl Writer {
             }
             self.schema = Some(schema);
         }
-        let now_ms = millis(now.0);
+        let now_ms = unix_ms(now.0);
         let mut rows = self.rows;
         if self.lost > 0 {
             insert(
@@ -144,7 +145,7 @@ impl Writer {
         }
         for record in batch {
             let row = self.row(&transaction, &record.what)?;
-            insert(&transaction, millis(wall_at(now.0, now.1, record.at)), row)?;
+            insert(&transaction, unix_ms(wall_at(now.0, now.1, record.at)), row)?;
         }
         rows += batch.len();
         if rows > self.rows_max {
@@ -299,8 +300,4 @@ fn sum_up_oldest(transaction: &Transaction<'_>, surplus: i64) -> rusqlite::Resul
     )?;
     transaction.execute("UPDATE records SET at_ms = ?1 WHERE kind <> 1 AND at_ms < ?1", [end_ms])?;
     Ok(gone)
-}
-
-pub fn millis(at: SystemTime) -> i64 {
-    at.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
 }

@@ -9,6 +9,7 @@ use super::read::{COLUMNS, Incidents, incident, surely};
 use super::{Incident, Note};
 use crate::audit::{Action, DONE, fits};
 use crate::{Store, StoreError};
+use telltale_engine::text::hex;
 use telltale_record::proof::{Expected, NO_HASH};
 use telltale_record::summary::Summary;
 
@@ -242,7 +243,7 @@ fn summary_hash(json: &str) -> String {
 }
 
 fn hex_sha256(text: &str) -> String {
-    Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&Sha256::digest(text))
 }
 
 fn stored(connection: &Connection, id: u64) -> Result<Option<StoredIncident>, StoreError> {

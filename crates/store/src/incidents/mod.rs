@@ -8,8 +8,8 @@ mod logged;
 mod read;
 mod write;
 
-use telltale_record::beside::Beside;
-pub use telltale_record::beside::Note;
+use telltale_record::note_file::Beside;
+pub use telltale_record::note_file::Note;
 use telltale_record::summary::Summary;
 
 pub use bounds::note as clean_note;

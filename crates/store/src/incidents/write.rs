@@ -7,8 +7,8 @@ use super::bounds::{bounded, note};
 use super::logged::{columns, kept_target, note_target, recorded_target};
 use super::read::{last_number, surely};
 use crate::audit::{Action, Record, TELLTALE};
-use crate::database::to_unix_ms;
 use crate::{Database, Store, StoreError};
+use telltale_clock::unix_ms;
 use telltale_record::retention::INCIDENTS_MAX;
 use telltale_record::summary::Summary;
 
@@ -88,7 +88,7 @@ impl Store {
         let text = note(text);
         let record = Record { action: Action::IncidentNote, ..record }.on(note_target(id, &text));
         self.call(move |database| {
-            let at_ms = to_unix_ms(database.clock.wall());
+            let at_ms = unix_ms(database.clock.wall());
             let by = record.who.clone();
             database.change(&[record], |transaction| {
                 let sql = "UPDATE incidents SET note = ?2, note_by = ?3, note_ms = ?4 WHERE id = ?1";

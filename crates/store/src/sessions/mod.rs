@@ -15,10 +15,12 @@ use tokio::sync::watch;
 
 use super::audit::Record;
 use super::audit::known::Mark;
-use super::database::{from_unix_ms, to_unix_ms};
+use super::database::from_unix_ms;
 use super::{Database, Role, Store, StoreError, Verified};
 use table::Row;
+use telltale_clock::unix_ms;
 use telltale_engine::model::Stage;
+use telltale_engine::text::hex;
 use telltale_engine::time::{Span, Timestamp};
 
 /// A session ends this long after its login.
@@ -63,7 +65,7 @@ impl Token {
     pub fn random() -> Result<Token, StoreError> {
         let mut bytes = [0; 32];
         getrandom::fill(&mut bytes).map_err(StoreError::Random)?;
-        Ok(Token(bytes.iter().map(|byte| format!("{byte:02x}")).collect()))
+        Ok(Token(hex(&bytes)))
     }
 
     /// Reads the token in a cookie or a header.
@@ -173,7 +175,7 @@ impl Store {
                     .prepare_cached("UPDATE sessions SET used_ms = max(used_ms, ?2) WHERE token_hash = ?1")?;
                 for session in sessions {
                     let used = wall.checked_sub(Duration::from_nanos(session.idle(now).as_nanos()));
-                    update.execute(params![session.key, used.map_or(0, to_unix_ms)])?;
+                    update.execute(params![session.key, used.map_or(0, unix_ms)])?;
                 }
                 Ok(())
             })
@@ -225,7 +227,7 @@ impl Store {
     /// does not expire.
     pub async fn operator_in_charge(&self) -> Result<Option<String>, StoreError> {
         self.call(move |database| {
-            let now_ms = to_unix_ms(database.judged());
+            let now_ms = unix_ms(database.judged());
             let name = database.connection.query_row(
                 "SELECT name FROM users JOIN seat ON seat.user = users.id
                  WHERE role = 'operator' AND EXISTS (
@@ -252,7 +254,7 @@ pub(super) fn insert_session(
     let opened = connection.execute(
         "INSERT INTO sessions (token_hash, user, created_ms, expires_ms)
          SELECT ?1, id, ?4, ?5 FROM users WHERE id = ?2 AND secret_hash = ?3",
-        params![key, user.id, user.secret_hash, to_unix_ms(created), to_unix_ms(created + SESSION_LIFE)],
+        params![key, user.id, user.secret_hash, unix_ms(created), unix_ms(created + SESSION_LIFE)],
     )?;
     if opened == 0 {
         return Err(StoreError::NoSuchUser(user.name.clone()));
@@ -296,7 +298,7 @@ impl Database {
             let (key, user, role): (Key, String, Role) = (row.get(0)?, row.get(1)?, Role::read(row, 2)?);
             let is_known = {
                 let known = &self.knowledge;
-                let mark = || Mark::of_token(&key, &user, to_unix_ms(expires));
+                let mark = || Mark::of_token(&key, &user, unix_ms(expires));
                 known.has_user(&user, role, &row.get::<_, String>(6).unwrap_or_default())
                     && (kind == SessionKind::Person || known.has_token(&mark()))
             };

@@ -4,8 +4,8 @@
 
 use rusqlite::params;
 
-use crate::database::to_unix_ms;
 use crate::{Caller, Store, StoreError, Token, Verified};
+use telltale_clock::unix_ms;
 
 /// Cookies for each user; a new one replaces the oldest.
 const DEVICES_PER_USER: usize = 16;
@@ -17,7 +17,7 @@ impl Store {
     /// If there is no such user any more, or the database fails.
     pub async fn know_device(&self, user: &Verified) -> Result<Token, StoreError> {
         let token = Token::random()?;
-        let (key, user, created_ms) = (token.key(), user.clone(), to_unix_ms(self.clock.wall()));
+        let (key, user, created_ms) = (token.key(), user.clone(), unix_ms(self.clock.wall()));
         self.call(move |database| {
             database.change(&[], |transaction| {
                 transaction.execute(

@@ -1,12 +1,13 @@
 //! Users: names, roles and secrets, and the proof of a secret.
 
+pub(super) mod changes_made;
 pub(super) mod known_browsers;
-pub(super) mod noticed;
 pub(super) mod secret;
 pub(super) mod tokens;
 
-use super::database::{from_unix_ms, to_unix_ms};
+use super::database::from_unix_ms;
 use std::time::SystemTime;
+use telltale_clock::unix_ms;
 
 use rusqlite::{Connection, OptionalExtension, params};
 
@@ -79,13 +80,13 @@ impl Store {
     async fn insert_user(&self, name: &str, role: Role, secret: &str) -> Result<(), StoreError> {
         let hash = self.hashing.hash(secret.to_owned()).await?;
         let name = name.to_owned();
-        let created_ms = to_unix_ms(self.clock.wall());
+        let created_ms = unix_ms(self.clock.wall());
         let mark = Mark::of_user(&name, role, &hash);
         let target = format!("{name} ({}){mark}", role.as_str());
         let record = Record::of(Action::UserAdded, COMMAND_LINE).on(target);
         self.call(move |database| {
             database.change(&[record], |transaction| {
-                noticed::count(transaction)?;
+                changes_made::count(transaction)?;
                 let added = transaction.execute(
                     "INSERT INTO users (name, role, secret_hash, created_ms) VALUES (?1, ?2, ?3, ?4)
                      ON CONFLICT (name) DO NOTHING",
@@ -182,7 +183,7 @@ impl Store {
         let record = Record::of(action, COMMAND_LINE).on(format!("{said}{mark}"));
         self.call(move |database| {
             database.change(&[record], |transaction| {
-                noticed::count(transaction)?;
+                changes_made::count(transaction)?;
                 transaction.execute(
                     "UPDATE users SET secret_hash = ?2, role = ?3 WHERE id = ?1",
                     params![id, hash, role.as_str()],
@@ -205,7 +206,7 @@ impl Store {
         let record = Record::of(Action::UserRemoved, COMMAND_LINE).on(&*name);
         self.call(move |database| {
             database.change(&[record], |transaction| {
-                noticed::count(transaction)?;
+                changes_made::count(transaction)?;
                 let removed = transaction.execute("DELETE FROM users WHERE name = ?1", [&name])?;
                 if removed == 0 { Err(StoreError::NoSuchUser(name)) } else { Ok(()) }
             })?;

@@ -4,11 +4,12 @@ use std::time::{Duration, SystemTime};
 
 use rusqlite::{OptionalExtension, params};
 
-use super::noticed;
+use super::changes_made;
 use crate::audit::known::Mark;
 use crate::audit::{Action, COMMAND_LINE, Record};
-use crate::database::{from_unix_ms, to_unix_ms};
+use crate::database::from_unix_ms;
 use crate::{Role, Store, StoreError, Token};
+use telltale_clock::unix_ms;
 
 /// A program's token ends this long after it was made, unless another time is given.
 pub const TOKEN_LIFE_DAYS: u32 = 365;
@@ -40,10 +41,10 @@ impl Store {
         self.call(move |database| {
             let created = database.judged();
             let expires = created + Duration::from_secs(u64::from(days) * 24 * 3600);
-            let mark = Mark::of_token(&key, &name, to_unix_ms(expires));
+            let mark = Mark::of_token(&key, &name, unix_ms(expires));
             let record = Record::of(Action::TokenAdded, COMMAND_LINE).on(format!("{name} {label}{mark}"));
             database.change(&[record], |transaction| {
-                noticed::count(transaction)?;
+                changes_made::count(transaction)?;
                 let user =
                     transaction.query_row("SELECT id, role FROM users WHERE name = ?1", [&name], |row| {
                         Ok((row.get::<_, i64>(0)?, Role::read(row, 1)?))
@@ -52,7 +53,7 @@ impl Store {
                 if role == Role::Operator {
                     return Err(StoreError::OperatorToken(name));
                 }
-                transaction.execute("DELETE FROM tokens WHERE expires_ms <= ?1", [to_unix_ms(created)])?;
+                transaction.execute("DELETE FROM tokens WHERE expires_ms <= ?1", [unix_ms(created)])?;
                 let count: i64 =
                     transaction
                         .query_row("SELECT count(*) FROM tokens WHERE user = ?1", [user], |row| row.get(0))?;
@@ -62,7 +63,7 @@ impl Store {
                 transaction.execute(
                     "INSERT INTO tokens (token_hash, user, label, created_ms, expires_ms)
                      VALUES (?1, ?2, ?3, ?4, ?5)",
-                    params![key, user, label, to_unix_ms(created), to_unix_ms(expires)],
+                    params![key, user, label, unix_ms(created), unix_ms(expires)],
                 )?;
                 Ok(())
             })?;
@@ -108,7 +109,7 @@ impl Store {
             let mark = mark.optional()?.ok_or(StoreError::NoSuchToken(number))?;
             let record = Record::of(Action::TokenRevoked, COMMAND_LINE).on(format!("{number}{mark}"));
             database.change(&[record], |transaction| {
-                noticed::count(transaction)?;
+                changes_made::count(transaction)?;
                 let revoked = transaction.execute("DELETE FROM tokens WHERE number = ?1", [number])?;
                 if revoked == 0 { Err(StoreError::NoSuchToken(number)) } else { Ok(()) }
             })?;

@@ -19,7 +19,7 @@ use telltale_store::audit::Entry;
 pub struct AuditAsked {
     /// Only records with a smaller number: `next` of the page before.
     before: Option<u64>,
-    /// At most so many records.
+    /// The largest number of records to return.
     #[serde(default)]
     count: Count<100, 5000>,
     format: Option<Format>,

@@ -33,7 +33,7 @@ pub struct HistoryAsked {
     /// Only records with a greater id: `next` of the page before.
     #[serde(default)]
     after: u64,
-    /// At most so many records.
+    /// The largest number of records to return.
     #[serde(default)]
     count: Count<1000, 10_000>,
     format: Option<Format>,

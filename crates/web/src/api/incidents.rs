@@ -36,7 +36,7 @@ pub struct ListQuery {
     until: Option<Moment>,
     /// Only those with a smaller number.
     before: Option<u64>,
-    /// At most so many.
+    /// The largest number of incidents to return.
     #[serde(default)]
     count: Count<COUNT, INCIDENTS_PAGE_MAX>,
     format: Option<Format>,

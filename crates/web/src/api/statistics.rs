@@ -9,9 +9,10 @@ use serde::{Deserialize, Serialize};
 use super::query::{Asked, Moment};
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::incidents::{wall_ms, wall_time};
+use crate::incidents::wall_time;
 use crate::schema::words;
 use crate::texts::HttpError;
+use telltale_clock::unix_ms;
 use telltale_store::{NodeStatistics, Statistics, VersionStatistics, between_failures_ms, per_100_km};
 
 /// What is summed up without `since`.
@@ -116,7 +117,7 @@ pub async fn get(
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
     let published = app.published();
-    let to_ms = asked.until.map_or_else(|| wall_ms(published.at), |Moment(ms)| ms);
+    let to_ms = asked.until.map_or_else(|| unix_ms(published.at), |Moment(ms)| ms);
     let from_ms = asked.since.map_or(to_ms - WEEK_MS, |Moment(ms)| ms);
     let found = app.past(&published, |history| history.statistics(from_ms, to_ms)).await?;
     let rows: Vec<NodeRow<'_>> = found.nodes.iter().map(|node| row(&found, node)).collect();

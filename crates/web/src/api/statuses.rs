@@ -29,7 +29,7 @@ pub struct StatusesAsked {
     /// How many modules to skip: `next` of the page before.
     #[serde(default)]
     offset: u32,
-    /// At most so many modules.
+    /// The largest number of modules to return.
     #[serde(default)]
     count: Count<1000, 5000>,
     format: Option<Format>,
@@ -93,10 +93,7 @@ pub async fn get(
     Asked(asked): Asked<StatusesAsked>,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
-    let published = app.published();
-    if published.is_locked() {
-        return Err(HttpError::Locked);
-    }
+    let published = app.unlocked()?;
     let view = View::new(&published, Lang::En, false);
     let level = asked.level.map_or("", Level::as_str);
     let filter = StatusFilter::new(&view, &asked.q, level, &asked.group);

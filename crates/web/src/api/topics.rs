@@ -27,7 +27,7 @@ pub struct TopicsAsked {
     /// How many topics to skip: `next` of the page before.
     #[serde(default)]
     offset: u32,
-    /// At most so many topics.
+    /// The largest number of topics to return.
     #[serde(default)]
     count: Count<100, 200>,
     format: Option<Format>,
@@ -107,10 +107,7 @@ pub async fn get(
     Asked(asked): Asked<TopicsAsked>,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
-    let published = app.published();
-    if published.is_locked() {
-        return Err(HttpError::Locked);
-    }
+    let published = app.unlocked()?;
     let (snapshot, nothing) = (&*published.snapshot, Wanted::default());
     let wanted = all_wanted(snapshot);
     let seen = app.settings.discovery.as_ref().map(|seen| seen.borrow().clone()).unwrap_or_default();

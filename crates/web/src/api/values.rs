@@ -5,6 +5,7 @@ use axum::http::HeaderMap;
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use telltale_clock::unix_ms;
 use telltale_clock::wall_at;
 use telltale_engine::model::NodeId;
 use telltale_runtime::Published;
@@ -12,7 +13,7 @@ use telltale_runtime::Published;
 use super::query::{Asked, Count, Moment};
 use super::table::{Format, Table};
 use crate::AppState;
-use crate::incidents::{wall_ms, wall_time};
+use crate::incidents::wall_time;
 use crate::schema::words;
 use crate::texts::HttpError;
 use crate::view::trends::exactly;
@@ -38,7 +39,7 @@ pub struct ValuesAsked {
     /// Rows that are left out: `next` of the page before.
     #[serde(default)]
     offset: u32,
-    /// At most so many rows.
+    /// The largest number of rows to return.
     #[serde(default)]
     count: Count<20_000, 50_000>,
     format: Option<Format>,
@@ -97,14 +98,11 @@ pub async fn get(
     Asked(asked): Asked<ValuesAsked>,
     headers: HeaderMap,
 ) -> Result<Response, HttpError> {
-    let published = app.published();
-    if published.is_locked() {
-        return Err(HttpError::Locked);
-    }
+    let published = app.unlocked()?;
     if asked.node.len() > NODE_BYTES_MAX {
         return Err(HttpError::NotFound);
     }
-    let to_ms = asked.until.map_or_else(|| wall_ms(published.at), |Moment(ms)| ms);
+    let to_ms = asked.until.map_or_else(|| unix_ms(published.at), |Moment(ms)| ms);
     let from_ms = asked.since.map_or(to_ms.saturating_sub(DAY_MS), |Moment(ms)| ms);
     let is_past = asked.since.is_some() || asked.until.is_some();
     let unasked = match is_past {
@@ -168,7 +166,7 @@ fn samples(
     let (times, series) = app.trends.numbers(id.0 as usize, &snapshot.module(id).0.id);
     let mut rows = Vec::new();
     for (index, at) in times.iter().enumerate() {
-        let at = wall_time(wall_ms(wall_at(published.at, snapshot.now, *at)));
+        let at = wall_time(unix_ms(wall_at(published.at, snapshot.now, *at)));
         let then = series.iter().filter_map(|(key, numbers)| Some((key, numbers.get(index).copied()??)));
         rows.extend(then.map(|(key, value)| (at.clone(), key.clone(), value)));
     }

@@ -7,10 +7,10 @@ use axum::response::Html;
 use super::request::PageRequest;
 use super::{DevFrame, Page, why_address};
 use crate::AppState;
-use crate::incidents::wall_ms;
 use crate::texts::{DevWords, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
+use telltale_clock::unix_ms;
 use telltale_store::{NodeFigures, NodeStatistics, Statistics, VersionStatistics, how_long_ms, way};
 
 const DAY_MS: i64 = 24 * 3_600_000;
@@ -59,7 +59,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<Stri
     let words = DevWords::of(context.lang);
     let days =
         query.number("days").and_then(|days| DAYS.into_iter().find(|it| *it == days)).unwrap_or(DAYS[0]);
-    let to_ms = wall_ms(published.at);
+    let to_ms = unix_ms(published.at);
     let from_ms = to_ms - days as i64 * DAY_MS;
     let found = app.past(&published, |history| history.statistics(from_ms, to_ms)).await.ok();
     let view = &View::new(&published, context.lang, false);

@@ -1,7 +1,7 @@
 //! Incidents as JSON: the same objects for the HTTP API and for `telltale incident list --json`.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, UNIX_EPOCH};
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -12,11 +12,6 @@ use telltale_record::proof::Proof;
 use telltale_record::story::Story;
 use telltale_record::summary::{FrozenNode, Recording, Summary, TriggerLine};
 use telltale_store::Incident;
-
-/// Milliseconds since 1970.
-pub fn wall_ms(at: SystemTime) -> i64 {
-    at.duration_since(UNIX_EPOCH).map_or(0, |since| i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
-}
 
 /// Milliseconds since 1970 as text, in UTC.
 pub fn time(ms: i64) -> String {

@@ -22,8 +22,8 @@ use super::http::respond::{FormOf, Reader, Speaks, bad_form, json_answer};
 use super::view::RecorderState;
 use super::{AppState, Live};
 use crate::texts::HttpError;
-use telltale_record::beside;
 use telltale_record::incident::NOTE_BYTES_MAX;
+use telltale_record::note_file;
 use telltale_record::recorder::Recorder;
 use telltale_record::retention::Policy;
 use telltale_record::writer::Place;
@@ -31,7 +31,7 @@ use telltale_store::audit::{Action, Record};
 use telltale_store::{Incident, StoreError};
 
 pub use download::get as download;
-pub use json::{Listed, Marked, Whole, listed, time as wall_time, wall_ms, whole};
+pub use json::{Listed, Marked, Whole, listed, time as wall_time, whole};
 pub(crate) use mark::mark_moment;
 pub use mark::{MarkForm, Marker, Marking, NotMarked, mark};
 pub use reading::{Read, read, story};
@@ -106,7 +106,7 @@ async fn write_beside(app: &AppState, number: u64) {
     else {
         return;
     };
-    let write = move || beside::write(&folder, number, &incident.beside());
+    let write = move || note_file::write(&folder, number, &incident.beside());
     // It is not known only at the end of the program.
     if let Ok(Err(error)) = tokio::task::spawn_blocking(write).await {
         tracing::warn!(%error, "what people said of incident {number} is in the database alone");

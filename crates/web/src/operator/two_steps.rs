@@ -5,6 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use crate::texts::InvalidTap;
 use crate::view::versions::Aspect;
 use telltale_engine::input::OperatorAction;
+use telltale_engine::text::hex;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_store::Session;
 use telltale_store::audit::Action;
@@ -85,7 +86,7 @@ impl PendingConfirmation {
     ) -> Result<String, getrandom::Error> {
         let mut bytes = [0; 16];
         getrandom::fill(&mut bytes)?;
-        let token: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        let token = hex(&bytes);
         let request = Requested { steps, token: token.clone(), session: session.clone(), first };
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(request);
         Ok(token)

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use crate::incidents::wall_time;
 use crate::source::{GapThen, gap_marks};
 use crate::texts::{IncidentWords, Lang, NAME, clean};
+use telltale_clock::unix_ms;
 use telltale_engine::time::Timestamp;
-use telltale_record::writer::unix_ms;
 use telltale_replay::Playback;
 
 /// Gaps that a notice names.

@@ -30,10 +30,10 @@ use player::{Controls, PlayState};
 pub use screen::{first as first_screen, get as screen, is_page};
 pub use subject::{ServedFile, Subject};
 use telltale_clock::Clock;
+use telltale_clock::unix_ms;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_record::story::Story;
 use telltale_record::summary::Summary;
-use telltale_record::writer::unix_ms;
 use telltale_replay::Playback;
 use telltale_store::{History, Session};
 

@@ -10,8 +10,8 @@ use crate::AppState;
 use crate::developer::address;
 use crate::http::guard::SignedIn;
 use crate::texts::HttpError;
+use telltale_clock::unix_ms;
 use telltale_record::recorder::Recorder;
-use telltale_record::writer::unix_ms;
 use telltale_store::IncidentFilter;
 
 /// No recording begins longer before its first trigger.

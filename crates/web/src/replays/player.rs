@@ -9,9 +9,9 @@ use tokio::sync::{oneshot, watch};
 
 use crate::source::Player;
 use telltale_clock::Clock;
+use telltale_clock::unix_ms;
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::time::{Span, Timestamp};
-use telltale_record::writer::unix_ms;
 use telltale_replay::Playback;
 use telltale_runtime::Published;
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::cli::configuration::init::{self, listening};
 use crate::cli::process::{dds, log};
 use crate::config::Loaded;
-use crate::live::{self, Comparison};
+use crate::onboarding::live::{self, Comparison};
 use crate::yaml::Problems;
 
 /// How long, and where, to listen.

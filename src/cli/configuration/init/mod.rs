@@ -27,10 +27,10 @@ use crate::engine::discovery::Discovery;
 use crate::engine::model::monitors::{DiagnosticsTopic, FieldKind, FieldSpec, TopicSpec, Watched};
 use crate::engine::model::{Model, Parts, StageModel};
 use crate::engine::time::Timestamp;
-use crate::init::{self, Draft, Observations, TOPICS_MAX};
-use crate::live::Heard;
 use crate::msg::fields::Definitions;
 use crate::msg::received::Stamped;
+use crate::onboarding::init::{self, Draft, Observations, TOPICS_MAX};
+use crate::onboarding::live::Heard;
 use crate::ros::{self, Bridge, BridgeOptions, DIAGNOSTICS};
 
 /// Its name in the graph of ROS 2.

@@ -1,5 +1,5 @@
 //! How well the graph of the simulated machines tells the dependencies that their configurations have. The table
-//! of `docs/first-configuration.md` is compared with the result.
+//! of `docs/guessed-dependencies.md` is compared with the result.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -14,13 +14,13 @@ use crate::engine::model::monitors::TopicSpec;
 use crate::engine::model::sample::Sample;
 use crate::engine::model::{Dependency, GroupId, Limits, Model, ModuleId, NodeId};
 use crate::engine::time::Timestamp;
-use crate::init::{self, Observations};
 use crate::msg::cdr::Endian;
 use crate::msg::fields::Definitions;
 use crate::msg::messages;
+use crate::onboarding::init::{self, Observations};
 use crate::ros::DIAGNOSTICS;
 
-const PAGE: &str = include_str!("../../../../docs/first-configuration.md");
+const PAGE: &str = include_str!("../../../../docs/guessed-dependencies.md");
 
 /// The group of each node, as a person would sort them.
 const SHUTTLE: [(&str, &str); 11] = [
@@ -153,7 +153,7 @@ fn documented(name: &str, kind: Kind, loaded: &Loaded, sorted: &[(&str, &str)]) 
         listed(proposed.difference(&expected).cloned()),
         listed(expected.difference(&proposed).cloned()),
     );
-    assert!(PAGE.contains(&row), "docs/first-configuration.md lacks:\n{row}");
+    assert!(PAGE.contains(&row), "docs/guessed-dependencies.md lacks:\n{row}");
 }
 
 #[test]

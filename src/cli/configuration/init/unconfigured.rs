@@ -7,7 +7,7 @@ use tokio::sync::mpsc;
 
 use super::Lookout;
 use crate::config::{self, Examined};
-use crate::init::{Draft, heard_text};
+use crate::onboarding::init::{Draft, heard_text};
 use crate::ros::BridgeOptions;
 
 /// How often it is looked for something new.

@@ -14,9 +14,9 @@ use crate::cli::{EXIT_NO, fields};
 use crate::clock::Clock;
 use crate::config;
 use crate::config::describe::words::counted;
-use crate::live;
 use crate::msg::fields::Definitions;
-use crate::update::{self, Updated};
+use crate::onboarding::live;
+use crate::onboarding::update::{self, Updated};
 use crate::yaml::Problems;
 
 /// The mark at the beginning of a file that some editors write.

@@ -11,9 +11,9 @@ use anyhow::Context as _;
 use crate::cli::EXIT_NO;
 use crate::cli::print::note;
 use crate::cli::process::data_folder::DataFolder;
+use crate::clock::unix_ms;
 use crate::picture::figure::{self, MovedAlarm, Panel};
 use crate::picture::strips::{Segment, Strip, merged, recorded, stamp};
-use crate::record::writer::unix_ms;
 use crate::store::{HistoryQuery, NodePast, Past, PastEvent, Period, past_in};
 
 /// Draw what a vehicle showed around a moment, as the figures of scenarios are drawn, or sum up its alarms.

@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use crate::cli::EXIT_NO;
 use crate::cli::print::{Lines, note, text};
 use crate::clock::Clock;
-use crate::record::writer::unix_ms;
+use crate::clock::unix_ms;
 use crate::store::{NodeFigures, Statistics, how_long_ms, per_100_km, statistics_in, way};
 
 const WEEK: Duration = Duration::from_secs(7 * 24 * 3600);

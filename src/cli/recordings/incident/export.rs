@@ -7,11 +7,12 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 
-use super::{EXIT_NO, hashed, now_ms};
+use super::{EXIT_NO, now_ms};
 use crate::cli::print::{note, say};
 use crate::record::folder;
 use crate::record::proof::{Expected, Proof, compare};
 use crate::record::retention::size;
+use crate::record::writer::copy_hashed;
 use crate::store::{Incident, Incidents, Logged, StoreError};
 use crate::web::developer::incidents::report::report;
 use crate::web::incidents::{Read, read};
@@ -93,7 +94,7 @@ fn write_report(
 fn copy(data: &Path, incident: &Incident, expected: &Expected, output: &Path) -> anyhow::Result<bool> {
     let Some((path, mut from)) = open_recording(data, incident) else { return Ok(false) };
     let mut to = create(output, Kind::Recording)?;
-    let (bytes, hash) = hashed(&mut from, &mut to)
+    let (bytes, hash) = copy_hashed(&mut from, &mut to)
         .and_then(|copied| to.sync_all().map(|()| copied))
         .with_context(|| format!("{} cannot be copied to {}", path.display(), output.display()))?;
     say!("{}, {}", output.display(), size(bytes));

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use crate::cli::print::{self, note, say};
+use crate::clock::unix_ms;
 use crate::record::retention::size;
-use crate::record::writer::unix_ms;
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents};
 use crate::web::incidents::listed;
 

@@ -5,7 +5,7 @@ mod list;
 mod verify;
 
 use std::fs;
-use std::io::{self, Read, Write};
+use std::io;
 use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
@@ -13,18 +13,17 @@ use std::time::{Duration, SystemTime};
 use anyhow::{Context as _, bail};
 use clap::Subcommand;
 use humantime::format_rfc3339_seconds;
-use sha2::{Digest as _, Sha256};
 use tokio::time::timeout;
 
 use crate::cli::EXIT_NO;
 use crate::cli::print::{note, say};
 use crate::cli::process::data_folder::DataFolder;
 use crate::clock::Clock;
+use crate::clock::unix_ms;
 use crate::engine::time::Span;
 use crate::record::proof::is_changed;
 use crate::record::retention::{Held, Policy, Surplus, judged_ms, size, surplus_without_changed};
-use crate::record::writer::unix_ms;
-use crate::record::{beside, folder};
+use crate::record::{folder, note_file};
 use crate::store::audit::{Action, COMMAND_LINE, Record};
 use crate::store::{DemoSecrets, Incidents, Store, StoreError};
 
@@ -124,7 +123,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             let record = Record::of(Action::IncidentKept, COMMAND_LINE);
             store.keep_incident(*id, !off, record).await?;
             if let Some(incident) = store.incident(*id).await?
-                && let Err(error) = beside::write(&folder::folder_in(&data), *id, &incident.beside())
+                && let Err(error) = note_file::write(&folder::folder_in(&data), *id, &incident.beside())
             {
                 note!("telltale: it is in the database alone, which may be lost: {error}");
             }
@@ -204,7 +203,7 @@ impl Pruning<'_> {
             for it in &forgotten {
                 let path = recordings.join(folder::file_name(it.id));
                 let removed = fs::remove_file(&path);
-                let beside = beside::remove(&recordings, it.id);
+                let beside = note_file::remove(&recordings, it.id);
                 match removed {
                     Err(error) if error.kind() != io::ErrorKind::NotFound => {
                         note!(
@@ -260,25 +259,6 @@ fn tell_rest(removed: usize, all: usize, bytes: u64, is_over: bool) {
              `telltale incident keep ID --off` releases one"
         );
     }
-}
-
-/// Copies everything. Returns the number of bytes and their SHA-256.
-fn hashed(from: &mut impl Read, to: &mut impl Write) -> io::Result<(u64, String)> {
-    let (mut hash, mut bytes) = (Sha256::new(), 0u64);
-    let mut buffer = vec![0; 64 * 1024];
-    loop {
-        let read = match from.read(&mut buffer) {
-            Ok(0) => break,
-            Ok(read) => read,
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-            Err(error) => return Err(error),
-        };
-        hash.update(&buffer[..read]);
-        to.write_all(&buffer[..read])?;
-        bytes += read as u64;
-    }
-    let hash: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
-    Ok((bytes, hash))
 }
 
 /// Reads `10GB`, `500 MB` or a number of bytes.

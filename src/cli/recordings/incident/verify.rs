@@ -10,10 +10,11 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 
-use super::{EXIT_NO, hashed};
+use super::EXIT_NO;
 use crate::cli::print::say;
 use crate::cli::process::data_folder;
 use crate::record::retention::size;
+use crate::record::writer::copy_hashed;
 use crate::record::{file, folder, removed};
 use crate::store::audit::verify_audit_in;
 use crate::store::{Incident, IncidentRecords, Incidents, StoreError, StoredIncident};
@@ -195,7 +196,7 @@ fn check(
         }
         _ => {}
     }
-    let hash = opened.and_then(|mut file| hashed(&mut file, &mut io::sink()));
+    let hash = opened.and_then(|mut file| copy_hashed(&mut file, &mut io::sink()));
     let (bytes, hash) = match hash {
         Ok(hashed) => hashed,
         Err(_) if is_missing && removed::is_unrecorded(recordings, id) => {

@@ -23,10 +23,10 @@ use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
 use crate::engine::time::{Span, Timestamp};
-use crate::input_file;
 use crate::replay::expect::{Difference, Expected};
 use crate::replay::line::{Line, lines, seconds};
 use crate::replay::{Facts, Recording, ReplayError, Run};
+use crate::yaml::input_file;
 
 /// Differences that are printed.
 const DIFFERENCES_MAX: usize = 20;

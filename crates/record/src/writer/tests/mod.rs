@@ -3,6 +3,7 @@
 mod latched;
 mod room;
 
+use telltale_clock::unix_ms;
 use std::collections::HashMap;
 use std::path::Path;
 

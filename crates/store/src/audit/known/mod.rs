@@ -12,6 +12,7 @@ use sha2::{Digest as _, Sha256};
 
 use crate::audit::{Action, DONE, Entry, Key, Record, TELLTALE, is_sealed};
 use crate::{Database, Role, StoreError};
+use telltale_engine::text::hex;
 
 /// Before the mark of a row in the target of a record.
 const MARKED: &str = " #";
@@ -38,8 +39,7 @@ impl Mark {
     }
 
     pub fn of_token(token_hash: &[u8; 32], name: &str, expires_ms: i64) -> Mark {
-        let key: String = token_hash.iter().map(|byte| format!("{byte:02x}")).collect();
-        Mark::of(["token", name, &key, &expires_ms.to_string()])
+        Mark::of(["token", name, &hex(token_hash), &expires_ms.to_string()])
     }
 
     fn of(fields: [&str; 4]) -> Mark {
@@ -48,7 +48,7 @@ impl Mark {
             hash.update((field.len() as u64).to_be_bytes());
             hash.update(field);
         }
-        Mark(hash.finalize()[..16].iter().map(|byte| format!("{byte:02x}")).collect())
+        Mark(hex(&hash.finalize()[..16]))
     }
 
     /// The mark at the end of a record's target, and what stands before it.

@@ -6,7 +6,7 @@ use std::time::SystemTime;
 
 use super::MINUTE_MS;
 use super::pack::{Point, Values};
-use crate::database::to_unix_ms;
+use telltale_clock::unix_ms;
 use telltale_engine::snapshot::{Layout, Moving, Report, Snapshot};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_record::story::Limit;
@@ -92,7 +92,7 @@ impl MinuteSums {
             value.hold(held_ms);
         }
         self.drive(snapshot, held);
-        let wall_ms = to_unix_ms(wall);
+        let wall_ms = unix_ms(wall);
         let from_ms = wall_ms - wall_ms.rem_euclid(MINUTE_MS);
         let over = if from_ms == self.from_ms { None } else { self.end() };
         self.from_ms = from_ms;

@@ -13,9 +13,9 @@ use crate::incidents::{failed, wall_time};
 use crate::texts::{HttpError, IncidentWords, Lang, MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
+use telltale_clock::unix_ms;
 use telltale_engine::model::Stage;
 use telltale_record::retention::{Policy, size};
-use telltale_record::writer::unix_ms;
 use telltale_store::{Incident, IncidentFilter, OnDisk, Role, StoreError};
 
 /// Incidents on one page.

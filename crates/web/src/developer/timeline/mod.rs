@@ -9,7 +9,6 @@ use axum::extract;
 use axum::response::Html;
 
 use crate::AppState;
-use crate::incidents::wall_ms;
 use crate::incidents::wall_time as wall;
 use crate::source::{Source, gap_marks};
 
@@ -17,6 +16,7 @@ use super::request::PageRequest;
 use crate::texts::{DevWords, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
+use telltale_clock::unix_ms;
 use telltale_engine::time::Timestamp;
 use telltale_picture::bars::patterns;
 use telltale_picture::strips::{Axis, stamp};
@@ -123,7 +123,7 @@ impl Window {
 
     /// With so many seconds where the address names no span.
     pub fn over(published: &Published, query: &PageQuery, unasked_s: u64) -> Window {
-        let now_ms = wall_ms(published.at);
+        let now_ms = unix_ms(published.at);
         let span_s = query.number("span").unwrap_or(unasked_s).clamp(1, SPANS_S[SPANS_S.len() - 1]);
         let until = query.number("until").and_then(|until| i64::try_from(until).ok());
         let to_ms = until.unwrap_or(now_ms).min(now_ms);

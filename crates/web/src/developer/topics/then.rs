@@ -8,8 +8,8 @@ use crate::incidents::wall_time;
 use crate::texts::{MESSAGE, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
+use telltale_clock::unix_ms;
 use telltale_record::retention::size;
-use telltale_record::writer::unix_ms;
 use telltale_replay::{FlowThen, Flows};
 use telltale_runtime::Published;
 

@@ -6,10 +6,10 @@ use std::fmt::Write as _;
 use crate::developer::incidents::plots::{Plot, drawn, drawn_within};
 use crate::view::Trends;
 use crate::view::trends::exactly;
+use telltale_clock::unix_ms;
 use telltale_clock::wall_at;
 use telltale_engine::model::NodeId;
 use telltale_record::story::{Limit, Series};
-use telltale_record::writer::unix_ms;
 use telltale_runtime::Published;
 use telltale_store::{Resolution, Trend, TrendPoint};
 

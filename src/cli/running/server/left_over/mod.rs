@@ -6,14 +6,14 @@ use std::path::Path;
 
 use tokio::task;
 
-use crate::record::beside::Beside;
 use crate::record::file::{FileError, repair};
+use crate::record::note_file::Beside;
 use crate::record::proof::NO_HASH;
 use crate::record::retention::{INCIDENTS_MAX, Policy};
 use crate::record::room::Disk;
 use crate::record::summary::Summary;
 use crate::record::writer::hash_file;
-use crate::record::{beside, folder, found};
+use crate::record::{folder, found, note_file};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{IncidentRecords, Store};
 
@@ -147,7 +147,7 @@ pub async fn take_in(store: &Store, folder: &Path, files: Vec<u64>) {
 /// Takes over what people said of an incident, from the file beside its recording.
 async fn take_beside(store: &Store, folder: &Path, summary: &Summary, records: &IncidentRecords) {
     let (folder, id) = (folder.to_owned(), summary.id);
-    let said = task::spawn_blocking(move || beside::read(&folder, id)).await;
+    let said = task::spawn_blocking(move || note_file::read(&folder, id)).await;
     let Ok(Some(Beside { note, kept })) = said else { return };
     let taken = async {
         match note {

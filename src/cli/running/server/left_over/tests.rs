@@ -71,7 +71,7 @@ async fn a_recording_that_the_store_lost_is_listed_counted_and_removed_again() {
     place.record(3, true);
     let note = Note { text: "brake squeals".into(), by: "dora".into(), at_ms: 5 };
     let said = Beside { note: Some(note.clone()), kept: Some(true) };
-    beside::write(&place.folder, 3, &said).unwrap();
+    note_file::write(&place.folder, 3, &said).unwrap();
     place.record(5, false);
     std::fs::write(place.path(6), "no recording").unwrap();
     std::fs::create_dir(place.path(7)).unwrap();
@@ -182,7 +182,7 @@ async fn what_lies_beside_a_known_recording_is_taken_as_the_log_has_it() {
     place.start(&store).await;
     store.keep_incident(1, true, Record::of(Action::IncidentKept, TELLTALE)).await.unwrap();
     let forged = Note { text: "it was fine".into(), by: "dora".into(), at_ms: 5 };
-    beside::write(&place.folder, 1, &Beside { note: Some(forged), kept: Some(false) }).unwrap();
+    note_file::write(&place.folder, 1, &Beside { note: Some(forged), kept: Some(false) }).unwrap();
     store.close().await;
     let database = rusqlite::Connection::open(place.data.path().join(crate::store::FILE_NAME)).unwrap();
     database.execute("DELETE FROM incidents", []).unwrap();

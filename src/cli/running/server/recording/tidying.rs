@@ -11,14 +11,14 @@ use tokio::task;
 
 use crate::cli::running::server::left_over;
 use crate::clock::Clock;
+use crate::clock::unix_ms;
 use crate::engine::time::Timestamp;
 use crate::record::proof::is_changed;
 use crate::record::recorder::Recorder;
 use crate::record::retention::{Held, Policy, judged_ms, surplus_without_changed};
 use crate::record::room::{Disk, Room};
 use crate::record::summary::Summary;
-use crate::record::writer::unix_ms;
-use crate::record::{beside, folder, found, removed};
+use crate::record::{folder, found, note_file, removed};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{IncidentRecords, Store};
 
@@ -194,7 +194,7 @@ async fn record_removed(store: &Store, folder: &Path) {
 }
 
 fn remove_beside(folder: &Path, id: u64) {
-    if let Err(error) = beside::remove(folder, id) {
+    if let Err(error) = note_file::remove(folder, id) {
         tracing::warn!(%error, "the file beside incident {id} is not removed");
     }
 }
@@ -204,7 +204,7 @@ fn held_by_files(folder: &Path) -> anyhow::Result<Vec<Held>> {
     let held = |id| Held {
         id,
         since_ms: i64::MAX,
-        kept: beside::read(folder, id).is_some_and(|it| it.kept == Some(true)),
+        kept: note_file::read(folder, id).is_some_and(|it| it.kept == Some(true)),
         finished: true,
         ..Held::default()
     };
@@ -213,7 +213,7 @@ fn held_by_files(folder: &Path) -> anyhow::Result<Vec<Held>> {
 
 /// Whether a file alone says that somebody marked its incident, and nobody said since that it may go.
 fn is_marked(recordings: &Path, it: &Held) -> bool {
-    let said = beside::read(recordings, it.id).and_then(|it| it.kept);
+    let said = note_file::read(recordings, it.id).and_then(|it| it.kept);
     let path = recordings.join(folder::file_name(it.id));
     said.unwrap_or_else(|| match found::summary(&path, it.id) {
         Ok(summary) => summary.is_none_or(|summary| summary.is_marked()),
@@ -304,8 +304,8 @@ mod tests {
         let over = remove_surplus(&store, &folder, &policy, clock, &mut told).await.unwrap();
         assert_eq!(folder::numbers(&folder).unwrap(), [2, 3]);
         assert_eq!(over, Over { is_kept_over: false, is_too_much: false });
-        let kept = beside::Beside { note: None, kept: Some(true) };
-        beside::write(&folder, 2, &kept).unwrap();
+        let kept = note_file::Beside { note: None, kept: Some(true) };
+        note_file::write(&folder, 2, &kept).unwrap();
         let held = held_by_files(&folder).unwrap();
         assert_eq!(held.iter().map(|it| (it.id, it.kept)).collect::<Vec<_>>(), [(2, true), (3, false)]);
         assert!(is_marked(&folder, &held[1]), "a file that says nothing stays");

@@ -16,6 +16,7 @@ use crate::cli::fields;
 use crate::config::{self, Difference, Loaded};
 use crate::engine::model::monitors::Watched;
 use crate::engine::model::{FieldSource, Model};
+use crate::engine::text::hex;
 use crate::msg::fields::Definitions;
 use crate::runtime::{ConfigurationText, Reload, Reread, Rereading, Written};
 use crate::yaml::Problems;
@@ -408,7 +409,7 @@ fn digest(outcome: &Outcome) -> String {
         hash.update(text);
     }
     hash.update(bullets(&outcome.differences));
-    hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&hash.finalize())
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //! status for each node of the tree, named by its path, a group before its members.
 
 #[cfg(test)]
-mod aggregator_rules;
+mod aggregator_tests;
 mod level;
 
 use std::borrow::Cow;

@@ -16,9 +16,9 @@ use crate::http::respond::Reader;
 use crate::incidents::{Read, find, story, wall_time};
 use crate::texts::{HttpError, Lang};
 use crate::view::html;
+use telltale_clock::unix_ms;
 use telltale_record::folder::file_name;
 use telltale_record::proof::Proof;
-use telltale_record::writer::unix_ms;
 use telltale_store::Incident;
 
 const STYLE: &str = include_str!("../report.css");
