@@ -14,7 +14,7 @@ use crate::model::{ModuleId, NodeId, Stage, StageModel};
 use crate::snapshot::{Alarm, Asked, Moving};
 use crate::state::State;
 
-/// What the faults ask for at present. All of it follows from the own states, the stage and the alarms.
+/// The present urgency of the faults. All of it follows from the own states, the stage and the alarms.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Asks {
     /// Modules, and groups without members, whose own state is a fault. Those with time to report are left out.

@@ -3,9 +3,9 @@
 mod latched;
 mod room;
 
-use telltale_clock::unix_ms;
 use std::collections::HashMap;
 use std::path::Path;
+use telltale_clock::unix_ms;
 
 use super::*;
 use crate::feed::Feed;
