@@ -52,7 +52,7 @@ struct Link {
     child: Arc<str>,
     /// The youngest transform from the wanted parent.
     moving: Option<Heard>,
-    /// It came as static, so it holds for good.
+    /// It came as static, so it holds for good, unless it moves too.
     fixed: bool,
     others: Vec<Other>,
     /// The last message about the frame could not be read.
@@ -143,7 +143,8 @@ impl Machine for Tf {
 
     /// The topic of static transforms has a publisher where one of them is wanted.
     fn needs_publisher(&self, slot: usize) -> bool {
-        self.links[slot / 2].fixed == (slot % 2 == 1)
+        let link = &self.links[slot / 2];
+        if slot % 2 == 1 { link.fixed } else { link.moving.is_some() || !link.fixed }
     }
 
     /// Until a missing link has used up its time, only ERRORs of other links count.
@@ -229,15 +230,17 @@ impl Link {
             return Some(State::Error);
         }
         let unreadable = self.unreadable.as_ref().map(|_| State::Unknown);
-        let state = match &self.moving {
-            _ if self.fixed => Some(State::Ok),
-            None => None,
-            Some(moving) if moving.doubt.is_some() => Some(State::Unknown),
-            Some(moving) => {
-                Some(judge(bands, moving.age(now))).filter(|state| moving.is_new || *state != State::Ok)
-            }
+        let moving = self.moving.as_ref().and_then(|moving| match moving.doubt {
+            Some(_) => Some(State::Unknown),
+            None => Some(judge(bands, moving.age(now))).filter(|state| moving.is_new || *state != State::Ok),
+        });
+        let fixed = match &self.moving {
+            _ if !self.fixed => None,
+            None => Some(State::Ok),
+            // The static one would hide that the other one has ended.
+            Some(_) => Some(State::Warning),
         };
-        state.max(unreadable)
+        moving.max(fixed).max(unreadable)
     }
 
     fn two_parents(&self, now: Timestamp) -> Option<[&str; 2]> {
@@ -250,9 +253,8 @@ impl Link {
 
     /// The times at which its state may change without a message.
     fn turns(&self, bands: &Bands) -> impl Iterator<Item = Timestamp> {
-        let moving = self.moving.filter(|_| !self.fixed);
         let limits = [bands.warning_above, bands.error_above].into_iter().flatten().map(nanos);
-        let too_old = moving.into_iter().flat_map(move |moving| {
+        let too_old = self.moving.into_iter().flat_map(move |moving| {
             let left = move |limit: u64| limit.saturating_sub(moving.lag.as_nanos());
             limits.clone().map(move |limit| moving.at + Span::from_nanos(left(limit)))
         });
@@ -262,7 +264,7 @@ impl Link {
     }
 
     fn moving_age(&self, now: Timestamp) -> Option<Span> {
-        self.moving.filter(|moving| !self.fixed && moving.doubt.is_none()).map(|moving| moving.age(now))
+        self.moving.filter(|moving| moving.doubt.is_none()).map(|moving| moving.age(now))
     }
 
     fn say(&self, state: Option<State>, bands: &Bands, now: Timestamp) -> Text {
@@ -296,10 +298,15 @@ impl Link {
                 _ => nothing_yet(label.into()),
             };
         };
-        match self.moving.filter(|_| !self.fixed) {
+        match self.moving {
             Some(Heard { doubt: Some(doubt), .. }) => {
                 say!("{label}: {doubt}", "{label}: {doubt}", label, doubt = doubt.say())
             }
+            Some(moving) if self.fixed && judge(bands, moving.age(now)) < State::Error => say!(
+                "{label} comes on /tf and on /tf_static",
+                "{label} kommt auf /tf und auf /tf_static",
+                label
+            ),
             Some(_) if state > State::Ok => {
                 let limit = if state == State::Error { bands.error_above } else { bands.warning_above };
                 let limit = span(Span::from_nanos(limit.map_or(0, nanos)));
