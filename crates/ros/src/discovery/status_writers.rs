@@ -11,6 +11,7 @@ use super::nodes::Nodes;
 use super::repeated::Repeated;
 use crate::every;
 use crate::library::Participant;
+use crate::library::spdp::PREFIX;
 use crate::outbox::stopped;
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, NodeOf, WriterId, WriterList};
@@ -52,11 +53,10 @@ impl StatusWriters {
         (nodes, is_unheard): (&BTreeMap<Guid, &str>, impl Fn(&Guid) -> bool),
         (now, is_searching): (Timestamp, bool),
     ) -> Option<WriterList> {
-        self.found.retain(|guid, _| writers.contains(guid));
-        for guid in writers {
-            if self.found.len() < WRITERS_MAX {
-                self.found.entry(*guid).or_insert(now);
-            }
+        let known = chosen(writers);
+        self.found.retain(|guid, _| known.contains(guid));
+        for guid in known {
+            self.found.entry(guid).or_insert(now);
         }
         let node = |(guid, found): (&Guid, &Timestamp)| {
             let node = match nodes.get(guid) {
@@ -79,6 +79,20 @@ impl StatusWriters {
         self.said = Some(list.clone());
         Some(list)
     }
+}
+
+/// The writers for which there is room: of each participant in turn, so that one with many takes no other's place.
+fn chosen(writers: &BTreeSet<Guid>) -> BTreeSet<Guid> {
+    let mut last = None;
+    let mut rank = 0;
+    let ranked = writers.iter().map(|guid| {
+        rank = if last == Some(&guid[..PREFIX]) { rank + 1 } else { 0 };
+        last = Some(&guid[..PREFIX]);
+        (rank, *guid)
+    });
+    let mut ranked: Vec<(usize, Guid)> = ranked.collect();
+    ranked.sort_unstable();
+    ranked.into_iter().take(WRITERS_MAX).map(|(_, guid)| guid).collect()
 }
 
 /// Runs until it is stopped, or nobody takes the inputs any more.
@@ -168,6 +182,19 @@ mod tests {
         let list =
             speakers.look(&[A, B].into(), (&none, |guid: &Guid| *guid == A), (at(60_000), false)).unwrap();
         assert_eq!([A, B].map(|it| node(&list, it).unwrap()), [&NodeOf::Pending, &NodeOf::Unannounced]);
+    }
+
+    #[test]
+    fn a_participant_with_many_writers_takes_no_place_of_another() {
+        let mut speakers = StatusWriters::new(Timestamp::ZERO);
+        let own = |it: u32| std::array::from_fn(|n| if n < 12 { 1 } else { it.to_be_bytes()[n - 12] });
+        let many: BTreeSet<Guid> = (0..2000).map(own).collect();
+        let at = |second: u64| (Timestamp::from_millis(1000 * second), false);
+        speakers.look(&many, (&BTreeMap::new(), heard), at(0));
+        let with_another: BTreeSet<Guid> = many.iter().copied().chain([B]).collect();
+        let list = speakers.look(&with_another, (&BTreeMap::from([(B, "/b")]), heard), at(1)).unwrap();
+        assert_eq!(node(&list, B), Some(&NodeOf::Named("/b".into())));
+        assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
     }
 
     #[test]
