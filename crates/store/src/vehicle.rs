@@ -235,7 +235,7 @@ fn read_measures(
         let kind = RequestKind::ALL.into_iter().find(|kind| kind.as_str() == word);
         let request = match (kind, row.get(2)?) {
             (Some(RequestKind::Notify), _) => Request::Notify,
-            (Some(RequestKind::Decelerate), Some(mps2)) => Request::Decelerate { mps2 },
+            (Some(RequestKind::Decelerate), mps2) => Request::decelerate(mps2),
             // A word of another version, or a damaged row, holds the vehicle too.
             _ => Request::ManeuverStop,
         };
@@ -330,11 +330,16 @@ mod tests {
         let store = Store::in_memory(clock, DemoSecrets::Refused).unwrap();
         let memory = VehicleMemory { seq: 1, at: clock.wall(), vehicle: vehicle(Stage::Active, false) };
         assert!(store.remember(memory).await.unwrap());
-        for damage in ["request = 'pull_over'", "request = 'decelerate', mps2 = NULL"] {
+        let decelerate = |mps2: &str| {
+            (format!("request = 'decelerate', mps2 = {mps2}"), Request::Decelerate { mps2: 1.0 })
+        };
+        let mut damaged = vec![("request = 'pull_over'".to_owned(), Request::ManeuverStop)];
+        damaged.extend(["NULL", "-3.0", "0.0", "1e-320", "0.01", "9e999", "-9e999", "3.5"].map(decelerate));
+        for (damage, request) in damaged {
             let sql = format!("UPDATE countermeasures SET {damage}");
             store.call(move |database| Ok(database.connection.execute(&sql, [])?)).await.unwrap();
             let found = store.recall().await.unwrap().unwrap().countermeasures;
-            assert_eq!(found.iter().map(|it| it.request).collect::<Vec<_>>(), [Request::ManeuverStop; 2]);
+            assert_eq!(found.iter().map(|it| it.request).collect::<Vec<_>>(), [request; 2]);
         }
     }
 }

@@ -4,16 +4,13 @@ use super::forms::{self, default_span};
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;
 use telltale_engine::model::Stage;
-use telltale_engine::model::countermeasure::{Request, RequestKind};
+use telltale_engine::model::countermeasure::{MPS2, MPS2_MAX, MPS2_MIN, Request, RequestKind};
 use telltale_engine::state::State;
 use telltale_engine::time;
 use telltale_yaml::decode::{scalar, word};
-use telltale_yaml::schema::{default, most, needs_one, not_empty, words};
+use telltale_yaml::schema::{default, least, most, needs_one, not_empty, words};
 use telltale_yaml::{Log, Node, Problem, Span, key, map};
 
-/// The strongest deceleration for standing passengers.
-const MPS2_MAX: f64 = 3.0;
-const MPS2: f64 = 1.0;
 const WITHIN: time::Span = time::Span::from_secs(1);
 const WITHIN_MAX: time::Span = time::Span::from_secs(60);
 
@@ -50,7 +47,7 @@ impl FromNode for RawRule {
         let mps2: Option<Spanned<f64>> = fields.optional(
             key("mps2")
                 .about("Strength of a deceleration in m/s².")
-                .rules(|| vec![("exclusiveMinimum", 0.into()), most(MPS2_MAX), default(MPS2)]),
+                .rules(|| vec![least(MPS2_MIN), most(MPS2_MAX), default(MPS2)]),
         );
         let request = kind.and_then(|node| request(node, mps2, fields.log));
         let when = fields.required("when");
@@ -95,9 +92,11 @@ fn request(node: &Node, mps2: Option<Spanned<f64>>, log: &mut Log) -> Option<Req
     ];
     let request = word(node, log, "request", &choices)?;
     match (request, mps2) {
-        (Request::Decelerate { .. }, Some(mps2)) if !(mps2.value > 0.0 && mps2.value <= MPS2_MAX) => {
-            let problem =
-                Problem::at(mps2.span, format!("{} m/s² is not above 0 and up to {MPS2_MAX}", mps2.value));
+        (Request::Decelerate { .. }, Some(mps2)) if !(MPS2_MIN..=MPS2_MAX).contains(&mps2.value) => {
+            let problem = Problem::at(
+                mps2.span,
+                format!("{} m/s² is not between {MPS2_MIN} and {MPS2_MAX}", mps2.value),
+            );
             log.push(problem.help(format!("the default is {MPS2}")));
         }
         (Request::ManeuverStop | Request::Notify, Some(mps2)) => {

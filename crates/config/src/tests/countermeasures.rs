@@ -56,10 +56,10 @@ fn requests_are_known_and_bearable() {
             "4:14: a countermeasure asks the vehicle or the operator; recording is neither (remove this countermeasure)",
         ],
     );
-    for mps2 in ["0", "-1", "3.1"] {
+    for mps2 in ["0", "-1", "0.09", "3.1"] {
         wrong(
             &format!("{{ request: decelerate, mps2: {mps2}, {when} }}"),
-            &[&format!("4:32: {mps2} m/s² is not above 0 and up to 3 (the default is 1)")],
+            &[&format!("4:32: {mps2} m/s² is not between 0.1 and 3 (the default is 1)")],
         );
     }
     wrong(

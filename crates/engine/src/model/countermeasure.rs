@@ -23,7 +23,20 @@ pub enum Request {
     },
 }
 
+/// The weakest deceleration, in m/s². A weaker one would hardly halt a vehicle.
+pub const MPS2_MIN: f64 = 0.1;
+/// The strongest deceleration for standing passengers, in m/s².
+pub const MPS2_MAX: f64 = 3.0;
+/// The deceleration where none is given, in m/s².
+pub const MPS2: f64 = 1.0;
+
 impl Request {
+    /// A deceleration by a stored number. If that is damaged, the vehicle decelerates all the same.
+    pub fn decelerate(mps2: Option<f64>) -> Request {
+        let is_sound = |mps2: &f64| (MPS2_MIN..=MPS2_MAX).contains(mps2);
+        Request::Decelerate { mps2: mps2.filter(is_sound).unwrap_or(MPS2) }
+    }
+
     pub const fn kind(self) -> RequestKind {
         match self {
             Request::Notify => RequestKind::Notify,
