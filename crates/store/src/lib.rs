@@ -244,11 +244,11 @@ impl Store {
     /// be read and not written is opened too, and written as soon as that is possible; until then
     /// [`Store::fault`] says why not.
     ///
-    /// The readable part of a damaged database is copied into memory: with that people log in and look at
+    /// The readable part of a damaged database, or of one that a newer telltale made, is copied into memory: with that people log in and look at
     /// the diagnosis. Nothing is kept then, and [`Store::fault`] says so until a restart.
     ///
     /// # Errors
-    /// If there is no database and none can be made, it may not be read, or a newer telltale made it.
+    /// If there is no database and none can be made, or it may not be read.
     pub fn open_or_read(folder: &Path, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
         let open = || {
             let connection = schema::open(folder, schema::OPEN_WAIT)?;
@@ -265,17 +265,19 @@ impl Store {
                 Err(_) => return Err(error),
             }
         }
-        match error.damage() {
-            Some(damage) => Store::salvage(folder, &damage, clock, demo),
-            None => Err(error),
+        match (error.damage(), &error) {
+            (Some(damage), _) => Store::salvage(folder, &disk::salvage::fault(folder, &damage), clock, demo),
+            // The display starts all the same.
+            (None, StoreError::Newer { .. }) => Store::salvage(folder, &error.to_string(), clock, demo),
+            (None, _) => Err(error),
         }
     }
 
-    fn salvage(folder: &Path, damage: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
+    fn salvage(folder: &Path, fault: &str, clock: Clock, demo: DemoSecrets) -> Result<Store, StoreError> {
         let mut connection = disk::salvage::into_memory(folder)?;
         let log = Log::open(&mut connection, None, clock.wall())?;
         let mut health = Health::new(None);
-        health.is_salvaged(&disk::salvage::fault(folder, damage));
+        health.is_salvaged(fault);
         Store::run(connection, log, health, Some(folder), clock, demo, true)
     }
 

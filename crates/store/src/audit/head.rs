@@ -11,11 +11,14 @@ use telltale_yaml::input_file;
 
 use crate::{FILE_NAME, Head, StoreError};
 
+/// The bytes of `audit.head` and of `audit.key` that are read. Telltale's own have fewer than 100.
+pub(super) const FILE_BYTES_MAX: u64 = 4096;
+
 /// The head in the file; `None` if there is no such file, or no head in it. A file that exists and may not
 /// be read is an error: the log must not record it as lost.
 pub(crate) fn read_head(file: &Path) -> Result<Option<Head>, StoreError> {
     let mut text = Vec::new();
-    match input_file::open(file).and_then(|mut it| it.read_to_end(&mut text)) {
+    match input_file::open(file).and_then(|it| it.take(FILE_BYTES_MAX).read_to_end(&mut text)) {
         Ok(_) => Ok(Head::parse(&String::from_utf8_lossy(&text))),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(reason) => Err(StoreError::Head { path: file.to_owned(), whose: whose(file), reason }),

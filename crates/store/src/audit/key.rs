@@ -4,14 +4,14 @@
 
 use std::fmt;
 use std::fs::{self, File};
-use std::io::{self, ErrorKind, Write as _};
+use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use ring::hmac;
 use sha2::{Digest as _, Sha256};
 use telltale_yaml::input_file;
 
-use super::head::whose;
+use super::head::{FILE_BYTES_MAX, whose};
 use crate::private_file::{give_to_owner_of, make_private_file};
 use crate::{FILE_NAME, StoreError};
 
@@ -54,7 +54,7 @@ impl Key {
     /// # Errors
     /// If it is there and may not be read.
     pub(crate) fn read(file: &Path) -> Result<Option<Key>, StoreError> {
-        let text = match input_file::open(file).and_then(io::read_to_string) {
+        let text = match input_file::open(file).and_then(|it| io::read_to_string(it.take(FILE_BYTES_MAX))) {
             Ok(text) => text,
             Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::InvalidData) => {
                 return Ok(None);

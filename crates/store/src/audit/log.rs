@@ -55,7 +55,7 @@ impl Log {
             None => Keyed { key: Key::random()?, news: None, is_new: false },
         };
         let mut news: Vec<Record> = news.into_iter().collect();
-        let is_rekeyed = !news.is_empty();
+        let is_gone = is_new && !news.is_empty();
         if noted.number > 0 && hash_of(&transaction, noted.number)? != Some(noted.hash) {
             news.push(broken(format!("{HEAD_FILE_NAME} said {noted}")));
         } else if noted.number == 0 && head_file.is_some() && last.number > 0 {
@@ -72,8 +72,9 @@ impl Log {
             log_breach(record);
             append(&transaction, &key, record, wall)?;
         }
-        if is_rekeyed {
-            // Nobody can tell any more who was known: all are taken as they are.
+        if is_gone {
+            // Nobody can tell any more which users were known: all are taken as they are. Where a key is there, they are
+            // not: the database alone does not say that the key is another one.
             for record in as_they_are(&transaction)? {
                 append(&transaction, &key, &record, wall)?;
             }
@@ -216,11 +217,10 @@ fn take_key(transaction: &Transaction<'_>, file: &Path, last: Head) -> Result<Ke
             (key, true)
         }
     };
-    let news = match named {
-        _ if last.number == 0 => None,
-        None => Some(broken(format!("the log was not written with {path}"))),
-        Some(_) if is_new => Some(broken(format!("{path} was gone"))),
-        Some(_) => Some(broken(format!("{path} is another than the log was written with"))),
+    let news = match last.number {
+        0 => None,
+        _ if is_new => Some(broken(format!("{path} was gone"))),
+        _ => Some(broken(format!("the database does not name {path} as its key"))),
     };
     transaction.execute("INSERT OR REPLACE INTO audit_key (one, id) VALUES (1, ?1)", [key.id()])?;
     Ok(Keyed { key, news, is_new })

@@ -21,7 +21,9 @@ use std::time::SystemTime;
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
 
 pub use super::database::files::HEAD_FILE_NAME;
+use super::database::foreign::damage;
 use super::database::schema;
+use super::database::schema::RECORD_NUMBER_MAX;
 use super::{Caller, Database, Head, Role, Session, Store, StoreError, Verdict, Verified};
 pub use action::Action;
 use chain::{Hash, Verifier};
@@ -298,6 +300,12 @@ impl Database {
 fn append(connection: &Connection, key: &Key, record: &Record, wall: SystemTime) -> Result<Head, StoreError> {
     let last = Head::of(connection)?;
     let number = last.number + 1;
+    if number > RECORD_NUMBER_MAX {
+        return Err(StoreError::Database(damage(&format!(
+            "a record of the audit log has the number {}",
+            last.number
+        ))));
+    }
     let at_ms = unix_ms(wall);
     let outcome = record.refusal.as_ref().map_or(DONE.to_owned(), |why| format!("refused: {why}"));
     let [who, source, target, outcome] =
@@ -323,8 +331,8 @@ fn prune(
     wall: SystemTime,
 ) -> Result<Option<Head>, StoreError> {
     let first: i64 = connection.query_row("SELECT min(number) FROM audit", [], |row| row.get(0))?;
-    let first = first.unsigned_abs();
-    if last.number - first < records_max + PRUNE_AT_ONCE {
+    let first = first.max(1).unsigned_abs();
+    if last.number.saturating_sub(first) < records_max + PRUNE_AT_ONCE {
         return Ok(None);
     }
     let number = first + PRUNE_AT_ONCE - 1;

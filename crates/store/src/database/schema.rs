@@ -13,6 +13,9 @@ use crate::StoreError;
 /// The database in the data folder.
 pub const FILE_NAME: &str = "telltale.db";
 
+/// The largest number of a record of the audit log: only damage gives a larger one.
+pub(crate) const RECORD_NUMBER_MAX: u64 = 1 << 62;
+
 /// How long to wait for another process that writes.
 pub(crate) const LOCK_WAIT: Duration = Duration::from_secs(2);
 
@@ -188,7 +191,7 @@ pub(crate) fn go_on(connection: &Connection) -> rusqlite::Result<()> {
 
 /// Damage in all tables but the audit log, which may be large, and in the schema; `None` if there is none.
 fn damage_of_state(connection: &Connection) -> Option<String> {
-    if let Some(strange) = foreign::strange_in(connection) {
+    if let Some(strange) = foreign::strange_in(connection).or_else(|| odd_numbers(connection)) {
         return Some(strange);
     }
     let sql =
@@ -211,6 +214,21 @@ pub(crate) fn damage_of(connection: &Connection) -> Option<String> {
         .map(|error| error.to_string())
         .or_else(|| found_by(connection, "PRAGMA integrity_check(10)"))
         .or_else(|| foreign::strange_in(connection))
+        .or_else(|| odd_numbers(connection))
+}
+
+/// A number in the audit log after which no record can be written.
+fn odd_numbers(connection: &Connection) -> Option<String> {
+    let sql = "SELECT (SELECT min(number) FROM audit), (SELECT max(number) FROM audit)";
+    let ends = connection.query_row(sql, [], |row| Ok([row.get::<_, Option<i64>>(0)?, row.get(1)?]));
+    let is_odd = |number: &i64| *number < 1 || number.unsigned_abs() > RECORD_NUMBER_MAX;
+    match ends {
+        Ok(ends) => {
+            let odd = ends.into_iter().flatten().find(is_odd)?;
+            Some(format!("a record of the audit log has the number {odd}"))
+        }
+        Err(error) => Some(error.to_string()),
+    }
 }
 
 fn found_by(connection: &Connection, check: &str) -> Option<String> {
@@ -414,6 +432,34 @@ mod tests {
             .unwrap();
     }
 
+    #[tokio::test]
+    async fn a_record_after_which_none_can_be_written_is_damage_that_a_repair_leaves_out() {
+        for number in [i64::MAX, -1000] {
+            let temporary = tempfile::tempdir().unwrap();
+            let folder = temporary.path();
+            let store = Store::open_or_read(folder, Clock::start(), DemoSecrets::Refused).unwrap();
+            store.add_user("anna", Role::Operator, "135791").await.unwrap();
+            let other = Connection::open(folder.join(FILE_NAME)).unwrap();
+            let sql = "INSERT INTO audit SELECT ?1, at_ms, who, role, source, action, target, outcome, hash FROM audit LIMIT 1";
+            other.execute(sql, [number]).unwrap();
+            drop(other);
+            // A server that runs goes on, in memory if it must.
+            let user = store.authenticate("anna", "135791").await.unwrap().unwrap();
+            store.open_session(&user).await.unwrap();
+            store.close().await;
+            let store = Store::open_or_read(folder, Clock::start(), DemoSecrets::Refused).unwrap();
+            assert!(store.fault().borrow().as_deref().is_some_and(|it| it.contains(&number.to_string())));
+            assert!(store.authenticate("anna", "135791").await.unwrap().is_some());
+            store.close().await;
+            let path = folder.to_owned();
+            let repair = move || crate::repair(&path, Clock::start()).unwrap();
+            tokio::task::spawn_blocking(repair).await.unwrap();
+            let store = Store::open_or_read(folder, Clock::start(), DemoSecrets::Refused).unwrap();
+            assert_eq!(store.fault().borrow().as_deref(), None);
+            store.add_user("berta", Role::Operator, "246802").await.unwrap();
+        }
+    }
+
     #[test]
     fn a_folder_or_file_that_cannot_be_used_says_which_and_what_to_do() {
         let temporary = tempfile::tempdir().unwrap();
@@ -426,6 +472,9 @@ mod tests {
         drop(newer);
         let error = open();
         assert!(error.contains(path.to_str().unwrap()) && error.contains("newer telltale"), "{error}");
+        let display = Store::open_or_read(folder, Clock::start(), DemoSecrets::Refused).unwrap();
+        assert!(display.fault().borrow().as_deref().is_some_and(|fault| fault.contains("newer telltale")));
+        drop(display);
         std::fs::write(&path, [b'x'; 4096]).unwrap();
         let error = open();
         assert!(error.contains(path.to_str().unwrap()) && error.contains("--data"), "{error}");

@@ -46,11 +46,15 @@ pub(crate) fn into_memory(folder: &Path) -> Result<Connection, StoreError> {
     Ok(connection)
 }
 
-/// Removes users and tokens from the copy that the records in the damaged database do not know. Where not all records
-/// can be read, nobody can tell: all stay.
+/// Removes users and tokens from the copy that the records in the damaged database do not know. If these know nobody, the
+/// records of the newest backup count. Where not all records can be read, nobody can tell: all stay.
 fn leave_out_foreign(folder: &Path, from: &Connection, copy: &Connection) -> Result<Vec<String>, StoreError> {
     let Some(key) = Key::read(&folder.join(KEY_FILE_NAME)).ok().flatten() else { return Ok(Vec::new()) };
     match Known::read(from, &key) {
+        Ok(known) if known.is_empty() => match backup::newest(folder) {
+            Some((_, backup)) => Known::read(&backup, &key)?.keep_known(copy),
+            None => Ok(Vec::new()),
+        },
         Ok(known) => known.keep_known(copy),
         Err(error) => {
             tracing::warn!(%error, "users cannot be compared with the audit log");
@@ -165,6 +169,9 @@ fn salvage(
         }
     }
     drop_orphans(&transaction)?;
+    // The next record has the number after the largest one.
+    transaction
+        .execute("DELETE FROM audit WHERE number < 1 OR number > ?1", [schema::RECORD_NUMBER_MAX as i64])?;
     let users = transaction.query_row("SELECT count(*) FROM users", [], |row| row.get::<_, i64>(0))?;
     transaction.commit()?;
     to.pragma_update(None, "foreign_keys", true)?;

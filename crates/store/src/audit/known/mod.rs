@@ -169,6 +169,11 @@ impl Known {
         self.users.get(name).is_some_and(|(known, _)| known == mark)
     }
 
+    /// Whether the records know no user.
+    pub fn is_empty(&self) -> bool {
+        self.users.is_empty()
+    }
+
     /// Whether this row of a token is as the records say.
     pub fn has_token(&self, mark: &Mark) -> bool {
         self.tokens.contains_key(mark)
@@ -188,7 +193,7 @@ impl Known {
     /// Removes what no record names from a copy of a damaged database. Records that know no user at all were damaged
     /// themselves: then all stay.
     pub fn keep_known(&self, copy: &Connection) -> Result<Vec<String>, StoreError> {
-        if self.users.is_empty() {
+        if self.is_empty() {
             return Ok(Vec::new());
         }
         let foreign = self.foreign(copy)?;

@@ -146,6 +146,45 @@ async fn a_token_that_no_record_knows_opens_nothing_though_its_user_may_log_in()
     }
 }
 
+/// Only where the key is gone is everybody taken as known; the row that names it is no proof.
+#[tokio::test]
+async fn a_key_that_the_database_does_not_name_makes_nobody_known() {
+    for sql in ["DELETE FROM audit_key", "UPDATE audit_key SET id = randomblob(32)"] {
+        let temporary = folder_with_users().await;
+        let folder = temporary.path();
+        run(
+            folder,
+            &format!(
+                "INSERT INTO users (name, role, secret_hash, created_ms)
+            SELECT 'eve', 'authority', secret_hash, 0 FROM users WHERE name = 'dora'; {sql}"
+            ),
+        );
+        let store = open(folder);
+        assert_eq!(logs_in(&store, "eve", PASSWORD).await, None, "{sql}");
+        assert_eq!(logs_in(&store, "dora", PASSWORD).await, Some(Role::Developer), "{sql}");
+        store.close().await;
+        assert!(verify_audit_in(folder, &[], None).unwrap().breach.is_some(), "{sql}");
+    }
+}
+
+/// The newest backup tells who was known.
+#[tokio::test]
+async fn records_that_were_wiped_beside_damage_make_nobody_known() {
+    let temporary = folder_with_users().await;
+    let folder = temporary.path();
+    crate::database::backup::make(folder, std::time::SystemTime::UNIX_EPOCH).unwrap();
+    run(
+        folder,
+        "INSERT INTO users (name, role, secret_hash, created_ms)
+        SELECT 'eve', 'authority', secret_hash, 0 FROM users WHERE name = 'dora';
+        DELETE FROM audit; CREATE TRIGGER foreign_one AFTER INSERT ON beat BEGIN SELECT 1; END",
+    );
+    let store = open(folder);
+    assert!(store.fault().borrow().as_deref().is_some_and(|fault| fault.contains("damaged")));
+    assert_eq!(logs_in(&store, "eve", PASSWORD).await, None);
+    assert_eq!(logs_in(&store, "dora", PASSWORD).await, Some(Role::Developer));
+}
+
 #[tokio::test]
 async fn records_without_the_key_make_nobody_known_and_a_lost_key_locks_nobody_out() {
     let temporary = folder_with_users().await;
