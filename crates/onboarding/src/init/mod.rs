@@ -8,7 +8,7 @@ mod dependencies;
 pub(crate) mod draft;
 mod grouping;
 pub(crate) mod names;
-mod observations;
+pub(crate) mod observations;
 pub(crate) mod passing;
 mod proposals;
 mod rhythm;
