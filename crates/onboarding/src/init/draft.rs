@@ -10,6 +10,7 @@ use super::observations::{
 use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
 use super::rhythm::{Steady, at_least_ms};
+use telltale_config::soundness::LEASE;
 use telltale_engine::discovery::TopicSeen;
 use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
@@ -18,6 +19,9 @@ use telltale_engine::time::Timestamp;
 const MODULES_MAX: usize = 100;
 /// Nodes of one group that are watched.
 const NODES_MAX: usize = 20;
+/// A node that is not announced at so many looks in a row, this far apart, does not run.
+pub const NODE_EVERY_S: u64 = 1;
+pub const NODE_MISSES: u64 = 3;
 /// What repeats itself for as long as this many messages take is frozen.
 const FROZEN_MESSAGES: f64 = 10.0;
 /// Lines on one subject.
@@ -94,6 +98,17 @@ pub enum ModuleKind {
     Node {
         name: String,
     },
+}
+
+impl ModuleKind {
+    /// The longest time until a fault is noticed, as `check` reckons it.
+    pub fn noticed_s(&self) -> u64 {
+        match self {
+            ModuleKind::Rate { limits, .. } => limits.window_s,
+            ModuleKind::Node { .. } => LEASE.as_millis() / 1000 + NODE_EVERY_S * NODE_MISSES,
+            ModuleKind::Status { .. } | ModuleKind::Age { .. } => 0,
+        }
+    }
 }
 
 /// A transform that came on a topic again and again.

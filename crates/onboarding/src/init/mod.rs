@@ -10,7 +10,7 @@ mod grouping;
 pub(crate) mod names;
 pub(crate) mod observations;
 pub(crate) mod passing;
-mod proposals;
+pub(crate) mod proposals;
 mod rhythm;
 pub(crate) mod yaml;
 
