@@ -26,7 +26,7 @@ const SHOWN_KMH_MAX: f64 = 999.0;
 /// A stop that is further from the goal is not the destination.
 const AT_STOP_M: f64 = 10.0;
 
-/// What is known of the motion.
+/// The known motion.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct MotionState {
     /// The last speed in m/s, without its sign.
