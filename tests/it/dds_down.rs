@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, StatusArray};
-use telltale::engine::model::Model;
 use telltale::engine::model::monitors::ProbeTarget;
 use telltale::engine::model::sample::{FieldValue, Probe, ProbeOutcome, PublisherReport, Sample};
+use telltale::engine::model::{Model, NodeId};
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State::{self, Error, Ok, Unknown, Warning};
 use telltale::engine::time::{Span, Timestamp};
@@ -112,6 +112,11 @@ fn shown(snapshot: &Snapshot, name: &str) -> State {
     snapshot.shown(node).0
 }
 
+fn says(snapshot: &Snapshot, name: &str) -> String {
+    let Some(NodeId::Module(id)) = snapshot.node(name) else { panic!("no {name}") };
+    snapshot.module(id).1.says(snapshot.now).into_owned()
+}
+
 #[test]
 fn all_that_came_by_dds_is_unknown_at_once_and_until_it_is_heard_again() {
     let mut vehicle = Vehicle::after_three_seconds();
@@ -121,6 +126,11 @@ fn all_that_came_by_dds_is_unknown_at_once_and_until_it_is_heard_again() {
     assert_eq!(vehicle.states(), down, "what is in ERROR stays so, and the host is asked without DDS");
     let snapshot = vehicle.engine.snapshot();
     assert_eq!(shown(&snapshot, "telltale/dds"), Error);
+    for (name, last) in [("fine", "said so"), ("rate", "9 Hz, at least 5 wanted")] {
+        let said = says(&snapshot, &format!("parts/{name}"));
+        let why = "nothing received since the connection to the vehicle (DDS) failed";
+        assert_eq!(said, format!("{why}; last: {last}"));
+    }
     // A silence of everybody is nobody's fault.
     for _ in 0..20 {
         vehicle.pass(500);

@@ -104,6 +104,15 @@ fn has(text: &str, lines: &[&str]) {
     }
 }
 
+/// `check` warns of nothing in it.
+#[track_caller]
+fn is_sound(text: &str) {
+    let loaded = config::parse("draft", text).unwrap_or_else(|problems| panic!("{problems}\n{text}"));
+    if let (_, Some(problems)) = loaded.soundness() {
+        panic!("{problems}\n{text}");
+    }
+}
+
 fn small_robot() -> Observations {
     let topics = vec![
         topic("/cmd_vel", "geometry_msgs/msg/Twist", &["/navigation"], &["/base"]),
@@ -211,6 +220,7 @@ fn guesses_are_in_force_when_asked_for_and_never_a_circle() {
             "# Not proposed, because it would close a circle:\n      #   navigation: /base subscribes to /cmd_vel",
         ],
     );
+    is_sound(&text);
     // What a node tells waits for what it receives; that it runs does not.
     assert!(text.contains("- { id: localization_runs, monitor: "), "{text}");
 }
@@ -239,6 +249,7 @@ fn a_status_of_one_node_hides_no_fault_of_those_that_read_another_topic() {
             "on: [camera_rear/camera_rear_image_rate",
         ],
     );
+    is_sound(&text);
     let model = config::parse("draft", &text).unwrap_or_else(|problems| panic!("{problems}")).model;
     let mut engine = Engine::new(model, Timestamp::ZERO);
     let mut array = StatusArray::default();

@@ -301,7 +301,7 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
                 FieldValue::Positions(list) if list.count == 0 && field.kind == FieldKind::Elements => true,
                 FieldValue::Positions(_) => field.kind == FieldKind::Positions,
                 FieldValue::Elements(_) => field.kind == FieldKind::Elements,
-                _ => field.kind == FieldKind::Scalar,
+                _ => matches!(field.kind, FieldKind::Scalar | FieldKind::Named),
             } || field.kind == FieldKind::Content;
             let value = match field.kind {
                 FieldKind::Content if !matches!(value, FieldValue::Unreadable(_)) => &fingerprint(value),
@@ -310,7 +310,7 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
             };
             if !fits {
                 let (what, example) = match field.kind {
-                    FieldKind::Scalar | FieldKind::Content => ("one value", "1.5"),
+                    FieldKind::Scalar | FieldKind::Named | FieldKind::Content => ("one value", "1.5"),
                     FieldKind::Pose => ("a pose", "{ x: 1, y: 2, yaw_deg: 90 }"),
                     FieldKind::Positions => ("a list of positions", "[[1.5, 2], [3, 4]]"),
                     FieldKind::Elements => ("a list of values", "[2, 6]"),

@@ -170,6 +170,9 @@ impl Kinds<'_> {
         let MonitorSpec::Expression { inputs, warning, error, .. } = monitor else { return Vec::new() };
         let kinds: Vec<_> = inputs.iter().map(|(name, source)| (&**name, self.kind(source))).collect();
         let misfit = |condition: &Condition| {
+            if let Some((text, help)) = self.misnamed_in(condition, inputs) {
+                return Some((format!("`{}`: {text}", condition.text), help));
+            }
             let (text, help) = expression::misfit(condition, &kinds)?;
             let help = self.label_in(condition, inputs).unwrap_or(help);
             Some((format!("`{}` can never be judged: {text}", condition.text), help))
@@ -209,6 +212,11 @@ impl Kinds<'_> {
 
     fn never_equal(&self, source: &ValueSource, key: &str, wanted: &FieldValue) -> Option<(String, String)> {
         let is = self.kind(source)?;
+        if let FieldValue::Text(label) = wanted
+            && let Some((text, help)) = self.misnamed(source, label, |number| format!("`{key}: {number}`"))
+        {
+            return Some((format!("{text}, as `{key}` wants"), help));
+        }
         let wants = match wanted {
             FieldValue::Number(_) => ScalarKind::Number,
             FieldValue::Bool(_) => ScalarKind::Bool,

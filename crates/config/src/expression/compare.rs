@@ -43,6 +43,21 @@ pub(super) fn all(part: &IdedExpr, found: &mut Vec<Comparison>) {
     call.target.as_deref().into_iter().chain(&call.args).for_each(|part| all(part, found));
 }
 
+/// Each input that is looked for in a list, with each text of that list: `status in ["FULL", "CHARGING"]`.
+pub(super) fn listed_texts(part: &IdedExpr, found: &mut Vec<(String, String)>) {
+    let Expr::Call(call) = &part.expr else { return };
+    if let (operators::IN, [of, list]) = (&*call.func_name, &call.args[..])
+        && let (Expr::Ident(input), Expr::List(list)) = (&of.expr, &list.expr)
+    {
+        let text = |it: &IdedExpr| match literal(it)? {
+            ComparedWith::Text(text) => Some((input.clone(), text)),
+            _ => None,
+        };
+        found.extend(list.elements.iter().filter_map(text));
+    }
+    call.target.as_deref().into_iter().chain(&call.args).for_each(|part| listed_texts(part, found));
+}
+
 fn comparison(part: &IdedExpr) -> Comparison {
     let whole = || Comparison {
         id: part.id,

@@ -196,21 +196,25 @@ pub fn limits(condition: &Condition) -> Vec<Limit> {
         ComparedWith::Number(number) if it.is_input => Some(Limit { input: it.of, sign: it.sign, number }),
         _ => None,
     };
-    comparisons(condition).into_iter().filter_map(limit).collect()
+    comparisons(&condition.text).into_iter().filter_map(limit).collect()
 }
 
-/// The inputs that a condition compares with a text, each with the text: `status == "CHARGING"`.
-pub fn texts(condition: &Condition) -> Vec<(String, String)> {
+/// The inputs that a condition compares with a text, each with the text: `status == "CHARGING"`, or in a list of them.
+pub fn texts(condition: &str) -> Vec<(String, String)> {
     let text = |it: compare::Comparison| match it.with {
         ComparedWith::Text(text) if it.is_input => Some((it.of, text)),
         _ => None,
     };
-    comparisons(condition).into_iter().filter_map(text).collect()
+    let mut found: Vec<_> = comparisons(condition).into_iter().filter_map(text).collect();
+    if let Ok(program) = ENVIRONMENT.compile(condition) {
+        compare::listed_texts(program.expression(), &mut found);
+    }
+    found
 }
 
-fn comparisons(condition: &Condition) -> Vec<compare::Comparison> {
+fn comparisons(condition: &str) -> Vec<compare::Comparison> {
     let mut found = Vec::new();
-    if let Ok(program) = ENVIRONMENT.compile(&condition.text) {
+    if let Ok(program) = ENVIRONMENT.compile(condition) {
         compare::all(program.expression(), &mut found);
     }
     found

@@ -1,5 +1,7 @@
 //! Converts monitors from the file into monitors of the model.
 
+use std::collections::BTreeSet;
+
 use super::topics::Topics;
 use crate::decode::Spanned;
 use crate::expression;
@@ -121,6 +123,12 @@ pub(crate) fn inputs(
     log: &mut Log,
 ) -> Vec<(Box<str>, ValueSource)> {
     let members = expression::members(texts);
+    let compared: BTreeSet<String> = texts
+        .iter()
+        .filter(|text| text.value.len() <= expression::TEXT_BYTES_MAX)
+        .flat_map(|text| expression::texts(&text.value))
+        .map(|(input, _)| input)
+        .collect();
     let mut inputs: Vec<(Box<str>, ValueSource)> = Vec::new();
     for (name, from) in raw {
         let of_list = || members.iter().filter(|(list, _)| *list == name.value).map(|(_, member)| &**member);
@@ -133,6 +141,10 @@ pub(crate) fn inputs(
                     let name = expression::column(&name.value, member).into();
                     inputs.push((name, ValueSource::Field { topic, field }));
                 }
+            }
+            Source::Field { topic, path, kind: FieldKind::Scalar } if compared.contains(&name.value) => {
+                let (topic, field) = topics.field(topic, path, FieldKind::Named, log);
+                inputs.push((name.value.as_str().into(), ValueSource::Field { topic, field }));
             }
             _ => inputs.push((name.value.as_str().into(), source(from, topics, log))),
         }

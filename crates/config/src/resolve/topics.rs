@@ -156,7 +156,9 @@ impl Topics {
             FieldKind::Content if path.value.is_empty() => {}
             // Made of a frame, whose name was checked.
             FieldKind::Transforms => {}
-            FieldKind::Scalar | FieldKind::Pose | FieldKind::Content => check_path(path, log),
+            FieldKind::Scalar | FieldKind::Named | FieldKind::Pose | FieldKind::Content => {
+                check_path(path, log);
+            }
         }
         let index = id.0 as usize;
         let field = FieldSpec { path: path.value.as_str().into(), kind };

@@ -8,7 +8,7 @@ use telltale_engine::time::Span;
 
 /// The lease of a ROS 2 node (CycloneDDS; others have longer ones). One that was killed counts as running for at least
 /// this long, and for up to three leases where its loss has to be confirmed.
-const LEASE: Span = Span::from_secs(10);
+pub const LEASE: Span = Span::from_secs(10);
 
 /// One finding for a module: the dependency with the shortest limit.
 pub(super) fn look(model: &Model) -> Vec<Finding> {

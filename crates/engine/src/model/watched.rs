@@ -134,6 +134,8 @@ impl FieldSpec {
 pub enum FieldKind {
     /// A number, a boolean or a string.
     Scalar,
+    /// The same, but a whole number for which its message has a name is read as that name.
+    Named,
     /// A `geometry_msgs` Pose or Transform, or a message with such a member `pose` or `transform`.
     Pose,
     /// An array of positions, or of messages that contain one; `[]` in its path stands for each element, and

@@ -6,8 +6,9 @@ use std::borrow::Cow;
 use crate::event::Said;
 use crate::input::Status;
 use crate::model::Limits;
-use crate::snapshot::{ModuleView, Report};
-use crate::text::Text;
+use crate::snapshot::{ModuleView, Report, Steps};
+use crate::state::State;
+use crate::text::{Text, say};
 use crate::time::{Span, Timestamp};
 
 /// The memory of a KeyValue apart from its text: two strings.
@@ -86,14 +87,67 @@ impl ModuleView {
         self.received.filter(|_| self.silent).map(|received| now.since(received))
     }
 
-    /// The message for programs. A silent module's message begins with the silence, because its last message
-    /// would not explain its state.
+    /// Why it is UNKNOWN, where neither its report nor its silence tells.
+    pub fn why_unknown(&self) -> Option<Text> {
+        self.steps.why_unknown(self.own, self.silent)
+    }
+
+    /// The message for programs. It begins with the silence of a silent module, or with another reason for UNKNOWN,
+    /// because the last message would not explain the state.
     pub fn says(&self, now: Timestamp) -> Cow<'_, str> {
-        with_silence(self.report.last_words(self.silent), self.silent_for(now))
+        let last = self.report.last_words(self.silent);
+        match self.why_unknown() {
+            Some(why) => unknown(&why.en, last).into(),
+            None if last.is_empty() && self.received.is_none() && self.own >= State::Warning => {
+                "nothing received yet".into()
+            }
+            None => with_silence(last, self.silent_for(now)),
+        }
     }
 
     /// The same, for events.
     pub fn said(&self, now: Timestamp) -> Option<Said> {
-        Said::of(self.report.last_words(self.silent), self.silent_for(now))
+        said(&self.report, self.silent, self.why_unknown(), self.silent_for(now))
+    }
+}
+
+/// What is kept of a message, with the reason for UNKNOWN before it.
+pub(crate) fn said(
+    report: &Report,
+    silent: bool,
+    why: Option<Text>,
+    silent_for: Option<Span>,
+) -> Option<Said> {
+    let last = report.last_words(silent);
+    match why {
+        Some(why) => Said::of(&unknown(&why.en, last), silent_for),
+        None => Said::of(last, silent_for),
+    }
+}
+
+fn unknown(why: &str, last: &str) -> String {
+    if last.is_empty() { why.to_owned() } else { format!("{why}; last: {last}") }
+}
+
+impl Steps {
+    /// Why a module with this own state is UNKNOWN although its last report was better, and it is not silent.
+    pub(crate) fn why_unknown(&self, own: State, silent: bool) -> Option<Text> {
+        let was_better = self.reported.is_some_and(|reported| reported < State::Unknown);
+        if own != State::Unknown || silent || !was_better {
+            None
+        } else if self.grace || self.judged == Some(State::Unknown) {
+            Some(say!("nothing received yet", "noch nichts empfangen"))
+        } else if self.debounced == Some(State::Unknown) {
+            Some(say!(
+                "unknown until it has been better for long enough",
+                "unbekannt, bis es lange genug besser ist"
+            ))
+        } else {
+            // Nothing else takes away a state that counts.
+            Some(say!(
+                "nothing received since the connection to the vehicle (DDS) failed",
+                "nichts empfangen, seit die Verbindung zum Fahrzeug (DDS) ausfiel"
+            ))
+        }
     }
 }

@@ -9,6 +9,7 @@ use super::views::Views;
 use crate::event::{Event, EventKind};
 use crate::mask::net::Change;
 use crate::model::{GroupId, NodeId, Stage};
+use crate::module::report::said;
 use crate::snapshot::{Reason, Snapshot};
 use crate::state::State;
 use crate::time::Timestamp;
@@ -180,10 +181,12 @@ impl Engine {
     /// The present message of a module. Its view may not have the latest time of receipt yet.
     fn said(&self, node: NodeId) -> Option<Said> {
         let NodeId::Module(id) = node else { return None };
-        let own = &self.net.modules[id.0 as usize].own;
+        let module = &self.net.modules[id.0 as usize];
+        let own = &module.own;
         let silent = own.received().filter(|_| own.silent()).map(|at| self.now.since(at));
         let report = &self.views.modules.get(id.0 as usize)?.report;
-        Said::of(report.last_words(own.silent()), silent)
+        let why = own.steps(self.net.policy(id)).why_unknown(module.node.facts.own, own.silent());
+        said(report, own.silent(), why, silent)
     }
 }
 

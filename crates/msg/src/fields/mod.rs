@@ -28,7 +28,7 @@ pub use event::EventReader;
 use library::Library;
 use path::Step;
 pub use program::NoValue;
-use program::Program;
+use program::{PathError, Program};
 use shape::{Shape, ShapeKind};
 use telltale_engine::model::monitors::{FieldKind, FieldSpec, ScalarKind, TopicSpec};
 use telltale_engine::model::sample::FieldValue;
@@ -131,7 +131,13 @@ impl Definitions {
             ));
         }
         let fields = spec.fields.iter().map(|field| {
-            compile(&shape, field).map_err(|error| {
+            let named = |program: Program| match field.kind {
+                FieldKind::Named => program
+                    .named(self.labels(&spec.type_name, &field.path))
+                    .map_err(|wrong| of_path(&field.path, wrong)),
+                _ => Ok(program),
+            };
+            compile(&shape, field).and_then(named).map_err(|error| {
                 let why = error.brief().into();
                 errors.push(error);
                 why
@@ -221,8 +227,11 @@ fn compile(shape: &Arc<Shape>, field: &FieldSpec) -> Result<Program, FieldError>
     let steps = if is_whole { Ok(Vec::new()) } else { path::parse(&field.path) };
     let steps = steps
         .map_err(|why| error(format!("`{}` is no path of a field: {why}", field.path), PATHS.to_owned()))?;
-    Program::compile(shape, &steps, field.kind)
-        .map_err(|wrong| error(format!("`{}`: {}", field.path, wrong.text), wrong.help))
+    Program::compile(shape, &steps, field.kind).map_err(|wrong| of_path(&field.path, wrong))
+}
+
+fn of_path(path: &str, PathError { text, help }: PathError) -> FieldError {
+    FieldError { path: Some(path.into()), text: format!("`{path}`: {text}"), help }
 }
 
 const PATHS: &str = "write the names of fields with dots between them: twist.twist.linear.x";

@@ -44,6 +44,8 @@ pub(super) enum Move {
 #[derive(Debug, Clone)]
 enum Leaf {
     Primitive(Primitive),
+    /// A whole number as its name.
+    Named(Primitive, Arc<[(Box<str>, i64)]>),
     Text,
     /// `int32` seconds and `uint32` nanoseconds.
     Time,
@@ -116,7 +118,7 @@ impl Program {
             let is_last = index + 1 == steps.len();
             if let (Step::Member(name), true, ShapeKind::Array(array)) = (step, is_last, &compiler.here.kind)
                 && **name == *"length"
-                && matches!(kind, FieldKind::Scalar | FieldKind::Content)
+                && matches!(kind, FieldKind::Scalar | FieldKind::Named | FieldKind::Content)
             {
                 let leaf = Leaf::Length(array.clone());
                 return Ok(Program { moves: compiler.moves, leaf });
@@ -126,9 +128,11 @@ impl Program {
         match kind {
             FieldKind::Pose => compiler.pose(),
             FieldKind::Content => compiler.content(),
-            FieldKind::Scalar | FieldKind::Positions | FieldKind::Transforms | FieldKind::Elements => {
-                compiler.scalar()
-            }
+            FieldKind::Scalar
+            | FieldKind::Named
+            | FieldKind::Positions
+            | FieldKind::Transforms
+            | FieldKind::Elements => compiler.scalar(),
         }
     }
 
@@ -137,10 +141,29 @@ impl Program {
         Some(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => ScalarKind::Bool,
             Leaf::Primitive(_) | Leaf::Time | Leaf::Length(_) => ScalarKind::Number,
-            Leaf::Text => ScalarKind::Text,
+            Leaf::Text | Leaf::Named(..) => ScalarKind::Text,
             Leaf::Elements(elements) => return elements.kind(),
             Leaf::Pose | Leaf::Positions(_) | Leaf::Transforms(_) | Leaf::Content(_) => return None,
         })
+    }
+
+    /// Reads the name of a number in place of the number, if there are names.
+    ///
+    /// # Errors
+    /// A number has two names.
+    pub fn named(self, names: Vec<(Box<str>, i64)>) -> Result<Program, PathError> {
+        let Leaf::Primitive(primitive) = self.leaf else { return Ok(self) };
+        let is_whole = range(primitive).is_some();
+        if names.is_empty() || !is_whole {
+            return Ok(self);
+        }
+        for (at, (name, number)) in names.iter().enumerate() {
+            if let Some((other, _)) = names[..at].iter().find(|(_, known)| known == number) {
+                let text = format!("{number} is called {other} and {name}");
+                return Err(PathError { text, help: "write the number".to_owned() });
+            }
+        }
+        Ok(Program { leaf: Leaf::Named(primitive, names.into()), ..self })
     }
 
     /// Whether it reads a time.
@@ -154,6 +177,12 @@ impl Program {
         Ok(match &self.leaf {
             Leaf::Primitive(Primitive::Bool) => FieldValue::Bool(reader.u8()? != 0),
             Leaf::Primitive(primitive) => FieldValue::Number(number(*primitive, reader)?),
+            Leaf::Named(primitive, names) => {
+                // Whole: only such a number has names.
+                let number = number(*primitive, reader)? as i64;
+                let name = names.iter().find(|(_, named)| *named == number).map(|(name, _)| name.clone());
+                FieldValue::Text(name.unwrap_or_else(|| number.to_string().into()))
+            }
             Leaf::Text => FieldValue::Text(text(reader)?.into()),
             Leaf::Time => {
                 let (seconds, nanos) = time(reader)?;
@@ -225,6 +254,7 @@ impl Program {
             Leaf::Primitive(primitive) => range(*primitive),
             Leaf::Length(_) => range(Primitive::U32),
             Leaf::Text
+            | Leaf::Named(..)
             | Leaf::Time
             | Leaf::Pose
             | Leaf::Positions(_)

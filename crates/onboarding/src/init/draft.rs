@@ -9,7 +9,8 @@ use super::observations::{
 };
 use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
-use super::rhythm::at_least_ms;
+use super::rhythm::{Steady, at_least_ms};
+use telltale_config::soundness::LEASE;
 use telltale_engine::discovery::TopicSeen;
 use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
@@ -18,6 +19,9 @@ use telltale_engine::time::Timestamp;
 const MODULES_MAX: usize = 100;
 /// Nodes of one group that are watched.
 const NODES_MAX: usize = 20;
+/// A node that is not announced at so many looks in a row, this far apart, does not run.
+pub const NODE_EVERY_S: u64 = 1;
+pub const NODE_MISSES: u64 = 3;
 /// A value that repeats for as long as this many messages take is frozen.
 const FROZEN_MESSAGES: f64 = 10.0;
 /// Lines on one subject.
@@ -94,6 +98,17 @@ pub enum ModuleKind {
     Node {
         name: String,
     },
+}
+
+impl ModuleKind {
+    /// The longest time until a fault is noticed, as `check` reckons it.
+    pub fn noticed_s(&self) -> u64 {
+        match self {
+            ModuleKind::Rate { limits, .. } => limits.window_s,
+            ModuleKind::Node { .. } => LEASE.as_millis() / 1000 + NODE_EVERY_S * NODE_MISSES,
+            ModuleKind::Status { .. } | ModuleKind::Age { .. } => 0,
+        }
+    }
 }
 
 /// A transform that came on a topic again and again.
@@ -352,10 +367,10 @@ fn remark(group: &mut Group, topic: &TopicSeen, type_name: &str, why: &str) {
 fn transforms(messages: &Messages, end: Timestamp) -> Vec<Transform> {
     let age_s = messages.age_ns.map_or(0.0, |(_, most)| (most as f64 / 1e9).clamp(0.0, AGES_S.1));
     let of = |(child, frame): (&str, &Frame)| {
-        let rate_hz = frame.rhythm.steady_hz(end).filter(|_| !frame.has_two)?;
-        let warning_ms = at_least_ms((3.0 * frame.rhythm.longest_s(end) + age_s).max(0.2));
+        let steady = frame.rhythm.steady(end).filter(|_| !frame.has_two)?;
+        let warning_ms = at_least_ms((3.0 * steady.longest_s + age_s).max(0.2));
         let (parent, child) = (frame.parent.to_string(), child.to_string());
-        Some(Transform { parent, child, rate_hz, warning_ms })
+        Some(Transform { parent, child, rate_hz: steady.rate_hz, warning_ms })
     };
     messages.frames.iter().map(|(child, frame)| (&**child, frame)).filter_map(of).take(LINES_MAX).collect()
 }
@@ -369,7 +384,7 @@ fn measure(
     taken: &mut BTreeSet<String>,
 ) {
     let count = messages.rhythm.count;
-    let Some(rate) = messages.rhythm.steady_hz(end) else {
+    let Some(steady) = messages.rhythm.steady(end) else {
         let why = match count {
             1 => "one message, no rhythm".to_owned(),
             _ => format!("{count} messages, no steady rhythm"),
@@ -380,13 +395,16 @@ fn measure(
         return remark(group, topic, type_name, "the group has enough modules");
     }
     let (of_topic, of_type) = (topic.name.clone(), type_name.to_owned());
-    let longest_s = messages.rhythm.longest_s(end);
+    let (limits, Steady { rate_hz: rate, longest_s }) = (steady.limits(), steady);
     let nodes: Vec<String> = topic.publishers.iter().filter_map(|it| it.node.clone()).collect();
     let publishers = topic.publishers.iter().filter(|it| !it.ours).count();
     let several = if publishers > 1 { format!(" from {publishers} publishers") } else { String::new() };
-    let about = format!("{rate:.1} Hz{several}, longest pause {longest_s:.2} s.");
+    let alarm = match steady.reaches(limits) {
+        true => " (too long for the window: a pause like it is no longer OK)",
+        false => "",
+    };
+    let about = format!("{rate:.1} Hz{several}, longest pause {longest_s:.2} s{alarm}.");
     let id = names::id(&format!("{}_rate", topic.name), "topic_rate", taken);
-    let limits = RateLimits::of(rate);
     // Several publishers say different things even if each repeats itself.
     let frozen_ms =
         (publishers == 1 && messages.never_repeats()).then(|| at_least_ms((FROZEN_MESSAGES / rate).max(1.0)));

@@ -8,9 +8,9 @@ mod dependencies;
 pub(crate) mod draft;
 mod grouping;
 pub(crate) mod names;
-mod observations;
+pub(crate) mod observations;
 pub(crate) mod passing;
-mod proposals;
+pub(crate) mod proposals;
 mod rhythm;
 pub(crate) mod yaml;
 

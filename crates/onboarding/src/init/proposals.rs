@@ -20,11 +20,20 @@ const TARGETS_MAX: usize = 20;
 pub struct Proposal {
     /// The id of the other group.
     pub group: String,
-    /// The whole names of its modules that are concerned.
-    pub on: Vec<String>,
+    /// The modules of it that are concerned.
+    pub on: Vec<Target>,
     pub evidence: Vec<String>,
     /// It would close a circle.
     pub circular: bool,
+}
+
+/// A module on which another one depends.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Target {
+    /// Its whole name.
+    pub name: String,
+    /// The longest time until its fault is noticed.
+    pub noticed_s: u64,
 }
 
 /// The nodes of each participant that belong to a group: they stand for its endpoints without a node.
@@ -71,7 +80,7 @@ pub fn propose(groups: &mut [Group], keys: &[&str], seen: &Observations, groupin
 }
 
 impl Proposal {
-    fn add(&mut self, group: &str, modules: &[String], evidence: &str) {
+    fn add(&mut self, group: &str, modules: &[Target], evidence: &str) {
         group.clone_into(&mut self.group);
         for module in modules {
             if self.on.len() < TARGETS_MAX && !self.on.contains(module) {
@@ -120,19 +129,41 @@ fn waiting<'a>(group: &'a Group, nodes: &'a BTreeSet<&str>) -> impl Iterator<Ite
     modules.filter(move |(_, it)| waits(it) && of_them(it)).map(|(place, _)| place)
 }
 
-/// The whole names of the modules that judge a topic; where none does, of those that tell whether its publishers
-/// run; else of their statuses.
-fn concerned(group: &Group, topic: &TopicSeen, publishers: &BTreeSet<&str>) -> Vec<String> {
+/// The modules that judge a topic; where none does, those that tell whether its publishers run; else their statuses.
+fn concerned(group: &Group, topic: &TopicSeen, publishers: &BTreeSet<&str>) -> Vec<Target> {
     let of_publishers = |nodes: &[String]| nodes.iter().any(|node| publishers.contains(&**node));
-    let names = |wanted: &dyn Fn(&ModuleKind, &[String]) -> bool| -> Vec<String> {
+    let targets = |wanted: &dyn Fn(&ModuleKind, &[String]) -> bool| -> Vec<Target> {
         let modules = group.modules.iter().filter(|module| wanted(&module.kind, &module.nodes));
-        modules.map(|module| format!("{}/{}", group.id, module.id)).collect()
+        let name = |module: &super::draft::Module| format!("{}/{}", group.id, module.id);
+        modules.map(|it| Target { name: name(it), noticed_s: it.kind.noticed_s() }).collect()
     };
-    let judging = names(&|kind, _| match kind {
+    let judging = targets(&|kind, _| match kind {
         ModuleKind::Rate { topic: of, .. } | ModuleKind::Age { topic: of, .. } => *of == topic.name,
         ModuleKind::Status { .. } | ModuleKind::Node { .. } => false,
     });
-    let running = || names(&|kind, nodes| matches!(kind, ModuleKind::Node { .. }) && of_publishers(nodes));
-    let saying = || names(&|kind, nodes| matches!(kind, ModuleKind::Status { .. }) && of_publishers(nodes));
+    let running = || targets(&|kind, nodes| matches!(kind, ModuleKind::Node { .. }) && of_publishers(nodes));
+    let saying = || targets(&|kind, nodes| matches!(kind, ModuleKind::Status { .. }) && of_publishers(nodes));
     [judging].into_iter().chain([running(), saying()]).find(|found| !found.is_empty()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::init::text;
+    use crate::pretend::Robot;
+
+    #[test]
+    fn a_dependency_explains_for_as_long_as_its_ends_may_be_noticed_apart() {
+        let robot = Robot::default()
+            .publishes("/slow", "/map", 2000)
+            .publishes("/seldom", "/joy", 6000)
+            .publishes("/lidar", "/scan", 100)
+            .says("/base", "base: motors");
+        let robot = ["/map", "/joy", "/scan"].into_iter().fold(robot, |robot, it| robot.listens("/base", it));
+        let text = text(&robot.heard().draft, true);
+        let on = "depends_on: [lidar/scan_rate, lidar/scan_age, { on: seldom/seldom_runs, within: 13s }, \
+                  { on: slow/map_rate, within: 20s }, slow/map_age]";
+        assert!(text.contains(on), "{text}");
+        let (_, problems) = telltale_config::parse("draft", &text).expect("it is right").soundness();
+        assert!(problems.is_none(), "{}\n{text}", problems.unwrap());
+    }
 }

@@ -2,11 +2,13 @@
 
 use std::fmt::Write as _;
 
-use super::draft::{Draft, Group, Module, ModuleKind, Transform};
+use super::draft::{Draft, Group, Module, ModuleKind, NODE_EVERY_S, NODE_MISSES, Transform};
 use super::names::{comment, is_full_name, scalar};
 use super::passing::Passing;
-use super::proposals::Proposal;
+use super::proposals::{Proposal, Target};
 use super::rhythm::duration;
+use telltale_engine::model::Within;
+use telltale_engine::time::Span;
 
 /// Nodes that are listed without a group.
 const QUIET_MAX: usize = 40;
@@ -162,9 +164,20 @@ pub(crate) fn write_module(out: &mut String, module: &Module, accept_guesses: bo
     for key in keys {
         let _ = writeln!(out, "        {key}");
     }
-    let on: Vec<&str> = open.iter().flat_map(|it| &it.on).map(|name| &**name).collect();
+    let on: Vec<String> = open.iter().flat_map(|it| &it.on).map(|it| target(it, &module.kind)).collect();
     let _ = writeln!(out, "        {hash}depends_on: [{}]", on.join(", "));
     write_comments(out, module);
+}
+
+/// Where the fault of the one or the other may be noticed late, `within` says how far apart they still are one fault.
+fn target(Target { name, noticed_s }: &Target, of: &ModuleKind) -> String {
+    let apart_s = of.noticed_s().max(*noticed_s);
+    match Within::default() {
+        Within::Limit(limit) if limit < Span::from_secs(apart_s) => {
+            format!("{{ on: {name}, within: {apart_s}s }}")
+        }
+        Within::Limit(_) | Within::Always => name.clone(),
+    }
 }
 
 /// Further monitors that a reader may want.
@@ -220,7 +233,9 @@ fn keys(kind: &ModuleKind) -> Vec<String> {
             duration(2 * warning_ms)
         )],
         ModuleKind::Node { name } => {
-            vec![format!("monitor: {{ watchdog: {{ node: {name}, every: 1s, misses: 3 }} }}")]
+            vec![format!(
+                "monitor: {{ watchdog: {{ node: {name}, every: {NODE_EVERY_S}s, misses: {NODE_MISSES} }} }}"
+            )]
         }
     }
 }

@@ -17,7 +17,7 @@ pub fn beyond(loaded: &Loaded, heard: &Heard) -> Vec<Problem> {
     let said = |spec: &MonitorSpec| match spec {
         MonitorSpec::Frequency { topic, bands, .. } => {
             let (name, messages) = messages(*topic)?;
-            let rate = messages.rhythm.steady_hz(heard.end)?;
+            let rate = messages.rhythm.steady(heard.end)?.rate_hz;
             let (state, limit) = state(bands, rate)?;
             Some(format!("{name} came at {rate:.1} Hz, for which this is {state}: the limit is {limit} Hz"))
         }

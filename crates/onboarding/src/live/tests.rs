@@ -104,6 +104,20 @@ fn what_nobody_watches_is_listed_in_order_and_bounded() {
 }
 
 #[test]
+fn a_topic_for_which_no_monitor_is_proposed_is_named_unless_something_reads_it() {
+    let unsteady = |file: &str| {
+        let robot = robot().publishes("/teleop", "/joy", 6000).publishes("/lidar", "/map", 20_000);
+        compared(file, robot).1.unwatched.sentences()
+    };
+    let watch = "(`init` proposes no monitor; a `frequency` with a longer `window` can watch";
+    let both = format!("2 topics without a steady rate that nothing reads {watch} them): /joy, /map");
+    assert!(unsteady(FILE).contains(&both), "{:#?}", unsteady(FILE));
+    let reads = "  - { id: joy, monitor: { frequency: { topic: /joy, type: sensor_msgs/msg/LaserScan, error_below: 0.1 } } }\n";
+    let one = format!("1 topic without a steady rate that nothing reads {watch} it): /map");
+    assert!(unsteady(&format!("{FILE}{reads}")).contains(&one), "{:#?}", unsteady(&format!("{FILE}{reads}")));
+}
+
+#[test]
 fn nothing_is_said_of_a_file_when_nobody_was_there() {
     let (lines, comparison) = compared(FILE, Robot::default());
     assert!(comparison.nobody && comparison.absent == 1 && lines.len() == 1, "{lines:?}");

@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use super::{Heard, listed};
 use crate::init::ModuleKind;
 use crate::init::names::is_tool;
+use crate::init::observations::measured_type;
 use telltale_engine::model::monitors::ProbeTarget;
 use telltale_engine::model::{Model, same_topic};
 
@@ -19,6 +20,8 @@ pub struct Unwatched {
     pub forgotten: BTreeSet<String>,
     /// Topics that come steadily and that nothing reads.
     pub topics: BTreeSet<String>,
+    /// Topics without a steady rate, or without a message, that nothing reads: no monitor is proposed for them.
+    pub unsteady: BTreeSet<String>,
     /// Nodes without a watchdog, whose topics and statuses are not watched either.
     pub nodes: BTreeSet<String>,
     /// Topics of diagnostics that are not read.
@@ -80,6 +83,9 @@ impl Unwatched {
                 | ModuleKind::Node { .. } => {}
             }
         }
+        let unread = seen.discovery.topics.iter().filter(|topic| measured_type(topic).is_some());
+        let unread = unread.map(|topic| &topic.name).filter(|name| !reads(model, name));
+        found.unsteady = unread.filter(|name| !found.topics.contains(*name)).cloned().collect();
         let read: BTreeSet<&str> = diagnostics(model).collect();
         let more = seen.more_diagnostics();
         found.diagnostics = more.into_iter().filter(|topic| !read.contains(&**topic)).collect();
@@ -88,10 +94,8 @@ impl Unwatched {
 
     /// How many there are.
     pub fn count(&self) -> usize {
-        [&self.statuses, &self.forgotten, &self.topics, &self.nodes, &self.diagnostics]
-            .map(BTreeSet::len)
-            .iter()
-            .sum()
+        let Unwatched { no_status: _, statuses, forgotten, topics, unsteady, nodes, diagnostics } = self;
+        [statuses, forgotten, topics, unsteady, nodes, diagnostics].map(BTreeSet::len).iter().sum()
     }
 
     /// A sentence for each kind.
@@ -119,13 +123,30 @@ impl Unwatched {
                 "`diagnostics: { topics: [...] }` names",
             ),
         ];
-        let sentence = |(names, [one, many], what_names): (&BTreeSet<String>, [&str; 2], &str)| {
-            let (what, them) = if names.len() == 1 { (one, "it") } else { (many, "them") };
-            let list = listed(names.iter().map(|name| &**name));
-            (!names.is_empty()).then(|| format!("{} {what} ({what_names} {them}): {list}", names.len()))
-        };
-        kinds.into_iter().filter_map(sentence).collect()
+        let sentences =
+            kinds.into_iter().filter_map(|(names, what, what_names)| sentence(names, what, what_names));
+        sentences.chain(self.sentence_of_unsteady()).collect()
     }
+
+    /// The sentence on topics for which `init` proposes nothing.
+    pub fn sentence_of_unsteady(&self) -> Option<String> {
+        let what = [
+            "topic without a steady rate that nothing reads",
+            "topics without a steady rate that nothing reads",
+        ];
+        sentence(
+            &self.unsteady,
+            what,
+            "`init` proposes no monitor; a `frequency` with a longer `window` can watch",
+        )
+    }
+}
+
+/// For a reader: how many there are of one kind, what to do about them, and their names.
+fn sentence(names: &BTreeSet<String>, [one, many]: [&str; 2], what_names: &str) -> Option<String> {
+    let (what, them) = if names.len() == 1 { (one, "it") } else { (many, "them") };
+    let list = listed(names.iter().map(|name| &**name));
+    (!names.is_empty()).then(|| format!("{} {what} ({what_names} {them}): {list}", names.len()))
 }
 
 /// Whether something of a configuration changes when a node ends: a watchdog, a topic that it publishes, or a status that

@@ -7,6 +7,7 @@ use super::{find, ids_of, modules_of};
 use crate::init::draft::{Draft, Group, Module, ModuleKind};
 use crate::init::names;
 use crate::init::passing::Passing;
+use crate::init::proposals::Target;
 use crate::live::Unwatched;
 use telltale_config::Loaded;
 use telltale_config::describe::words::counted;
@@ -115,7 +116,8 @@ fn of_passing(passing: &Passing) -> String {
 /// Gives its guessed dependencies the names of the file.
 fn rename(module: &mut Module, names: &BTreeMap<String, String>) {
     for proposal in &mut module.proposals {
-        proposal.on = proposal.on.iter().filter_map(|name| names.get(name).cloned()).collect();
+        let renamed = |it: &Target| Some(Target { name: names.get(&it.name)?.clone(), ..*it });
+        proposal.on = proposal.on.iter().filter_map(renamed).collect();
     }
     module.proposals.retain(|proposal| !proposal.on.is_empty());
 }

@@ -205,10 +205,12 @@ impl Writers {
         self.settled_at.filter(|at| now < *at)
     }
 
-    /// Whether a writer of our type keeps a last value.
-    pub fn any_keeps_last_value(&self, dds_type: &str) -> bool {
+    /// Whether this reader asks for no last value although a writer of our type keeps one. At the beginning, while others
+    /// may be found still, no reader asks for it.
+    pub fn leaves_last_value(&self, via: Via, dds_type: &str, now: Timestamp) -> bool {
         let mut offers = self.known.values().map(|known| &known.offer);
-        offers.any(|offer| offer.type_name == dds_type && offer.keeps_last_value())
+        let any_keeps = offers.any(|offer| offer.type_name == dds_type && offer.keeps_last_value());
+        any_keeps && via != Via::LastValue && self.settles_at(now).is_none()
     }
 
     /// No reliable reader is left: samples are taken in the order of their arrival.
@@ -334,6 +336,21 @@ mod tests {
             });
             assert_eq!(fitting, expected, "{offers:?}");
         }
+    }
+
+    #[test]
+    fn publishers_are_mixed_only_once_all_of_them_are_known() {
+        let (keeps, volatile) = (offer(OURS, true, true), offer(OURS, true, false));
+        let mixed = |offers: &[(Guid, Offer)]| {
+            let mut writers = writers(offers);
+            [START.0, START.0 + SETTLING].map(|now| {
+                let via = writers.fitting(true, OURS, now).expect("there are writers");
+                writers.leaves_last_value(via, OURS, now)
+            })
+        };
+        assert_eq!(mixed(&[(A, keeps.clone()), (B, keeps.clone())]), [false, false]);
+        assert_eq!(mixed(&[(A, keeps), (B, volatile.clone())]), [false, true]);
+        assert_eq!(mixed(&[(A, volatile)]), [false, false]);
     }
 
     #[test]

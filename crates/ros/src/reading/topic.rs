@@ -14,7 +14,6 @@ use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
 use crate::discovery::graph::Paces;
-use crate::library::qos::Via;
 use crate::library::{Found, Participant};
 use crate::outbox::{End, Outbox, stopped, waiting_bytes};
 use telltale_clock::Clock;
@@ -437,7 +436,7 @@ impl Topic {
         if self.readers.follow(via, now.0) && !self.readers.any_reliable() {
             self.memory.writers.heard_by_best_effort_alone();
         }
-        if wants_last_value && via != Via::LastValue && self.memory.writers.any_keeps_last_value(dds_type) {
+        if wants_last_value && self.memory.writers.leaves_last_value(via, dds_type, now.0) {
             self.tell_of_mix();
         }
     }

@@ -222,7 +222,7 @@ impl<'a> StatusFilter<'a> {
             || [module.state, module.own].iter().any(|state| holds(view.lang.state(*state)))
             || holds(&class(info))
             || module.received.is_none() && holds(DevWords::of(view.lang).never)
-            || module.silent && holds(&view.message_text(module))
+            || (module.silent || module.why_unknown().is_some()) && holds(&view.message_text(module))
             || module.reason.is_some() && holds(&view.reason(NodeId::Module(id), module.reason.as_ref()))
     }
 }

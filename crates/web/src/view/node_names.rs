@@ -152,10 +152,16 @@ impl View<'_> {
         }
     }
 
+    /// The last message, behind the reason for UNKNOWN if that is another one than a silence.
     fn last_message(&self, module: &ModuleView) -> String {
-        match module.report.last_words(module.silent) {
+        let last = match module.report.last_words(module.silent) {
             "" => String::new(),
             _ => self.report_text(&module.report),
+        };
+        match module.why_unknown().map(|why| self.lang.pick(&why, MESSAGE)) {
+            None => last,
+            Some(why) if last.is_empty() => why,
+            Some(why) => format!("{why}; {} {last}", self.words.last_words),
         }
     }
 

@@ -89,6 +89,7 @@ impl Beside {
                 "statuses": unwatched.statuses,
                 "forgotten_statuses": unwatched.forgotten,
                 "topics": unwatched.topics,
+                "unsteady_topics": unwatched.unsteady,
                 "nodes": unwatched.nodes,
                 "diagnostics": unwatched.diagnostics,
             },

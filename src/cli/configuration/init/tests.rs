@@ -120,6 +120,9 @@ fn proposed_edges(mut machine: Machine, sorted: &[(&str, &str)]) -> Edges {
         }
     }
     let draft = init::draft(&seen, Timestamp::ZERO, end);
+    let text = init::text(&draft, true);
+    let (_, problems) = config::parse("draft", &text).expect("it is right").soundness();
+    assert!(problems.is_none(), "{}\n{text}", problems.unwrap());
     let sorted: BTreeMap<&str, &str> = sorted.iter().copied().collect();
     let mut edges = Edges::new();
     for group in &draft.groups {

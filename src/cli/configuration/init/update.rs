@@ -55,6 +55,9 @@ pub fn run(args: &Args, file: &Path) -> anyhow::Result<ExitCode> {
     let when = format!("heard in the {} s before {at}", heard.length_s());
     let updated = update::update(&loaded, heard.draft, &comparison.unwatched, is_known, &when)?;
     tell(&updated);
+    if let Some(unsteady) = comparison.unwatched.sentence_of_unsteady() {
+        note!("Not watched: {unsteady}");
+    }
     let bytes = fs::read(file).with_context(|| format!("{} cannot be read", file.display()))?;
     let mark = if bytes.starts_with(MARK.as_bytes()) { MARK } else { "" };
     if bytes[mark.len()..] != *loaded.sources().text(0).as_bytes() {

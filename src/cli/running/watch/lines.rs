@@ -10,9 +10,26 @@ use crate::engine::time::Span;
 /// The facts that were printed last, by their subjects.
 #[derive(Debug, Default)]
 pub struct Lines {
-    facts: BTreeMap<String, String>,
+    facts: BTreeMap<String, Fact>,
+    /// The time of the last data.
     at: String,
+    /// The time of the last line. It is later where a line said that the data are late.
+    shown: String,
     connection: Connection,
+}
+
+/// What a line says of its subject.
+#[derive(Debug)]
+struct Fact {
+    said: String,
+    /// Follows what is said. Its numbers may change all the time, so it makes no line of its own.
+    message: String,
+}
+
+impl From<String> for Fact {
+    fn from(said: String) -> Fact {
+        Fact { said, message: String::new() }
+    }
 }
 
 /// What was said of the connection; its age alone is no news.
@@ -41,28 +58,41 @@ impl Lines {
             self.connection = connection;
             let is_live = self.connection == Connection::Live;
             let said = if is_live { "live again".to_owned() } else { freshness.words() };
-            let at = match (freshness, vehicle) {
+            match (freshness, vehicle) {
                 (Freshness::Stale(since) | Freshness::Lost { since: Some(since), .. }, _) => {
-                    later(&self.at, since)
+                    self.show_at(later(&self.at, since));
                 }
-                (_, Some(vehicle)) => vehicle.head.at.to_string(),
-                _ => self.at.clone(),
-            };
-            lines.push(format!("{at}  connection: {said}"));
+                (_, Some(vehicle)) => self.take_time(vehicle),
+                _ => {}
+            }
+            lines.push(format!("{}  connection: {said}", self.shown));
         }
         let Some(vehicle) = vehicle else { return lines };
-        self.at = vehicle.head.at.to_string();
+        self.take_time(vehicle);
         let now = facts(vehicle);
-        for (subject, fact) in &now {
-            if self.facts.get(subject) != Some(fact) {
-                lines.push(format!("{}  {subject}: {fact}", self.at));
+        for (subject, Fact { said, message }) in &now {
+            if self.facts.get(subject).is_none_or(|known| known.said != *said) {
+                lines.push(format!("{}  {subject}: {said}{message}", self.shown));
             }
         }
         for subject in self.facts.keys().filter(|subject| !now.contains_key(*subject)) {
-            lines.push(format!("{}  {subject}: over", self.at));
+            lines.push(format!("{}  {subject}: over", self.shown));
         }
         self.facts = now;
         lines
+    }
+
+    /// Data that came late are not dated before the line that said so. A replay may really go back.
+    fn take_time(&mut self, vehicle: &Vehicle) {
+        let before = std::mem::replace(&mut self.at, vehicle.head.at.to_string());
+        match self.at < before {
+            true => self.shown.clone_from(&self.at),
+            false => self.show_at(self.at.clone()),
+        }
+    }
+
+    fn show_at(&mut self, at: String) {
+        self.shown = std::mem::take(&mut self.shown).max(at);
     }
 }
 
@@ -77,40 +107,39 @@ fn later(at: &str, since: Span) -> String {
 }
 
 /// The values whose changes are printed. The speed is left out: it changes all the time.
-fn facts(vehicle: &Vehicle) -> BTreeMap<String, String> {
-    let mut facts = BTreeMap::new();
+fn facts(vehicle: &Vehicle) -> BTreeMap<String, Fact> {
+    let mut facts: BTreeMap<String, Fact> = BTreeMap::new();
+    let mut say = |subject: String, said: String| drop(facts.insert(subject, said.into()));
     let head = &vehicle.head;
     let motion = super::snapshot::Motion { speed_mps: None, ..head.motion.clone() };
-    facts.insert("vehicle".to_owned(), head.overall.as_str().to_uppercase());
-    facts.insert("stage".to_owned(), head.stage.as_str().to_owned());
-    facts.insert(
-        "operator".to_owned(),
-        head.operator.as_ref().map_or("nobody".to_owned(), ToString::to_string),
-    );
-    facts.insert("motion".to_owned(), motion.words());
-    facts.insert(
-        "recording".to_owned(),
-        if head.recording { "an incident" } else { "no incident" }.to_owned(),
-    );
-    facts.insert("alarms".to_owned(), format!("{} not acknowledged", vehicle.open_alarms()));
+    say("vehicle".to_owned(), head.overall.as_str().to_uppercase());
+    say("stage".to_owned(), head.stage.as_str().to_owned());
+    say("operator".to_owned(), head.operator.as_ref().map_or("nobody".to_owned(), ToString::to_string));
+    say("motion".to_owned(), motion.words());
+    say("recording".to_owned(), if head.recording { "an incident" } else { "no incident" }.to_owned());
+    say("alarms".to_owned(), format!("{} not acknowledged", vehicle.open_alarms()));
     for group in &vehicle.groups {
         let (why, state) = (group.why(), group.state.as_str().to_uppercase());
         let counts = format!("{state} {}/{}", group.ok, group.counted);
-        let said = if why.is_empty() { counts } else { format!("{counts}, {why}") };
-        facts.insert(format!("group {}", group.id), said);
+        say(format!("group {}", group.id), if why.is_empty() { counts } else { format!("{counts}, {why}") });
     }
     for root in &vehicle.roots {
         let (state, message) = vehicle.says(&root.node);
         let state = state.map_or(String::new(), |state| state.as_str().to_uppercase());
-        facts.insert(format!("cause {}", root.node), format!("{state} {message} ({})", root.words()));
+        say(format!("cause {}", root.node), format!("{state} {message} ({})", root.words()));
     }
     for shelved in &vehicle.shelved {
-        facts.insert(format!("shelved {}", shelved.node), shelved.words());
+        say(format!("shelved {}", shelved.node), shelved.words());
     }
     for countermeasure in &vehicle.countermeasures {
         let words = countermeasure.words();
         let (request, said) = words.split_once(": ").unwrap_or((&words, ""));
-        facts.insert(format!("request {request}"), said.to_owned());
+        say(format!("request {request}"), said.to_owned());
+    }
+    for module in vehicle.troubled() {
+        let fact =
+            Fact { said: module.state.as_str().to_uppercase(), message: format!(" {}", module.message) };
+        facts.insert(format!("module {}", module.id), fact);
     }
     facts
 }
@@ -128,6 +157,7 @@ mod tests {
             "vehicle: ERROR",
             "group sensors: ERROR 3/4",
             "cause sensors/velodyne_packet_alive: ERROR no packets",
+            "module can/battery: WARNING 20 ",
         ] {
             assert!(first.contains(said), "{said}\n{first}");
         }
@@ -149,5 +179,19 @@ mod tests {
         {
             assert!(after.iter().any(|line| line.ends_with(said)), "{said}: {after:#?}");
         }
+    }
+
+    #[test]
+    fn data_that_come_late_are_not_dated_before_the_line_that_said_so() {
+        let (mut lines, mut vehicle) = (Lines::default(), Some(golden()));
+        let mut said = lines.changes(vehicle.as_ref(), Freshness::Live);
+        let lost = Freshness::Lost { since: Some(Span::from_millis(3000)), connected: false };
+        said.extend(lines.changes(None, lost));
+        said.extend(lines.changes(None, Freshness::Live));
+        let idle = r#""groups":[],"roots":[]"#;
+        Vehicle::take(&mut vehicle, &changes(r#""base":9,"#, idle)).unwrap();
+        said.extend(lines.changes(vehicle.as_ref(), Freshness::Live));
+        assert!(said.iter().any(|line| line.ends_with("velodyne_packet_alive: over")), "{said:#?}");
+        assert!(said.is_sorted_by_key(|line| &line[..24]), "{said:#?}");
     }
 }

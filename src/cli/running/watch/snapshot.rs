@@ -90,7 +90,7 @@ pub enum Reason {
 
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Module {
-    id: Cleaned,
+    pub id: Cleaned,
     pub state: State,
     pub message: Cleaned,
 }
@@ -222,6 +222,13 @@ impl Vehicle {
             Some(module) => (Some(module.state), module.message.to_string()),
             None => (group().map(|group| group.state), String::new()),
         }
+    }
+
+    /// The modules that are not OK and no cause, as those with a WARNING.
+    pub fn troubled(&self) -> impl Iterator<Item = &Module> {
+        let is_cause = |module: &Module| self.roots.iter().any(|root| root.node == module.id);
+        let is_bad = |state| matches!(state, State::Warning | State::Unknown | State::Error);
+        self.modules.values().filter(move |module| is_bad(module.state) && !is_cause(module))
     }
 
     /// How many alarms nobody has acknowledged.

@@ -116,7 +116,7 @@ fn topic(model: &Model, id: TopicId) -> String {
 pub(super) fn field(model: &Model, id: TopicId, field: u32) -> String {
     let field = &model.watched.topics[id.0 as usize].fields[field as usize];
     let what = match field.kind {
-        FieldKind::Scalar => "",
+        FieldKind::Scalar | FieldKind::Named => "",
         FieldKind::Content if field.path.is_empty() => {
             return format!("the messages of {}", topic(model, id));
         }

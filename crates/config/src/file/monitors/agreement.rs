@@ -97,9 +97,11 @@ impl AgreementLimits {
     /// Each kind of source has its own limits, and needs at least one.
     fn check(&self, kind: FieldKind, node: &Node, log: &mut Log) {
         let own = match kind {
-            FieldKind::Scalar | FieldKind::Transforms | FieldKind::Elements | FieldKind::Content => {
-                self.has_numbers
-            }
+            FieldKind::Scalar
+            | FieldKind::Named
+            | FieldKind::Transforms
+            | FieldKind::Elements
+            | FieldKind::Content => self.has_numbers,
             FieldKind::Pose => self.of_pose.is_some(),
             FieldKind::Positions => self.of_list.is_some(),
         };
@@ -130,9 +132,11 @@ impl AgreementLimits {
         } else if !own {
             let text = "without a limit this would never be anything but OK";
             match kind {
-                FieldKind::Scalar | FieldKind::Transforms | FieldKind::Elements | FieldKind::Content => {
-                    bands::without_a_limit(node.span, "", log)
-                }
+                FieldKind::Scalar
+                | FieldKind::Named
+                | FieldKind::Transforms
+                | FieldKind::Elements
+                | FieldKind::Content => bands::without_a_limit(node.span, "", log),
                 FieldKind::Pose => log
                     .push(Problem::at(node.span, text).help(
                         "add `translation: { error_above: 1 }` or `rotation_deg: { error_above: 10 }`",
@@ -147,9 +151,11 @@ impl AgreementLimits {
 
     fn rule(self, kind: FieldKind) -> AgreementRule {
         match kind {
-            FieldKind::Scalar | FieldKind::Transforms | FieldKind::Elements | FieldKind::Content => {
-                AgreementRule::Number(self.numbers)
-            }
+            FieldKind::Scalar
+            | FieldKind::Named
+            | FieldKind::Transforms
+            | FieldKind::Elements
+            | FieldKind::Content => AgreementRule::Number(self.numbers),
             FieldKind::Pose => AgreementRule::Pose {
                 translation: self.translation.unwrap_or_default(),
                 rotation_deg: self.rotation_deg.unwrap_or_default(),

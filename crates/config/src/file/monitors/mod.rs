@@ -16,7 +16,7 @@ use bands::{Unit, bands, some_bands};
 use sources::ScalarSource;
 pub(crate) use sources::{Source, Topic};
 use telltale_engine::model::monitors::{
-    AgreementRule, Bands, Class, FrozenLimits, ProbeTarget, Resource, ValueRule,
+    AgreementRule, Bands, Class, FieldKind, FrozenLimits, ProbeTarget, Resource, ValueRule,
 };
 use telltale_engine::model::sample::FieldValue;
 use telltale_engine::state::State;
@@ -215,11 +215,13 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
     let doc =
         map("value", "a value monitor").about("One value against limits, or against the one that is good.");
     let mut fields = Fields::of(node, doc, log)?;
-    let source = Source::of(&mut fields, false);
+    let mut source = Source::of(&mut fields, false);
     let mut bands = bands(&mut fields, Unit::Number);
     bands.unmeasurable = bands::unmeasurable(&mut fields, NAN);
     let error: Option<Spanned<Literal>> =
-        fields.optional(key("error_unless").about("Any other value is an ERROR."));
+        fields.optional(key("error_unless").about(
+            "Any other value is an ERROR. A number may be called as in the definition of its message.",
+        ));
     let warning: Option<Spanned<Literal>> =
         fields.optional(key("warning_unless").about("Any other value is a WARNING."));
     let unless = ["error_unless", "warning_unless"].into_iter().find_map(|key| fields.key_span(key));
@@ -242,6 +244,13 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
     {
         let problem = Problem::at(warning.span, "this WARNING is always an ERROR");
         fields.log.push(problem.also(error.span, "by this").help("remove one of the two"));
+    }
+    let mut wanted = error.iter().chain(&warning);
+    if let Some(Source::Field { kind, .. }) = &mut source
+        && unless.is_some()
+        && wanted.all(|literal| matches!(literal.value.0, FieldValue::Text(_)))
+    {
+        *kind = FieldKind::Named;
     }
     let value = |literal: Option<Spanned<Literal>>| literal.map(|literal| literal.value.0);
     let rule = match unless {

@@ -55,6 +55,29 @@ fn a_topic_without_publisher_or_of_another_type_is_said_in_words() {
 }
 
 #[test]
+fn what_is_unknown_says_why_before_its_last_good_value() {
+    let says = |engine: &mut Engine| {
+        let snapshot = engine.snapshot();
+        let module = snapshot.module(ModuleId(0)).1;
+        (module.own, module.says(snapshot.now).into_owned())
+    };
+    let policy = Policy { clear_after: millis(500), timeout: millis(2000), ..Policy::default() };
+    let (mut engine, model) = start(value(field(A, 0)), policy);
+    assert_eq!(says(&mut engine), (Unknown, "nothing received yet".to_owned()));
+    feed(&mut engine, &model, 0, &Do::Number(0, f64::NAN));
+    feed(&mut engine, &model, 300, &Do::Number(0, 5.0));
+    let held = "unknown until it has been better for long enough; last: 5, at most 80 wanted";
+    assert_eq!(says(&mut engine), (Unknown, held.to_owned()));
+    feed(&mut engine, &model, 900, &Do::Number(0, 5.0));
+    assert_eq!(says(&mut engine), (Ok, "5, at most 80 wanted".to_owned()));
+    engine.handle(&Input::Dds { fault: Some("killed".into()) }, Timestamp::from_millis(1000));
+    let cut = "nothing received since the connection to the vehicle (DDS) failed; last: 5, at most 80 wanted";
+    assert_eq!(says(&mut engine), (Unknown, cut.to_owned()));
+    engine.handle(&Input::Tick, Timestamp::from_millis(2900));
+    assert_eq!(says(&mut engine), (Unknown, "silent for 2 s; last: 5, at most 80 wanted".to_owned()));
+}
+
+#[test]
 fn a_rate_that_may_be_as_low_as_it_likes_is_not_ok_when_nobody_publishes() {
     let most = || MonitorSpec::Frequency { topic: A, window: millis(1000), bands: at_most(9.0, 20.0) };
     let both = Bands { error_below: Some(5.0), ..at_most(9.0, 20.0) };

@@ -54,6 +54,25 @@ fn text(value: &str) -> FieldValue {
 const STAMP_NS: i64 = 1_700_000_000_000_000_005;
 
 #[test]
+fn a_number_with_a_name_is_read_as_that_name() {
+    let status = |number: u8| {
+        let reader = reader("action_msgs/msg/GoalStatus", false, &[("status", FieldKind::Named)]);
+        reader.read(&[&[0; 24][..], &[number]].concat(), Endian::Little).values
+    };
+    assert_eq!(*status(4), [text("STATUS_SUCCEEDED")]);
+    assert_eq!(*status(255), [text("-1")], "none is called so");
+    let kinds = |type_name: &str, path: &str| {
+        let reader = reader(type_name, false, &[(path, FieldKind::Named)]);
+        reader.kinds().next().flatten()
+    };
+    assert_eq!(kinds("action_msgs/msg/GoalStatus", "status"), Some(ScalarKind::Text));
+    assert_eq!(kinds("sensor_msgs/msg/PointCloud2", "width"), Some(ScalarKind::Number), "without names");
+    let two = spec("visualization_msgs/msg/Marker", false, &[("action", FieldKind::Named)]);
+    let error = Definitions::default().check(&two).unwrap_err().to_string();
+    assert_eq!(error, "`action`: 0 is called ARROW and ADD (write the number)");
+}
+
+#[test]
 fn what_a_newer_release_adds_behind_is_passed_over_and_an_older_one_is_whole() {
     let reader = reader("sensor_msgs/msg/Range", true, &scalars(&["range"]));
     let header = [&0_u64.to_le_bytes()[..], &1_u32.to_le_bytes(), &[0; 4]].concat();

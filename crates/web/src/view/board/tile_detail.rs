@@ -205,10 +205,11 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> ModuleRow {
     }
 }
 
-/// Why a module's state differs from its report, if that is not its silence.
+/// Why a module's state differs from its report, if that is not its silence and its message does not tell it.
 fn decided(view: &View<'_>, module: &ModuleView) -> String {
     let steps = module.steps;
-    let Some(reported) = steps.reported.filter(|&reported| reported != module.own) else {
+    let differs = |&reported: &State| reported != module.own && module.why_unknown().is_none();
+    let Some(reported) = steps.reported.filter(differs) else {
         return String::new();
     };
     if !module.silent && steps.debounced != steps.judged && !steps.latched {

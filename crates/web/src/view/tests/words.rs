@@ -1,6 +1,7 @@
 //! Tests of texts: at each level, in each stage, of silent modules, and of one status at several places.
 
 use super::*;
+use telltale_engine::input::Input;
 use telltale_engine::model::output::Output;
 use telltale_engine::model::wording::{ByStage, Wording};
 use telltale_engine::model::{ModuleMonitor, Policy, Stage};
@@ -45,6 +46,17 @@ fn a_silent_module_says_so_before_its_last_words() {
     assert_eq!(module.says(silent.snapshot.now), "silent for 4 s; last: Images arrive");
     let german = View::new(&silent, Lang::De, false).message_text(module);
     assert_eq!(german, "seit 4 s still; zuletzt: Images arrive");
+}
+
+#[test]
+fn what_is_unknown_while_dds_is_down_says_so_before_its_last_words() {
+    let mut sample = driving(parts());
+    sample.input(&Input::Dds { fault: Some("killed".into()) });
+    let cut = sample.published();
+    let english = "nothing received since the connection to the vehicle (DDS) failed; last: running";
+    let german = "nichts empfangen, seit die Verbindung zum Fahrzeug (DDS) ausfiel; zuletzt: running";
+    check(&cut, Lang::En, "detail-sensors", &[english], &[]);
+    check(&cut, Lang::De, "detail-sensors", &[german], &[]);
 }
 
 #[test]
