@@ -63,8 +63,7 @@ impl Disk {
     }
 
     /// The bytes that the recordings may take by a policy: no more than this disk has for them, and with some room
-    /// ahead for what is
-    /// recorded next.
+    /// ahead for the next recording.
     pub fn bound(self, policy: &Policy) -> Policy {
         let has = self.taken.saturating_add(self.free.saturating_sub(FREE_MIN));
         // A disk that is full already: what lacks of its last reserve is made free too.

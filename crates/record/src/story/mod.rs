@@ -1,5 +1,4 @@
-//! The story of an incident by the file of its recording, without a replay: its events with their times, the states
-//! of
+//! The story of an incident by the file of its recording, without a replay: its events with their times, the states of
 //! the nodes concerned, and how much of each topic is there.
 
 mod moment;
