@@ -163,7 +163,7 @@ impl Database {
             "SELECT stage, posed, pose_number, pose_x_m, pose_y_m, pose_yaw_deg, last_alarm FROM vehicle";
         let Some(vehicle) = connection.query_row(sql, [], read_first).optional()? else { return Ok(None) };
         let mut query = connection
-            .prepare("SELECT id, node, raised_ms, acknowledged, active, urgency FROM alarms ORDER BY id")?;
+            .prepare(&format!("SELECT id, node, raised_ms, acknowledged, active, urgency FROM alarms ORDER BY id LIMIT {ROWS_MAX}"))?;
         let alarms = query.query_map([], |row| {
             Ok(RestoredAlarm {
                 id: row.get::<_, i64>(0)?.unsigned_abs(),
@@ -175,7 +175,8 @@ impl Database {
             })
         })?;
         let alarms = alarms.collect::<Result<_, _>>()?;
-        let mut query = connection.prepare("SELECT node FROM accepted ORDER BY node")?;
+        let mut query =
+            connection.prepare(&format!("SELECT node FROM accepted ORDER BY node LIMIT {ROWS_MAX}"))?;
         let accepted = query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
         let countermeasures = read_measures(connection, wall)?;
         let last_known = read_last_known(connection)?;
@@ -225,9 +226,10 @@ fn read_measures(
     wall: SystemTime,
 ) -> Result<Vec<RestoredCountermeasure>, StoreError> {
     let mut query = connection
-        .prepare("SELECT number, request, mps2, since_ms, stopped_ms FROM countermeasures ORDER BY number")?;
-    let mut causes = connection
-        .prepare("SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position")?;
+        .prepare(&format!("SELECT number, request, mps2, since_ms, stopped_ms FROM countermeasures ORDER BY number LIMIT {ROWS_MAX}"))?;
+    let mut causes = connection.prepare(&format!(
+        "SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position LIMIT {ROWS_MAX}"
+    ))?;
     let mut rows = query.query([])?;
     let mut measures = Vec::new();
     while let Some(row) = rows.next()? {

@@ -171,6 +171,7 @@ async fn with_a_session_what_is_no_route_is_not_found() {
 async fn a_request_that_acts_needs_the_origin_of_a_page_of_ours() {
     let fixture = Fixture::new().await;
     let cookie = fixture.cookie_of("developer").await;
+    let two = format!("{OWN_ORIGIN} http://evil.example");
     let cases = [
         (Some(OWN_ORIGIN), None, true),
         (Some("http://localhost:8080"), None, true),
@@ -179,6 +180,8 @@ async fn a_request_that_acts_needs_the_origin_of_a_page_of_ours() {
         (Some("null"), Some("cross-site"), false),
         (Some("null"), Some("same-site"), false),
         (Some("null"), Some("same-origin"), false),
+        // Two headers.
+        (Some(&two), Some("same-origin"), false),
         (Some("http://evil.example"), Some("same-origin"), false),
         (Some("http://127.0.0.1"), None, false),
         (Some("http://127.0.0.1:8081"), None, false),
@@ -192,8 +195,8 @@ async fn a_request_that_acts_needs_the_origin_of_a_page_of_ours() {
         for (origin, site, permitted) in cases {
             let mut request = form_request(path, cookie, "");
             request.headers_mut().remove(ORIGIN);
-            if let Some(origin) = origin {
-                request.headers_mut().insert(ORIGIN, origin.parse().unwrap());
+            for origin in origin.into_iter().flat_map(|it| it.split(' ')) {
+                request.headers_mut().append(ORIGIN, origin.parse().unwrap());
             }
             if let Some(site) = site {
                 request.headers_mut().insert("sec-fetch-site", site.parse().unwrap());

@@ -246,7 +246,9 @@ fn is_upgrade(request: &Request) -> bool {
 /// Whether a page of this server sent the request. Under `Referrer-Policy: no-referrer` alone
 /// browsers would send a form's origin as `null`: every page relaxes it by a `meta` of its own.
 fn has_own_origin(app: &AppState, headers: &HeaderMap) -> bool {
-    header(headers, ORIGIN.as_str()).is_some_and(|origin| app.settings.origins.has(origin))
+    // Of several, each has to be ours.
+    let mut origins = headers.get_all(ORIGIN).iter().peekable();
+    origins.peek().is_some() && origins.all(|it| it.to_str().is_ok_and(|it| app.settings.origins.has(it)))
 }
 
 /// Browsers are led to the login when they ask for a page; all others get 401.
