@@ -19,7 +19,9 @@ use super::request::PageRequest;
 use crate::incidents::wall_time;
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, Trends, View, html};
+use telltale_engine::input::{OperatorAction, Refusal};
 use telltale_engine::model::{NodeId, Stage};
+use telltale_engine::time::Span;
 use telltale_engine::view::why::WhyStep;
 use telltale_picture::bars::patterns;
 use telltale_picture::graph::Drawing;
@@ -55,6 +57,8 @@ pub struct NodeRead {
     /// The newest first.
     pub incidents: Vec<Incident>,
     pub written: Option<Arc<Written>>,
+    /// Why this module can never be shelved.
+    pub never_shelved: Option<Refusal>,
 }
 
 /// A sentence, and the nodes that it is about.
@@ -94,8 +98,9 @@ struct WhyHtml {
     more_members: Option<String>,
     /// The patterns of states; the stylesheet says their colours.
     patterns: String,
-    /// A developer may shelve this module.
+    /// A developer may shelve this module, unless `never_shelved` says why nobody can.
     may_shelve: bool,
+    never_shelved: Option<String>,
     is_shelved: bool,
     states: Option<NodeStates>,
     legend: Vec<Explained>,
@@ -179,7 +184,29 @@ async fn read(
                 .unwrap_or_default()
         }
     };
-    NodeRead { past, trend, incidents, written: app.settings.written.as_ref().map(|it| it.borrow().clone()) }
+    let written = app.settings.written.as_ref().map(|it| it.borrow().clone());
+    let never_shelved = never_shelved(app, published, node, context).await;
+    NodeRead { past, trend, incidents, written, never_shelved }
+}
+
+/// What lasts of the engine's reasons against shelving a module.
+async fn never_shelved(
+    app: &AppState,
+    published: &Published,
+    node: NodeId,
+    context: &PageContext,
+) -> Option<Refusal> {
+    let live = app.live().filter(|_| may_shelve(node, context))?;
+    let module = published.snapshot.node_name(node).to_string().into();
+    let lasts = Span::from_secs(60);
+    let refused = live.rehearse(OperatorAction::Shelve { module, lasts, by: "".into() }).await.ok()?.err()?;
+    let lasting =
+        |why: &Refusal| matches!(why, Refusal::NeverShelved(_) | Refusal::CountermeasureRests { .. });
+    refused.into_iter().find(lasting)
+}
+
+fn may_shelve(node: NodeId, context: &PageContext) -> bool {
+    matches!(node, NodeId::Module(_)) && context.role == Role::Developer && !context.replay
 }
 
 pub fn page(
@@ -215,9 +242,7 @@ pub fn page(
         let NodeId::Module(id) = node else { return None };
         excerpt(written?, snapshot.node_name(NodeId::Group(snapshot.module(id).0.group)))
     };
-    let is_module = matches!(node, NodeId::Module(_));
     let is_shelved = snapshot.shelved.iter().any(|it| NodeId::Module(it.module) == node);
-    let may_shelve = is_module && context.role == Role::Developer && !context.replay;
     let field = if matches!(node, NodeId::Group(_)) { "group" } else { "cause" };
     let mut page = WhyHtml {
         state: state.as_str(),
@@ -243,7 +268,8 @@ pub fn page(
         }),
         members: Vec::new(),
         more_members: None,
-        may_shelve,
+        may_shelve: may_shelve(node, context),
+        never_shelved: read.never_shelved.as_ref().map(|why| view.lang.refusal(why)),
         is_shelved,
         legend: legend(context.lang),
         patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
