@@ -6,7 +6,6 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import watch
-from sizes import check_sizes
 from vehicle import Client, Server, own_domain
 
 # The simulation lives in real time.
@@ -45,10 +44,8 @@ def test_words_and_numbers_say_what_the_shuttle_does(chromium, shuttle, trouble)
     page.evaluate(NOTE)
     fast = re.compile(r"^Driving · (1[0-9]|2[0-9]) km/h · Main Station$")
     expect(motion).to_have_text(fast, timeout=DEPARTURE_MS)
-    # How far the stop is in a straight line, as long as the vehicle knows where it is.
     way = page.locator("#step .way")
     expect(way).to_have_text(re.compile(r"^About \d+ m$"))
-    check_sizes(page, "on the way")
     assert client.snapshot()["motion"]["destination"] == "station"
     # A stop is said as long as the vehicle moves, and no longer.
     client.stop()
