@@ -30,7 +30,7 @@ const HEAD_BYTES_MAX: usize = 16 * 1024;
 
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-/// By which names a request may call this server.
+/// The names by which a request may call this server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
     /// Addresses and `localhost` alone: under a name of its own, a page from elsewhere in a browser on this
@@ -55,7 +55,7 @@ pub async fn serve(listener: TcpListener, reach: Reach, app: AppState) {
         let Ok(place) = places.clone().try_acquire_owned() else { continue };
         let app = app.clone();
         tokio::spawn(async move {
-            // Who is too slow is cut off, and tries again.
+            // A client that is too slow is cut off, and tries again.
             let _ = timeout(CONNECTION_TIMEOUT, converse(stream, reach, app)).await;
             drop(place);
         });

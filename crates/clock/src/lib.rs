@@ -28,7 +28,7 @@ pub struct Clock {
     wall: Option<SystemTime>,
 }
 
-/// What a test has done to its clock, in nanoseconds.
+/// The step that a test gave its clock, in nanoseconds.
 #[derive(Debug, Default)]
 struct Ahead {
     both: AtomicU64,

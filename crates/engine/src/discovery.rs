@@ -128,7 +128,8 @@ impl TopicSeen {
         pairs.filter_map(|(publisher, it)| Some((publisher.mismatch(it)?, publisher, it)))
     }
 
-    /// Who does not match whom and why, for a developer: each reason with the first pair, and the number of further pairs.
+    /// The pairs that do not match and why, for a developer: each reason with the first pair, and the number of
+    /// further pairs.
     pub fn why_mismatched(&self) -> Option<String> {
         let mut found: BTreeMap<Mismatch, (String, usize)> = BTreeMap::new();
         for (reason, publisher, subscriber) in self.mismatched() {

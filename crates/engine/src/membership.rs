@@ -70,7 +70,7 @@ impl Engine {
             .collect();
         present.extend(left_out);
         let other = self.net.other_group();
-        // What has a module in a group is not unclaimed: the configuration expects it there.
+        // A status with a module in a group is not unclaimed: the configuration expects it there.
         present.extend(known.map(|_| other));
         let mut heard = report.map(|report| Heard::new(report, &self.writers));
         let claim = self.names.claim(&self.model, name, other, |place| {

@@ -39,7 +39,7 @@ const NEARED_EVERY: Span = Span::from_secs(1);
 const NEARING_MIN_MPS: f64 = 0.5;
 const GOAL_MAX_MIN: f64 = 60.0;
 
-/// What is known of the motion.
+/// The known motion.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct MotionState {
     /// The last speed in m/s, without its sign.

@@ -21,7 +21,7 @@ pub struct Pace {
     pub jitter_ms: Option<f32>,
 }
 
-/// What came between two looks.
+/// The messages between two looks.
 #[derive(Debug, Clone, Copy, Default)]
 struct Look {
     seconds: f64,

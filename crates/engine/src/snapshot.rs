@@ -41,9 +41,9 @@ pub struct Snapshot {
     pub modules: PersistentVec<ModuleView>,
     /// Ranked, worst first.
     pub roots: Arc<[RootCause]>,
-    /// What each fault asks of the operator of a driving vehicle by its own state, masked or not; by node.
+    /// The urgency of each fault for the operator of a driving vehicle by its own state, masked or not; by node.
     pub asking: Arc<[(NodeId, Urgency)]>,
-    /// What the instruction asks for, if faults ask for anything.
+    /// The urgency of the instruction, if faults have any.
     pub asked: Option<Asked>,
     /// Active or not acknowledged, by number.
     pub alarms: Arc<[Alarm]>,
@@ -145,7 +145,7 @@ impl Snapshot {
         }
     }
 
-    /// What the own state of a node asks of the operator of a driving vehicle.
+    /// The urgency of a node's own state for the operator of a driving vehicle.
     pub fn asks(&self, node: NodeId) -> Option<Urgency> {
         let index = self.asking.binary_search_by_key(&node, |(asking, _)| *asking).ok()?;
         Some(self.asking[index].1)

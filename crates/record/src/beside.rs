@@ -1,4 +1,4 @@
-//! What people said of an incident, in a file beside its recording, so that it outlives the database.
+//! The note of people on an incident, in a file beside its recording, so that it outlives the database.
 //! The recording itself cannot hold it, because its hash is in the audit log by then.
 
 use std::fs::{self, File};
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// A larger file is none of ours.
 const BYTES_MAX: u64 = 64 << 10;
 
-/// What somebody wrote about an incident.
+/// A note on an incident.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     pub text: String,
@@ -21,7 +21,7 @@ pub struct Note {
     pub at_ms: i64,
 }
 
-/// What people said of an incident.
+/// The words of people on an incident.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Beside {
     #[serde(flatten)]
@@ -40,7 +40,7 @@ pub fn write(folder: &Path, id: u64, said: &Beside) -> io::Result<()> {
     let new = path.with_extension("new");
     let mut options = File::options();
     let mut file = options.write(true).create(true).truncate(true).mode(0o600).open(&new)?;
-    // What root writes is for the server, which may not be root. Others cannot give it, and need not.
+    // A file that root writes is for the server, which may not be root. Others cannot give it, and need not.
     let owner = fs::metadata(folder)?;
     let _ = fchown(&file, Some(owner.uid()), Some(owner.gid()));
     file.write_all(&serde_json::to_vec(said)?)?;

@@ -123,7 +123,7 @@ impl Feed {
         self.keyframe_at = Timestamp::ZERO;
     }
 
-    /// What changed, with the names of the present snapshot.
+    /// The changes, with the names of the present snapshot.
     pub fn happened(&mut self, events: &[Event], snapshot: &Snapshot) {
         for event in events {
             self.turn.noticed.extend(self.watch.take(event, snapshot));

@@ -1,4 +1,4 @@
-//! What the file of a recording tells of its incident, for a store that does not know it.
+//! The summary of an incident by the file of its recording, for a store that does not know it.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -37,7 +37,7 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
     let text = |key: &str| about.get(key).cloned().unwrap_or_default();
     let ns = |key: &str| text(key).parse::<u64>().unwrap_or_default();
     let (first, last) = reader.span_ns().unwrap_or_default();
-    // What the file says of itself cannot be beyond its messages.
+    // The times that the file gives cannot be beyond its messages.
     let from_ms = ms(ns("start_of_clock_ns").saturating_add(ns("shown_from_ns")).clamp(first, last));
     let mut heard = Heard { from_ms, ..Heard::default() };
     let (mut entries, mut bytes) = (0, 0);
@@ -90,7 +90,7 @@ pub fn summary(path: &Path, id: u64) -> Result<Option<Summary>, FileError> {
     }))
 }
 
-/// What was read so far.
+/// The entries read so far, summed up.
 #[derive(Debug, Default)]
 struct Heard {
     from_ms: i64,

@@ -34,7 +34,7 @@ pub fn first(snapshot: &Snapshot, open: &Open) -> Vec<FrozenNode> {
     modules.into_iter().take(FIRST_MAX).map(|id| frozen(snapshot, id)).collect()
 }
 
-/// What a later trigger about a node adds to what is there: the module as it is now, and what was not there.
+/// The modules that a later trigger about a node adds: the module as it is now, and those that were not there.
 pub fn later(snapshot: &Snapshot, node: &str, known: &[FrozenNode]) -> Vec<FrozenNode> {
     let Some(node) = snapshot.node(node) else { return Vec::new() };
     let names: HashSet<&str> = known.iter().map(|it| &*it.node).collect();

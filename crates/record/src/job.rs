@@ -28,7 +28,7 @@ pub(super) struct Job {
     pub stage: Option<Stage>,
     /// With the times of the triggers to which they belong.
     pub freeze: Vec<(Timestamp, FrozenNode)>,
-    /// What latched topics had said last before it begins.
+    /// The last messages of latched topics before it begins.
     pub latched: Vec<Kept>,
 }
 

@@ -9,7 +9,7 @@ use telltale_engine::model::NodeId;
 use telltale_engine::snapshot::{Reason, Snapshot};
 use telltale_engine::state::State;
 
-/// What a module comes to, that may be a trigger.
+/// A state of a module that may be a trigger.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Noticed {
     /// It shows a WARNING, and was not in ERROR: that is no news.

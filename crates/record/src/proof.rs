@@ -152,7 +152,7 @@ mod tests {
         for _ in 0..2 {
             assert_eq!(compare(&path, &expected, 100), Proof::Same);
         }
-        // Who changes the row does not change the audit log.
+        // A change of the row does not change the audit log.
         assert_eq!(compare(&path, &Expected { stored, ..expected.clone() }, 100), Proof::Other(right));
         let other_row = Expected { is_row_changed: true, ..expected.clone() };
         assert_eq!(compare(&path, &other_row, 100), Proof::OtherRow);

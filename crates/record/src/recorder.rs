@@ -27,7 +27,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(200);
 /// A wall clock that is suddenly so much ahead or behind was set.
 const STEP_MIN: Span = Span::from_millis(500);
 
-/// What the configuration says about recordings.
+/// The configuration of recordings.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Settings {
     pub margins: Margins,
@@ -48,7 +48,7 @@ impl Settings {
     }
 }
 
-/// What the ring holds, and what it should.
+/// The length of the ring, and its aim.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Meter {
     /// How much of the past a recording needs.
@@ -83,7 +83,7 @@ pub(super) struct State {
     tracker: Tracker,
     settings: Settings,
     snapshot: Arc<Snapshot>,
-    /// What was noticed since that snapshot.
+    /// The events since that snapshot.
     noticed: Vec<Noticed>,
     /// The configurations by which the engine judged what the ring holds, each with the place from which on.
     configurations: VecDeque<(Position, Arc<[ConfigurationText]>)>,
@@ -186,7 +186,7 @@ impl Recorder {
         state.settings = settings;
     }
 
-    /// What the ring holds of each topic.
+    /// The share of each topic in the ring.
     pub fn meter(&self) -> Meter {
         let state = self.0.lock();
         Meter {
@@ -313,7 +313,7 @@ impl State {
         }
         let mut records = records.into_iter().peekable();
         for stamped in taken {
-            // What time alone changed before it stands before it.
+            // A change by time alone before it stands before it.
             while let Some(record) = records.next_if(|record| record.at < stamped.received) {
                 self.ring.push_record(record);
             }

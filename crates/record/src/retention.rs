@@ -33,7 +33,7 @@ impl Default for Policy {
     }
 }
 
-/// What counts of an incident.
+/// The facts of an incident that count.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Held {
     pub id: u64,
@@ -92,7 +92,7 @@ pub fn surplus(held: &[Held], policy: &Policy, now_ms: i64) -> Surplus {
     let keep_ms = i64::try_from(policy.keep.as_millis()).unwrap_or(i64::MAX);
     let (mut remove, mut since_ms) = (Vec::new(), None);
     for it in order {
-        // What lies in the future was written by a wrong clock.
+        // A time in the future was written by a wrong clock.
         if it.since_ms <= now_ms {
             since_ms = since_ms.max(Some(it.since_ms));
         }
@@ -139,7 +139,7 @@ pub fn surplus_without_changed(
                 unchanged.insert(it.id);
             }
         }
-        // What stays may make others go.
+        // A recording that stays may make others go.
         if changed.len() == known {
             return (found, changed);
         }

@@ -62,7 +62,8 @@ impl Disk {
         bytes <= free
     }
 
-    /// What the recordings may take by a policy: no more than this disk has for them, and with some room ahead for what is
+    /// The bytes that the recordings may take by a policy: no more than this disk has for them, and with some room
+    /// ahead for what is
     /// recorded next.
     pub fn bound(self, policy: &Policy) -> Policy {
         let has = self.taken.saturating_add(self.free.saturating_sub(FREE_MIN));
@@ -105,7 +106,7 @@ impl Room {
         self.0.short.notify_one();
     }
 
-    /// What could be removed is removed.
+    /// All that could be removed is removed.
     pub fn tidied(&self, is_kept_over: bool) {
         self.0.is_kept_over.store(is_kept_over, Ordering::Relaxed);
         self.0.is_changed.store(true, Ordering::Relaxed);

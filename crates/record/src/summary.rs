@@ -30,7 +30,8 @@ pub struct Summary {
     pub configuration: String,
     /// The version of Telltale.
     pub version: String,
-    /// What failed at the first trigger and what belongs to it, with its values at that time; then what failed later.
+    /// The modules that failed at the first trigger with those that belong to them, with their values at that time;
+    /// then those that failed later.
     pub freeze: Vec<FrozenNode>,
     pub recording: Recording,
 }

@@ -77,7 +77,7 @@ pub enum Change<'a> {
         #[serde(default, skip_serializing_if = "str::is_empty")]
         note: Cow<'a, str>,
     },
-    /// What an operator wanted to do and was not done, and why, in English and German.
+    /// A refused action of an operator, and the reason, in English and German.
     Refused {
         action: Cow<'a, str>,
         on: Cow<'a, str>,

@@ -138,7 +138,7 @@ impl Bridge {
         is_same
     }
 
-    /// What a message means.
+    /// The meaning of a message.
     pub fn take(&mut self, channel: &Channel, received: Received<'_>, notes: &mut Notes) -> Vec<Input> {
         let Some(topic) = self.topics.get_mut(&*name(&channel.topic)) else { return Vec::new() };
         topic.is_heard = true;

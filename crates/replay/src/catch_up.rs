@@ -68,7 +68,7 @@ fn alarms(before: &Snapshot, after: &Snapshot) -> Vec<EventKind> {
             found.push(EventKind::AlarmAcknowledged { id, node });
         }
     }
-    // What was only raised because something is missing.
+    // Alarms that were only raised because something is missing.
     for alarm in before.alarms.iter().filter(|alarm| alarm.active) {
         let node = after.node(before.node_name(alarm.node));
         let is_kept = after.alarms.iter().any(|new| old(new).is_some_and(|old| old.id == alarm.id));

@@ -1,4 +1,4 @@
-//! What two configurations make of one recording: where they part, and how much each of them shows.
+//! The comparison of two configurations over one recording: where they part, and how much each of them shows.
 //!
 //! Both take the same inputs at the same times, so there is no tolerance: the smallest difference comes from the
 //! configuration. A node that only one side has counts where it shows something.
@@ -25,7 +25,7 @@ const NODES_MAX: usize = 100;
 /// Sentences on what could not be used.
 const NOTES_MAX: usize = 20;
 
-/// What the second configuration changes.
+/// The changes of the second configuration.
 #[derive(Debug)]
 pub struct Comparison {
     pub facts: Facts,
@@ -44,7 +44,7 @@ pub struct Comparison {
     /// Nodes that only one of the two has.
     pub only_recorded: Vec<Arc<str>>,
     pub only_new: Vec<Arc<str>>,
-    /// What could not be used, in sentences.
+    /// The unusable parts, in sentences.
     pub notes: Vec<String>,
 }
 
@@ -97,7 +97,7 @@ pub struct Candidate {
     pub definitions: Definitions,
 }
 
-/// What is wrong with a configuration: lines and columns from 1.
+/// The faults of a configuration: lines and columns from 1.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Mistake {
     pub file: String,
@@ -108,7 +108,7 @@ pub struct Mistake {
 }
 
 impl Candidate {
-    /// What it means differently than the recorded configuration, in sentences.
+    /// Its differences in meaning from the recorded configuration, in sentences.
     ///
     /// # Errors
     /// The recording has no configuration, or this version cannot read it.
@@ -284,7 +284,7 @@ fn whole_parting(left: &Trace, right: &Trace, to: Timestamp) -> Option<Parting> 
     Some(Parting { at, of })
 }
 
-/// What held at an instant.
+/// The state at an instant.
 fn held<T>(changes: &Changes<T>, at: Timestamp) -> Option<&T> {
     changes.iter().rev().find(|(from, _)| *from <= at).map(|(_, value)| value)
 }

@@ -1,4 +1,4 @@
-//! What differs between two moments of a recording, or between two snapshots of one vehicle.
+//! The differences between two moments of a recording, or between two snapshots of one vehicle.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ const VALUES_MAX: usize = 24;
 /// Root causes that are named.
 const CAUSES_MAX: usize = 8;
 
-/// What differs, from the first moment to the second one.
+/// The differences, from the first moment to the second one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Differences {
     /// Of the vehicle.

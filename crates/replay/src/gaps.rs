@@ -1,4 +1,4 @@
-//! What a recording lacks, and from when to when a replay may therefore show something else than was shown.
+//! The gaps of a recording, and from when to when a replay may therefore differ from the past.
 
 use humantime::format_rfc3339_millis;
 

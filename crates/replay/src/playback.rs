@@ -116,12 +116,12 @@ impl Playback {
         self.to
     }
 
-    /// What changed from the first instant that is shown on, in order.
+    /// The changes from the first instant that is shown on, in order.
     pub fn changes(&self) -> &[Record] {
         &self.changes
     }
 
-    /// What was there at the first instant that is shown, and then what changed, in order.
+    /// The states at the first instant that is shown, and then the changes, in order.
     ///
     /// # Errors
     /// The vehicle took a configuration that this version cannot read.
@@ -148,7 +148,7 @@ impl Playback {
         &self.flows
     }
 
-    /// What is missing of the recording.
+    /// The gaps of the recording.
     pub fn gaps(&self) -> &Gaps {
         &self.gaps
     }
@@ -199,7 +199,7 @@ impl Playback {
         Ok(())
     }
 
-    /// What the recording tells, as the page of this incident shows it.
+    /// The story of the recording, as the page of this incident shows it.
     ///
     /// # Errors
     /// The vehicle took a configuration that this version cannot read.
@@ -209,7 +209,7 @@ impl Playback {
         Ok(of_changes(all.iter().map(|record| Transition::of(record, at_ms(record))), summary))
     }
 
-    /// What was shown at this instant; `None` if the recording lacks it.
+    /// The picture of this instant; `None` if the recording lacks it.
     pub fn snapshot(&mut self) -> Option<Arc<Snapshot>> {
         // The engine takes no tick that it did not take then.
         let mut engine = self.run.engine()?.clone();
@@ -220,7 +220,7 @@ impl Playback {
     }
 }
 
-/// What a step changed, with the names that were valid then.
+/// The changes of a step, with the names that were valid then.
 fn records(taken: &Taken) -> impl Iterator<Item = Record> {
     taken.events.iter().filter_map(|event| Record::of(event.clone(), taken.snapshot_of(event)?))
 }

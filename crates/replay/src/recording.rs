@@ -56,7 +56,7 @@ pub struct Recording {
     pub(super) facts: Facts,
 }
 
-/// What a recording says of itself.
+/// The description of a recording in its file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Facts {
     /// It was made by Telltale: it has a journal, and the states of the engine.
@@ -200,7 +200,7 @@ impl Recording {
 /// The attached files, in the order in which they were read, which have this hash together.
 ///
 /// # Errors
-/// What is damaged of them.
+/// The damage in them.
 fn attached(reader: &mut Reader<File>, hash: Option<&String>) -> Result<Vec<ConfigurationText>, String> {
     let names: Vec<String> = reader.attachments().map(|(name, _)| name.to_owned()).collect();
     let mut texts: Vec<ConfigurationText> = Vec::new();

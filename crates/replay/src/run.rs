@@ -43,7 +43,7 @@ pub struct Run {
     recorded: Option<Arc<Model>>,
     /// The topics that one reads.
     reads: BTreeSet<String>,
-    /// What is missing so far.
+    /// The gaps so far.
     gaps: Gaps,
     /// Something is missing since the last recorded state.
     lacks: bool,
@@ -63,18 +63,18 @@ pub struct Mark {
     lacks: bool,
 }
 
-/// What one step did.
+/// The effect of one step.
 #[derive(Debug)]
 pub struct Taken {
     pub at: Timestamp,
-    /// What changed, in order.
+    /// The changes, in order.
     pub events: Vec<Event>,
-    /// What was shown after each instant at which something changed, the last one at `at`. Empty without events.
+    /// The picture after each instant at which something changed, the last one at `at`. Empty without events.
     pub snapshots: Vec<Arc<Snapshot>>,
 }
 
 impl Taken {
-    /// What was shown after an event of this step, with the node that it names.
+    /// The picture after an event of this step, with the node that it names.
     pub fn snapshot_of(&self, event: &Event) -> Option<&Arc<Snapshot>> {
         let first = self.snapshots.iter().find(|it| it.now >= event.at).or(self.snapshots.last())?;
         // Of several at one instant, only the last one surely has the nodes that came to be then.
@@ -191,17 +191,17 @@ impl Run {
         &self.steps.facts
     }
 
-    /// What could not be used so far.
+    /// The unusable parts so far.
     pub fn notes(&self) -> &Notes {
         &self.steps.notes
     }
 
-    /// What is missing so far.
+    /// The gaps so far.
     pub fn gaps(&self) -> &Gaps {
         &self.gaps
     }
 
-    /// What of the files could not be used so far, in sentences; and the number of further ones.
+    /// The unusable parts of the files so far, in sentences; and the number of further ones.
     pub fn omissions(&self) -> (Vec<String>, u64) {
         self.steps.reader().omissions()
     }
@@ -307,7 +307,7 @@ impl Run {
             engine.reload(self.model.clone(), state.at());
         }
         engine.keep_events();
-        // What happened before was told before.
+        // Earlier events were told before.
         engine.take_events();
         self.lacks = false;
         if self.engine.is_some() && self.has_own_states {

@@ -28,7 +28,7 @@ const TOPICS_MAX: usize = 4096;
 /// Messages that mean nothing to the configuration let time pass.
 const TICK: Span = Span::from_millis(100);
 
-/// What the engine takes next.
+/// The next input of the engine.
 #[derive(Debug, Clone)]
 pub(super) enum Step {
     Input {
@@ -46,7 +46,7 @@ pub(super) enum Step {
     Lost(Loss),
 }
 
-/// What is missing between two steps.
+/// The gap between two steps.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Loss {
     /// From the step before, if it is not known; up to the next one, if that is not known.
@@ -135,12 +135,12 @@ pub(super) struct Steps {
     pub notes: Notes,
     /// Counts the messages while it is there.
     pub flows: Option<Flows>,
-    /// What latched topics had said before is over.
+    /// The earlier messages of latched topics are over.
     has_begun: bool,
 }
 
 impl Steps {
-    /// What the engine took, exactly.
+    /// The inputs of the engine, exactly.
     pub fn recorded(Recording { reader, facts }: Recording) -> Steps {
         Steps {
             reader,
@@ -156,7 +156,7 @@ impl Steps {
         }
     }
 
-    /// What an engine with another configuration would have taken.
+    /// The inputs of an engine with another configuration.
     pub fn judged_anew(recording: Recording, bridge: Bridge) -> Steps {
         Steps { bridge: Some(bridge), ..Steps::recorded(recording) }
     }

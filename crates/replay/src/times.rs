@@ -19,7 +19,7 @@ const SET_AFTER: u32 = 10;
 pub(super) struct Times {
     /// The latest one.
     last: Option<i128>,
-    /// What is added since the clock was set.
+    /// The correction since the clock was set.
     shift: i128,
     /// The stamp of the last message that was left out, and how many there were in a row.
     other: Option<(i128, u32)>,

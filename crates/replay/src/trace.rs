@@ -1,4 +1,4 @@
-//! What one configuration showed over a recording: every node, the stage, the alarms and the requests, and how much
+//! The picture of one configuration over a recording: every node, the stage, the alarms and the requests, and how much
 //! of each.
 
 use std::collections::BTreeMap;
@@ -21,7 +21,7 @@ const CHANGES_MAX: usize = 200_000;
 /// Alarms whose nodes are kept.
 const ALARMS_MAX: usize = 10_000;
 
-/// What a node shows.
+/// The state of a node.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Shown {
     pub state: State,

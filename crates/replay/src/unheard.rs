@@ -17,7 +17,7 @@ pub(super) struct Unheard {
     pub type_name: String,
 }
 
-/// What is to be said of these topics. `channels`: those of the recording that the configuration does not read.
+/// The sentence about these topics. `channels`: those of the recording that the configuration does not read.
 pub(super) fn sentences(unheard: &[Unheard], channels: &[&Arc<Channel>]) -> Vec<String> {
     let (mut sentences, mut without) = (Vec::new(), Vec::new());
     for it in unheard {

@@ -180,7 +180,7 @@ impl Bridge {
         self.rebuild.send_modify(|count| *count += 1);
     }
 
-    /// What discovery sees, about once a second.
+    /// The graph of discovery, about once a second.
     pub fn discovery(&self) -> watch::Receiver<Arc<Discovery>> {
         self.discovery.clone()
     }

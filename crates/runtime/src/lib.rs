@@ -147,7 +147,7 @@ pub struct Reread {
     pub reply: oneshot::Sender<Rereading>,
 }
 
-/// What came of it, in words for a developer.
+/// The outcome, in words for a developer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Rereading {
     pub taken: bool,
@@ -155,7 +155,7 @@ pub struct Rereading {
     pub differences: Vec<String>,
     /// Everything that is wrong with the file. Then the old configuration stays.
     pub problems: Option<String>,
-    /// What can happen with it and should not.
+    /// How it can go wrong.
     pub warnings: Option<String>,
     /// Every situation was looked at; until then `warnings` says nothing.
     pub judged: bool,
@@ -325,7 +325,7 @@ impl Loop {
                         // A preview judges the present: a recording has that its time has come.
                         let now = self.clock.now();
                         self.handle(Stamped::new(Input::Tick, now));
-                        // Who asked may have gone; nothing has happened.
+                        // The asker may have gone; nothing has happened.
                         let _ = reply.send(self.engine.preview(&action, now));
                     }
                     None => return,
@@ -405,7 +405,7 @@ impl Loop {
     }
 
     fn obey(&mut self, command: Command) {
-        // Who gave up was told that nothing happened. A stop is never too late.
+        // An asker that gave up was told that nothing happened. A stop is never too late.
         if command.reply.is_closed() && command.action != OperatorAction::RequestStop {
             return;
         }
@@ -418,7 +418,7 @@ impl Loop {
         // Published before it is answered: who asked finds the result in the next snapshot.
         self.publish_if_due();
         self.tell_others();
-        // Who asked may have gone; the action stands all the same.
+        // The asker may have gone; the action stands all the same.
         let _ = command.reply.send(response);
     }
 
@@ -434,7 +434,7 @@ impl Loop {
         self.recorder.begin(&mut self.engine, true);
         self.publish_if_due();
         self.tell_others();
-        // Who asked may have gone; the engine runs by it all the same.
+        // The asker may have gone; the engine runs by it all the same.
         let _ = done.send(());
     }
 

@@ -117,7 +117,7 @@ pub struct Failure {
     pub subject: String,
     pub expected: String,
     pub got: String,
-    /// What the engine says about it.
+    /// The engine's report about it.
     pub why: Option<String>,
 }
 

@@ -33,7 +33,7 @@ pub(super) struct RawSample {
     topic: Spanned<String>,
     pub stamp: Option<Spanned<Stamp>>,
     fields: Entries<Spanned<Value>>,
-    /// What stands for the whole message: equal texts are equal messages.
+    /// The text for the whole message: equal texts are equal messages.
     content: Option<Spanned<String>>,
     transforms: Vec<RawTransform>,
 }

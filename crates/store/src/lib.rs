@@ -215,7 +215,7 @@ struct Database {
     floor: SystemTime,
     log: Log,
     health: Health,
-    /// Who is known to the audit log.
+    /// The users whom the audit log knows.
     knowledge: Knowledge,
     job_watch: Arc<JobWatch>,
     backups: database::backup::Schedule,

@@ -45,7 +45,7 @@ struct Waiting {
     was_refused: bool,
 }
 
-/// What is written now of an outbox.
+/// The part of an outbox that is written now.
 #[derive(Debug, Default)]
 pub(super) struct Batch {
     pub records: Vec<Record>,

@@ -9,7 +9,7 @@ use super::private_file::make_folder;
 
 /// All their names begin with this.
 const PREFIX: &str = "telltale-";
-/// What they are for, behind it.
+/// Their purpose, behind it.
 const KINDS: [&str; 2] = ["demo-", "replay-"];
 
 /// A folder that only its owner may read, and that is removed with this.

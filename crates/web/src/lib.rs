@@ -101,7 +101,7 @@ pub struct Settings {
     pub what_if: Option<Examiner>,
     /// Marks moments in the recording; `None` if nothing is recorded.
     pub marker: Option<Marker>,
-    /// What pages say of the recording; `None` if nothing is recorded.
+    /// The words of the pages about the recording; `None` if nothing is recorded.
     pub recording: Option<RecordingState>,
     /// The recording that is shown instead of a vehicle.
     pub replayed: Option<ServedFile>,

@@ -52,7 +52,7 @@ pub struct Route {
     /// The same for all methods of a path.
     body_bytes_max: usize,
     answer: MethodRouter<AppState>,
-    /// What it is for programs; `None` for pages.
+    /// The error for programs; `None` for pages.
     pub operation: Option<&'static Operation>,
 }
 

@@ -21,7 +21,7 @@ use telltale_store::audit::{Action, Record};
 /// The source of their records.
 const DDS: &str = "DDS";
 
-/// What is not done within this is refused: it may have waited for the disk, or for others.
+/// An action that takes longer is refused: it may have waited for the disk, or for others.
 const WITHIN: Span = Span::from_secs(3);
 
 /// Alarms that an answer names.

@@ -40,7 +40,7 @@ pub struct Replay {
     snapshots: watch::Receiver<Published>,
     /// The messages of the recording.
     pub flows: Arc<Flows>,
-    /// What it lacks.
+    /// The gaps in it.
     pub gaps: Arc<[GapThen]>,
 }
 

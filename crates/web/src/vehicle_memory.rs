@@ -25,7 +25,7 @@ const REQUEST_WITHIN: Duration = Duration::from_millis(50);
 
 const CAUSES_NAMED: usize = 4;
 
-/// What is requested of the vehicle, by name and state.
+/// The requests to the vehicle, by name and state.
 type Requests = Vec<(&'static str, &'static str)>;
 
 /// Stores the vehicle's state for as long as the server runs.

@@ -59,7 +59,7 @@ impl KeyDoc {
         self.name
     }
 
-    /// What the key means, in sentences.
+    /// The meaning of the key, in sentences.
     pub const fn about(self, about: &'static str) -> KeyDoc {
         KeyDoc { about, ..self }
     }

@@ -71,7 +71,7 @@ pub(crate) struct NodePlace {
     pub when: Option<Span>,
     /// By position in the node's `depends_on`.
     pub depends_on: Vec<Span>,
-    /// What it names on the network: the filters of a group by position, or the status, node or service of a module.
+    /// Its names on the network: the filters of a group by position, or the status, node or service of a module.
     pub targets: Vec<Span>,
 }
 

@@ -194,7 +194,7 @@ pub(super) fn policy(raw: &file::Policy, around: &Policy, log: &mut Log) -> Poli
     }
 }
 
-/// What holds for the statuses that no group takes.
+/// The policy for statuses that no group takes.
 fn unclaimed(raw: &RawOther, around: &Policy, room: &mut Room, log: &mut Log) -> Unclaimed {
     let policy = Policy {
         counts_as: raw.state.map_or(CountsAs::Reported, |_| CountsAs::Error),

@@ -24,7 +24,7 @@ pub(super) fn look(judge: &Judge<'_>) -> Vec<Finding> {
     found
 }
 
-/// What a monitor takes from earlier stages.
+/// The parts of a monitor that come from earlier stages.
 enum Source<'m> {
     Topic(TopicId),
     Status(&'m str),

@@ -72,7 +72,7 @@ pub enum FindingKind {
     PercentLimit { signal: Option<usize>, field: Box<str>, limit: f64 },
     /// The name of a status, or a filter without `regex`, is a shell pattern; with the equivalent filter.
     Glob { signal: Option<usize>, text: Box<str>, regex: Option<String> },
-    /// What this filter takes joins the group `first` too.
+    /// The statuses of this filter join the group `first` too.
     SharedStatuses { first: NodeId, statuses: String },
     /// The class of the module is not in the classification.
     NoColumn { flow: bool },

@@ -37,7 +37,7 @@ fn first(judge: &Judge<'_>, node: NodeId, holds: &impl Fn(&Judge<'_>, NodeId) ->
     judge.members[id.0 as usize].iter().find_map(|&member| first(judge, member, holds))
 }
 
-/// What the clock judges is never silent.
+/// A module that the clock judges is never silent.
 fn is_unknown_by_silence(judge: &Judge<'_>, node: NodeId) -> bool {
     match node {
         NodeId::Module(ModuleId(index)) => {

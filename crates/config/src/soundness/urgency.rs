@@ -43,7 +43,7 @@ pub fn behind(model: &Model) -> Vec<Behind> {
     found
 }
 
-/// What the ERROR of a module asks of the operator of a driving vehicle.
+/// The urgency of a module's ERROR for the operator of a driving vehicle.
 fn urgency(model: &Model, id: ModuleId) -> Option<Urgency> {
     let help = model.modules[id.0 as usize].help.as_ref()?;
     help.of(State::Error, Stage::Active)?.urgency

@@ -442,7 +442,7 @@ fn what_a_group_expects_leaves_and_shortens_is_checked() {
         &filters("{ contains: xy, except: [{ contains: x }] }"),
         &["1:60: this filter takes nothing that its `except` leaves (remove one of the two)"],
     );
-    // What an entry leaves, a later one may take.
+    // A topic that an entry leaves may match a later one.
     check(&filters("{ contains: x, except: [{ contains: y }] }, { contains: xy }"), &[]);
     check(
         &filters("{ contains: x, except: [{ startswith: y }] }"),

@@ -41,7 +41,7 @@ fn check_words(module: &ModuleSpec) {
     }
 }
 
-/// What an advice asks of the operator of a driving vehicle, by its first words.
+/// The urgency of an advice for the operator of a driving vehicle, by its first words.
 fn urgency_of(advice: &str) -> Option<Urgency> {
     const READY: [&str; 10] = [
         "Be ready",

@@ -452,7 +452,7 @@ impl SearchResult {
             let Some(node) = self.is_masked(net, vertex) else { continue };
             let set = &self.sets[position];
             let by = shared.entry(set.as_ptr()).or_insert_with(|| {
-                // What masks only what says that names were dropped has no rank, and is named all the same.
+                // A cause that masks only the report of dropped names has no rank, and is named all the same.
                 let mut named = set.to_vec();
                 named.sort_unstable_by_key(|&root| (rank[root as usize], root));
                 named.truncate(NAMED_MAX);

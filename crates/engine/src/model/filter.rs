@@ -88,7 +88,7 @@ impl From<Filter> for Match {
 /// Beginnings of status names, in the order in which they are left out.
 pub type Prefixes = Arc<[Box<str>]>;
 
-/// What holds for the statuses that no group claims, in addition to [`Other`](super::Other).
+/// The policy for the statuses that no group claims, in addition to [`Other`](super::Other).
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Unclaimed {
     /// `None`: [`Parts::discovered`](super::Parts::discovered).

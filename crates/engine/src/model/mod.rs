@@ -78,7 +78,7 @@ impl Stage {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignalSpec {
     pub name: Box<str>,
-    /// What the machine is while it is true, for people: `on its way`.
+    /// The words for the machine while it is true: `on its way`.
     pub title: Option<Text>,
     pub source: SignalSource,
     /// Older than this, it is unknown.

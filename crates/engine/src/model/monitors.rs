@@ -75,7 +75,7 @@ impl Default for AgreementRule {
     }
 }
 
-/// What judges a module. Most modules judge themselves, so all other monitors are stored apart.
+/// The monitor of a module. Most modules judge themselves, so all other monitors are stored apart.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ModuleMonitor {
     /// The level in the status of exactly this name.
@@ -186,7 +186,7 @@ pub struct TfLink {
     pub fixed: ValueSource,
 }
 
-/// What tf2 keeps: a frame has two parents while both were sent within this time.
+/// The time that tf2 keeps: a frame has two parents while both were sent within it.
 pub const TF_MEMORY: Span = Span::from_secs(10);
 
 impl From<MonitorSpec> for ModuleMonitor {
@@ -265,7 +265,7 @@ impl ModuleMonitor {
     }
 }
 
-/// What a monitor reads of topics.
+/// The topics and fields that a monitor reads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reads {
     /// By their ROS names, each once.

@@ -231,7 +231,7 @@ pub enum ProbeOutcome {
     /// A node that several participants announce at once: one that crashed counts until its leases end, so each but the
     /// last is a restart, or the node runs more than once.
     Repeated { times: u32 },
-    /// What was measured, in the unit of the target.
+    /// The measured value, in the unit of the target.
     Measured(#[serde(with = "float")] f64),
     /// It is not there, with the reason: refused, no answer in time, no such node or service.
     Missed(Box<str>),

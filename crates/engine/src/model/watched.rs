@@ -1,4 +1,4 @@
-//! What monitors read: topics with their fields, KeyValues of statuses, and probes; and what is recorded.
+//! The sources of monitors: topics with their fields, KeyValues of statuses, and probes; and the recorded topics.
 
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;

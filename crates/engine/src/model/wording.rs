@@ -25,11 +25,11 @@ pub enum ByStage<T = Text> {
     In(Vec<(Stage, T)>),
 }
 
-/// What to do about a fault.
+/// The advice for a fault.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Advice {
     pub text: Text,
-    /// What it asks of the operator of a driving vehicle, if the configuration says so.
+    /// The urgency for the operator of a driving vehicle, if the configuration gives one.
     pub urgency: Option<Urgency>,
 }
 

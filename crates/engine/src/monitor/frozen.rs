@@ -52,7 +52,7 @@ impl Machine for Frozen {
         self.inputs.resume(inputs)
     }
 
-    /// What repeated itself so far does not count.
+    /// Repetitions so far do not count.
     fn begin_anew(&mut self, now: Timestamp) -> bool {
         if let Some(run) = &mut self.run {
             (run.since, run.last, run.repeats) = (now, now, 0);

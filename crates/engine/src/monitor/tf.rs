@@ -31,7 +31,7 @@ pub(crate) struct Tf {
     since: Option<Timestamp>,
 }
 
-/// What a transform is that does not come: as a silent topic, this state after this time.
+/// The state of a transform that does not come: as a silent topic, this state after this time.
 #[derive(Debug, Clone, Copy)]
 struct Missing {
     state: State,

@@ -20,7 +20,7 @@ pub(crate) struct Watchdog {
     /// Whether it checks the QoS of a topic.
     #[serde(skip)]
     qos: bool,
-    /// What it measures of the computer.
+    /// The measured quantity of the computer.
     #[serde(skip)]
     resource: Option<Resource>,
     /// Without any result for this long, nothing is known.

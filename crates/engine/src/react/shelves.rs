@@ -105,7 +105,7 @@ impl Engine {
         }
     }
 
-    /// What still fails calls anew.
+    /// A fault that goes on calls anew.
     pub(crate) fn unshelve(&mut self, name: &str) {
         for id in self.modules_with(name) {
             self.shelves.forget(id);

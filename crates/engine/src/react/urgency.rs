@@ -1,4 +1,5 @@
-//! What the faults ask of the operator of a driving vehicle: never less than without masking, and never less than
+//! The urgency of the faults for the operator of a driving vehicle: never less than without masking, and never less
+//! than
 //! before while nothing got better.
 
 use std::collections::{BTreeSet, HashMap};
@@ -14,7 +15,7 @@ use crate::model::{ModuleId, NodeId, Stage, StageModel};
 use crate::snapshot::{Alarm, Asked, Moving};
 use crate::state::State;
 
-/// What the faults ask for at present. All of it follows from the own states, the stage and the alarms.
+/// The present urgency of the faults. All of it follows from the own states, the stage and the alarms.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Asks {
     /// Modules, and groups without members, whose own state is a fault. Those with time to report are left out.
@@ -135,7 +136,7 @@ impl Engine {
         self.net.node(node).facts.masked
     }
 
-    /// What a node asks for by its own state: what the configuration says; else an ERROR or UNKNOWN asks to be ready,
+    /// The urgency of a node by its own state: the configured one; else an ERROR or UNKNOWN asks to be ready,
     /// and one that leaves the vehicle nothing but to slow down asks to take over.
     fn asks_for(&self, node: NodeId) -> Option<Urgency> {
         let own = self.net.node(node).facts.own;

@@ -157,7 +157,7 @@ impl Engine {
         !self.net.is_settled()
     }
 
-    /// What the vehicle says of whether it drives.
+    /// The vehicle's own report whether it drives.
     pub(crate) fn says_it_drives(&self) -> Option<bool> {
         self.active_signal.and_then(|index| self.signals.value(index))
     }

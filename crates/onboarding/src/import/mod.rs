@@ -9,7 +9,7 @@ use std::path::PathBuf;
 
 use telltale_yaml::{Kind, Log, Node, Problem, Problems, Sources, Span, tree};
 
-/// What the sources alone do not say: of a graph, what its paths of files refer to; of parameters, whose they are.
+/// Facts that the sources alone do not give: of a graph, the files of its paths; of parameters, their node.
 #[derive(Debug, Clone, Default)]
 pub struct Lookup {
     /// The folders of packages, for `$(find-pkg-share NAME)`.

@@ -3,7 +3,7 @@
 use super::{Imported, Lookup, import};
 use telltale_yaml::Sources;
 
-/// What the files give together, `node` being the aggregator's.
+/// The parameters of all files together, `node` being the aggregator's.
 fn of(files: &[(&str, &str)], node: Option<&str>) -> Imported {
     let mut sources = Sources::default();
     let files: Vec<u16> = files.iter().map(|(name, text)| sources.add(name, text)).collect();
@@ -134,7 +134,7 @@ fn of_several_aggregators_one_is_imported_and_the_others_are_named() {
     }
     let second = of(&[("a.yaml", &text)], Some("rear/analyzers"));
     has(&second, &["path: Rear, rate: 2 Hz", "name: CPU"]);
-    // Whoever asks for one node knows of the others; what stands outside is lost all the same.
+    // A caller that asks for one node knows of the others; a part outside all nodes is lost all the same.
     assert_eq!((second.lost, lines(&second).len()), (1, 3));
     let mut sources = Sources::default();
     let file = sources.add("a.yaml", &text.replace("/**", "/x"));

@@ -25,7 +25,7 @@ pub(super) struct OutGroup {
 pub(super) struct OutModule {
     pub comments: Vec<String>,
     pub id: String,
-    /// What stands behind the id, the inside of a map in one line.
+    /// The text behind the id, the inside of a map in one line.
     pub keys: String,
     pub depends_on: Vec<String>,
     /// The unit that it is, in an import of a graph.

@@ -18,7 +18,7 @@ use telltale_engine::time::Timestamp;
 const MODULES_MAX: usize = 100;
 /// Nodes of one group that are watched.
 const NODES_MAX: usize = 20;
-/// What repeats itself for as long as this many messages take is frozen.
+/// A value that repeats for as long as this many messages take is frozen.
 const FROZEN_MESSAGES: f64 = 10.0;
 /// Lines on one subject.
 const LINES_MAX: usize = 10;
@@ -30,7 +30,7 @@ const AGES_S: (f64, f64) = (-5.0, 60.0);
 #[derive(Debug, Default)]
 pub struct Draft {
     pub groups: Vec<Group>,
-    /// What a reader should know first.
+    /// The first facts for a reader.
     pub notes: Vec<String>,
     /// Topics of diagnostics beside `/diagnostics`.
     pub diagnostics: Vec<String>,
@@ -44,9 +44,9 @@ pub struct Draft {
 #[derive(Debug, Default)]
 pub struct Group {
     pub id: String,
-    /// What people read.
+    /// The words for people.
     pub title: String,
-    /// What is in it, for a comment.
+    /// Its content, for a comment.
     pub about: String,
     /// Namespaces of statuses that join it.
     pub namespaces: Vec<String>,
@@ -55,7 +55,7 @@ pub struct Group {
     /// Statuses that come and go.
     pub passing: Vec<Passing>,
     pub modules: Vec<Module>,
-    /// What was seen and not made a module.
+    /// Sightings that became no module.
     pub remarks: Vec<String>,
     /// Further ones, which are only counted.
     pub more_remarks: usize,
@@ -105,7 +105,7 @@ pub struct Transform {
     pub warning_ms: u64,
 }
 
-/// What may be concluded from observations that began and ended then.
+/// The conclusions from observations that began and ended then.
 pub fn draft(seen: &Observations, start: Timestamp, end: Timestamp) -> Draft {
     let grouping = Grouping::of(seen);
     let mut parts: BTreeMap<&str, Parts> = BTreeMap::new();
@@ -178,7 +178,7 @@ impl Group {
     }
 }
 
-/// What belongs to one group.
+/// The members of one group.
 #[derive(Default)]
 struct Parts<'a> {
     nodes: Vec<&'a str>,

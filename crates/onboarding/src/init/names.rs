@@ -34,7 +34,7 @@ pub fn id(name: &str, otherwise: &str, taken: &mut BTreeSet<String>) -> String {
     id
 }
 
-/// What people read: `Lidar front` of `lidar_front`, `IMU` of `imu`.
+/// The label for people: `Lidar front` of `lidar_front`, `IMU` of `imu`.
 pub fn title(key: &str) -> String {
     let words = key.replace(['_', '-', '/'], " ");
     let words: String = words.trim().chars().take(ID_BYTES_MAX).collect();
@@ -95,7 +95,7 @@ pub fn is_tool(node: &str) -> bool {
     name.starts_with('_') || name.starts_with("telltale")
 }
 
-/// What a status says of its origin: `driver` of `driver: temperature`, `/base` of `/base/motors`.
+/// The origin in a status' name: `driver` of `driver: temperature`, `/base` of `/base/motors`.
 pub fn prefix(status: &str) -> Option<&str> {
     let before = match status.split_once(':') {
         Some((before, _)) => before,

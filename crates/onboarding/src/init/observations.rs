@@ -1,4 +1,4 @@
-//! What was heard of a system and what discovery says of it. Everything that others can make grow has a bound.
+//! The observations of a system: its messages and its discovery. Everything that others can make grow has a bound.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;

@@ -183,7 +183,7 @@ fn write_comments(out: &mut String, module: &Module) {
     }
 }
 
-/// What never repeated itself may be watched for it. A machine at rest may well repeat itself, so that is a comment.
+/// A value that never repeated may be watched for it. A machine at rest may well repeat one, so that is a comment.
 fn write_frozen(out: &mut String, module: &Module) {
     let ModuleKind::Rate { topic, type_name, frozen_ms: Some(frozen_ms), .. } = &module.kind else { return };
     let id = module.id.strip_suffix("_rate").unwrap_or(&module.id);

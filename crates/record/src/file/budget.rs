@@ -6,7 +6,7 @@ const FREE_BYTES: u64 = 1 << 30;
 /// And to so many bytes for each of its own. Recordings of messages have less than a hundred.
 const TIMES: u64 = 256;
 
-/// What a file still may unpack to. Each place counts once, however often one comes back to it.
+/// The bytes that a file may still unpack to. Each place counts once, however often it is read.
 #[derive(Debug)]
 pub struct Budget<P> {
     left: u64,

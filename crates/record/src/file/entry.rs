@@ -1,4 +1,4 @@
-//! What a reader finds in a recording.
+//! The entries of a recording, for a reader.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -46,7 +46,7 @@ pub(super) struct Raw {
     pub data: Bytes,
 }
 
-/// What follows in the file.
+/// The next entry of the file.
 pub(super) enum Item {
     Message(Raw),
     Missing(Missing),

@@ -52,7 +52,7 @@ impl Missing {
         Missing { span_ns: ns("from_ns").zip(ns("to_ns")).filter(|(from, to)| from <= to) }
     }
 
-    /// What is missing where a document of this channel cannot be read: what the engine took, or was.
+    /// The part that is missing where a document of this channel cannot be read: an input of the engine, or its state.
     pub(super) fn of_document(channel: &Channel, stamps: MessageStamps) -> Option<Missing> {
         let is_needed = [&JOURNAL, &KEYFRAMES].iter().any(|it| *it.topic == *channel.topic);
         let at_ns = stamps.log_time_ns;

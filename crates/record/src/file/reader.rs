@@ -52,7 +52,7 @@ pub struct Place {
     inner: Option<u64>,
 }
 
-/// What of a part is not read yet.
+/// The rest of a part, not read yet.
 enum Open {
     /// `missing`: what it lacks if it cannot be read to its end.
     Chunk {
@@ -120,7 +120,7 @@ impl<R: Read + Seek> Reader<R> {
         self.layout.complete
     }
 
-    /// What could not be used so far: of the whole file once every entry is read.
+    /// The unusable parts so far: of the whole file once every entry is read.
     pub fn omissions(&self) -> &Omissions {
         &self.omissions
     }

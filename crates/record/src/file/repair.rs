@@ -20,12 +20,12 @@ use super::writer::CHUNK_BYTES;
 /// The name of the metadata record in a repaired file.
 pub const REPAIRED: &str = "telltale/repaired";
 
-/// What a repaired file has.
+/// The counts of a repaired file.
 #[derive(Debug, Clone)]
 pub struct Repair {
     pub messages: u64,
     pub bytes: u64,
-    /// What of the damaged file it lacks.
+    /// The parts of the damaged file that it lacks.
     pub left_out: Omissions,
 }
 
@@ -73,7 +73,7 @@ fn copy(reader: &mut Reader<File>, part: &Path) -> Result<(u64, u64), FileError>
     while let Some(item) = reader.next_item() {
         match item {
             Item::Message(raw) => {
-                // What is missing at the end makes no gap: the recording was interrupted there.
+                // A missing end makes no gap: the recording was interrupted there.
                 for sign in missing.drain(..).map(Missing::to_metadata) {
                     let metadata = Metadata { name: MISSING.to_owned(), metadata: sign };
                     output.put(|writer| writer.write_metadata(&metadata))?;

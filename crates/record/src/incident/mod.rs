@@ -35,7 +35,7 @@ const OWN_ERRORS_MAX: usize = 64;
 /// Bytes of a note.
 pub const NOTE_BYTES_MAX: usize = 2000;
 
-/// What begins an incident or makes it last longer.
+/// A reason that begins an incident or makes it last longer.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Trigger {
     /// A root cause raised an alarm, or a module shows a WARNING, which raises none.
@@ -270,7 +270,7 @@ impl Tracker {
         (changes, true)
     }
 
-    /// What time alone changes.
+    /// A change by time alone.
     pub fn due(&mut self, now: Timestamp) -> Vec<Change> {
         match self.slow_end.take_if(|(at, _)| now >= *at + ARRIVES_WITHIN) {
             Some((_, stage)) => self.trigger(now, Trigger::LostActive { stage }),

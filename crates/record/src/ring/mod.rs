@@ -52,9 +52,9 @@ pub enum Taken {
     Statuses,
     /// From here on another configuration counts: the texts of its files.
     Reload(Arc<[ConfigurationText]>),
-    /// What changed by what was taken before: for readers, not for a replay.
+    /// The changes by earlier inputs: for readers, not for a replay.
     Transition(Arc<Record>),
-    /// What the engine knows nothing of: for readers, not for a replay.
+    /// Events outside the engine: for readers, not for a replay.
     Told(Arc<Change<'static>>),
     /// The engine's whole state here; `None` if it is kept no longer.
     Keyframe(Option<Arc<Engine>>),
@@ -293,7 +293,7 @@ impl Ring {
         (self.entries.iter().skip(skip).take_while(fits).cloned().collect(), gone)
     }
 
-    /// What latched topics had said last before this place, the oldest first.
+    /// The last messages of latched topics before this place, the oldest first.
     pub fn latched_before(&self, place: Position) -> Vec<Kept> {
         let mut latched = self.latched.clone();
         let count = usize::try_from(place.saturating_sub(self.first)).unwrap_or(usize::MAX);
@@ -305,7 +305,7 @@ impl Ring {
         latched.in_order()
     }
 
-    /// What it holds of each topic, by name.
+    /// The share of each topic, by name.
     pub fn meter(&self, now: Timestamp) -> Vec<Held> {
         let held = |(name, topic): (&Arc<str>, &Topic)| Held {
             topic: name.clone(),

@@ -1,4 +1,5 @@
-//! What the file of a recording tells of an incident, without a replay: what happened when, the states of the nodes
+//! The story of an incident by the file of its recording, without a replay: its events with their times, the states
+//! of the nodes
 //! concerned, and how much of each topic is there.
 
 mod moment;
@@ -102,14 +103,14 @@ pub fn read(path: &Path, summary: &Summary) -> Result<Story, FileError> {
     Ok(Story { complete, cut, left_out, more_left_out, ..heard.tell(summary) })
 }
 
-/// What these changes tell, which begin with the states of all nodes.
+/// The story of these changes, which begin with the states of all nodes.
 pub fn of_changes<'a>(changes: impl Iterator<Item = Transition<'a>>, summary: &Summary) -> Story {
     let mut heard = Heard::default();
     changes.for_each(|change| heard.change(change));
     Story { complete: true, ..heard.tell(summary) }
 }
 
-/// What is known of an incident whose file cannot be read: its triggers.
+/// The story of an incident whose file cannot be read: its triggers.
 pub fn known(summary: &Summary) -> Story {
     let alarm = |trigger: &TriggerLine| {
         let frozen = summary.freeze.iter().find(|frozen| frozen.node == trigger.what);
@@ -136,7 +137,7 @@ fn from_ms(summary: &Summary) -> i64 {
     summary.since_ms.saturating_sub(pre_roll_ms)
 }
 
-/// What was read so far.
+/// The entries read so far, summed up.
 #[derive(Debug, Default)]
 struct Heard<'a> {
     topics: BTreeMap<String, ToldTopic>,
@@ -291,13 +292,13 @@ fn is_fault(state: &str) -> bool {
     matches!(state, "warning" | "error" | "unknown")
 }
 
-/// What the changes tell from an instant on. Those before it, and the states with which a recording begins, are only
+/// The story of the changes from an instant on. Those before it, and the states with which a recording begins, are only
 /// known.
 fn happened(changes: &[Transition<'_>], summary: &Summary, from_ms: i64) -> Vec<Moment> {
     let mut moments: Vec<Moment> = Vec::new();
     let given_time = given_time(changes);
     let has_alarm = |node: &str| summary.triggers.iter().any(|it| it.kind == kind::ROOT && it.what == node);
-    // What each node showed last, and what masked it.
+    // The last state of each node, and its mask.
     let mut before: BTreeMap<&str, (&str, Option<&str>)> = BTreeMap::new();
     let mut signals: BTreeMap<&str, Option<bool>> = BTreeMap::new();
     let mut stage = None;

@@ -60,12 +60,12 @@ pub enum Happened {
         by: String,
         note: String,
     },
-    /// What the operator did, by the word of the action, and on what.
+    /// An action of the operator, by its word, and its target.
     Operator {
         action: &'static str,
         on: String,
     },
-    /// What the operator wanted and was refused, by the word of the action, and why, in English and German.
+    /// A refused action of the operator, by its word, and the reason, in English and German.
     Refused {
         action: String,
         on: String,

@@ -1,4 +1,4 @@
-//! What the nodes concerned showed over time, and the stage.
+//! The states of the nodes concerned over time, and the stage.
 
 use std::collections::BTreeSet;
 
@@ -18,7 +18,7 @@ const PERIODS_MAX: usize = 4000;
 /// Of one strip, also of the stage or a signal; no display has more columns.
 const PERIODS_OF_ONE_MAX: usize = 1000;
 
-/// What a node showed over time, or a signal was.
+/// The states of a node over time, or the values of a signal.
 #[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct NodeStrip {
     pub node: String,
@@ -124,7 +124,7 @@ pub fn signals(changes: &[Transition<'_>], span: (i64, i64)) -> Vec<NodeStrip> {
     names.into_iter().map(strip).filter(|strip| strip.periods.len() > 1).take(SIGNALS_MAX).collect()
 }
 
-/// What holds until it changes.
+/// A state that holds until it changes.
 fn level<'a>(
     changes: &'a [Transition<'_>],
     (from_ms, to_ms): (i64, i64),

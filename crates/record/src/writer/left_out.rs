@@ -1,4 +1,4 @@
-//! What a file lacks for want of room: large topics first, what is small and the journal last.
+//! The messages that a file lacks for want of room: large topics first, small ones and the journal last.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -6,14 +6,14 @@ use std::sync::Arc;
 /// A topic is large from this part of what the file may take on.
 const LARGE: u64 = 64;
 
-/// What is small has this part of it for itself, but no more than so much.
+/// Small topics have this part of it for themselves, but no more than this.
 const FOR_SMALL: u64 = 8;
 const FOR_SMALL_MAX: u64 = 64 << 20;
 
 /// Topics that are accounted for by name; the ring has no more.
 const TOPICS_MAX: usize = 1024;
 
-/// What was left out of one topic.
+/// The messages of one topic that were left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Lack {
     pub messages: u64,

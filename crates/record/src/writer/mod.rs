@@ -42,7 +42,7 @@ pub const NEWS_MAX: usize = 64;
 /// The fact that names the vehicle.
 pub const VEHICLE: &str = "vehicle";
 
-/// What the writer tells.
+/// The news of the writer.
 #[derive(Debug, Clone, PartialEq)]
 pub enum News {
     /// A recording began: what is known of it is on the disk.
@@ -136,7 +136,7 @@ impl Writer {
                 let state = self.shared.lock();
                 let Some(job) = state.jobs.iter().find(|it| it.number == job.number).cloned() else { return };
                 let (entries, gone) = state.ring.read(file.next, BATCH_BYTES);
-                // What lies beyond its end belongs to the next one.
+                // A message beyond its end belongs to the next one.
                 let most = job.end.map(|end| end.saturating_sub(file.next + gone));
                 let most = most.and_then(|most| usize::try_from(most).ok()).unwrap_or(usize::MAX);
                 let entries: Vec<Entry> = entries.into_iter().take(most).collect();
@@ -164,7 +164,7 @@ impl Writer {
                 _ if is_all => {
                     let state = self.shared.lock();
                     let ends = |it: &Job| it.number == job.number && it.end.is_some();
-                    // What came since the ring was read has been notified already.
+                    // A message since the ring was read has been notified already.
                     if state.ring.next() == file.next && !state.jobs.iter().any(ends) {
                         drop(self.shared.wait(state, LOOK_EVERY));
                     }

@@ -372,7 +372,7 @@ impl OpenFile {
         (summary, finished)
     }
 
-    /// What the end of the file says, whatever room there was for the rest.
+    /// The last document of the file, for which there is always room.
     fn tell_end(&mut self) -> Result<(), FileError> {
         self.file.grow_to(u64::MAX);
         self.tell_triggers(Timestamp::MAX)?;

@@ -72,7 +72,7 @@ impl Database {
         let failed = |error: rusqlite::Error| {
             FileError::format(path, format!("it cannot be read as a database of rosbag2: {error}"))
         };
-        // What SQLite keeps beside a database is beside the file itself, wherever a link stands.
+        // The files that SQLite keeps beside a database are beside the file itself, wherever a link stands.
         let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let journal = beside(&real, "-journal");
         if starts(&journal) {

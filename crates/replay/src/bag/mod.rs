@@ -28,7 +28,7 @@ pub struct Bag {
     files: Vec<PathBuf>,
     /// Files that cannot be read are missing before the file with this number; behind the last one, by their count.
     lacks: BTreeMap<usize, Missing>,
-    /// What is missing behind the last file was told.
+    /// The gap behind the last file was told.
     is_over: bool,
     /// The number of the open one.
     at: usize,
@@ -256,7 +256,7 @@ impl Bag {
         }
     }
 
-    /// What could not be used so far, in sentences; and the number of further ones.
+    /// The unusable parts so far, in sentences; and the number of further ones.
     pub fn omissions(&self) -> (Vec<String>, u64) {
         let (mut sentences, mut more) = (self.said.list.clone(), self.said.more);
         let (of_open, more_of_open) = self.said_of_open();
@@ -266,7 +266,7 @@ impl Bag {
     }
 }
 
-/// What is missing where neither of two is there.
+/// The message where neither of two is there.
 fn together(first: Missing, second: Missing) -> Missing {
     let span_ns = first.span_ns.zip(second.span_ns);
     Missing { span_ns: span_ns.map(|(first, second)| (first.0.min(second.0), first.1.max(second.1))) }

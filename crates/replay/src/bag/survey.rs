@@ -1,4 +1,4 @@
-//! What is known of a recording before it is read through.
+//! The facts of a recording before it is read through.
 
 use std::path::Path;
 use std::sync::Arc;

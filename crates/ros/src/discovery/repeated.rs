@@ -42,7 +42,7 @@ impl Repeated {
             1..=LISTED => Some(listed.into()),
             all => Some(format!("{listed} and {} more", all - LISTED).into()),
         };
-        // Who has looked for less than that knows of no name that it is not taken twice.
+        // After a shorter look a second node of the name may still be unseen.
         let knows = now.since(*self.began.get_or_insert(now)) >= LASTING;
         if self.said.as_ref() == Some(&text) || text.is_none() && !knows {
             return None;

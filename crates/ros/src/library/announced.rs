@@ -169,7 +169,7 @@ impl Announced {
         table.participants.get(prefix).map(|known| known.announcement.addresses()).unwrap_or_default()
     }
 
-    /// What the library is to hear of a participant, as long as it lives: its lease ends when its life ends here.
+    /// The news of a participant for the library, as long as it lives: its lease ends when its life ends here.
     pub fn copy(&self, prefix: &Prefix) -> Option<Vec<u8>> {
         let now = self.clock.now();
         let table = lock(&self.table);
@@ -250,7 +250,7 @@ impl Table {
             Said::Here(announcement) => announcement,
         };
         if let Some(known) = self.participants.get_mut(&announcement.prefix) {
-            // What it said before it left may come by another way.
+            // Its messages from before it left may come by another way.
             if known.left.is_none_or(|left| now.since(left) >= LEAVING) {
                 (known.announcement, known.heard, known.left) = (announcement, now, None);
             }

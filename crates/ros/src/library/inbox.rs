@@ -34,7 +34,7 @@ pub struct Loss {
     pub is_back: bool,
 }
 
-/// What a reader gets.
+/// The messages of a reader.
 pub enum ReaderEvent {
     Sample(RawSample),
     /// A sample was not handed over.

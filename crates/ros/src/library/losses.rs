@@ -55,7 +55,7 @@ impl Losses {
         Some((participant, change))
     }
 
-    /// What it means that the library finds a participant: nothing if that is the answer to a copy of its announcement.
+    /// The meaning of a participant that the library finds: none if that is the answer to a copy of its announcement.
     fn found(&self, participant: &Prefix, is_copy: bool) -> Option<Change> {
         match self.once.contains(participant) {
             true => Some(Change::Back),

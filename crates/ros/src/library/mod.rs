@@ -55,7 +55,7 @@ const BEAT: Duration = Duration::from_millis(250);
 /// Bytes of samples of one reader that are under way or wait to be taken here. The library keeps the rest,
 /// and drops the oldest if that is too much.
 const WINDOW_BYTES: usize = 4 << 20;
-/// What a sample counts in addition to its body.
+/// The cost of a sample in addition to its body.
 const SAMPLE_BYTES: usize = 128;
 /// Endpoints of others that are remembered.
 const ENDPOINTS_MAX: usize = 16_384;
@@ -195,7 +195,7 @@ impl Participant {
         self.0.shared.own_readers.subscribe()
     }
 
-    /// What is heard of participants beside the library, for as long as this is held.
+    /// The packets of participants, heard beside the library for as long as this is held.
     pub fn announced(&self) -> Arc<Announced> {
         self.0.shared.announced.clone()
     }

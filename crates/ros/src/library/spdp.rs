@@ -41,7 +41,7 @@ const LAST: u64 = 1 << 32;
 /// It is disposed of, and its writer is gone.
 const GONE: [u8; 4] = [0, 0, 0, 3];
 
-/// What a participant that says nothing of its lease has, as the library takes it.
+/// The lease of a participant that announces none, as the library takes it.
 const LEASE_DEFAULT: Span = Span::from_secs(60);
 /// The part of a second, in 2^-32 s, in the leases of copies: so they are told from what participants say themselves.
 const COPY_MARK: u32 = 1 << 16;
@@ -67,7 +67,7 @@ pub fn is_of_copy(lease_ns: i64) -> bool {
     lease_ns % 1_000_000_000 == (i64::from(COPY_MARK) * 1_000_000_000) >> 32
 }
 
-/// What a participant says of itself.
+/// The announcement of a participant.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Said {
     Here(Announcement),
@@ -192,7 +192,7 @@ fn number(is_little: bool, bytes: [u8; 2]) -> u16 {
     if is_little { u16::from_le_bytes(bytes) } else { u16::from_be_bytes(bytes) }
 }
 
-/// What a participant says when it leaves. The library's own goodbye names the participant in a payload alone, which
+/// The goodbye of a participant. The library's own goodbye names the participant in a payload alone, which
 /// Fast DDS does not read.
 pub fn goodbye(own: &Guid) -> Vec<u8> {
     let mut data = vec![0, 0, 16, 0];

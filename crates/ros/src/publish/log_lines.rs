@@ -70,7 +70,7 @@ fn level(metadata: &Metadata<'_>) -> Option<LogLevel> {
     }
 }
 
-/// What a line says, without fields that name users and addresses.
+/// The text of a line, without fields that name users and addresses.
 #[derive(Default)]
 struct Text {
     message: String,

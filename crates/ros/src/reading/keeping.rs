@@ -7,7 +7,7 @@ use telltale_msg::subscription::{Keeping, LARGE_BYTES_PER_S};
 /// A topic's bytes are counted over this time.
 const MEASURED_OVER: Span = Span::from_secs(2);
 
-/// What was decided for the messages so far.
+/// The decisions for the messages so far.
 #[derive(Debug, Default)]
 pub struct Kept {
     /// With [`Keeping::Every`]: when the next message may be.

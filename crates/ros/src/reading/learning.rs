@@ -44,7 +44,7 @@ struct Untyped {
     chosen: Option<String>,
 }
 
-/// What is to be read from now on, and what no more.
+/// The topics to read from now on, and those to leave.
 #[derive(Debug, Default)]
 pub struct News {
     /// With whether nothing is said of it before its first message.

@@ -79,7 +79,7 @@ impl Memory {
     }
 }
 
-/// What a topic has shown so far.
+/// The history of a topic so far.
 #[derive(Debug, Default)]
 pub struct Trial {
     has_data: AtomicBool,
@@ -263,7 +263,7 @@ impl Topic {
         let published = self.memory.writers.published(&sample.writer, sample.source, received);
         let troubles = &mut self.memory.troubles;
         let verdict = self.memory.writers.judge(&sample.writer, sample.sequence, sample.via, dds_type);
-        // What two readers received came once.
+        // A message that two readers received came once.
         if verdict != Verdict::Skip {
             self.around.paces.take(&self.subscription.dds_topic, received);
         }

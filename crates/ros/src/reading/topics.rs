@@ -28,7 +28,7 @@ const ADDED_MAX: usize = 64;
 /// A topic and its type, by their names on the wire.
 pub type Key = (String, String);
 
-/// What a task that reads a topic leaves.
+/// The result of a task that reads a topic.
 pub type Ended = Result<(Key, Memory, End), JoinError>;
 
 /// State that a participant leaves to the next one.

@@ -28,7 +28,7 @@ impl RequestId {
     }
 }
 
-/// What is known of a request.
+/// The state of a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Known {
     New,

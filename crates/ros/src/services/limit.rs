@@ -49,7 +49,7 @@ impl Limit {
     /// Whether this caller may call now.
     pub fn admits(&mut self, caller: Caller, now: Timestamp) -> bool {
         if !self.callers.contains_key(&caller) && self.callers.len() >= CALLERS_MAX {
-            // Who has all tokens is counted anew when it calls.
+            // A caller with all its tokens is counted anew when it calls.
             self.callers.retain(|_, bucket| !bucket.is_full(now));
         }
         let is_known = self.callers.contains_key(&caller) || self.callers.len() < CALLERS_MAX;

@@ -35,7 +35,7 @@ const DEPTH: usize = 64;
 const WAITING_MAX: usize = 16;
 /// Replies that are being written.
 const WRITING_MAX: usize = 256;
-/// Who does a call answers sooner: this is for one that does not answer at all.
+/// A call is answered sooner: this is for one without any answer.
 const ANSWER_WITHIN: Duration = Duration::from_secs(8);
 /// A client may be discovered by its request before its reader of replies is.
 const READER_WITHIN: Duration = Duration::from_secs(1);
@@ -292,7 +292,7 @@ async fn answered(answer: oneshot::Receiver<Reply>) -> Reply {
 async fn next(endpoints: &mut [Endpoint]) -> (usize, RawSample) {
     poll_fn(|context: &mut Context<'_>| {
         for (index, endpoint) in endpoints.iter_mut().enumerate() {
-            // What was not handed over cannot be answered.
+            // A request that was not handed over cannot be answered.
             while let Poll::Ready(heard) = endpoint.requests.poll(context) {
                 if let ReaderEvent::Sample(sample) = heard {
                     return Poll::Ready((index, sample));

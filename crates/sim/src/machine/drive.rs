@@ -14,7 +14,7 @@ const ROLL_OUT_MPS2: f64 = 0.5;
 /// The speed on the last centimetres; the braking curve alone would never end.
 const CREEP_MPS: f64 = 0.2;
 
-/// Who decides when the shuttle may leave a stop.
+/// The party that decides when the shuttle may leave a stop.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Departure {
     /// Nobody: it leaves by itself.

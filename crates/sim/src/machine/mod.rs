@@ -1,4 +1,4 @@
-//! What simulated machines have in common: their own time, streams of messages, and a drive from stop to stop.
+//! The common parts of simulated machines: their own time, streams of messages, and a drive from stop to stop.
 
 pub(crate) mod drive;
 pub(crate) mod feed;

@@ -7,7 +7,7 @@ const BRAKES_MPS2_MAX: f64 = 6.0;
 const COMFORT_MPS2: f64 = 0.8;
 const COMFORT_MPS3: f64 = 0.8;
 
-/// What keeps the vehicle from driving on.
+/// The reason that keeps the vehicle from driving on.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Obedience {
     /// The deceleration that was requested last, until the release.

@@ -6,7 +6,7 @@ fn at(ms: u64) -> Timestamp {
     Timestamp::from_millis(ms)
 }
 
-/// What a robot publishes in this time, in steps of its own time.
+/// The messages of a robot in this time, in steps of its own time.
 fn heard(robot: &mut Robot, from_ms: u64, until_ms: u64) -> Vec<Message> {
     (from_ms..until_ms).step_by(10).flat_map(|ms| robot.advance(at(ms))).map(|sent| sent.message).collect()
 }

@@ -19,7 +19,7 @@ const TELL_AFTER: Span = Span::from_secs(60);
 #[derive(Debug, Default)]
 pub(crate) struct Limit(HashMap<LimitedKind, Counted>);
 
-/// What anybody can cause. The vehicle's own displays are counted apart, so that strangers do not keep them
+/// Records that strangers can cause. The vehicle's own displays are counted apart, so that strangers do not keep them
 /// out of the log. There are few kinds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct LimitedKind {

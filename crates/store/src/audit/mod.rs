@@ -163,7 +163,7 @@ impl Store {
     pub async fn audit_entries(&self, before: Option<u64>, count: u32) -> Result<Vec<Entry>, StoreError> {
         let before = before.and_then(|before| i64::try_from(before).ok()).unwrap_or(i64::MAX);
         self.call(move |database| {
-            // What the disk does not take is not in the log.
+            // A record that the disk does not take is not in the log.
             let _ = database.write_outbox();
             let sql = "SELECT number, at_ms, who, role, source, action, target, outcome, hash
                        FROM audit WHERE number < ?1 ORDER BY number DESC LIMIT ?2";
@@ -329,7 +329,7 @@ fn prune(
     }
     let number = first + PRUNE_AT_ONCE - 1;
     let Some(hash) = hash_of(connection, number)? else { return Ok(None) };
-    // What they say of users and tokens must still be known.
+    // Their records of users and tokens must still be known.
     let said_again = Known::read(connection, key)?.said_again(connection, number)?;
     connection.execute("DELETE FROM audit WHERE number <= ?1", [number as i64])?;
     let target = format!("{PRUNED_UP_TO}{}", Head { number, hash });

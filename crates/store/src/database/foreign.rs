@@ -1,4 +1,4 @@
-//! What in the schema of a database is not Telltale's. A trigger of somebody else would change rows that nobody
+//! Finds parts of a database's schema that are not Telltale's. A foreign trigger would change rows that nobody
 //! changes, and another definition of a table takes rows that are wrong.
 
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ const DEFINITION_MAX: usize = 10_000;
 const NAMED_MAX: usize = 5;
 const NAME_MAX: usize = 60;
 
-/// What stands in a schema by its kind and name: its table and its definition.
+/// The entries of a schema by their kind and name: the table and the definition.
 type Entries = BTreeMap<(String, String), (String, Option<String>)>;
 
 /// How much of an entry is compared.
@@ -40,7 +40,7 @@ pub(crate) fn strange_in(connection: &Connection) -> Option<String> {
     strange().unwrap_or_else(|error: rusqlite::Error| Some(error.to_string()))
 }
 
-/// In which a database differs from one that is as it should be; `None` if in nothing.
+/// The differences of a database from one that is as it should be; `None` if there are none.
 pub(crate) fn difference(
     connection: &Connection,
     known: &Connection,
@@ -74,7 +74,7 @@ fn is_apart((kind, _): &(String, String), table: &str, known: &Entries) -> bool 
     matches!(&**kind, "table" | "index") && !is_ours
 }
 
-/// What `ANALYZE` counts changes no row.
+/// The tables of `ANALYZE` change no row.
 fn entries(connection: &Connection, compare: Compare) -> rusqlite::Result<Entries> {
     let sql = format!(
         "SELECT ifnull(type, ''), ifnull(name, ''), ifnull(tbl_name, ''), substr(sql, 1, {DEFINITION_MAX})
@@ -203,7 +203,7 @@ mod tests {
         for (sql, says) in cases {
             let temporary = folder().await;
             let folder = temporary.path();
-            // What another program keeps here for itself is no harm.
+            // A table of another program is no harm.
             run(
                 folder,
                 "ANALYZE; CREATE TABLE notes (text UNIQUE); CREATE INDEX notes_by_text ON notes(text)",

@@ -238,7 +238,7 @@ impl Database {
     /// possible.
     pub(crate) fn check_files(&mut self) -> Result<(), StoreError> {
         let Err(fault) = self.health.check_files() else { return Ok(()) };
-        // What was acknowledged so far lies in a log that has no name any more. The database still has one:
+        // The acknowledged records lie in a log that has no name any more. The database still has one:
         // it takes all of that in, unless another program works with it through another log.
         if !self.health.is_reading && self.health.files.as_ref().is_some_and(OpenFiles::can_be_saved) {
             // FULL waits for readers of an older state, such as the daily copy: PASSIVE would leave out what

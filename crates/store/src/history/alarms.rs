@@ -12,7 +12,7 @@ pub struct PastAlarm {
     pub id: i64,
     /// The node to which it belonged at last.
     pub node: String,
-    /// What the node showed when the alarm came to it.
+    /// The state of the node when the alarm came to it.
     pub state: State,
     pub raised_ms: i64,
     pub acknowledged_ms: Option<i64>,

@@ -13,7 +13,7 @@ use crate::database::foreign::{Compare, difference};
 use crate::disk::salvage;
 use crate::private_file::{make_folder, make_private_file};
 
-/// What was saved of a damaged history.
+/// The rest of a damaged history that was saved.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SavedHistory {
     pub damage: String,
@@ -22,7 +22,7 @@ pub struct SavedHistory {
     pub kept: PathBuf,
 }
 
-/// What is wrong with the history of a data folder; `None` if it is whole, or there is none. A server may run.
+/// The damage of the history of a data folder; `None` if it is whole, or there is none. A server may run.
 pub fn history_damage(folder: &Path) -> Option<String> {
     let path = folder.join(HISTORY_FILE);
     if !fs::metadata(&path).is_ok_and(|file| file.is_file()) {
@@ -47,7 +47,7 @@ pub fn history_damage(folder: &Path) -> Option<String> {
     looked.unwrap_or_else(|error| Some(error.to_string()))
 }
 
-/// What of its schema is not Telltale's: a trigger would change records.
+/// Foreign parts of its schema: a trigger would change records.
 pub(super) fn strange(connection: &Connection) -> rusqlite::Result<Option<String>> {
     let known = Connection::open_in_memory()?;
     prepare(&known)?;

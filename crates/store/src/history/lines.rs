@@ -20,7 +20,7 @@ pub struct LineQuery {
     pub count: u32,
 }
 
-/// What a record tells.
+/// The content of a record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineKind {
     /// A node shows another state, or for another reason.

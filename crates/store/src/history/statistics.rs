@@ -1,4 +1,4 @@
-//! What an operation was like over hours or weeks: how many alarms, which ones, for how long, and in which stages. The
+//! Statistics of an operation over hours or weeks: how many alarms, which ones, for how long, and in which stages. The
 //! figures are those of ISA-18.2 for alarm systems.
 
 use std::collections::{HashMap, VecDeque};
@@ -29,7 +29,7 @@ pub const DAYS_MAX: i64 = 3_660;
 pub(super) const SCHEMA: &str =
     "CREATE TABLE IF NOT EXISTS days (from_ms INTEGER PRIMARY KEY, data TEXT NOT NULL) STRICT;";
 
-/// What happened between two instants. Times are milliseconds, instants since 1970.
+/// The figures between two instants. Times are milliseconds, instants since 1970.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Statistics {
     pub from_ms: i64,
@@ -56,7 +56,7 @@ pub struct Statistics {
     pub waits_ms: Vec<i64>,
 }
 
-/// What happened while one version ran.
+/// The figures of one version.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct VersionStatistics {
     /// Empty: one that did not say, of an earlier file.
@@ -288,7 +288,7 @@ fn recorded(
     last_ms: i64,
 ) -> rusqlite::Result<Statistics> {
     let mut found = Statistics { from_ms, to_ms, ..Statistics::default() };
-    // What is recorded ends where the program was last alive.
+    // The record ends where the program was last alive.
     let ended_ms = read::alive_ms(connection)?.map_or(to_ms, |alive_ms| alive_ms.min(to_ms)).max(from_ms);
     let query = HistoryQuery { nodes: Vec::new(), signals: Vec::new(), from_ms, to_ms: ended_ms };
     let runs = read::runs(connection, &query)?;
@@ -351,7 +351,7 @@ fn recorded(
                 }
             }
             LOST => found.lost += u64::try_from(number).unwrap_or(0),
-            // What a restart does not restore ends with its run; what it restores keeps its number.
+            // An alarm that a restart does not restore ends with its run; a restored one keeps its number.
             _ => {}
         }
     }

@@ -1,4 +1,4 @@
-//! What the audit log says of incidents, and whether their rows agree with it: the chain of the log proves the rows.
+//! The records of the audit log on incidents, and whether their rows agree: the chain of the log proves the rows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,7 +15,7 @@ use telltale_record::summary::Summary;
 /// A longer note stands in the audit log with this beginning and its hash.
 const NOTE_CHARS_MAX: usize = 200;
 
-/// What the audit log says of incidents. Of two hashes of one recording the first counts: a recording that is
+/// The records of the audit log on incidents. Of two hashes of one recording the first counts: a recording that is
 /// finished does not change.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct IncidentRecords {
@@ -33,12 +33,12 @@ pub struct IncidentRecords {
     kept: BTreeMap<u64, bool>,
 }
 
-/// What the audit log says of one recording.
+/// The records of the audit log on one recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Logged {
     /// The hash with which it was recorded.
     pub hash: Option<String>,
-    /// What of its row is not as the log says.
+    /// The part of its row that the log contradicts.
     pub contradiction: Option<&'static str>,
 }
 
@@ -53,7 +53,7 @@ pub struct StoredIncident {
 }
 
 impl Logged {
-    /// What must be true of a recording, by its row and by this.
+    /// The proof that a recording must meet, by its row and by this.
     pub fn expected(logged: Option<Logged>, row: &Summary) -> Expected {
         let is_row_changed = logged.as_ref().is_some_and(|logged| logged.contradiction.is_some());
         let stored = row.recording.sha256.clone();
@@ -62,7 +62,7 @@ impl Logged {
 }
 
 impl IncidentRecords {
-    /// What of a row is not as the audit log says.
+    /// The part of a row that the audit log contradicts.
     pub fn contradiction(&self, row: &StoredIncident) -> Option<&'static str> {
         let id = row.id;
         if self.summaries.get(&id).is_some_and(|logged| !row.is_recorded_as(logged)) {
@@ -153,12 +153,12 @@ impl StoredIncident {
 }
 
 impl Store {
-    /// What the audit log says of a recording; `None` if nothing.
+    /// The records of the audit log on a recording; `None` if there are none.
     pub async fn incident_logged(&self, id: u64) -> Result<Option<Logged>, StoreError> {
         self.call(move |database| logged(&database.connection, id)).await
     }
 
-    /// What the audit log says of incidents.
+    /// The records of the audit log on incidents.
     pub async fn incident_records(&self) -> Result<IncidentRecords, StoreError> {
         self.call(|database| records(&database.connection, None)).await
     }
@@ -170,7 +170,7 @@ impl Store {
 }
 
 impl Incidents {
-    /// What `read` reads is of one instant, whatever a server writes meanwhile.
+    /// `read` sees one instant, also while a server writes.
     ///
     /// # Errors
     /// If the database fails, or what is read.
@@ -198,7 +198,7 @@ impl Incidents {
     }
 }
 
-/// What the audit log is to say of a recording, and of its row if that is known.
+/// The target of the record on a recording, and on its row if that is known.
 pub(super) fn recorded_target(id: u64, sha256: Option<&str>, summary: Option<&str>) -> String {
     let recording = format!("{id} sha256:{}", sha256.unwrap_or(NO_HASH));
     match summary {
@@ -207,7 +207,7 @@ pub(super) fn recorded_target(id: u64, sha256: Option<&str>, summary: Option<&st
     }
 }
 
-/// What the audit log is to say of a note.
+/// The target of the record on a note.
 pub(super) fn note_target(id: u64, text: &str) -> String {
     let whole = format!("{id}: {text}");
     if fits(&whole) {
@@ -217,7 +217,7 @@ pub(super) fn note_target(id: u64, text: &str) -> String {
     format!("{id}: {beginning}… sha256:{}", hex_sha256(text))
 }
 
-/// What the audit log is to say where an incident is kept, or no longer.
+/// The target of the record that an incident is kept, or no longer.
 pub(super) fn kept_target(id: u64, kept: bool) -> String {
     if kept { id.to_string() } else { format!("{id}{NO_LONGER}") }
 }

@@ -27,7 +27,7 @@ pub struct Incident {
 }
 
 impl Incident {
-    /// What stands in the file beside its recording.
+    /// The content of the file beside its recording.
     pub fn beside(&self) -> Beside {
         Beside { note: self.note.clone(), kept: Some(self.kept) }
     }

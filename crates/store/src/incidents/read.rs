@@ -49,7 +49,7 @@ pub struct IncidentFilter {
     pub count: u32,
 }
 
-/// What all recordings take.
+/// The bytes of all recordings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct OnDisk {
     pub count: u64,
@@ -69,7 +69,7 @@ impl Store {
         self.call(move |database| one(&database.connection, id)).await
     }
 
-    /// What counts of every incident for its retention, the smallest number first.
+    /// The facts of every incident for its retention, the smallest number first.
     pub async fn incidents_held(&self) -> Result<Vec<Held>, StoreError> {
         self.call(|database| held(&database.connection)).await
     }

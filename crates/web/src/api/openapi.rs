@@ -180,7 +180,7 @@ fn security(access: Access, operation: &Operation) -> Value {
     }
 }
 
-/// What a form or a query may hold. Nothing in it refers to another schema.
+/// The schema of a form or a query. Nothing in it refers to another schema.
 fn taken(of: SchemaOf) -> (Value, bool) {
     let mut settings = SchemaSettings::draft2020_12();
     settings.inline_subschemas = true;

@@ -1,4 +1,4 @@
-//! What a route for programs takes and answers.
+//! The parameters and answers of a route for programs.
 
 use schemars::{Schema, SchemaGenerator};
 
@@ -29,7 +29,7 @@ pub struct Operation {
     pub session_alone: bool,
 }
 
-/// What a route answers when it does what it is asked for.
+/// The answer of a route that succeeds.
 #[derive(Debug, Clone, Copy)]
 pub enum Content {
     Json(SchemaOf),

@@ -114,7 +114,7 @@ fn route<'a>(path: &'a str, method: &str, it: &'a Value) -> RouteHtml<'a> {
     }
 }
 
-/// What a parameter may be.
+/// The type of a parameter.
 fn values(schema: &Value) -> String {
     let words: Vec<&str> = list(&schema["enum"]).iter().map(text).collect();
     match (&schema["minimum"], &schema["maximum"]) {

@@ -14,7 +14,7 @@ use crate::schema::words;
 use crate::texts::HttpError;
 use telltale_store::{NodeStatistics, Statistics, VersionStatistics, between_failures_ms, per_100_km};
 
-/// What is summed up without `since`.
+/// The span without `since`.
 const WEEK_MS: i64 = 7 * 24 * 3_600_000;
 
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -56,7 +56,7 @@ pub struct StatisticsAnswer<'a> {
     lost: u64,
 }
 
-/// What happened while one version ran.
+/// The figures of one version.
 #[derive(Debug, Serialize, JsonSchema)]
 #[schemars(rename = "VersionStatistics")]
 pub struct VersionAnswer<'a> {

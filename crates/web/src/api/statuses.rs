@@ -66,7 +66,7 @@ pub struct StatusesAnswer<'a> {
     seq: u64,
     #[schemars(with = "Vec<ModuleSchema<'_>>")]
     modules: &'a [Value],
-    /// What is left out because there would be too much: `values`, `words` or `modules`.
+    /// The parts that are left out because there would be too much: `values`, `words` or `modules`.
     left_out: Option<&'static str>,
     /// For `offset` of the next page; `null` on the last one.
     next: Option<u64>,

@@ -22,7 +22,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// What the address asks for, or else the header `Accept`.
+    /// The format in the address, or else the one in the header `Accept`.
     pub fn of(asked: Option<Format>, headers: &HeaderMap) -> Format {
         let accepts = header(headers, ACCEPT.as_str()).unwrap_or_default();
         let is_csv = accepts.contains("text/csv") && !accepts.contains("application/json");
@@ -37,7 +37,7 @@ pub struct Table<'a, R> {
     /// In their order in a CSV.
     pub columns: &'static [&'static str],
     pub rows: &'a [R],
-    /// What the parameter of the next page is.
+    /// The parameter of the next page.
     pub next: Option<u64>,
 }
 
@@ -102,7 +102,7 @@ fn cell(value: &Value) -> String {
     }
 }
 
-/// What a spreadsheet would take for a formula becomes a text, and what acts on a terminal or on the direction of reading
+/// A formula of a spreadsheet becomes a text, and a letter that acts on a terminal or on the direction of reading
 /// is left out. Names and messages come from the vehicle's network.
 fn harmless(text: &str) -> String {
     let text = clean_lines(&text.replace('\t', " "));

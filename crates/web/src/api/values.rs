@@ -44,7 +44,7 @@ pub struct ValuesAsked {
     format: Option<Format>,
 }
 
-/// What a row stands for: an instant of the last five minutes, a minute or an hour.
+/// The time of a row: an instant of the last five minutes, a minute or an hour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[schemars(inline)]

@@ -45,7 +45,7 @@ const PROVEN_WITHIN: Span = Span::from_secs(20);
 /// The time for the disk to take the cookie of a known browser.
 const DEVICE_WITHIN: Duration = Duration::from_secs(1);
 
-/// What is known of earlier attempts to log in.
+/// The earlier attempts to log in.
 #[derive(Debug, Default)]
 pub struct Proofs {
     throttle: Mutex<Throttle>,
@@ -66,7 +66,7 @@ pub struct LoginForm {
     confirm: Option<String>,
 }
 
-/// Who has logged in.
+/// The user who has logged in.
 #[derive(Serialize, JsonSchema)]
 pub struct LoggedIn<'a> {
     name: &'a str,

@@ -57,7 +57,7 @@ impl TakeOvers {
         Ok(token)
     }
 
-    /// Who says yes with this token, and from whom that user takes over. The question is answered by that.
+    /// The user who says yes with this token, and the operator before. The token answers the question.
     pub fn answer(
         &self,
         token: &Token,

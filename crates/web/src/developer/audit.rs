@@ -22,7 +22,7 @@ use crate::view::{PageContext, View, html};
 use super::{DevFrame, Page};
 use crate::incidents::wall_time;
 
-/// What the page shows.
+/// The content of the page.
 #[derive(Debug, Clone)]
 pub struct AuditPage {
     /// The newest first.

@@ -121,7 +121,7 @@ pub(crate) async fn have_taken(
     let until = app.clock.now() + RECORD_WITHIN;
     let before = expected.record(record.clone(), &read.differences);
     app.store.write_ahead(&before, None, until, ()).await.map_err(HttpError::from)?;
-    // What was read is taken and nothing else, also where nothing was shown.
+    // The text that was read is taken and nothing else, also where nothing was shown.
     let shown = shown.unwrap_or(read.digest);
     let read = match reread(&app, true, Some(shown.clone())).await {
         Ok(read) => read,

@@ -18,7 +18,7 @@ use super::PageQuery;
 /// The header by which a page's script asks for all rows, to make a file of them.
 const ALL_ROWS: &str = "telltale-all-rows";
 
-/// What every developer page needs.
+/// The parts that every developer page has.
 pub struct PageRequest {
     pub published: Published,
     pub context: PageContext,

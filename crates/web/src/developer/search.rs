@@ -35,7 +35,7 @@ struct Found {
     name: String,
     /// The state of a node, with its word.
     state: Option<(&'static str, &'static str)>,
-    /// What was found in it, or what it is.
+    /// The findings, or the kind of file.
     detail: String,
     /// When it began; empty for what lasts.
     at: String,
@@ -123,7 +123,7 @@ pub fn page(
     let words = DevWords::of(context.lang);
     let mut dev = DevFrame::new(view, context, Page::Statuses, 0);
     dev.title = words.search.to_owned();
-    // What was found stays until something else is asked for.
+    // The findings stay until the next question.
     dev.fixed = true;
     let text = query.get("q").to_lowercase();
     let terms = terms(&text);

@@ -36,7 +36,7 @@ struct StatisticsHtml {
     days: Vec<(u64, bool)>,
     /// Why there is nothing.
     trouble: Option<&'static str>,
-    /// What it is and its figure.
+    /// Its name and its figure.
     figures: Vec<(&'static str, String)>,
     rows: Vec<NodeRow>,
     /// The way is known.

@@ -27,7 +27,7 @@ use crate::{AppState, Live};
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Role, Session, SessionKind, Token};
 
-/// Who may use a route.
+/// The users who may use a route.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
     /// Everybody: the route reveals nothing about the vehicle.

@@ -29,7 +29,7 @@ const ALWAYS: [(HeaderName, &str); 5] = [
     (HeaderName::from_static("permissions-policy"), PERMISSIONS),
 ];
 
-/// What holds unless the answer says otherwise: files under an address with their version may be kept, and a report
+/// The default headers: files under an address with their version may be kept, and a report
 /// brings its own stylesheet and a stricter policy.
 const UNLESS_SAID: [(HeaderName, &str); 2] = [(CACHE_CONTROL, "no-store"), (CONTENT_SECURITY_POLICY, POLICY)];
 

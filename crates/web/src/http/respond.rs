@@ -182,7 +182,7 @@ pub fn bad_query(reader: &Reader, why: &str) -> Response {
     ErrorAnswer { error: &text }.with(StatusCode::BAD_REQUEST)
 }
 
-/// What is repeated of a wrong address.
+/// The part of a wrong address that is repeated.
 const WHY_BYTES_MAX: usize = 200;
 
 /// Longer names of fields are not repeated in an answer.

@@ -45,13 +45,14 @@ pub struct Whole<'a> {
     vehicle: Option<&'a str>,
     /// Oldest first; at most 256.
     triggers: Vec<Trigger<'a>>,
-    /// What failed at the first trigger and what belongs to it, as it was then; then what failed later.
+    /// The modules that failed at the first trigger with those that belong to them, as they were then; then those
+    /// that failed later.
     freeze: Vec<Frozen<'a>>,
     /// SHA-256 of the configuration's files.
     configuration: &'a str,
     /// The version of Telltale.
     version: &'a str,
-    /// What the recording tells, where one incident is asked for; `null` if its file cannot be read now.
+    /// The story of the recording, where one incident is asked for; `null` if its file cannot be read now.
     #[serde(skip_serializing_if = "Option::is_none")]
     story: Option<Option<&'a Story>>,
 }
@@ -132,7 +133,7 @@ struct Trigger<'a> {
     note: &'a str,
 }
 
-/// Who marked a moment of an incident, and the note of it.
+/// The user who marked a moment of an incident, and the note.
 #[derive(Serialize, JsonSchema)]
 struct Mark<'a> {
     by: &'a str,

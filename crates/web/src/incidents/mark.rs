@@ -95,7 +95,7 @@ pub(crate) async fn mark_moment(
 
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 pub struct MarkForm {
-    /// What happens, in at most 2,000 bytes.
+    /// The event, in at most 2,000 bytes.
     #[serde(default)]
     note: String,
 }

@@ -42,7 +42,7 @@ pub(crate) use what_if::{start as start_what_if, texts as recorded_texts};
 #[derive(Debug)]
 pub struct RecordingState {
     pub recorder: Recorder,
-    /// What a file of its last minutes says of the vehicle.
+    /// The name of the vehicle in a file of its last minutes.
     pub place: Place,
     /// Why nothing can be recorded.
     pub fault: watch::Receiver<Option<Arc<str>>>,
@@ -50,7 +50,7 @@ pub struct RecordingState {
 }
 
 impl AppState {
-    /// What the recorder does now; `None` without a recorder.
+    /// The recorder's present state; `None` without a recorder.
     pub fn recorder_state(&self) -> Option<RecorderState> {
         let state = self.settings.recording.as_ref()?;
         Some(match self.published().recording {

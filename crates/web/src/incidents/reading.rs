@@ -33,7 +33,7 @@ const NUMBERS_MAX: usize = 32;
 
 static PLACES: LazyLock<Semaphore> = LazyLock::new(|| Semaphore::new(READERS));
 
-/// What came of reading a recording.
+/// The result of reading a recording.
 #[derive(Debug)]
 pub enum Read {
     Told(Box<Story>),
@@ -45,7 +45,7 @@ pub enum Read {
     Busy,
 }
 
-/// What the recording in this folder tells, with its numbers. Blocks.
+/// The story of the recording in this folder, with its numbers. Blocks.
 pub fn read(folder: &Path, summary: &Summary) -> Read {
     let mut read = read_story(folder, summary);
     if let Read::Told(story) = &mut read
@@ -56,7 +56,7 @@ pub fn read(folder: &Path, summary: &Summary) -> Read {
     read
 }
 
-/// What the recording in this folder tells without a replay. Blocks.
+/// The story of the recording in this folder, without a replay. Blocks.
 fn read_story(folder: &Path, summary: &Summary) -> Read {
     let Some(path) = folder::file_in(folder, &summary.recording.file) else { return Read::Missing };
     match story::read(&path, summary) {
@@ -94,7 +94,7 @@ type Numbers = Option<Result<Vec<Series>, String>>;
 /// A recording by its file and length.
 type Key = (PathBuf, u64);
 
-/// What was looked for last, the newest at the end.
+/// The last searches, the newest at the end.
 static NUMBERS: LazyLock<Mutex<VecDeque<(Key, Numbers)>>> = LazyLock::new(Mutex::default);
 
 fn known_numbers(key: &Key) -> Option<Numbers> {
@@ -134,7 +134,7 @@ async fn with_numbers(app: &AppState, summary: &Summary, mut read: Read) -> Read
     read
 }
 
-/// What the recording of an incident tells, and whether it is as it was recorded.
+/// The story of an incident's recording, and whether the file is as it was recorded.
 pub async fn story(app: &AppState, summary: &Summary) -> (Read, Proof) {
     // A log that cannot be read is a fault of the database, which is told elsewhere.
     let logged = app.store.incident_logged(summary.id).await.ok().flatten();

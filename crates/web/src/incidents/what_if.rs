@@ -99,7 +99,7 @@ pub struct State {
     pub progress: Progress,
     /// Incidents that are to be compared.
     pub count: usize,
-    /// What both configurations mean differently.
+    /// The differences in meaning of both configurations.
     pub differences: Vec<String>,
     pub compared: Vec<Compared>,
 }
@@ -252,7 +252,7 @@ impl Run {
         self.state().progress = Progress::Done;
     }
 
-    /// What opens the recording of its incident as its configuration judges it.
+    /// Opens the recording of its incident as its configuration judges it.
     ///
     /// # Errors
     /// The configuration is known to be wrong, or there is no recording to run.

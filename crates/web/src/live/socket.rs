@@ -139,7 +139,7 @@ fn open(
     })
 }
 
-/// What a connection carries.
+/// The content of a connection.
 #[derive(Debug)]
 enum Feed {
     /// Fragments of the operator's page: `shown` is the revision that was sent last, `details` that of the

@@ -260,7 +260,7 @@ pub(crate) fn not_done(app: &Live, reader: &Reader, why: NotDone) -> Response {
         }
         NotDone::Invalid(InvalidTap::SessionEnded) => refusal(reader, HttpError::NoSession),
         NotDone::Invalid(invalid) => {
-            // What was shown is old: the page asks for what is.
+            // The page is old: it asks for the present one.
             let is_old = matches!(invalid, InvalidTap::Stale | InvalidTap::Late);
             let seq = is_old.then(|| app.published().snapshot.seq);
             refused_in_words(reader, &[reader.lang.invalid_tap(invalid).to_owned()], seq)

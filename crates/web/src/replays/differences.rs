@@ -38,7 +38,7 @@ struct Moment {
 struct Then {
     state: &'static str,
     word: &'static str,
-    /// What masks it, or its own state behind that.
+    /// The node that masks it, or its own state behind that.
     because: String,
     message: String,
 }
@@ -59,7 +59,7 @@ struct DifferencesHtml {
     it: &'static IncidentWords,
     name: String,
     subject: Subject,
-    /// What says that this was never shown; empty where it was.
+    /// The note that this was never shown; empty where it was.
     edited: &'static str,
     missing: Option<MissingTold>,
     /// When the earlier one of them was, in milliseconds since 1970.

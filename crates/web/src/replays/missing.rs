@@ -1,4 +1,4 @@
-//! What the recording of a replay lacks, in time and in topics: as notices on its pages, and as marks over its strips.
+//! The gaps of a replay's recording, in time and in topics: as notices on its pages, and as marks over its strips.
 
 use std::sync::Arc;
 

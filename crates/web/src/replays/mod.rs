@@ -67,7 +67,7 @@ struct OpenReplay {
     controls: Controls,
     state: watch::Receiver<PlayState>,
     screen: Router,
-    /// What the recording tells, and its first lines; of an incident the store knows better ones.
+    /// The story of the recording, and its first lines; of an incident the store knows better ones.
     story: Arc<Story>,
     summary: Arc<Summary>,
     missing: Arc<Missing>,
@@ -160,7 +160,7 @@ fn start(
     Some(OpenReplay { subject, session, used, controls, state, screen, story, summary, missing, edited })
 }
 
-/// What the recording tells of the past. Without it, pages say that there is none.
+/// The past by the recording. Without it, pages say that there is none.
 fn history_of(playback: &mut Playback, clock: Clock) -> Option<History> {
     let records = playback.records().ok()?;
     let until = (playback.facts().wall(playback.to()), playback.to());

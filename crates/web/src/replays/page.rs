@@ -35,9 +35,9 @@ struct ReplayHtml {
     subject: Subject,
     content: Content,
     state: PlayState,
-    /// What says that this was never shown; empty where it was.
+    /// The note that this was never shown; empty where it was.
     edited: &'static str,
-    /// What the recording lacks.
+    /// The gaps of the recording.
     missing: Option<MissingTold>,
     /// The topics that the configuration reads and the recording does not have.
     unheard: String,

@@ -22,7 +22,7 @@ const PLAYING_EVERY: Duration = Duration::from_millis(100);
 /// While it stands still, a page must hear that the server lives.
 const PULSE_EVERY: Duration = Duration::from_millis(250);
 
-/// What somebody wants to see.
+/// The wish of a viewer.
 #[derive(Debug)]
 pub(super) enum Order {
     /// Milliseconds since 1970.
@@ -36,14 +36,14 @@ pub(super) enum Order {
     Pause,
     /// Where it is, told when the orders before are done.
     Tell(oneshot::Sender<PlayState>),
-    /// What was shown at this time, told once. The place stays.
+    /// Asks for the picture of this time, once. The place stays.
     Look {
         at_ms: i64,
         answer: oneshot::Sender<Option<Look>>,
     },
 }
 
-/// What was shown at a time: milliseconds since 1970.
+/// The picture of a time: milliseconds since 1970.
 #[derive(Debug)]
 pub(super) struct Look {
     pub at_ms: i64,
@@ -66,7 +66,7 @@ impl Controls {
         told.await.ok()
     }
 
-    /// What was shown at a time; `None` if the recording lacks it, or too many orders wait.
+    /// The picture of a time; `None` if the recording lacks it, or too many orders wait.
     pub async fn look(&self, at_ms: i64) -> Option<Look> {
         let (answer, told) = oneshot::channel();
         self.order(Order::Look { at_ms, answer });
@@ -107,7 +107,7 @@ pub(super) fn start(
     Ok((Controls(orders), states))
 }
 
-/// What is shown now; `None` if the recording lacks it.
+/// The present picture; `None` if the recording lacks it.
 pub(super) fn published(playback: &mut Playback) -> Option<Published> {
     let at = playback.facts().wall(playback.at());
     Some(Published::recorded(playback.snapshot()?, at))
@@ -117,12 +117,12 @@ struct Thread {
     playback: Playback,
     show: Player,
     clock: Clock,
-    /// What is shown, and its instant.
+    /// The picture, and its instant.
     shown: Option<(Timestamp, Published)>,
     /// When it began to play, and where.
     playing: Option<(Timestamp, Timestamp)>,
     speed: f64,
-    /// Who is told where it is, once it is shown.
+    /// The channel that is told the place, once it is shown.
     asked: Vec<oneshot::Sender<PlayState>>,
 }
 

@@ -29,7 +29,7 @@ const PAGES: [&str; 8] = [
     "developer/coverage",
     "developer/topics",
 ];
-/// What the operator's page and programs read of a replay.
+/// The part of a replay that the operator's page and programs read.
 const OTHERS: [&str; 9] = [
     "",
     "ws",

@@ -1,4 +1,5 @@
-//! What a replay shows: an incident, as it was judged or as an edited configuration judges it, the last minutes, or the file with which `telltale replay --serve` was started.
+//! The source of a replay: an incident, as it was judged or as an edited configuration judges it, the last minutes,
+//! or the file with which `telltale replay --serve` was started.
 
 use std::fmt;
 use std::str::FromStr;
@@ -45,13 +46,13 @@ impl fmt::Debug for ServedFile {
     }
 }
 
-/// What a replay shows, as it stands in its address.
+/// The source of a replay, as it stands in its address.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Subject {
     Incident(u64),
     /// The same by the configuration of this person's last what-if of it.
     WhatIf(u64),
-    /// What the recorder's ring held when it was opened.
+    /// The content of the recorder's ring when it was opened.
     Recent,
     /// The file of `telltale replay --serve`.
     File,
@@ -105,26 +106,26 @@ impl fmt::Display for Subject {
 /// Opens a recording. Blocks.
 pub(super) type Open = Box<dyn FnOnce() -> Result<Run, ReplayError> + Send>;
 
-/// What opens this file of the folder of recordings.
+/// Opens this file of the folder of recordings.
 pub(super) fn incident(app: &AppState, file: &str) -> Result<Open, HttpError> {
     let path = app.settings.recordings.as_deref().and_then(|it| folder::file_in(it, file));
     let path = path.ok_or(HttpError::NoRecording)?;
     Ok(Box::new(move || Recording::open(&path).and_then(Run::recorded)))
 }
 
-/// What opens the recording of an incident as an edited configuration judges it.
+/// Opens the recording of an incident as an edited configuration judges it.
 pub(super) fn what_if(app: &AppState, edited: &Arc<WhatIf>, summary: &Summary) -> Result<Open, HttpError> {
     Ok(Box::new(edited.judged(app, summary)?))
 }
 
-/// What opens the last minutes.
+/// Opens the last minutes.
 pub(super) fn recent(app: &AppState) -> Result<Open, HttpError> {
     let state = app.settings.recording.as_ref().ok_or(HttpError::NotRecording)?;
     let (recorder, place) = (state.recorder.clone(), state.place.clone());
     Ok(Box::new(move || last_minutes(&recorder, &place)))
 }
 
-/// What opens the file of the server.
+/// Opens the file of the server.
 pub(super) fn file(app: &AppState) -> Result<Open, HttpError> {
     let file = app.settings.replayed.as_ref().ok_or(HttpError::NotFound)?;
     let open = file.open.clone();

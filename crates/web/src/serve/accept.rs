@@ -44,7 +44,7 @@ const NOTE_EVERY: Duration = Duration::from_millis(250);
 /// The wait after a failed `accept`, for example without free file descriptors.
 const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 
-/// What the listener tells of itself.
+/// The state of the listener.
 #[derive(Debug)]
 pub struct Listening {
     /// When it last waited for a connection.

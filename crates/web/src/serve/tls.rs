@@ -18,7 +18,7 @@ use telltale_clock::earliest;
 /// A certificate is due for renewal this long before its end.
 pub const RENEW_BEFORE: Duration = Duration::from_secs(30 * 24 * 3600);
 
-/// What the listener needs to speak TLS, 1.2 or newer. Clones are the same.
+/// The settings with which the listener speaks TLS, 1.2 or newer. Clones share them.
 #[derive(Clone)]
 pub struct Tls(Arc<Files>);
 
@@ -72,7 +72,7 @@ impl Tls {
     /// Reads a chain of certificates, the server's first, and its key, both PEM.
     ///
     /// # Errors
-    /// What is wrong with them. An expired certificate is no error: see [`Tls::validity`].
+    /// Their fault. An expired certificate is none: see [`Tls::validity`].
     pub fn load(certificate: &Path, key: &Path) -> Result<Tls, TlsError> {
         let read = Mutex::new([stamp(certificate), stamp(key)]);
         let current = RwLock::new(Arc::new(Pair::load(certificate, key)?));
@@ -84,7 +84,7 @@ impl Tls {
     /// for these hosts. Returns whether it was taken.
     ///
     /// # Errors
-    /// What is wrong with the new one, once for each change: the old one stays.
+    /// The fault of the new one, once for each change: the old one stays.
     pub fn reload(&self, hosts: &[String]) -> Result<bool, TlsError> {
         let Files { certificate, key, current, read } = &*self.0;
         let now = [stamp(certificate), stamp(key)];

@@ -207,7 +207,7 @@ texts! {
         Happened::Interrupted => "The recording ends here, because Telltale ended. What came later is not in it", "Hier endet die Aufzeichnung, weil Telltale endete. Was danach kam, steht nicht darin";
     }
 
-    /// What the operator did, or tried to do.
+    /// An action of the operator, done or refused.
     known deed(action: &str) {
         "login" => "logs in:", "Anmeldung:";
         "logout" => "logs out", "Abmeldung";
@@ -225,24 +225,24 @@ texts! {
 
     text refused_deed(deed: &str, why: &str) { "{deed}. Refused: {why}", "{deed}. Abgelehnt: {why}" }
 
-    /// What the vehicle is asked to do.
+    /// The request to the vehicle.
     known asked_to(request: &str) {
         "decelerate" => "slow down", "abbremsen";
         "maneuver_stop" => "stop safely", "sicher anhalten";
     }
 
-    /// What a countermeasure asked of the vehicle.
+    /// The request of a countermeasure to the vehicle.
     text was_asked_to(what: &str) { "the vehicle was asked to {what}", "das Fahrzeug sollte {what}" }
 
     text marked_by(who: &str) { "marked by {who}", "markiert von {who}" }
 
-    /// What the recording lacks because it grew no further.
+    /// The messages that the recording lacks because it had reached its size.
     text no_room(count: u64, bytes: &str) {
         "There was no room for {count} messages ({bytes}), most of them of large topics: the recording has only their times and sizes. `recording.disk` and the disk bound it.",
         "Für {count} Nachrichten ({bytes}), die meisten von großen Topics, war kein Platz: Die Aufzeichnung enthält nur ihre Zeiten und Größen. `recording.disk` und die Platte begrenzen sie."
     }
 
-    /// What the recordings take of their share of the disk.
+    /// The size of the recordings, beside their share of the disk.
     text on_disk(disk: Option<&str>; count: u64, all: &str) {
         Some(disk) => "{count} recorded: {all} of {disk} on the disk.", "{count} aufgezeichnet: {all} von {disk} auf der Platte.";
         None => "{count} recorded: {all} on the disk.", "{count} aufgezeichnet: {all} auf der Platte.";

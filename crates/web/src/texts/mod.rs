@@ -116,7 +116,7 @@ impl Lang {
         Lang::ALL.into_iter().find(|lang| lang.as_str() == word)
     }
 
-    /// What came in each language, in this one.
+    /// The text of this language.
     pub fn choose<T>(self, en: T, de: T) -> T {
         match self {
             Lang::En => en,
@@ -163,7 +163,7 @@ pub mod tests {
     /// Words of the operator's page that are the same in each language, on purpose.
     const SAME: &[&str] = &["ok", "name", "demo", "live", "position", "stop", "recording_short"];
 
-    /// What is inserted into a text.
+    /// The insertions into a text.
     fn inserted(text: &str) -> BTreeSet<&str> {
         text.split('{').skip(1).filter_map(|rest| rest.split('}').next()).collect()
     }

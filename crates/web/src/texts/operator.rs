@@ -241,7 +241,7 @@ texts! {
         next: "next", "Ziel";
     }
 
-    /// What the vehicle is asked for by a countermeasure, or what it has confirmed to do: `Slowing down`. A stop may be
+    /// The request of a countermeasure to the vehicle, or what it has confirmed: `Slowing down`. A stop may be
     /// the operator's own alone.
     word countermeasure(request: RequestKind, done: bool, for_a_fault: bool) {
         RequestKind::Decelerate, true, _ => "Slowing down", "Bremst ab";
@@ -304,7 +304,7 @@ texts! {
     /// `1 shelved`: modules whose faults call nobody for now.
     text so_many_shelved(count: usize) { "{count} shelved", "{count} in Wartung" }
 
-    /// Who has shelved a module.
+    /// The user who shelved a module.
     text shelved_by(by: &str) { "by {by}", "durch {by}" }
 
     /// `2 faults of its own`: behind a component that waits.
@@ -388,7 +388,7 @@ texts! {
         SessionEnd::Ended => "Your login has ended. Log in again.", "Ihre Anmeldung wurde beendet. Neu anmelden.";
     }
 
-    /// What a monitor's measured value is called.
+    /// The name of a monitor's measured value.
     known measured(key: &str) {
         "rate_hz" => "rate", "Rate";
         "input_hz" => "inputs", "Eingaben";

@@ -39,7 +39,7 @@ impl Lang {
         }
     }
 
-    /// What a machine without stages does. As long as nothing was heard of it, nothing is known.
+    /// The word for the state of a machine without stages. As long as nothing was heard of it, nothing is known.
     pub fn runs(self, snapshot: &Snapshot) -> &'static str {
         let mut modules = snapshot.module_ids().map(|id| snapshot.module(id));
         let heard = modules.any(|(info, module)| {

@@ -174,7 +174,7 @@ impl View<'_> {
         self.snapshot.module(id).0.help.as_ref()?.of(state, self.stage_of_advice())
     }
 
-    /// What a node in this state, or what is in this state inside it, asks of the operator; a vehicle that stands asks
+    /// The urgency of a node in this state, or of one inside it, for the operator; a vehicle that stands asks
     /// for nothing soon.
     pub(super) fn asks(&self, node: NodeId, state: State) -> Option<Urgency> {
         if !self.is_advised_to_drive() {

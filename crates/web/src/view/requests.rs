@@ -47,7 +47,7 @@ pub fn is_engaged(it: &Countermeasure) -> bool {
     it.state == CountermeasureState::Engaged
 }
 
-/// What the page says of a request, and because of what it is made.
+/// The words for a request, with its cause.
 pub struct Sentence {
     pub what: String,
     /// Since when, with the word before the time.

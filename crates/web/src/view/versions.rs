@@ -23,7 +23,7 @@ pub enum Aspect {
     Release,
     /// One alarm, by its number: which fault it is of, and whether it is there still.
     Alarm(u64),
-    /// What a top-level group shows.
+    /// The state of a top-level group.
     Component(GroupId),
     /// No part: the action itself says what it may be about.
     Nothing,

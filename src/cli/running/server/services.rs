@@ -56,7 +56,7 @@ pub async fn answer((mut calls, offered): Calls, app: Live) {
             Ok(_) => tracing::info!("{name} is done for {caller}"),
             Err(why) => tracing::info!("{name} is refused to {caller}: {why}"),
         }
-        // Who called may have gone.
+        // The caller may have gone.
         let _ = reply.send(answer.map_or_else(Reply::refused, Reply::done));
     }
 }

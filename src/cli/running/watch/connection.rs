@@ -97,7 +97,7 @@ impl Connection {
                 socket = match open_again(&server, &session, is_whole).await {
                     Ok(socket) => socket,
                     Err(why) => {
-                        // Who watches may have gone.
+                        // The watcher may have gone.
                         let _ = tell.send(News::Refused(why)).await;
                         return;
                     }

@@ -160,7 +160,7 @@ async fn watch(server: Server, credentials: Credentials, shown: Shown) -> anyhow
     }
     leaving.leave().await;
     match ended {
-        // Who reads the pipe has had enough.
+        // The reader of the pipe has closed it.
         Err(error) if is_broken_pipe(&error) => Ok(()),
         ended => ended,
     }

@@ -28,7 +28,7 @@ pub(crate) struct Filter {
 /// The nodes whose reports of a status count.
 pub(crate) type Writers = Spanned<All<Spanned<String>>>;
 
-/// What a name must be like.
+/// The rule for names.
 #[derive(Debug)]
 pub(crate) struct Pattern {
     pub span: Span,

@@ -19,7 +19,7 @@ pub(crate) trait Said: FromNode + Clone + PartialEq {
     const LEVELS: MapDoc;
     const STAGES: MapDoc;
 
-    /// What it asks of the operator of a driving vehicle, if it says so.
+    /// The urgency for the operator of a driving vehicle, if it is given.
     fn urgency(&self) -> Option<Urgency>;
 }
 

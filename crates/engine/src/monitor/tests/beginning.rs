@@ -143,7 +143,7 @@ fn after_a_reload_what_is_new_has_the_time_of_a_start_and_what_stays_goes_on() {
         for mut healthy in beginnings() {
             let mut engine = Engine::resume(old.clone(), &Restored::default(), Timestamp::ZERO);
             let from_ms = healthy.from_ms.map(|from_ms| before_ms + from_ms);
-            // What is read already was discovered long ago.
+            // A topic that is read already was discovered long ago.
             healthy.from_ms = std::array::from_fn(|topic| if topic < known { 0 } else { from_ms[topic] });
             let known_ms = Healthy { from_ms: healthy.from_ms, announced_ms: Some(0) };
             for at_ms in (0..before_ms).step_by(10) {
@@ -182,7 +182,7 @@ fn what_was_unknown_before_it_mattered_calls_nobody_while_it_is_given_time() {
     let value = MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)) };
     let mut parts = parts(vec![(latency, Policy::default()), (value, Policy::default())]);
     parts.stages = StageModel::Shuttle;
-    // What waits for it makes it a root cause also while it is given time.
+    // The nodes that wait for it make it a root cause also while it is given time.
     let on = DependsOn::Node(NodeId::Module(ModuleId(0)));
     parts.modules[1].depends_on = vec![Dependency { on, masks_unknown: true, within: Within::default() }];
     let model = model(parts);
@@ -258,7 +258,7 @@ fn a_ratio_is_judged_one_window_after_the_later_of_its_publishers_was_found() {
     let stream = |topic: usize, from_ms: u64| {
         (from_ms..=6000).step_by(100).map(move |at_ms| (at_ms, Number(topic, 1.0))).collect::<Vec<_>>()
     };
-    // What happens, when it is judged first, and as what.
+    // The events, the time of the first verdict, and the verdict.
     type Case = (Vec<(u64, Do)>, u64, State);
     let cases: [Case; 7] = [
         (Vec::new(), 4000, Unknown),

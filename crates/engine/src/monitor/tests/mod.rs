@@ -26,7 +26,7 @@ use crate::time::{Span, Timestamp};
 pub(super) const A: TopicId = TopicId(0);
 pub(super) const B: TopicId = TopicId(1);
 
-/// What happens at an instant, by the topic's number.
+/// The event of an instant, by the topic's number.
 #[derive(Debug, Clone)]
 pub(super) enum Do {
     Nothing,
@@ -208,7 +208,7 @@ pub(super) fn own(snapshot: &Snapshot, module: u32) -> (State, &str) {
     (view.own, &view.report.message)
 }
 
-/// What happens at milliseconds, the own state right after it, and words that the message then holds.
+/// The event at these milliseconds, the own state right after it, and words that the message then holds.
 pub(super) type Step<'a> = (u64, Do, State, &'a str);
 
 #[track_caller]

@@ -29,7 +29,7 @@ fn a_topic_without_publisher_or_of_another_type_is_said_in_words() {
             (600, Do::Nothing, Unknown, "nothing came since /a is published again"),
             (610, Do::Number(0, 2.0), Ok, "2, at most 80"),
             (620, Do::OtherType(1), Ok, ""),
-            // What was wrong stays wrong, with and without publishers.
+            // A wrong value stays wrong, with and without publishers.
             (630, Do::Number(0, 99.0), Error, "99, at most 80"),
             (640, Do::Publishers(0, 0), Error, ""),
             (890, Do::Nothing, Error, "99, at most 80 wanted; nobody publishes /a"),
@@ -189,7 +189,7 @@ fn after_a_reload_a_monitor_that_means_the_same_goes_on() {
     engine.reload(second, Timestamp::from_millis(1500));
     let snapshot = engine.snapshot();
     assert_eq!((own(&snapshot, 0).0, own(&snapshot, 1).0), (Ok, Unknown));
-    // What it had counted leaves in time, and what the old readers still bring is not taken.
+    // The counted messages leave in time, and those that the old readers still bring are not taken.
     send(&mut engine, 1500..2000);
     let snapshot = engine.snapshot();
     assert_eq!((own(&snapshot, 0).0, snapshot.counters.dropped_samples), (State::Warning, 5));
@@ -217,7 +217,7 @@ fn words_change_rarely_and_states_at_once() {
 fn after_a_restart_a_rate_is_judged_one_window_after_its_publisher_was_found() {
     let found = |at: u64| vec![(at, Do::Publishers(0, 1))];
     let rate = |from: u64| (from..=from + 5000).step_by(100).map(|at| (at, Do::Number(0, 1.0))).collect();
-    // What happens, when it is judged first, and as what.
+    // The events, the time of the first verdict, and the verdict.
     type Case = (Vec<(u64, Do)>, u64, State);
     let cases: [Case; 5] = [
         (Vec::new(), 4000, Error),

@@ -117,7 +117,7 @@ impl Views {
     }
 }
 
-/// What the configuration says of a discovered module.
+/// The configuration of a discovered module.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Told {
     status: Option<Arc<str>>,

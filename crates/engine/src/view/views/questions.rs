@@ -19,7 +19,7 @@ impl Views {
         }
     }
 
-    /// What to do about a fault of a module, one of Telltale's own included.
+    /// The advice for a fault of a module, one of Telltale's own included.
     pub(crate) fn help(&self, id: ModuleId) -> Option<&Wording<Advice>> {
         self.layout.modules[id.0 as usize].help.as_deref()
     }

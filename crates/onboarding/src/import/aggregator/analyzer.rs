@@ -314,7 +314,7 @@ fn escaped(text: &str) -> String {
     regex_syntax::escape(text)
 }
 
-/// What a GenericAnalyzer takes, and how.
+/// The rules of a GenericAnalyzer.
 #[derive(Debug, Default)]
 struct Generic {
     /// Each the inside of a map in one line.

@@ -29,7 +29,7 @@ const TOP: [&str; 12] = [
     "use_sim_time",
     "log_level",
     "analyzers",
-    // What every node of ROS 2 has, as in a file by `ros2 param dump`.
+    // The parameters of every node of ROS 2, as in a file by `ros2 param dump`.
     "qos_overrides",
     "start_type_description_service",
 ];
@@ -84,7 +84,7 @@ pub(super) fn import(
     Ok(write::file(&comments, &keys, &groups))
 }
 
-/// What follows the first `/` of each path.
+/// The part behind the first `/` of each path.
 fn base_path(all: &Parameters, findings: &mut Findings) -> String {
     if let Some((path, span)) = all.text("path") {
         if path.starts_with('/') {

@@ -29,7 +29,7 @@ pub(super) struct Unit {
     pub path: Option<(String, Span)>,
     pub what: What,
     pub children: Vec<usize>,
-    /// What it should contain could not be read: it must not count as empty, which is OK.
+    /// Its content could not be read: it must not count as empty, which is OK.
     pub is_unread: bool,
     pub dependent: Option<(String, Span)>,
     pub latch_s: Option<f64>,
@@ -256,7 +256,7 @@ impl Graph {
         self.units.iter().any(|unit| unit.dependent.is_some())
     }
 
-    /// What people call a unit.
+    /// The common name of a unit.
     pub fn name(&self, index: usize) -> String {
         let unit = &self.units[index];
         match (&unit.path, &unit.what) {

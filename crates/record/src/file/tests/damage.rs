@@ -101,7 +101,7 @@ fn a_file_that_ends_in_the_middle_is_made_whole() {
     let middles = (1..12).map(|step| bytes.len() * step / 12);
     for length in middles.chain(ended.iter().map(|(at, _)| *at as usize)) {
         fs::write(&path, &bytes[..length]).unwrap();
-        // What an interrupted repair leaves.
+        // The leftovers of an interrupted repair.
         fs::write(folder.join("a.mcap.part"), b"half").unwrap();
         let done = repair(&path).unwrap().unwrap();
         let mut reader = Reader::open(&path).unwrap();

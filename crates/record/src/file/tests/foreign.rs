@@ -78,7 +78,7 @@ fn a_small_file_that_unpacks_without_an_end_is_left_out() {
     let told = entries(&mut reader);
     assert!((1..all.len()).contains(&told.len()) && told[..] == all[..told.len()], "{told:?}");
     assert!(left_out(&reader).iter().any(|it| it.contains(SPENT)), "{:?}", left_out(&reader));
-    // What was unpacked once may be read again, as often as one likes.
+    // A part that was unpacked once may be read again, as often as one likes.
     for _ in 0..3 {
         reader.seek(0);
         assert_eq!(entries(&mut reader), told);

@@ -114,7 +114,7 @@ pub enum FromChild {
     },
 }
 
-/// What has become of another participant in the library.
+/// The state of another participant in the library.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
     /// The library has heard it for the first time.

@@ -9,7 +9,7 @@ const FILE_BYTES_MAX: u64 = 64 * 1024;
 /// Entries of a folder: processes at most.
 const ENTRIES_MAX: usize = 100_000;
 
-/// What is wrong with a file, in a sentence.
+/// The fault of a file, in a sentence.
 pub(super) fn text(path: &Path) -> Result<String, String> {
     bytes(path).map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).map_err(|error| {
         let hidden =

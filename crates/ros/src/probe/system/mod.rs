@@ -32,7 +32,7 @@ pub struct System {
     pending: Option<oneshot::Receiver<(Meter, Reading)>>,
 }
 
-/// What one reading leaves for the next.
+/// The state that one reading leaves for the next.
 #[derive(Debug)]
 struct Meter {
     resource: Resource,

@@ -20,7 +20,7 @@ pub(super) struct Processes {
     processor: Processor,
 }
 
-/// What stands in `/proc/PID/stat`.
+/// The fields of `/proc/PID/stat`.
 struct Stat {
     started: u64,
     ticks: u64,

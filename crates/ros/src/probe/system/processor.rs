@@ -1,4 +1,4 @@
-//! What the cores are busy with, from the kernel's counters in `/proc/stat`.
+//! The load of the cores, from the kernel's counters in `/proc/stat`.
 
 use std::path::Path;
 

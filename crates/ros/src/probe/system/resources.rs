@@ -8,7 +8,7 @@ use super::files;
 /// Sensors that a message names.
 const NAMED_MAX: usize = 10;
 
-/// What is not available to a new program.
+/// The memory that is not available to a new program.
 pub(super) fn memory_percent(proc: &Path) -> Result<f64, String> {
     let path = proc.join("meminfo");
     let text = files::text(&path)?;

@@ -56,7 +56,7 @@ pub(super) async fn run(
     }
 }
 
-/// What is to be published now.
+/// The messages to publish now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Due {
     tree: bool,

@@ -100,7 +100,7 @@ pub(crate) struct Known {
     tokens: HashMap<Mark, (String, u64)>,
 }
 
-/// Who of those in the database is known.
+/// The known users and tokens of the database.
 #[derive(Debug, Default)]
 pub(crate) struct Knowledge {
     /// `None` if nobody can tell: all are taken as they are.
@@ -131,7 +131,7 @@ impl Known {
         let mut rows = query.query(params_from_iter(ACTIONS.map(Action::as_str)))?;
         let mut known = Known::default();
         while let Some(row) = rows.next()? {
-            // What cannot be read says nothing.
+            // A record that cannot be read proves nothing.
             let Some(entry) = readable(Entry::read(row))? else { continue };
             let is_sealed = match is_sealed(connection, key, entry.number) {
                 Err(StoreError::Database(error)) => readable(Err(error))?.unwrap_or(false),
@@ -189,7 +189,7 @@ impl Known {
         self.tokens.contains_key(mark)
     }
 
-    /// What lies in the database and is in no record, in words.
+    /// The users and tokens of the database that are in no record, in words.
     pub fn foreign(&self, connection: &Connection) -> Result<Vec<String>, StoreError> {
         let users = users(connection)?.into_iter().filter(|row| !self.knows(row)).map(|row| row.name);
         let tokens = tokens(connection)?.into_iter().filter(|row| !self.has_token(&row.mark));

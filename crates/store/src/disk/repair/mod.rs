@@ -24,7 +24,7 @@ pub struct DataState {
     pub damage: Option<String>,
     /// The number of users, if it can be read.
     pub users: Option<u64>,
-    /// What is wrong with the history, which is a file of its own.
+    /// The damage of the history, which is a file of its own.
     pub history_damage: Option<String>,
     /// The newest first.
     pub backups: Vec<BackupState>,

@@ -416,7 +416,7 @@ async fn a_history_with_zeroed_pages_is_repaired_or_begun_anew_while_it_is_writt
     bytes[4096 * pages / 2..].fill(0);
     std::fs::write(&path, &bytes).unwrap();
     assert!(history_damage(folder).is_some());
-    // What fails while it is written begins another one, which is then whole.
+    // A history that fails while it is written is followed by another one, which is then whole.
     let (history, queue) = History::open(folder, Clock::start()).unwrap();
     for _ in 0..3 {
         queue.send(vec![Record { at: Timestamp::ZERO, what: shown("fan", State::Error, None) }]).unwrap();

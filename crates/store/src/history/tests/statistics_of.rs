@@ -156,7 +156,7 @@ fn records_that_go_leave_the_statistics_of_their_days() {
         (found.alarms, found.lost, found.most_in_10_min),
         (expected.alarms, 3, expected.most_in_10_min)
     );
-    // What held when the records went holds on.
+    // A state that held when its records went holds on.
     let [expected, past] = [&whole, &small].map(|disk| disk.past(&[], 59 * DAY as i64, 60 * DAY as i64));
     assert_eq!((past.stage, past.signals), (expected.stage, expected.signals));
     // The next run of the program goes on with it.

@@ -123,7 +123,7 @@ impl MinuteSums {
         speed.touch();
     }
 
-    /// What there is of the minute that is not over; `None` if there is nothing.
+    /// The numbers of the present minute; `None` if there are none.
     pub fn end(&mut self) -> Option<Minute> {
         let layout = self.layout.as_ref()?;
         let mut nodes = Vec::new();

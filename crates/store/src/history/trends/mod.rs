@@ -33,7 +33,7 @@ const MINUTE_MS: i64 = 60_000;
 const HOUR_MS: i64 = 60 * MINUTE_MS;
 const DAY_MS: i64 = 24 * HOUR_MS;
 
-/// What a row holds. The numbers stand on the disk.
+/// The span of a row. The numbers stand on the disk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Level {
     /// A minute of all modules.

@@ -10,7 +10,7 @@ use super::write::{beginning, hour_of};
 use super::{HOUR_MS, Level, MINUTE_MS};
 use crate::history::damage::has_trends;
 
-/// What a point stands for.
+/// The span of a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resolution {
     Minute,
@@ -31,7 +31,7 @@ pub struct TrendQuery {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Trend {
     pub values: Vec<ValueTrend>,
-    /// From which hour on there are minutes of any module, and from which hour or day on hours.
+    /// The first hour with minutes of any module, and the first hour or day with hours.
     pub minutes_from_ms: Option<i64>,
     pub hours_from_ms: Option<i64>,
 }

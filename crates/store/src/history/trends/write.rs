@@ -16,7 +16,7 @@ use crate::history::damage::strange;
 pub const MINUTES_BYTES_MAX: u64 = 128 << 20;
 /// The bytes of all hours; beyond them the oldest day is removed.
 pub const HOURS_BYTES_MAX: u64 = 64 << 20;
-/// What a row takes beside its data and its name, in the table and in the index.
+/// The bytes of a row beside its data and its name, in the table and in the index.
 const ROW_BYTES: usize = 64;
 /// Hours that become part of a day with one minute, so that no write takes long.
 const AT_ONCE: usize = 2;

@@ -1,4 +1,5 @@
-//! What each route for programs does, takes and answers, in words and types. The table of routes refers to these.
+//! The description of each route for programs: its parameters and answers, in words and types. The table of routes
+//! refers to these.
 
 mod incidents;
 mod operator;

@@ -1,4 +1,4 @@
-//! What the page of an incident and its report show alike.
+//! The parts that the page of an incident and its report share.
 
 use super::list::{flags, length};
 use super::plots::{Plot, plots};
@@ -248,7 +248,7 @@ fn of_proof(it: &IncidentWords, proof: &Proof) -> Option<String> {
     }
 }
 
-/// What the recording lacks because it grew no further.
+/// The messages that the recording lacks because it had reached its size.
 fn no_room(lang: Lang, recording: &Recording) -> Option<String> {
     let &Recording { left_out: count, left_out_bytes: bytes, .. } = recording;
     let bytes = size(bytes);

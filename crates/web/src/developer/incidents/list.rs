@@ -226,7 +226,7 @@ pub(super) fn flags(it: &IncidentWords, incident: &Incident) -> Vec<&'static str
     all.into_iter().filter(|(is_so, _)| *is_so).map(|(_, word)| word).collect()
 }
 
-/// What the recordings take, and how long their share of the disk lasts if every day is as this one.
+/// The size of the recordings, and how long their share of the disk lasts if every day is as this one.
 fn on_disk_words(lang: Lang, on_disk: OnDisk, policy: Option<Policy>) -> String {
     let OnDisk { count, bytes, bytes_since } = on_disk;
     let disk = policy.map(|policy| size(policy.disk));

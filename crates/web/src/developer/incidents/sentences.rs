@@ -1,4 +1,4 @@
-//! What happened, in sentences.
+//! The events of an incident, in sentences.
 
 use crate::texts::{IncidentWords, Lang, MESSAGE, NAME, clean};
 use telltale_engine::model::Stage;

@@ -12,7 +12,7 @@ use super::super::{PageQuery, why_address};
 use super::{Window, clock, percent};
 use crate::developer::page_query::address;
 
-/// What a letter takes, in hundredths of a strip that is drawn as narrow as it may be.
+/// The width of a letter, in hundredths of a strip that is drawn as narrow as it may be.
 const LETTER: f64 = 1.2;
 /// A transition too short to be drawn is drawn this wide.
 const WIDTH_MIN: f64 = 0.15;
@@ -24,13 +24,13 @@ pub struct StripHtml {
     pub kind: StripKind,
     /// SVG, as wide as the page has room for.
     pub bars: String,
-    /// What it showed at the selected moment.
+    /// Its state at the selected moment.
     pub state: &'static str,
     pub word: &'static str,
     pub because: String,
 }
 
-/// What a strip shows.
+/// The content of a strip.
 pub enum StripKind {
     Stage,
     Signal,
@@ -41,7 +41,7 @@ pub enum StripKind {
     },
 }
 
-/// What the strips of a page need.
+/// The parameters of the strips of a page.
 pub struct TimelineStrips<'a> {
     pub lang: Lang,
     pub words: &'static DevWords,
@@ -121,7 +121,7 @@ impl TimelineStrips<'_> {
         }
     }
 
-    /// What held at the selected moment: of two that meet there, the later.
+    /// The stretch at the selected moment: of two that meet there, the later.
     fn at_moment<'s, T>(&self, all: &'s [T], span: impl Fn(&T) -> (Timestamp, Timestamp)) -> Option<&'s T> {
         let moment = stamp(self.window.moment_ms());
         all.iter().rev().find(|it| {
@@ -250,7 +250,7 @@ pub struct Explained {
     pub word: &'static str,
 }
 
-/// What the bars of nodes look like, and what that means.
+/// The legend: how the bars of nodes look, and the meaning of each.
 pub fn legend(lang: Lang) -> Vec<Explained> {
     let it = IncidentWords::of(lang);
     let looks = [Look::Ok, Look::Warning, Look::Error, Look::Unknown];

@@ -63,7 +63,7 @@ struct TopicRow {
     mismatches: Vec<&'static str>,
 }
 
-/// What the recorder's memory holds of a topic.
+/// The share of a topic in the recorder's memory.
 struct HeldCell {
     /// Seconds.
     seconds: String,
@@ -90,7 +90,7 @@ struct TopicsHtml {
     nodes: Vec<String>,
     node_count: usize,
     more: usize,
-    /// What a recording needs and the memory for it, if anything is recorded.
+    /// The sizes of a recording and of the memory for it, if anything is recorded.
     memory: Option<(String, String)>,
     columns: usize,
 }

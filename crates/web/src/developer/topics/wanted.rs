@@ -1,4 +1,4 @@
-//! What the monitors of the configuration want of topics: which of them read a topic, and the rate that they want of it.
+//! The topics that the configuration's monitors read, and the rate that they want of each.
 
 use std::collections::HashMap;
 

@@ -23,7 +23,7 @@ pub struct Excerpt {
     pub more: usize,
 }
 
-/// What the files say of a node; `None` if it is not written there.
+/// The text of a node in the files; `None` if it is not written there.
 pub fn excerpt(written: &Written, node: &str) -> Option<Excerpt> {
     let &(file, line) = written.lines.get(node)?;
     let text = written.texts.get(usize::from(file))?;

@@ -123,7 +123,7 @@ struct WhyHtml {
     is_matched: bool,
     incidents: Vec<IncidentRow>,
     incidents_address: String,
-    /// What the numbers are: of instants, minutes or hours.
+    /// The kind of the numbers: of instants, minutes or hours.
     drawn: &'static str,
     /// From when on there are minutes and hours.
     kept: Option<(String, String)>,

@@ -91,7 +91,7 @@ fn numbers_of(report: &Report) -> impl Iterator<Item = &str> {
     numbers.map(|(key, _)| &**key)
 }
 
-/// What the numbers of a span of time are drawn from; `None`: the samples of the last minutes.
+/// The source of the numbers of a span of time; `None`: the samples of the last minutes.
 pub fn resolution((from_ms, to_ms): (i64, i64), is_live: bool) -> Option<Resolution> {
     match to_ms - from_ms {
         span_ms if is_live && span_ms <= SAMPLES_UP_TO_MS => None,

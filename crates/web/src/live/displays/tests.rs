@@ -1,4 +1,4 @@
-//! What counts as a live display, and places for sockets.
+//! The rule for a live display, and places for sockets.
 
 use super::*;
 use telltale_clock::Clock;

@@ -16,10 +16,10 @@ use telltale_engine::snapshot::{self, Reason, Snapshot};
 use telltale_engine::time::{Since, Timestamp};
 use telltale_record::reason::Why;
 
-/// What is left of a message where words are left out.
+/// The rest of a message where words are left out.
 const MESSAGE_BYTES: usize = 200;
 
-/// What an answer lacks because it would be too large; each lacks what those before it lack.
+/// The cuts of an answer that would be too large; each contains those before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum LeftOut {
     Nothing,
@@ -55,7 +55,7 @@ pub(super) struct Context<'a> {
     pub left_out: LeftOut,
 }
 
-/// What stands before the groups.
+/// The members before the groups.
 #[derive(Serialize, JsonSchema)]
 pub(super) struct Head<'a> {
     /// The number of the state. Operators' actions name the one that they were shown.
@@ -85,7 +85,7 @@ struct Motion<'a> {
     destination: Option<&'a str>,
 }
 
-/// What stands after the groups. In a message that says only what changed, a list that did not is not there.
+/// The members after the groups. In a message that says only what changed, a list that did not is not there.
 #[derive(Serialize, JsonSchema)]
 pub(super) struct Tail<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -122,10 +122,10 @@ pub(super) struct Lists<T> {
 pub(super) struct Group<'a> {
     id: &'a str,
     name: &'a str,
-    /// What is shown: `ignore` where something else explains it, or where it does not matter now.
+    /// The shown state: `ignore` where something else explains it, or where it does not matter now.
     #[schemars(schema_with = "words::state")]
     state: &'static str,
-    /// What it would show by itself.
+    /// The state without any mask.
     #[schemars(schema_with = "words::state")]
     own: &'static str,
     #[schemars(schema_with = "words::time")]
@@ -142,10 +142,10 @@ pub(super) struct Group<'a> {
 #[derive(Serialize, JsonSchema)]
 pub(super) struct ModuleHead<'a> {
     id: &'a str,
-    /// What is shown: `ignore` where something else explains it, or where it does not matter now.
+    /// The shown state: `ignore` where something else explains it, or where it does not matter now.
     #[schemars(schema_with = "words::state")]
     state: &'static str,
-    /// What it would show by itself.
+    /// The state without any mask.
     #[schemars(schema_with = "words::state")]
     own: &'static str,
     #[schemars(schema_with = "words::time")]
@@ -182,7 +182,7 @@ pub struct Module<'a> {
     tail: ModuleTail<'a>,
 }
 
-/// What a monitor judges, by the paper's classification.
+/// The class of a monitor, after the paper.
 #[derive(Serialize, JsonSchema)]
 struct Class {
     #[schemars(schema_with = "words::location")]
@@ -240,7 +240,7 @@ struct Countermeasure<'a> {
     held: bool,
 }
 
-/// What was received since the start, and what of it was lost or could not be read.
+/// The messages received since the start, and those lost or unreadable.
 #[derive(Serialize, JsonSchema)]
 struct Counters {
     arrays: u64,
@@ -437,7 +437,7 @@ impl<'a> Context<'a> {
     }
 }
 
-/// What an answer may lack.
+/// The parts that an answer may lack.
 fn left_out_words(_: &mut SchemaGenerator) -> Schema {
     words::of(LeftOut::ALL.into_iter().filter_map(LeftOut::as_str))
 }

@@ -127,7 +127,7 @@ pub fn beat(
 /// `{"tap": NAME, "status": 200, "said": {...}}`.
 pub async fn answered(tap: &str, answer: Response) -> Utf8Bytes {
     let status = answer.status().as_u16();
-    // What was made a moment ago in memory can be read.
+    // A file made a moment ago in memory can be read.
     let said = to_bytes(answer.into_body(), ANSWER_BYTES_MAX).await.unwrap_or_default();
     let said: serde_json::Value = serde_json::from_slice(&said).unwrap_or_default();
     let tap = serde_json::Value::from(tap);

@@ -21,7 +21,7 @@ use telltale_runtime::Published;
 const VALUES_BYTES_MAX: u64 = 16 << 20;
 /// An answer is never larger, but for what the configuration itself makes of it.
 const ANSWER_BYTES_MAX: usize = 16 << 20;
-/// What an answer takes beside the texts of its parts: for each part, and for the rest.
+/// The bytes of an answer beside the texts of its parts: for each part, and for the rest.
 const BESIDE_PART_BYTES: usize = 64;
 const BESIDE_BYTES: usize = 1024;
 /// A wall clock that is set by more than this is told at once. Less shows when a part changes.
@@ -163,7 +163,7 @@ impl Parts {
             if self.write_parts(&snapshot, before.map(|it| &*it.snapshot), bytes_max) {
                 return;
             }
-            // What was written is no base for anything.
+            // The text that was written is no base for anything.
             before = None;
         }
     }

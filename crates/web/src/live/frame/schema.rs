@@ -51,7 +51,7 @@ struct GroupAlone<'a> {
     groups: Vec<GroupAlone<'a>>,
 }
 
-/// What changed since the message before it, for `?deltas`: groups and modules that changed, wherever they stand in
+/// The changes since the message before it, for `?deltas`: groups and modules that changed, wherever they stand in
 /// the tree, and each list that changed. Members that are given replace the old ones.
 #[derive(JsonSchema)]
 #[schemars(transform = is_change)]

@@ -148,7 +148,7 @@ impl View<'_> {
         }
     }
 
-    /// What a module shows, or what it reports behind its mask.
+    /// The state of a module, or its report behind a mask.
     fn failing(&self, id: ModuleId) -> State {
         let (_, module) = self.snapshot.module(id);
         if module.state == State::Ignore { module.own } else { module.state }

@@ -27,7 +27,7 @@ pub fn motion(view: &View<'_>) -> Fragment {
     Fragment { id: "motion".to_owned(), html }
 }
 
-/// What the vehicle does. It drives only where it is known to move.
+/// The word for the vehicle's motion. It drives only where it is known to move.
 fn word(view: &View<'_>) -> &'static str {
     let (snapshot, words) = (view.snapshot, view.words);
     match snapshot.motion.moving {

@@ -22,7 +22,7 @@ struct TopHtml {
     word: &'static str,
     /// A machine without stages says the word to screen readers alone: its motion above is what changes.
     has_stages: bool,
-    /// Who uses the page: the operator of a vehicle, or somebody who looks at a machine.
+    /// The reader of the page: the operator of a vehicle, or a person who looks at a machine.
     user_is: &'static str,
     operator: Option<String>,
     /// The button that ends the work, in every stage but driving.

@@ -218,7 +218,7 @@ fn decided(view: &View<'_>, module: &ModuleView) -> String {
     }
 }
 
-/// What a module measures; a number of the last minutes is a line too.
+/// The measured values of a module; a number of the last minutes is a line too.
 fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
     let (info, module) = view.snapshot.module(id);
     let past = view.trends.filter(|_| drawn && !module.report.values.is_empty());

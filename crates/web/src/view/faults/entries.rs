@@ -44,7 +44,7 @@ pub struct FaultEntry {
     pub shelved: Option<Shelved>,
     /// Somebody has acknowledged it, and when, if that is known.
     pub seen: Option<Option<Timestamp>>,
-    /// What an acknowledgement of this entry is for.
+    /// The fault that an acknowledgement of this entry names.
     pub acknowledge: Option<AcknowledgeTarget>,
 }
 
@@ -157,7 +157,7 @@ fn of_root(view: &View<'_>, root: &RootCause) -> FaultEntry {
     }
 }
 
-/// What a root cause masks: `4 parts wait`.
+/// The number of nodes that a root cause masks: `4 parts wait`.
 fn waits(view: &View<'_>, root: &RootCause) -> String {
     let own = view.board.tile_of(root.node);
     let masked =

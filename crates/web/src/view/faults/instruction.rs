@@ -64,14 +64,14 @@ struct InstructionHtml {
     request: Option<(&'static str, &'static str)>,
 }
 
-/// What the instruction says. An empty title is none.
+/// The words of the instruction. An empty title is none.
 #[derive(Debug, Default)]
 struct Instruction {
     urgency: Urgency,
     blocked: bool,
     icon: &'static str,
     title: String,
-    /// What somebody reads instead who may not act.
+    /// The words for a reader who may not act.
     reader: Option<&'static str>,
     /// Sentences before those about the requests.
     line: String,
@@ -176,7 +176,7 @@ pub fn is_wrong_stop(view: &View<'_>) -> bool {
     snapshot.stage == Stage::Localizing && group.state == State::Error && is_of_choice
 }
 
-/// What somebody reads who may not act: nobody is told to do what only the operator may.
+/// The words for a reader who may not act: only the operator is told to act.
 fn for_reader(view: &View<'_>, it: &Instruction, title: &str) -> String {
     match it.reader {
         Some(words) => words.to_owned(),

@@ -1,4 +1,4 @@
-//! What a page is made for: its reader, language, colours, and the part that is asked for.
+//! The request for a page: its reader, language, colours, and the part that is asked for.
 
 use crate::texts::Lang;
 use telltale_store::Role;
@@ -25,7 +25,7 @@ impl Palette {
     }
 }
 
-/// What the recorder does, as the operator's page shows it.
+/// The state of the recorder, as the operator's page shows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RecorderState {
     /// Nothing can be recorded.
@@ -87,7 +87,7 @@ pub struct PageContext {
     pub demo: bool,
     /// The configuration comes from a file: pages may link to its page.
     pub configuration: bool,
-    /// What the recorder does; `None` without a recorder.
+    /// The state of the recorder; `None` without one.
     pub recorder: Option<RecorderState>,
     /// A recording is shown: nothing can be done, and pages that a recording does not have are not linked.
     pub replay: bool,

@@ -8,7 +8,7 @@ use crate::texts::{Lang, NAME, SessionEnd, Words, clean};
 use crate::view::html;
 use telltale_store::Token;
 
-/// What the login page shows.
+/// The content of the login page.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LoginContext {
     pub lang: Lang,

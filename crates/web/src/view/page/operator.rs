@@ -28,7 +28,7 @@ struct OperatorHtml {
     demo: bool,
     developer: bool,
     replay: bool,
-    /// What the recorder does; `None` without one.
+    /// The state of the recorder; `None` without one.
     recorder: Option<&'static str>,
     /// The reader may mark a moment in the recording.
     marks: bool,

@@ -326,7 +326,7 @@ pub fn parts() -> Parts {
     }
 }
 
-/// What a module says: level, message and values.
+/// The report of a module: level, message and values.
 type Heard = (u8, String, Vec<(String, String)>);
 
 /// A vehicle whose modules report as the test says, every second.
@@ -424,7 +424,7 @@ impl Sample {
         self
     }
 
-    /// What the vehicle shows now, to go on from.
+    /// The vehicle's present snapshot, to go on from.
     pub fn snapshot(&mut self) -> Arc<Snapshot> {
         self.engine.snapshot()
     }

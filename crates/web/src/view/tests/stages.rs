@@ -10,7 +10,7 @@ fn a_locked_vehicle_shows_nothing_of_itself() {
     assert_eq!(fragments.len(), 1);
     let page = operator_page(&locked, &context(Lang::En, Palette::Night));
     let developer = crate::developer::tests::pages(&locked, &context(Lang::En, Palette::Night), "");
-    // What the file of the configuration would change is no diagnosis.
+    // A change that waits in the configuration's file is no diagnosis.
     let developer = developer.iter().filter(|(page, _)| *page != "configuration").map(|(_, html)| html);
     for html in [&fragments[0].html, &page].into_iter().chain(developer) {
         assert!(html.contains(r#"data-stage="locked""#));

@@ -9,7 +9,7 @@ use crate::record::writer::{Fault, News};
 use crate::store::Store;
 use crate::web::NotMarked;
 
-/// Who marks a moment waits this long for the disk.
+/// A mark waits this long for the disk.
 const MARKED_WITHIN: Duration = Duration::from_secs(1);
 
 /// What was given to the store last.

@@ -131,7 +131,7 @@ async fn take(outcome: Outcome, engine: &mpsc::Sender<Reload>) -> Result<Outcome
 async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done, result) = oneshot::channel();
     let thread = std::thread::Builder::new().name("configuration".to_owned());
-    // Who asked may have gone.
+    // The asker may have gone.
     thread.spawn(move || done.send(work()).is_ok()).ok()?;
     result.await.ok()
 }
@@ -295,7 +295,7 @@ impl Task {
                 self.log(&read);
             }
             if let Some(request) = request {
-                // Who asked may have gone.
+                // The asker may have gone.
                 let _ = request.reply.send(self.rereading(take, taken, &read));
             }
         }

@@ -82,7 +82,7 @@ mod tests {
             &[("/arms/left/motor", OK, ALWAYS), ("/legs/left/motor", WARN, ALWAYS), ("cpu", ERROR, ALWAYS)],
             3,
             &[
-                // What nobody takes does not count for the whole.
+                // A status that nobody takes does not count for the whole.
                 ("/Robot", WARN),
                 ("/Robot/Arms", OK),
                 ("/Robot/Arms/ arms left motor", OK),
@@ -115,7 +115,7 @@ mod tests {
         // Nothing ever matched.
         check(&text, &[], 1, &[("/Robot", STALE), ("/Robot/A", STALE)]);
         check(&text, &[], 20, &[("/Robot", STALE), ("/Robot/A", STALE)]);
-        // What was an error is stale as well once it is silent.
+        // An error is stale as well once it is silent.
         check(&text, &[("a1", ERROR, 6), ("a2", OK, 20)], 8, &expected(ERROR, ERROR, ERROR, OK));
         check(&text, &[("a1", ERROR, 6), ("a2", OK, 20)], 9, &expected(ERROR, ERROR, STALE, OK));
         check(&text, &[("a1", ERROR, 6), ("a2", ERROR, 6)], 20, &expected(STALE, STALE, STALE, STALE));
@@ -234,7 +234,7 @@ mod tests {
         let warned = [("a1", OK, 3), ("b", WARN, ALWAYS)];
         assert_eq!(whole(&warned, Like::Before), (STALE, ERROR, ERROR));
         assert_eq!(whole(&warned, Like::Since), (STALE, WARN, WARN));
-        // What nobody takes counts there, and nowhere else.
+        // A status that nobody takes counts there, and nowhere else.
         let other = [("a1", OK, ALWAYS), ("b", OK, ALWAYS), ("c", WARN, ALWAYS)];
         assert_eq!(whole(&other, Like::Since), (OK, OK, WARN));
     }

@@ -310,7 +310,7 @@ impl Tree<'_> {
         self.folded(level(self.snapshot, view.state), || members.map(|node| self.node_level(node)))
     }
 
-    /// What is STALE is STALE as a whole only where nothing below it is known, or where the newer aggregator says so.
+    /// A group is STALE as a whole only where nothing below it is known, or where the newer aggregator says so.
     fn folded<L: Iterator<Item = Level>>(self, own: Level, below: impl FnOnce() -> L) -> Level {
         if own != Level::Stale {
             return own;
@@ -362,7 +362,7 @@ pub fn words(view: &ModuleView, now: Timestamp) -> Cow<'_, str> {
     }
 }
 
-/// What the level does not express: IGNORE has no level, and hides the module's own state.
+/// The part that the level does not express: IGNORE has no level, and hides the module's own state.
 fn own_values(snapshot: &Snapshot, state: State, own: State, out: &mut StatusArray) {
     out.push_value("telltale_state", state.as_str());
     if snapshot.stage != Stage::Locked && own != state {

@@ -1,4 +1,5 @@
-//! What a click may change in the texts of a what-if, with its places as a browser counts them in a text area.
+//! The values that a click may change in the texts of a what-if, with their places as a browser counts them in a text
+//! area.
 
 use crate::texts::{NAME, VALUE, clean};
 use telltale_replay::{Changeable, WhatChanges, changeable};

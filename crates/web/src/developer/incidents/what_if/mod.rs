@@ -70,7 +70,7 @@ struct WhatIfHtml {
     id: u64,
     causes: Vec<String>,
     files: Vec<File>,
-    /// What a click may change, and how many nodes have no room.
+    /// The values that a click may change, and how many nodes have no room.
     changes: Vec<NodeChanges>,
     more_changes: usize,
     is_all: bool,

@@ -1,4 +1,4 @@
-//! What a what-if found, for its page: a row for each incident, and the strips of the nodes that differ, both sides
+//! The result of a what-if, for its page: a row for each incident, and the strips of the nodes that differ, both sides
 //! below one another.
 
 use std::sync::Arc;
@@ -30,7 +30,7 @@ pub struct Row {
     pub address: Option<String>,
     pub differs: bool,
     pub trouble: Option<String>,
-    /// What differs first, and when.
+    /// The first difference, and its time.
     pub first: Option<First>,
     pub cells: Vec<Cell>,
     pub alarms_gone: String,
@@ -144,7 +144,7 @@ fn first_of(lang: Lang, id: u64, comparison: &Comparison, Parting { at, of }: &P
     }
 }
 
-/// What a node shows, in words.
+/// The state of a node, in words.
 fn shown(lang: Lang, shown: Option<&Shown>) -> String {
     let it = IncidentWords::of(lang);
     let Some(Shown { state, own, cause }) = shown else { return it.not_there.to_owned() };
