@@ -9,6 +9,12 @@
   // The edges of a band have no line of their own.
   const EDGE = { width: 0, points: { show: false } };
 
+  // The second node's line differs from the first one, and from limits, without its colour too.
+  const DOTS = [2, 3];
+
+  // A chart is made anew for another scale.
+  const kind = ({ dataset: { second, sameScale } }) => `${second !== undefined} ${sameScale !== undefined}`;
+
   const drawn = new Map();
   let loading = null;
   const load = ({ uplot, uplotStyle }) => {
@@ -29,13 +35,14 @@
   };
 
   const read = (plot) => {
+    const { numbers, least, most, second } = plot.dataset;
     const lanes = plot.closest(".lanes");
     const times = JSON.parse(lanes.dataset.times).map((ms) => ms / 1000);
     return {
       span: [Number(lanes.dataset.start) / 1000, Number(lanes.dataset.end) / 1000],
       limits: JSON.parse(plot.dataset.limits),
-      // Minutes and hours have their least and greatest numbers too.
-      data: [times, ...[plot.dataset.numbers, plot.dataset.least, plot.dataset.most].filter(Boolean).map((all) => JSON.parse(all))],
+      // Minutes and hours have their least and greatest numbers too. The numbers of a second node are last.
+      data: [times, ...[numbers, least, most, second].filter(Boolean).map((all) => JSON.parse(all))],
     };
   };
 
@@ -66,22 +73,26 @@
 
   const say = (plot) => (chart) => {
     const { idx, left } = chart.cursor;
-    const [number, least, most] = left >= 0 && idx !== null ? chart.data.slice(1).map((all) => all[idx]) : [];
+    const [number, ...others] = left >= 0 && idx !== null ? chart.data.slice(1).map((all) => all[idx]) : [];
+    const second = plot.dataset.second === undefined ? "" : `  | ${others.pop() ?? "-"}`;
+    const [least, most] = others;
     const ends = Number.isFinite(least) ? `  ${least} … ${most}` : "";
-    const text = number === undefined ? "" : `${clock(chart.data[0][idx])}  ${number ?? "-"}${ends}`;
+    const text = number === undefined ? "" : `${clock(chart.data[0][idx])}  ${number ?? "-"}${ends}${second}`;
     Live.setText(plot.querySelector("output"), text);
   };
 
   const make = (plot) => {
     const host = plot.querySelector(".chart");
-    const within = read(plot).data.slice(2);
+    const { second, sameScale, least } = plot.dataset;
+    const within = least ? [EDGE, EDGE] : [];
+    const dotted = { stroke: colour("--second"), width: 2, dash: DOTS, points: { show: false } };
     const options = {
       width: host.parentElement.clientWidth - host.offsetLeft + host.parentElement.offsetLeft,
       height: HEIGHT,
       padding: [6, 0, 6, 0],
       legend: { show: false },
       cursor: { y: false, sync: { key: "node" }, drag: { x: false, y: false } },
-      scales: { x: { range: () => read(plot).span }, y: { range: range(plot) } },
+      scales: { x: { range: () => read(plot).span }, y: { range: range(plot) }, own: {} },
       axes: [
         { show: false },
         {
@@ -89,11 +100,13 @@
           grid: { stroke: colour("--line"), width: 1 }, ticks: { show: false },
         },
       ],
-      series: [{}, { stroke: colour("--plot"), width: 1.6, points: { show: false } }, ...within.map(() => EDGE)],
+      series: [{}, { stroke: colour("--plot"), width: 1.6, points: { show: false } }, ...within,
+        ...(second ? [{ ...dotted, scale: sameScale === undefined ? "own" : "y" }] : [])],
       bands: within.length ? [{ series: [3, 2], fill: colour("--band") }] : [],
       hooks: { draw: [drawLimits(plot)], setCursor: [say(plot)] },
     };
     const chart = new uPlot(options, read(plot).data, host);
+    chart.kind = kind(plot);
     plot.querySelector("svg").style.display = "none";
     drawn.set(plot, chart);
     fit(plot, chart);
@@ -120,7 +133,7 @@
     }
     for (const plot of all) {
       const [chart, { data }] = [drawn.get(plot), read(plot)];
-      if (chart?.data.length === data.length) chart.setData(data);
+      if (chart?.data.length === data.length && chart.kind === kind(plot)) chart.setData(data);
       else if (chart) {
         chart.destroy();
         drawn.delete(plot);

@@ -18,6 +18,8 @@ CAUSE = "sensors/velodyne_packet_alive"
 LOOKS = [("en", "night"), ("de", "day")]
 SIZES = [{"width": 390, "height": 844}, {"width": 1920, "height": 1080}]
 BODY = "() => [document.documentElement.scrollWidth, innerWidth]"
+# By how much the table of topics is wider than its box, which would scroll.
+OVER = "() => { const box = document.querySelector('.sheet:has(#topics)'); return box ? box.scrollWidth - box.clientWidth : 0; }"
 
 
 def dress(context, server, lang, palette):
@@ -100,6 +102,9 @@ def test_the_developers_pages(broken, chromium, trouble, lang, palette):
             wide, most = page.evaluate(BODY)
             if wide > most:
                 found.append(f"{path}: {wide} px wide in a window of {most}")
+            over = page.evaluate(OVER)
+            if over > 0:
+                found.append(f"{path}, {size['width']} px: the topics are {over} px wider than their box")
             found += [f"{path}, {size['width']} px: {it}" for it in violations(page, live=True).splitlines()]
     page.set_viewport_size({"width": 1280, "height": 800})
     page.keyboard.press("?")

@@ -89,6 +89,29 @@ def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_h
                 assert name["x"] + name["width"] <= word["x"] + 1 and word["x"] + word["width"] <= width, (name, word)
 
 
+# Whether the longest text of the way is left out or lies in its box.
+HAS_ROOM = """() => {
+  const place = document.querySelector("#step .next > span");
+  const way = place.querySelector(".way") ?? place.appendChild(Object.assign(document.createElement("span"), { className: "text way" }));
+  way.textContent = "Etwa 99,9 km, 60 min";
+  const [text, box] = [way, way.closest(".next")].map(it => it.getBoundingClientRect());
+  const lines = document.createRange();
+  lines.selectNodeContents(way);
+  return text.width === 0 || (lines.getBoundingClientRect().right <= box.right && text.bottom <= box.bottom && box.bottom <= innerHeight);
+}"""
+
+
+def test_how_far_the_next_stop_is_has_room_in_every_window_or_is_left_out(server, vehicle, german, trouble):
+    page, client = german
+    vehicle.drive(True)
+    until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
+    page.goto(server.url + "/")
+    expect(page.locator("#step .next strong")).to_have_text("Unterwegs")
+    for width, height in (*SIZES, *SMALL):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.evaluate(HAS_ROOM), (width, height)
+
+
 # Inside which words a line of the faults' titles ends, without a hyphen of theirs.
 TORN = """() => [...document.querySelectorAll("#causes .title")].flatMap(title => {
   const node = title.firstChild, torn = [];

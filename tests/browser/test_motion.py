@@ -44,11 +44,14 @@ def test_words_and_numbers_say_what_the_shuttle_does(chromium, shuttle, trouble)
     page.evaluate(NOTE)
     fast = re.compile(r"^Driving · (1[0-9]|2[0-9]) km/h · Main Station$")
     expect(motion).to_have_text(fast, timeout=DEPARTURE_MS)
+    way = page.locator("#step .way")
+    expect(way).to_have_text(re.compile(r"^About \d+ m$"))
     assert client.snapshot()["motion"]["destination"] == "station"
     # A stop is said as long as the vehicle moves, and no longer.
     client.stop()
     expect(motion).to_have_text(re.compile(r"^Stopping · \d+ km/h · Main Station$"))
     expect(motion).to_have_text("Standing · next: Main Station")
+    expect(way).to_have_count(0)
     # Without the bus nobody knows whether it stands.
     client.post("/demo/fault", name="can_loss", active="true")
     expect(motion).to_have_text("Speed unknown")

@@ -5,6 +5,7 @@ import re
 from playwright.sync_api import expect
 
 from test_developer import CAUSE, DEVELOPER, STATUS, developer, prepare, visit  # noqa: F401
+from accessible import violations
 from operating import enter
 from vehicle import CONFIG, until
 
@@ -59,6 +60,42 @@ def test_the_cursor_tells_the_number_under_it(server, vehicle, developer, troubl
     at = page.locator("#dev").get_attribute("data-at")
     expect(page.locator("#dev")).not_to_have_attribute("data-at", at)
     expect(plot.locator("output")).to_have_text(re.compile(r"\s1$"))
+
+
+def test_a_number_of_a_second_node_is_drawn_into_the_plots(server, vehicle, developer, trouble):
+    page = developer
+    visit(page, server, address(CAUSE))
+    plot = page.locator("#past .plot[data-plot=n]")
+    expect(plot.locator("canvas")).to_be_visible()
+    field = page.locator("input[name=with]")
+    offered = page.locator("#offered option").evaluate_all("all => all.map(it => it.value)")
+    other = next(it for it in offered if not it.startswith(f"{CAUSE} "))
+    # By the keyboard alone.
+    field.focus()
+    page.keyboard.type(other)
+    page.keyboard.press("Enter")
+    expect(plot).to_have_attribute("data-second", re.compile(r"[\d]"))
+    expect(plot.locator(".label .second")).to_have_text(other)
+    expect(plot.locator("canvas")).to_be_visible()
+    assert violations(page, live=True) == ""
+    # It stays while the page renews itself, and the cursor tells both numbers.
+    at = page.locator("#dev").get_attribute("data-at")
+    expect(page.locator("#dev")).not_to_have_attribute("data-at", at)
+    expect(plot.locator(".label .second")).to_have_text(other)
+    box = plot.locator(".u-over").bounding_box()
+    page.mouse.move(box["x"] + box["width"] - 4, box["y"] + 20)
+    expect(plot.locator("output")).to_have_text(re.compile(r"\s1\s+\|\s[\d.]+$"))
+    # Another span keeps it.
+    page.locator("[name=span]").select_option("30")
+    page.wait_for_url("**span=30*")
+    expect(plot.locator(".label .second")).to_have_text(other)
+    field.fill("")
+    page.get_by_role("button", name="Apply").click()
+    expect(plot).not_to_have_attribute("data-second", re.compile("."))
+    expect(plot.locator("canvas")).to_be_visible()
+    page.goto(server.url + address(CAUSE) + "&with=no%2F%3Cb%3Enode")
+    expect(page.locator("#not-drawn")).to_have_text("There is no module with a number called no/<b>node.")
+    expect(plot).not_to_have_attribute("data-second", re.compile("."))
 
 
 def test_the_page_of_a_node_works_without_scripts(server, vehicle, chromium):

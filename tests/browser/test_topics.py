@@ -13,6 +13,7 @@ from playwright.sync_api import expect
 from accessible import violations
 from operating import enter
 from programs import TELLTALE
+from test_accessible import OVER
 from test_developer import DEVELOPER, visit
 from vehicle import Client, Server, Writer, own_domain, until
 
@@ -109,6 +110,11 @@ def test_a_monitor_is_two_clicks_away_and_means_what_it_says(robot, topics, trou
         expect(button).to_have_text("Copied")
         drafts[name] = page.evaluate("() => navigator.clipboard.readText()")
     assert violations(page) == ""
+    # On a phone nothing of them has to be scrolled sideways.
+    size = page.viewport_size
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate(OVER) == 0
+    page.set_viewport_size(size)
     # The page renews itself, and they stay.
     at = page.locator("#dev").get_attribute("data-at")
     expect(page.locator("#dev")).not_to_have_attribute("data-at", at)

@@ -69,6 +69,7 @@ mod start_errors;
 mod tidy;
 mod two_faults;
 mod unheard_requests;
+mod way_to_the_stop;
 mod web;
 mod what_if;
 mod writers;

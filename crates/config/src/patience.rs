@@ -36,6 +36,9 @@ pub fn patient(mut loaded: Loaded) -> Loaded {
     if let Some(speed) = &mut parts.driving.speed {
         speed.timeout = longer(speed.timeout, PATIENCE);
     }
+    if let Some(position) = &mut parts.driving.position {
+        position.timeout = longer(position.timeout, PATIENCE);
+    }
     for rule in &mut parts.driving.countermeasures {
         if let Some(confirmation) = &mut rule.confirmation {
             confirmation.within = longer(confirmation.within, PATIENCE);

@@ -1,18 +1,21 @@
-//! Whether the vehicle moves, how fast, and where to: from the configured speed and the pose of the goal.
+//! Whether the vehicle moves, how fast, where to and how far: from the configured speed and position and the pose of
+//! the goal.
 //!
 //! The page shows what people can see: a speed in whole km/h that does not flicker, and "stands" only once the
 //! vehicle has been slow for a moment. A speed that is too old, or is no number, says nothing.
 
 use super::Engine;
 use super::model::monitors::TopicId;
-use super::model::motion::SpeedSource;
+use super::model::motion::{PositionSource, SpeedSource};
 use super::model::sample::{FieldValue, Sample};
 use super::model::{Model, Stage, StageModel, Stop};
 use super::snapshot::{Motion, Moving};
+use super::state::State;
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
 use crate::signals::driving_word::ARRIVAL;
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 
 /// A vehicle stands once it has been slow for this long. It moves at once.
 const STANDS_AFTER: Span = Span::from_millis(500);
@@ -26,6 +29,16 @@ const SHOWN_KMH_MAX: f64 = 999.0;
 /// A stop that is further from the goal is not the destination.
 const AT_STOP_M: f64 = 10.0;
 
+/// A goal that is further away is not in the same frame as the position.
+const GOAL_MAX_M: f64 = 100_000.0;
+
+/// The time to the goal comes from how much nearer it came over this time, looked at this often.
+const NEARED_OVER: Span = Span::from_secs(60);
+const NEARED_EVERY: Span = Span::from_secs(1);
+/// A vehicle that comes nearer more slowly than this, or would take longer, has no time.
+const NEARING_MIN_MPS: f64 = 0.5;
+const GOAL_MAX_MIN: f64 = 60.0;
+
 /// The known motion.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct MotionState {
@@ -35,6 +48,12 @@ pub(super) struct MotionState {
     slow_since: Option<Timestamp>,
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
+    /// The last place of the vehicle, in metres.
+    #[serde(default)]
+    position: Option<((f64, f64), Timestamp)>,
+    /// The distances to the goal in the last minute of a drive, oldest first.
+    #[serde(default)]
+    nearing: VecDeque<(Timestamp, f64)>,
     shown: Motion,
     /// The speed summed up over the time for which it was known, in metres.
     #[serde(default)]
@@ -72,11 +91,16 @@ impl MotionState {
 
     fn take_goal(&mut self, value: &FieldValue) {
         // A message that is no pose neither sets a goal nor ends the one before.
-        if let FieldValue::Pose(pose) = value
-            && pose.x_m.is_finite()
-            && pose.y_m.is_finite()
-        {
-            self.goal = Some((pose.x_m, pose.y_m));
+        let Some(goal) = place(value) else { return };
+        if self.goal != Some(goal) {
+            self.nearing.clear();
+        }
+        self.goal = Some(goal);
+    }
+
+    fn take_position(&mut self, value: &FieldValue, now: Timestamp) {
+        if *value != FieldValue::Absent {
+            self.position = place(value).map(|place| (place, now));
         }
     }
 
@@ -85,6 +109,39 @@ impl MotionState {
         let old = self.speed.map(|(_, at)| at + source.timeout);
         let stands = self.slow_since.map(|since| since + STANDS_AFTER);
         [old, stands].into_iter().flatten().filter(|&due| due > now).min()
+    }
+
+    /// Judges how far the goal is in a straight line, and how long a drive there takes if it comes nearer as it did in
+    /// the last minute. `trusted` says whether the position is.
+    fn judge_goal(&mut self, source: Option<&PositionSource>, trusted: bool, drives: bool, now: Timestamp) {
+        (self.shown.goal_min, self.position) =
+            (None, self.position.filter(|(_, at)| source.is_some_and(|source| now < *at + source.timeout)));
+        let ways = self.position.filter(|_| trusted).zip(self.goal);
+        let far = ways.map(|(((x_m, y_m), at), goal)| ((goal.0 - x_m).hypot(goal.1 - y_m), at));
+        let Some((goal_m, at)) = far.filter(|(m, _)| *m <= GOAL_MAX_M) else {
+            self.nearing.clear();
+            self.shown.goal_m = None;
+            return;
+        };
+        self.shown.goal_m = Some(shown_m(goal_m, self.shown.goal_m));
+        if !drives {
+            self.nearing.clear();
+            return;
+        }
+        if self.nearing.back().is_none_or(|(last, _)| at >= *last + NEARED_EVERY) {
+            self.nearing.push_back((at, goal_m));
+            while self.nearing.get(1).is_some_and(|(second, _)| at >= *second + NEARED_OVER) {
+                self.nearing.pop_front();
+            }
+        }
+        let Some(((first, before_m), (last, last_m))) = self.nearing.front().zip(self.nearing.back()) else {
+            return;
+        };
+        if *last >= *first + NEARED_OVER {
+            let mps = (before_m - last_m) * 1e9 / last.since(*first).as_nanos() as f64;
+            let min = (goal_m / mps / 60.0).ceil().max(1.0);
+            self.shown.goal_min = (mps >= NEARING_MIN_MPS && min <= GOAL_MAX_MIN).then_some(min as u32);
+        }
     }
 
     /// Judges the speed at `now`.
@@ -109,6 +166,22 @@ impl MotionState {
     }
 }
 
+/// The place of a pose.
+fn place(value: &FieldValue) -> Option<(f64, f64)> {
+    match value {
+        FieldValue::Pose(pose) if pose.x_m.is_finite() && pose.y_m.is_finite() => Some((pose.x_m, pose.y_m)),
+        _ => None,
+    }
+}
+
+/// A distance in steps of 10 m, from a kilometre on of 100 m, which stays as it is while the measured one is close to it.
+fn shown_m(m: f64, shown: Option<u32>) -> u32 {
+    let step = if m < 995.0 { 10.0 } else { 100.0 };
+    let stays =
+        shown.filter(|&shown| f64::from(shown) % step == 0.0 && (m - f64::from(shown)).abs() <= 0.75 * step);
+    stays.unwrap_or(((m / step).round() * step) as u32)
+}
+
 /// A speed in whole km/h, which stays as it is while the speed is close to it.
 fn whole_kmh(mps: f64, shown: Option<u32>) -> u32 {
     let kmh = (mps * 3.6).min(SHOWN_KMH_MAX);
@@ -124,12 +197,15 @@ fn nearest_stop(stops: &[Stop], (x_m, y_m): (f64, f64)) -> Option<usize> {
 }
 
 impl Engine {
-    /// Takes the speed and the goal from a message. Returns whether that changed the motion.
+    /// Takes the speed, the position and the goal from a message. Returns whether that changed the motion.
     pub(super) fn take_motion(&mut self, topic: TopicId, sample: &Sample) -> bool {
         let driving = &self.model.driving;
         // The age of a late speed is not known.
         if let Some(source) = driving.speed.as_ref().filter(|it| it.value.topic == topic && !sample.late) {
             self.motion.take_speed(source, &sample.values[source.value.field as usize], self.now);
+        }
+        if let Some(source) = driving.position.filter(|it| it.value.topic == topic && !sample.late) {
+            self.motion.take_position(&sample.values[source.value.field as usize], self.now);
         }
         if let Some(goal) = driving.goal.filter(|it| it.topic == topic) {
             self.motion.take_goal(&sample.values[goal.field as usize]);
@@ -147,7 +223,15 @@ impl Engine {
         self.motion.goal = self.motion.goal.filter(|_| counts);
         self.motion.shown.destination = self.motion.goal.and_then(|goal| nearest_stop(&driving.stops, goal));
         self.motion.shown.has_source = driving.speed.is_some();
-        if let Some(due) = driving.speed.as_ref().and_then(|source| self.motion.due(source, self.now)) {
+        // A vehicle that is not sure where it is does not know how far it is.
+        let localization = self.localization_group.map(|id| self.net.groups[id.0 as usize].node.facts.shown);
+        let trusted = localization.is_none_or(|state| matches!(state, State::Ok | State::Warning));
+        let drives = self.vehicle.stage == Stage::Active;
+        self.motion.judge_goal(driving.position.as_ref(), trusted, drives, self.now);
+        let of_speed = driving.speed.as_ref().and_then(|source| self.motion.due(source, self.now));
+        let of_position =
+            driving.position.zip(self.motion.position).map(|(source, (_, at))| at + source.timeout);
+        if let Some(due) = of_speed.into_iter().chain(of_position).min() {
             self.timers.arm(TimerKey::Motion, due);
         }
         self.views.set_motion(self.motion.shown)
@@ -184,6 +268,11 @@ impl Engine {
             .goal
             .zip(before.driving.goal)
             .filter(|(it, other)| it.means_the_same(&now.watched, *other, &before.watched));
+        let position = now
+            .driving
+            .position
+            .zip(before.driving.position)
+            .filter(|(it, other)| it.value.means_the_same(&now.watched, other.value, &before.watched));
         self.motion.driven_m = old.motion.driven_m;
         if let Some((source, _)) = speed {
             (self.motion.speed, self.motion.shown) = (old.motion.speed, old.motion.shown);
@@ -193,6 +282,9 @@ impl Engine {
         }
         if goal.is_some() {
             self.motion.goal = old.motion.goal;
+        }
+        if position.is_some() {
+            self.motion.position = old.motion.position;
         }
     }
 }

@@ -528,6 +528,13 @@ pub struct Motion {
     pub has_source: bool,
     /// By position in [`Layout::stops`].
     pub destination: Option<usize>,
+    /// How far the goal is in a straight line, in rounded metres. `None` while the place of the vehicle or of the goal is
+    /// not known.
+    #[serde(default)]
+    pub goal_m: Option<u32>,
+    /// In how many minutes a drive is there if it comes nearer as it did in the last minute.
+    #[serde(default)]
+    pub goal_min: Option<u32>,
 }
 
 /// Whether a vehicle moves, or may: it is cleared or drives by itself, or is not known to stand. The page offers STOP by

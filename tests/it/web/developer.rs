@@ -1,7 +1,10 @@
 //! The developer's pages: reasons of states, and reloading the configuration.
 
 use axum::http::{Method, StatusCode};
+use telltale::engine::model::countermeasure::{Request, Rule};
+use telltale::engine::model::{GroupId, NodeId, Stage};
 use telltale::engine::snapshot::Reason;
+use telltale::engine::state::State;
 use telltale::engine::time::Span;
 use telltale::runtime::{ConfigurationText, Reread, Rereading};
 
@@ -28,6 +31,40 @@ async fn a_page_says_why_a_node_shows_what_it_shows() {
     assert!(group.contains("It is put aside because of") && group.contains("sensors/lidar"), "{group}");
     assert_eq!(why("nothing", &developer).await.status, StatusCode::NOT_FOUND);
     assert_eq!(why("sensors", &operator).await.status, StatusCode::FORBIDDEN);
+}
+
+#[tokio::test]
+async fn what_is_never_shelved_is_not_offered_to_be() {
+    let stop = Rule {
+        request: Request::ManeuverStop,
+        nodes: vec![NodeId::Group(GroupId(2))],
+        state: State::Error,
+        stages: vec![Stage::Active],
+        confirmation: None,
+    };
+    let fixture = Fixture::changed(|parts| parts.driving.countermeasures.push(stop)).await;
+    fixture.cookie_of("operator").await;
+    let developer = fixture.cookie_of("developer").await;
+    let authority = fixture.cookie_of("authority").await;
+    let offer = r#"action="/developer/shelving""#;
+    let rests = "A request to slow down or to stop rests on";
+    for (node, why) in [
+        ("planning/planner", None),
+        ("localization/tf", Some(rests)),
+        ("sensors/lidar", Some(rests)),
+        ("telltale/storage", Some("is one of Telltale&#39;s own modules")),
+    ] {
+        let page = fixture.get(&format!("/developer/why?node={node}"), Some(&developer)).await.body;
+        assert_eq!(page.contains(offer), why.is_none(), "{node}: {page}");
+        assert!(why.is_none_or(|why| page.contains(why)), "{node}: {page}");
+        let form = format!("module={node}&minutes=30");
+        let answer = fixture.send(form_request("/developer/shelving", Some(&developer), &form)).await;
+        // The vehicle is not known to stand, so the answer has another reason as well.
+        assert!(answer.status == StatusCode::CONFLICT, "{node}: {}", answer.body);
+        assert!(why.is_none_or(|why| answer.body.contains(why)), "{node}: {}", answer.body);
+        let read_only = fixture.get(&format!("/developer/why?node={node}"), Some(&authority)).await.body;
+        assert!(!read_only.contains(offer) && !read_only.contains("never shelved"), "{node}: {read_only}");
+    }
 }
 
 #[tokio::test]

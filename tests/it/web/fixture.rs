@@ -130,9 +130,15 @@ impl Fixture {
 
     /// A machine without stages.
     pub async fn without_stages() -> Fixture {
+        Fixture::changed(|parts| parts.stages = StageModel::None).await
+    }
+
+    /// With another configuration.
+    pub async fn changed(change: impl FnOnce(&mut Parts)) -> Fixture {
         let clock = Clock::start();
         let store = Store::in_memory(clock, DemoSecrets::Accepted).unwrap();
-        let parts = Parts { stages: StageModel::None, ..Parts::clone(&model()) };
+        let mut parts = Parts::clone(&model());
+        change(&mut parts);
         Fixture::of(Model::new(parts).unwrap(), store, clock, ADDRESS, false, DemoSecrets::Accepted).await
     }
 

@@ -57,7 +57,9 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
     let localized_after = file.localized_after.unwrap_or(Driving::default().localized_after);
     let (stops, unpublished) = (stops(file, log), Vec::new());
     let speed = motion::speed(file.motion.as_ref(), &mut topics, log);
-    let mut driving = Driving { stops, localized_after, countermeasures, unpublished, speed, goal: None };
+    let position = motion::position(file.motion.as_ref(), &mut topics, log);
+    let mut driving =
+        Driving { stops, localized_after, countermeasures, unpublished, speed, position, goal: None };
     let mut room = Room::default();
     let groups = groups(&names, &index, (&discovered, explains), &mut room, log);
     let mut modules = modules(&names, &index, (&declared, explains), &mut topics, log);

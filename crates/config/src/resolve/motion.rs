@@ -1,4 +1,4 @@
-//! Converts the sources of the vehicle's motion: its speed, and the pose of its goal.
+//! Converts the sources of the vehicle's motion: its speed, its position, and the pose of its goal.
 
 use super::topics::Topics;
 use crate::decode::Spanned;
@@ -6,8 +6,11 @@ use crate::describe::words;
 use crate::file::monitors::sources::Topic;
 use crate::file::motion::{RawMotion, STANDING_MPS_MAX, TIMEOUT_MAX};
 use telltale_engine::model::monitors::{FieldKind, MonitorSpec, ValueSource};
-use telltale_engine::model::motion::{SPEED_TIMEOUT, STANDING_BELOW_MPS, SpeedSource, WatchedField};
+use telltale_engine::model::motion::{
+    POSITION_TIMEOUT, PositionSource, SPEED_TIMEOUT, STANDING_BELOW_MPS, SpeedSource, WatchedField,
+};
 use telltale_engine::model::{GOAL_SIGNAL, SignalSource, SignalSpec};
+use telltale_engine::time::Span;
 use telltale_yaml::{Log, Problem};
 
 /// The type of goals whose place is known.
@@ -22,10 +25,7 @@ pub(crate) fn speed(raw: Option<&RawMotion>, topics: &mut Topics, log: &mut Log)
         );
     }
     let speed = raw.speed.as_ref()?;
-    if let Some(timeout) = speed.timeout.filter(|it| it.value.is_zero() || it.value > TIMEOUT_MAX) {
-        let problem = Problem::at(timeout.span, "an older speed says nothing about the present motion");
-        log.push(problem.help(format!("write a duration above 0 and up to {}", words::span(TIMEOUT_MAX))));
-    }
+    let timeout = timeout(speed.timeout, "an older speed says nothing about the present motion", log);
     let data = || Spanned { value: "data".to_owned(), span: speed.topic.place() };
     let type_name = speed.topic.type_name.as_ref();
     let path = match (&speed.field, type_name) {
@@ -40,9 +40,31 @@ pub(crate) fn speed(raw: Option<&RawMotion>, topics: &mut Topics, log: &mut Log)
     let (topic, field) = topics.field(&speed.topic, &path, FieldKind::Scalar, log);
     Some(SpeedSource {
         value: WatchedField { topic, field },
-        timeout: speed.timeout.map_or(SPEED_TIMEOUT, |timeout| timeout.value),
+        timeout: timeout.unwrap_or(SPEED_TIMEOUT),
         standing_below_mps: raw.standing_below.map_or(STANDING_BELOW_MPS, |below| below.value),
     })
+}
+
+pub(crate) fn position(
+    raw: Option<&RawMotion>,
+    topics: &mut Topics,
+    log: &mut Log,
+) -> Option<PositionSource> {
+    let position = raw?.position.as_ref()?;
+    let timeout = timeout(position.timeout, "an older position says nothing about the present place", log);
+    let (topic, field) = topics.field(&position.topic, &position.pose, FieldKind::Pose, log);
+    Some(PositionSource {
+        value: WatchedField { topic, field },
+        timeout: timeout.unwrap_or(POSITION_TIMEOUT),
+    })
+}
+
+fn timeout(written: Option<Spanned<Span>>, wrong: &str, log: &mut Log) -> Option<Span> {
+    if let Some(timeout) = written.filter(|it| it.value.is_zero() || it.value > TIMEOUT_MAX) {
+        let help = format!("write a duration above 0 and up to {}", words::span(TIMEOUT_MAX));
+        log.push(Problem::at(timeout.span, wrong).help(help));
+    }
+    written.map(|timeout| timeout.value)
 }
 
 /// The pose in the messages of the goal, if they are poses. The types of the signals are complete.

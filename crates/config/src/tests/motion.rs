@@ -25,6 +25,10 @@ fn a_speed_has_a_timeout_and_a_limit_of_standing() {
         ),
         "data of /v (std_msgs/msg/Float64), unknown when older than 200ms, standing below 0.3 m/s"
     );
+    let position = "position: { topic: /pose, type: geometry_msgs/msg/PoseStamped, pose: pose, timeout: 2s }";
+    assert!(of(&format!("motion: {{ speed: {{ {SPEED} }}, {position} }}\n")).ends_with(
+        "; position from the pose pose of /pose (geometry_msgs/msg/PoseStamped), unknown when older than 2s"
+    ));
     // A machine without stages may move too.
     of(&format!("vehicle: {{ stages: none }}\nmotion: {{ speed: {{ {SPEED} }} }}\n"));
 }
@@ -37,6 +41,12 @@ fn what_makes_no_motion_is_said_at_its_place() {
         &[
             "2:109: an older speed says nothing about the present motion (write a duration above 0 and up to 10s)",
             "2:131: -1 m/s is no limit of standing (write a speed above 0 and up to 1, for example `0.1`)",
+        ],
+    );
+    check_beside_group(
+        "motion: { speed: { topic: /v, type: std_msgs/msg/Float64 }, position: { topic: /p, type: geometry_msgs/msg/PoseStamped, pose: pose, timeout: 11s } }\n",
+        &[
+            "2:142: an older position says nothing about the present place (write a duration above 0 and up to 10s)",
         ],
     );
     check_beside_group(

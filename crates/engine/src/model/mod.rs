@@ -24,7 +24,7 @@ pub use filter::{Match, Prefixes, Unclaimed};
 use monitors::{FieldKind, TopicSpec, Watched};
 pub use monitors::{ModuleMonitor, MonitorSpec};
 pub use motion::Stop;
-use motion::{SpeedSource, WatchedField};
+use motion::{PositionSource, SpeedSource, WatchedField};
 use order::{Cycle, Order, Visit};
 use output::Output;
 pub use policy::{CountsAs, Policy};
@@ -360,6 +360,7 @@ pub struct Driving {
     /// Outputs that the configuration switches off.
     pub unpublished: Vec<Output>,
     pub speed: Option<SpeedSource>,
+    pub position: Option<PositionSource>,
     /// The pose in the goal's messages: the nearest stop is the destination.
     pub goal: Option<WatchedField>,
 }
@@ -372,6 +373,7 @@ impl Default for Driving {
             countermeasures: Vec::new(),
             unpublished: Vec::new(),
             speed: None,
+            position: None,
             goal: None,
         }
     }

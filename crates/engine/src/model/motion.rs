@@ -34,6 +34,18 @@ pub struct SpeedSource {
     pub standing_below_mps: f64,
 }
 
+/// The vehicle's place, in the frame of its goals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositionSource {
+    /// A pose in metres.
+    pub value: WatchedField,
+    /// Older than this, the place is unknown.
+    pub timeout: Span,
+}
+
+/// The place without a configured timeout.
+pub const POSITION_TIMEOUT: Span = Span::from_secs(1);
+
 /// The speed without a configured timeout or limit.
 pub const SPEED_TIMEOUT: Span = Span::from_secs(1);
 pub const STANDING_BELOW_MPS: f64 = 0.1;

@@ -32,6 +32,8 @@ texts! {
         no_alarm: "No alarm in this time.", "Kein Alarm in dieser Zeit.";
         nothing_recorded: "Nothing is recorded in this time.", "In dieser Zeit ist nichts aufgezeichnet.";
         shelved: "Shelved", "In Wartung";
+        drawn_with: "Draw with it", "Dazu zeichnen";
+        own_scale: "own scale", "eigene Skala";
         shelve: "Shelve", "In Wartung nehmen";
         shelve_about: "Its faults raise no alarm for so long, while the vehicle stands. All else stays as it is.", "So lange lösen seine Fehler keinen Alarm aus, solange das Fahrzeug steht. Alles andere bleibt, wie es ist.";
         shelve_for: "for", "für";
@@ -291,6 +293,16 @@ texts! {
         WhyStep::Masked { .. } => "It is put aside because of", "Es wird zurückgestellt wegen";
         WhyStep::SecondFault => "A fault of its own: none of these began near it.", "Eine eigene Störung: Keine davon begann zur gleichen Zeit.";
         WhyStep::Shown(_) => "It shows: {what}", "Es zeigt: {what}";
+    }
+
+    /// A number that is to be drawn is not there.
+    text no_number(name: &str) {
+        "There is no module with a number called {name}.", "Es gibt kein Modul mit einer Zahl namens {name}."
+    }
+
+    /// A number that is to be drawn has none in this span.
+    text nothing_drawn(name: &str) {
+        "{name} has no numbers to draw in this span.", "{name} hat in dieser Spanne keine Zahlen zum Zeichnen."
     }
 
     /// A word of the audit log.

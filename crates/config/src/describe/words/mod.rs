@@ -11,7 +11,7 @@ use crate::services::{Offer, Services};
 use telltale_engine::model::countermeasure::{ConfirmedBy, Request, Rule};
 use telltale_engine::model::filter::Filter;
 use telltale_engine::model::monitors::{RecordedTopic, Watched};
-use telltale_engine::model::motion::SpeedSource;
+use telltale_engine::model::motion::{PositionSource, SpeedSource};
 use telltale_engine::model::service::Service;
 use telltale_engine::model::{
     CountsAs, Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource,
@@ -43,13 +43,18 @@ pub fn signal(model: &Model, signal: &SignalSpec) -> String {
 }
 
 /// ``twist.linear.x of /can/speed (geometry_msgs/msg/TwistStamped), unknown when older than 1s, standing below
-/// 0.1 m/s``
+/// 0.1 m/s``, and where the vehicle is if that is configured.
 pub fn motion(model: &Model) -> String {
     let Some(SpeedSource { value, timeout, standing_below_mps }) = &model.driving.speed else {
         return "no speed is configured".into();
     };
     let (of, old) = (monitor::field(model, value.topic, value.field), span(*timeout));
-    format!("{of}, unknown when older than {old}, standing below {standing_below_mps} m/s")
+    let mut text = format!("{of}, unknown when older than {old}, standing below {standing_below_mps} m/s");
+    if let Some(PositionSource { value, timeout }) = &model.driving.position {
+        let (of, old) = (monitor::field(model, value.topic, value.field), span(*timeout));
+        let _ = write!(text, "; position from {of}, unknown when older than {old}");
+    }
+    text
 }
 
 /// The type, or a note that the publisher announces it.

@@ -95,7 +95,8 @@ impl FromNode for StampClock {
     }
 }
 
-const POSE: KeyDoc = key("pose").about("A Pose or a Transform, or a field that holds one.").form(forms::path);
+pub(crate) const POSE: KeyDoc =
+    key("pose").about("A Pose or a Transform, or a field that holds one.").form(forms::path);
 const LIST: KeyDoc = key("list")
     .about("An array whose elements have `x` and `y`, or hold a field that has them: `poses`, `detections[].bbox.center.position`. At most 256 positions are compared.")
     .form(forms::path);

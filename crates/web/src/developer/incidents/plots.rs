@@ -36,21 +36,23 @@ fn plot(it: &IncidentWords, series: &Series, span: (i64, i64)) -> Plot {
 
 /// Numbers as a picture of a span of time, in milliseconds since 1970.
 pub fn drawn(name: &str, series: &Series, span: (i64, i64)) -> Plot {
-    drawn_within(name, series, &[], span)
+    drawn_within(name, series, &[], &[], span)
 }
 
-/// The same within a band: at each point the least and the greatest number, which the points are means of.
+/// The same within a band: at each point the least and the greatest number, which the points are means of. The numbers of
+/// `also` lie in the picture, too.
 pub fn drawn_within(
     name: &str,
     series: &Series,
     band: &[Option<(f64, f64)>],
+    also: &[f64],
     (from_ms, to_ms): (i64, i64),
 ) -> Plot {
     let ends = band.iter().flatten().flat_map(|&(least, most)| [least, most]);
     let numbers = || series.points.iter().filter_map(|(_, number)| *number).chain(ends.clone());
     let (least, most) =
         (numbers().fold(f64::INFINITY, f64::min), numbers().fold(f64::NEG_INFINITY, f64::max));
-    let limits = || series.limits.iter().map(|limit| limit.value);
+    let limits = || series.limits.iter().map(|limit| limit.value).chain(also.iter().copied());
     let (low, high) = (limits().fold(least, f64::min), limits().fold(most, f64::max));
     let y = |number: f64| {
         let part = if high > low { (number - low) / (high - low) } else { 0.5 };

@@ -120,6 +120,13 @@ mod tests {
         ] {
             assert_eq!(told(lang, &jumped, &freeze), ("error", lang.state(State::Error), expect.to_owned()));
         }
+        // Of equally bad ones the first is named, and a WARNING in between does not matter.
+        let three = ["perception/costmap_delay", "sensors/imu", "localization/tf_quality"];
+        let freeze = [State::Warning, State::Error, State::Error];
+        let freeze: Vec<FrozenNode> =
+            three.iter().zip(freeze).map(|(node, state)| frozen(node, state)).collect();
+        let (state, _, sentence) = told(Lang::En, &three.map(|node| trigger(kind::ROOT, node)), &freeze);
+        assert!(state == "error" && sentence.starts_with("Motion sensor"), "{state}: {sentence}");
         let gone = [trigger(kind::ROOT, "gone/module")];
         assert_eq!(told(Lang::En, &gone, &[]), ("error", "Error", "gone/module.".to_owned()));
         let marked = [trigger(kind::MARK, "anna"), trigger(kind::MARK, "anna")];

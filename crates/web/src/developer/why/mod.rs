@@ -19,7 +19,9 @@ use super::request::PageRequest;
 use crate::incidents::wall_time;
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, Trends, View, html};
+use telltale_engine::input::{OperatorAction, Refusal};
 use telltale_engine::model::{NodeId, Stage};
+use telltale_engine::time::Span;
 use telltale_engine::view::why::WhyStep;
 use telltale_picture::bars::patterns;
 use telltale_picture::graph::Drawing;
@@ -33,7 +35,7 @@ use super::timeline::{SpanOption, Window, spans};
 use super::{DevFrame, NodeLink, Page, PageQuery, graph};
 use excerpt::{Excerpt, excerpt};
 use past::{NodeStates, states};
-use plots::{Plots, plots, plots_of, resolution};
+use plots::{Plots, Second, plots, plots_of, resolution};
 
 /// Nodes named in one step; a group may have thousands of members.
 const NAMED: usize = 20;
@@ -52,9 +54,13 @@ pub struct NodeRead {
     pub past: Option<Past>,
     /// The numbers in minutes or hours, if the span asks for these and they can be read.
     pub trend: Option<(Resolution, Trend)>,
+    /// The same of a second node that is drawn into the plots.
+    pub second: Option<Trend>,
     /// The newest first.
     pub incidents: Vec<Incident>,
     pub written: Option<Arc<Written>>,
+    /// Why this module can never be shelved.
+    pub never_shelved: Option<Refusal>,
 }
 
 /// A sentence, and the nodes that it is about.
@@ -90,12 +96,17 @@ struct WhyHtml {
     values: Vec<(String, String)>,
     more_values: usize,
     plots: Plots,
+    /// What is asked to be drawn into the plots, and why it is not.
+    with: String,
+    not_drawn: Option<String>,
+    offered: Vec<String>,
     members: Vec<(NodeLink, &'static str, &'static str)>,
     more_members: Option<String>,
     /// The patterns of states; the stylesheet says their colours.
     patterns: String,
-    /// A developer may shelve this module.
+    /// A developer may shelve this module, unless `never_shelved` says why nobody can.
     may_shelve: bool,
+    never_shelved: Option<String>,
     is_shelved: bool,
     states: Option<NodeStates>,
     legend: Vec<Explained>,
@@ -121,7 +132,7 @@ struct WhyHtml {
     has_incidents: bool,
 }
 
-/// `GET /developer/why?node=group/module&span=SECONDS&until=MS`
+/// `GET /developer/why?node=group/module&span=SECONDS&until=MS&with=group/module KEY`
 pub async fn get(
     extract::State(app): extract::State<AppState>,
     request: PageRequest,
@@ -134,7 +145,7 @@ pub async fn get(
     let read = match published.snapshot.stage {
         // While the vehicle is locked, its past is not shown either.
         Stage::Locked => NodeRead::default(),
-        _ => read(&app, &published, &window, node, &context).await,
+        _ => read(&app, &published, (&query, &window), node, &context).await,
     };
     Ok(Html(page((&published, &app.trends), node, &context, (&query, &window), &read)).into_response())
 }
@@ -148,22 +159,26 @@ fn only(query: &PageQuery) -> PageQuery {
 async fn read(
     app: &AppState,
     published: &Published,
-    window: &Window,
+    (query, window): (&PageQuery, &Window),
     node: NodeId,
     context: &PageContext,
 ) -> NodeRead {
     let past = app.past(published, |history| history.past(window.query.clone())).await.ok();
-    let trend = match (node, resolution(window.span_ms(), window.live)) {
-        // A replay has the numbers of its recording.
-        (NodeId::Module(_), Some(resolution)) if !context.replay => {
-            let (from_ms, to_ms) = window.span_ms();
-            let node = window.query.nodes.first().cloned().unwrap_or_default();
-            let query = TrendQuery { node, from_ms, to_ms, resolution };
-            let read = app.past(published, |history| history.trend(query)).await;
-            read.ok().map(|trend| (resolution, trend))
-        }
-        _ => None,
+    let numbers = async |node: String, resolution| {
+        let (from_ms, to_ms) = window.span_ms();
+        let query = TrendQuery { node, from_ms, to_ms, resolution };
+        app.past(published, |history| history.trend(query)).await.ok()
     };
+    // A replay has the numbers of its recording.
+    let resolution = resolution(window.span_ms(), window.live).filter(|_| !context.replay);
+    let (mut trend, mut second) = (None, None);
+    if let (NodeId::Module(_), Some(resolution)) = (node, resolution) {
+        let node = window.query.nodes.first().cloned().unwrap_or_default();
+        trend = numbers(node, resolution).await.map(|trend| (resolution, trend));
+        if let Some(it) = Second::find(&published.snapshot, query.get("with")) {
+            second = numbers(published.snapshot.module(it.node).0.id.to_string(), resolution).await;
+        }
+    }
     let name = window.query.nodes.first().cloned().unwrap_or_default();
     let filter = match node {
         // Causes stand on lines of their own.
@@ -179,7 +194,29 @@ async fn read(
                 .unwrap_or_default()
         }
     };
-    NodeRead { past, trend, incidents, written: app.settings.written.as_ref().map(|it| it.borrow().clone()) }
+    let written = app.settings.written.as_ref().map(|it| it.borrow().clone());
+    let never_shelved = never_shelved(app, published, node, context).await;
+    NodeRead { past, trend, second, incidents, written, never_shelved }
+}
+
+/// What lasts of the engine's reasons against shelving a module.
+async fn never_shelved(
+    app: &AppState,
+    published: &Published,
+    node: NodeId,
+    context: &PageContext,
+) -> Option<Refusal> {
+    let live = app.live().filter(|_| may_shelve(node, context))?;
+    let module = published.snapshot.node_name(node).to_string().into();
+    let lasts = Span::from_secs(60);
+    let refused = live.rehearse(OperatorAction::Shelve { module, lasts, by: "".into() }).await.ok()?.err()?;
+    let lasting =
+        |why: &Refusal| matches!(why, Refusal::NeverShelved(_) | Refusal::CountermeasureRests { .. });
+    refused.into_iter().find(lasting)
+}
+
+fn may_shelve(node: NodeId, context: &PageContext) -> bool {
+    matches!(node, NodeId::Module(_)) && context.role == Role::Developer && !context.replay
 }
 
 pub fn page(
@@ -215,9 +252,23 @@ pub fn page(
         let NodeId::Module(id) = node else { return None };
         excerpt(written?, snapshot.node_name(NodeId::Group(snapshot.module(id).0.group)))
     };
-    let is_module = matches!(node, NodeId::Module(_));
     let is_shelved = snapshot.shelved.iter().any(|it| NodeId::Module(it.module) == node);
-    let may_shelve = is_module && context.role == Role::Developer && !context.replay;
+    let with = query.get("with");
+    let second = Second::find(snapshot, with);
+    let plots = match &read.trend {
+        Some((resolution, trend)) => {
+            let second = second.as_ref().zip(read.second.as_ref());
+            plots_of(published, node, second, trend, *resolution, (from_ms, to_ms))
+        }
+        None => plots(published, node, second.as_ref(), trends, (from_ms, to_ms)),
+    };
+    let is_drawn = plots.plots.iter().any(|plot| plot.second.is_some());
+    let asked = clean(with, 2 * NAME);
+    let not_drawn = match second {
+        _ if with.is_empty() || is_drawn => None,
+        None => Some(view.lang.no_number(&asked)),
+        Some(_) => Some(view.lang.nothing_drawn(&asked)),
+    };
     let field = if matches!(node, NodeId::Group(_)) { "group" } else { "cause" };
     let mut page = WhyHtml {
         state: state.as_str(),
@@ -229,9 +280,12 @@ pub fn page(
         paths: Vec::new(),
         values: Vec::new(),
         more_values: 0,
-        plots: match &read.trend {
-            Some((resolution, trend)) => plots_of(published, node, trend, *resolution, (from_ms, to_ms)),
-            None => plots(published, node, trends, (from_ms, to_ms)),
+        plots,
+        with: asked,
+        not_drawn,
+        offered: match node {
+            NodeId::Module(_) => Second::offered(snapshot),
+            NodeId::Group(_) => Vec::new(),
         },
         drawn: match &read.trend {
             Some((Resolution::Minute, _)) => dev.words.numbers_minutes,
@@ -243,7 +297,8 @@ pub fn page(
         }),
         members: Vec::new(),
         more_members: None,
-        may_shelve,
+        may_shelve: may_shelve(node, context),
+        never_shelved: read.never_shelved.as_ref().map(|why| view.lang.refusal(why)),
         is_shelved,
         legend: legend(context.lang),
         patterns: patterns("p-", |paint| format!("class=\"p-{paint}\"")),
@@ -349,6 +404,7 @@ mod tests {
     use crate::developer::tests::{english, holds, query};
     use crate::texts::Lang;
     use crate::view::tests::jump;
+    use crate::view::tests::sample::Sample;
 
     #[test]
     fn a_why_page_leads_to_what_it_names() {
@@ -359,6 +415,48 @@ mod tests {
         let (trends, read) = (Trends::default(), NodeRead::default());
         let page = page((&published, &trends), node, &english(), (&query, &window), &read);
         holds(&page, &["/developer/why?node=localization%2Ftf_quality", "perception/costmap_delay"]);
+    }
+
+    #[test]
+    fn a_number_of_a_second_module_is_drawn_into_each_plot_and_what_is_not_there_is_said() {
+        let (trends, mut sample) = (Trends::default(), Sample::shuttle(true));
+        for value in ["1.5", "3", "2"] {
+            let other = [("volts", value), ("volts_error_below", "0.5")];
+            sample = sample.report("can/battery", 0, "fine", &[("volts", value), ("amps", "<7>")]);
+            sample = sample.report("sensors/imu", 0, "fine", &other).pass(2);
+            trends.sample(&Published::recorded(sample.snapshot(), std::time::UNIX_EPOCH));
+        }
+        let published = sample.published();
+        let node = published.snapshot.node("can/battery").expect("it is there");
+        let page = |with: &str| {
+            let query = query(&[("node", "can/battery"), ("with", with)]);
+            let window = Window::over(&published, &only(&query), 300);
+            page((&published, &trends), node, &english(), (&query, &window), &NodeRead::default())
+        };
+        let plain = page("");
+        holds(&plain, &[r#"<option value="sensors/imu volts">"#, r#"name="with" value="""#]);
+        let none = |page: &str| {
+            assert!(!page.contains("data-second") && !page.contains("class=\"second\""), "{page}")
+        };
+        none(&plain);
+        assert!(!plain.contains("volts_error_below\">") && !plain.contains("not-drawn"), "{plain}");
+        for with in ["sensors/imu volts", "sensors/imu"] {
+            let drawn = page(with);
+            let second = r#"<span class="second">sensors/imu volts</span><small>1.5 … 3</small>"#;
+            holds(
+                &drawn,
+                &["data-second=\"[1.5,3,2]\" data-same-scale", second, "<g class=\"second\"><path d=\"M"],
+            );
+            assert!(!drawn.contains("not-drawn"), "{drawn}");
+        }
+        for with in
+            ["nowhere/<b>", "sensors/imu amps", "sensors/im", "sensors", "sensors/imu volts_error_below"]
+        {
+            let wrong = page(with);
+            holds(&wrong, &["id=\"not-drawn\"", "There is no module with a number called"]);
+            none(&wrong);
+            assert!(!wrong.contains("<b>&") && !wrong.contains("nowhere/<b>"), "{wrong}");
+        }
     }
 
     #[test]

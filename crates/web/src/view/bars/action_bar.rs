@@ -65,6 +65,8 @@ struct Drive {
     icon: &'static str,
     title: &'static str,
     text: String,
+    /// How far the next stop is, on the way there.
+    way: Option<String>,
 }
 
 pub fn step(view: &View<'_>) -> Fragment {
@@ -144,7 +146,21 @@ fn drive(view: &View<'_>) -> Drive {
         Some(progress) => ("slow", progress, String::new()),
         None => ("drive", view.words.drives, String::new()),
     };
-    Drive { release, withdraw: cleared, icon, title, text: unreached.map_or(text, str::to_owned) }
+    let text = unreached.map_or(text, str::to_owned);
+    let way = stop_away(view).filter(|_| icon == "drive" && text.is_empty());
+    Drive { release, withdraw: cleared, icon, title, text, way }
+}
+
+/// How far the next stop is, and in how many minutes the vehicle is there, as far as both are known.
+fn stop_away(view: &View<'_>) -> Option<String> {
+    let motion = view.snapshot.motion;
+    let metres = motion.goal_m.filter(|&m| m > 0 && motion.destination.is_some())?;
+    let (factor, unit) = if metres < 1000 { (1.0, "m") } else { (0.001, "km") };
+    let far = view.lang.quantity(&metres.to_string(), factor, unit);
+    Some(match motion.goal_min {
+        Some(min) => view.lang.stop_away_in(&far, min),
+        None => view.lang.stop_away(&far),
+    })
 }
 
 fn locating(view: &View<'_>) -> NextStep {

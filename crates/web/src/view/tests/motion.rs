@@ -14,7 +14,7 @@ const SINCE: Since = Since { at: Timestamp::ZERO, before: Span::ZERO };
 fn moved(sample: Sample, moving: Moving, speed_kmh: u32) -> Published {
     let published = sample.published();
     let speed_kmh = (moving != Moving::Unknown).then_some(speed_kmh);
-    let motion = Motion { moving, speed_kmh, has_source: true, destination: Some(1) };
+    let motion = Motion { moving, speed_kmh, has_source: true, destination: Some(1), ..Motion::default() };
     let snapshot = Snapshot { motion, ..(*published.snapshot).clone() };
     Published { snapshot: snapshot.into(), ..published }
 }
@@ -62,6 +62,24 @@ fn a_request_says_what_the_vehicle_does_while_it_moves() {
     let slowing = Published { snapshot: snapshot.into(), ..driving };
     check_motion(&slowing, Lang::En, "yes", "Slowing down · 9 km/h · Main Station");
     check_motion(&slowing, Lang::De, "yes", "Bremst · 9 km/h · Hauptbahnhof");
+}
+
+#[test]
+fn on_the_way_it_is_said_how_far_the_stop_is_and_how_long_it_takes_as_far_as_that_is_known() {
+    let away = |lang, goal_m, goal_min, expect: &str| {
+        let driving = moved(Sample::shuttle(true), Moving::Yes, 18);
+        let motion = Motion { goal_m, goal_min, ..driving.snapshot.motion };
+        let snapshot = Snapshot { motion, ..(*driving.snapshot).clone() };
+        let expect = format!("<span class=\"text way\">{expect}</span>");
+        let there = if expect.contains("><") { (vec![], vec!["text way"]) } else { (vec![&*expect], vec![]) };
+        check(&Published { snapshot: snapshot.into(), ..driving }, lang, "step", &there.0, &there.1);
+    };
+    away(Lang::En, Some(240), None, "About 240 m");
+    away(Lang::De, Some(240), Some(2), "Etwa 240 m, 2 min");
+    away(Lang::De, Some(1200), Some(4), "Etwa 1,2 km, 4 min");
+    away(Lang::En, Some(1200), Some(4), "About 1.2 km, 4 min");
+    away(Lang::En, None, None, "");
+    away(Lang::En, Some(0), None, "");
 }
 
 #[test]
