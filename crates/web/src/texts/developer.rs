@@ -300,9 +300,9 @@ texts! {
         "There is no module with a number called {name}.", "Es gibt kein Modul mit einer Zahl namens {name}."
     }
 
-    /// A number that is to be drawn has none in this span.
+    /// A number that is to be drawn, or the one that it is to be drawn with, is not known in this span.
     text nothing_drawn(name: &str) {
-        "{name} has no numbers to draw in this span.", "{name} hat in dieser Spanne keine Zahlen zum Zeichnen."
+        "{name} is not drawn: there are no numbers in this span.", "{name} ist nicht gezeichnet: In dieser Spanne fehlen Zahlen."
     }
 
     /// A word of the audit log.

@@ -405,6 +405,7 @@ mod tests {
     use crate::texts::Lang;
     use crate::view::tests::jump;
     use crate::view::tests::sample::Sample;
+    use telltale_store::{TrendPoint, ValueTrend};
 
     #[test]
     fn a_why_page_leads_to_what_it_names() {
@@ -449,6 +450,19 @@ mod tests {
             );
             assert!(!drawn.contains("not-drawn"), "{drawn}");
         }
+        // The same in minutes, of which each has its own.
+        let minutes = |from: i64| {
+            let point = |(at_ms, mean)| TrendPoint { at_ms, known_s: 60.0, least: mean, mean, most: mean };
+            let points = [(from, 1.0), (from + 60_000, 2.0)].map(point).to_vec();
+            Trend { values: vec![ValueTrend { key: "volts".into(), points }], ..Trend::default() }
+        };
+        let query = query(&[("node", "can/battery"), ("with", "sensors/imu volts")]);
+        let window = Window::over(&published, &only(&query), 300);
+        let from = window.query.from_ms;
+        let trend = Some((Resolution::Minute, minutes(from)));
+        let read = NodeRead { trend, second: Some(minutes(from + 60_000)), ..NodeRead::default() };
+        let drawn = super::page((&published, &trends), node, &english(), (&query, &window), &read);
+        holds(&drawn, &["data-numbers=\"[1,2,null,null]\"", "data-second=\"[null,1,2,null]\""]);
         for with in
             ["nowhere/<b>", "sensors/imu amps", "sensors/im", "sensors", "sensors/imu volts_error_below"]
         {
