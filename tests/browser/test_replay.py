@@ -473,7 +473,7 @@ def test_everything_of_a_replay_is_in_sight_at_all_sizes(tmp_path, plain, config
             size = f"{width}x{height}"
             # The screen is fitted once the window has its size.
             with suppress(TimeoutError):
-                page.wait_for_function(f"() => ({CUT})().length === 0")
+                page.wait_for_function(f"() => ({CUT})().length === 0 && document.querySelector('iframe').getBoundingClientRect().width >= 0.45 * innerWidth")
             assert page.evaluate(CUT) == [], size
             assert page.evaluate("() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]") == [width, height]
             strips, slider, screen = box("#states"), box("input[name=at]"), box("iframe")
