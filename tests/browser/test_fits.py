@@ -93,7 +93,7 @@ def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_h
 HAS_ROOM = """() => {
   const place = document.querySelector("#step .next > span");
   const way = place.querySelector(".way") ?? place.appendChild(Object.assign(document.createElement("span"), { className: "text way" }));
-  way.textContent = "Etwa 99,9 km, 60 min";
+  way.textContent = "Noch etwa 99,9 km, 60 min";
   const [text, box] = [way, way.closest(".next")].map(it => it.getBoundingClientRect());
   const lines = document.createRange();
   lines.selectNodeContents(way);

@@ -296,10 +296,10 @@ texts! {
     }
 
     /// How far the stop is in a straight line.
-    text stop_away(far: &str) { "About {far}", "Etwa {far}" }
+    text stop_away(far: &str) { "About {far} to go", "Noch etwa {far}" }
 
     /// The same with the minutes of a drive there.
-    text stop_away_in(far: &str, min: u32) { "About {far}, {min} min", "Etwa {far}, {min} min" }
+    text stop_away_in(far: &str, min: u32) { "About {far}, {min} min to go", "Noch etwa {far}, {min} min" }
 
     /// `1 shelved`: modules whose faults call nobody for now.
     text so_many_shelved(count: usize) { "{count} shelved", "{count} in Wartung" }

@@ -74,10 +74,10 @@ fn on_the_way_it_is_said_how_far_the_stop_is_and_how_long_it_takes_as_far_as_tha
         let there = if expect.contains("><") { (vec![], vec!["text way"]) } else { (vec![&*expect], vec![]) };
         check(&Published { snapshot: snapshot.into(), ..driving }, lang, "step", &there.0, &there.1);
     };
-    away(Lang::En, Some(240), None, "About 240 m");
-    away(Lang::De, Some(240), Some(2), "Etwa 240 m, 2 min");
-    away(Lang::De, Some(1200), Some(4), "Etwa 1,2 km, 4 min");
-    away(Lang::En, Some(1200), Some(4), "About 1.2 km, 4 min");
+    away(Lang::En, Some(240), None, "About 240 m to go");
+    away(Lang::De, Some(240), Some(2), "Noch etwa 240 m, 2 min");
+    away(Lang::De, Some(1200), Some(4), "Noch etwa 1,2 km, 4 min");
+    away(Lang::En, Some(1200), Some(4), "About 1.2 km, 4 min to go");
     away(Lang::En, None, None, "");
     away(Lang::En, Some(0), None, "");
 }
