@@ -1,7 +1,7 @@
 //! Signals in the file: a field of a topic, or a condition over values.
 
-use super::forms::{self, KEY, STATUS, TOPIC, TYPE, UNIT};
-use super::monitors::sources::{ScalarSource, Source, Topic};
+use super::forms;
+use super::monitors::sources::{ScalarSource, Source, Topic, may_have_source};
 use super::monitors::{INPUTS_MAX, input_rules};
 use crate::decode::{AllEntries, FromNode, Spanned};
 use crate::describe::words::counted;
@@ -54,12 +54,7 @@ impl FromNode for Signal {
             .rules(|| vec![needs_any(&[&["topic"], &["inputs", "when"], &["status", "key", "when"]])]);
         let mut fields = Fields::of(node, doc, log)?;
         // Every way to write a signal, so that the keys of each are known.
-        fields.may_have::<String>(TOPIC);
-        fields.may_have::<String>(TYPE);
-        fields.may_have::<String>(FIELD);
-        fields.may_have::<String>(STATUS);
-        fields.may_have::<String>(KEY);
-        fields.may_have::<String>(UNIT);
+        may_have_source(&mut fields, FIELD);
         let when: Option<Spanned<String>> = fields.optional(WHEN);
         fields.may_have::<AllEntries<ScalarSource>>(INPUTS);
         let title = fields

@@ -108,6 +108,11 @@ pub(crate) enum Source {
     Key { status: Spanned<String>, key: Spanned<String>, unit: Option<Spanned<String>> },
 }
 
+/// The keys of a single value: of a topic, or of a status.
+pub(crate) fn may_have_source(fields: &mut Fields, field: KeyDoc) {
+    [TOPIC, TYPE, field, STATUS, KEY, UNIT].into_iter().for_each(|key| fields.may_have::<String>(key));
+}
+
 impl Source {
     /// Reads the keys of a source that may be any part of a message, or the whole one without a `field`.
     pub fn part(fields: &mut Fields) -> Option<Source> {
@@ -154,12 +159,7 @@ impl Source {
 
     /// Reads the keys of a source. `any`: whether it may be a pose or a list of positions.
     pub fn of(fields: &mut Fields, any: bool) -> Option<Source> {
-        fields.may_have::<String>(TOPIC);
-        fields.may_have::<String>(TYPE);
-        fields.may_have::<String>(FIELD);
-        fields.may_have::<String>(STATUS);
-        fields.may_have::<String>(KEY);
-        fields.may_have::<String>(UNIT);
+        may_have_source(fields, FIELD);
         if any {
             fields.may_have::<String>(POSE);
             fields.may_have::<String>(LIST);
