@@ -18,7 +18,7 @@ fn latencies(families: &mut Families<'_>, app: &AppState, published: &Published)
     families.gauge(
         "telltale_snapshot_age_seconds",
         "Time since the engine published last; it does so at least every 0.25 s.",
-        age.as_nanos() as f64 / 1e9,
+        age.as_secs_f64(),
     )?;
     if let Some(live) = app.live() {
         let queue = &live.link.inputs;
@@ -88,7 +88,7 @@ fn recorder(families: &mut Families<'_>, app: &AppState, published: &Published) 
     families.gauge(
         "telltale_recorder_disk_wait_seconds",
         "How long the recorder has waited for the disk by now; 0 while it does not.",
-        waits.map_or(0.0, |waits| waits.as_nanos() as f64 / 1e9),
+        waits.unwrap_or_default().as_secs_f64(),
     )
 }
 

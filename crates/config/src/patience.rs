@@ -60,7 +60,7 @@ fn relaxed(spec: &mut MonitorSpec) -> Span {
         }
         MonitorSpec::Latency { bands, .. } => {
             for limit in [&mut bands.warning_above, &mut bands.error_above].into_iter().flatten() {
-                *limit += LATER.as_nanos() as f64 / 1e9;
+                *limit += LATER.as_secs_f64();
             }
             LATER.as_nanos()
         }

@@ -68,7 +68,7 @@ impl MotionState {
                 let mps = mps.abs();
                 // Beyond its timeout nothing is known of the way.
                 if let Some((before, at)) = self.speed.filter(|(_, at)| now < *at + source.timeout) {
-                    self.driven_m += f64::midpoint(before, mps) * now.since(at).as_nanos() as f64 / 1e9;
+                    self.driven_m += f64::midpoint(before, mps) * now.since(at).as_secs_f64();
                 }
                 self.speed = Some((mps, now));
                 self.slow_since = (mps < source.standing_below_mps).then(|| self.slow_since.unwrap_or(now));
@@ -138,7 +138,7 @@ impl MotionState {
             return;
         };
         if *last >= *first + NEARED_OVER {
-            let mps = (before_m - last_m) * 1e9 / last.since(*first).as_nanos() as f64;
+            let mps = (before_m - last_m) / last.since(*first).as_secs_f64();
             let min = (goal_m / mps / 60.0).ceil().max(1.0);
             self.shown.goal_min = (mps >= NEARING_MIN_MPS && min <= GOAL_MAX_MIN).then_some(min as u32);
         }

@@ -50,7 +50,7 @@ impl Arrivals {
     /// A message came.
     pub fn take(&mut self, now: Timestamp) {
         self.present.messages = self.present.messages.saturating_add(1);
-        let gap = self.last.replace(now).map(|last| seconds(now.since(last)));
+        let gap = self.last.replace(now).map(|last| now.since(last).as_secs_f64());
         // A longer one began before all looks that are kept.
         let Some(gap) = gap.filter(|gap| *gap <= LOOKS_MAX as f64) else { return };
         self.present.gaps += 1;
@@ -61,7 +61,7 @@ impl Arrivals {
 
     /// The pace up to now. Is asked for once a second.
     pub fn look(&mut self, now: Timestamp) -> Pace {
-        self.present.seconds = seconds(now.since(self.looked));
+        self.present.seconds = now.since(self.looked).as_secs_f64();
         self.looked = now;
         self.past.push_back(std::mem::take(&mut self.present));
         let messages =
@@ -78,7 +78,7 @@ impl Arrivals {
         let longest = self.past.iter().fold(0.0, |longest, look| look.longest.max(longest));
         // It ended: it is silent for much longer than ever before.
         let silent = self.last.map_or(Span::ZERO, |last| now.since(last));
-        let is_over = silent > SILENCE_MIN && gaps > 0.0 && seconds(silent) > 3.0 * longest;
+        let is_over = silent > SILENCE_MIN && gaps > 0.0 && silent.as_secs_f64() > 3.0 * longest;
         let rate = if time > 0.0 && !is_over { f64::from(messages(&self.past)) / time } else { 0.0 };
         let jitter = (gaps >= 2.0).then(|| {
             let mean = sum(|look| look.sum) / gaps;
@@ -86,10 +86,6 @@ impl Arrivals {
         });
         Pace { rate_hz: rate as f32, jitter_ms: jitter.map(|it| (it * 1e3) as f32) }
     }
-}
-
-fn seconds(span: Span) -> f64 {
-    span.as_nanos() as f64 / 1e9
 }
 
 /// Limits of a rate.

@@ -1,4 +1,4 @@
-//! A text in each language of the display.
+//! A text in each language of the display, and bytes as text.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;

@@ -101,6 +101,10 @@ impl Span {
         self.0 / 1_000_000
     }
 
+    pub const fn as_secs_f64(self) -> f64 {
+        self.0 as f64 / 1e9
+    }
+
     pub const fn is_zero(self) -> bool {
         self.0 == 0
     }

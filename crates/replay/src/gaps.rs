@@ -32,12 +32,9 @@ impl Gap {
     pub fn sentence(&self, facts: &Facts) -> String {
         let clock = |at| format_rfc3339_millis(facts.wall(at));
         let span = match self.length().zip(self.to) {
-            Some((length, to)) => format!(
-                "missing {} to {} ({:.3} s)",
-                clock(self.from),
-                clock(to),
-                length.as_nanos() as f64 / 1e9
-            ),
+            Some((length, to)) => {
+                format!("missing {} to {} ({:.3} s)", clock(self.from), clock(to), length.as_secs_f64())
+            }
             None => format!("missing {} to the end", clock(self.from)),
         };
         let why = if self.is_damage {

@@ -35,7 +35,7 @@ struct Run {
 
 impl Run {
     fn seconds(&self) -> f64 {
-        self.last.since(self.since).as_nanos() as f64 / 1e9
+        self.last.since(self.since).as_secs_f64()
     }
 }
 

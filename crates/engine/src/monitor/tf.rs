@@ -180,7 +180,7 @@ impl Machine for Tf {
         let worst = || all().rev().max_by_key(|(link, state)| (**state, link.moving_age(now)));
         let Some((link, state)) = failed.or_else(open).or_else(worst) else { return Words::default() };
         let oldest = self.links.iter().filter_map(|link| link.moving_age(now)).max();
-        let values = oldest.map_or(Vec::new(), |age| self.bands.values("age_s", seconds(age)));
+        let values = oldest.map_or(Vec::new(), |age| self.bands.values("age_s", age.as_secs_f64()));
         Words { message: link.say(*state, &self.bands, now), values }
     }
 }
@@ -313,7 +313,7 @@ impl Link {
                 say!("{label} is older than {limit}", "{label} älter als {limit}", label, limit)
             }
             Some(moving) => {
-                let age = bands.say(seconds(moving.age(now)), say!("s old", "s alt"));
+                let age = bands.say(moving.age(now).as_secs_f64(), say!("s old", "s alt"));
                 say!("{label}: {age}", "{label}: {age}", label, age)
             }
             None => say!("{label}: static", "{label}: statisch", label),
@@ -351,8 +351,4 @@ fn judge(bands: &Bands, age: Span) -> State {
 
 fn nanos(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
-}
-
-fn seconds(span: Span) -> f64 {
-    span.as_nanos() as f64 / 1e9
 }

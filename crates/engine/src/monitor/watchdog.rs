@@ -90,7 +90,7 @@ impl Machine for Watchdog {
         }
         match outcome {
             ProbeOutcome::Answered { after } => {
-                (self.misses, self.state) = (0, Some(self.bands.judge(after.as_nanos() as f64 / 1e9)));
+                (self.misses, self.state) = (0, Some(self.bands.judge(after.as_secs_f64())));
             }
             ProbeOutcome::Announced => (self.misses, self.state) = (0, Some(State::Ok)),
             ProbeOutcome::Measured(value) => (self.misses, self.state) = (0, Some(self.bands.judge(*value))),

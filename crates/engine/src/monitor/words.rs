@@ -150,7 +150,7 @@ pub(super) fn numeral_in(value: f64, quantity: Option<&Quantity>) -> Text {
 
 /// `350 ms`, `2 s`, `1.5 h`.
 pub(super) fn span(span: Span) -> Text {
-    let seconds = span.as_nanos() as f64 / 1e9;
+    let seconds = span.as_secs_f64();
     let (count, unit) = match seconds {
         ..1e-3 => (seconds * 1e6, Text::plain("us")),
         ..1.0 => (seconds * 1e3, Text::plain("ms")),

@@ -38,25 +38,25 @@ impl Rhythm {
 
     /// Messages a second from the first to the last; `None` of fewer than two.
     pub fn rate_hz(&self) -> Option<f64> {
-        let span_s = seconds(self.last?.since(self.first?));
+        let span_s = self.last?.since(self.first?).as_secs_f64();
         (self.count > 1 && span_s > 0.0).then(|| (self.count - 1) as f64 / span_s)
     }
 
     /// The longest time without a message, up to the end of the observation.
     pub fn longest_s(&self, end: Timestamp) -> f64 {
         let open = self.last.map(|last| end.since(last));
-        seconds(self.longest.max(open).unwrap_or_default())
+        self.longest.max(open).unwrap_or_default().as_secs_f64()
     }
 
     /// The longest time between two messages.
     pub fn longest_between_s(&self) -> Option<f64> {
-        self.longest.map(seconds)
+        self.longest.map(Span::as_secs_f64)
     }
 
     /// Whether it stopped: at the end it was silent for much longer than ever before.
     pub fn has_ended(&self, end: Timestamp) -> bool {
         let Some((last, longest_s)) = self.last.zip(self.longest_between_s()) else { return false };
-        seconds(end.since(last)) > 3.0 * longest_s.max(0.5)
+        end.since(last).as_secs_f64() > 3.0 * longest_s.max(0.5)
     }
 
     /// Whether its first message came behind the last one of the other.
@@ -68,8 +68,8 @@ impl Rhythm {
     /// publisher was restarted: the rate is then that of the time before and behind it. That time is at least twice as
     /// long as the pause, because two bursts are no rhythm.
     pub fn steady(&self, end: Timestamp) -> Option<Steady> {
-        let span_s = seconds(self.last?.since(self.first?));
-        let (longest_s, open_s) = (seconds(self.longest?), seconds(end.since(self.last?)));
+        let span_s = self.last?.since(self.first?).as_secs_f64();
+        let (longest_s, open_s) = (self.longest?.as_secs_f64(), end.since(self.last?).as_secs_f64());
         let at = |rate_hz: f64, pause_s: f64| {
             let is_even = pause_s.max(open_s) <= spared_s(rate_hz).max(4.0 / rate_hz);
             is_even.then_some(Steady { rate_hz, longest_s: longest_s.max(open_s) })
@@ -78,7 +78,7 @@ impl Rhythm {
         let apart = || {
             let flows_s = span_s - longest_s;
             let is_most = self.count > BEATS_MIN && flows_s >= 2.0 * longest_s;
-            at(is_most.then(|| (self.count - 2) as f64 / flows_s)?, seconds(self.second?))
+            at(is_most.then(|| (self.count - 2) as f64 / flows_s)?, self.second?.as_secs_f64())
         };
         whole().or_else(apart)
     }
@@ -102,10 +102,6 @@ impl Steady {
 /// The longest pause that reaches no limit of a rate.
 fn spared_s(rate_hz: f64) -> f64 {
     SPARED * RateLimits::of(rate_hz).window_s as f64
-}
-
-fn seconds(span: Span) -> f64 {
-    span.as_nanos() as f64 / 1e9
 }
 
 /// Durations as people write them.

@@ -163,7 +163,7 @@ fn introduction(address: SocketAddr, domain: u16, kind: Kind) -> String {
     text += &format!(
         "\n  A busy computer lets messages wait, so here a fault counts {:.1} s later than on a vehicle.\n\n\
          \x20 End       Ctrl-C\n",
-        PATIENCE.as_nanos() as f64 / 1e9
+        PATIENCE.as_secs_f64()
     );
     text
 }

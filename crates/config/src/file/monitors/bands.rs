@@ -87,7 +87,7 @@ pub(crate) fn hertz(text: &str) -> Option<f64> {
 /// `300ms`, `-50ms`.
 fn seconds(text: &str) -> Option<f64> {
     let (sign, size) = text.strip_prefix('-').map_or((1.0, text), |size| (-1.0, size));
-    units::parse(size).map(|span| sign * span.as_nanos() as f64 / 1e9)
+    units::parse(size).map(|span| sign * span.as_secs_f64())
 }
 
 /// Reads the four keys, which may all be missing. Impossible limits are logged.

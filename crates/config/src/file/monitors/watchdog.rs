@@ -96,7 +96,7 @@ fn limits(fields: &mut Fields, target: Option<&ProbeTarget>, every: time::Span) 
         ));
         return bands;
     }
-    let every_s = every.as_nanos() as f64 / 1e9;
+    let every_s = every.as_secs_f64();
     for (key, limit) in [("warning_above", bands.warning_above), ("error_above", bands.error_above)] {
         if limit.is_some_and(|limit| limit >= every_s) {
             let text = format!("`{key}` is never reached: no answer within `every` is a miss");

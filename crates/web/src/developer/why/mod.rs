@@ -199,7 +199,7 @@ async fn read(
     NodeRead { past, trend, second, incidents, written, never_shelved }
 }
 
-/// What lasts of the engine's reasons against shelving a module.
+/// The first lasting reason of the engine against shelving a module.
 async fn never_shelved(
     app: &AppState,
     published: &Published,
