@@ -153,7 +153,7 @@ impl Server {
         let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
         let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
         let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
-        let unread = tokio::spawn(other_diagnostics::say(bridge.discovery()));
+        let unread = tokio::spawn(other_diagnostics::say(loaded.model.clone(), bridge.discovery()));
         let (discovery, working) = (Some(bridge.discovery()), Some(bridge.working()));
         let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {

@@ -8,31 +8,35 @@ use tokio::sync::watch;
 
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::model::monitors::{DIAGNOSTIC_ARRAY, DIAGNOSTICS};
+use crate::engine::model::{Model, same_topic};
 
 /// Nodes that are only late, and a reader that is only being made, are found in this time.
 const LOOK_EVERY: Duration = Duration::from_secs(10);
 /// Topics that are named.
 const NAMED_MAX: usize = 5;
 
-/// Looks until there is something to say, which is said once.
-pub async fn say(discovery: watch::Receiver<Arc<Discovery>>) {
+/// Looks until there is something to say, which is said once. `model`: the configuration at the start.
+pub async fn say(model: Arc<Model>, discovery: watch::Receiver<Arc<Discovery>>) {
     loop {
         tokio::time::sleep(LOOK_EVERY).await;
-        if let Some(sentence) = sentence(&discovery.borrow()) {
+        if let Some(sentence) = sentence(&model, &discovery.borrow()) {
             tracing::warn!("{sentence}");
             return;
         }
     }
 }
 
-/// `None` while a topic of diagnostics is read, or nobody publishes any.
-fn sentence(discovery: &Discovery) -> Option<String> {
+/// `None` while a topic of diagnostics is read or will be, or nobody publishes any.
+fn sentence(model: &Model, discovery: &Discovery) -> Option<String> {
     let is_published = |topic: &&TopicSeen| {
         topic.publishers.iter().any(|it: &Endpoint| !it.ours && it.type_name == DIAGNOSTIC_ARRAY)
             && !topic.name.ends_with("/diagnostics_agg")
     };
     let published: Vec<&TopicSeen> = discovery.topics.iter().filter(is_published).collect();
-    let is_read = |topic: &&TopicSeen| topic.subscribers.iter().any(|it| it.ours);
+    let is_read = |topic: &&TopicSeen| {
+        model.watched.diagnostics_topics().any(|(it, _)| same_topic(it, &topic.name))
+            || topic.subscribers.iter().any(|it| it.ours)
+    };
     if published.is_empty() || published.iter().any(is_read) {
         return None;
     }
@@ -56,7 +60,9 @@ mod tests {
     }
 
     fn said(topics: Vec<TopicSeen>) -> Option<String> {
-        sentence(&Discovery { topics, ..Discovery::default() })
+        let file = "vehicle: { stages: none }\ngroups: [{ id: a, modules: [{ id: b, status: b }] }]\n";
+        let model = crate::config::parse("a.yaml", file).unwrap().model;
+        sentence(&model, &Discovery { topics, ..Discovery::default() })
     }
 
     #[test]
@@ -68,5 +74,7 @@ mod tests {
         assert_eq!(said(vec![topic("/diagnostics", true), topic("/j100/diagnostics", false)]), None);
         assert_eq!(said(vec![topic("/diagnostics_agg", false)]), None);
         assert_eq!(said(Vec::new()), None);
+        // Its reader is only being made.
+        assert_eq!(said(vec![topic("/diagnostics", false)]), None);
     }
 }
