@@ -187,7 +187,7 @@ scenarios() {
 # their limits (`pytest.mark.alone`) run last, with nothing beside them.
 browser_tests() {
     say "the whole program side by side: foreign DDS peers, real browser"
-    browser_part together -m "not alone and not timed" --numprocesses 4 --dist worksteal
+    browser_part together -m "not alone and not timed" --numprocesses 3 --dist worksteal
     say "the whole program, where limits are seconds"
     browser_part timed -m "timed and not alone" --numprocesses 3 --dist loadfile
     say "the whole program, where times are measured"

@@ -29,9 +29,8 @@ STALL_S = 0.3
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_protocol(item, nextitem):
-    """Repeats a test that measures time once, and says so, if it failed while the machine stood still."""
-    if not any(map(item.get_closest_marker, ("alone", "timed"))):
-        return None
+    """Repeats a test once, and says so, if it failed while the machine stood still: a display grows stale
+    meanwhile, and sends no tap."""
     item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     MACHINE.worst_s = 0.0
     reports = runtestprotocol(item, nextitem=nextitem, log=False)
