@@ -18,6 +18,9 @@ pub(crate) struct Frozen {
     #[serde(skip)]
     limits: FrozenLimits,
     run: Option<Run>,
+    /// Its cause was over, and nothing has changed since: that shows neither that the source lives nor that it hangs.
+    #[serde(default)]
+    unproven: bool,
 }
 
 /// Equal messages in a row.
@@ -41,14 +44,14 @@ impl Run {
 
 impl Frozen {
     pub(super) fn new(inputs: Inputs, limits: FrozenLimits) -> Frozen {
-        Frozen { inputs, limits, run: None }
+        Frozen { inputs, limits, run: None, unproven: false }
     }
 }
 
 impl Machine for Frozen {
     fn resume(&mut self, kept: Frozen) -> Result<(), KeyframeError> {
-        let Frozen { inputs, limits: _, run } = kept;
-        self.run = run;
+        let Frozen { inputs, limits: _, run, unproven } = kept;
+        (self.run, self.unproven) = (run, unproven);
         self.inputs.resume(inputs)
     }
 
@@ -56,8 +59,20 @@ impl Machine for Frozen {
     fn begin_anew(&mut self, now: Timestamp) -> bool {
         if let Some(run) = &mut self.run {
             (run.since, run.last, run.repeats) = (now, now, 0);
+            self.unproven = true;
         }
         true
+    }
+
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        if relevant {
+            self.begin_anew(now);
+            self.unproven = false;
+        }
+    }
+
+    fn is_proven(&self) -> bool {
+        !self.unproven
     }
 
     /// Values of every type are compared as texts.
@@ -75,7 +90,10 @@ impl Machine for Frozen {
             Some(run) if run.value == *value => {
                 (run.last, run.repeats) = (now, run.repeats.saturating_add(1));
             }
-            run => *run = Some(Run { value: value.clone(), since: now, last: now, repeats: 0 }),
+            run => {
+                *run = Some(Run { value: value.clone(), since: now, last: now, repeats: 0 });
+                self.unproven = false;
+            }
         }
     }
 

@@ -74,6 +74,12 @@ trait Machine: Sized {
         false
     }
 
+    /// Whether something came since it began anew that shows that it is well. Without that a cause that comes and goes
+    /// would hide it for ever.
+    fn is_proven(&self) -> bool {
+        true
+    }
+
     /// After a start or a reload: a topic without a known publisher is not judged by the clock before `until`.
     fn search(&mut self, _until: Timestamp) {}
 
@@ -232,6 +238,10 @@ impl Monitor {
 
     pub(super) fn begin_anew(&mut self, now: Timestamp) -> bool {
         machine!(self, machine => machine.begin_anew(now))
+    }
+
+    pub(super) fn is_proven(&self) -> bool {
+        machine!(self, machine => machine.is_proven())
     }
 
     pub(super) fn search(&mut self, until: Timestamp) {

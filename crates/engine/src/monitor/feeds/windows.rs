@@ -50,7 +50,7 @@ impl Watching {
         if blocked {
             let blocked = watch.blocked.get_or_insert(Blocked { since: now, was_well: false });
             if blocked.since == now {
-                blocked.was_well = is_well(own);
+                blocked.was_well = is_well(own) && watch.monitor.is_proven();
             }
             return None;
         }
