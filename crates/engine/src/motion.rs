@@ -23,6 +23,9 @@ const STANDS_AFTER: Span = Span::from_millis(500);
 /// The shown speed changes when the measured one is further away than this: half a km/h would be rounding.
 const FLICKER_KMH: f64 = 0.75;
 
+/// A vehicle that rolls out at a stop is slower than this.
+const ROLLS_OUT_MPS: f64 = 1.5;
+
 /// A higher speed is shown as this one.
 const SHOWN_KMH_MAX: f64 = 999.0;
 
@@ -241,13 +244,20 @@ impl Engine {
         self.goal_signal.is_some_and(|index| self.signals.value(index) == Some(true))
     }
 
-    /// Whether a vehicle that just said that it drives no more stood before for as long as an arrival takes, or whether
-    /// that is not known: then it was stopped between stops, and its mission component has started again. Without a
-    /// speed nothing tells the two apart.
-    pub(super) fn stood_on_the_way(&self) -> bool {
+    /// Whether a vehicle that just said that it drives no more is between stops, because its mission component has
+    /// started again: it is faster than one that arrives, or stood before for as long as an arrival takes, or nothing
+    /// is known of that. Without a speed nothing tells a restart from an arrival.
+    pub(super) fn is_between_stops(&self) -> bool {
         let Some(source) = &self.model.driving.speed else { return false };
         let known = self.motion.speed.is_some_and(|(_, at)| self.now < at + source.timeout);
-        !known || self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL)
+        let stood = self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL);
+        !known || stood || self.rolls_fast()
+    }
+
+    /// Whether it is known to be faster than a vehicle that rolls out at a stop.
+    pub(super) fn rolls_fast(&self) -> bool {
+        let speed = self.model.driving.speed.as_ref().zip(self.motion.speed);
+        speed.is_some_and(|(source, (mps, at))| self.now < at + source.timeout && mps > ROLLS_OUT_MPS)
     }
 
     /// The drive to the goal is over.

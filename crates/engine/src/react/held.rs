@@ -180,6 +180,8 @@ pub(crate) struct Whereabouts {
     pub(crate) at_a_stop: bool,
     /// The vehicle does not say whether it drives.
     pub(crate) active_unknown: bool,
+    /// It is faster than a vehicle that rolls out at a stop.
+    pub(crate) rolls_fast: bool,
 }
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -265,7 +267,7 @@ impl Countermeasures {
         &mut self,
         model: &Model,
         net: &Net,
-        Whereabouts { stage, at_a_stop, active_unknown }: Whereabouts,
+        Whereabouts { stage, at_a_stop, active_unknown, rolls_fast }: Whereabouts,
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
@@ -303,7 +305,8 @@ impl Countermeasures {
             // A cause that is gone on the way leaves a vehicle that only the operator sets going again. So does a
             // silence of `active`: its publisher may have started again between stops, and then says false first.
             let is_latched = held.by == RequestOrigin::Operator || !held.present;
-            held.needs_release |= active_unknown || is_latched && stage == Stage::Active;
+            let on_the_way = stage == Stage::Active || rolls_fast;
+            held.needs_release |= active_unknown || is_latched && on_the_way;
         }
         let surely_at_a_stop = at_a_stop && self.arrives.is_none_or(|at| at <= now);
         self.held.retain(|held| {

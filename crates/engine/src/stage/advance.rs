@@ -69,7 +69,7 @@ impl Engine {
             self.countermeasures.arrives = Some(self.now + ARRIVAL);
         }
         if from == Stage::Active {
-            if self.stood_on_the_way() {
+            if self.is_between_stops() {
                 self.countermeasures.latch();
             }
             self.arrived();

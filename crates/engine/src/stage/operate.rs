@@ -355,6 +355,7 @@ impl Engine {
             stage: self.vehicle.stage,
             at_a_stop: self.stands_at_a_stop(),
             active_unknown: self.says_it_drives().is_none(),
+            rolls_fast: self.rolls_fast(),
         };
         self.countermeasures.follow(&self.model, net, whereabouts, self.now, causes);
     }
