@@ -77,6 +77,8 @@ struct Received {
     Bytes bytes;
     // The sample to which it replies.
     SampleIdentity related;
+    // Its own.
+    SampleIdentity identity;
 };
 
 struct Participant {
@@ -101,7 +103,8 @@ public:
         while (reader->take_next_sample(&bytes, &info) == ReturnCode_t::RETCODE_OK) {
             if (info.valid_data) {
                 std::lock_guard<std::mutex> guard(owner_->lock);
-                owner_->received.push_back({number_, std::move(bytes), info.related_sample_identity});
+                owner_->received.push_back({number_, std::move(bytes), info.related_sample_identity,
+                                             info.sample_identity});
                 owner_->news.notify_one();
             }
         }
@@ -257,6 +260,25 @@ int64_t fast_request(DataWriter* writer, DataReader* reader, const uint8_t* data
     }
     put(reader != nullptr ? reader->guid() : writer->guid(), guid);
     return params.sample_identity().sequence_number().to64long();
+}
+
+// 16 bytes of the client to which rmw_fastrtps sends the reply to the taken request, and the number of the request.
+int64_t fast_asked(Participant* participant, uint8_t* guid) {
+    const auto& taken = participant->taken;
+    bool names_its_reader = taken.related.writer_guid() != GUID_t::unknown();
+    put(names_its_reader ? taken.related.writer_guid() : taken.identity.writer_guid(), guid);
+    return taken.identity.sequence_number().to64long();
+}
+
+bool fast_reply(DataWriter* writer, const uint8_t* data, size_t size, const uint8_t* guid, int64_t sequence) {
+    Bytes bytes(data, data + size);
+    WriteParams params;
+    GUID_t client;
+    std::memcpy(client.guidPrefix.value, guid, 12);
+    std::memcpy(client.entityId.value, guid + 12, 4);
+    params.related_sample_identity().writer_guid() = client;
+    params.related_sample_identity().sequence_number() = SequenceNumber_t(int32_t(sequence >> 32), uint32_t(sequence));
+    return writer->write(&bytes, params);
 }
 
 // Says goodbye.

@@ -19,6 +19,8 @@ FUNCTIONS = {
     "fast_take": (POINTER, POINTER, NUMBER, POINTER, POINTER),
     "fast_related": (ctypes.c_int64, POINTER, POINTER),
     "fast_request": (ctypes.c_int64, POINTER, POINTER, TEXT, ctypes.c_size_t, POINTER),
+    "fast_asked": (ctypes.c_int64, POINTER, POINTER),
+    "fast_reply": (FLAG, POINTER, TEXT, ctypes.c_size_t, TEXT, ctypes.c_int64),
     "fast_close": (None, POINTER),
 }
 
@@ -67,6 +69,9 @@ class Participant:
     def client(self, requests, replies, newer):
         return Client(self, requests, replies, newer)
 
+    def server(self, requests, replies):
+        return Server(self, requests, replies)
+
     def close(self):
         self.lib.fast_close(self.dds)
 
@@ -100,6 +105,26 @@ class Client:
                 data = ctypes.string_at(taken, size.value)
                 sequence = self.lib.fast_related(self.dds, related)
                 yield related.raw == self.own.raw, sequence, data
+
+
+class Server:
+    """A server, as rmw_fastrtps makes it: the protocol says to which request it replies."""
+
+    def __init__(self, participant, requests, replies):
+        self.lib, self.dds = participant.lib, participant.dds
+        self.writer = participant.writer(*replies)
+        self.received = participant.receive([requests])
+        next(self.received)
+
+    def requests(self):
+        asked = ctypes.create_string_buffer(16)
+        for _, data, _ in self.received:
+            assert len(data) < 12, f"no request of a client of Fast DDS: {data.hex()}"
+            yield self.lib.fast_asked(self.dds, asked), asked.raw
+
+    def reply(self, request, data):
+        sequence, asked = request
+        there(self.lib.fast_reply(self.writer.dds, data, len(data), asked, sequence), "no reply is written")
 
 
 class Writer:

@@ -143,14 +143,32 @@ def subscribe(participant, options):
 
 def serve(participant, options):
     """Reads the requests of a service and writes its replies, as a server of ROS 2 does, until its
-    input ends. Nobody is answered: only discovery is asked for."""
+    input ends. It answers what the last JSON line on standard input says, and nobody before the first:
+        {"state": 3, "label": "active"}     as lifecycle_msgs/srv/GetState does   {}    nobody
+    It prints {"told": true} for each line."""
     type_name = f"{options.type}_{{}}_"
-    replies = participant.writer(f"rr{options.service}Reply", type_name.format("Response"))
-    requests = participant.receive([(f"rq{options.service}Request", type_name.format("Request"))])
-    next(requests)
-    say(ready=True, held=len([replies, requests]))
-    sys.stdin.read()
+    replies = (f"rr{options.service}Reply", type_name.format("Response"))
+    requests = (f"rq{options.service}Request", type_name.format("Request"))
+    serving = participant.server(requests, replies)
+    answer = {}
+
+    def answer_all():
+        for request in serving.requests():
+            if "state" in answer:
+                serving.reply(request, wire.lifecycle_state(answer))
+
+    answering = threading.Thread(target=answer_all, daemon=True)
+    say(ready=True)
+    for line in sys.stdin:
+        answer = json.loads(line)
+        if not answering.is_alive():
+            answering.start()
+        say(told=True)
     say(done=True)
+    if answering.is_alive():
+        # The thread above reads on, so the participant is not taken from under it.
+        sys.stdout.flush()
+        os._exit(0)
 
 
 def client(participant, options):

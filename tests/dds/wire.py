@@ -208,6 +208,14 @@ def service_request(command):
     return bytes(out.out)
 
 
+def lifecycle_state(answer):
+    """The reply of lifecycle_msgs/srv/GetState."""
+    out = Writer()
+    out.u8(answer["state"])
+    out.string(answer["label"])
+    return bytes(out.out)
+
+
 def read_service_reply(data):
     source = Reader(data)
     return {"success": bool(source.u8()), "message": source.string()}

@@ -116,6 +116,7 @@ with_each_peer!(
     another_configuration_learns_the_last_value_and_who_publishes,
     a_node_is_there_until_it_is_announced_no_longer,
     a_service_is_there_while_somebody_serves_it,
+    a_lifecycle_node_says_its_state_before_any_transition,
 );
 
 async fn fields_of_foreign_messages_arrive_right(vendor: Vendor) {
@@ -344,6 +345,43 @@ async fn a_service_is_there_while_somebody_serves_it(vendor: Vendor) {
     server.end();
     watching.until("its end", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
     client.end();
+    watching.bridge.shutdown().await;
+}
+
+async fn a_lifecycle_node_says_its_state_before_any_transition(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let model = model(Vec::new(), vec![ProbeTarget::Lifecycle { name: "/planner_server".into() }]);
+    let mut watching = Watching::start(&domain, &model).await;
+    let outcome = |wanted: fn(&ProbeOutcome) -> bool| {
+        move |input: &Input| match input {
+            Input::Probe(probe) if wanted(&probe.outcome) => Some(()),
+            _ => None,
+        }
+    };
+    let inactive =
+        |it: &ProbeOutcome| matches!(it, ProbeOutcome::Inactive { state } if &**state == "inactive");
+    let is_silent = |it: &ProbeOutcome| matches!(it, ProbeOutcome::Missed(why) if why.contains("no answer"));
+    watching.until("nobody", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
+    let serve = "serve --service /planner_server/get_state --type lifecycle_msgs::srv::dds_::GetState";
+    let mut server = Peer::start(&domain, serve);
+    watching.until("no answer", outcome(is_silent)).await;
+    server.tell_and_expect(&json!({"state": 2, "label": "inactive"}), "told");
+    watching.until("its state", outcome(inactive)).await;
+    server.tell_and_expect(&json!({"state": 3, "label": "active"}), "told");
+    watching.until("its work", outcome(|it| matches!(it, ProbeOutcome::Answered { .. }))).await;
+    server.tell_and_expect(&json!({}), "told");
+    watching.until("a node that hangs", outcome(is_silent)).await;
+    server.tell_and_expect(&json!({"state": 3, "label": "active"}), "told");
+    watching.until("its answer", outcome(|it| matches!(it, ProbeOutcome::Answered { .. }))).await;
+    server.kill();
+    watching.until("its end", outcome(|it| matches!(it, ProbeOutcome::Missed(_)))).await;
+    // It was started again, and waits to be configured.
+    let mut again = Peer::start(&domain, serve);
+    again.tell_and_expect(&json!({"state": 1, "label": "unconfigured"}), "told");
+    let unconfigured =
+        |it: &ProbeOutcome| matches!(it, ProbeOutcome::Inactive { state } if &**state == "unconfigured");
+    watching.until("its state", outcome(unconfigured)).await;
+    again.end();
     watching.bridge.shutdown().await;
 }
 

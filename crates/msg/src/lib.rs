@@ -3,6 +3,7 @@
 
 pub mod cdr;
 pub mod fields;
+pub mod lifecycle;
 pub mod messages;
 pub mod received;
 pub mod ros_clock;

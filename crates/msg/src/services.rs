@@ -93,9 +93,9 @@ impl Request {
     }
 }
 
-const HEADER_BYTES: usize = 16;
+pub(crate) const HEADER_BYTES: usize = 16;
 
-fn header(body: &[u8], endian: Endian) -> Option<Correlation> {
+pub(crate) fn header(body: &[u8], endian: Endian) -> Option<Correlation> {
     let mut reader = Reader::new(body, endian);
     let client = u64::from_le_bytes(reader.scalar().ok()?);
     let sequence = i64::from_le_bytes(reader.scalar().ok()?);

@@ -13,6 +13,7 @@ use super::library::{Ended, Participant};
 use super::options::BridgeOptions;
 use super::options::interfaces::{self, AddressWatch};
 use super::outbox::{End, stopped};
+use super::probe::lifecycle::{self, LifecycleContext};
 use super::reading::clock_step::StepWatch;
 use super::reading::topic::TopicContext;
 use super::reading::topics::{Carryover, Topics};
@@ -89,7 +90,15 @@ pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mu
         stopping.clone(),
     ));
     let (nodes, inputs) = (context.nodes.subscribe(), context.inputs.clone());
-    others.spawn(status_writers::run(participant.clone(), nodes, inputs, context.clock, stopping));
+    others.spawn(status_writers::run(
+        participant.clone(),
+        nodes.clone(),
+        inputs.clone(),
+        context.clock,
+        stopping.clone(),
+    ));
+    let asking = LifecycleContext { participant: participant.clone(), inputs, nodes, clock: context.clock };
+    others.spawn(lifecycle::run(asking, context.plan.clone(), stopping));
     let end = watch_over(participant, context, plan, (&mut topics, &mut others), legacy).await;
     // The receivers live in the tasks; without tasks there is nothing to stop.
     let _ = stop.send(true);

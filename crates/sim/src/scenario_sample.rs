@@ -18,6 +18,9 @@ use telltale_engine::time;
 use telltale_yaml::decode::{did_you_mean, word};
 use telltale_yaml::{Kind, Log, Node, Problem, Span, suggest};
 
+/// The state in which a lifecycle node does its work.
+const ACTIVE: &str = "active";
+
 /// The stamp in the header of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stamp {
@@ -204,13 +207,14 @@ impl FromNode for RawProbe {
         let mut fields = Fields::of(node, "a probe", log)?;
         let mut text = |key| fields.optional::<Spanned<String>>(key);
         let (icmp, tcp, ros) = (text("icmp"), text("tcp"), text("node"));
-        let (service, qos) = (text("service"), text("qos"));
+        let (service, qos, lifecycle) = (text("service"), text("qos"), text("lifecycle"));
         let boxed = |it: &Spanned<String>| it.value.as_str().into();
         let targets = [
             icmp.map(|it| (ProbeTarget::Icmp { host: boxed(&it) }, it.span)),
             tcp.map(|it| (ProbeTarget::Tcp { address: boxed(&it) }, it.span)),
             ros.map(|it| (ProbeTarget::Node { name: boxed(&it) }, it.span)),
             service.map(|it| (ProbeTarget::Service { name: boxed(&it) }, it.span)),
+            lifecycle.map(|it| (ProbeTarget::Lifecycle { name: boxed(&it) }, it.span)),
             qos.map(|it| (ProbeTarget::Qos { topic: boxed(&it) }, it.span)),
             system(&mut fields),
         ];
@@ -219,7 +223,7 @@ impl FromNode for RawProbe {
         if target.is_none() || more.is_some() {
             let problem = Problem::at(
                 node.span,
-                "a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos`, `system`",
+                "a probe asks one of `icmp`, `tcp`, `node`, `service`, `lifecycle`, `qos`, `system`",
             );
             fields.log.push(problem.help("for example `probe: { node: /planner, answered: false }`"));
         }
@@ -227,8 +231,9 @@ impl FromNode for RawProbe {
         let after: Option<Spanned<f64>> = fields.optional("after");
         let discovered = matches!(target, Some((ProbeTarget::Node { .. } | ProbeTarget::Service { .. }, _)));
         if let Some(after) = after.filter(|_| discovered || answered != Some(true)) {
-            let problem = Problem::at(after.span, "only an answer of `icmp` or `tcp` takes a time");
-            fields.log.push(problem.help("remove `after`, or write `answered: true` beside `icmp` or `tcp`"));
+            let problem =
+                Problem::at(after.span, "only an answer of `icmp`, `tcp` or `lifecycle` takes a time");
+            fields.log.push(problem.help("remove `after`, or write `answered: true` beside one of these"));
         }
         let times: Option<Spanned<u64>> = fields.optional("times");
         let is_node = matches!(target, Some((ProbeTarget::Node { .. }, _)));
@@ -236,6 +241,14 @@ impl FromNode for RawProbe {
             let problem =
                 Problem::at(times.span, "only a `node` that is there is announced one or more times");
             fields.log.push(problem.help("write `probe: { node: /planner, answered: true, times: 3 }`"));
+        }
+        let state: Option<Spanned<String>> = fields.optional("state");
+        let is_lifecycle = matches!(target, Some((ProbeTarget::Lifecycle { .. }, _)));
+        if let Some(state) = state.as_ref().filter(|_| !is_lifecycle || answered != Some(true)) {
+            let problem = Problem::at(state.span, "only a `lifecycle` node that answers says its state");
+            fields.log.push(
+                problem.help("write `probe: { lifecycle: /planner, answered: true, state: inactive }`"),
+            );
         }
         let impossible: Option<String> = fields.optional("impossible");
         let measured: Option<f64> = fields.optional("measured");
@@ -250,6 +263,9 @@ impl FromNode for RawProbe {
                 }
                 _ => ProbeOutcome::Announced,
             }),
+            (Some(true), None) if state.as_ref().is_some_and(|it| it.value != ACTIVE) => {
+                state.map(|it| ProbeOutcome::Inactive { state: it.value.into() })
+            }
             (Some(true), None) => {
                 let seconds = after.map_or(0.001, |after| after.value);
                 Some(ProbeOutcome::Answered { after: time::Span::from_nanos((seconds * 1e9).round() as u64) })

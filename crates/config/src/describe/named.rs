@@ -84,7 +84,7 @@ impl Loaded {
         let target = match module.monitor.other() {
             Some(MonitorSpec::Watchdog { watchdog, .. }) => {
                 match &self.model.watched.watchdogs[watchdog.0 as usize].target {
-                    ProbeTarget::Node { name } => Some(What::Node(name)),
+                    ProbeTarget::Node { name } | ProbeTarget::Lifecycle { name } => Some(What::Node(name)),
                     ProbeTarget::Service { name } => Some(What::Service(name)),
                     ProbeTarget::Qos { topic } => {
                         Some(What::Topic { name: topic, type_name: "", of_type: None })

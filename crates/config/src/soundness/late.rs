@@ -40,6 +40,7 @@ fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
             match spec.target {
                 ProbeTarget::Node { .. } | ProbeTarget::Service { .. } => sum(LEASE, rounds),
                 ProbeTarget::Icmp { .. }
+                | ProbeTarget::Lifecycle { .. }
                 | ProbeTarget::Tcp { .. }
                 | ProbeTarget::Qos { .. }
                 | ProbeTarget::System(_) => rounds,

@@ -233,6 +233,8 @@ pub enum ProbeOutcome {
     Repeated { times: u32 },
     /// The measured value, in the unit of the target.
     Measured(#[serde(with = "float")] f64),
+    /// A lifecycle node that answered with another state than active.
+    Inactive { state: Box<str> },
     /// It is not there, with the reason: refused, no answer in time, no such node or service.
     Missed(Box<str>),
     /// This machine cannot probe it, so nothing is known: no permission, or a name that does not resolve.

@@ -176,6 +176,8 @@ pub enum ProbeTarget {
     Node { name: Box<str> },
     /// A ROS service with its namespace, `/ns/name`: whether a node offers it, not its response time.
     Service { name: Box<str> },
+    /// The state of a lifecycle node, by its name with namespace: whether it is active. It is asked for it.
+    Lifecycle { name: Box<str> },
     /// Whether all publishers and subscribers of a topic match.
     Qos { topic: Box<str> },
     /// The computer on which Telltale runs.
@@ -228,7 +230,9 @@ impl ProbeTarget {
             ProbeTarget::Tcp { address } => address,
             ProbeTarget::Qos { topic } => topic,
             ProbeTarget::System(resource) => resource.name(),
-            ProbeTarget::Node { name } | ProbeTarget::Service { name } => name,
+            ProbeTarget::Node { name } | ProbeTarget::Service { name } | ProbeTarget::Lifecycle { name } => {
+                name
+            }
         }
     }
 
@@ -236,7 +240,10 @@ impl ProbeTarget {
     pub(crate) fn asks_dds(&self) -> bool {
         match self {
             ProbeTarget::Icmp { .. } | ProbeTarget::Tcp { .. } | ProbeTarget::System(_) => false,
-            ProbeTarget::Node { .. } | ProbeTarget::Service { .. } | ProbeTarget::Qos { .. } => true,
+            ProbeTarget::Node { .. }
+            | ProbeTarget::Service { .. }
+            | ProbeTarget::Lifecycle { .. }
+            | ProbeTarget::Qos { .. } => true,
         }
     }
 }

@@ -97,7 +97,7 @@ impl Machine for Watchdog {
             ProbeOutcome::Repeated { times } => {
                 (self.misses, self.state) = (0, Some(self.bands.judge(restarts(*times))));
             }
-            ProbeOutcome::Missed(_) => {
+            ProbeOutcome::Missed(_) | ProbeOutcome::Inactive { .. } => {
                 self.misses = self.misses.saturating_add(1);
                 if self.misses >= self.misses_max {
                     self.state = Some(State::Error);
@@ -174,6 +174,16 @@ impl Machine for Watchdog {
             Some((_, ProbeOutcome::Impossible(why))) if self.resource.is_some() => {
                 Words::plain(say!("cannot be read: {why}", "nicht lesbar: {why}", why = reason(why)))
             }
+            Some((_, ProbeOutcome::Inactive { state })) => Words {
+                message: say!(
+                    "{state}, active wanted, {misses} of {all} in a row",
+                    "{state}, erwartet active, {misses} von {all} in Folge",
+                    state = &**state,
+                    misses = self.misses.min(self.misses_max).to_string(),
+                    all = self.misses_max
+                ),
+                values: vec![("misses", self.misses.to_string())],
+            },
             Some((_, ProbeOutcome::Missed(why))) => Words {
                 message: say!(
                     "no answer, {misses} of {all} in a row: {why}",

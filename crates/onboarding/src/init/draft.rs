@@ -97,6 +97,8 @@ pub enum ModuleKind {
     },
     Node {
         name: String,
+        /// Whether it is a lifecycle node, which must be active.
+        has_lifecycle: bool,
     },
 }
 
@@ -105,6 +107,7 @@ impl ModuleKind {
     pub fn noticed_s(&self) -> u64 {
         match self {
             ModuleKind::Rate { limits, .. } => limits.window_s,
+            ModuleKind::Node { has_lifecycle: true, .. } => NODE_EVERY_S * NODE_MISSES,
             ModuleKind::Node { .. } => LEASE.as_millis() / 1000 + NODE_EVERY_S * NODE_MISSES,
             ModuleKind::Status { .. } | ModuleKind::Age { .. } => 0,
         }
@@ -300,13 +303,18 @@ fn group(
     group.passing = passing.into_iter().map(|(passing, _)| passing).collect();
     for node in nodes.iter().take(NODES_MAX) {
         let last = node.rsplit('/').next().unwrap_or(node);
-        let id = names::id(&format!("{last}_runs"), "node_runs", &mut taken);
-        let about = "It was announced.".to_owned();
+        let get_state = format!("{node}/get_state");
+        let has_lifecycle = seen.discovery.services.contains(&get_state);
+        let (word, about) = match has_lifecycle {
+            true => ("active", "It is a lifecycle node; Telltale calls its service get_state."),
+            false => ("runs", "It was announced."),
+        };
+        let id = names::id(&format!("{last}_{word}"), &format!("node_{word}"), &mut taken);
         let (name, nodes) = ((*node).to_owned(), vec![(*node).to_owned()]);
         group.modules.push(Module {
             id,
-            kind: ModuleKind::Node { name },
-            about,
+            kind: ModuleKind::Node { name, has_lifecycle },
+            about: about.to_owned(),
             nodes,
             proposals: Vec::new(),
         });

@@ -166,4 +166,19 @@ mod tests {
         let (_, problems) = telltale_config::parse("draft", &text).expect("it is right").soundness();
         assert!(problems.is_none(), "{}\n{text}", problems.unwrap());
     }
+
+    #[test]
+    fn a_lifecycle_node_must_be_active_and_another_one_must_run() {
+        let robot = Robot::default()
+            .publishes("/planner_server", "/plan", 1000)
+            .serves("/planner_server", "/planner_server/get_state")
+            .publishes("/lidar", "/scan", 100);
+        let text = text(&robot.heard().draft, true);
+        assert!(text.contains("id: planner_server_active"), "{text}");
+        for (node, target) in [("/planner_server", "lifecycle"), ("/lidar", "node")] {
+            let asked = format!("watchdog: {{ {target}: {node}, every: 1s, misses: 3 }}");
+            assert!(text.contains(&asked), "{text}");
+        }
+        telltale_config::parse("draft", &text).expect("it is right");
+    }
 }

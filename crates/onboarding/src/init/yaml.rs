@@ -232,9 +232,10 @@ fn keys(kind: &ModuleKind) -> Vec<String> {
             duration(*warning_ms),
             duration(2 * warning_ms)
         )],
-        ModuleKind::Node { name } => {
+        ModuleKind::Node { name, has_lifecycle } => {
+            let target = if *has_lifecycle { "lifecycle" } else { "node" };
             vec![format!(
-                "monitor: {{ watchdog: {{ node: {name}, every: {NODE_EVERY_S}s, misses: {NODE_MISSES} }} }}"
+                "monitor: {{ watchdog: {{ {target}: {name}, every: {NODE_EVERY_S}s, misses: {NODE_MISSES} }} }}"
             )]
         }
     }

@@ -74,7 +74,7 @@ impl Unwatched {
                 ModuleKind::Rate { topic, .. } | ModuleKind::Age { topic, .. } if !reads(model, topic) => {
                     found.topics.insert(topic.clone());
                 }
-                ModuleKind::Node { name } if !is_noticed(model, heard, &taken, name) => {
+                ModuleKind::Node { name, .. } if !is_noticed(model, heard, &taken, name) => {
                     found.nodes.insert(name.clone());
                 }
                 ModuleKind::Status { .. }
@@ -153,7 +153,7 @@ fn sentence(names: &BTreeSet<String>, [one, many]: [&str; 2], what_names: &str) 
 /// it says.
 fn is_noticed(model: &Model, heard: &Heard, taken: &BTreeSet<&str>, node: &str) -> bool {
     let asked = model.watched.watchdogs.iter().any(|it| match &it.target {
-        ProbeTarget::Node { name } => **name == *node,
+        ProbeTarget::Node { name } | ProbeTarget::Lifecycle { name } => **name == *node,
         _ => false,
     });
     let publishes = heard.seen.discovery.topics.iter().any(|topic| {

@@ -81,9 +81,11 @@ fn watching<'m>(model: &'m Model, kind: &'m ModuleKind) -> impl Iterator<Item = 
         | (ModuleKind::Age { topic, .. }, Some(MonitorSpec::Latency { topic: id, .. })) => {
             topic_is(id, topic)
         }
-        (ModuleKind::Node { name }, Some(MonitorSpec::Watchdog { watchdog, .. })) => {
+        (ModuleKind::Node { name, .. }, Some(MonitorSpec::Watchdog { watchdog, .. })) => {
             match &model.watched.watchdogs[watchdog.0 as usize].target {
-                ProbeTarget::Node { name: watched } => **watched == **name,
+                ProbeTarget::Node { name: watched } | ProbeTarget::Lifecycle { name: watched } => {
+                    **watched == **name
+                }
                 _ => false,
             }
         }

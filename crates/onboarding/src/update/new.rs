@@ -49,7 +49,7 @@ impl New {
                 }
                 is_unwatched && known
             }
-            ModuleKind::Node { name } => unwatched.nodes.contains(name),
+            ModuleKind::Node { name, .. } => unwatched.nodes.contains(name),
         };
         let mut taken = written.map(ids_of).unwrap_or_default();
         for mut group in draft.groups {

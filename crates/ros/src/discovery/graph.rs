@@ -137,10 +137,8 @@ fn wanted(plan: &Plan) -> BTreeSet<String> {
     let read = plan.subscriptions.iter().map(|subscription| subscription.dds_topic.clone());
     let asked = plan.watchdogs.iter().flat_map(|watchdog| match &watchdog.target {
         ProbeTarget::Qos { topic } => vec![dds_name(topic)],
-        ProbeTarget::Service { name } => {
-            let name = name.trim_start_matches('/');
-            vec![format!("rq/{name}Request"), format!("rr/{name}Reply")]
-        }
+        ProbeTarget::Service { name } => service_topics(name).into(),
+        ProbeTarget::Lifecycle { name } => service_topics(&format!("{name}/get_state")).into(),
         _ => Vec::new(),
     });
     read.chain(asked).collect()
@@ -207,6 +205,12 @@ fn endpoint(found: &Found, ours: &BTreeSet<String>, nodes: &BTreeMap<Guid, &str>
 /// `rt/diagnostics` is `/diagnostics` to ROS; other names are left as they are.
 fn ros_name(dds_topic: &str) -> String {
     dds_topic.strip_prefix("rt/").map_or_else(|| dds_topic.to_owned(), |name| format!("/{name}"))
+}
+
+/// The topics of the requests and of the replies of a service, as they are called on the wire.
+pub fn service_topics(ros_name: &str) -> [String; 2] {
+    let name = ros_name.trim_start_matches('/');
+    [format!("rq/{name}Request"), format!("rr/{name}Reply")]
 }
 
 fn dds_name(ros_topic: &str) -> String {

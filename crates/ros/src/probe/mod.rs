@@ -1,6 +1,7 @@
 //! Watchdogs: ask repeatedly whether hosts, ports, nodes and services are there.
 
 pub(super) mod icmp_echo;
+pub(super) mod lifecycle;
 mod system;
 
 use std::io::{self, ErrorKind};
@@ -67,7 +68,8 @@ pub async fn run(
 /// Probes one target, never twice at once, until nobody listens.
 async fn watch(spec: Arc<WatchdogSpec>, context: ProbeContext, turns: Arc<Semaphore>) {
     let period = Duration::from_nanos(spec.every.as_nanos()).max(EVERY_MIN);
-    let mut asker = Asker::new(&spec.target, &context);
+    // A lifecycle node is called through the participant: `lifecycle.rs` does it.
+    let Some(mut asker) = Asker::new(&spec.target, &context) else { return };
     let mut looks = every(period);
     loop {
         looks.tick().await;
@@ -99,7 +101,7 @@ enum How {
 }
 
 impl Asker {
-    fn new(target: &ProbeTarget, context: &ProbeContext) -> Asker {
+    fn new(target: &ProbeTarget, context: &ProbeContext) -> Option<Asker> {
         let clock = context.clock;
         let how = match target {
             ProbeTarget::Icmp { host } => How::Icmp(Lookup::of_host(host, clock)),
@@ -108,12 +110,13 @@ impl Asker {
                 How::Qos { topic: topic.clone(), discovery: context.discovery.clone() }
             }
             ProbeTarget::System(resource) => How::System(System::new(resource)),
+            ProbeTarget::Lifecycle { .. } => return None,
             ProbeTarget::Node { name } => How::Node { name: name.clone(), nodes: context.nodes.clone() },
             ProbeTarget::Service { name } => {
                 How::Service { name: name.clone(), nodes: context.nodes.clone() }
             }
         };
-        Asker { clock, how }
+        Some(Asker { clock, how })
     }
 
     /// `None`: nothing can be said yet.
@@ -216,10 +219,8 @@ mod tests {
 
     async fn ask(target: ProbeTarget) -> ProbeOutcome {
         let (context, ..) = bench();
-        Asker::new(&target, &context)
-            .ask(Duration::from_secs(5))
-            .await
-            .expect("each of these has an answer at once")
+        let mut asker = Asker::new(&target, &context).expect("it is asked here");
+        asker.ask(Duration::from_secs(5)).await.expect("each of these has an answer at once")
     }
 
     #[test]
@@ -306,6 +307,7 @@ mod tests {
                 ProbeOutcome::Answered { .. } => true,
                 ProbeOutcome::Impossible(why) => why.contains("ping_group_range"),
                 ProbeOutcome::Announced
+                | ProbeOutcome::Inactive { .. }
                 | ProbeOutcome::Repeated { .. }
                 | ProbeOutcome::Measured(_)
                 | ProbeOutcome::Missed(_) => false,

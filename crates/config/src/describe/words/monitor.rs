@@ -158,6 +158,7 @@ fn target(target: &ProbeTarget) -> String {
             format!("the node {name} (one that crashed counts as running for 10 to 30 s)")
         }
         ProbeTarget::Service { name } => format!("who serves {name}"),
+        ProbeTarget::Lifecycle { name } => format!("whether the lifecycle node {name} is active"),
         ProbeTarget::System(resource) => match resource {
             Resource::Cpu => "what the processor of this computer is busy with".to_owned(),
             Resource::Memory => "the used memory of this computer".to_owned(),

@@ -19,8 +19,8 @@ const MISSES: u32 = 3;
 
 pub(crate) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
     let doc = map("watchdog", "a watchdog monitor")
-        .about("Whether a machine, a node, a service or the publishers of a topic are there.")
-        .rules(|| vec![needs_one(&[&["icmp"], &["tcp"], &["node"], &["service"], &["qos"]])]);
+        .about("Whether a machine, a node, a service or the publishers of a topic are there, or a lifecycle node is active.")
+        .rules(|| vec![needs_one(&[&["icmp"], &["tcp"], &["node"], &["service"], &["lifecycle"], &["qos"]])]);
     let mut fields = Fields::of(node, doc, log)?;
     let kinds = [
         ("icmp", key("icmp").about("An ICMP echo to this host.").form(|_| of_type("string"))),
@@ -29,6 +29,12 @@ pub(crate) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
         (
             "service",
             key("service").about("A ROS service with its namespace: whether a node serves it.").form(topic_name),
+        ),
+        (
+            "lifecycle",
+            key("lifecycle")
+                .about("A lifecycle node with its namespace: whether it is active. It is asked by its service `get_state`.")
+                .form(topic_name),
         ),
         (
             "qos",
@@ -41,8 +47,10 @@ pub(crate) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
     let target = match found[..] {
         [(kind, node)] => target(kind, node, fields.log),
         _ => {
-            let problem =
-                Problem::at(node.span, "a watchdog asks one of `icmp`, `tcp`, `node`, `service`, `qos`");
+            let problem = Problem::at(
+                node.span,
+                "a watchdog asks one of `icmp`, `tcp`, `node`, `service`, `lifecycle`, `qos`",
+            );
             fields.log.push(
                 problem.help("for example `icmp: 192.168.1.201`, `tcp: gateway:22` or `node: /mission`"),
             );
@@ -82,8 +90,10 @@ fn restarts(fields: &mut Fields, target: Option<&ProbeTarget>) -> Option<Bands> 
 
 /// Limits of the response time.
 fn limits(fields: &mut Fields, target: Option<&ProbeTarget>, every: time::Span) -> Bands {
-    let bands =
-        bands::durations_above(fields, "With `icmp` and `tcp`: how long an answer may take, below `every`.");
+    let bands = bands::durations_above(
+        fields,
+        "With `icmp`, `tcp` and `lifecycle`: how long an answer may take, below `every`.",
+    );
     let first = ["warning_above", "error_above"].into_iter().find_map(|key| fields.key_span(key));
     let asks_discovery = matches!(
         target,
@@ -147,6 +157,11 @@ fn target(kind: &str, node: &Node, log: &mut Log) -> Option<ProbeTarget> {
             ProbeTarget::Service { name: text.as_str().into() },
             full_name,
             "write the service with its namespace: `/planning/get_plan`",
+        ),
+        "lifecycle" => (
+            ProbeTarget::Lifecycle { name: text.as_str().into() },
+            full_name,
+            "write the lifecycle node with its namespace: `/planner_server`",
         ),
         _ => (
             ProbeTarget::Node { name: text.as_str().into() },

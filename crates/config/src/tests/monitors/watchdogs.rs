@@ -4,7 +4,7 @@ use super::{means, wrong};
 
 #[test]
 fn watchdogs_ask_what_can_be_asked() {
-    let one = "a watchdog asks one of `icmp`, `tcp`, `node`, `service`, `qos` (for example `icmp: 192.168.1.201`, `tcp: gateway:22` or `node: /mission`)";
+    let one = "a watchdog asks one of `icmp`, `tcp`, `node`, `service`, `lifecycle`, `qos` (for example `icmp: 192.168.1.201`, `tcp: gateway:22` or `node: /mission`)";
     wrong("watchdog: { every: 1s }", &[&format!("11: {one}")]);
     wrong("watchdog: { icmp: a, node: /b }", &[&format!("11: {one}")]);
     wrong(
@@ -31,6 +31,10 @@ fn an_answer_has_limits_where_somebody_is_asked() {
         "watchdog: { icmp: lidar, every: 2s, warning_above: 20ms, error_above: 0.1s }",
         "an echo from lidar every 2s: error after 3 misses, warning above 0.02 s, error above 0.1 s",
     );
+    means(
+        "watchdog: { lifecycle: /planner_server, error_above: 500ms }",
+        "whether the lifecycle node /planner_server is active every 1s: error after 3 misses, error above 0.5 s",
+    );
     means("watchdog: { service: /map/get }", "who serves /map/get every 1s: error after 3 misses");
     wrong(
         "watchdog: { service: get }",
@@ -47,6 +51,12 @@ fn an_answer_has_limits_where_somebody_is_asked() {
             )],
         );
     }
+    wrong(
+        "watchdog: { lifecycle: planner }",
+        &[
+            "24: `planner` cannot be asked by lifecycle (write the lifecycle node with its namespace: `/planner_server`)",
+        ],
+    );
     wrong(
         "watchdog: { icmp: lidar, restarts_error_above: 2 }",
         &["48: only the restarts of a `node` are known (remove the limit, or watch the `node`)"],
@@ -77,7 +87,7 @@ fn an_answer_has_limits_where_somebody_is_asked() {
     wrong(
         "watchdog: { icmp: lidar, error_below: 20ms }",
         &[
-            "26: unknown key `error_below` in a watchdog monitor (known here: icmp, tcp, node, service, qos, every, misses, warning_above, error_above, restarts_warning_above, restarts_error_above)",
+            "26: unknown key `error_below` in a watchdog monitor (known here: icmp, tcp, node, service, lifecycle, qos, every, misses, warning_above, error_above, restarts_warning_above, restarts_error_above)",
         ],
     );
 }
