@@ -52,14 +52,15 @@ class Mounted(Server):
         user = [] if IS_ROOT else ["--user", "--preserve-credentials"]
         return ["nsenter", *user, "--mount", "--target", str(self.process.pid), *map(str, words)]
 
-    def start_again(self):
-        """After a `kill -9`, on the same file system: something stays in its namespace meanwhile."""
+    def start_again(self, meanwhile="true"):
+        """After a `kill -9`, on the same file system: something stays in its namespace and runs a script there meanwhile."""
         stays = subprocess.Popen(self.enter("sleep", "600"))
         namespace = lambda pid: os.readlink(f"/proc/{pid}/ns/mnt")
         until(lambda: namespace(stays.pid) == namespace(self.process.pid), 5, "the namespace is entered")
         self.kill()
         self.process = stays
         try:
+            self.inside(meanwhile)
             self.run(self.enter(*self.words))
         finally:
             stays.kill()
@@ -121,6 +122,17 @@ def test_a_full_disk_is_a_warning_and_the_display_goes_on(mounted):
     assert until(lambda: mark(client), NOTICE_S, "incidents are recorded again")
     Client(mounted, *OPERATOR)
     assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
+
+
+@pytest.mark.parametrize("disk", [FILL, "mount --bind $PWD $PWD; mount -o remount,bind,ro $PWD"], ids=["full", "read-only"])
+def test_a_start_on_a_disk_without_room_for_the_index_of_the_log_knows_what_was_written_last(mounted, disk):
+    client = Client(mounted, *OPERATOR)
+    # A power cut may leave the log without its index.
+    mounted.start_again(f"test -s telltale.db-wal; rm telltale.db-shm; {disk}")
+    # The session stands in the log alone.
+    assert client.snapshot()["stage"] == "localizing"
+    assert "telltale.db" in until(lambda: storage(client), NOTICE_S, "a warning")
+    goes_on(client)
 
 
 def no_clearance(client):

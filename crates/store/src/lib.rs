@@ -262,6 +262,10 @@ impl Store {
             match Store::read(folder, &error.to_string(), clock, demo) {
                 Ok(store) => return Ok(store),
                 Err(damaged) if damaged.damage().is_some() => error = damaged,
+                // A log beside it needs an index, which cannot be made here; or the schema is another one.
+                Err(StoreError::Open { .. } | StoreError::Newer { .. }) => {
+                    return Store::salvage(folder, &error.to_string(), clock, demo);
+                }
                 Err(_) => return Err(error),
             }
         }

@@ -3,11 +3,15 @@
 //! A server that finds its database damaged works on such a copy in memory. `telltale data repair` makes
 //! one on the disk.
 
+use std::fs::Permissions;
+use std::io;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::time::Duration;
 
 use rusqlite::types::Value;
 use rusqlite::{Connection, Row, params, params_from_iter};
+use tempfile::TempDir;
 
 use crate::audit::known::Known;
 use crate::audit::{KEY_FILE_NAME, Key, Log};
@@ -15,6 +19,11 @@ use crate::database::{backup, schema};
 use crate::users::secret::NOBODY;
 use crate::{Database, FILE_NAME, SessionKind, StoreError};
 use telltale_clock::unix_ms;
+
+/// A folder whose files lie in memory.
+const MEMORY: &str = "/dev/shm";
+/// A larger database, or its log, is not copied there.
+const COPY_BYTES_MAX: u64 = 256 << 20;
 
 /// The number of rows of one table that fit into memory, whatever a damaged file claims to hold.
 const ROWS_IN_MEMORY_MAX: usize = 100_000;
@@ -128,7 +137,7 @@ fn salvage(
     rows_max: usize,
 ) -> Result<Salvaged, StoreError> {
     let mut losses = Vec::new();
-    let broken = open_broken(folder);
+    let broken = open_broken(folder, &mut losses);
     let mut unread = Vec::new();
     to.pragma_update(None, "foreign_keys", false)?;
     let transaction = to.transaction()?;
@@ -184,21 +193,50 @@ pub(crate) fn copy_all(from: &Connection, to: &Connection, table: &str) -> Resul
 }
 
 /// Opens a database that may be damaged, to read as much of it as possible.
-fn open_broken(folder: &Path) -> Option<Connection> {
+fn open_broken(folder: &Path, losses: &mut Vec<String>) -> Option<Connection> {
     let path = folder.join(FILE_NAME);
     // SQLite takes the log of an empty file for a leftover and removes it.
     if !std::fs::metadata(&path).is_ok_and(|file| file.len() > 0) {
         return None;
     }
-    let open = |parameter| {
-        let connection = schema::connect_reading(&path, parameter, schema::LOCK_WAIT).ok()?;
+    let open = |path: &Path, parameter| {
+        let connection = schema::connect_reading(path, parameter, schema::LOCK_WAIT).ok()?;
         // With this setting one damaged entry of the schema does not hide all others.
         connection.pragma_update(None, "writable_schema", true).ok()?;
         let readable = connection.query_row("SELECT count(*) FROM sqlite_schema", [], |_| Ok(()));
         readable.is_ok().then_some(connection)
     };
-    // Without its log it is read in the state before that log was begun.
-    open("mode=ro").or_else(|| open("immutable=1"))
+    if let Some(connection) = open(&path, "mode=ro") {
+        return Some(connection);
+    }
+    let log = folder.join(format!("{FILE_NAME}-wal"));
+    if std::fs::metadata(&log).is_ok_and(|log| log.len() > 0) {
+        // The files are open, so they stay until the connection is closed.
+        let copied = copy_elsewhere(&path, &log);
+        if let Some(connection) =
+            copied.as_ref().ok().and_then(|copy| open(&copy.path().join(FILE_NAME), "mode=ro"))
+        {
+            return Some(connection);
+        }
+        let why = copied.err().map_or(String::new(), |why| format!(" ({why})"));
+        losses.push(format!("{} could not be read{why}: the last changes are missing", log.display()));
+    }
+    open(&path, "immutable=1")
+}
+
+/// Copies a database with its log into memory: SQLite makes an index file beside a log, for which a full or read-only
+/// disk has no room.
+fn copy_elsewhere(database: &Path, log: &Path) -> io::Result<TempDir> {
+    let private = Permissions::from_mode(0o700);
+    let copy = tempfile::Builder::new().prefix("telltale-").permissions(private).tempdir_in(MEMORY)?;
+    for file in [database, log] {
+        let bytes = std::fs::metadata(file)?.len();
+        if bytes > COPY_BYTES_MAX {
+            return Err(io::Error::other(format!("{} has {bytes} bytes", file.display())));
+        }
+        std::fs::copy(file, copy.path().join(file.file_name().unwrap_or_default()))?;
+    }
+    Ok(copy)
 }
 
 fn tables(connection: &Connection) -> Result<Vec<String>, StoreError> {
