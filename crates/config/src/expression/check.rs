@@ -299,10 +299,10 @@ impl<'a> Check<'a> {
                 _ => {}
             }
         }
-        if let [part, IdedExpr { expr: Expr::List(list), .. }] = &parts[..]
-            && let Some(kind) = list.elements.iter().find_map(literal_kind)
-        {
-            self.take(part, kind);
+        if let [part, IdedExpr { expr: Expr::List(list), .. }] = &parts[..] {
+            for kind in list.elements.iter().filter_map(literal_kind) {
+                self.take(part, kind);
+            }
         }
         let numbers = kinds.contains(&Some(PartType::Number));
         let computed = parts.iter().any(|part| matches!(part.expr, Expr::Call(_)));

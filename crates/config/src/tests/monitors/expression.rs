@@ -150,6 +150,12 @@ fn what_is_wrong_is_said_with_its_place() {
             "29: `x` is taken for a number here and for a text elsewhere (give each its own input, or compare it with one kind of value)",
         ],
     );
+    wrong(
+        "\"x in ['a', 3]\"",
+        &[
+            "17: `x` is taken for a number here and for a text elsewhere (give each its own input, or compare it with one kind of value)",
+        ],
+    );
     let words = "(write `&&` for and, `||` for or, `!` for not)";
     wrong("x > 1 and y > 2", &[&format!("22: CEL has no `and` {words}")]);
     wrong("x > 1 OR on", &[&format!("22: CEL has no `or` {words}")]);
