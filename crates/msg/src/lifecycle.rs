@@ -82,8 +82,9 @@ mod tests {
 
     #[test]
     fn each_vendor_gets_its_own_request_and_its_reply_is_read() {
-        assert_eq!(request(&FAST, 7, 9), [0]);
-        assert_eq!(request(&CYCLONE, 7, 9), [&[7, 0, 0, 0, 0, 0, 0, 0, 9][..], &[0; 8]].concat());
+        // With padding.
+        assert_eq!(request(&FAST, 7, 9), [0; 4]);
+        assert_eq!(request(&CYCLONE, 7, 9), [&[7, 0, 0, 0, 0, 0, 0, 0, 9][..], &[0; 11]].concat());
         let with_header = [&request(&CYCLONE, 7, 9)[..HEADER_BYTES], &inactive()].concat();
         let asked = Correlation::Header { client: 7, sequence: 9 };
         assert_eq!(reply(&with_header, Endian::Little, &CYCLONE), Some((asked, 2)));
