@@ -246,12 +246,20 @@ impl Engine {
 
     /// Whether a vehicle that just said that it drives no more is between stops, because its mission component has
     /// started again: it is faster than one that arrives, or stood before for as long as an arrival takes, or nothing
-    /// is known of that. Without a speed nothing tells a restart from an arrival.
+    /// is known of that, or it contradicted itself a moment ago. Without a speed nothing else tells a restart from an
+    /// arrival.
     pub(super) fn is_between_stops(&self) -> bool {
+        if self.signals.drive.is_doubted(self.now) {
+            return true;
+        }
         let Some(source) = &self.model.driving.speed else { return false };
         let known = self.motion.speed.is_some_and(|(_, at)| self.now < at + source.timeout);
-        let stood = self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL);
-        !known || stood || self.rolls_fast()
+        !known || self.has_stood() || self.rolls_fast()
+    }
+
+    /// Whether it has stood for longer than at an arrival.
+    pub(super) fn has_stood(&self) -> bool {
+        self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL)
     }
 
     /// Whether it is known to be faster than a vehicle that rolls out at a stop.

@@ -180,8 +180,9 @@ pub(crate) struct Whereabouts {
     pub(crate) at_a_stop: bool,
     /// The vehicle does not say whether it drives.
     pub(crate) active_unknown: bool,
-    /// It is faster than a vehicle that rolls out at a stop.
-    pub(crate) rolls_fast: bool,
+    /// It is at no stop: it stands although it is to drive, or is faster than a vehicle that rolls out at a stop although
+    /// it is not.
+    pub(crate) on_the_way: bool,
 }
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -267,7 +268,7 @@ impl Countermeasures {
         &mut self,
         model: &Model,
         net: &Net,
-        Whereabouts { stage, at_a_stop, active_unknown, rolls_fast }: Whereabouts,
+        Whereabouts { stage, at_a_stop, active_unknown, on_the_way }: Whereabouts,
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
@@ -305,8 +306,7 @@ impl Countermeasures {
             // A cause that is gone on the way leaves a vehicle that only the operator sets going again. So does a
             // silence of `active`: its publisher may have started again between stops, and then says false first.
             let is_latched = held.by == RequestOrigin::Operator || !held.present;
-            let on_the_way = stage == Stage::Active || rolls_fast;
-            held.needs_release |= active_unknown || is_latched && on_the_way;
+            held.needs_release |= active_unknown || on_the_way || is_latched && stage == Stage::Active;
         }
         let surely_at_a_stop = at_a_stop && self.arrives.is_none_or(|at| at <= now);
         self.held.retain(|held| {

@@ -355,7 +355,11 @@ impl Engine {
             stage: self.vehicle.stage,
             at_a_stop: self.stands_at_a_stop(),
             active_unknown: self.says_it_drives().is_none(),
-            rolls_fast: self.rolls_fast(),
+            on_the_way: if self.vehicle.stage == Stage::Active {
+                self.has_stood()
+            } else {
+                self.rolls_fast()
+            },
         };
         self.countermeasures.follow(&self.model, net, whereabouts, self.now, causes);
     }
