@@ -208,6 +208,9 @@ def service_request(command):
     return bytes(out.out)
 
 
+GET_STATE_REQUEST = "lifecycle_msgs::srv::dds_::GetState_Request_"
+
+
 def lifecycle_state(answer):
     """The reply of lifecycle_msgs/srv/GetState."""
     out = Writer()
@@ -229,6 +232,7 @@ def read_log(data):
 
 
 READ = {
+    GET_STATE_REQUEST: bytes.hex,
     LOG: read_log,
     DIAGNOSTIC_ARRAY: read_diagnostic_array,
     BOOL: read_boolean,

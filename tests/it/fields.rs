@@ -39,7 +39,11 @@ fn topic(name: &str, type_name: &str, stamp: bool, fields: &[(&str, FieldKind)])
 
 fn model(topics: Vec<TopicSpec>, targets: Vec<ProbeTarget>) -> Model {
     let every = Span::from_millis(200);
-    let watchdogs = targets.into_iter().map(|target| Arc::new(WatchdogSpec { target, every })).collect();
+    watching(topics, targets.into_iter().map(|target| WatchdogSpec { target, every }).collect())
+}
+
+fn watching(topics: Vec<TopicSpec>, watchdogs: Vec<WatchdogSpec>) -> Model {
+    let watchdogs = watchdogs.into_iter().map(Arc::new).collect();
     let parts = Parts {
         watched: Watched {
             topics: topics.into_iter().map(Arc::new).collect(),
@@ -117,6 +121,7 @@ with_each_peer!(
     a_node_is_there_until_it_is_announced_no_longer,
     a_service_is_there_while_somebody_serves_it,
     a_lifecycle_node_says_its_state_before_any_transition,
+    each_watchdog_of_a_lifecycle_node_hears_its_own_replies_and_the_worst_of_two_nodes_counts,
 );
 
 async fn fields_of_foreign_messages_arrive_right(vendor: Vendor) {
@@ -382,6 +387,48 @@ async fn a_lifecycle_node_says_its_state_before_any_transition(vendor: Vendor) {
         |it: &ProbeOutcome| matches!(it, ProbeOutcome::Inactive { state } if &**state == "unconfigured");
     watching.until("its state", outcome(unconfigured)).await;
     again.end();
+    watching.bridge.shutdown().await;
+}
+
+async fn each_watchdog_of_a_lifecycle_node_hears_its_own_replies_and_the_worst_of_two_nodes_counts(
+    vendor: Vendor,
+) {
+    let domain = Domain::of(vendor);
+    let target = || ProbeTarget::Lifecycle { name: "/planner_server".into() };
+    let [often, seldom] =
+        [100, 700].map(|ms| WatchdogSpec { target: target(), every: Span::from_millis(ms) });
+    let mut watching = Watching::start(&domain, &watching(Vec::new(), vec![often, seldom.clone()])).await;
+    let serve = "serve --service /planner_server/get_state --type lifecycle_msgs::srv::dds_::GetState";
+    let mut server = Peer::start(&domain, serve);
+    // Another tool only listens to the calls.
+    let calls = "rq/planner_server/get_stateRequest=lifecycle_msgs::srv::dds_::GetState_Request_";
+    let dds = if matches!(vendor, Vendor::Cyclone) { "fastdds" } else { "cyclone" };
+    let listener = Peer::start(&domain, &format!("--dds {dds} sub --topic {calls}"));
+    server.tell_and_expect(&json!({"state": 3, "label": "active"}), "told");
+    let told = |input: &Input| match input {
+        Input::Probe(probe) if *probe.source == seldom => Some(probe.outcome.clone()),
+        _ => None,
+    };
+    let is_active = |it: &ProbeOutcome| matches!(it, ProbeOutcome::Answered { .. });
+    for _ in 0..5 {
+        watching.until("its work", |input| told(input).filter(is_active)).await;
+    }
+    server.tell_and_expect(&json!({"state": 2, "label": "inactive"}), "told");
+    // One call may be under way.
+    watching.until("a call", told).await;
+    let is_inactive = |it: &ProbeOutcome| matches!(it, ProbeOutcome::Inactive { .. });
+    let next = watching.until("the next call", told).await;
+    assert!(is_inactive(&next), "{next:?}");
+    // Launched twice: the one that works hides no other.
+    let mut twice = Peer::start(&domain, serve);
+    twice.tell_and_expect(&json!({"state": 3, "label": "active"}), "told");
+    for _ in 0..6 {
+        let next = watching.until("the next call", told).await;
+        assert!(!is_active(&next), "{next:?}");
+    }
+    for peer in [server, twice, listener] {
+        peer.kill();
+    }
     watching.bridge.shutdown().await;
 }
 

@@ -21,11 +21,16 @@ pub fn dds_types() -> [String; 2] {
         .map(|part| dds_type_name(&format!("lifecycle_msgs/srv/GetState_{part}")).unwrap_or_default())
 }
 
+/// Whether the library of this participant puts the identity of a request before it and before its reply.
+pub fn has_header(participant: &Guid) -> bool {
+    participant.starts_with(&CYCLONE_DDS)
+}
+
 /// The body of a request, for a server with this reader of requests. Servers of Cyclone DDS repeat `client` and
 /// `sequence` in their reply, others name the sample.
 pub fn request(server: &Guid, client: u64, sequence: i64) -> Vec<u8> {
     let mut writer = Writer::with_capacity(HEADER_BYTES + 1);
-    if server.starts_with(&CYCLONE_DDS) {
+    if has_header(server) {
         writer.octets(&client.to_le_bytes());
         writer.octets(&sequence.to_le_bytes());
     }
@@ -36,7 +41,7 @@ pub fn request(server: &Guid, client: u64, sequence: i64) -> Vec<u8> {
 
 /// The state in a reply by this writer, and the request to which it replies.
 pub fn reply(body: &[u8], endian: Endian, server: &Guid) -> Option<(Correlation, u8)> {
-    let (correlation, behind) = match server.starts_with(&CYCLONE_DDS) {
+    let (correlation, behind) = match has_header(server) {
         true => (header(body, endian)?, HEADER_BYTES),
         false => (Correlation::Sample, 0),
     };
