@@ -5,6 +5,7 @@ pub mod countermeasure;
 pub mod filter;
 pub mod monitors;
 pub mod motion;
+mod nodes;
 pub mod order;
 pub mod output;
 mod policy;
