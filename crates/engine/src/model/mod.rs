@@ -47,6 +47,14 @@ pub enum NodeId {
     Module(ModuleId),
 }
 
+impl NodeId {
+    /// So many groups, then so many modules.
+    pub fn all(groups: usize, modules: usize) -> impl Iterator<Item = NodeId> {
+        let groups = (0..groups as u32).map(|id| NodeId::Group(GroupId(id)));
+        groups.chain((0..modules as u32).map(|id| NodeId::Module(ModuleId(id))))
+    }
+}
+
 /// The stages that the vehicle has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StageModel {

@@ -1,12 +1,11 @@
 //! Questions about a node of the model, be it a group or a module.
 
-use super::{Dependency, GroupId, ModuleId, NodeId, Parts, When};
+use super::{Dependency, GroupId, NodeId, Parts, When};
 
 impl Parts {
     /// All groups, then all modules.
     pub fn nodes(&self) -> impl Iterator<Item = NodeId> + use<> {
-        let groups = (0..self.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        groups.chain((0..self.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id))))
+        NodeId::all(self.groups.len(), self.modules.len())
     }
 
     /// The name of a node in paths and on the wire: `a/b` or `a/b/module`.
