@@ -9,13 +9,11 @@ use telltale_engine::input::{
     Input, ListenerReport, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
 };
 use telltale_engine::model::filter::Filter;
-use telltale_engine::model::monitors::Watched;
 use telltale_engine::model::output::Output;
 use telltale_engine::model::wording::Wording;
 use telltale_engine::model::{
-    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model,
-    ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
-    Within,
+    Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Model, ModuleMonitor, ModuleSpec,
+    NodeId, Parts, SignalSource, SignalSpec, StageModel, Stop, When, Within,
 };
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::text::Text;
@@ -248,32 +246,13 @@ pub fn on_group(group: u32) -> Dependency {
 }
 
 pub fn group(path: &str, name: Text) -> GroupSpec {
-    GroupSpec {
-        path: path.into(),
-        name,
-        parent: None,
-        combine: Combine::Worst,
-        when: None,
-        depends_on: Vec::new(),
-        filters: vec![Filter::Namespace(format!("/{path}").into()).into()],
-        tile: None,
-        may_be_empty: false,
-    }
+    let filters = vec![Filter::Namespace(format!("/{path}").into()).into()];
+    GroupSpec { filters, ..GroupSpec::new(path, name) }
 }
 
 pub fn module(group: &str, id: u32, name: &str) -> ModuleSpec {
     let path = format!("{group}/{name}");
-    ModuleSpec {
-        id: path.as_str().into(),
-        name: None,
-        help: None,
-        group: GroupId(id),
-        policy: Policy::default(),
-        when: None,
-        depends_on: Vec::new(),
-        monitor: ModuleMonitor::SelfState(path.as_str().into()),
-        expected: None,
-    }
+    ModuleSpec::new(&path, GroupId(id), ModuleMonitor::SelfState(path.as_str().into()))
 }
 
 pub fn stop(id: &str, name: Text) -> Stop {
@@ -284,7 +263,7 @@ pub fn stop(id: &str, name: Text) -> Stop {
 pub fn parts() -> Parts {
     let groups = COMPONENTS.iter().map(|&(path, en, de, place, depends_on, driving)| GroupSpec {
         depends_on: depends_on.iter().map(|&on| on_group(on as u32)).collect(),
-        when: driving.then(|| When { stages: Vec::new(), signals: vec![(0, true)], posed: None }),
+        when: driving.then(|| When { signals: vec![(0, true)], ..When::default() }),
         tile: Some(place),
         ..group(path, text(en, de))
     });
@@ -293,24 +272,16 @@ pub fn parts() -> Parts {
         help: Some(Wording::help(text(help_en, help_de)).into()),
         ..module(COMPONENTS[index].0, index as u32, name)
     });
+    let active = SignalSource::Field(FieldSource {
+        topic: "/mission/active".into(),
+        type_name: "std_msgs/msg/Bool".into(),
+        field: "data".into(),
+    });
     Parts {
-        vehicle_id: "shuttle-1".into(),
         vehicle_name: Text::plain("Shuttle 1"),
-        stages: StageModel::Shuttle,
-        signals: vec![SignalSpec {
-            name: "active".into(),
-            title: None,
-            source: SignalSource::Field(FieldSource {
-                topic: "/mission/active".into(),
-                type_name: "std_msgs/msg/Bool".into(),
-                field: "data".into(),
-            }),
-            timeout: None,
-            present_for: None,
-        }],
+        signals: vec![SignalSpec::new("active", active)],
         groups: groups.collect(),
         modules: modules.collect(),
-        watched: Watched::default(),
         driving: Driving {
             stops: vec![
                 stop("depot", Text::plain("Depot")),
@@ -318,11 +289,7 @@ pub fn parts() -> Parts {
             ],
             ..Driving::default()
         },
-        discovered: Policy::default(),
-        other: Default::default(),
-        unclaimed: Default::default(),
-        limits: Limits::default(),
-        display_dpi: DISPLAY_DPI,
+        ..Parts::empty("shuttle-1", StageModel::Shuttle)
     }
 }
 
