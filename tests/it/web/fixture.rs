@@ -19,7 +19,7 @@ use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::runtime::{self, Link, Rehearsal, Reread, Stamped};
 use telltale::store::{DemoSecrets, History, Session, Store, Token};
-use telltale::web::{AppState, DemoFault, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
+use telltale::web::{AppState, DemoFault, DemoFaults, FaultSwitch, Origins, Settings, router};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tower::ServiceExt;
@@ -171,7 +171,7 @@ impl Fixture {
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
             history: Some(history),
-            ..settings(origins, secure)
+            ..Settings::plain(origins, secure)
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
         Fixture { router: router(app.clone()), app, store, clock, link, faults, rereads }
@@ -208,7 +208,7 @@ impl Fixture {
     }
 
     fn serve(&mut self, link: Link, change: impl FnOnce(&mut Settings)) {
-        let mut settings = settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false);
+        let mut settings = Settings::plain(Origins::of_listener(ADDRESS.parse().unwrap(), false), false);
         change(&mut settings);
         self.app = AppState::new(link, self.store.clone(), self.clock, settings);
         self.router = router(self.app.clone());
@@ -331,26 +331,6 @@ pub async fn until(mut condition: impl AsyncFnMut() -> bool) {
         tokio::time::sleep(std::time::Duration::from_millis(100)).await;
     }
     panic!("it does not come to that");
-}
-
-/// Of a vehicle without history, simulation and reloads.
-pub fn settings(origins: Origins, secure: bool) -> Settings {
-    Settings {
-        origins,
-        secure,
-        enrolled: Enrolled::default(),
-        demo: None,
-        rereads: None,
-        written: None,
-        history: None,
-        discovery: None,
-        working: None,
-        recordings: None,
-        what_if: None,
-        marker: None,
-        recording: None,
-        replayed: None,
-    }
 }
 
 pub fn request(method: Method, path: &str, cookie: Option<&str>) -> Request<Body> {
