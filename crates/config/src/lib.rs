@@ -3,12 +3,12 @@
 
 pub mod changeable;
 pub mod decode;
+pub mod demo_patience;
 pub mod describe;
 pub mod expression;
 pub mod fields;
 mod file;
 mod glob;
-pub mod patience;
 pub mod publishing;
 pub mod recording;
 mod resolve;
