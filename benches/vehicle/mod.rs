@@ -5,10 +5,9 @@ use std::sync::Arc;
 
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, OperatorAction, StatusArray};
-use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::{
-    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, GroupId, GroupSpec, Limits, Model, ModuleMonitor,
-    ModuleSpec, NodeId, Parts, Policy, StageModel, Within,
+    Dependency, DependsOn, GroupId, GroupSpec, Model, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy,
+    StageModel, Within,
 };
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
@@ -23,49 +22,27 @@ pub fn name(module: usize) -> String {
 pub fn model(modules: usize) -> Arc<Model> {
     let groups = modules.div_ceil(MODULES_PER_GROUP);
     let group = |index: usize| GroupSpec {
-        path: format!("g{index}").into(),
-        name: Text::plain(&format!("Group {index}")),
-        parent: None,
-        combine: Combine::Worst,
-        when: None,
         depends_on: if index.is_multiple_of(GROUPS_PER_CHAIN) {
             Vec::new()
         } else {
             let on = DependsOn::Node(NodeId::Group(GroupId(index as u32 - 1)));
             vec![Dependency { on, masks_unknown: false, within: Within::default() }]
         },
-        filters: Vec::new(),
-        tile: None,
-        may_be_empty: false,
+        ..GroupSpec::new(&format!("g{index}"), Text::plain(&format!("Group {index}")))
     };
     let module = |index: usize| {
         let group = index / MODULES_PER_GROUP;
+        let monitor = ModuleMonitor::SelfState(name(index).into());
         ModuleSpec {
-            id: format!("g{group}/m{index}").into(),
-            name: None,
-            help: None,
-            group: GroupId(group as u32),
             policy: Policy { timeout: Span::from_secs(3600), ..Policy::default() },
-            when: None,
-            depends_on: Vec::new(),
-            monitor: ModuleMonitor::SelfState(name(index).into()),
-            expected: None,
+            ..ModuleSpec::new(&format!("g{group}/m{index}"), GroupId(group as u32), monitor)
         }
     };
     let parts = Parts {
-        vehicle_id: "bench".into(),
         vehicle_name: Text::plain("Bench"),
-        stages: StageModel::None,
-        signals: Vec::new(),
         groups: (0..groups).map(group).collect(),
         modules: (0..modules).map(module).collect(),
-        watched: Watched::default(),
-        driving: Driving::default(),
-        discovered: Policy::default(),
-        other: Default::default(),
-        unclaimed: Default::default(),
-        limits: Limits::default(),
-        display_dpi: DISPLAY_DPI,
+        ..Parts::empty("bench", StageModel::None)
     };
     Arc::new(Model::new(parts).expect("chains have no cycle"))
 }

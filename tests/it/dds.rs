@@ -99,7 +99,7 @@ fn model() -> Model {
     let signal = |name: &str, topic: &str, type_name: &str, present_for| {
         let (topic, type_name) = (topic.into(), type_name.into());
         let source = SignalSource::Field(FieldSource { topic, type_name, field: "data".into() });
-        SignalSpec { name: name.into(), title: None, source, timeout: None, present_for }
+        SignalSpec { present_for, ..SignalSpec::new(name, source) }
     };
     let active = signal("active", "/mission/active", "std_msgs/msg/Bool", None);
     let goal = signal("goal", "/goal", "std_msgs/msg/String", Some(Span::from_secs(1)));

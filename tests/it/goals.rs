@@ -24,13 +24,8 @@ fn model() -> Model {
         field: "data".into(),
     };
     let source = SignalSource::Field(source);
-    let goal = SignalSpec {
-        name: "goal".into(),
-        title: None,
-        source,
-        timeout: None,
-        present_for: Some(Span::from_secs(3600)),
-    };
+    let present_for = Some(Span::from_secs(3600));
+    let goal = SignalSpec { present_for, ..SignalSpec::new("goal", source) };
     let parts = Parts { signals: vec![goal], ..Parts::empty("test", StageModel::Shuttle) };
     Model::new(parts).expect("nothing depends on anything")
 }

@@ -24,8 +24,6 @@ pub struct Clock {
     ahead: Option<&'static Ahead>,
     /// It moves only when it is set ahead.
     stands: bool,
-    /// The wall time at the start, if it is not that of the system.
-    wall: Option<SystemTime>,
 }
 
 /// The step that a test gave its clock, in nanoseconds.
@@ -54,7 +52,7 @@ impl ClockHand {
 impl Clock {
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn start() -> Clock {
-        Clock { start: Instant::now(), ahead: None, stands: false, wall: None }
+        Clock { start: Instant::now(), ahead: None, stands: false }
     }
 
     /// A clock that can be set ahead, for tests. Its offset lives as long as the process.
@@ -69,11 +67,6 @@ impl Clock {
         (Clock { stands: true, ..clock }, hand)
     }
 
-    /// A clock that began with this wall time: for tests.
-    pub fn with_wall(wall: SystemTime) -> Clock {
-        Clock { wall: Some(wall), ..Clock::start() }
-    }
-
     /// Monotonic: it is never stepped and never runs backwards.
     pub fn now(&self) -> Timestamp {
         let elapsed = if self.stands { Duration::ZERO } else { self.start.elapsed() };
@@ -84,10 +77,7 @@ impl Clock {
     /// The present wall time. It may be stepped at any time: for display only.
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn wall(&self) -> SystemTime {
-        let wall = match self.wall {
-            Some(wall) => wall + Duration::from_nanos(self.now().as_nanos()),
-            None => SystemTime::now() + Duration::from_nanos(self.ahead()),
-        };
+        let wall = SystemTime::now() + Duration::from_nanos(self.ahead());
         let stepped = self.ahead.map_or(0, |ahead| ahead.wall.load(Ordering::Relaxed));
         let by = Duration::from_nanos(stepped.unsigned_abs());
         if stepped < 0 { wall - by } else { wall + by }

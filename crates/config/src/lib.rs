@@ -3,12 +3,12 @@
 
 pub mod changeable;
 pub mod decode;
+pub mod demo_patience;
 pub mod describe;
 pub mod expression;
 pub mod fields;
 mod file;
 mod glob;
-pub mod patience;
 pub mod publishing;
 pub mod recording;
 mod resolve;
@@ -31,7 +31,7 @@ use self::services::Services;
 use self::soundness::Soundness;
 use crate::decode::{FromNode, Spanned};
 use describe::places::Places;
-use telltale_engine::model::{ACTIVE_SIGNAL, Model, NodeId, StageModel};
+use telltale_engine::model::{ACTIVE_SIGNAL, Model, StageModel};
 use telltale_yaml::{Log, Node, Problem, Problems, Schema, Sources, Span, tree};
 
 /// The largest number of included files.
@@ -63,11 +63,7 @@ impl Loaded {
 
     /// Each node with the position of its file in [`sources`](Self::sources), and its line there, counted from 1.
     pub fn lines(&self) -> impl Iterator<Item = (&str, u16, usize)> {
-        let name = |node| match node {
-            NodeId::Group(id) => &*self.model.groups[id.0 as usize].path,
-            NodeId::Module(id) => &*self.model.modules[id.0 as usize].id,
-        };
-        self.places.lines().map(move |(node, file, line)| (name(node), file, line))
+        self.places.lines().map(|(node, file, line)| (self.model.node_name(node), file, line))
     }
 
     /// Whether it counts as a shuttle only because it does not say what it is: nothing tells whether it drives.

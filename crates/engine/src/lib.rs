@@ -13,6 +13,7 @@ mod files;
 pub mod input;
 mod judgement;
 pub mod keyframe;
+mod layout;
 mod lookalikes;
 pub mod mask;
 mod membership;

@@ -265,9 +265,7 @@ impl Net {
 
     /// Enters each node among the dependents of its dependencies.
     pub(super) fn link(&mut self) {
-        let groups = (0..self.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = (0..self.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-        for dependent in groups.chain(modules).collect::<Vec<_>>() {
+        for dependent in NodeId::all(self.groups.len(), self.modules.len()) {
             for index in 0..self.node(dependent).needs.len() {
                 for member in self.node(dependent).needs[index].members.clone() {
                     self.node_mut(member).dependents.push((dependent, index as u32));

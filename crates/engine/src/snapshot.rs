@@ -118,10 +118,13 @@ impl Snapshot {
 
     /// The name of a node in paths and on the wire: `a/b` or `a/b/module`.
     pub fn node_name(&self, node: NodeId) -> &Arc<str> {
-        match node {
-            NodeId::Group(id) => &self.layout.groups[id.0 as usize].path,
-            NodeId::Module(id) => &self.layout.modules[id.0 as usize].id,
-        }
+        self.layout.node_name(node)
+    }
+
+    /// All nodes without the modules that have left.
+    pub fn nodes(&self) -> impl Iterator<Item = NodeId> {
+        let is_here = |&node: &NodeId| !matches!(node, NodeId::Module(id) if self.module(id).0.gone);
+        self.layout.nodes().filter(is_here)
     }
 
     /// Finds a node by the name of [`Snapshot::node_name`]. Searches all names: for pages and tests.

@@ -12,7 +12,6 @@ mod latched;
 pub mod note_file;
 pub mod noticed;
 pub mod proof;
-pub mod reason;
 pub mod recorder;
 pub mod removed;
 pub mod retention;
@@ -21,6 +20,7 @@ pub mod room;
 pub mod story;
 pub mod summary;
 pub mod transition;
+pub mod why;
 pub mod writer;
 
 /// The version of the program, with the commit that it was built from.

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use telltale_engine::event::{Event, EventKind};
-use telltale_engine::model::{GroupId, NodeId};
+use telltale_engine::model::NodeId;
 use telltale_engine::snapshot::{Alarm, Reason, Snapshot};
 
 /// The changes from what was shown before to this state, all at its instant.
@@ -15,8 +15,9 @@ pub(super) fn changes(before: &Snapshot, after: &Snapshot) -> Vec<Event> {
     }
     let signals = after.signals.iter().enumerate().filter(|(_, signal)| !before.signals.contains(signal));
     found.extend(signals.map(|(index, (_, value))| EventKind::Signal { index, value: *value }));
-    let known: BTreeMap<&str, NodeId> = nodes(before).map(|node| (&**before.node_name(node), node)).collect();
-    for node in nodes(after) {
+    let known: BTreeMap<&str, NodeId> =
+        before.nodes().map(|node| (&**before.node_name(node), node)).collect();
+    for node in after.nodes() {
         let Some(&old) = known.get(&**after.node_name(node)) else { continue };
         let (from, was_because) = before.shown(old);
         let (to, because) = after.shown(node);
@@ -36,11 +37,6 @@ pub(super) fn changes(before: &Snapshot, after: &Snapshot) -> Vec<Event> {
     found.extend(gone.map(|name| EventKind::Left { node: name.into() }));
     found.extend(alarms(before, after));
     found.into_iter().map(|what| Event { at: after.now, what }).collect()
-}
-
-fn nodes(of: &Snapshot) -> impl Iterator<Item = NodeId> {
-    let groups = (0..of.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-    groups.chain(of.module_ids().map(NodeId::Module))
 }
 
 fn first_cause(reason: Option<&Reason>) -> Option<NodeId> {

@@ -7,7 +7,7 @@ use serde::Serialize;
 use telltale_engine::model::NodeId;
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::state::State;
-use telltale_record::reason::Why;
+use telltale_record::why::Why;
 
 /// Nodes that are listed, the worst first. Further ones are counted.
 const NODES_MAX: usize = 500;

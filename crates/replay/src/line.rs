@@ -13,8 +13,8 @@ use telltale_engine::model::NodeId;
 use telltale_engine::snapshot::{Reason, Snapshot};
 use telltale_engine::time::Timestamp;
 use telltale_engine::view::record::{Record, Recorded};
-use telltale_record::reason::Why;
 use telltale_record::transition::{Change, Transition};
+use telltale_record::why::Why;
 
 /// A node shows another state.
 #[derive(Debug, Serialize)]

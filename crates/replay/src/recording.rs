@@ -8,7 +8,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::bag::Bag;
 use telltale_clock::unix_ns;
-use telltale_config::patience::patient;
+use telltale_config::demo_patience::patient;
 use telltale_config::{self as config, Loaded};
 use telltale_engine::time::Timestamp;
 use telltale_msg::fields::Definitions;

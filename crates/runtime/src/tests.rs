@@ -4,7 +4,7 @@ use super::*;
 use std::sync::mpsc::TryRecvError;
 use telltale_engine::input::{Input, StatusArray};
 use telltale_engine::model::{
-    Combine, GroupId, GroupSpec, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, StageModel,
+    GroupId, GroupSpec, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, StageModel,
 };
 use telltale_engine::state::State;
 use telltale_engine::text::Text;
@@ -71,28 +71,12 @@ async fn the_vehicle_and_programs_are_told_before_all_others() {
 #[tokio::test]
 async fn what_was_due_before_a_reload_has_the_names_of_the_old_configuration() {
     let mut parts = Parts::empty("v", StageModel::None);
-    parts.groups.push(GroupSpec {
-        path: "sensors".into(),
-        name: Text::plain("Sensors"),
-        parent: None,
-        combine: Combine::Worst,
-        when: None,
-        depends_on: Vec::new(),
-        filters: Vec::new(),
-        tile: None,
-        may_be_empty: false,
-    });
+    parts.groups.push(GroupSpec::new("sensors", Text::plain("Sensors")));
     for (status, stale) in [("imu", State::Unknown), ("gnss", State::Error)] {
+        let monitor = ModuleMonitor::SelfState(status.into());
         parts.modules.push(ModuleSpec {
-            id: format!("sensors/{status}").into(),
-            name: None,
-            help: None,
-            group: GroupId(0),
             policy: Policy { timeout: Span::from_secs(1), stale, ..Policy::default() },
-            when: None,
-            depends_on: Vec::new(),
-            monitor: ModuleMonitor::SelfState(status.into()),
-            expected: None,
+            ..ModuleSpec::new(&format!("sensors/{status}"), GroupId(0), monitor)
         });
     }
     let model = Arc::new(Model::new(parts).unwrap());

@@ -13,7 +13,7 @@ use super::scenario_sample::Stamp;
 use telltale_engine::input::{Input, Response};
 use telltale_engine::model::countermeasure::RequestKind;
 use telltale_engine::model::sample::FieldValue;
-use telltale_engine::model::{GroupId, Model, NodeId, Stage};
+use telltale_engine::model::{Model, NodeId, Stage};
 use telltale_engine::snapshot::{Moving, Reason, Snapshot};
 use telltale_engine::state::State;
 use telltale_engine::time::{Span, Timestamp};
@@ -295,7 +295,7 @@ impl Run {
         self.outcome.sounds += snapshot.audible().iter().filter(|&&id| id > self.outcome.alarms).count();
         self.outcome.alarms = numbers.fold(self.outcome.alarms, u64::max);
         let before: HashMap<NodeId, ShownNode> = self.shown.drain(..).collect();
-        for node in nodes(&snapshot) {
+        for node in snapshot.nodes() {
             let (state, reason) = snapshot.shown(node);
             let shown = (state, why_of(reason), snapshot.own(node));
             if before.get(&node) != Some(&shown) {
@@ -338,11 +338,6 @@ fn transition(snapshot: &Snapshot, node: NodeId) -> Transition {
     };
     let (at, name) = (snapshot.now, snapshot.node_name(node).clone());
     Transition { at, node: name, state, why: why_of(reason), own: snapshot.own(node), causes }
-}
-
-fn nodes(snapshot: &Snapshot) -> impl Iterator<Item = NodeId> {
-    let groups = (0..snapshot.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-    groups.chain(snapshot.module_ids().map(NodeId::Module))
 }
 
 pub(super) fn why_of(reason: Option<&Reason>) -> IgnoreReason {

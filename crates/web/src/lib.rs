@@ -107,6 +107,28 @@ pub struct Settings {
     pub replayed: Option<ServedFile>,
 }
 
+impl Settings {
+    /// Of a vehicle without history, simulation, reloads and recordings.
+    pub fn plain(origins: Origins, secure: bool) -> Settings {
+        Settings {
+            origins,
+            secure,
+            enrolled: Enrolled::default(),
+            demo: None,
+            rereads: None,
+            written: None,
+            history: None,
+            discovery: None,
+            working: None,
+            recordings: None,
+            what_if: None,
+            marker: None,
+            recording: None,
+            replayed: None,
+        }
+    }
+}
+
 /// Shared by all requests; clones are the same.
 #[derive(Debug, Clone)]
 pub struct AppState(Arc<Shared>);

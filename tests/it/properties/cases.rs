@@ -8,12 +8,11 @@ use telltale::engine::input::{
 };
 use telltale::engine::model::countermeasure::{Confirmation, ConfirmedBy, Request, Rule};
 use telltale::engine::model::filter::Filter;
-use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::wording::{Advice, ByStage, Urgency, Wording};
 use telltale::engine::model::{
-    Combine, CountsAs, DISPLAY_DPI, Dependency, DependsOn, Driving, Expected, FieldSource, GroupId,
-    GroupSpec, Limits, Match, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy,
-    SignalSource, SignalSpec, Stage, StageModel, Unclaimed, When, Within,
+    Combine, CountsAs, Dependency, DependsOn, Driving, Expected, FieldSource, GroupId, GroupSpec, Limits,
+    Match, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Other, Parts, Policy, SignalSource,
+    SignalSpec, Stage, StageModel, When, Within,
 };
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
@@ -55,12 +54,9 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
         let parent = (index > 0 && choices.one_in(3)).then(|| GroupId(choices.below(index) as u32));
         let around = parent.map_or(String::new(), |id| format!("{}/", parts.groups[id.0 as usize].path));
         parts.groups.push(GroupSpec {
-            path: format!("{around}g{index}").into(),
-            name: Text::plain(&format!("G{index}")),
             parent,
             combine: if choices.one_in(3) { Combine::Any } else { Combine::Worst },
             when: when(choices),
-            depends_on: Vec::new(),
             filters: if choices.one_in(2) {
                 let filter = Filter::Namespace(format!("/d{}", choices.below(2)).into());
                 vec![Match {
@@ -71,8 +67,8 @@ pub fn parts(choices: &mut Choices<'_>) -> Parts {
             } else {
                 Vec::new()
             },
-            tile: None,
             may_be_empty: choices.one_in(4),
+            ..GroupSpec::new(&format!("{around}g{index}"), Text::plain(&format!("G{index}")))
         });
     }
     for index in 0..choices.below(9) {
@@ -121,34 +117,23 @@ fn rule(parts: &Parts, choices: &mut Choices<'_>) -> Rule {
 }
 
 fn empty(choices: &mut Choices<'_>) -> Parts {
-    let signal = |name: &str| SignalSpec {
-        name: name.into(),
-        title: None,
-        source: SignalSource::Field(FieldSource {
-            topic: format!("/{name}").into(),
-            type_name: "std_msgs/msg/Bool".into(),
-            field: "data".into(),
-        }),
-        timeout: None,
-        present_for: None,
+    let signal = |name: &str| {
+        let topic = format!("/{name}").into();
+        let field = FieldSource { topic, type_name: "std_msgs/msg/Bool".into(), field: "data".into() };
+        SignalSpec::new(name, SignalSource::Field(field))
     };
+    let stages = if choices.one_in(4) { StageModel::None } else { StageModel::Shuttle };
     Parts {
-        vehicle_id: "v".into(),
         vehicle_name: Text::plain("V"),
-        stages: if choices.one_in(4) { StageModel::None } else { StageModel::Shuttle },
         signals: SIGNALS.map(signal).to_vec(),
-        groups: Vec::new(),
-        modules: Vec::new(),
-        watched: Watched::default(),
         driving: Driving {
             localized_after: Span::from_millis(50 * choices.below(3) as u64),
             ..Driving::default()
         },
         discovered: policy(choices),
         other: Other::ALL[choices.below(3)],
-        unclaimed: Unclaimed::default(),
         limits: Limits { discovered_modules: choices.below(5), ..Limits::default() },
-        display_dpi: DISPLAY_DPI,
+        ..Parts::empty("v", stages)
     }
 }
 
@@ -156,7 +141,7 @@ fn when(choices: &mut Choices<'_>) -> Option<When> {
     if !choices.one_in(3) {
         return None;
     }
-    let mut when = When { stages: Vec::new(), signals: Vec::new(), posed: None };
+    let mut when = When::default();
     if choices.one_in(2) {
         when.stages = Stage::ALL.into_iter().filter(|_| choices.one_in(2)).collect();
     }

@@ -9,7 +9,7 @@ use telltale::engine::event::EventKind;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};
 use telltale::engine::model::countermeasure::{Request, Rule};
 use telltale::engine::model::{
-    GroupId, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, Policy, SignalSpec, Stage, StageModel, When,
+    GroupId, Model, ModuleId, ModuleMonitor, ModuleSpec, NodeId, SignalSpec, Stage, StageModel, When,
 };
 use telltale::engine::restart::resume::Restored;
 use telltale::engine::snapshot::{Countermeasure, Snapshot};
@@ -200,18 +200,9 @@ fn simple_vehicle(choices: &mut Choices<'_>) -> Model {
     let mut parts = cases::parts(&mut Choices::new(&[]));
     parts.stages = StageModel::Shuttle;
     parts.groups[0].path = "localization".into();
-    parts.groups[0].when = Some(When { stages: Vec::new(), signals: Vec::new(), posed: Some(true) });
-    parts.modules.push(ModuleSpec {
-        id: "localization/m".into(),
-        name: None,
-        help: None,
-        group: GroupId(0),
-        policy: Policy::default(),
-        when: None,
-        depends_on: Vec::new(),
-        monitor: ModuleMonitor::SelfState("s0".into()),
-        expected: None,
-    });
+    parts.groups[0].when = Some(When { posed: Some(true), ..When::default() });
+    let monitor = ModuleMonitor::SelfState("s0".into());
+    parts.modules.push(ModuleSpec::new("localization/m", GroupId(0), monitor));
     let goal =
         SignalSpec { name: "goal".into(), present_for: Some(Span::from_secs(5)), ..parts.signals[0].clone() };
     parts.signals.push(goal);

@@ -48,21 +48,10 @@ pub fn model(choices: &mut Choices<'_>) -> Arc<Model> {
         parts.driving.stops = vec![stop(0.0), stop(30.0)];
         add_signals(parts);
         // The name of a status that resembles received ones.
-        let id = format!("{}/resembling", parts.groups[0].path).into();
+        let id = format!("{}/resembling", parts.groups[0].path);
         let monitor = ModuleMonitor::SelfState("stray 0".into());
         let policy = parts.discovered.clone();
-        let (name, help, when, depends_on) = (None, None, None, Vec::new());
-        parts.modules.push(ModuleSpec {
-            id,
-            name,
-            help,
-            group: GroupId(0),
-            policy,
-            when,
-            depends_on,
-            monitor,
-            expected: None,
-        });
+        parts.modules.push(ModuleSpec { policy, ..ModuleSpec::new(&id, GroupId(0), monitor) });
         parts.limits.status_bytes = 300;
         parts.limits.source_bytes = 200;
     })

@@ -123,9 +123,9 @@ proptest! {
                 let snapshot = run(&model, &situation, &states);
                 let picture =
                     judge.picture(&situation, |id| states[status_of(&model, id)], Some(State::Ok));
-                for node in judge.nodes() {
+                for node in model.nodes() {
                     let facts = picture.of(node);
-                    let name = judge.name(node);
+                    let name = judge.model.node_name(node);
                     prop_assert_eq!(facts.shown, snapshot.shown(node).0, "{} in {:?}", name, situation);
                     if facts.relevant {
                         prop_assert_eq!(facts.own, snapshot.own(node), "own state of {}", name);
@@ -154,7 +154,7 @@ fn claims_hold(parts: Parts) {
             for (group, ok) in (0..).map(GroupId).zip(&mut ok) {
                 *ok |= snapshot.group(group).1.state == State::Ok;
             }
-            for node in Judge::new(&model).nodes() {
+            for node in model.nodes() {
                 let Some(Reason::Masked { by }) = snapshot.shown(node).1 else { continue };
                 assert!(!by.is_empty());
                 assert!(by.iter().all(|&root| snapshot.shown(root).0 >= State::Unknown));
@@ -186,8 +186,8 @@ fn nothing_is_hidden(model: &Model) -> bool {
     let mut all = (0..81).map(states).flat_map(|it| reachable(model).into_iter().map(move |at| (at, it)));
     all.all(|(situation, states)| {
         let picture = judge.picture(&situation, |id| states[status_of(model, id)], Some(State::Ok));
-        let mut tiles = judge.nodes().filter(|&node| judge.parent(node).is_none());
-        !judge.nodes().any(|node| picture.of(node).masked())
+        let mut tiles = model.nodes().filter(|&node| judge.model.parent(node).is_none());
+        !model.nodes().any(|node| picture.of(node).masked())
             || tiles.any(|tile| is_bad(picture.of(tile).shown))
     })
 }
@@ -257,7 +257,7 @@ fn without(parts: &Parts, model: &Arc<Model>, finding: &Finding) {
         }
         for states in assignments() {
             let (with, without) = (run(model, &situation, &states), run(&less, &situation, &states));
-            for node in Judge::new(model).nodes() {
+            for node in model.nodes() {
                 assert_eq!(told(&with, node), told(&without, node), "{finding:?} in {situation:?}");
             }
         }

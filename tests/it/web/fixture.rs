@@ -9,19 +9,17 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
 use telltale::engine::input::{Input, ListenerReport, StatusArray};
 use telltale::engine::model::filter::Filter;
-use telltale::engine::model::monitors::Watched;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::{
-    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Match,
-    Model, ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, Stage, StageModel,
-    Stop, When, Within,
+    Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Match, Model, ModuleMonitor, ModuleSpec,
+    NodeId, Parts, SignalSource, SignalSpec, Stage, StageModel, Stop, When, Within,
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::text::Text;
 use telltale::engine::time::{Span, Timestamp};
 use telltale::runtime::{self, Link, Rehearsal, Reread, Stamped};
 use telltale::store::{DemoSecrets, History, Session, Store, Token};
-use telltale::web::{AppState, DemoFault, DemoFaults, Enrolled, FaultSwitch, Origins, Settings, router};
+use telltale::web::{AppState, DemoFault, DemoFaults, FaultSwitch, Origins, Settings, router};
 use tokio::sync::{mpsc, watch};
 use tokio::task::JoinHandle;
 use tower::ServiceExt;
@@ -173,7 +171,7 @@ impl Fixture {
             demo: (demo == DemoSecrets::Accepted).then_some(faulty),
             rereads: Some(asks),
             history: Some(history),
-            ..settings(origins, secure)
+            ..Settings::plain(origins, secure)
         };
         let app = AppState::new(link.clone(), store.clone(), clock, settings);
         Fixture { router: router(app.clone()), app, store, clock, link, faults, rereads }
@@ -210,7 +208,7 @@ impl Fixture {
     }
 
     fn serve(&mut self, link: Link, change: impl FnOnce(&mut Settings)) {
-        let mut settings = settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false);
+        let mut settings = Settings::plain(Origins::of_listener(ADDRESS.parse().unwrap(), false), false);
         change(&mut settings);
         self.app = AppState::new(link, self.store.clone(), self.clock, settings);
         self.router = router(self.app.clone());
@@ -335,26 +333,6 @@ pub async fn until(mut condition: impl AsyncFnMut() -> bool) {
     panic!("it does not come to that");
 }
 
-/// Of a vehicle without history, simulation and reloads.
-pub fn settings(origins: Origins, secure: bool) -> Settings {
-    Settings {
-        origins,
-        secure,
-        enrolled: Enrolled::default(),
-        demo: None,
-        rereads: None,
-        written: None,
-        history: None,
-        discovery: None,
-        working: None,
-        recordings: None,
-        what_if: None,
-        marker: None,
-        recording: None,
-        replayed: None,
-    }
-}
-
 pub fn request(method: Method, path: &str, cookie: Option<&str>) -> Request<Body> {
     let mut request = Request::builder().method(method).uri(path).header(HOST, ADDRESS);
     if let Some(cookie) = cookie {
@@ -380,21 +358,14 @@ pub fn as_program(mut request: Request<Body>) -> Request<Body> {
 
 /// Sensors with a LiDAR and, inside, an IMU; Localization on top of them; Planning while active.
 pub fn model() -> Model {
+    let active = SignalSource::Field(FieldSource {
+        topic: "/mission/active".into(),
+        type_name: "std_msgs/msg/Bool".into(),
+        field: "data".into(),
+    });
     let parts = Parts {
-        vehicle_id: "shuttle-1".into(),
         vehicle_name: Text::plain("Shuttle 1"),
-        stages: StageModel::Shuttle,
-        signals: vec![SignalSpec {
-            name: "active".into(),
-            title: None,
-            source: SignalSource::Field(FieldSource {
-                topic: "/mission/active".into(),
-                type_name: "std_msgs/msg/Bool".into(),
-                field: "data".into(),
-            }),
-            timeout: None,
-            present_for: None,
-        }],
+        signals: vec![SignalSpec::new("active", active)],
         groups: vec![
             group("sensors", "Sensors", None),
             GroupSpec { filters: power(), ..group("sensors/inside", "Inside", Some(GroupId(0))) },
@@ -408,7 +379,7 @@ pub fn model() -> Model {
                 ..group("localization", "Localization", None)
             },
             GroupSpec {
-                when: Some(When { stages: vec![Stage::Active], signals: Vec::new(), posed: None }),
+                when: Some(When { stages: vec![Stage::Active], ..When::default() }),
                 ..group("planning", "Planning", None)
             },
         ],
@@ -418,7 +389,6 @@ pub fn model() -> Model {
             module("localization/tf", 2, "tf"),
             module("planning/planner", 3, "planner"),
         ],
-        watched: Watched::default(),
         driving: Driving {
             stops: vec![Stop {
                 id: "depot".into(),
@@ -430,11 +400,7 @@ pub fn model() -> Model {
             localized_after: Span::ZERO,
             ..Driving::default()
         },
-        discovered: Policy::default(),
-        other: Default::default(),
-        unclaimed: Default::default(),
-        limits: Limits::default(),
-        display_dpi: DISPLAY_DPI,
+        ..Parts::empty("shuttle-1", StageModel::Shuttle)
     };
     Model::new(parts).unwrap()
 }
@@ -445,29 +411,9 @@ fn power() -> Vec<Match> {
 }
 
 fn group(path: &str, name: &str, parent: Option<GroupId>) -> GroupSpec {
-    GroupSpec {
-        path: path.into(),
-        name: Text::plain(name),
-        parent,
-        combine: Combine::Worst,
-        when: None,
-        depends_on: Vec::new(),
-        filters: Vec::new(),
-        tile: None,
-        may_be_empty: false,
-    }
+    GroupSpec { parent, ..GroupSpec::new(path, Text::plain(name)) }
 }
 
 fn module(id: &str, group: u32, status: &str) -> ModuleSpec {
-    ModuleSpec {
-        id: id.into(),
-        name: None,
-        help: None,
-        group: GroupId(group),
-        policy: Policy::default(),
-        when: None,
-        depends_on: Vec::new(),
-        monitor: ModuleMonitor::SelfState(status.into()),
-        expected: None,
-    }
+    ModuleSpec::new(id, GroupId(group), ModuleMonitor::SelfState(status.into()))
 }

@@ -18,7 +18,7 @@ use telltale::record::writer::Place;
 use telltale::web::{AppState, Marker, Marking, NotMarked, Origins, RecordingState, Settings, router};
 use tokio::sync::watch;
 
-use super::fixture::{ADDRESS, Answer, Fixture, form_request, request, settings};
+use super::fixture::{ADDRESS, Answer, Fixture, form_request, request};
 use crate::folder::TestFolder;
 
 pub(super) const BYTES: &[u8] = b"\x89MCAP0\r\n a recording \x89MCAP0\r\n";
@@ -70,7 +70,7 @@ impl Recorded {
                 fault: faults,
                 policy: watch::channel(Policy::default()).1,
             }),
-            ..settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
+            ..Settings::plain(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
         };
         let (link, store) = (fixture.link.clone(), fixture.store.clone());
         fixture.app = AppState::new(link, store, fixture.clock, settings);

@@ -14,10 +14,10 @@ use telltale::runtime::{Published, Version};
 use telltale::web::live::frame::Frames;
 use telltale::web::texts::Lang;
 use telltale::web::view::Trends;
-use telltale::web::{AppState, Origins, Player, Replay, router};
+use telltale::web::{AppState, Origins, Player, Replay, Settings, router};
 use tokio_tungstenite::tungstenite::Message;
 
-use super::fixture::{ADDRESS, Fixture, as_program, form_request, model, settings};
+use super::fixture::{ADDRESS, Fixture, as_program, form_request, model};
 use super::sockets::{Server, next_json};
 
 /// Seconds since the beginning of the recording, and what the LiDAR says.
@@ -164,7 +164,7 @@ async fn nothing_acts_in_a_replay() {
     let (recording, player, replay) = start();
     let (store, clock) = (fixture.store.clone(), fixture.clock);
     let showing = |replay: Replay| {
-        let settings = settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false);
+        let settings = Settings::plain(Origins::of_listener(ADDRESS.parse().unwrap(), false), false);
         let app = AppState::new(replay, store.clone(), clock, settings);
         assert!(app.live().is_none());
         router(app)

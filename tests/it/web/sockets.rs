@@ -12,7 +12,7 @@ use telltale::engine::time::Span;
 use telltale::store::{DemoSecrets, Role, Store, Token};
 use telltale::web::texts::Lang;
 use telltale::web::view::{Fragment, fragments};
-use telltale::web::{AppState, Origins, Peer, Source, serve};
+use telltale::web::{AppState, Origins, Peer, Settings, Source, serve};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::timeout;
@@ -22,7 +22,7 @@ use tokio_tungstenite::tungstenite::protocol::frame::coding::CloseCode;
 use tokio_tungstenite::tungstenite::{self, Message};
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
-use super::fixture::{Fixture, settings, settled};
+use super::fixture::{Fixture, settled};
 use crate::folder::TestFolder;
 
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -54,7 +54,7 @@ impl Server {
     pub async fn showing(source: impl Into<Source>, fixture: Fixture, store: Store) -> Server {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let settings = settings(Origins::of_listener(address, false), false);
+        let settings = Settings::plain(Origins::of_listener(address, false), false);
         let app = AppState::new(source, store, fixture.clock, settings);
         let (shutdown, ended) = oneshot::channel::<()>();
         let clock = fixture.clock;

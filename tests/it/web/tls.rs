@@ -12,7 +12,7 @@ use telltale::engine::model::NodeId;
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
 use telltale::engine::text::Text;
-use telltale::web::{AppState, CertificateValidity, Origins, Tls, serve};
+use telltale::web::{AppState, CertificateValidity, Origins, Settings, Tls, serve};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_rustls::TlsConnector;
@@ -131,7 +131,7 @@ async fn a_page_and_its_socket_work_over_tls_and_plain_http_does_not() {
     let fixture = Fixture::new().await;
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
-    let settings = super::fixture::settings(Origins::of_listener(address, true), true);
+    let settings = Settings::plain(Origins::of_listener(address, true), true);
     let tls = Tls::load(&files.certificate, &files.key).unwrap();
     let app = AppState::new(fixture.link.clone(), fixture.store.clone(), fixture.clock, settings);
     tokio::spawn(serve(listener, Some(tls), app, std::future::pending()));

@@ -11,7 +11,7 @@ use telltale::record::summary::{Recording, Summary, TriggerLine, kind};
 use telltale::store::audit::{Action, COMMAND_LINE, Record};
 use telltale::web::{AppState, Examiner, Origins, Settings, router};
 
-use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request, settings, until};
+use super::fixture::{ADDRESS, Answer, Fixture, as_program, form_request, request, until};
 use crate::folder::TestFolder;
 use crate::what_if::{SHUTTLE, record_outage, without_sensors};
 
@@ -34,7 +34,7 @@ impl Vehicle {
         let settings = Settings {
             recordings: Some(folder_in(&data)),
             what_if: Some(examiner),
-            ..settings(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
+            ..Settings::plain(Origins::of_listener(ADDRESS.parse().unwrap(), false), false)
         };
         fixture.app = AppState::new(fixture.link.clone(), fixture.store.clone(), fixture.clock, settings);
         fixture.router = router(fixture.app.clone());

@@ -86,11 +86,11 @@ fn judges<'a>(judge: &'a Judge<'_>, source: &'a Source<'_>) -> impl Iterator<Ite
 fn needs(judge: &Judge<'_>, node: NodeId, source: NodeId) -> bool {
     let (mut seen, mut open) = (BTreeSet::new(), vec![node]);
     while let Some(at) = open.pop() {
-        let around = judge.around(at).map(NodeId::Group);
+        let around = judge.model.around(at).map(NodeId::Group);
         let holders = std::iter::once(at).chain(around);
-        for target in holders.flat_map(|it| judge.depends_on(it)).flat_map(Dependency::targets) {
+        for target in holders.flat_map(|it| judge.model.depends_on(it)).flat_map(Dependency::targets) {
             let inside =
-                *target == source || judge.around(source).any(|group| NodeId::Group(group) == *target);
+                *target == source || judge.model.around(source).any(|group| NodeId::Group(group) == *target);
             if inside {
                 return true;
             }

@@ -4,7 +4,7 @@
 use super::situation::Situation;
 use telltale_engine::mask::rules::{self, Standing};
 use telltale_engine::model::order::Visit;
-use telltale_engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId, When};
+use telltale_engine::model::{Combine, Dependency, GroupId, Model, ModuleId, NodeId};
 use telltale_engine::state::{State, Tally};
 
 /// The model, with prepared answers to frequent questions.
@@ -74,54 +74,7 @@ impl Picture {
 
 impl<'m> Judge<'m> {
     pub fn new(model: &'m Model) -> Judge<'m> {
-        let mut members = vec![Vec::new(); model.groups.len()];
-        for (id, group) in (0..).map(GroupId).zip(&model.groups) {
-            if let Some(parent) = group.parent {
-                members[parent.0 as usize].push(NodeId::Group(id));
-            }
-        }
-        for (id, module) in (0..).map(ModuleId).zip(&model.modules) {
-            members[module.group.0 as usize].push(NodeId::Module(id));
-        }
-        Judge { model, visits: model.visits(), pessimistic: false, members }
-    }
-
-    pub fn nodes(&self) -> impl Iterator<Item = NodeId> {
-        let groups = (0..self.model.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        groups.chain((0..self.model.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id))))
-    }
-
-    pub fn parent(&self, node: NodeId) -> Option<GroupId> {
-        match node {
-            NodeId::Group(id) => self.model.groups[id.0 as usize].parent,
-            NodeId::Module(id) => Some(self.model.modules[id.0 as usize].group),
-        }
-    }
-
-    /// The enclosing groups of a node, from the inside out.
-    pub fn around(&self, node: NodeId) -> impl Iterator<Item = GroupId> {
-        std::iter::successors(self.parent(node), |&group| self.parent(NodeId::Group(group)))
-    }
-
-    pub fn when(&self, node: NodeId) -> Option<&'m When> {
-        match node {
-            NodeId::Group(id) => self.model.groups[id.0 as usize].when.as_ref(),
-            NodeId::Module(id) => self.model.modules[id.0 as usize].when.as_deref(),
-        }
-    }
-
-    pub fn depends_on(&self, node: NodeId) -> &'m [Dependency] {
-        match node {
-            NodeId::Group(id) => &self.model.groups[id.0 as usize].depends_on,
-            NodeId::Module(id) => &self.model.modules[id.0 as usize].depends_on,
-        }
-    }
-
-    pub fn name(&self, node: NodeId) -> &'m str {
-        match node {
-            NodeId::Group(id) => &self.model.groups[id.0 as usize].path,
-            NodeId::Module(id) => &self.model.modules[id.0 as usize].id,
-        }
+        Judge { model, visits: model.visits(), pessimistic: false, members: model.members() }
     }
 
     /// Whether statuses may create modules in the group at run time.
@@ -160,11 +113,11 @@ impl<'m> Judge<'m> {
     }
 
     fn entered(&self, picture: &Picture, situation: &Situation, node: NodeId) -> JudgedNode {
-        let around = self.parent(node).map(|group| *picture.of(NodeId::Group(group)));
-        let relevant = around.is_none_or(|group| group.relevant) && situation.meets(self.when(node));
+        let around = self.model.parent(node).map(|group| *picture.of(NodeId::Group(group)));
+        let relevant = around.is_none_or(|group| group.relevant) && situation.meets(self.model.when(node));
         let mut blocked = around.is_some_and(|group| group.blocked);
         let mut block_explained = around.is_some_and(|group| group.block_explained);
-        for dependency in self.depends_on(node).iter().filter(|it| picture.is_blocked_by(it)) {
+        for dependency in self.model.depends_on(node).iter().filter(|it| picture.is_blocked_by(it)) {
             blocked = true;
             block_explained |= dependency.targets().iter().any(|&target| {
                 let facts = picture.of(target);

@@ -2,7 +2,7 @@
 
 use super::{Finding, FindingKind};
 use telltale_engine::model::monitors::ProbeTarget;
-use telltale_engine::model::{GroupId, Model, ModuleId, ModuleSpec, MonitorSpec, NodeId, Within};
+use telltale_engine::model::{Model, ModuleId, ModuleSpec, MonitorSpec, NodeId, Within};
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
 
@@ -17,7 +17,7 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         let after = noticed_after(model, module);
         let near = dependencies(model)
             .filter(|(holder, index)| concerns(model, id, (*holder, *index)))
-            .filter_map(|(holder, index)| match depends_on(model, holder)[index].within {
+            .filter_map(|(holder, index)| match model.depends_on(holder)[index].within {
                 Within::Limit(limit) if limit < after => Some((limit, holder, index)),
                 Within::Limit(_) | Within::Always => None,
             });
@@ -75,29 +75,18 @@ fn sum(one: Span, other: Span) -> Span {
 
 /// Each dependency by its holder and its index.
 pub(super) fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, usize)> + '_ {
-    let groups = (0..model.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-    let modules = (0..model.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-    groups.chain(modules).flat_map(|node| (0..depends_on(model, node).len()).map(move |index| (node, index)))
-}
-
-pub(super) fn depends_on(model: &Model, node: NodeId) -> &[telltale_engine::model::Dependency] {
-    match node {
-        NodeId::Group(id) => &model.groups[id.0 as usize].depends_on,
-        NodeId::Module(id) => &model.modules[id.0 as usize].depends_on,
-    }
+    model.nodes().flat_map(|node| (0..model.depends_on(node).len()).map(move |index| (node, index)))
 }
 
 /// Whether a dependency is one of the module itself, or one on it.
 fn concerns(model: &Model, id: ModuleId, (holder, index): (NodeId, usize)) -> bool {
     holder == NodeId::Module(id)
-        || depends_on(model, holder)[index].targets().iter().any(|&target| is_inside(model, id, target))
+        || model.depends_on(holder)[index].targets().iter().any(|&target| is_inside(model, id, target))
 }
 
 pub(super) fn is_inside(model: &Model, id: ModuleId, node: NodeId) -> bool {
-    let group = Some(model.modules[id.0 as usize].group);
-    let mut around = std::iter::successors(group, |&id| model.groups[id.0 as usize].parent);
     match node {
         NodeId::Module(other) => other == id,
-        NodeId::Group(group) => around.any(|id| id == group),
+        NodeId::Group(group) => model.around(NodeId::Module(id)).any(|it| it == group),
     }
 }

@@ -91,7 +91,7 @@ impl Look<'_> {
     /// All situations, or those with known signals, or only those in which all are unknown.
     fn situations(&mut self) -> Vec<Situation> {
         let model = self.judge.model;
-        let most = (FACTS_MAX / self.judge.nodes().count().max(1)).clamp(8, SITUATIONS_MAX);
+        let most = (FACTS_MAX / self.judge.model.nodes().count().max(1)).clamp(8, SITUATIONS_MAX);
         let all = situation::all(model, &self.named, true, most);
         self.complete = all.is_some();
         let known = || situation::all(model, &self.named, false, most);
@@ -118,7 +118,7 @@ impl Look<'_> {
     /// Every masked node has a visible cause.
     fn explanations(&mut self, situations: &[Situation]) {
         let modules = self.judge.model.modules.len();
-        let nodes = self.judge.nodes().count();
+        let nodes = self.judge.model.nodes().count();
         let all: Vec<ModuleId> = (0..modules as u32).map(ModuleId).collect();
         for (situation, state) in situations.iter().flat_map(|it| [(it, State::Error), (it, State::Unknown)])
         {
@@ -141,7 +141,7 @@ impl Look<'_> {
         picture: &Picture,
         (failing, state): (&[ModuleId], State),
     ) {
-        let hidden = self.judge.nodes().find(|&node| {
+        let hidden = self.judge.model.nodes().find(|&node| {
             let facts = picture.of(node);
             facts.masked() && !facts.block_explained
         });
@@ -153,10 +153,10 @@ impl Look<'_> {
 
     /// A cause inside a redundant group: it is named as a cause, but its tile is not affected.
     fn hidden_causes(&mut self, situations: &[Situation]) {
-        for holder in self.judge.nodes().collect::<Vec<_>>() {
-            for (index, dependency) in self.judge.depends_on(holder).iter().enumerate() {
+        for holder in self.judge.model.nodes() {
+            for (index, dependency) in self.judge.model.depends_on(holder).iter().enumerate() {
                 let redundant =
-                    |target: &NodeId| self.judge.around(*target).any(|group| self.combines_any(group));
+                    |target: &NodeId| self.judge.model.around(*target).any(|group| self.combines_any(group));
                 if !dependency.targets().iter().all(redundant) {
                     continue;
                 }
@@ -189,7 +189,7 @@ impl Look<'_> {
             if !picture.is_blocked_by(dependency) || self.tile_gets_worse(&relevant, &picture) {
                 return None;
             }
-            let masked = self.judge.nodes().find(|&node| picture.of(node).masked())?;
+            let masked = self.judge.model.nodes().find(|&node| picture.of(node).masked())?;
             Some((masked, Look::example(situation, failing, state)))
         })
     }
@@ -262,8 +262,8 @@ impl Look<'_> {
                 (best, worst)
             })
             .collect();
-        for holder in self.judge.nodes().collect::<Vec<_>>() {
-            for (index, dependency) in self.judge.depends_on(holder).iter().enumerate() {
+        for holder in self.judge.model.nodes() {
+            for (index, dependency) in self.judge.model.depends_on(holder).iter().enumerate() {
                 self.dependency(situations, &pictures, holder, (index, dependency));
             }
         }
@@ -313,12 +313,17 @@ impl Look<'_> {
     /// Whether any dependency names the node or a node inside it.
     fn is_needed(&self, node: NodeId) -> bool {
         let inside = |target: NodeId| {
-            target == node || self.judge.around(target).any(|group| NodeId::Group(group) == node)
+            target == node || self.judge.model.around(target).any(|group| NodeId::Group(group) == node)
         };
         let needs = |holder: NodeId| {
-            self.judge.depends_on(holder).iter().flat_map(Dependency::targets).any(|&target| inside(target))
+            self.judge
+                .model
+                .depends_on(holder)
+                .iter()
+                .flat_map(Dependency::targets)
+                .any(|&target| inside(target))
         };
-        self.judge.nodes().any(needs)
+        self.judge.model.nodes().any(needs)
     }
 
     fn why_dead(
@@ -371,22 +376,23 @@ impl Look<'_> {
     /// Conditions against those of the enclosing groups, each with the signals of its own surroundings.
     fn conditions(&mut self) {
         let mut never: BTreeSet<GroupId> = BTreeSet::new();
-        for node in self.judge.nodes().collect::<Vec<_>>() {
-            let Some(when) = self.judge.when(node) else { continue };
-            let around: Vec<GroupId> = self.judge.around(node).collect();
+        for node in self.judge.model.nodes() {
+            let Some(when) = self.judge.model.when(node) else { continue };
+            let around: Vec<GroupId> = self.judge.model.around(node).collect();
             if around.iter().any(|group| never.contains(group)) {
                 continue;
             }
             let whens: Vec<_> =
-                around.iter().filter_map(|&group| self.judge.when(NodeId::Group(group))).collect();
+                around.iter().filter_map(|&group| self.judge.model.when(NodeId::Group(group))).collect();
             let named = situation::named(whens.iter().copied().chain([when]));
             let known = situation::all(self.judge.model, &named, false, SITUATIONS_MAX);
             let Some(known) = known else {
                 self.complete = false;
                 continue;
             };
-            let open =
-                |it: &&Situation| around.iter().all(|&group| it.meets(self.judge.when(NodeId::Group(group))));
+            let open = |it: &&Situation| {
+                around.iter().all(|&group| it.meets(self.judge.model.when(NodeId::Group(group))))
+            };
             let open: Vec<&Situation> = known.iter().filter(open).collect();
             if open.iter().all(|it| !it.meets(Some(when))) {
                 self.findings.push(Finding { node, what: FindingKind::NeverHolds, example: None });
@@ -404,8 +410,8 @@ impl Look<'_> {
         let model = self.judge.model;
         for (index, rule) in model.driving.countermeasures.iter().enumerate() {
             for &node in &rule.nodes {
-                let around = self.judge.around(node).map(NodeId::Group);
-                let whens: Vec<_> = around.chain([node]).map(|node| self.judge.when(node)).collect();
+                let around = self.judge.model.around(node).map(NodeId::Group);
+                let whens: Vec<_> = around.chain([node]).map(|node| self.judge.model.when(node)).collect();
                 let named = situation::named(whens.iter().copied().flatten());
                 let Some(all) = situation::all(model, &named, false, SITUATIONS_MAX) else {
                     self.complete = false;

@@ -8,8 +8,8 @@ use telltale_engine::state::State;
 
 pub(super) fn look(judge: &Judge<'_>) -> Vec<Finding> {
     let mut found = Vec::new();
-    for node in judge.nodes() {
-        for (index, dependency) in judge.depends_on(node).iter().enumerate() {
+    for node in judge.model.nodes() {
+        for (index, dependency) in judge.model.depends_on(node).iter().enumerate() {
             if !dependency.masks_unknown {
                 continue;
             }

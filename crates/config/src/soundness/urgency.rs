@@ -1,7 +1,7 @@
 //! Finds less urgent faults that hide more urgent ones: while the first explains the second, the page has the words
 //! of the first and the advice of the second.
 
-use super::late::{dependencies, depends_on, is_inside};
+use super::late::{dependencies, is_inside};
 use super::{Finding, FindingKind};
 use telltale_engine::model::wording::Urgency;
 use telltale_engine::model::{Model, ModuleId, NodeId, Stage, Within};
@@ -28,7 +28,7 @@ pub fn behind(model: &Model) -> Vec<Behind> {
         let urgent =
             ids().filter(|&id| is_inside(model, id, holder)).rev().max_by_key(|&id| urgency(model, id));
         let Some(hidden) = urgent.filter(|&id| urgency(model, id).is_some()) else { continue };
-        let targets = depends_on(model, holder)[dependency].targets();
+        let targets = model.depends_on(holder)[dependency].targets();
         let less = |&id: &ModuleId| {
             targets.iter().any(|&target| is_inside(model, id, target))
                 && urgency(model, id) < urgency(model, hidden)
@@ -51,7 +51,7 @@ fn urgency(model: &Model, id: ModuleId) -> Option<Urgency> {
 
 /// Those that stay hidden, however late they come.
 pub(super) fn look(model: &Model) -> Vec<Finding> {
-    let always = |it: &Behind| depends_on(model, it.holder)[it.dependency].within == Within::Always;
+    let always = |it: &Behind| model.depends_on(it.holder)[it.dependency].within == Within::Always;
     let found = behind(model).into_iter().filter(always);
     found.map(|it| Finding { node: it.holder, what: FindingKind::HidesUrgent(it), example: None }).collect()
 }

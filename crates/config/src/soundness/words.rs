@@ -1,6 +1,5 @@
 //! Turns findings into problems with their places.
 
-use super::late::depends_on;
 use super::urgency::Behind;
 use super::{Example, Finding, FindingKind, NoEffect};
 use crate::describe::places::Places;
@@ -12,7 +11,7 @@ use telltale_yaml::{Problem, Span};
 pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
     let node = finding.node;
     let place = places.of(node);
-    let name = name(model, node);
+    let name = model.node_name(node);
     let dependency = |index: usize| place.depends_on.get(index).copied().unwrap_or(place.id);
     let example = finding.example.as_ref().map_or(String::new(), |example| self::example(model, example));
     let (span, message, help): (Span, String, &str) = match &finding.what {
@@ -23,7 +22,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
         ),
         FindingKind::HiddenCause { dependency: index, masked } => (
             dependency(*index),
-            format!("`{}` can be masked while no tile gets worse{example}", self::name(model, *masked)),
+            format!("`{}` can be masked while no tile gets worse{example}", model.node_name(*masked)),
             "the cause is named in the list of causes only: depend on the redundant group as a whole, or let the group combine the worst",
         ),
         FindingKind::AlwaysMasked { dependency: index } => (
@@ -37,14 +36,14 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             "remove it",
         ),
         FindingKind::NoEarlier { source } => {
-            let source = self::name(model, *source);
+            let source = model.node_name(*source);
             let message =
                 format!("a fault of `{source}` is one of `{name}` too, which compares with what it judges");
             let help = format!("add `depends_on: [{source}]`, so that only the cause is shown");
             return Problem::at(place.id, message).help(help).as_warning();
         }
         FindingKind::SilenceHides { dependency: index, silent, hidden } => {
-            let [silent, hidden] = [*silent, *hidden].map(|node| self::name(model, node));
+            let [silent, hidden] = [*silent, *hidden].map(|node| model.node_name(node));
             let message = format!("while `{silent}` is only silent, this hides an ERROR of `{hidden}`");
             let help = format!(
                 "give `{silent}` `stale: error`, so that its silence is a fault, or let only `error` mask"
@@ -75,7 +74,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             place.id,
             format!(
                 "`{name}` and `{}` are both called \"{part}\" on /diagnostics_agg",
-                self::name(model, *first)
+                model.node_name(*first)
             ),
             "give one of them another name: the second is called after the first there, with a number",
         ),
@@ -127,7 +126,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             return problem.help(help).as_warning();
         }
         FindingKind::SharedStatuses { first, statuses } => {
-            let first = self::name(model, *first);
+            let first = model.node_name(*first);
             let message = format!("statuses with `{statuses}` join `{first}` and `{name}`: both show them");
             let help = format!(
                 "add `except: [{{ {statuses} }}]` to the filter of the one that is not meant, or leave it if both are meant"
@@ -154,7 +153,7 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             )
         }
         FindingKind::LateCause { late, after, limit, dependency: index } => {
-            let late = self::name(model, *late);
+            let late = model.node_name(*late);
             let (after, limit) = (span(*after), span(*limit));
             let message = format!(
                 "`{late}` may be noticed only after {after}, and this dependency of `{name}` explains within {limit}: one fault may be shown as two"
@@ -189,15 +188,15 @@ pub fn behind(model: &Model, it: &Behind) -> String {
 
 /// What stands before what, and the shortest change.
 fn behind_words(model: &Model, it: &Behind) -> (String, String) {
-    let dependency = &depends_on(model, it.holder)[it.dependency];
-    let (holder, hidden) = (name(model, it.holder), name(model, NodeId::Module(it.hidden)));
+    let dependency = &model.depends_on(it.holder)[it.dependency];
+    let (holder, hidden) = (model.node_name(it.holder), model.node_name(NodeId::Module(it.hidden)));
     let on = words::dependency(model, dependency);
     let stand = if it.less_urgent == 1 { "fault stands" } else { "faults stand" };
     let message = format!("{holder} waits for {on}: {} less urgent {stand} before {hidden}", it.less_urgent);
     let is_group = dependency.targets().iter().any(|target| matches!(target, NodeId::Group(_)));
     let help = match (dependency.within, it.only) {
         (Within::Always, _) => "write `within: 5s` in place of `always`".to_owned(),
-        (_, Some(only)) => format!("give {} the same urgency", name(model, NodeId::Module(only))),
+        (_, Some(only)) => format!("give {} the same urgency", model.node_name(NodeId::Module(only))),
         _ if is_group => "name the modules that it needs in place of the group".to_owned(),
         _ => format!(
             "let only the module that needs them depend on them, or give them the urgency of {hidden}"
@@ -220,12 +219,14 @@ fn example(model: &Model, example: &Example) -> String {
 
 fn dead(model: &Model, why: NoEffect) -> String {
     match why {
-        NoEffect::NoMembers(node) => format!("`{}` has no members", name(model, node)),
+        NoEffect::NoMembers(node) => format!("`{}` has no members", model.node_name(node)),
         NoEffect::NotRelevant(node) => match node {
-            NodeId::Group(_) => format!("`{}`, or what is in it, is never relevant then", name(model, node)),
-            NodeId::Module(_) => format!("`{}` is never relevant then", name(model, node)),
+            NodeId::Group(_) => {
+                format!("`{}`, or what is in it, is never relevant then", model.node_name(node))
+            }
+            NodeId::Module(_) => format!("`{}` is never relevant then", model.node_name(node)),
         },
-        NoEffect::Waits(node) => format!("`{}` waits for what is never OK", name(model, node)),
+        NoEffect::Waits(node) => format!("`{}` waits for what is never OK", model.node_name(node)),
     }
 }
 
@@ -233,13 +234,6 @@ fn dead(model: &Model, why: NoEffect) -> String {
 fn owner(model: &Model, node: NodeId, signal: Option<usize>) -> String {
     match signal.and_then(|index| model.signals.get(index)) {
         Some(signal) => format!("signal `{}`", signal.name),
-        None => format!("`{}`", name(model, node)),
-    }
-}
-
-fn name(model: &Model, node: NodeId) -> &str {
-    match node {
-        NodeId::Group(id) => &model.groups[id.0 as usize].path,
-        NodeId::Module(id) => &model.modules[id.0 as usize].id,
+        None => format!("`{}`", model.node_name(node)),
     }
 }

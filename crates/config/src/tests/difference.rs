@@ -80,75 +80,41 @@ fn an_order_is_a_difference() {
 
 #[test]
 fn every_key_of_a_monitor_is_a_difference() {
-    let text =
-        |monitor: &str| format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {{ {monitor} }} }}] }}]\n");
-    let (t, u) = ("topic: /t, type: a/msg/B", "topic: /u, type: a/msg/B");
-    let pairs = [
-        (format!("frequency: {{ {t}, error_below: 1 }}"), format!("frequency: {{ {u}, error_below: 1 }}")),
-        (format!("frequency: {{ {t}, error_below: 1 }}"), format!("frequency: {{ {t}, warning_below: 1 }}")),
-        (
-            format!("frequency: {{ {t}, error_below: 1 }}"),
-            format!("frequency: {{ {t}, window: 3s, error_below: 1 }}"),
-        ),
-        (
-            "frequency: { topic: /t, type: a/msg/B, error_below: 1 }".into(),
-            "frequency: { topic: /t, type: a/msg/C, error_below: 1 }".into(),
-        ),
-        (format!("latency: {{ {t}, error_above: 1s }}"), format!("latency: {{ {t}, error_above: 2s }}")),
-        (
-            format!("value: {{ {t}, field: x, error_above: 1 }}"),
-            format!("value: {{ {t}, field: y, error_above: 1 }}"),
-        ),
-        (
-            "value: { status: s, key: k, error_unless: 1 }".into(),
-            "value: { status: s, key: k, error_unless: '1' }".into(),
-        ),
-        (
-            "value: { status: s, key: k, error_unless: 1 }".into(),
-            "value: { status: s, key: l, error_unless: 1 }".into(),
-        ),
-        ("watchdog: { node: /n }".into(), "watchdog: { icmp: n }".into()),
-        ("watchdog: { node: /n }".into(), "watchdog: { qos: /n }".into()),
-        ("watchdog: { node: /n }".into(), "watchdog: { node: /n, every: 2s }".into()),
-        ("watchdog: { node: /n }".into(), "watchdog: { node: /n, misses: 2 }".into()),
-        (
-            format!("rate_ratio: {{ input: {{ {t} }}, output: {{ {u} }}, error_below: 1 }}"),
-            format!("rate_ratio: {{ input: {{ {u} }}, output: {{ {t} }}, error_below: 1 }}"),
-        ),
-        (
-            "sequence: { earlier: { status: s, key: a }, later: { status: s, key: b }, error_above: 1 }".into(),
-            "sequence: { earlier: { status: s, key: a }, later: { status: s, key: b }, max_gap: 3s, error_above: 1 }"
-                .into(),
-        ),
-        (
-            format!("agreement: {{ a: {{ {t}, pose: x }}, b: {{ {u}, pose: x }}, translation: {{ error_above: 1 }} }}"),
-            format!("agreement: {{ a: {{ {t}, pose: x }}, b: {{ {u}, pose: x }}, rotation_deg: {{ error_above: 1 }} }}"),
-        ),
-        (
-            format!("agreement: {{ a: {{ {t}, field: x }}, b: {{ {u}, field: x }}, error_above: 1 }}"),
-            format!("agreement: {{ a: {{ {t}, field: x }}, b: {{ {u}, field: x }}, motion_over: 1s, error_above: 1 }}"),
-        ),
-        (
-            "expression: { inputs: { x: { status: s, key: k } }, error: x > 1 }".into(),
-            "expression: { inputs: { x: { status: s, key: k } }, error: x > 2 }".into(),
-        ),
-        (
-            "expression: { inputs: { x: { status: s, key: k } }, error: x > 1 }".into(),
-            "expression: { inputs: { x: { status: s, key: k } }, max_age: 2s, error: x > 1 }".into(),
-        ),
-        (
-            "external: { status: s, class: { location: isolated, information: meta } }".into(),
-            "external: { status: s, class: { location: isolated, information: meta, flow: parallel } }".into(),
-        ),
-    ];
+    let text = |monitor: &str| {
+        let monitor =
+            monitor.replace('T', "topic: /t, type: a/msg/B").replace('U', "topic: /u, type: a/msg/B");
+        format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {{ {monitor} }} }}] }}]\n")
+    };
+    // T and U stand for two topics.
+    let pairs = "\
+frequency: { T, error_below: 1 } => frequency: { U, error_below: 1 }
+frequency: { T, error_below: 1 } => frequency: { T, warning_below: 1 }
+frequency: { T, error_below: 1 } => frequency: { T, window: 3s, error_below: 1 }
+frequency: { topic: /t, type: a/msg/B, error_below: 1 } => frequency: { topic: /t, type: a/msg/C, error_below: 1 }
+latency: { T, error_above: 1s } => latency: { T, error_above: 2s }
+value: { T, field: x, error_above: 1 } => value: { T, field: y, error_above: 1 }
+value: { status: s, key: k, error_unless: 1 } => value: { status: s, key: k, error_unless: '1' }
+value: { status: s, key: k, error_unless: 1 } => value: { status: s, key: l, error_unless: 1 }
+watchdog: { node: /n } => watchdog: { icmp: n }
+watchdog: { node: /n } => watchdog: { qos: /n }
+watchdog: { node: /n } => watchdog: { node: /n, every: 2s }
+watchdog: { node: /n } => watchdog: { node: /n, misses: 2 }
+rate_ratio: { input: { T }, output: { U }, error_below: 1 } => rate_ratio: { input: { U }, output: { T }, error_below: 1 }
+sequence: { earlier: { status: s, key: a }, later: { status: s, key: b }, error_above: 1 } => sequence: { earlier: { status: s, key: a }, later: { status: s, key: b }, max_gap: 3s, error_above: 1 }
+agreement: { a: { T, pose: x }, b: { U, pose: x }, translation: { error_above: 1 } } => agreement: { a: { T, pose: x }, b: { U, pose: x }, rotation_deg: { error_above: 1 } }
+agreement: { a: { T, field: x }, b: { U, field: x }, error_above: 1 } => agreement: { a: { T, field: x }, b: { U, field: x }, motion_over: 1s, error_above: 1 }
+expression: { inputs: { x: { status: s, key: k } }, error: x > 1 } => expression: { inputs: { x: { status: s, key: k } }, error: x > 2 }
+expression: { inputs: { x: { status: s, key: k } }, error: x > 1 } => expression: { inputs: { x: { status: s, key: k } }, max_age: 2s, error: x > 1 }
+external: { status: s, class: { location: isolated, information: meta } } => external: { status: s, class: { location: isolated, information: meta, flow: parallel } }";
     let load = |text: &str| parse("c", text).unwrap_or_else(|problems| panic!("{problems}"));
-    for (old, new) in pairs {
-        let (was, is) = (load(&text(&old)), load(&text(&new)));
+    for pair in pairs.lines() {
+        let (old, new) = pair.split_once(" => ").unwrap();
+        let (was, is) = (load(&text(old)), load(&text(new)));
         assert_eq!(difference(&was, &was), []);
         let found = difference(&was, &is);
         assert!(
             matches!(&found[..], [one] if one.subject == "module `a/m`" && one.detail.starts_with("monitor from")),
-            "{old} / {new}: {found:?}"
+            "{pair}: {found:?}"
         );
     }
 }

@@ -83,19 +83,10 @@ fn the_shuttle_is_valid() {
 fn the_eight_components_depend_on_one_another_as_in_the_paper() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/shuttle.yaml");
     let model = load(&path).unwrap_or_else(|problems| panic!("{problems}")).model;
-    let component = |node: NodeId| {
-        let name = match node {
-            NodeId::Group(id) => &model.groups[id.0 as usize].path,
-            NodeId::Module(id) => &model.modules[id.0 as usize].id,
-        };
-        name.split('/').next().unwrap().to_owned()
-    };
-    let groups = (0..).map(|id| NodeId::Group(GroupId(id))).zip(model.groups.iter().map(|it| &it.depends_on));
-    let modules =
-        (0..).map(|id| NodeId::Module(ModuleId(id))).zip(model.modules.iter().map(|it| &it.depends_on));
+    let component = |node: NodeId| model.node_name(node).split('/').next().unwrap().to_owned();
     let mut arrows = BTreeSet::new();
-    for (holder, dependencies) in groups.chain(modules) {
-        let from = dependencies.iter().flat_map(|it| it.on.nodes()).map(|&on| component(on));
+    for holder in model.nodes() {
+        let from = model.depends_on(holder).iter().flat_map(|it| it.on.nodes()).map(|&on| component(on));
         arrows.extend(from.map(|from| [from, component(holder)]).filter(|[from, to]| from != to));
     }
     let expected = [

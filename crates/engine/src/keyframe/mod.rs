@@ -297,9 +297,7 @@ impl Engine {
         for change in std::mem::take(&mut self.net.changes) {
             self.causes.note(&self.net, &change);
         }
-        let groups = (0..self.net.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = (0..self.net.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-        for node in groups.chain(modules) {
+        for node in NodeId::all(self.net.groups.len(), self.net.modules.len()) {
             let change = Change { node, before: UNSEEN, after: self.net.node(node).facts };
             self.views.follow(&self.net, &change, self.now);
             self.asks.note(&self.net, &change, |id| self.views.help(id).is_some());

@@ -5,6 +5,7 @@ pub mod countermeasure;
 pub mod filter;
 pub mod monitors;
 pub mod motion;
+mod nodes;
 pub mod order;
 pub mod output;
 mod policy;
@@ -44,6 +45,14 @@ pub struct ModuleId(pub u32);
 pub enum NodeId {
     Group(GroupId),
     Module(ModuleId),
+}
+
+impl NodeId {
+    /// So many groups, then so many modules.
+    pub fn all(groups: usize, modules: usize) -> impl Iterator<Item = NodeId> {
+        let groups = (0..groups as u32).map(|id| NodeId::Group(GroupId(id)));
+        groups.chain((0..modules as u32).map(|id| NodeId::Module(ModuleId(id))))
+    }
 }
 
 /// The stages that the vehicle has.
@@ -86,6 +95,13 @@ pub struct SignalSpec {
     /// True for this long after each receipt, false before and after: for topics whose
     /// message is an event (a goal), not a level.
     pub present_for: Option<Span>,
+}
+
+impl SignalSpec {
+    /// A signal without a title that never becomes too old.
+    pub fn new(name: &str, source: SignalSource) -> SignalSpec {
+        SignalSpec { name: name.into(), title: None, source, timeout: None, present_for: None }
+    }
 }
 
 /// The source of a signal.
@@ -137,7 +153,7 @@ pub struct FieldSource {
 }
 
 /// When a node is relevant. Every condition must hold.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct When {
     /// Stages in which the node is relevant. Empty: every stage but `locked`.
     pub stages: Vec<Stage>,
@@ -215,6 +231,23 @@ pub struct GroupSpec {
     pub tile: Option<(u8, u8)>,
 }
 
+impl GroupSpec {
+    /// A group that is always relevant, depends on nothing and finds no modules by itself.
+    pub fn new(path: &str, name: Text) -> GroupSpec {
+        GroupSpec {
+            path: path.into(),
+            name,
+            parent: None,
+            combine: Combine::Worst,
+            when: None,
+            depends_on: Vec::new(),
+            filters: Vec::new(),
+            may_be_empty: false,
+            tile: None,
+        }
+    }
+}
+
 words! {
     /// The treatment of statuses that no group claims: the group `other`. Its words are those of the configuration.
     #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -247,6 +280,23 @@ pub struct ModuleSpec {
     pub monitor: ModuleMonitor,
     /// For a status that is expected in a group's `match`: filters of other groups take it too.
     pub expected: Option<Expected>,
+}
+
+impl ModuleSpec {
+    /// A module that is always relevant and depends on nothing, with the default policy.
+    pub fn new(id: &str, group: GroupId, monitor: ModuleMonitor) -> ModuleSpec {
+        ModuleSpec {
+            id: id.into(),
+            name: None,
+            help: None,
+            group,
+            policy: Policy::default(),
+            when: None,
+            depends_on: Vec::new(),
+            monitor,
+            expected: None,
+        }
+    }
 }
 
 /// A module that is there before its status, because the configuration expects it.

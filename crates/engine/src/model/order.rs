@@ -47,44 +47,20 @@ impl Order {
 
     /// Orders the parts; where dependencies leave a choice, in configuration order.
     pub(crate) fn of(parts: &Parts) -> Result<Order, Cycle> {
-        let mut members = vec![Vec::new(); parts.groups.len()];
-        for (index, group) in parts.groups.iter().enumerate() {
-            if let Some(parent) = group.parent {
-                members[parent.0 as usize].push(NodeId::Group(GroupId(index as u32)));
-            }
-        }
-        for (index, module) in parts.modules.iter().enumerate() {
-            members[module.group.0 as usize].push(NodeId::Module(ModuleId(index as u32)));
-        }
+        let members = parts.members();
         find_cycle(parts, &members)?;
         Ok(Sorter::sort(parts, &members))
-    }
-}
-
-fn parent(parts: &Parts, node: NodeId) -> Option<GroupId> {
-    match node {
-        NodeId::Group(id) => parts.groups[id.0 as usize].parent,
-        NodeId::Module(id) => Some(parts.modules[id.0 as usize].group),
-    }
-}
-
-fn depends_on(parts: &Parts, node: NodeId) -> &[Dependency] {
-    match node {
-        NodeId::Group(id) => &parts.groups[id.0 as usize].depends_on,
-        NodeId::Module(id) => &parts.modules[id.0 as usize].depends_on,
     }
 }
 
 /// The direct dependencies of `node`: its own, those of the enclosing groups, and its members.
 fn edges(parts: &Parts, members: &[Vec<NodeId>], node: NodeId) -> Vec<(NodeId, CycleEdge)> {
     let mut found = Vec::new();
-    let mut holder = Some(node);
-    while let Some(at) = holder {
-        for (index, dependency) in depends_on(parts, at).iter().enumerate() {
-            let edge = CycleEdge::Depends { holder: at, index };
+    for holder in std::iter::once(node).chain(parts.around(node).map(NodeId::Group)) {
+        for (index, dependency) in parts.depends_on(holder).iter().enumerate() {
+            let edge = CycleEdge::Depends { holder, index };
             found.extend(dependency.targets().iter().map(|&target| (target, edge)));
         }
-        holder = parent(parts, at).map(NodeId::Group);
     }
     if let NodeId::Group(id) = node {
         found.extend(members[id.0 as usize].iter().map(|&member| (member, CycleEdge::Contains)));
@@ -107,10 +83,7 @@ fn find_cycle(parts: &Parts, members: &[Vec<NodeId>]) -> Result<(), Cycle> {
         NodeId::Module(id) => groups + id.0 as usize,
     };
     let mut marks = vec![Mark::New; groups + parts.modules.len()];
-    let all = (0..groups as u32)
-        .map(|id| NodeId::Group(GroupId(id)))
-        .chain((0..parts.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id))));
-    for start in all {
+    for start in parts.nodes() {
         if marks[key(start)] != Mark::New {
             continue;
         }
@@ -205,14 +178,14 @@ fn needs(visit: Visit, parts: &Parts, members: &[Vec<NodeId>]) -> Vec<Visit> {
         NodeId::Group(id) => Visit::Leave(id),
         NodeId::Module(id) => Visit::Module(id),
     };
-    let (node, around) = match visit {
+    let node = match visit {
         Visit::Leave(id) => {
             let own = members[id.0 as usize].iter().copied().map(leave);
             return std::iter::once(Visit::Enter(id)).chain(own).collect();
         }
-        Visit::Enter(id) => (NodeId::Group(id), parts.groups[id.0 as usize].parent),
-        Visit::Module(id) => (NodeId::Module(id), Some(parts.modules[id.0 as usize].group)),
+        Visit::Enter(id) => NodeId::Group(id),
+        Visit::Module(id) => NodeId::Module(id),
     };
-    let depends = depends_on(parts, node).iter().flat_map(Dependency::targets).copied().map(leave);
-    around.map(Visit::Enter).into_iter().chain(depends).collect()
+    let depends = parts.depends_on(node).iter().flat_map(Dependency::targets).copied().map(leave);
+    parts.parent(node).map(Visit::Enter).into_iter().chain(depends).collect()
 }

@@ -59,13 +59,7 @@ impl Snapshot {
 
     /// The tile of a node; without one, the node itself.
     fn component(&self, node: NodeId) -> NodeId {
-        let mut group = match node {
-            NodeId::Group(id) => id,
-            NodeId::Module(id) => self.module(id).0.group,
-        };
-        while let Some(parent) = self.group(group).0.parent {
-            group = parent;
-        }
+        let group = self.layout.outermost(node);
         if self.group(group).0.is_tile() { NodeId::Group(group) } else { node }
     }
 }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::views::Views;
 use crate::event::{Event, EventKind};
 use crate::mask::net::Change;
-use crate::model::{GroupId, NodeId, Stage};
+use crate::model::{NodeId, Stage};
 use crate::module::report::said;
 use crate::snapshot::{Reason, Snapshot};
 use crate::state::State;
@@ -151,10 +151,8 @@ impl Record {
             let (name, own) = (snapshot.node_name(node).clone(), snapshot.own(node));
             Recorded::Shown { node: name, state, own, cause, said }
         };
-        let groups = (0..snapshot.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = snapshot.module_ids().map(NodeId::Module);
         let all = first.chain(snapshot.signals.iter().map(signal));
-        let all = all.chain(groups.chain(modules).map(shown));
+        let all = all.chain(snapshot.nodes().map(shown));
         all.map(|what| Record { at: snapshot.now, what }).collect()
     }
 }

@@ -11,8 +11,7 @@ use telltale_engine::time::Span;
 
 fn signal(name: &str, topic: &str, type_name: &str, present_for: Option<Span>) -> SignalSpec {
     let source = FieldSource { topic: topic.into(), type_name: type_name.into(), field: "data".into() };
-    let source = SignalSource::Field(source);
-    SignalSpec { name: name.into(), title: None, source, timeout: None, present_for }
+    SignalSpec { present_for, ..SignalSpec::new(name, SignalSource::Field(source)) }
 }
 
 fn read(signals: Vec<SignalSpec>) -> Result<Vec<Arc<Subscription>>, String> {

@@ -12,7 +12,7 @@ use tokio::task::AbortHandle;
 
 use crate::every;
 use crate::library::Participant;
-use crate::library::spdp::{PARTICIPANT_READER, PARTICIPANT_WRITER, VENDOR, discovery_port};
+use crate::library::spdp::{self, VENDOR, discovery_port};
 use crate::name_lookup::Lookup;
 use crate::options::{BridgeOptions, Interface, interfaces};
 use telltale_clock::Clock;
@@ -133,22 +133,9 @@ fn addresses(interface: Interface) -> Vec<Ipv4Addr> {
 
 /// The announcement as bytes, in little endian.
 fn announcement(own: &Own, addresses: &[Ipv4Addr]) -> Vec<u8> {
-    let mut message = b"RTPS\x02\x03".to_vec();
-    message.extend(VENDOR);
-    message.extend(&own.guid[..12]);
-    let mut data = vec![0, 0, 16, 0];
-    data.extend(PARTICIPANT_READER);
-    data.extend(PARTICIPANT_WRITER);
-    // Each of the library's own announcements has a higher number.
-    data.extend(0_u32.to_le_bytes());
-    data.extend(1_u32.to_le_bytes());
     // Parameters in little endian.
-    data.extend([0, 3, 0, 0]);
-    let mut parameter = |id: u16, value: &[u8]| {
-        data.extend(id.to_le_bytes());
-        data.extend((value.len() as u16).to_le_bytes());
-        data.extend(value);
-    };
+    let mut content = vec![0, 3, 0, 0];
+    let mut parameter = |id: u16, value: &[u8]| content.extend(spdp::parameter(id, value));
     parameter(0x15, &[2, 3, 0, 0]);
     parameter(0x16, &[VENDOR[0], VENDOR[1], 0, 0]);
     parameter(0x50, &own.guid);
@@ -160,11 +147,9 @@ fn announcement(own: &Own, addresses: &[Ipv4Addr]) -> Vec<u8> {
     parameter(0x58, &BUILTIN_ENDPOINTS.to_le_bytes());
     parameter(0x02, &[LEASE_S.to_le_bytes(), [0; 4]].concat());
     parameter(0x01, &[]);
-    // DATA in little endian, with data and without inline QoS.
-    message.extend([0x15, 0b0101]);
-    message.extend((data.len() as u16).to_le_bytes());
-    message.extend(data);
-    message
+    // Each of the library's own announcements has a higher number.
+    let data = spdp::data(spdp::PAYLOAD, 1, &content);
+    [spdp::header(spdp::prefix(&own.guid)), data].concat()
 }
 
 /// UDP over IPv4.

@@ -14,8 +14,8 @@ pub type Prefix = [u8; PREFIX];
 /// The group to which participants announce themselves.
 pub const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
 
-pub const PARTICIPANT_READER: [u8; 4] = [0, 1, 0, 0xc7];
-pub const PARTICIPANT_WRITER: [u8; 4] = [0, 1, 0, 0xc2];
+const PARTICIPANT_READER: [u8; 4] = [0, 1, 0, 0xc7];
+const PARTICIPANT_WRITER: [u8; 4] = [0, 1, 0, 0xc2];
 /// The library's vendor, and ours.
 pub const VENDOR: [u8; 2] = [0x01, 0x12];
 
@@ -24,6 +24,10 @@ const DATA: u8 = 0x15;
 const PAD: u8 = 0x01;
 const INFO_TS: u8 = 0x09;
 const INFO_SRC: u8 = 0x0c;
+
+/// What a DATA holds, as its flags.
+const INLINE_QOS: u8 = 2;
+pub const PAYLOAD: u8 = 4;
 
 const SENTINEL: u16 = 0x01;
 const LEASE: u16 = 0x02;
@@ -118,7 +122,7 @@ pub fn read(packet: &[u8]) -> Option<Said> {
 /// The data of a DATA; none if it disposes of what it speaks of.
 fn payload(body: &[u8], flags: u8) -> Option<&[u8]> {
     let is_little = flags & 1 == 1;
-    let (has_inline_qos, has_data) = (flags & 2 != 0, flags & 4 != 0);
+    let (has_inline_qos, has_data) = (flags & INLINE_QOS != 0, flags & PAYLOAD != 0);
     let to_inline_qos = body.get(2..4)?.try_into().ok()?;
     let mut rest = body.get(4 + usize::from(number(is_little, to_inline_qos))..)?;
     if has_inline_qos {
@@ -195,27 +199,29 @@ fn number(is_little: bool, bytes: [u8; 2]) -> u16 {
 /// The goodbye of a participant. The library's own goodbye names the participant in a payload alone, which
 /// Fast DDS does not read.
 pub fn goodbye(own: &Guid) -> Vec<u8> {
-    let mut data = vec![0, 0, 16, 0];
-    data.extend(PARTICIPANT_READER);
-    data.extend(PARTICIPANT_WRITER);
-    data.extend(((LAST >> 32) as u32).to_le_bytes());
-    data.extend((LAST as u32).to_le_bytes());
-    let mut parameter = |id: u16, value: &[u8]| {
-        data.extend(id.to_le_bytes());
-        data.extend((value.len() as u16).to_le_bytes());
-        data.extend(value);
-    };
-    parameter(KEY_HASH, own);
-    parameter(STATUS, &GONE);
-    parameter(SENTINEL, &[]);
-    let mut packet = b"RTPS\x02\x03".to_vec();
-    packet.extend(VENDOR);
-    packet.extend(prefix(own));
-    // DATA in little endian, with inline QoS alone.
-    packet.extend([DATA, 0b0011]);
-    packet.extend((data.len() as u16).to_le_bytes());
-    packet.extend(data);
-    packet
+    let parameters = [parameter(KEY_HASH, own), parameter(STATUS, &GONE), parameter(SENTINEL, &[])];
+    [header(prefix(own)), data(INLINE_QOS, LAST, &parameters.concat())].concat()
+}
+
+/// The beginning of a packet.
+pub fn header(sender: Prefix) -> Vec<u8> {
+    [&b"RTPS\x02\x03"[..], &VENDOR, &sender].concat()
+}
+
+/// DATA of the writer of participants, in little endian, with what `holds` says.
+pub fn data(holds: u8, sequence: u64, content: &[u8]) -> Vec<u8> {
+    let mut body = vec![0, 0, 16, 0];
+    body.extend(PARTICIPANT_READER);
+    body.extend(PARTICIPANT_WRITER);
+    body.extend(((sequence >> 32) as u32).to_le_bytes());
+    body.extend((sequence as u32).to_le_bytes());
+    body.extend(content);
+    [&[DATA, 1 | holds][..], &(body.len() as u16).to_le_bytes(), &body].concat()
+}
+
+/// A parameter in little endian.
+pub fn parameter(id: u16, value: &[u8]) -> Vec<u8> {
+    [&id.to_le_bytes()[..], &(value.len() as u16).to_le_bytes(), value].concat()
 }
 
 impl Announcement {
@@ -240,27 +246,18 @@ impl Announcement {
     pub fn copy(&self, lease: Span, sequence: u64) -> Vec<u8> {
         let seconds = i32::try_from(lease.as_millis().div_ceil(1000)).unwrap_or(i32::MAX);
         let pair = |value: u16| if self.is_little { value.to_le_bytes() } else { value.to_be_bytes() };
-        let mut data = vec![0, 0, 16, 0];
-        data.extend(PARTICIPANT_READER);
-        data.extend(PARTICIPANT_WRITER);
-        data.extend(((sequence >> 32) as u32).to_le_bytes());
-        data.extend((sequence as u32).to_le_bytes());
-        data.extend([0, if self.is_little { 3 } else { 2 }, 0, 0]);
-        data.extend([pair(LEASE), pair(8)].concat());
-        data.extend(if self.is_little { seconds.to_le_bytes() } else { seconds.to_be_bytes() });
-        data.extend(if self.is_little { COPY_MARK.to_le_bytes() } else { COPY_MARK.to_be_bytes() });
-        data.extend(&*self.parameters);
-        data.extend([pair(SENTINEL), pair(0)].concat());
-        let mut packet = b"RTPS\x02\x03".to_vec();
-        packet.extend(VENDOR);
-        packet.extend([0; PREFIX]);
+        let mut content = vec![0, if self.is_little { 3 } else { 2 }, 0, 0];
+        content.extend([pair(LEASE), pair(8)].concat());
+        content.extend(if self.is_little { seconds.to_le_bytes() } else { seconds.to_be_bytes() });
+        content.extend(if self.is_little { COPY_MARK.to_le_bytes() } else { COPY_MARK.to_be_bytes() });
+        content.extend(&*self.parameters);
+        content.extend([pair(SENTINEL), pair(0)].concat());
+        let mut packet = header([0; PREFIX]);
         packet.extend([INFO_SRC, 1, 20, 0, 0, 0, 0, 0]);
         packet.extend(self.version);
         packet.extend(self.vendor);
         packet.extend(self.prefix);
-        packet.extend([DATA, 0b0101]);
-        packet.extend((data.len() as u16).to_le_bytes());
-        packet.extend(data);
+        packet.extend(data(PAYLOAD, sequence, &content));
         packet
     }
 }
@@ -270,10 +267,6 @@ pub mod tests {
     use proptest::prelude::*;
 
     use super::*;
-
-    fn parameter(id: u16, value: &[u8]) -> Vec<u8> {
-        [&id.to_le_bytes()[..], &(value.len() as u16).to_le_bytes(), value].concat()
-    }
 
     fn locator(kind: u32, port: u32, ip: [u8; 4]) -> Vec<u8> {
         [&kind.to_le_bytes()[..], &port.to_le_bytes(), &[0; 12], &ip].concat()

@@ -56,7 +56,10 @@ mod tests {
     const DAY: Duration = Duration::from_secs(24 * 3600);
 
     fn open(folder: &std::path::Path, wall: SystemTime) -> Store {
-        Store::open_or_read(folder, Clock::with_wall(wall), DemoSecrets::Refused).unwrap()
+        let (clock, hand) = Clock::with_hand();
+        let seconds = |wall| unix_ms(wall).div_euclid(1000);
+        hand.step_wall(seconds(wall) - seconds(clock.wall()));
+        Store::open_or_read(folder, clock, DemoSecrets::Refused).unwrap()
     }
 
     #[tokio::test]

@@ -8,7 +8,7 @@ use super::request::PageRequest;
 use crate::texts::{DevWords, MESSAGE, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
-use telltale_engine::model::{GroupId, ModuleId, NodeId};
+use telltale_engine::model::NodeId;
 use telltale_engine::snapshot::Reason;
 use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
@@ -98,9 +98,7 @@ struct Hidden {
 
 fn hidden(view: &View<'_>, filter: &str) -> Vec<Hidden> {
     let snapshot = view.snapshot;
-    let groups = (0..snapshot.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-    let modules = (0..snapshot.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-    let nodes = groups.chain(modules).filter_map(|node| {
+    let nodes = snapshot.layout.nodes().filter_map(|node| {
         let (_, reason) = snapshot.shown(node);
         let masked = matches!(reason?, Reason::Masked { .. });
         let since = match node {

@@ -17,7 +17,6 @@ use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view;
 use crate::view::versions::Aspect;
 use telltale_engine::input::{AlarmRef, OperatorAction, Place};
-use telltale_engine::model::NodeId;
 use telltale_engine::snapshot::Snapshot;
 use telltale_store::audit::{Action, Record};
 
@@ -278,14 +277,8 @@ fn inner<'a>(path: &'a PathOf, word: &str) -> Option<&'a str> {
 
 /// The part of the state to which a node belongs: its component, or the stage if it is in no component.
 fn of_node(snapshot: &Snapshot, name: &str) -> Aspect {
-    let mut group = match snapshot.node(name) {
-        Some(NodeId::Group(id)) => id,
-        Some(NodeId::Module(id)) => snapshot.module(id).0.group,
-        None => return Aspect::Stage,
-    };
-    while let Some(parent) = snapshot.group(group).0.parent {
-        group = parent;
-    }
+    let Some(node) = snapshot.node(name) else { return Aspect::Stage };
+    let group = snapshot.layout.outermost(node);
     let info = snapshot.group(group).0;
     if info.is_tile() { Aspect::Component(group) } else { Aspect::Stage }
 }

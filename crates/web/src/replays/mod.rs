@@ -136,20 +136,9 @@ fn start(
     source.gaps = missing.gaps.clone();
     let (controls, state) = player::start(playback, show, app.clock).ok()?;
     let settings = Settings {
-        origins: app.settings.origins.clone(),
-        secure: app.settings.secure,
         enrolled: app.settings.enrolled.clone(),
-        demo: None,
-        rereads: None,
-        written: None,
         history,
-        discovery: None,
-        working: None,
-        recordings: None,
-        what_if: None,
-        marker: None,
-        recording: None,
-        replayed: None,
+        ..Settings::plain(app.settings.origins.clone(), app.settings.secure)
     };
     let inner = AppState::new(source, app.store.clone(), app.clock, settings);
     // They end with the source.

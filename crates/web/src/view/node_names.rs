@@ -81,10 +81,7 @@ impl View<'_> {
     /// The name of the component that contains a node, or of its group if none does.
     pub(super) fn tile_name(&self, node: NodeId) -> String {
         let tile = self.board.tile_of(node).map(|tile| self.board.tiles[tile]);
-        self.group_name(tile.unwrap_or_else(|| match node {
-            NodeId::Group(id) => id,
-            NodeId::Module(id) => self.snapshot.layout.modules[id.0 as usize].group,
-        }))
+        self.group_name(tile.unwrap_or_else(|| self.snapshot.layout.group_of(node)))
     }
 
     /// The groups whose faults are listed: the components, then the group `telltale`.

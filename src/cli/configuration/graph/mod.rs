@@ -3,7 +3,6 @@
 
 use std::fmt::Write as _;
 
-use crate::config::describe::words::node_name;
 use crate::engine::model::{
     Combine, Dependency, GroupId, Model, ModuleId, ModuleSpec, NodeId, POSED_SIGNAL, When,
 };
@@ -41,10 +40,7 @@ pub fn svg(model: &Model) -> String {
 
 /// All nodes with what they depend on: groups, then modules.
 fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, &[Dependency])> {
-    let groups = (0..).map(GroupId).zip(&model.groups);
-    let groups = groups.map(|(id, group)| (NodeId::Group(id), &*group.depends_on));
-    let modules = (0..).map(ModuleId).zip(&model.modules);
-    groups.chain(modules.map(|(id, module)| (NodeId::Module(id), &*module.depends_on)))
+    model.nodes().map(|node| (node, model.depends_on(node)))
 }
 
 fn arrows(model: &Model) -> Vec<Arrow> {
@@ -57,7 +53,7 @@ fn arrows(model: &Model) -> Vec<Arrow> {
                 on,
                 from,
                 class: format!("arrow{any}{unknown}"),
-                title: format!("{} depends on {}", node_name(model, from), node_name(model, on)),
+                title: format!("{} depends on {}", model.node_name(from), model.node_name(on)),
                 attributes: Vec::new(),
             }));
         }
@@ -174,14 +170,14 @@ fn dot_group(out: &mut String, model: &Model, id: GroupId, depth: usize) {
 
 fn dot_edges(out: &mut String, model: &Model, from: NodeId, depends_on: &[Dependency]) {
     let cluster = |node: NodeId, end: &str| match node {
-        NodeId::Group(_) => format!(" {end}=\"cluster {}\"", node_name(model, node)),
+        NodeId::Group(_) => format!(" {end}=\"cluster {}\"", model.node_name(node)),
         NodeId::Module(_) => String::new(),
     };
     for dependency in depends_on {
         let style = if dependency.is_any_of() { "dashed" } else { "solid" };
         for &to in dependency.targets() {
             let (tail, head) = (cluster(from, "ltail"), cluster(to, "lhead"));
-            let (from, to) = (node_name(model, from), node_name(model, to));
+            let (from, to) = (model.node_name(from), model.node_name(to));
             let _ = writeln!(out, "  \"{from}\" -> \"{to}\" [style={style}{tail}{head}];");
         }
     }

@@ -12,7 +12,7 @@ use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::input::Input;
 use crate::engine::model::monitors::TopicSpec;
 use crate::engine::model::sample::Sample;
-use crate::engine::model::{Dependency, GroupId, Limits, Model, ModuleId, NodeId};
+use crate::engine::model::{Dependency, Limits, Model, NodeId};
 use crate::engine::time::Timestamp;
 use crate::msg::cdr::Endian;
 use crate::msg::fields::Definitions;
@@ -85,19 +85,12 @@ fn message_of(topic: &str) -> Sample {
 /// The dependencies between groups that a configuration has, or between modules in them.
 fn true_edges(model: &Model) -> Edges {
     let top = |node: &NodeId| {
-        let path = match node {
-            NodeId::Group(id) => &*model.groups[id.0 as usize].path,
-            NodeId::Module(id) => &*model.modules[id.0 as usize].id,
-        };
+        let path = model.node_name(*node);
         path.split('/').next().unwrap_or(path).to_owned()
     };
     let mut edges = Edges::new();
-    let groups = (0..).map(GroupId).zip(&model.groups);
-    let groups = groups.map(|(id, group)| (NodeId::Group(id), &group.depends_on));
-    let modules = (0..).map(ModuleId).zip(&model.modules);
-    let modules = modules.map(|(id, module)| (NodeId::Module(id), &module.depends_on));
-    for (user, depends_on) in groups.chain(modules) {
-        let on = depends_on.iter().flat_map(Dependency::targets).map(top);
+    for user in model.nodes() {
+        let on = model.depends_on(user).iter().flat_map(Dependency::targets).map(top);
         edges.extend(on.map(|on| (top(&user), on)).filter(|(user, on)| user != on));
     }
     edges

@@ -16,7 +16,7 @@ use crate::engine::model::{Model, Parts, StageModel};
 use crate::replay::{Playback, ReplayError, Run};
 use crate::runtime;
 use crate::store::{DemoSecrets, Role, Store};
-use crate::web::{self, AppState, Enrolled, Origins, ServedFile, Settings};
+use crate::web::{self, AppState, Origins, ServedFile, Settings};
 
 /// The user who may look.
 const USER: &str = "developer";
@@ -53,22 +53,8 @@ async fn serve(listen: SocketAddr, file: ServedFile) -> anyhow::Result<ExitCode>
     store.add_user(USER, Role::Developer, &password).await?;
     say!("{} is shown at {}", file.name, url(address, false));
     say!("Log in as `{USER}` with the password `{password}`. Ctrl-C ends it.");
-    let settings = Settings {
-        origins: Origins::of_listener(address, false),
-        secure: false,
-        enrolled: Enrolled::default(),
-        demo: None,
-        rereads: None,
-        written: None,
-        what_if: None,
-        history: None,
-        discovery: None,
-        working: None,
-        recordings: None,
-        marker: None,
-        recording: None,
-        replayed: Some(file),
-    };
+    let origins = Origins::of_listener(address, false);
+    let settings = Settings { replayed: Some(file), ..Settings::plain(origins, false) };
     // Somebody can only log in at an engine. Nothing shows this one: its model is empty.
     let model = Model::new(Parts::empty("", StageModel::None)).map_err(|cycle| anyhow!("{cycle:?}"))?;
     let app = AppState::new(runtime::start(Arc::new(model), clock), store, clock, settings);

@@ -15,7 +15,7 @@ use crate::cli::process::log;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::{EXIT_USAGE, print};
 use crate::clock::Clock;
-use crate::config::patience::{PATIENCE, patient};
+use crate::config::demo_patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};
 use crate::ros::{BridgeOptions, DOMAIN_MAX, DdsProcess};
 use crate::sim::machine::{Departure, FaultInfo};

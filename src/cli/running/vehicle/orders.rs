@@ -127,7 +127,7 @@ pub fn model(publishing: &Publishing) -> Model {
     let signal = |name: &str, topic: &Option<Box<str>>| {
         let source = FieldSource { topic: topic.clone()?, type_name: BOOL.into(), field: "data".into() };
         let source = SignalSource::Field(source);
-        Some(SignalSpec { name: name.into(), title: None, source, timeout: None, present_for: None })
+        Some(SignalSpec::new(name, source))
     };
     let watched = |topic: Option<&str>, type_name: &str, path: &str, kind| {
         let fields = vec![FieldSpec { path: path.into(), kind }];

@@ -14,8 +14,8 @@ use telltale_engine::model::monitors::{RecordedTopic, Watched};
 use telltale_engine::model::motion::{PositionSource, SpeedSource};
 use telltale_engine::model::service::Service;
 use telltale_engine::model::{
-    CountsAs, Dependency, DependsOn, Match, Model, NodeId, Other, POSED_SIGNAL, Policy, SignalSource,
-    SignalSpec, When, Within,
+    CountsAs, Dependency, DependsOn, Match, Model, Other, POSED_SIGNAL, Policy, SignalSource, SignalSpec,
+    When, Within,
 };
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
@@ -96,7 +96,7 @@ pub fn countermeasure(model: &Model, rule: &Rule) -> String {
         Request::Decelerate { mps2 } => format!("decelerate by {mps2} m/s²"),
         other => other.as_str().to_owned(),
     };
-    let nodes: Vec<&str> = rule.nodes.iter().map(|&node| node_name(model, node)).collect();
+    let nodes: Vec<&str> = rule.nodes.iter().map(|&node| model.node_name(node)).collect();
     let stages: Vec<&str> = rule.stages.iter().map(|stage| stage.as_str()).collect();
     let (nodes, stages, state) = (nodes.join(" or "), stages.join(" or "), rule.state);
     let mut text = format!("{request} when {nodes} is {state} in {stages}");
@@ -113,9 +113,9 @@ pub fn countermeasure(model: &Model, rule: &Rule) -> String {
 /// `any of (can, sensors/imu) (also when unknown)`
 pub fn dependency(model: &Model, dependency: &Dependency) -> String {
     let on = match &dependency.on {
-        DependsOn::Node(node) => node_name(model, *node).to_owned(),
+        DependsOn::Node(node) => model.node_name(*node).to_owned(),
         DependsOn::AnyOf(members) => {
-            let names: Vec<&str> = members.iter().map(|&node| node_name(model, node)).collect();
+            let names: Vec<&str> = members.iter().map(|&node| model.node_name(node)).collect();
             format!("any of ({})", names.join(", "))
         }
     };
@@ -177,13 +177,6 @@ fn filter(filter: &Filter) -> String {
             let pattern = regex.as_str().strip_prefix(r"\A(?:").and_then(|rest| rest.strip_suffix(r")\z"));
             format!("a name that matches '{}'", pattern.unwrap_or(regex.as_str()))
         }
-    }
-}
-
-pub fn node_name(model: &Model, node: NodeId) -> &str {
-    match node {
-        NodeId::Group(id) => &model.groups[id.0 as usize].path,
-        NodeId::Module(id) => &model.modules[id.0 as usize].id,
     }
 }
 

@@ -17,7 +17,7 @@ use crate::model::monitors::{
 use crate::model::sample::{
     FieldValue, POSITIONS_MAX, Pose, Position, Positions, Probe, ProbeOutcome, PublisherReport, Sample,
 };
-use crate::model::{Combine, GroupId, GroupSpec, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel};
+use crate::model::{GroupId, GroupSpec, Model, ModuleId, ModuleSpec, Parts, Policy, StageModel};
 use crate::snapshot::{ModuleView, Snapshot};
 use crate::state::State;
 use crate::text::Text;
@@ -90,27 +90,10 @@ pub(super) fn watched() -> Watched {
 }
 
 pub(super) fn parts(modules: Vec<(MonitorSpec, Policy)>) -> Parts {
-    let group = GroupSpec {
-        path: "g".into(),
-        name: Text::plain("G"),
-        parent: None,
-        combine: Combine::Worst,
-        when: None,
-        depends_on: Vec::new(),
-        filters: Vec::new(),
-        tile: None,
-        may_be_empty: false,
-    };
+    let group = GroupSpec::new("g", Text::plain("G"));
     let module = |(index, (monitor, policy)): (usize, (MonitorSpec, Policy))| ModuleSpec {
-        id: format!("g/m{index}").into(),
-        name: None,
-        help: None,
-        group: GroupId(0),
         policy,
-        when: None,
-        depends_on: Vec::new(),
-        monitor: monitor.into(),
-        expected: None,
+        ..ModuleSpec::new(&format!("g/m{index}"), GroupId(0), monitor.into())
     };
     Parts {
         groups: vec![group],

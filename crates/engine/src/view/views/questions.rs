@@ -46,9 +46,7 @@ impl Views {
     }
 
     pub(crate) fn nodes(&self) -> impl Iterator<Item = (NodeId, &str)> {
-        let groups = (0..self.layout.groups.len() as u32).map(|id| NodeId::Group(GroupId(id)));
-        let modules = (0..self.layout.modules.len() as u32).map(|id| NodeId::Module(ModuleId(id)));
-        groups.chain(modules).map(|node| (node, self.name(node)))
+        self.layout.nodes().map(|node| (node, self.name(node)))
     }
 
     /// Root causes, ranked, each with whether it raises an alarm.
@@ -84,9 +82,6 @@ impl Views {
     }
 
     pub(crate) fn name(&self, node: NodeId) -> &str {
-        match node {
-            NodeId::Group(id) => &self.layout.groups[id.0 as usize].path,
-            NodeId::Module(id) => &self.layout.modules[id.0 as usize].id,
-        }
+        self.layout.node_name(node)
     }
 }

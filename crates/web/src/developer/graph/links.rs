@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use telltale_engine::model::{DependsOn, GroupId, ModuleId, NodeId};
+use telltale_engine::model::{DependsOn, GroupId, NodeId};
 use telltale_engine::snapshot::Reason;
 use telltale_engine::state::State;
 
@@ -21,13 +21,9 @@ impl Graph<'_> {
     /// By the node that is depended on and the node that depends, unless both are drawn as one.
     pub(super) fn links(&self) -> BTreeMap<(NodeId, NodeId), Link> {
         let layout = &self.view.snapshot.layout;
-        let groups =
-            (0..).map(|id| NodeId::Group(GroupId(id))).zip(layout.groups.iter().map(|it| &it.depends_on));
-        let modules =
-            (0..).map(|id| NodeId::Module(ModuleId(id))).zip(layout.modules.iter().map(|it| &it.depends_on));
         let mut links: BTreeMap<(NodeId, NodeId), Link> = BTreeMap::new();
-        for (from, dependencies) in groups.chain(modules) {
-            for dependency in dependencies {
+        for from in layout.nodes() {
+            for dependency in layout.depends_on(from) {
                 let any = matches!(dependency, DependsOn::AnyOf(_));
                 for &on in dependency.nodes() {
                     if self.near.as_ref().is_some_and(|near| !near.joins(on, from)) {
@@ -70,17 +66,6 @@ impl Graph<'_> {
     }
 
     fn is_inside(&self, node: NodeId, group: GroupId) -> bool {
-        let layout = &self.view.snapshot.layout;
-        let mut at = match node {
-            NodeId::Group(id) => Some(id),
-            NodeId::Module(id) => Some(layout.modules[id.0 as usize].group),
-        };
-        while let Some(id) = at {
-            if id == group {
-                return true;
-            }
-            at = layout.groups[id.0 as usize].parent;
-        }
-        false
+        node == NodeId::Group(group) || self.view.snapshot.layout.around(node).any(|it| it == group)
     }
 }

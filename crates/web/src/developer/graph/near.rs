@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::open::OpenGroups;
 use super::{Graph, STYLE};
 use crate::view::View;
-use telltale_engine::model::{GroupId, ModuleId, NodeId};
+use telltale_engine::model::{GroupId, NodeId};
 use telltale_picture::graph::{self, Drawing};
 
 /// Neighbours that are drawn in each direction, in the order of the configuration.
@@ -36,17 +36,10 @@ impl Near {
 pub(in crate::developer) fn neighbourhood(view: &View<'_>, node: NodeId) -> Option<(Drawing, usize)> {
     let layout = &view.snapshot.layout;
     let own: BTreeSet<NodeId> =
-        around(view, node).into_iter().chain(inside(view, node)).chain([node]).collect();
+        layout.around(node).map(NodeId::Group).chain(inside(view, node)).chain([node]).collect();
     let (mut needs, mut needed_by) = (BTreeSet::new(), BTreeSet::new());
-    let groups =
-        layout.groups.iter().enumerate().map(|(id, it)| (NodeId::Group(GroupId(id as u32)), &it.depends_on));
-    let modules = layout
-        .modules
-        .iter()
-        .enumerate()
-        .map(|(id, it)| (NodeId::Module(ModuleId(id as u32)), &it.depends_on));
-    for (from, dependencies) in groups.chain(modules) {
-        for &on in dependencies.iter().flat_map(|it| it.nodes()) {
+    for from in layout.nodes() {
+        for &on in layout.depends_on(from).iter().flat_map(|it| it.nodes()) {
             match (own.contains(&from), own.contains(&on)) {
                 (true, false) => needs.insert(on),
                 (false, true) => needed_by.insert(from),
@@ -64,7 +57,7 @@ pub(in crate::developer) fn neighbourhood(view: &View<'_>, node: NodeId) -> Opti
     let neighbours = needs.iter().take(NEIGHBOURS).chain(needed_by.iter().take(NEIGHBOURS)).copied();
     let mut drawn: BTreeSet<NodeId> = neighbours.chain([node]).collect();
     for inner in drawn.clone() {
-        drawn.extend(around(view, inner));
+        drawn.extend(layout.around(inner).map(NodeId::Group));
     }
     let mut graph = Graph {
         view,
@@ -83,16 +76,6 @@ pub(in crate::developer) fn neighbourhood(view: &View<'_>, node: NodeId) -> Opti
     }
     let boxes: Vec<_> = graph.tops.iter().map(|&top| graph.group(top)).collect();
     Some((graph::draw(&STYLE, &boxes, &graph.arrows()), more))
-}
-
-/// The groups around a node.
-fn around(view: &View<'_>, node: NodeId) -> Vec<NodeId> {
-    let layout = &view.snapshot.layout;
-    let first = match node {
-        NodeId::Group(id) => layout.groups[id.0 as usize].parent,
-        NodeId::Module(id) => Some(layout.modules[id.0 as usize].group),
-    };
-    std::iter::successors(first, |id| layout.groups[id.0 as usize].parent).map(NodeId::Group).collect()
 }
 
 /// The groups and modules in a node.

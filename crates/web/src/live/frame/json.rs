@@ -14,7 +14,7 @@ use telltale_engine::input::TroubleKind;
 use telltale_engine::model::{GroupId, ModuleId, NodeId};
 use telltale_engine::snapshot::{self, Reason, Snapshot};
 use telltale_engine::time::{Since, Timestamp};
-use telltale_record::reason::Why;
+use telltale_record::why::Why;
 
 /// The rest of a message where words are left out.
 const MESSAGE_BYTES: usize = 200;

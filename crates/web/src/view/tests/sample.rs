@@ -9,13 +9,11 @@ use telltale_engine::input::{
     Input, ListenerReport, OperatorAction, Place, ReceptionTrouble, Response, StatusArray, TroubleKind,
 };
 use telltale_engine::model::filter::Filter;
-use telltale_engine::model::monitors::Watched;
 use telltale_engine::model::output::Output;
 use telltale_engine::model::wording::Wording;
 use telltale_engine::model::{
-    Combine, DISPLAY_DPI, Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Limits, Model,
-    ModuleMonitor, ModuleSpec, NodeId, Parts, Policy, SignalSource, SignalSpec, StageModel, Stop, When,
-    Within,
+    Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Model, ModuleMonitor, ModuleSpec,
+    NodeId, Parts, SignalSource, SignalSpec, StageModel, Stop, When, Within,
 };
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::text::Text;
@@ -36,204 +34,28 @@ const COMPONENTS: [Component; 8] = [
     ("execution", "Execution", "Ausführung", (4, 2), &[6, 4], true),
 ];
 
-/// Component, module, what its fault is called, and what to do about it.
-const MODULES: [(usize, &str, [&str; 4]); 20] = [
-    (
-        0,
-        "velodyne_packet_alive",
-        [
-            "LiDAR data missing",
-            "LiDAR-Daten fehlen",
-            "Stop. Call the control room.",
-            "Anhalten. Leitstelle rufen.",
-        ],
-    ),
-    (
-        0,
-        "camera_front",
-        [
-            "Front camera without picture",
-            "Frontkamera ohne Bild",
-            "Watch the road. Be ready to stop.",
-            "Straße beobachten. Bremsbereit sein.",
-        ],
-    ),
-    (
-        0,
-        "imu",
-        [
-            "Motion sensor disturbed",
-            "Bewegungssensor gestört",
-            "Stop at the next safe place. Call the control room.",
-            "Am nächsten sicheren Ort anhalten. Leitstelle rufen.",
-        ],
-    ),
-    (
-        0,
-        "gnss",
-        [
-            "Satellite reception poor",
-            "Satellitenempfang schlecht",
-            "You may drive. Watch the position.",
-            "Sie dürfen fahren. Position beobachten.",
-        ],
-    ),
-    (
-        1,
-        "tf_map",
-        [
-            "Position missing",
-            "Position fehlt",
-            "Take over. Stop. Call the control room.",
-            "Übernehmen. Anhalten. Leitstelle rufen.",
-        ],
-    ),
-    (
-        1,
-        "tf_quality",
-        [
-            "Position jumped",
-            "Position ist gesprungen",
-            "Watch the road. Be ready to stop.",
-            "Straße beobachten. Bremsbereit sein.",
-        ],
-    ),
-    (
-        1,
-        "scan_matching",
-        [
-            "Surroundings do not fit the map",
-            "Umgebung passt nicht zur Karte",
-            "Watch the road. Be ready to stop.",
-            "Straße beobachten. Bremsbereit sein.",
-        ],
-    ),
-    (
-        1,
-        "odometry",
-        [
-            "Distance travelled is wrong",
-            "Gefahrene Strecke stimmt nicht",
-            "Stop. Call the control room.",
-            "Anhalten. Leitstelle rufen.",
-        ],
-    ),
-    (
-        2,
-        "costmap_delay",
-        [
-            "Obstacle map is late",
-            "Hinderniskarte kommt zu spät",
-            "Watch the road. Be ready to stop.",
-            "Straße beobachten. Bremsbereit sein.",
-        ],
-    ),
-    (
-        2,
-        "object_detection",
-        [
-            "Obstacles not recognized",
-            "Hindernisse nicht erkannt",
-            "Take over. Stop.",
-            "Übernehmen. Anhalten.",
-        ],
-    ),
-    (
-        2,
-        "object_tracking",
-        [
-            "Moving obstacles lost",
-            "Bewegte Hindernisse verloren",
-            "Take over. Stop.",
-            "Übernehmen. Anhalten.",
-        ],
-    ),
-    (
-        3,
-        "trajectories",
-        [
-            "Paths of others not predicted",
-            "Wege anderer nicht vorhergesagt",
-            "Watch the road. Be ready to stop.",
-            "Straße beobachten. Bremsbereit sein.",
-        ],
-    ),
-    (
-        3,
-        "lane_matching",
-        [
-            "Lanes of others unclear",
-            "Fahrstreifen anderer unklar",
-            "Watch the road. Be ready to stop.",
-            "Straße beobachten. Bremsbereit sein.",
-        ],
-    ),
-    (
-        4,
-        "bus",
-        [
-            "No connection to the vehicle",
-            "Keine Verbindung zum Fahrzeug",
-            "Take over. Stop. Call the control room.",
-            "Übernehmen. Anhalten. Leitstelle rufen.",
-        ],
-    ),
-    (
-        4,
-        "battery",
-        [
-            "Battery is low",
-            "Batterie ist schwach",
-            "You may drive. Charge after this trip.",
-            "Sie dürfen fahren. Nach dieser Fahrt laden.",
-        ],
-    ),
-    (
-        5,
-        "server",
-        [
-            "No connection to the control room",
-            "Keine Verbindung zur Leitstelle",
-            "Stop at the next stop. Call by phone.",
-            "An der nächsten Haltestelle anhalten. Telefonisch melden.",
-        ],
-    ),
-    (
-        6,
-        "planner_submitted",
-        ["No driving plan", "Geplanter Weg fehlt", "Take over. Stop.", "Übernehmen. Anhalten."],
-    ),
-    (
-        6,
-        "trajectory",
-        [
-            "Planned path not drivable",
-            "Geplanter Weg nicht fahrbar",
-            "Take over. Stop.",
-            "Übernehmen. Anhalten.",
-        ],
-    ),
-    (
-        7,
-        "steering",
-        [
-            "Steering does not follow",
-            "Lenkung folgt nicht",
-            "Take over. Stop. Call the control room.",
-            "Übernehmen. Anhalten. Leitstelle rufen.",
-        ],
-    ),
-    (
-        7,
-        "brake",
-        [
-            "Brake does not follow",
-            "Bremse folgt nicht",
-            "Take over. Use the emergency brake. Call the control room.",
-            "Übernehmen. Notbremse benutzen. Leitstelle rufen.",
-        ],
-    ),
-];
+/// Component and module, what its fault is called, and what to do about it, in two languages each.
+const MODULES: &str = "\
+0 | velodyne_packet_alive | LiDAR data missing | LiDAR-Daten fehlen | Stop. Call the control room. | Anhalten. Leitstelle rufen.
+0 | camera_front | Front camera without picture | Frontkamera ohne Bild | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
+0 | imu | Motion sensor disturbed | Bewegungssensor gestört | Stop at the next safe place. Call the control room. | Am nächsten sicheren Ort anhalten. Leitstelle rufen.
+0 | gnss | Satellite reception poor | Satellitenempfang schlecht | You may drive. Watch the position. | Sie dürfen fahren. Position beobachten.
+1 | tf_map | Position missing | Position fehlt | Take over. Stop. Call the control room. | Übernehmen. Anhalten. Leitstelle rufen.
+1 | tf_quality | Position jumped | Position ist gesprungen | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
+1 | scan_matching | Surroundings do not fit the map | Umgebung passt nicht zur Karte | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
+1 | odometry | Distance travelled is wrong | Gefahrene Strecke stimmt nicht | Stop. Call the control room. | Anhalten. Leitstelle rufen.
+2 | costmap_delay | Obstacle map is late | Hinderniskarte kommt zu spät | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
+2 | object_detection | Obstacles not recognized | Hindernisse nicht erkannt | Take over. Stop. | Übernehmen. Anhalten.
+2 | object_tracking | Moving obstacles lost | Bewegte Hindernisse verloren | Take over. Stop. | Übernehmen. Anhalten.
+3 | trajectories | Paths of others not predicted | Wege anderer nicht vorhergesagt | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
+3 | lane_matching | Lanes of others unclear | Fahrstreifen anderer unklar | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
+4 | bus | No connection to the vehicle | Keine Verbindung zum Fahrzeug | Take over. Stop. Call the control room. | Übernehmen. Anhalten. Leitstelle rufen.
+4 | battery | Battery is low | Batterie ist schwach | You may drive. Charge after this trip. | Sie dürfen fahren. Nach dieser Fahrt laden.
+5 | server | No connection to the control room | Keine Verbindung zur Leitstelle | Stop at the next stop. Call by phone. | An der nächsten Haltestelle anhalten. Telefonisch melden.
+6 | planner_submitted | No driving plan | Geplanter Weg fehlt | Take over. Stop. | Übernehmen. Anhalten.
+6 | trajectory | Planned path not drivable | Geplanter Weg nicht fahrbar | Take over. Stop. | Übernehmen. Anhalten.
+7 | steering | Steering does not follow | Lenkung folgt nicht | Take over. Stop. Call the control room. | Übernehmen. Anhalten. Leitstelle rufen.
+7 | brake | Brake does not follow | Bremse folgt nicht | Take over. Use the emergency brake. Call the control room. | Übernehmen. Notbremse benutzen. Leitstelle rufen.";
 
 pub fn text(en: &str, de: &str) -> Text {
     Text { en: en.into(), de: de.into() }
@@ -248,32 +70,13 @@ pub fn on_group(group: u32) -> Dependency {
 }
 
 pub fn group(path: &str, name: Text) -> GroupSpec {
-    GroupSpec {
-        path: path.into(),
-        name,
-        parent: None,
-        combine: Combine::Worst,
-        when: None,
-        depends_on: Vec::new(),
-        filters: vec![Filter::Namespace(format!("/{path}").into()).into()],
-        tile: None,
-        may_be_empty: false,
-    }
+    let filters = vec![Filter::Namespace(format!("/{path}").into()).into()];
+    GroupSpec { filters, ..GroupSpec::new(path, name) }
 }
 
 pub fn module(group: &str, id: u32, name: &str) -> ModuleSpec {
     let path = format!("{group}/{name}");
-    ModuleSpec {
-        id: path.as_str().into(),
-        name: None,
-        help: None,
-        group: GroupId(id),
-        policy: Policy::default(),
-        when: None,
-        depends_on: Vec::new(),
-        monitor: ModuleMonitor::SelfState(path.as_str().into()),
-        expected: None,
-    }
+    ModuleSpec::new(&path, GroupId(id), ModuleMonitor::SelfState(path.as_str().into()))
 }
 
 pub fn stop(id: &str, name: Text) -> Stop {
@@ -284,33 +87,30 @@ pub fn stop(id: &str, name: Text) -> Stop {
 pub fn parts() -> Parts {
     let groups = COMPONENTS.iter().map(|&(path, en, de, place, depends_on, driving)| GroupSpec {
         depends_on: depends_on.iter().map(|&on| on_group(on as u32)).collect(),
-        when: driving.then(|| When { stages: Vec::new(), signals: vec![(0, true)], posed: None }),
+        when: driving.then(|| When { signals: vec![(0, true)], ..When::default() }),
         tile: Some(place),
         ..group(path, text(en, de))
     });
-    let modules = MODULES.iter().map(|&(index, name, [en, de, help_en, help_de])| ModuleSpec {
-        name: Some(Wording::name(text(en, de)).into()),
-        help: Some(Wording::help(text(help_en, help_de)).into()),
-        ..module(COMPONENTS[index].0, index as u32, name)
+    let modules = MODULES.lines().map(|line| {
+        let row: Vec<&str> = line.split(" | ").collect();
+        let [index, name, en, de, help_en, help_de] = row[..] else { panic!("{line}") };
+        let index: usize = index.parse().unwrap();
+        ModuleSpec {
+            name: Some(Wording::name(text(en, de)).into()),
+            help: Some(Wording::help(text(help_en, help_de)).into()),
+            ..module(COMPONENTS[index].0, index as u32, name)
+        }
+    });
+    let active = SignalSource::Field(FieldSource {
+        topic: "/mission/active".into(),
+        type_name: "std_msgs/msg/Bool".into(),
+        field: "data".into(),
     });
     Parts {
-        vehicle_id: "shuttle-1".into(),
         vehicle_name: Text::plain("Shuttle 1"),
-        stages: StageModel::Shuttle,
-        signals: vec![SignalSpec {
-            name: "active".into(),
-            title: None,
-            source: SignalSource::Field(FieldSource {
-                topic: "/mission/active".into(),
-                type_name: "std_msgs/msg/Bool".into(),
-                field: "data".into(),
-            }),
-            timeout: None,
-            present_for: None,
-        }],
+        signals: vec![SignalSpec::new("active", active)],
         groups: groups.collect(),
         modules: modules.collect(),
-        watched: Watched::default(),
         driving: Driving {
             stops: vec![
                 stop("depot", Text::plain("Depot")),
@@ -318,11 +118,7 @@ pub fn parts() -> Parts {
             ],
             ..Driving::default()
         },
-        discovered: Policy::default(),
-        other: Default::default(),
-        unclaimed: Default::default(),
-        limits: Limits::default(),
-        display_dpi: DISPLAY_DPI,
+        ..Parts::empty("shuttle-1", StageModel::Shuttle)
     }
 }
 

@@ -51,8 +51,8 @@ fn the_stage_is_said_in_words_and_only_what_works_has_a_button() {
 #[test]
 fn other_reasons_have_words_of_their_own() {
     let mut parts = parts();
-    parts.groups[3].when = Some(When { stages: vec![Stage::Localizing], signals: Vec::new(), posed: None });
-    parts.groups[5].when = Some(When { stages: vec![Stage::Active], signals: Vec::new(), posed: None });
+    parts.groups[3].when = Some(When { stages: vec![Stage::Localizing], ..When::default() });
+    parts.groups[5].when = Some(When { stages: vec![Stage::Active], ..When::default() });
     let standby = Sample::of(parts).login().signal("active", false).pass(5).published();
     check(&standby, Lang::En, "detail-prediction", &["not driving"], &["Standby", "standby"]);
     check(&standby, Lang::De, "detail-mission", &["fährt nicht"], &[]);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::story::{Ears, listening, masked_by, state, wall};
 use crate::cli::running::demo::load_config;
 use crate::cli::running::vehicle::machine::{Kind, Machine};
-use crate::config::patience::patient;
+use crate::config::demo_patience::patient;
 use crate::config::publishing::Publishing;
 use crate::engine::Engine;
 use crate::engine::input::Input;

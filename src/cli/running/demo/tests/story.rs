@@ -8,7 +8,7 @@ use crate::cli::running::demo::load_config;
 use crate::cli::running::vehicle::machine::Kind;
 use crate::cli::running::vehicle::shuttle_wire::ShuttleWire;
 use crate::config::Loaded;
-use crate::config::patience::patient;
+use crate::config::demo_patience::patient;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Place, Response};
 use crate::engine::model::monitors::{ProbeTarget, TopicSpec, WatchdogSpec};
