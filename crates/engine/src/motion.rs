@@ -252,9 +252,7 @@ impl Engine {
         if self.signals.drive.is_doubted(self.now) {
             return true;
         }
-        let Some(source) = &self.model.driving.speed else { return false };
-        let known = self.motion.speed.is_some_and(|(_, at)| self.now < at + source.timeout);
-        !known || self.has_stood() || self.rolls_fast()
+        self.model.driving.speed.is_some() && (self.has_stood() || self.may_roll_fast())
     }
 
     /// Whether it has stood for longer than at an arrival.
@@ -262,10 +260,11 @@ impl Engine {
         self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL)
     }
 
-    /// Whether it is known to be faster than a vehicle that rolls out at a stop.
-    pub(super) fn rolls_fast(&self) -> bool {
-        let speed = self.model.driving.speed.as_ref().zip(self.motion.speed);
-        speed.is_some_and(|(source, (mps, at))| self.now < at + source.timeout && mps > ROLLS_OUT_MPS)
+    /// Whether it is faster than a vehicle that rolls out at a stop, or its speed is not known although one is configured.
+    pub(super) fn may_roll_fast(&self) -> bool {
+        let Some(source) = &self.model.driving.speed else { return false };
+        let slow = |(mps, at): (f64, Timestamp)| self.now < at + source.timeout && mps <= ROLLS_OUT_MPS;
+        !self.motion.speed.is_some_and(slow)
     }
 
     /// The drive to the goal is over.

@@ -180,8 +180,8 @@ pub(crate) struct Whereabouts {
     pub(crate) at_a_stop: bool,
     /// The vehicle does not say whether it drives.
     pub(crate) active_unknown: bool,
-    /// It is at no stop: it stands although it is to drive, or is faster than a vehicle that rolls out at a stop although
-    /// it is not.
+    /// It is at no stop: it stands although it is to drive, or may be faster than a vehicle that rolls out at a stop
+    /// although it is not.
     pub(crate) on_the_way: bool,
 }
 
