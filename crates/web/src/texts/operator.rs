@@ -212,8 +212,8 @@ texts! {
         cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
         held: "Held", "Gehalten";
         since: "since", "seit";
+        continue_driving: "Continue?", "Weiterfahren?";
         not_heard_again: "not heard again yet", "noch nicht wieder gehört";
-        held_until: "Held until you continue", "Gehalten, bis Sie weiterfahren";
         held_back: "Held until the cause is gone", "Gehalten, bis die Ursache behoben ist";
         no_sight: "Something is unknown", "Etwas ist unbekannt";
         take_over_ready: "Be ready to take over.", "Zum Übernehmen bereithalten.";

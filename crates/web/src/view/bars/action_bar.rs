@@ -135,10 +135,8 @@ fn drive(view: &View<'_>) -> Drive {
         // The instruction says it.
         _ if cleared => ("ready", "", String::new()),
         // A vehicle that stands has nothing to respond to.
-        Some(_) if release && stands && request.is_some_and(requests::is_engaged) => {
-            ("idle", view.words.held_until, condition(view))
-        }
-        Some(progress) if release && stands => ("idle", view.words.held_until, progress.to_owned()),
+        // The instruction asks, and the button beside it answers.
+        Some(_) if release && stands => ("idle", "", String::new()),
         Some(_) if stands && request.is_some_and(requests::is_engaged) => {
             ("idle", view.words.held_back, String::new())
         }

@@ -233,7 +233,9 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
         (Some(it), false) if it.causes.is_empty() => {
             return say(Urgency::None, "stop", view.words.stop_requested);
         }
-        (Some(it), true) if it.causes.is_empty() => view.words.stopped_continue,
+        (Some(it), true) if it.causes.is_empty() || !requests::causes_are_gone(view) => {
+            view.words.stopped_continue
+        }
         (Some(_), true) => view.words.stopped_cause_gone,
         (Some(_), false) => view.words.cause_gone,
     };
@@ -242,6 +244,7 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
 }
 
 /// The most urgent advice among the present faults; the first of them if several are alike. If none in sight asks for
+        (Some(_), false) if !requests::causes_are_gone(view) => view.words.continue_driving,
 /// as much as one that waits for its cause, or as was asked before, it is the advice of that one, with the cause in sight.
 fn advice(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     let present = entries.iter().filter(|entry| !entry.over && !entry.help.is_empty());

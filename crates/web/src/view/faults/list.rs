@@ -3,6 +3,7 @@
 
 use askama::Template;
 
+use telltale_engine::model::Stage;
 use telltale_engine::snapshot::Moving;
 use telltale_engine::state::State;
 
@@ -135,7 +136,8 @@ pub fn all_causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
 /// While the vehicle is slowed down or stopped, the advice on a WARNING, such as that one may go on, would
 /// contradict that.
 fn is_overruled(view: &View<'_>, entry: &FaultEntry) -> bool {
-    let stops = requests::has_banner(view) && view.snapshot.motion.moving != Moving::No;
+    let drives = matches!(view.stage_of_advice(), Stage::Cleared | Stage::Active);
+    let stops = requests::has_banner(view) && (drives || view.snapshot.motion.moving != Moving::No);
     stops && entry.state == State::Warning
 }
 

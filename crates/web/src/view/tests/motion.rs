@@ -157,8 +157,44 @@ fn no_warning_says_that_one_may_go_on_while_the_vehicle_is_stopped() {
     let warned = || Sample::shuttle(true).report("can/battery", 1, "18 %", &[]).pass(3);
     let advice = "You may go on. Stay alert.";
     check(&moved(warned(), Moving::Yes, 9), Lang::En, "causes", &["Battery is low", advice], &[]);
-    let stopping = asked_to_stop_from(warned(), Moving::Yes, Some(true));
-    check(&stopping, Lang::En, "causes", &["Battery is low"], &[advice]);
+    for moving in [Moving::Yes, Moving::No] {
+        for cause_is_there in [true, false] {
+            let stopping = asked_to_stop_from(warned(), moving, Some(cause_is_there));
+            check(&stopping, Lang::En, "causes", &["Battery is low"], &[advice]);
+        }
+    }
+}
+
+#[test]
+fn an_error_that_is_over_keeps_its_name_while_a_warning_is_left_of_it() {
+    let left = || Sample::shuttle(true).report("sensors/imu", 1, "noisy", &[]).pass(3);
+    for (moving, question) in [(Moving::Yes, ">Continue?<"), (Moving::No, ">Stopped. Continue?<")] {
+        let over = asked_to_stop_from(left(), moving, Some(false));
+        let expect = [question, "Over: Motion sensor disturbed."];
+        check(&over, Lang::En, "instruction", &expect, &["Cause gone"]);
+    }
+}
+
+#[test]
+fn what_holds_the_vehicle_is_one_sentence_and_the_operators_own_stop_another() {
+    let held = asked_to_stop(Moving::No, Some(true));
+    let mut slowed = held.snapshot.countermeasures[0].clone();
+    slowed.request = Request::Decelerate { mps2: 1.0 };
+    slowed.causes = [CountermeasureCause {
+        node: held.snapshot.node("can/bus").expect("it is there"),
+        ..slowed.causes[0]
+    }]
+    .into();
+    let mut own = held.snapshot.countermeasures[0].clone();
+    (own.by_operator, own.causes) = (Some(SINCE), [].into());
+    let of = |all: Vec<Countermeasure>| {
+        let snapshot = Snapshot { countermeasures: all.into(), ..(*held.snapshot).clone() };
+        let published = Published { snapshot: snapshot.into(), ..held.clone() };
+        fragment(&published, Lang::En, "instruction").matches("Held<span").count()
+    };
+    assert_eq!(of(vec![held.snapshot.countermeasures[0].clone(), slowed.clone()]), 1);
+    assert_eq!(of(vec![own.clone(), slowed]), 1);
+    assert_eq!(of(vec![own]), 0, "its own sentence says it");
 }
 
 #[test]
