@@ -26,11 +26,15 @@
     list.removeAttribute("data-tight");
     if (list.offsetParent === null) return show(0);
     let count = entries.length;
+    list.removeAttribute("data-short-of-room");
     show(count);
     if (list.id === "causes-list") yieldLast(fits);
     if (fits()) return undefined;
     // What is over stands last, and gives way before the advice of a live fault does. The button that counts the rest
     // takes room as well.
+    // How many parts wait gives way first: the board shows it.
+    list.setAttribute("data-short-of-room", "");
+    if (fits()) return undefined;
     const live = entries.filter((entry) => !entry.matches("[data-past]")).length;
     while (count > Math.max(live, 1) && !fits()) show(--count);
     if (fits()) return undefined;

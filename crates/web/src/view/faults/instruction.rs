@@ -12,7 +12,7 @@ use telltale_engine::snapshot::{Moving, Reason};
 use telltale_engine::state::State;
 
 /// A longer text is too long for one line of large type: its later sentences stand beside the fault.
-const TITLE_LETTERS: usize = 36;
+const TITLE_LETTERS: usize = 44;
 
 /// How soon the operator has to act. The last one is the most urgent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]

@@ -56,6 +56,8 @@ struct EntryHtml {
     lasted: String,
     waits: String,
     help: String,
+    /// The advice goes on where the instruction ends, so it gives way to nothing.
+    rest: bool,
     /// Until when it is shelved, and who has done that.
     shelved: Option<(String, String)>,
     acknowledge: Option<AcknowledgeHtml>,
@@ -79,10 +81,10 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         let html = of_entry(view, entry);
         let help = match &told {
             // The instruction says the rest already.
-            Some((node, rest)) if *node == entry.node && !entry.over => rest.clone(),
-            _ => html.help,
+            Some((node, rest)) if *node == entry.node && !entry.over => (rest.clone(), true),
+            _ => (html.help, false),
         };
-        EntryHtml { help, ..html }
+        EntryHtml { help: help.0, rest: help.1, ..html }
     };
     let html = html(&CausesHtml {
         words: view.words,
@@ -166,6 +168,7 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
             .map(|it| (view.wall(it.until), view.lang.shelved_by(&clean(&it.by, NAME)))),
         help: if is_overruled(view, entry) { String::new() } else { entry.help.clone() },
         acknowledge: target.map(|target| AcknowledgeHtml {
+        rest: false,
             address: address(&target.id),
             id: clean(&target.id, ID),
             version: view.seen.of(target.aspect),
