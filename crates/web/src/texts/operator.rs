@@ -122,7 +122,7 @@ texts! {
         locating_long: "Nothing yet? Choose the stop again.", "Noch nichts? Haltestelle erneut wählen.";
         other_stop: "Choose again", "Neu wählen";
         choose_again: "Choose the stop again.", "Haltestelle erneut wählen.";
-        stop_is_wrong: "The position does not fit", "Die Position passt nicht";
+        stop_is_wrong: "The position does not fit.", "Die Position passt nicht.";
         chosen: "Chosen", "Gewählt";
         driven_here: "Destination of the last drive", "Ziel der letzten Fahrt";
         chosen_here: "Chosen here last", "Zuletzt hier gewählt";
