@@ -107,7 +107,7 @@ def test_stop_stays_while_an_arriving_vehicle_still_rolls(rolling, page):
 
 
 # What the button says: on its way, not arrived, and requested.
-SAID = {"en": ("Sending", "Not arrived", "asked"), "de": ("Wird gesendet", "Nicht angekommen", "verlangt")}
+SAID = {"en": ("Sending", "Not arrived", "asked"), "de": ("Wird gesendet", "Nicht angekommen", "gedrückt")}
 
 
 @pytest.mark.parametrize("frozen, lang", [(False, "en"), (True, "en"), (True, "de")], ids=["just_stopped", "frozen", "frozen_de"])
