@@ -96,19 +96,20 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         entries: entries.iter().take(LIST_MAX).map(entry).collect(),
         calm: (all_over && !held).then(|| calm(view)),
         aside: undeclared_statuses::line(view),
-        over: over(view),
+        over: over(view, entries),
     });
     Fragment { id: "causes".to_owned(), html }
 }
 
 /// The alarms that one tap acknowledges: those that are over.
-fn over(view: &View<'_>) -> Option<(usize, u64)> {
+fn over(view: &View<'_>, entries: &[FaultEntry]) -> Option<(usize, u64)> {
     if !view.may_act() {
         return None;
     }
     let over = view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged);
-    let last = over.clone().map(|alarm| alarm.id).max()?;
-    let count = over.count();
+    let last = over.map(|alarm| alarm.id).max()?;
+    // As many as the list has: of one module that came and went there may be several.
+    let count = entries.iter().filter(|entry| entry.over).count();
     (count > 1).then_some((count, last))
 }
 
@@ -167,8 +168,8 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
             .as_ref()
             .map(|it| (view.wall(it.until), view.lang.shelved_by(&clean(&it.by, NAME)))),
         help: if is_overruled(view, entry) { String::new() } else { entry.help.clone() },
-        acknowledge: target.map(|target| AcknowledgeHtml {
         rest: false,
+        acknowledge: target.map(|target| AcknowledgeHtml {
             address: address(&target.id),
             id: clean(&target.id, ID),
             version: view.seen.of(target.aspect),
