@@ -79,7 +79,7 @@
   known.hidden = all.length === 0;
   // Nobody types a PIN for a name that was not chosen.
   const [likely] = all.length === 1 ? all : usedHere;
-  if (!name.value && likely && known.dataset.from === undefined) {
+  if (!name.value && likely) {
     choose(likely);
     secret.focus();
   }
