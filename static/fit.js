@@ -19,15 +19,21 @@
       });
       const beyond = unlisted + entries.slice(count).filter((entry) => !entry.matches(".holds")).length;
       more.hidden = beyond === 0;
+      // Nobody looks behind the button for a fault that is there if all of them are over.
+      more.toggleAttribute("data-over", unlisted === 0 && entries.slice(count).every((entry) => entry.matches("[data-past]")));
       Live.setText(more.querySelector(".count"), String(beyond));
     };
     const fits = () => list.scrollHeight <= list.clientHeight + GLYPHS;
     list.removeAttribute("data-brief");
     list.removeAttribute("data-tight");
+    list.removeAttribute("data-short-of-room");
     if (list.offsetParent === null) return show(0);
     let count = entries.length;
     show(count);
     if (list.id === "causes-list") yieldLast(fits);
+    if (fits()) return undefined;
+    // How many parts wait gives way first: the board shows it.
+    list.setAttribute("data-short-of-room", "");
     if (fits()) return undefined;
     // What is over stands last, and gives way before the advice of a live fault does. The button that counts the rest
     // takes room as well.
@@ -64,7 +70,10 @@
   const keepNames = () => {
     board.removeAttribute("data-names-only");
     const tiles = [...board.querySelectorAll(".tile")];
-    board.toggleAttribute("data-names-only", tiles.some((tile) => tile.scrollHeight > tile.clientHeight + GLYPHS));
+    const isLow = (tile) => tile.scrollHeight > tile.clientHeight + GLYPHS;
+    // The count gives way before the word of the state does.
+    if (tiles.some(isLow)) for (const tile of tiles) tile.toggleAttribute("data-brief", tile.dataset.reason !== "masked");
+    board.toggleAttribute("data-names-only", tiles.some(isLow));
   };
 
   // The motion and the texts of tiles stand in one line each. All are measured before any is changed, so the browser lays out
@@ -84,9 +93,9 @@
     if (motion.scrollWidth > motion.clientWidth) motion.style.setProperty("--narrow", Math.max(share, NARROW_MIN).toFixed(3));
     for (const { text, room, width, beside } of measured) {
       // A long word takes the place of the icon beside it.
-      const isCrowded = beside > 0 && room / width < NARROW_MIN;
+      const isCrowded = beside > 0 && (room - beside) / (width - beside) < NARROW_MIN;
       if (isCrowded) text.parentElement.setAttribute("data-crowded", "");
-      let share = room / (isCrowded ? width - beside : width);
+      let share = (isCrowded ? room : room - beside) / (width - beside);
       if (share < NARROW_MIN) {
         // No word breaks that could be narrower.
         share = Math.max(room / longestWord(text), NARROW_MIN);
@@ -152,22 +161,30 @@
     name.dataset.short = short(least);
   };
 
-  // Where the icon would lie over a text, the text stands alone; but the count of an OK tile gives way to its icon.
+  // Where the icon would lie over a text, the count gives way to it, then the word grows narrower; if that is not
+  // enough, the text stands alone.
   const crowd = () => {
     if (board.matches("[data-names-only]")) return;
     const shared = (a, b, from, to) => Math.min(a[to], b[to]) - Math.max(a[from], b[from]);
-    const crowded = [...board.querySelectorAll(".tile")].map((tile) => {
+    const covers = (tile) => {
       const icon = tile.querySelector(".icon").getBoundingClientRect();
-      const covers = (line) =>
+      const isOver = (line) =>
         shared(icon, line, "left", "right") > OVERLAP && shared(icon, line, "top", "bottom") > OVERLAP;
-      const texts = [...tile.querySelectorAll(":scope > span")];
-      return { tile, covered: texts.filter((text) => shownLines(text).some(covers)) };
+      return [...tile.querySelectorAll(":scope > span")].some((text) => shownLines(text).some(isOver));
+    };
+    // All are measured before any is changed.
+    const crowded = [...board.querySelectorAll(".tile")].filter(covers);
+    const counting = crowded.filter((tile) => tile.dataset.reason !== "masked");
+    for (const tile of counting) tile.setAttribute("data-brief", "");
+    const beside = counting.filter(covers).map((tile) => {
+      const [word, icon] = [".state", ".icon"].map((part) => tile.querySelector(part).getBoundingClientRect());
+      return { word: tile.querySelector(".state"), share: (icon.left - word.left) / word.width };
     });
-    for (const { tile, covered } of crowded) {
-      if (covered.length === 0) continue;
-      const isCount = tile.dataset.state === "ok" && covered.every((text) => text.matches(".line"));
-      tile.setAttribute(isCount ? "data-brief" : "data-crowded", "");
+    for (const { word, share } of beside) {
+      const whole = Number(word.style.getPropertyValue("--narrow") || 1);
+      if (whole * share >= NARROW_MIN) word.style.setProperty("--narrow", (whole * share).toFixed(3));
     }
+    for (const tile of crowded.filter(covers)) tile.setAttribute("data-crowded", "");
   };
 
   const shownLines = (text) => {

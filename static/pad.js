@@ -72,7 +72,8 @@
 
   // The server names the operators at the vehicle's own displays; those who were here last stand first.
   const offered = [...known.children].map((button) => button.textContent);
-  const usedHere = used().filter((who) => offered.length === 0 || offered.includes(who));
+  // Who hands over is not the next one.
+  const usedHere = used().filter((who) => who !== known.dataset.from && (offered.length === 0 || offered.includes(who)));
   const all = [...new Set([...usedHere, ...offered])];
   known.replaceChildren(...all.map(offer));
   known.hidden = all.length === 0;

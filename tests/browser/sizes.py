@@ -1,7 +1,12 @@
 """Sizes of type and touch, and that nothing is cut or overlaps, in every window that a display may have."""
 
+from playwright.sync_api import expect
+
 # The reference display, a small one, a large one, and one that stands upright.
 SIZES = [(1280, 800), (1024, 600), (1920, 1080), (800, 1280)]
+
+# A phone, a small display, and the reference display at 200 %.
+SMALL = [(390, 844), (800, 480), (640, 400)]
 
 # At 149 dpi 15 mm are 88 px and 20 mm are 117 px.
 FAULTS = """() => {
@@ -55,6 +60,17 @@ FAULTS = """() => {
     const over = a => Math.min(a.right, right) - Math.max(a.left, left) > 2 && Math.min(a.bottom, bottom) - Math.max(a.top, top) > 2;
     if (texts(it.parentElement).some(over)) faults.push(`its icon lies over the words of ${called(it.parentElement)}`);
   }
+  for (const it of all(".tile > .own")) {
+    const { left, right, top, bottom } = box(it);
+    const over = a => Math.min(a.right, right) - Math.max(a.left, left) > 0.5 && Math.min(a.bottom, bottom) - Math.max(a.top, top) > 2;
+    const words = [...it.parentElement.children].filter(other => other !== it && visible(other)).flatMap(texts);
+    if (words.some(over)) faults.push(`its number lies over the words of ${called(it.parentElement)}`);
+  }
+  // Up to twelve components have room for both.
+  if (all(".tile").length <= 12) for (const tile of all(".tile")) for (const part of [".icon", ".state"]) {
+    const it = tile.querySelector(part);
+    if (!visible(it) || getComputedStyle(it).clipPath !== "none") faults.push(`no ${part} in ${called(tile)}`);
+  }
   for (const it of all("*").filter(it => getComputedStyle(it).textOverflow === "ellipsis")) {
     if (texts(it).some(a => a.right > box(it).right + 0.05)) faults.push(`ends with dots: ${called(it)}`);
   }
@@ -100,6 +116,15 @@ FAULTS = """() => {
   return [...new Set(faults)];
 }"""
 
+# Buttons of the bar, and of an open question, that are not whole in the window, not free, or cut.
+STEPS_NOT_WHOLE = """() => [...document.querySelectorAll("#step button, #confirm:not([hidden]) button")].filter(it => {
+  if (!it.checkVisibility({ visibilityProperty: true })) return false;
+  const { left, right, top, bottom, width } = it.getBoundingClientRect();
+  if (width === 0) return false;
+  const isFree = it.contains(document.elementFromPoint((left + right) / 2, (top + bottom) / 2));
+  return left < 0 || top < 0 || right > innerWidth + 1 || bottom > innerHeight + 1 || !isFree || it.scrollWidth > it.clientWidth + 1;
+}).map(it => it.name)"""
+
 
 def faults(page):
     """What is wrong in the window as it is."""
@@ -118,3 +143,30 @@ def check_sizes(page, name, also=lambda page: ""):
         found += [f"{width}x{height}: {other}" for other in [also(page)] if other]
     page.set_viewport_size(before)
     assert not found, f"{name}:\n" + "\n".join(found)
+
+
+def check_steps_in_small_windows(page, name):
+    """The step and its question are whole in each small window, in both languages."""
+    offered = page.locator(f"#step button[name={name}]:not([aria-disabled])")
+    expect(offered).to_be_visible(timeout=40_000)
+    for _ in range(2):
+        before = page.locator("html").get_attribute("lang")
+        page.locator("[data-tool=language]").tap()
+        expect(page.locator("html")).not_to_have_attribute("lang", before)
+        expect(offered).to_be_visible()
+        check_whole(page, name)
+        offered.tap()
+        expect(page.locator("#confirm [name=confirm]")).to_be_visible()
+        # The tap that asked blocks a second one for a moment.
+        expect(page.locator("#actions[data-quiet]")).to_have_count(0)
+        check_whole(page, f"the question of {name}")
+        page.keyboard.press("Escape")
+
+
+def check_whole(page, name):
+    before = page.viewport_size
+    for width, height in SMALL:
+        page.set_viewport_size({"width": width, "height": height})
+        page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        assert page.evaluate(STEPS_NOT_WHOLE) == [], f"{name} at {width}x{height}"
+    page.set_viewport_size(before)

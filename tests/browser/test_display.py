@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 from operating import DEMO_OPERATOR, let_colours_settle, localize, log_in_by_touch, stage, step, touch_context, watch
 from accessible import violations
-from sizes import check_sizes
+from sizes import check_sizes, check_steps_in_small_windows
 from vehicle import OPERATOR, TELLTALE, Client, Server, Writer, own_domain
 
 LATCHED = """vehicle: { stages: none }
@@ -127,6 +127,12 @@ def test_other_sizes_do_not_break(demo, display, width, height):
     box = page.locator("#panel-localization").bounding_box()
     assert box["x"] >= 0 and box["x"] + box["width"] <= width + 0.5, box
     assert not violations(page), violations(page)
+
+
+def test_the_clearance_and_its_question_are_whole_in_a_small_window(demo, display, trouble):
+    localize(display)
+    check_steps_in_small_windows(display, "clearance")
+    trouble.expect("409")
 
 
 def test_a_lost_session_leads_to_the_login(demo, display, chromium, trouble):

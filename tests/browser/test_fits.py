@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import log_in, touch_context, watch
-from sizes import SIZES, faults
+from sizes import SIZES, SMALL, check_steps_in_small_windows, faults
 from vehicle import CONFIG, OPERATOR, Client, serving, until
 
 CUT = """() => [...document.querySelectorAll(".instruction *, .cause .title, .cause .help, .top .vehicle")]
@@ -64,10 +64,6 @@ def test_on_a_phone_nothing_is_cut_and_what_to_do_is_in_sight(server, vehicle, g
     assert title["width"] > 200 and told["height"] < 300
 
 
-# A phone, a small display, and the reference display at 200 %.
-SMALL = [(390, 844), (800, 480), (640, 400)]
-
-
 def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_has_a_line(server, vehicle, german, trouble):
     page, client = german
     vehicle.drive(True)
@@ -82,11 +78,22 @@ def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_h
         assert page.evaluate("() => document.documentElement.scrollWidth") <= width
         stop, told = (page.locator(part).bounding_box() for part in ("#step button[name=stop]", "#instruction"))
         assert stop["height"] >= 88 and told["y"] + told["height"] <= stop["y"], (stop, told)
-        if width <= 760:
-            expect(page.locator("#arrows")).to_be_hidden()
-            for tile in page.locator(".tile").all():
-                name, word = (tile.locator(part).bounding_box() for part in (".name", ".state"))
+        expect(page.locator("#arrows")).to_be_hidden()
+        for tile in page.locator(".tile").all():
+            expect(tile.locator(".icon")).to_be_visible()
+            name, word = (tile.locator(part).bounding_box() for part in (".name", ".state"))
+            assert word["width"] > 8 and word["height"] > 8, word
+            if width <= 760:
                 assert name["x"] + name["width"] <= word["x"] + 1 and word["x"] + word["width"] <= width, (name, word)
+
+
+def test_to_continue_and_its_question_are_whole_beside_stop_in_a_small_window(server, vehicle, german, trouble):
+    page, client = german
+    vehicle.drive(True)
+    until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
+    client.stop()
+    page.goto(server.url + "/")
+    check_steps_in_small_windows(page, "release")
 
 
 # Whether the longest text of the way is left out or lies in its box.

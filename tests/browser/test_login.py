@@ -121,7 +121,7 @@ def test_another_operator_takes_over_at_the_same_display_with_one_pin(server, ve
     before = taps(page)
     page.locator("button[name=shutdown]").tap()
     page.get_by_role("link", name="Hand over").tap()
-    expect(page.locator(".change")).to_have_text("anna is the operator. Who takes their place?")
+    expect(page.locator(".change")).to_have_text("On duty: anna. Who is next?")
     check_sizes(page, "hand-over")
     assert not violations(page), violations(page)
     # Nobody takes over from themselves: one other operator is chosen already.

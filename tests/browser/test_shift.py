@@ -32,10 +32,10 @@ def test_after_a_wrong_choice_the_stop_is_chosen_again(server, vehicle, page, tr
     step(page, "localize").last.click()
     expect(tile(page, "localization")).to_have_attribute("data-state", "error")
     expect(page.locator("#instruction strong")).to_have_text("Choose the stop again.")
-    expect(page.locator("#step")).to_contain_text("Chosen: Campus")
+    expect(page.locator("#instruction")).to_contain_text("Chosen: Campus")
     # Another choice is not accused of the ERROR of the one before.
-    step(page, "stops").click()
-    page.locator("#all-stops button[value=station]").click()
+    expect(page.locator("#step button[name=localize]").last).to_contain_text("Campus")
+    page.locator("#step button[value=station]").click()
     expect(page.locator("#step")).to_contain_text("Checking the position: Main Station")
     # It lasts.
     expect(page.locator("#instruction strong")).to_have_text("Choose the stop again.")

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import expect
 
 from operating import expect_standing, log_in, step
-from sizes import check_sizes
+from sizes import SMALL, check_sizes
 from vehicle import CONFIG, Vehicle, Writer, serving
 
 pytestmark = pytest.mark.timed
@@ -106,8 +106,14 @@ def test_stop_stays_while_an_arriving_vehicle_still_rolls(rolling, page):
     assert not missing, f"no STOP in {len(missing)} of {len(seen)} frames: {missing[:3]}"
 
 
+# Whether STOP is in the window and takes a touch at its corners and in its middle.
+UNCOVERED = """() => {
+  const stop = document.querySelector("#step button[name=stop]"), { left, right, top, bottom } = stop.getBoundingClientRect();
+  const points = [left + 12, (left + right) / 2, right - 12].flatMap(x => [top + 12, (top + bottom) / 2, bottom - 12].map(y => [x, y]));
+  return bottom <= innerHeight && points.every(([x, y]) => stop.contains(document.elementFromPoint(x, y)));
+}"""
 # What the button says: on its way, not arrived, and requested.
-SAID = {"en": ("Sending", "Not arrived", "asked"), "de": ("Wird gesendet", "Nicht angekommen", "verlangt")}
+SAID = {"en": ("Sending", "Not arrived", "asked"), "de": ("Wird gesendet", "Nicht angekommen", "gedrückt")}
 
 
 @pytest.mark.parametrize("frozen, lang", [(False, "en"), (True, "en"), (True, "de")], ids=["just_stopped", "frozen", "frozen_de"])
@@ -121,6 +127,10 @@ def test_stop_answers_the_finger_although_the_server_does_not(server, driving, t
     try:
         if frozen:
             expect(page.locator("body")).to_have_attribute("data-live", "dead")
+            for width, height in SMALL:
+                page.set_viewport_size({"width": width, "height": height})
+                assert page.evaluate(UNCOVERED), f"{width}x{height}: something lies over STOP"
+            page.set_viewport_size({"width": 1280, "height": 800})
         touched = page.evaluate(TOUCH)
         assert touched["changed"] and touched["said"] == sending and touched["ms"] < ANSWERS_MS, touched
         expect(told).to_have_text(missed, timeout=2_000)

@@ -122,7 +122,7 @@ texts! {
         locating_long: "Nothing yet? Choose the stop again.", "Noch nichts? Haltestelle erneut wählen.";
         other_stop: "Choose again", "Neu wählen";
         choose_again: "Choose the stop again.", "Haltestelle erneut wählen.";
-        stop_is_wrong: "The position does not fit", "Die Position passt nicht";
+        stop_is_wrong: "The position does not fit.", "Die Position passt nicht.";
         chosen: "Chosen", "Gewählt";
         driven_here: "Destination of the last drive", "Ziel der letzten Fahrt";
         chosen_here: "Chosen here last", "Zuletzt hier gewählt";
@@ -136,6 +136,7 @@ texts! {
         confirm_title: "Start driving?", "Losfahren?";
         confirm_text: "A tone, then it drives.", "Erst ein Ton, dann fährt es.";
         confirm: "Confirm", "Bestätigen";
+        drive_on: "Drive on", "Losfahren";
         cancel: "Cancel", "Abbrechen";
         shutdown: "Lock the display", "Anzeige sperren";
         shutdown_title: "Lock the display?", "Anzeige sperren?";
@@ -145,8 +146,8 @@ texts! {
         stop: "STOP", "STOP";
         stop_vehicle: "Stop vehicle", "Fahrzeug anhalten";
         stop_requested: "Stop requested", "Anhalten angefordert";
-        stop_asked: "Stop asked", "Anhalten verlangt";
-        stop_since: "asked", "verlangt";
+        stop_asked: "Stop asked", "STOP gedrückt";
+        stop_since: "asked", "gedrückt";
         stop_sending: "Sending", "Wird gesendet";
         stop_missed: "Not arrived", "Nicht angekommen";
         stop_sent: "Arrived", "Angekommen";
@@ -159,6 +160,7 @@ texts! {
         looking: "Looking for the vehicle", "Verbindung wird gesucht";
         stop_again: "A stop is sent again until it is answered.", "Ein Anhalten wird gesendet, bis es beantwortet ist.";
         acknowledge: "Acknowledge", "Quittieren";
+        all_over: "more, over", "weitere, vorbei";
         acknowledge_over: "over: acknowledge", "vorbei: quittieren";
         over: "Over", "Vorbei";
         shelved: "Shelved", "In Wartung";
@@ -210,10 +212,10 @@ texts! {
         may_start: "It may start at any moment.", "Fährt jeden Moment an.";
         nothing_wrong: "Nothing is wrong", "Keine Störung";
         cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
+        continue_driving: "Continue?", "Weiterfahren?";
         held: "Held", "Gehalten";
         since: "since", "seit";
         not_heard_again: "not heard again yet", "noch nicht wieder gehört";
-        held_until: "Held until you continue", "Gehalten, bis Sie weiterfahren";
         held_back: "Held until the cause is gone", "Gehalten, bis die Ursache behoben ist";
         no_sight: "Something is unknown", "Etwas ist unbekannt";
         take_over_ready: "Be ready to take over.", "Zum Übernehmen bereithalten.";
@@ -244,7 +246,7 @@ texts! {
     /// The request of a countermeasure to the vehicle, or what it has confirmed: `Slowing down`. A stop may be
     /// the operator's own alone.
     word countermeasure(request: RequestKind, done: bool, for_a_fault: bool) {
-        RequestKind::Decelerate, true, _ => "Slowing down", "Bremst ab";
+        RequestKind::Decelerate, true, _ => "Slowing down", "Bremst";
         RequestKind::Decelerate, false, _ => "Asked to slow down", "Soll abbremsen";
         RequestKind::ManeuverStop, true, true => "Stopping for a fault", "Hält wegen einer Störung an";
         RequestKind::ManeuverStop, false, true => "Asked to stop for a fault", "Soll wegen einer Störung anhalten";
@@ -345,6 +347,9 @@ texts! {
     text state_unknown(name: &str) { "State unknown: {name}", "Zustand unbekannt: {name}" }
 
     /// A signal that the configuration gives a title.
+    /// Where the vehicle drives to, in the line of its motion.
+    text drives_to(stop: &str) { "to {stop}", "Richtung {stop}" }
+
     text titled_signal(value: bool; title: &str) {
         true => "{title}", "{title}";
         false => "not {title}", "nicht {title}";
@@ -362,7 +367,7 @@ texts! {
     text take_place(of: &str) { "Take the place of {of}", "{of} ablösen" }
 
     /// Above the login of another operator at the display of the present one.
-    text login_change(from: &str) { "{from} is the operator. Who takes their place?", "{from} ist im Dienst. Wer löst ab?" }
+    text login_change(from: &str) { "On duty: {from}. Who is next?", "Im Dienst: {from}. Wer löst ab?" }
 
     text login_wait(seconds: u64) { "Too many tries. Wait {seconds} s.", "Zu viele Versuche. {seconds} s warten." }
 

@@ -17,7 +17,7 @@ pub(super) mod versions;
 
 use std::time::{Duration, SystemTime};
 
-use crate::texts::{Lang, Words};
+use crate::texts::{Lang, NAME, Words};
 use bars::{action_bar, motion, top_bar};
 use board::{Board, tile, tile_detail};
 pub(crate) use faults::last_alarms::past_fault;
@@ -118,6 +118,13 @@ impl<'a> View<'a> {
         let held = requests::has_banner(self) && !requests::waits_for_release(self);
         let stands = self.snapshot.motion.moving == Moving::No;
         if held && stands && self.drives() { Stage::Standby } else { self.snapshot.stage }
+    }
+
+    /// The name of the stop at which an operator says that the vehicle stands.
+    pub(super) fn chosen_stop(&self) -> Option<String> {
+        let pose = self.snapshot.localization.pose?;
+        let stop = self.snapshot.layout.stops.iter().find(|stop| pose == (*stop).into())?;
+        Some(self.lang.pick(&stop.name, NAME))
     }
 
     /// The wall clock's time of `then`, rounded to a second. The page counts on from there. A finer time

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use telltale_engine::model::NodeId;
-use telltale_engine::snapshot::{Countermeasure, CountermeasureState, Moving};
+use telltale_engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Moving};
 use telltale_engine::state::State;
 
 use crate::view::View;
@@ -57,28 +57,28 @@ pub struct Sentence {
 
 /// The operator's own stop first, then every request with its causes: `Slowing down. LiDAR data missing.`
 /// Requests of the same causes share the name of the cause. A vehicle that stands neither slows down nor stops: it is
-/// held, and since when.
+/// held, since when, and because of what, in one sentence.
 pub fn sentences(view: &View<'_>) -> Vec<Sentence> {
     let stop = view.snapshot.stop_requested_since().map(|since| Sentence {
         what: view.words.stop_asked.to_owned(),
         since: Some(("", view.wall_since(since))),
         because: String::new(),
     });
+    let stands = view.snapshot.motion.moving == Moving::No;
+    let holds = |it: &&Countermeasure| stands && !is_unheard(view, it) && !fails(it) && is_received(view, it);
+    let (holding, others): (Vec<_>, Vec<_>) = moving(view).partition(holds);
     let mut found: Vec<Sentence> = Vec::new();
-    for it in moving(view) {
-        let stands = view.snapshot.motion.moving == Moving::No;
-        let what = match () {
-            () if is_unheard(view, it) => view.lang.unheard_request(it.request.kind()).to_owned(),
-            () if stands && !fails(it) && is_received(view, it) => view.words.held.to_owned(),
-            () => {
-                let done = it.state == CountermeasureState::Engaged;
-                view.lang.countermeasure(it.request.kind(), done, !it.causes.is_empty()).to_owned()
-            }
+    for it in others {
+        let what = if is_unheard(view, it) {
+            view.lang.unheard_request(it.request.kind()).to_owned()
+        } else {
+            let done = it.state == CountermeasureState::Engaged;
+            view.lang.countermeasure(it.request.kind(), done, !it.causes.is_empty()).to_owned()
         };
         let since = (stands || is_resumed(it)).then(|| (view.words.since, view.wall_since(it.since)));
         // The stop itself says since when.
         let since = since.filter(|_| it.by_operator.is_none());
-        let because = because(view, it);
+        let because = because(view, &[it]);
         match found.iter_mut().find(|other| other.because == because) {
             Some(other) if other.what.ends_with(&what) => {}
             Some(other) => {
@@ -88,7 +88,27 @@ pub fn sentences(view: &View<'_>) -> Vec<Sentence> {
             None => found.push(Sentence { what, since, because }),
         }
     }
-    stop.into_iter().chain(found).collect()
+    stop.into_iter().chain(found).chain(held(view, &holding)).collect()
+}
+
+/// What holds the vehicle, in one sentence. The operator's own stop has one already.
+fn held(view: &View<'_>, holding: &[&Countermeasure]) -> Option<Sentence> {
+    let for_a_cause = holding.iter().any(|it| it.by_operator.is_none() || !it.causes.is_empty());
+    let since = holding.iter().filter(|it| it.by_operator.is_none()).map(|it| view.wall_since(it.since));
+    for_a_cause.then(|| Sentence {
+        what: view.words.held.to_owned(),
+        since: since.min().map(|at| (view.words.since, at)),
+        because: because(view, holding),
+    })
+}
+
+/// Whether nothing is left of any cause: what was an ERROR may be a WARNING now.
+pub fn causes_are_gone(view: &View<'_>) -> bool {
+    let left = |cause: &CountermeasureCause| match cause.node {
+        NodeId::Group(_) => cause.present,
+        NodeId::Module(id) => cause.present || view.snapshot.module(id).1.own == State::Warning,
+    };
+    !moving(view).flat_map(|it| it.causes.iter()).any(left)
 }
 
 /// Whether it is from before a restart.
@@ -107,29 +127,29 @@ pub fn progress(view: &View<'_>, it: &Countermeasure) -> &'static str {
     }
 }
 
-/// The causes of a request: the first by its name, the others counted; `Over: LiDAR data missing` if none is left.
-fn because(view: &View<'_>, it: &Countermeasure) -> String {
+/// The causes of requests: the first by its name, the others counted; `Over: LiDAR data missing` if none is left.
+fn because(view: &View<'_>, requests: &[&Countermeasure]) -> String {
     let mut statuses: HashSet<&str> = HashSet::new();
     // One status in several components is one cause.
     let mut is_first =
         |node: NodeId| view.snapshot.status_of(node).is_none_or(|status| statuses.insert(status));
-    let nodes: Vec<NodeId> =
-        it.causes.iter().map(|cause| cause.node).filter(|&node| is_first(node)).collect();
-    let Some((&first, others)) = nodes.split_first() else { return String::new() };
+    let mut all: Vec<(&Countermeasure, &CountermeasureCause)> =
+        requests.iter().flat_map(|it| it.causes.iter().map(|cause| (*it, cause))).collect();
+    // What is still there is named before what is over.
+    all.sort_by_key(|(_, cause)| !cause.present);
+    all.retain(|(_, cause)| is_first(cause.node));
+    let Some((&(it, first), others)) = all.split_first() else { return String::new() };
     let causes = match (fault(view, it, first), others) {
         (first, []) => first,
         (first, others) => format!("{first}, {}", view.lang.and_more(others.len())),
     };
-    if it.causes.iter().any(|cause| cause.present) {
-        causes
-    } else {
-        format!("{}: {causes}", view.words.over)
-    }
+    if first.present { causes } else { format!("{}: {causes}", view.words.over) }
 }
 
-/// The fault that a cause has, or had when the request was made before a restart: nothing is heard of it yet then.
-fn fault(view: &View<'_>, it: &Countermeasure, node: NodeId) -> String {
-    let id = match node {
+/// The fault that a cause has, or had: a WARNING that is left of it is another one. After a restart nothing is heard of
+/// it yet.
+fn fault(view: &View<'_>, it: &Countermeasure, cause: &CountermeasureCause) -> String {
+    let id = match cause.node {
         NodeId::Group(id) => return view.group_name(id),
         NodeId::Module(id) => id,
     };
@@ -137,5 +157,5 @@ fn fault(view: &View<'_>, it: &Countermeasure, node: NodeId) -> String {
     if is_resumed(it) && module.received.is_none() && !module.silent && module.own == State::Unknown {
         return format!("{}, {}", view.fault(id, State::Error), view.words.not_heard_again);
     }
-    view.fault(id, module.own)
+    view.fault(id, if cause.present { module.own } else { State::Error })
 }

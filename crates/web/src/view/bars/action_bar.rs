@@ -90,7 +90,9 @@ fn of_stage(view: &View<'_>) -> NextStep {
         Stage::Locked => {
             NextStep::Watch { icon: "lock", title: view.words.log_in_to_start, text: String::new() }
         }
-        Stage::Localizing if snapshot.localization.given.is_some() => locating(view),
+        Stage::Localizing if snapshot.localization.given.is_some() && !instruction::is_wrong_stop(view) => {
+            locating(view)
+        }
         Stage::Localizing => {
             let all = stops(view);
             let more = all.len() > STOPS_IN_BAR;
@@ -135,10 +137,8 @@ fn drive(view: &View<'_>) -> Drive {
         // The instruction says it.
         _ if cleared => ("ready", "", String::new()),
         // A vehicle that stands has nothing to respond to.
-        Some(_) if release && stands && request.is_some_and(requests::is_engaged) => {
-            ("idle", view.words.held_until, condition(view))
-        }
-        Some(progress) if release && stands => ("idle", view.words.held_until, progress.to_owned()),
+        // The instruction asks, and the button beside it answers.
+        Some(_) if release && stands => ("idle", "", String::new()),
         Some(_) if stands && request.is_some_and(requests::is_engaged) => {
             ("idle", view.words.held_back, String::new())
         }
@@ -165,16 +165,9 @@ fn stop_away(view: &View<'_>) -> Option<String> {
 
 fn locating(view: &View<'_>) -> NextStep {
     let snapshot = view.snapshot;
-    let at = snapshot.localization.pose.and_then(|pose| {
-        let stop = snapshot.layout.stops.iter().find(|stop| pose == (*stop).into())?;
-        Some(view.lang.pick(&stop.name, NAME))
-    });
-    if instruction::is_wrong_stop(view) {
-        let text = at.map(|name| format!("{}: {name}", view.words.chosen)).unwrap_or_default();
-        return NextStep::Locating { title: view.words.stop_is_wrong.to_owned(), text };
-    }
-    let title =
-        at.map_or_else(|| view.words.locating.to_owned(), |name| format!("{}: {name}", view.words.locating));
+    let title = view
+        .chosen_stop()
+        .map_or_else(|| view.words.locating.to_owned(), |name| format!("{}: {name}", view.words.locating));
     let group = match snapshot.node(LOCALIZATION_GROUP) {
         Some(NodeId::Group(id)) => {
             let (_, group) = snapshot.group(id);
@@ -184,7 +177,9 @@ fn locating(view: &View<'_>) -> NextStep {
         }
         _ => String::new(),
     };
-    let hint = if snapshot.localization.ok_since.is_some() { "" } else { view.words.locating_long };
+    // With a fault the instruction says what to do.
+    let waits = snapshot.localization.ok_since.is_none() && snapshot.roots.is_empty();
+    let hint = if waits { view.words.locating_long } else { "" };
     NextStep::Locating { title, text: format!("{group}{hint}") }
 }
 
@@ -213,9 +208,11 @@ fn condition(view: &View<'_>) -> String {
     }
 }
 
-/// The stops of the configuration, the one where the vehicle was last known to be first.
+/// The stops of the configuration, the one where the vehicle was last known to be first. One that was chosen and is
+/// wrong is the last.
 fn stops(view: &View<'_>) -> Vec<StopHtml> {
-    let last = view.snapshot.localization.last_known;
+    let wrong = view.snapshot.localization.pose.filter(|_| instruction::is_wrong_stop(view));
+    let last = view.snapshot.localization.last_known.filter(|place| Some(place.pose) != wrong);
     let stop = |stop: &Stop| StopHtml {
         id: clean(&stop.id, ID),
         name: view.lang.pick(&stop.name, NAME),
@@ -223,7 +220,9 @@ fn stops(view: &View<'_>) -> Vec<StopHtml> {
             .filter(|place| place.pose == stop.into())
             .map(|place| if place.driven { view.words.driven_here } else { view.words.chosen_here }),
     };
-    let mut stops: Vec<_> = view.snapshot.layout.stops.iter().map(stop).collect();
+    let mut stops: Vec<&Stop> = view.snapshot.layout.stops.iter().collect();
+    stops.sort_by_key(|stop| wrong == Some((*stop).into()));
+    let mut stops: Vec<_> = stops.into_iter().map(stop).collect();
     stops.sort_by_key(|stop| stop.known.is_none());
     stops
 }

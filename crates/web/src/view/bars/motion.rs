@@ -52,13 +52,14 @@ fn speed(view: &View<'_>) -> Option<String> {
     motion.speed_kmh.filter(|_| motion.moving == Moving::Yes).map(|kmh| format!("{kmh} km/h"))
 }
 
-/// The destination: as such where the vehicle drives to it, as the next stop where it stands. Somebody who
-/// moves the vehicle by hand goes elsewhere.
+/// The destination: as such where the vehicle drives to it, as the next stop where it stands. A vehicle that brakes, or
+/// that somebody moves by hand, goes elsewhere.
 fn destination(view: &View<'_>) -> Option<String> {
     let name = view.lang.pick(&view.snapshot.destination()?.name, NAME);
+    let brakes = view.snapshot.maneuver_stop() || view.snapshot.deceleration().is_some();
     match view.snapshot.motion.moving {
         Moving::No => Some(format!("{}: {name}", view.words.next)),
-        Moving::Yes if view.snapshot.stage == Stage::Active => Some(name),
+        Moving::Yes if view.snapshot.stage == Stage::Active && !brakes => Some(view.lang.drives_to(&name)),
         Moving::Yes | Moving::Unknown => None,
     }
 }

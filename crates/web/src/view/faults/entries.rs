@@ -218,12 +218,14 @@ fn plain(
     }
 }
 
-/// The entry of what still has time to report. While the vehicle drives it asks nobody for anything: each
-/// departure makes components relevant that have to be heard first.
+/// The entry of what still has time to report. Before the first drive and while the vehicle drives it asks nobody for
+/// anything: each departure makes components relevant that have to be heard first.
 fn asking_nothing(view: &View<'_>, entry: FaultEntry) -> FaultEntry {
     match view.stage_of_advice() {
-        Stage::Cleared | Stage::Active => FaultEntry { help: String::new(), urgency: None, ..entry },
-        Stage::Locked | Stage::Localizing | Stage::Standby => entry,
+        Stage::Localizing | Stage::Cleared | Stage::Active => {
+            FaultEntry { help: String::new(), urgency: None, ..entry }
+        }
+        Stage::Locked | Stage::Standby => entry,
     }
 }
 

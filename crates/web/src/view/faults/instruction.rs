@@ -12,7 +12,7 @@ use telltale_engine::snapshot::{Moving, Reason};
 use telltale_engine::state::State;
 
 /// A longer text is too long for one line of large type: its later sentences stand beside the fault.
-const TITLE_LETTERS: usize = 36;
+const TITLE_LETTERS: usize = 44;
 
 /// How soon the operator has to act. The last one is the most urgent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -82,8 +82,8 @@ struct Instruction {
 pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let it = of_stage(view, entries);
     let sentences = requests::sentences(view);
-    // Without a request the second line names the fault.
-    let fault = it.node.filter(|_| sentences.is_empty());
+    // Without a request the second line names the fault, where it has no words of its own.
+    let fault = it.node.filter(|_| sentences.is_empty() && it.line.is_empty());
     let fault = fault.and_then(|node| entries.iter().find(|entry| entry.node == node));
     let fault = fault.map(|entry| format!("{}.", entry.title));
     // Only the advice on a fault has another place for its later sentences.
@@ -130,6 +130,7 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
             Instruction {
                 blocked: true,
                 reader: Some(view.words.operator_chooses),
+                line: wrong_stop(view),
                 // Its own advice is this one, or gives way to it.
                 node: entries.iter().find(of_localization).map(|entry| entry.node),
                 ..act("stage-localizing", view.words.choose_again)
@@ -174,6 +175,12 @@ pub fn is_wrong_stop(view: &View<'_>) -> bool {
     // An ERROR from before the choice may be that of the choice before.
     let is_of_choice = group.since >= given || snapshot.localization.late;
     snapshot.stage == Stage::Localizing && group.state == State::Error && is_of_choice
+}
+
+/// Which stop was chosen, and that it is not the right one.
+fn wrong_stop(view: &View<'_>) -> String {
+    let chosen = view.chosen_stop().map(|name| format!("{}: {name}. ", view.words.chosen));
+    format!("{}{}", chosen.unwrap_or_default(), view.words.stop_is_wrong)
 }
 
 /// The words for a reader who may not act: only the operator is told to act.
@@ -233,8 +240,11 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
         (Some(it), false) if it.causes.is_empty() => {
             return say(Urgency::None, "stop", view.words.stop_requested);
         }
-        (Some(it), true) if it.causes.is_empty() => view.words.stopped_continue,
+        (Some(it), true) if it.causes.is_empty() || !requests::causes_are_gone(view) => {
+            view.words.stopped_continue
+        }
         (Some(_), true) => view.words.stopped_cause_gone,
+        (Some(_), false) if !requests::causes_are_gone(view) => view.words.continue_driving,
         (Some(_), false) => view.words.cause_gone,
     };
     let reader = stands.then_some(view.words.operator_continues);

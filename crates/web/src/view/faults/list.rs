@@ -3,6 +3,7 @@
 
 use askama::Template;
 
+use telltale_engine::model::Stage;
 use telltale_engine::snapshot::Moving;
 use telltale_engine::state::State;
 
@@ -55,6 +56,8 @@ struct EntryHtml {
     lasted: String,
     waits: String,
     help: String,
+    /// The advice goes on where the instruction ends, so it gives way to nothing.
+    rest: bool,
     /// Until when it is shelved, and who has done that.
     shelved: Option<(String, String)>,
     acknowledge: Option<AcknowledgeHtml>,
@@ -78,10 +81,10 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         let html = of_entry(view, entry);
         let help = match &told {
             // The instruction says the rest already.
-            Some((node, rest)) if *node == entry.node && !entry.over => rest.clone(),
-            _ => html.help,
+            Some((node, rest)) if *node == entry.node && !entry.over => (rest.clone(), true),
+            _ => (html.help, false),
         };
-        EntryHtml { help, ..html }
+        EntryHtml { help: help.0, rest: help.1, ..html }
     };
     let html = html(&CausesHtml {
         words: view.words,
@@ -93,19 +96,20 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         entries: entries.iter().take(LIST_MAX).map(entry).collect(),
         calm: (all_over && !held).then(|| calm(view)),
         aside: undeclared_statuses::line(view),
-        over: over(view),
+        over: over(view, entries),
     });
     Fragment { id: "causes".to_owned(), html }
 }
 
 /// The alarms that one tap acknowledges: those that are over.
-fn over(view: &View<'_>) -> Option<(usize, u64)> {
+fn over(view: &View<'_>, entries: &[FaultEntry]) -> Option<(usize, u64)> {
     if !view.may_act() {
         return None;
     }
     let over = view.snapshot.alarms.iter().filter(|alarm| !alarm.active && !alarm.acknowledged);
-    let last = over.clone().map(|alarm| alarm.id).max()?;
-    let count = over.count();
+    let last = over.map(|alarm| alarm.id).max()?;
+    // As many as the list has: of one module that came and went there may be several.
+    let count = entries.iter().filter(|entry| entry.over).count();
     (count > 1).then_some((count, last))
 }
 
@@ -135,7 +139,8 @@ pub fn all_causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
 /// While the vehicle is slowed down or stopped, the advice on a WARNING, such as that one may go on, would
 /// contradict that.
 fn is_overruled(view: &View<'_>, entry: &FaultEntry) -> bool {
-    let stops = requests::has_banner(view) && view.snapshot.motion.moving != Moving::No;
+    let drives = matches!(view.stage_of_advice(), Stage::Cleared | Stage::Active);
+    let stops = requests::has_banner(view) && (drives || view.snapshot.motion.moving != Moving::No);
     stops && entry.state == State::Warning
 }
 
@@ -163,6 +168,7 @@ fn of_entry(view: &View<'_>, entry: &FaultEntry) -> EntryHtml {
             .as_ref()
             .map(|it| (view.wall(it.until), view.lang.shelved_by(&clean(&it.by, NAME)))),
         help: if is_overruled(view, entry) { String::new() } else { entry.help.clone() },
+        rest: false,
         acknowledge: target.map(|target| AcknowledgeHtml {
             address: address(&target.id),
             id: clean(&target.id, ID),

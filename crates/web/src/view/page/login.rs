@@ -105,6 +105,7 @@ struct LoginHtml {
     session_end: Option<&'static str>,
     /// Above the login of another operator: from whom that one takes over.
     change: Option<String>,
+    from: Option<String>,
     names: Vec<String>,
     /// The question whether to take the place of another operator.
     take_over: Option<TakeOver>,
@@ -141,7 +142,14 @@ pub fn login_page(context: &LoginContext) -> String {
         failure,
         session_end: context.session_end.map(|why| context.lang.session_end(why)),
         change: context.from.as_deref().map(|from| context.lang.login_change(&clean(from, NAME))),
-        names: context.names.iter().map(|name| clean(name, NAME)).collect(),
+        from: context.from.as_deref().map(|from| clean(from, NAME)),
+        // Nobody takes their own place.
+        names: context
+            .names
+            .iter()
+            .filter(|name| Some(*name) != context.from.as_ref())
+            .map(|name| clean(name, NAME))
+            .collect(),
         take_over,
         demo: context.demo,
     })

@@ -32,8 +32,13 @@ fn check_motion(published: &Published, lang: Lang, attribute: &str, words: &str)
 #[test]
 fn a_vehicle_drives_only_while_it_moves_by_itself() {
     let active = || Sample::shuttle(true);
-    check_motion(&moved(active(), Moving::Yes, 18), Lang::En, "yes", "Driving · 18 km/h · Main Station");
-    check_motion(&moved(active(), Moving::Yes, 18), Lang::De, "yes", "Fährt · 18 km/h · Hauptbahnhof");
+    check_motion(&moved(active(), Moving::Yes, 18), Lang::En, "yes", "Driving · 18 km/h · to Main Station");
+    check_motion(
+        &moved(active(), Moving::Yes, 18),
+        Lang::De,
+        "yes",
+        "Fährt · 18 km/h · Richtung Hauptbahnhof",
+    );
     check_motion(&moved(active(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
     check_motion(&moved(active(), Moving::No, 0), Lang::De, "no", "Steht · Ziel: Hauptbahnhof");
     check_motion(&moved(active(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
@@ -46,8 +51,8 @@ fn a_vehicle_drives_only_while_it_moves_by_itself() {
 #[test]
 fn a_request_says_what_the_vehicle_does_while_it_moves() {
     let stopping = || Sample::shuttle(true).act(OperatorAction::RequestStop);
-    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::En, "yes", "Stopping · 9 km/h · Main Station");
-    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::De, "yes", "Hält an · 9 km/h · Hauptbahnhof");
+    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::En, "yes", "Stopping · 9 km/h");
+    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::De, "yes", "Hält an · 9 km/h");
     check_motion(&moved(stopping(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
     let slowing = Countermeasure {
         request: Request::Decelerate { mps2: 1.0 },
@@ -60,8 +65,8 @@ fn a_request_says_what_the_vehicle_does_while_it_moves() {
     let driving = moved(Sample::shuttle(true), Moving::Yes, 9);
     let snapshot = Snapshot { countermeasures: [slowing].into(), ..(*driving.snapshot).clone() };
     let slowing = Published { snapshot: snapshot.into(), ..driving };
-    check_motion(&slowing, Lang::En, "yes", "Slowing down · 9 km/h · Main Station");
-    check_motion(&slowing, Lang::De, "yes", "Bremst · 9 km/h · Hauptbahnhof");
+    check_motion(&slowing, Lang::En, "yes", "Slowing down · 9 km/h");
+    check_motion(&slowing, Lang::De, "yes", "Bremst · 9 km/h");
 }
 
 #[test]
@@ -89,7 +94,7 @@ fn without_a_source_nothing_is_said_of_driving() {
     let machine = || Sample::of(ModelParts { stages: StageModel::None, ..parts() }).pass(2);
     check_motion(&machine().published(), Lang::En, "unknown", "Running");
     check_motion(&machine().published(), Lang::De, "unknown", "In Betrieb");
-    check_motion(&moved(machine(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h · Main Station");
+    check_motion(&moved(machine(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h · to Main Station");
     check_motion(&moved(machine(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
 }
 
@@ -157,8 +162,44 @@ fn no_warning_says_that_one_may_go_on_while_the_vehicle_is_stopped() {
     let warned = || Sample::shuttle(true).report("can/battery", 1, "18 %", &[]).pass(3);
     let advice = "You may go on. Stay alert.";
     check(&moved(warned(), Moving::Yes, 9), Lang::En, "causes", &["Battery is low", advice], &[]);
-    let stopping = asked_to_stop_from(warned(), Moving::Yes, Some(true));
-    check(&stopping, Lang::En, "causes", &["Battery is low"], &[advice]);
+    for moving in [Moving::Yes, Moving::No] {
+        for cause_is_there in [true, false] {
+            let stopping = asked_to_stop_from(warned(), moving, Some(cause_is_there));
+            check(&stopping, Lang::En, "causes", &["Battery is low"], &[advice]);
+        }
+    }
+}
+
+#[test]
+fn an_error_that_is_over_keeps_its_name_while_a_warning_is_left_of_it() {
+    let left = || Sample::shuttle(true).report("sensors/imu", 1, "noisy", &[]).pass(3);
+    for (moving, question) in [(Moving::Yes, ">Continue?<"), (Moving::No, ">Stopped. Continue?<")] {
+        let over = asked_to_stop_from(left(), moving, Some(false));
+        let expect = [question, "Over: Motion sensor disturbed."];
+        check(&over, Lang::En, "instruction", &expect, &["Cause gone"]);
+    }
+}
+
+#[test]
+fn what_holds_the_vehicle_is_one_sentence_and_the_operators_own_stop_another() {
+    let held = asked_to_stop(Moving::No, Some(true));
+    let mut slowed = held.snapshot.countermeasures[0].clone();
+    slowed.request = Request::Decelerate { mps2: 1.0 };
+    slowed.causes = [CountermeasureCause {
+        node: held.snapshot.node("can/bus").expect("it is there"),
+        ..slowed.causes[0]
+    }]
+    .into();
+    let mut own = held.snapshot.countermeasures[0].clone();
+    (own.by_operator, own.causes) = (Some(SINCE), [].into());
+    let of = |all: Vec<Countermeasure>| {
+        let snapshot = Snapshot { countermeasures: all.into(), ..(*held.snapshot).clone() };
+        let published = Published { snapshot: snapshot.into(), ..held.clone() };
+        fragment(&published, Lang::En, "instruction").matches("Held<span").count()
+    };
+    assert_eq!(of(vec![held.snapshot.countermeasures[0].clone(), slowed.clone()]), 1);
+    assert_eq!(of(vec![own.clone(), slowed]), 1);
+    assert_eq!(of(vec![own]), 0, "its own sentence says it");
 }
 
 #[test]
@@ -195,7 +236,7 @@ fn the_operators_own_stop_is_named_first_and_its_button_is_latched_with_its_time
         place(">Stop asked<span class=\"since\"> <time ")
             < place("Stopping for a fault. Motion sensor disturbed.")
     );
-    let latched = [r#"aria-pressed="true""#, r#"if-asked">verlangt <time class="clock""#];
+    let latched = [r#"aria-pressed="true""#, r#"if-asked">gedrückt <time class="clock""#];
     check(&both, Lang::De, "step", &latched, &[]);
 }
 
