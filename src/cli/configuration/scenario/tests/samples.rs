@@ -58,18 +58,20 @@ fn samples_and_probes_are_written_in_one_way() {
   - { at: 1, probe: { node: /planner } }
   - { at: 1, clock_step: 1h }
   - { at: 1, probe: { node: /planner, answered: true, after: 1 } }
+  - { at: 1, probe: { node: /planner, answered: true, state: inactive } }
 ",
         &[
             "12:52: `x` is read as one value (for example `1.5`)",
             "13:51: a rotation is either `yaw_deg` or a quaternion (remove one of the two)",
             "13:79: unknown key `w` in a pose of a sample (known here: x, y, z, yaw_deg, qx, qy, qz, qw)",
             "14:55: every one of these messages would have the same stamp (write how old each is when it comes: `delay: 0.05`)",
-            "15:21: a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos`, `system` (for example `probe: { node: /planner, answered: false }`)",
-            "16:21: a probe asks one of `icmp`, `tcp`, `node`, `service`, `qos`, `system` (for example `probe: { node: /planner, answered: false }`)",
+            "15:21: a probe asks one of `icmp`, `tcp`, `node`, `service`, `lifecycle`, `qos`, `system` (for example `probe: { node: /planner, answered: false }`)",
+            "16:21: a probe asks one of `icmp`, `tcp`, `node`, `service`, `lifecycle`, `qos`, `system` (for example `probe: { node: /planner, answered: false }`)",
             "16:38: the configuration has no such watchdog (add a monitor of the kind `watchdog`)",
             "17:21: a probe needs either `answered` or `impossible` (write `answered: true`, `answered: false` or `impossible: WHY`; `measured: 70` beside `system`)",
             "18:26: expected a number, found `1h` (write digits with a point, for example `12.5`)",
-            "19:62: only an answer of `icmp` or `tcp` takes a time (remove `after`, or write `answered: true` beside `icmp` or `tcp`)",
+            "19:62: only an answer of `icmp`, `tcp` or `lifecycle` takes a time (remove `after`, or write `answered: true` beside one of these)",
+            "20:62: only a `lifecycle` node that answers says its state (write `probe: { lifecycle: /planner, answered: true, state: inactive }`)",
         ],
     );
 }
