@@ -35,7 +35,7 @@ async fn another_operator_logs_in_at_the_display_of_the_present_one() {
     assert!(!fixture.get(CHANGE, None).await.body.contains("take_over"), "nobody is in charge");
     let cookie = fixture.cookie_of("operator").await;
     let page = fixture.get(CHANGE, Some(&cookie)).await.body;
-    for part in ["operator is the operator. Who takes their place?", r#"name="take_over""#, r#"href="/""#] {
+    for part in ["On duty: operator. Who is next?", r#"name="take_over""#, r#"href="/""#] {
         assert!(page.contains(part), "{part}: {page}");
     }
     for query in ["?change=1", "?other", ""] {
@@ -46,7 +46,7 @@ async fn another_operator_logs_in_at_the_display_of_the_present_one() {
     assert_eq!(fixture.get(CHANGE, Some(&developer)).await.leads_to(), Some("/"), "is not in charge");
     let wrong = fixture.post("/login", Some(&cookie), "name=bert&secret=000000&take_over=1").await;
     assert_eq!(wrong.status, StatusCode::UNAUTHORIZED);
-    assert!(wrong.body.contains("Who takes their place?"), "{}", wrong.body);
+    assert!(wrong.body.contains("Who is next?"), "{}", wrong.body);
     let right = fixture.post("/login", Some(&cookie), "name=bert&secret=975310&take_over=1").await;
     assert_eq!(right.leads_to(), Some("/"));
     assert_eq!(fixture.store.operator_in_charge().await.unwrap().as_deref(), Some("bert"));
