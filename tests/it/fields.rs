@@ -295,17 +295,19 @@ async fn another_configuration_learns_the_last_value_and_who_publishes(vendor: V
     watching.bridge.shutdown().await;
 }
 
+/// A probe whose outcome is as wanted.
+fn outcome(wanted: fn(&ProbeOutcome) -> bool) -> impl FnMut(&Input) -> Option<()> {
+    move |input| match input {
+        Input::Probe(probe) if wanted(&probe.outcome) => Some(()),
+        _ => None,
+    }
+}
+
 async fn a_node_is_there_until_it_is_announced_no_longer(vendor: Vendor) {
     let domain = Domain::of(vendor);
     let node = ProbeTarget::Node { name: "/camera".into() };
     let model = model(Vec::new(), vec![node]);
     let mut watching = Watching::start(&domain, &model).await;
-    let outcome = |wanted: fn(&ProbeOutcome) -> bool| {
-        move |input: &Input| match input {
-            Input::Probe(probe) if wanted(&probe.outcome) => Some(()),
-            _ => None,
-        }
-    };
     watching.until("patience", outcome(|it| matches!(it, ProbeOutcome::Impossible(_)))).await;
     let info = "--durability transient_local pub --topic ros_discovery_info --type ParticipantEntitiesInfo";
     let mut peer = Peer::start(&domain, info);
@@ -334,12 +336,6 @@ async fn a_service_is_there_while_somebody_serves_it(vendor: Vendor) {
     let domain = Domain::of(vendor);
     let model = model(Vec::new(), vec![ProbeTarget::Service { name: "/map/get".into() }]);
     let mut watching = Watching::start(&domain, &model).await;
-    let outcome = |wanted: fn(&ProbeOutcome) -> bool| {
-        move |input: &Input| match input {
-            Input::Probe(probe) if wanted(&probe.outcome) => Some(()),
-            _ => None,
-        }
-    };
     // A client writes requests too.
     let request = "--topic rq/map/getRequest --type std_srvs::srv::dds_::Trigger_Request_";
     let client = Peer::start(&domain, &format!("pub {request}"));
@@ -357,12 +353,6 @@ async fn a_lifecycle_node_says_its_state_before_any_transition(vendor: Vendor) {
     let domain = Domain::of(vendor);
     let model = model(Vec::new(), vec![ProbeTarget::Lifecycle { name: "/planner_server".into() }]);
     let mut watching = Watching::start(&domain, &model).await;
-    let outcome = |wanted: fn(&ProbeOutcome) -> bool| {
-        move |input: &Input| match input {
-            Input::Probe(probe) if wanted(&probe.outcome) => Some(()),
-            _ => None,
-        }
-    };
     let inactive =
         |it: &ProbeOutcome| matches!(it, ProbeOutcome::Inactive { state } if &**state == "inactive");
     let is_silent = |it: &ProbeOutcome| matches!(it, ProbeOutcome::Missed(why) if why.contains("no answer"));

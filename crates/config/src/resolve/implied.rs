@@ -74,15 +74,5 @@ fn count(
 }
 
 fn bare(group: GroupId, path: &str, status: &str) -> ModuleSpec {
-    ModuleSpec {
-        id: format!("{path}/{status}").into(),
-        name: None,
-        help: None,
-        group,
-        policy: Policy::default(),
-        when: None,
-        depends_on: Vec::new(),
-        monitor: ModuleMonitor::SelfState(status.into()),
-        expected: None,
-    }
+    ModuleSpec::new(&format!("{path}/{status}"), group, ModuleMonitor::SelfState(status.into()))
 }

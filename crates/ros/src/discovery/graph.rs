@@ -17,6 +17,7 @@ use telltale_engine::discovery::{Discovery, ENDPOINTS_MAX, Endpoint, TOPICS_MAX,
 use telltale_engine::model::monitors::ProbeTarget;
 use telltale_engine::pace::{Arrivals, Pace};
 use telltale_engine::time::Timestamp;
+use telltale_msg::lifecycle::GET_STATE;
 use telltale_msg::messages;
 use telltale_msg::sample_bytes::Guid;
 use telltale_msg::subscription::Plan;
@@ -138,7 +139,7 @@ fn wanted(plan: &Plan) -> BTreeSet<String> {
     let asked = plan.watchdogs.iter().flat_map(|watchdog| match &watchdog.target {
         ProbeTarget::Qos { topic } => vec![dds_name(topic)],
         ProbeTarget::Service { name } => service_topics(name).into(),
-        ProbeTarget::Lifecycle { name } => service_topics(&format!("{name}/get_state")).into(),
+        ProbeTarget::Lifecycle { name } => service_topics(&format!("{name}/{GET_STATE}")).into(),
         _ => Vec::new(),
     });
     read.chain(asked).collect()

@@ -14,6 +14,7 @@ use super::answered::{Known, LastRequests, RequestId};
 use super::limit::{self, Caller, Limit};
 use super::{Call, ServicesContext};
 use crate::BridgeError;
+use crate::discovery::graph::service_topics;
 use crate::discovery::peers::{self, Announcer};
 use crate::discovery::presence;
 use crate::library::discovered::participant_name;
@@ -96,7 +97,7 @@ impl Server {
         let endpoint = |&service: &Service| {
             let [requests, replies] = dds_types(service);
             let name = format!("{node}/{}", service.as_str());
-            let (request_topic, reply_topic) = (format!("rq{name}Request"), format!("rr{name}Reply"));
+            let [request_topic, reply_topic] = service_topics(&name);
             Endpoint {
                 service,
                 requests: participant.reader(&request_topic, &requests, Via::Reliable, DEPTH),
