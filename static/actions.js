@@ -247,7 +247,7 @@
     if (act !== "stop") fields.set("beat", live.beatAt);
     const sending = act === "stop" ? stopUntilAnswered(address, fields) : byPost(address, fields, "auto");
     const { status, said } = await sending;
-    if (status === 401) return location.assign("/login");
+    if (status === 401) return Live.toLogin();
     if (status === 200) {
       if (noticeOf === address) hideNotice();
       if (act === "stop") stopArrived();
@@ -256,7 +256,7 @@
       if (act === "clearance" || act === "release") askForConfirmation(act, said, fields.get("version"));
       else closeConfirmation();
       if (act === "localize") document.getElementById("sheet-stops").hidePopover();
-      if (act === "logout" || act === "shutdown") location.assign("/login");
+      if (act === "logout" || act === "shutdown") Live.toLogin();
       return undefined;
     }
     if (act === "confirm") closeConfirmation();

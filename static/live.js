@@ -22,6 +22,18 @@
     if (element.textContent !== text) element.textContent = text;
   };
 
+  // Once: the answer to a logout and the end of its connection come together, and a second navigation
+  // aborts the first.
+  let leaves = false;
+  const toLogin = () => {
+    if (!leaves) location.assign("/login");
+    leaves = true;
+  };
+  // The browser's way back shows the page as it was left.
+  addEventListener("pageshow", () => {
+    leaves = false;
+  });
+
   // How late heartbeats come. Each has the time of the server's monotonic clock; its difference to the
   // page's monotonic clock grows only by delay on the way. The page's wall clock takes no part.
   class Lag {
@@ -85,6 +97,7 @@
     static RENEWAL = RENEWAL;
     static read = read;
     static setText = setText;
+    static toLogin = toLogin;
 
     // The connection that brings the heartbeats, once it is open.
     socket = null;
@@ -154,14 +167,14 @@
 
     // It was closed, or could not be opened.
     async closed(code) {
-      if (code === 1008) return location.assign("/login");
+      if (code === 1008) return toLogin();
       const wasOpen = this.#isOpen;
       this.#isOpen = false;
       this.#isOpening = false;
       if (!wasOpen) {
         // The server answers a request without a session with the way to the login.
         const answer = await ask(this.#page.address, { method: "HEAD" });
-        if (answer?.type === "opaqueredirect") location.assign("/login");
+        if (answer?.type === "opaqueredirect") toLogin();
       }
       return this.#reconnect(wasOpen ? 0 : RETRY_MS);
     }

@@ -158,7 +158,7 @@
   document.addEventListener("htmx:after:swap", () => {
     const { stage, layout } = document.getElementById("top").dataset;
     body.dataset.stage = stage;
-    if (stage === "locked" && body.dataset.replay === undefined) return location.assign("/login");
+    if (stage === "locked" && body.dataset.replay === undefined) return Live.toLogin();
     outdated = layout !== body.dataset.layout;
     renew();
     tickTimes();
