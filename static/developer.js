@@ -41,9 +41,9 @@
 
   // --- the page that is shown
 
-  // The page that an address belongs to, without its parameters.
+  // The page that an address belongs to, without its parameters. Each node has its own.
   const WHY = `${body.dataset.socket.split("/live?")[0]}/why`;
-  const pageOf = ({ pathname, search }) => (pathname === WHY ? pathname + search : pathname);
+  const pageOf = ({ pathname, search }) => (pathname === WHY ? `${pathname}?${new URLSearchParams(search).get("node")}` : pathname);
   const INCIDENT = /^\/incidents\/\d+(\/what-if)?$/;
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a, [data-search]")].map((link) => link.pathname)]);
   const isKnown = (pathname) => known.has(pathname) || INCIDENT.test(pathname);

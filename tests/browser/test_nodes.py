@@ -85,11 +85,18 @@ def test_a_number_of_a_second_node_is_drawn_into_the_plots(server, vehicle, deve
     box = plot.locator(".u-over").bounding_box()
     page.mouse.move(box["x"] + box["width"] - 4, box["y"] + 20)
     expect(plot.locator("output")).to_have_text(re.compile(r"\s1\s+\|\s[\d.]+$"))
-    # Another span keeps it.
+    # Another span keeps it, and what is typed while its answer is on the way.
+    held = []
+    page.route("**/why?*span=30*", lambda route: held.append(route), times=1)
     page.locator("[name=span]").select_option("30")
     page.wait_for_url("**span=30*")
-    expect(plot.locator(".label .second")).to_have_text(other)
     field.fill("")
+    until(lambda: page.evaluate("1") and held, 10, str)
+    held.pop().continue_()
+    until(lambda: page.locator("#past .lanes").evaluate("it => it.dataset.end - it.dataset.start") == 30000, 10, str)
+    expect(field).to_be_focused()
+    expect(field).to_have_value("")
+    expect(plot.locator(".label .second")).to_have_text(other)
     page.get_by_role("button", name="Apply").click()
     expect(plot).not_to_have_attribute("data-second", re.compile("."))
     expect(plot.locator("canvas")).to_be_visible()
