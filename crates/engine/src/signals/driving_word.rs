@@ -19,7 +19,7 @@ pub(crate) struct Drive {
     /// The time of the last believed arrival.
     ended: Option<Timestamp>,
     doubted_until: Option<Timestamp>,
-    /// Since when the signal is false without a break, while it is doubted.
+    /// Since when the signal is false without a break, if it was doubted when it turned false.
     denied: Option<Timestamp>,
 }
 
@@ -36,14 +36,19 @@ impl Drive {
             }
         } else if self.is_doubted(now) {
             self.denied = self.denied.or(Some(now));
-        } else if drove {
-            (self.ended, self.denied) = (Some(now), None);
+        } else if drove && self.denied.is_none() {
+            self.ended = Some(now);
         }
     }
 
     /// Whether the vehicle counts as driving although the last sample is false.
     pub(crate) fn holds(&self, now: Timestamp) -> bool {
         self.denied.is_some_and(|at| now < at + ARRIVAL)
+    }
+
+    /// Whether the present `false` tells nothing of a stop, because the signal contradicted itself before it.
+    pub(crate) fn is_no_arrival(&self, now: Timestamp) -> bool {
+        self.is_doubted(now) || self.denied.is_some()
     }
 
     pub(crate) fn is_doubted(&self, now: Timestamp) -> bool {
@@ -92,6 +97,9 @@ mod tests {
             ],
             false,
         );
+        // A `false` that began in the doubt must last, also when the doubt ends meanwhile.
+        let at_the_end = [(1000, false, false, false), (1100, true, true, true), (10_000, false, true, true)];
+        check(&[&at_the_end[..], &[(12_000, false, true, false), (13_000, false, false, false)]].concat(), false);
         // A doubted `false` that lasted is an arrival that can be contradicted again.
         let before = [(5000, false, false, false), (6000, true, true, true), (15_000, false, true, true)];
         let after = [(18_050, true, true, true), (18_100, false, true, true), (21_100, false, false, true)];
