@@ -129,6 +129,11 @@ impl Machine for Tf {
         true
     }
 
+    /// A link that only ages since then shows nothing, in a WARNING either.
+    fn is_proven(&self) -> bool {
+        self.links.iter().all(|link| link.moving.is_none_or(|moving| moving.is_new))
+    }
+
     fn take_field(&mut self, slot: usize, value: &FieldValue, sample: &Sample, now: Timestamp) {
         let (link, fixed) = (&mut self.links[slot / 2], slot % 2 == 1);
         match value {
