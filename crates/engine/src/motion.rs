@@ -49,6 +49,9 @@ pub(super) struct MotionState {
     speed: Option<(f64, Timestamp)>,
     /// Since when each message has said that the vehicle is slow.
     slow_since: Option<Timestamp>,
+    /// Since when it has stood, without a speed of a vehicle that drives. A tick of a wheel is none.
+    #[serde(default)]
+    stood_since: Option<Timestamp>,
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
     /// The last place of the vehicle, in metres.
@@ -75,6 +78,7 @@ impl MotionState {
                 }
                 self.speed = Some((mps, now));
                 self.slow_since = (mps < source.standing_below_mps).then(|| self.slow_since.unwrap_or(now));
+                self.stood_since = self.stood_since.filter(|_| mps <= ROLLS_OUT_MPS).or(self.slow_since);
             }
             _ => self.lose_speed(),
         }
@@ -89,7 +93,7 @@ impl MotionState {
     }
 
     pub(super) fn lose_speed(&mut self) {
-        (self.speed, self.slow_since) = (None, None);
+        (self.speed, self.slow_since, self.stood_since) = (None, None, None);
     }
 
     fn take_goal(&mut self, value: &FieldValue) {
@@ -257,7 +261,12 @@ impl Engine {
 
     /// Whether it has stood for longer than at an arrival.
     pub(super) fn has_stood(&self) -> bool {
-        self.motion.slow_since.is_some_and(|since| self.now >= since + ARRIVAL)
+        self.motion.stood_since.is_some_and(|since| self.now >= since + ARRIVAL)
+    }
+
+    /// Whether it moves, or that is not known although a speed is configured.
+    pub(super) fn may_roll(&self) -> bool {
+        self.model.driving.speed.is_some() && self.motion.shown.may_move()
     }
 
     /// Whether it is faster than a vehicle that rolls out at a stop, or its speed is not known although one is configured.
@@ -296,6 +305,7 @@ impl Engine {
             let is_slow = |(mps, _): &(f64, Timestamp)| *mps < source.standing_below_mps;
             let slow = self.motion.speed.filter(is_slow);
             self.motion.slow_since = slow.map(|(_, at)| old.motion.slow_since.unwrap_or(at));
+            self.motion.stood_since = old.motion.stood_since.or(self.motion.slow_since);
         }
         if goal.is_some() {
             self.motion.goal = old.motion.goal;

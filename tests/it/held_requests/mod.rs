@@ -118,6 +118,30 @@ fn a_restart_keeps_what_a_discovered_module_caused() {
 }
 
 #[test]
+fn a_cause_that_is_only_a_warning_now_is_over_after_a_restart_as_without_one() {
+    for restart in [false, true] {
+        let mut vehicle = Vehicle::driving();
+        vehicle.say(0, 2);
+        if restart {
+            vehicle.restart(CONFIG);
+            vehicle.signal("active", true);
+            vehicle.keeps(X);
+        }
+        vehicle.say(0, 1);
+        assert_eq!(vehicle.release(), Response::Done, "{restart}");
+        assert_eq!(vehicle.asked(), None);
+    }
+    // Where a WARNING asks, it is the cause still.
+    let text = CONFIG.replace("state: error", "state: warning");
+    let mut vehicle = Vehicle::of(&text, Stage::Active);
+    vehicle.say(0, 2);
+    vehicle.restart(&text);
+    vehicle.signal("active", true);
+    vehicle.say(0, 1);
+    vehicle.keeps("sensors");
+}
+
+#[test]
 fn a_restart_keeps_what_the_second_of_a_name_caused() {
     let text = CONFIG
         .replace("namespace: /sensors", "contains: lidar")

@@ -81,11 +81,12 @@ impl HeldRequest {
 
     /// Checks whether the named causes are still present. A failing member inside a node that is well again,
     /// such as one of a redundancy set, is no cause any more.
-    fn look_at_causes(&mut self, net: &Net, state: State, by_itself: Option<NodeId>) {
+    fn look_at_causes(&mut self, net: &Net, state: impl Fn(NodeId) -> State, by_itself: Option<NodeId>) {
         let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
         for cause in &mut self.causes {
             let stands_in = cause.node == net.nobody();
-            cause.present = !stands_in && !lies_in(cause.node) && fails(&net.node(cause.node).facts, state);
+            cause.present =
+                !stands_in && !lies_in(cause.node) && fails(&net.node(cause.node).facts, state(cause.node));
         }
         self.present = self.causes.iter().any(|cause| cause.present);
     }
@@ -212,6 +213,9 @@ pub(crate) struct Countermeasures {
     /// that nothing is held where nothing is. No word of the vehicle says so: one that is held stands, too.
     #[serde(default)]
     pub(crate) knows_all: bool,
+    /// A request that is still held ended a clearance, with which the vehicle may have set off.
+    #[serde(default)]
+    pub(crate) may_have_set_off: bool,
     /// Counts every STOP of the operator, also one that holds already or is refused: a confirmation that was
     /// asked for before the last one counts no more.
     #[serde(default)]
@@ -296,11 +300,21 @@ impl Countermeasures {
                         // A failure is over only when the node is known to be well. A node that waited for its
                         // cause may recover before the cause.
                         let is_unclear = fails(facts, state.min(State::Unknown));
-                        held.look_at_causes(net, state.min(State::Unknown), (!is_unclear).then_some(node));
+                        held.look_at_causes(
+                            net,
+                            |_| state.min(State::Unknown),
+                            (!is_unclear).then_some(node),
+                        );
                         held.present |= is_unclear;
                     }
                 }
-                RequestOrigin::Past => held.look_at_causes(net, State::Warning, None),
+                // Where a WARNING of a module asks, its rule asks again. A group may stand for a module that is not heard
+                // any more, which its WARNING says.
+                RequestOrigin::Past => held.look_at_causes(
+                    net,
+                    |node| if matches!(node, NodeId::Group(_)) { State::Warning } else { State::Unknown },
+                    None,
+                ),
                 RequestOrigin::Operator => {}
             }
             // A cause that is gone on the way leaves a vehicle that only the operator sets going again. So does a
@@ -308,6 +322,7 @@ impl Countermeasures {
             let is_latched = held.by == RequestOrigin::Operator || !held.present;
             held.needs_release |= active_unknown || on_the_way || is_latched && stage == Stage::Active;
         }
+        self.may_have_set_off &= !self.held.is_empty();
         let surely_at_a_stop = at_a_stop && self.arrives.is_none_or(|at| at <= now);
         self.held.retain(|held| {
             let is_over = held.by == RequestOrigin::Operator || !held.present;

@@ -99,7 +99,10 @@ mod tests {
         );
         // A `false` that began in the doubt must last, also when the doubt ends meanwhile.
         let at_the_end = [(1000, false, false, false), (1100, true, true, true), (10_000, false, true, true)];
-        check(&[&at_the_end[..], &[(12_000, false, true, false), (13_000, false, false, false)]].concat(), false);
+        check(
+            &[&at_the_end[..], &[(12_000, false, true, false), (13_000, false, false, false)]].concat(),
+            false,
+        );
         // A doubted `false` that lasted is an arrival that can be contradicted again.
         let before = [(5000, false, false, false), (6000, true, true, true), (15_000, false, true, true)];
         let after = [(18_050, true, true, true), (18_100, false, true, true), (21_100, false, false, true)];

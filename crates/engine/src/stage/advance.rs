@@ -68,6 +68,7 @@ impl Engine {
             // A vehicle that was cleared may have set off already.
             self.countermeasures.arrives = Some(self.now + ARRIVAL);
         }
+        self.countermeasures.may_have_set_off |= event == Event::Countermeasure;
         if from == Stage::Active {
             if self.is_between_stops() {
                 self.countermeasures.latch();

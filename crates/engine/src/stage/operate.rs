@@ -358,7 +358,7 @@ impl Engine {
             on_the_way: if self.vehicle.stage == Stage::Active {
                 self.has_stood()
             } else {
-                self.may_roll_fast()
+                self.may_roll_fast() || self.countermeasures.may_have_set_off && self.may_roll()
             },
         };
         self.countermeasures.follow(&self.model, net, whereabouts, self.now, causes);
