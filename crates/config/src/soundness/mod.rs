@@ -262,9 +262,15 @@ impl Look<'_> {
                 (best, worst)
             })
             .collect();
+        let needed = self.needed();
         for holder in self.judge.model.nodes() {
             for (index, dependency) in self.judge.model.depends_on(holder).iter().enumerate() {
-                self.dependency(situations, &pictures, holder, (index, dependency));
+                self.dependency(
+                    situations,
+                    &pictures,
+                    (holder, needed.contains(&holder)),
+                    (index, dependency),
+                );
             }
         }
         // Statements about every situation require a complete examination.
@@ -279,7 +285,7 @@ impl Look<'_> {
         &mut self,
         situations: &[Situation],
         pictures: &[(Picture, Picture)],
-        holder: NodeId,
+        (holder, passes_on): (NodeId, bool),
         (index, dependency): (usize, &Dependency),
     ) {
         let best = situations.iter().zip(pictures).find(|(_, (best, _))| {
@@ -294,7 +300,6 @@ impl Look<'_> {
             });
             return;
         }
-        let passes_on = self.is_needed(holder);
         let matters = |picture: &Picture| passes_on || picture.of(holder).relevant;
         let ever_matters = pictures.iter().any(|(_, worst)| matters(worst));
         let ever_blocks = pictures.iter().any(|(_, worst)| matters(worst) && worst.is_blocked_by(dependency));
@@ -310,20 +315,13 @@ impl Look<'_> {
         dependency.targets().iter().any(|&target| !picture.of(target).blocked)
     }
 
-    /// Whether any dependency names the node or a node inside it.
-    fn is_needed(&self, node: NodeId) -> bool {
-        let inside = |target: NodeId| {
-            target == node || self.judge.model.around(target).any(|group| NodeId::Group(group) == node)
-        };
-        let needs = |holder: NodeId| {
-            self.judge
-                .model
-                .depends_on(holder)
-                .iter()
-                .flat_map(Dependency::targets)
-                .any(|&target| inside(target))
-        };
-        self.judge.model.nodes().any(needs)
+    /// The nodes that any dependency names, and the groups around them.
+    fn needed(&self) -> BTreeSet<NodeId> {
+        let model = self.judge.model;
+        let targets = model.nodes().flat_map(|holder| model.depends_on(holder)).flat_map(Dependency::targets);
+        let named: BTreeSet<NodeId> = targets.copied().collect();
+        let around = named.iter().flat_map(|&node| model.around(node).map(NodeId::Group)).collect::<Vec<_>>();
+        named.iter().copied().chain(around).collect()
     }
 
     fn why_dead(

@@ -2,7 +2,7 @@
 //! completely or not at all. Modules that stay keep their state.
 
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
@@ -30,14 +30,15 @@ const READ_WITHIN: Duration = Duration::from_secs(20);
 /// Readings that may hang.
 const READINGS_MAX: usize = 4;
 
+/// The answer to a reload waits for the judgement of every situation for this long.
+const JUDGED_WITHIN: Duration = Duration::from_secs(2);
+
 /// A configuration that was read while another one runs.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     pub loaded: Loaded,
     /// Empty if it means the same as the one that runs.
     pub differences: Vec<Difference>,
-    /// Situations that should not occur with it. It may be taken all the same.
-    pub warnings: Option<Problems>,
     /// The bridge has to listen to other topics.
     pub topics_changed: bool,
 }
@@ -75,13 +76,13 @@ async fn read(
     let read = move || {
         if current.sources().are_unchanged() {
             let differences = Vec::new();
-            return Ok(Outcome { loaded: current, differences, warnings: None, topics_changed: false });
+            return Ok(Outcome { loaded: current, differences, topics_changed: false });
         }
         // By the folders of the start: what reads the messages knows no others.
         let loaded = fields::whole(config::examine(&path), |_| definitions)?;
         let differences = config::difference(&current, &loaded);
         let topics_changed = sources(&current.model) != sources(&loaded.model);
-        Ok(Outcome { loaded, differences, warnings: None, topics_changed })
+        Ok(Outcome { loaded, differences, topics_changed })
     };
     readings.read(read).await
 }
@@ -110,13 +111,11 @@ impl Readings {
     }
 }
 
-/// Lets the engine run by a configuration, and finds the situations that should not occur with it.
+/// Lets the engine run by a configuration.
 ///
 /// # Errors
 /// If the engine has ended.
 async fn take(outcome: Outcome, engine: &mpsc::Sender<Reload>) -> Result<Outcome, ReloadError> {
-    let judge = move || Outcome { warnings: outcome.loaded.soundness().1, ..outcome };
-    let outcome = aside(judge).await.ok_or(ReloadError::Ended)?;
     if !outcome.differences.is_empty() {
         let (done, taken) = oneshot::channel();
         let texts = texts(&outcome.loaded);
@@ -127,8 +126,8 @@ async fn take(outcome: Outcome, engine: &mpsc::Sender<Reload>) -> Result<Outcome
     Ok(outcome)
 }
 
-/// Runs work that takes too long for a thread that others wait for: files, and a judgement of every
-/// situation. The end of the program does not wait for it. `None` if it failed.
+/// Runs work on files, which may take too long for a thread that others wait for. The end of the program does not
+/// wait for it. `None` if it failed.
 async fn aside<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done, result) = oneshot::channel();
     let thread = std::thread::Builder::new().name("configuration".to_owned());
@@ -215,7 +214,7 @@ pub fn follow(
                 }
             };
             let differences = config::difference(&publish.borrow(), &loaded);
-            let outcome = Outcome { loaded, differences, warnings: None, topics_changed: false };
+            let outcome = Outcome { loaded, differences, topics_changed: false };
             match take(outcome, &engine).await {
                 Ok(outcome) => drop(publish.send_replace(outcome.loaded)),
                 Err(_) => return,
@@ -238,17 +237,20 @@ pub fn written(loaded: &Loaded) -> Arc<Written> {
     Arc::new(Written { texts: texts(loaded), lines: lines.collect() })
 }
 
-/// The situations that should not occur with a configuration, found by a thread of its own.
+/// The situations that should not occur with a configuration, found by a thread of its own: that may take long.
 struct Judging {
     of: Loaded,
-    said: Arc<OnceLock<Option<String>>>,
+    said: watch::Receiver<Option<Judged>>,
 }
+
+/// What was found; it may be taken all the same.
+type Judged = Option<String>;
 
 impl Judging {
     fn start(of: Loaded) -> Judging {
-        let said = Arc::new(OnceLock::new());
-        let (loaded, saying) = (of.clone(), said.clone());
-        let judge = move || saying.set(loaded.soundness().1.map(|found| found.render(false)));
+        let (saying, said) = watch::channel(None);
+        let loaded = of.clone();
+        let judge = move || saying.send_replace(Some(loaded.soundness().1.map(|found| found.render(false))));
         if let Err(error) = std::thread::Builder::new().name("configuration".to_owned()).spawn(judge) {
             tracing::error!(%error, "the configuration cannot be judged");
         }
@@ -257,6 +259,10 @@ impl Judging {
 
     fn is_of(&self, loaded: &Loaded) -> bool {
         self.of.sources().texts().eq(loaded.sources().texts())
+    }
+
+    fn goes_on(&self) -> bool {
+        self.said.borrow().is_none() && self.said.has_changed().is_ok()
     }
 }
 
@@ -292,12 +298,16 @@ impl Task {
             let take = request.as_ref().is_none_or(|request| request.take);
             let shown = request.as_ref().and_then(|request| request.shown.as_deref());
             let (taken, read) = self.read(take, shown).await;
+            let judged = match &read {
+                Ok(it) => self.judge(&it.loaded, if taken { JUDGED_WITHIN } else { Duration::ZERO }).await,
+                Err(_) => None,
+            };
             if taken || (take && read.is_err()) {
-                self.log(&read);
+                self.log(&read, judged.as_ref());
             }
             if let Some(request) = request {
                 // The asker may have gone.
-                let _ = request.reply.send(self.rereading(take, taken, &read));
+                let _ = request.reply.send(self.rereading(taken, &read, judged));
             }
         }
     }
@@ -327,25 +337,23 @@ impl Task {
         (taken.is_ok(), taken)
     }
 
-    fn rereading(&mut self, take: bool, taken: bool, read: &Result<Outcome, ReloadError>) -> Rereading {
+    fn rereading(
+        &self,
+        taken: bool,
+        read: &Result<Outcome, ReloadError>,
+        judged: Option<Judged>,
+    ) -> Rereading {
         let running = self.running.clone();
         match read {
-            Ok(outcome) => {
-                let said = if take {
-                    Some(outcome.warnings.as_ref().map(|warnings| warnings.render(false)))
-                } else {
-                    self.judge(&outcome.loaded)
-                };
-                Rereading {
-                    taken: taken && !outcome.differences.is_empty(),
-                    differences: outcome.differences.iter().map(ToString::to_string).collect(),
-                    problems: None,
-                    judged: said.is_some(),
-                    warnings: said.flatten(),
-                    running,
-                    digest: digest(outcome),
-                }
-            }
+            Ok(outcome) => Rereading {
+                taken: taken && !outcome.differences.is_empty(),
+                differences: outcome.differences.iter().map(ToString::to_string).collect(),
+                problems: None,
+                judged: judged.is_some(),
+                warnings: judged.flatten(),
+                running,
+                digest: digest(outcome),
+            },
             Err(error) => Rereading {
                 taken: false,
                 differences: Vec::new(),
@@ -359,18 +367,16 @@ impl Task {
     }
 
     /// The situations that should not occur with a configuration; `None` while they are being found.
-    fn judge(&mut self, loaded: &Loaded) -> Option<Option<String>> {
-        if let Some(judging) = &self.judging {
-            if judging.is_of(loaded) {
-                return judging.said.get().cloned();
-            }
-            judging.said.get()?;
-        }
-        self.judging = Some(Judging::start(loaded.clone()));
-        None
+    async fn judge(&mut self, loaded: &Loaded, within: Duration) -> Option<Judged> {
+        let judging = match &mut self.judging {
+            Some(judging) if judging.is_of(loaded) => judging,
+            Some(judging) if judging.goes_on() => return None,
+            other => other.insert(Judging::start(loaded.clone())),
+        };
+        timeout(within, judging.said.wait_for(Option::is_some)).await.ok()?.ok()?.clone()
     }
 
-    fn log(&self, read: &Result<Outcome, ReloadError>) {
+    fn log(&self, read: &Result<Outcome, ReloadError>, judged: Option<&Judged>) {
         let file = self.path.display();
         match read {
             Ok(outcome) if outcome.differences.is_empty() => {
@@ -383,8 +389,12 @@ impl Task {
                         "other topics are listened to, or other fields of them, or other hosts asked"
                     );
                 }
-                if let Some(warnings) = &outcome.warnings {
-                    tracing::warn!("{file} can be used, but:\n{warnings}");
+                match judged {
+                    Some(None) => {}
+                    Some(Some(warnings)) => tracing::warn!("{file} can be used, but:\n{warnings}"),
+                    None => tracing::warn!(
+                        "its situations are still being judged; `telltale check {file}` tells them"
+                    ),
                 }
             }
             Err(problems @ ReloadError::Configuration(_)) => {
