@@ -32,7 +32,7 @@
     show(count);
     if (list.id === "causes-list") yieldLast(fits);
     if (fits()) return undefined;
-    // How many parts wait gives way first: the board shows it.
+    // How many parts wait gives way first, because the board shows it, and for how long.
     list.setAttribute("data-short-of-room", "");
     if (fits()) return undefined;
     // What is over stands last, and gives way before the advice of a live fault does. The button that counts the rest
@@ -46,8 +46,10 @@
     more.hidden = count === 1 && more.hidden;
     while (count > 1 && !fits()) show(--count);
     if (!fits()) return list.setAttribute("data-tight", "");
-    list.removeAttribute("data-brief");
-    if (!fits()) list.setAttribute("data-brief", "");
+    for (const gives of ["data-brief", "data-short-of-room"]) {
+      list.removeAttribute(gives);
+      if (!fits()) list.setAttribute(gives, "");
+    }
     return undefined;
   };
 
