@@ -9,7 +9,7 @@ fn a_root_cause_stands_with_what_to_do_and_how_many_wait() {
         r#"data-node="localization/tf_quality""#,
         r#"data-state="error""#,
         "Position jumped",
-        "Localization, ",
+        r#"Localization<span class="lasted">, </span>"#,
         "4 parts wait.",
         r#"<time datetime="2026-11-20T12:01:01Z""#,
     ];

@@ -221,7 +221,7 @@ fn one_status_at_three_places_is_one_entry_one_call_and_one_acknowledgement() {
         let causes = fragment(&published, Lang::En, "causes");
         assert_eq!(entries_of(&causes), 1, "{causes}");
         assert_eq!(entries_of(&fragment(&published, Lang::En, "all-causes")), 1);
-        let places = if level == 3 { "" } else { "Sensors, CAN, Mission, " };
+        let places = if level == 3 { "" } else { "Sensors, CAN, Mission<span class=\"lasted\">, " };
         assert!(causes.contains(places) && causes.contains(word), "{causes}");
         let calls = published.snapshot.audible();
         assert_eq!(calls, if level == 2 { vec![1] } else { vec![] }, "{:?}", published.snapshot.alarms);
