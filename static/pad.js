@@ -30,6 +30,8 @@
     pad.querySelector(".digits").hidden = input !== secret;
     pad.querySelector(".letters").hidden = input !== name;
     for (const input of [name, secret]) input.parentElement.classList.toggle("typing", input === field);
+    // A keyboard types where the pad does, and one field alone looks chosen.
+    if ([name, secret].includes(document.activeElement) && document.activeElement !== field) field.focus();
   };
 
   const press = (key) => {

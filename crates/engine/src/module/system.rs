@@ -162,8 +162,8 @@ impl SystemCheck {
 /// The message about a display that does not answer.
 pub(crate) fn display_late(whose: &str) -> Text {
     say!(
-        "the display of {whose} does not say what it shows",
-        "die Anzeige von {whose} meldet nicht, was sie zeigt",
+        "the display of {whose} is frozen or does not answer",
+        "die Anzeige von {whose} ist eingefroren oder antwortet nicht",
         whose
     )
 }
