@@ -30,8 +30,8 @@ fn topic(index: usize) -> Arc<TopicSpec> {
         type_name: "nav_msgs/msg/Odometry".into(),
         stamp: true,
         fields: vec![
-            FieldSpec { path: "twist.twist.linear.x".into(), kind: FieldKind::Scalar },
-            FieldSpec { path: "pose.pose".into(), kind: FieldKind::Pose },
+            FieldSpec::new("twist.twist.linear.x", FieldKind::Scalar),
+            FieldSpec::new("pose.pose", FieldKind::Pose),
         ],
     })
 }

@@ -28,7 +28,7 @@ const TF_STATIC: &str =
 const POSE: &str = "--durability transient_local --depth 1 pub --topic rt/pose --type geometry_msgs::msg::dds_::PoseStamped_";
 
 fn topic(name: &str, type_name: &str, stamp: bool, fields: &[(&str, FieldKind)]) -> TopicSpec {
-    let field = |(path, kind): &(&str, FieldKind)| FieldSpec { path: (*path).into(), kind: *kind };
+    let field = |(path, kind): &(&str, FieldKind)| FieldSpec::new(*path, *kind);
     TopicSpec {
         topic: name.into(),
         type_name: type_name.into(),

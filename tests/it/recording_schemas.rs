@@ -58,7 +58,7 @@ fn inputs() -> Vec<Input> {
     let writers = [NodeOf::Pending, NodeOf::Unannounced, NodeOf::Named("/lidar".into())];
     let writers = writers.into_iter().enumerate().map(|(at, node)| (WriterId([at as u8; 16]), node));
     let list = WriterList { as_of: Timestamp::from_millis(7), complete: true, writers: writers.collect() };
-    let field = |kind| FieldSpec { path: "pose.pose".into(), kind };
+    let field = |kind| FieldSpec::new("pose.pose", kind);
     let topic = Arc::new(TopicSpec {
         topic: "/odometry".into(),
         type_name: "nav_msgs/msg/Odometry".into(),

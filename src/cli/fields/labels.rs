@@ -53,7 +53,7 @@ impl Kinds<'_> {
     ) -> Option<(String, String)> {
         let ValueSource::Field { topic, field } = source else { return None };
         let spec = &self.model.watched.topics[topic.0 as usize];
-        let FieldSpec { path, kind } = &spec.fields[*field as usize];
+        let FieldSpec { path, kind, .. } = &spec.fields[*field as usize];
         let labels = self.definitions.labels(&spec.type_name, path);
         if *kind != FieldKind::Named || labels.iter().any(|(name, _)| **name == *label) {
             return None;

@@ -7,7 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use crate::config::{Examined, Loaded, ModelPlace, expression};
-use crate::engine::model::monitors::{Condition, MonitorSpec, ScalarKind, TopicId, ValueRule, ValueSource};
+use crate::engine::model::monitors::{
+    Condition, FieldSpec, MonitorSpec, ScalarKind, TopicId, TopicSpec, ValueRule, ValueSource,
+};
 use crate::engine::model::motion::WatchedField;
 use crate::engine::model::sample::FieldValue;
 use crate::engine::model::{Model, ModuleId};
@@ -63,8 +65,14 @@ pub fn check(loaded: &Loaded, definitions: &Definitions) -> Option<Problems> {
     let topics = &loaded.model.watched.topics;
     // Where the type is left out, nothing is known before somebody publishes.
     let untyped = || Err(FieldsError(Vec::new()));
-    let read =
-        topics.iter().map(|spec| if spec.type_name.is_empty() { untyped() } else { definitions.check(spec) });
+    // The names of numbers are judged with the condition that writes them.
+    let nameless = |spec: &TopicSpec| {
+        let field = |field: &FieldSpec| FieldSpec::new(field.path.clone(), field.kind);
+        TopicSpec { fields: spec.fields.iter().map(field).collect(), ..spec.clone() }
+    };
+    let read = topics
+        .iter()
+        .map(|spec| if spec.type_name.is_empty() { untyped() } else { definitions.check(&nameless(spec)) });
     let read: Vec<_> = read.collect();
     let kinds: Vec<Option<Vec<_>>> =
         read.iter().map(|read| read.as_ref().ok().map(|reader| reader.kinds().collect())).collect();

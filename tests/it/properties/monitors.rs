@@ -28,10 +28,10 @@ fn topic(index: usize) -> Arc<TopicSpec> {
         type_name: "test/msg/Both".into(),
         stamp: true,
         fields: vec![
-            FieldSpec { path: "x".into(), kind: FieldKind::Scalar },
-            FieldSpec { path: "pose".into(), kind: FieldKind::Pose },
-            FieldSpec { path: "objects".into(), kind: FieldKind::Positions },
-            FieldSpec { path: "".into(), kind: FieldKind::Content },
+            FieldSpec::new("x", FieldKind::Scalar),
+            FieldSpec::new("pose", FieldKind::Pose),
+            FieldSpec::new("objects", FieldKind::Positions),
+            FieldSpec::new("", FieldKind::Content),
             FieldSpec::transforms_of("c"),
         ],
     })

@@ -1,6 +1,6 @@
 //! Converts monitors from the file into monitors of the model.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::topics::Topics;
 use crate::decode::Spanned;
@@ -123,12 +123,12 @@ pub(crate) fn inputs(
     log: &mut Log,
 ) -> Vec<(Box<str>, ValueSource)> {
     let members = expression::members(texts);
-    let compared: BTreeSet<String> = texts
-        .iter()
-        .filter(|text| text.value.len() <= expression::TEXT_BYTES_MAX)
-        .flat_map(|text| expression::texts(&text.value))
-        .map(|(input, _)| input)
-        .collect();
+    let mut compared: BTreeMap<String, BTreeSet<Box<str>>> = BTreeMap::new();
+    for text in texts.iter().filter(|text| text.value.len() <= expression::TEXT_BYTES_MAX) {
+        for (input, label) in expression::texts(&text.value) {
+            compared.entry(input).or_default().insert(label.into());
+        }
+    }
     let mut inputs: Vec<(Box<str>, ValueSource)> = Vec::new();
     for (name, from) in raw {
         let of_list = || members.iter().filter(|(list, _)| *list == name.value).map(|(_, member)| &**member);
@@ -142,8 +142,9 @@ pub(crate) fn inputs(
                     inputs.push((name, ValueSource::Field { topic, field }));
                 }
             }
-            Source::Field { topic, path, kind: FieldKind::Scalar } if compared.contains(&name.value) => {
-                let (topic, field) = topics.field(topic, path, FieldKind::Named, log);
+            Source::Field { topic, path, kind: FieldKind::Scalar } if compared.contains_key(&name.value) => {
+                let names = compared[&name.value].clone();
+                let (topic, field) = topics.field_with_names(topic, path, FieldKind::Named, names, log);
                 inputs.push((name.value.as_str().into(), ValueSource::Field { topic, field }));
             }
             _ => inputs.push((name.value.as_str().into(), source(from, topics, log))),

@@ -1,6 +1,6 @@
 //! The topics to read: each has one name, one type and one index in the model.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
 use crate::decode::Spanned;
@@ -149,6 +149,18 @@ impl Topics {
         kind: FieldKind,
         log: &mut Log,
     ) -> (TopicId, u32) {
+        self.field_with_names(topic, path, kind, BTreeSet::new(), log)
+    }
+
+    /// The same, with the names that a condition gives to its numbers.
+    pub fn field_with_names(
+        &mut self,
+        topic: &Topic,
+        path: &Spanned<String>,
+        kind: FieldKind,
+        names: BTreeSet<Box<str>>,
+        log: &mut Log,
+    ) -> (TopicId, u32) {
         let id = self.watch(topic, false, log);
         match kind {
             FieldKind::Positions | FieldKind::Elements => check_list(path, log),
@@ -161,7 +173,7 @@ impl Topics {
             }
         }
         let index = id.0 as usize;
-        let field = FieldSpec { path: path.value.as_str().into(), kind };
+        let field = FieldSpec { path: path.value.as_str().into(), kind, names };
         let position = *self.fields.entry((index, field.clone())).or_insert_with(|| {
             self.watched[index].fields.push(field);
             self.places[index].fields.push(path.span);

@@ -1,6 +1,7 @@
 //! The sources of monitors: topics with their fields, KeyValues of statuses, and probes; and the recorded topics.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use crate::time::Span;
@@ -120,12 +121,19 @@ pub struct FieldSpec {
     /// `twist.twist.linear.x`, `poses[0].position.x`, `transforms[child_frame_id=base_link].transform`.
     pub path: Box<str>,
     pub kind: FieldKind,
+    /// The names that a condition gives to numbers of the field: its type must have them.
+    #[serde(default)]
+    pub names: BTreeSet<Box<str>>,
 }
 
 impl FieldSpec {
+    pub fn new(path: impl Into<Box<str>>, kind: FieldKind) -> FieldSpec {
+        FieldSpec { path: path.into(), kind, names: BTreeSet::new() }
+    }
+
     /// The transforms of a child frame in a `tf2_msgs/TFMessage`.
     pub fn transforms_of(child: &str) -> FieldSpec {
-        FieldSpec { path: format!("transforms[child_frame_id={child}]").into(), kind: FieldKind::Transforms }
+        FieldSpec::new(format!("transforms[child_frame_id={child}]"), FieldKind::Transforms)
     }
 }
 

@@ -133,7 +133,7 @@ impl Definitions {
         let fields = spec.fields.iter().map(|field| {
             let named = |program: Program| match field.kind {
                 FieldKind::Named => program
-                    .named(self.labels(&spec.type_name, &field.path))
+                    .named(self.labels(&spec.type_name, &field.path), &field.names)
                     .map_err(|wrong| of_path(&field.path, wrong)),
                 _ => Ok(program),
             };
@@ -158,7 +158,7 @@ impl Definitions {
     pub fn boolean(&self, type_name: &str, path: &str) -> Result<BooleanReader, FieldError> {
         let shape = Library::new(self).shape(type_name);
         let shape = shape.map_err(|error| FieldError { path: None, text: error.text, help: error.help })?;
-        let program = compile(&shape, &FieldSpec { path: path.into(), kind: FieldKind::Scalar })?;
+        let program = compile(&shape, &FieldSpec::new(path, FieldKind::Scalar))?;
         if program.kind() == Some(ScalarKind::Bool) {
             return Ok(BooleanReader(program));
         }

@@ -1,5 +1,6 @@
 //! Compiled paths: the parts of a message to skip, and the value to read.
 
+use std::collections::BTreeSet;
 use std::fmt;
 use std::sync::Arc;
 
@@ -150,8 +151,12 @@ impl Program {
     /// Reads the name of a number in place of the number, if there are names.
     ///
     /// # Errors
-    /// A number has two names.
-    pub fn named(self, names: Vec<(Box<str>, i64)>) -> Result<Program, PathError> {
+    /// A number has two names, or none has one that is wanted: a condition on it would never be true.
+    pub fn named(
+        self,
+        names: Vec<(Box<str>, i64)>,
+        wanted: &BTreeSet<Box<str>>,
+    ) -> Result<Program, PathError> {
         let Leaf::Primitive(primitive) = self.leaf else { return Ok(self) };
         let is_whole = range(primitive).is_some();
         if names.is_empty() || !is_whole {
@@ -162,6 +167,11 @@ impl Program {
                 let text = format!("{number} is called {other} and {name}");
                 return Err(PathError { text, help: "write the number".to_owned() });
             }
+        }
+        if let Some(unknown) = wanted.iter().find(|wanted| names.iter().all(|(name, _)| name != *wanted)) {
+            let known: Vec<&str> = names.iter().map(|(name, _)| &**name).collect();
+            let text = format!("no number of it is called {unknown}");
+            return Err(PathError { text, help: format!("write one of {}", known.join(", ")) });
         }
         Ok(Program { leaf: Leaf::Named(primitive, names.into()), ..self })
     }

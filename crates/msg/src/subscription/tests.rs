@@ -89,7 +89,7 @@ fn what_cannot_be_read_is_refused() {
 }
 
 fn topic(topic: &str, type_name: &str, stamp: bool, paths: &[&str]) -> TopicSpec {
-    let fields = paths.iter().map(|&path| FieldSpec { path: path.into(), kind: FieldKind::Scalar });
+    let fields = paths.iter().map(|&path| FieldSpec::new(path, FieldKind::Scalar));
     TopicSpec { topic: topic.into(), type_name: type_name.into(), stamp, fields: fields.collect() }
 }
 
@@ -147,7 +147,7 @@ fn a_signal_and_monitors_share_one_topic() {
 #[test]
 fn a_recording_needs_no_content_of_what_is_only_counted_unless_it_is_named() {
     let topic = |topic: &str, fields: &[&str]| {
-        let field = |path: &&str| FieldSpec { path: (*path).into(), kind: FieldKind::Scalar };
+        let field = |path: &&str| FieldSpec::new(*path, FieldKind::Scalar);
         Arc::new(TopicSpec {
             topic: topic.into(),
             type_name: if fields.is_empty() { String::new() } else { BOOL.to_owned() }.into(),

@@ -84,7 +84,7 @@ pub struct Frame {
 pub fn more_fields(type_name: &str) -> impl Iterator<Item = FieldSpec> {
     let count = if type_name == TF_MESSAGE { TRANSFORMS_MAX } else { 0 };
     let of = |at: usize| ["header.frame_id", "child_frame_id"].map(|name| format!("transforms[{at}].{name}"));
-    (0..count).flat_map(of).map(|path| FieldSpec { path: path.into(), kind: FieldKind::Scalar })
+    (0..count).flat_map(of).map(|path| FieldSpec::new(path, FieldKind::Scalar))
 }
 
 impl Messages {
@@ -242,7 +242,7 @@ mod tests {
         let nodes = ["/ekf".to_owned()].into_iter().collect();
         let mut seen = Observations::default();
         seen.see(Arc::new(Discovery { topics, nodes, participants: 1, ..Discovery::default() }));
-        let whole = FieldSpec { path: "".into(), kind: FieldKind::Content };
+        let whole = FieldSpec::new("", FieldKind::Content);
         let source = Arc::new(TopicSpec {
             topic: "/tf".into(),
             type_name: TF_MESSAGE.into(),

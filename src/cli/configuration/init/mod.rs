@@ -232,7 +232,7 @@ impl Lookout {
 
 /// A topic with its stamps and what tells its messages apart, if its type has them.
 fn readable(topic: &str, type_name: &str, definitions: &Definitions) -> Option<Arc<TopicSpec>> {
-    let whole = || FieldSpec { path: Box::default(), kind: FieldKind::Content };
+    let whole = || FieldSpec::new("", FieldKind::Content);
     let spec = |(stamp, content): (bool, bool)| TopicSpec {
         topic: topic.into(),
         type_name: type_name.into(),

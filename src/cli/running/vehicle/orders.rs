@@ -130,7 +130,7 @@ pub fn model(publishing: &Publishing) -> Model {
         Some(SignalSpec::new(name, source))
     };
     let watched = |topic: Option<&str>, type_name: &str, path: &str, kind| {
-        let fields = vec![FieldSpec { path: path.into(), kind }];
+        let fields = vec![FieldSpec::new(path, kind)];
         Some(Arc::new(TopicSpec { topic: topic?.into(), type_name: type_name.into(), stamp: false, fields }))
     };
     let pose = publishing.initialpose.as_deref();

@@ -76,9 +76,9 @@ pub(super) fn watched() -> Watched {
         type_name: "test/msg/Both".into(),
         stamp: true,
         fields: vec![
-            FieldSpec { path: "x".into(), kind: FieldKind::Scalar },
-            FieldSpec { path: "pose".into(), kind: FieldKind::Pose },
-            FieldSpec { path: "objects".into(), kind: FieldKind::Positions },
+            FieldSpec::new("x", FieldKind::Scalar),
+            FieldSpec::new("pose", FieldKind::Pose),
+            FieldSpec::new("objects", FieldKind::Positions),
         ],
     };
     let probe = WatchdogSpec { target: ProbeTarget::Icmp { host: "lidar".into() }, every: millis(100) };

@@ -199,7 +199,7 @@ fn after_a_reload_a_monitor_that_means_the_same_goes_on() {
     ]);
     parts.watched.topics.swap(0, 1);
     let more = Arc::make_mut(&mut parts.watched.topics[1]);
-    more.fields.push(FieldSpec { path: "y".into(), kind: FieldKind::Scalar });
+    more.fields.push(FieldSpec::new("y", FieldKind::Scalar));
     let second = model(parts);
     let mut engine = Engine::new(first.clone(), Timestamp::ZERO);
     let send = |engine: &mut Engine, range: std::ops::Range<u64>| {

@@ -13,7 +13,7 @@ use crate::messages::encode::{self, Header, Motion, Transform};
 use telltale_engine::model::sample::{POSITIONS_MAX, Pose, Position, Positions};
 
 fn spec(type_name: &str, stamp: bool, fields: &[(&str, FieldKind)]) -> TopicSpec {
-    let field = |(path, kind): &(&str, FieldKind)| FieldSpec { path: (*path).into(), kind: *kind };
+    let field = |(path, kind): &(&str, FieldKind)| FieldSpec::new(*path, *kind);
     TopicSpec {
         topic: "/x".into(),
         type_name: type_name.into(),
@@ -70,6 +70,10 @@ fn a_number_with_a_name_is_read_as_that_name() {
     let two = spec("visualization_msgs/msg/Marker", false, &[("action", FieldKind::Named)]);
     let error = Definitions::default().check(&two).unwrap_err().to_string();
     assert_eq!(error, "`action`: 0 is called ARROW and ADD (write the number)");
+    let mut misspelt = spec("diagnostic_msgs/msg/DiagnosticStatus", false, &[("level", FieldKind::Named)]);
+    misspelt.fields[0].names = ["EROR".into(), "WARN".into()].into();
+    let error = Definitions::default().check(&misspelt).unwrap_err().to_string();
+    assert_eq!(error, "`level`: no number of it is called EROR (write one of OK, WARN, ERROR, STALE)");
 }
 
 #[test]

@@ -102,7 +102,7 @@ fn measured_values_have_the_units_of_their_messages() {
         topic: "/battery".into(),
         type_name: "sensor_msgs/msg/BatteryState".into(),
         stamp: false,
-        fields: vec![FieldSpec { path: "percentage".into(), kind: FieldKind::Scalar }],
+        fields: vec![FieldSpec::new("percentage", FieldKind::Scalar)],
     });
     parts.watched.topics.push(battery.clone());
     let source = ValueSource::Field { topic: TopicId(0), field: 0 };
