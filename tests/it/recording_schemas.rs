@@ -58,13 +58,19 @@ fn inputs() -> Vec<Input> {
     let writers = [NodeOf::Pending, NodeOf::Unannounced, NodeOf::Named("/lidar".into())];
     let writers = writers.into_iter().enumerate().map(|(at, node)| (WriterId([at as u8; 16]), node));
     let list = WriterList { as_of: Timestamp::from_millis(7), complete: true, writers: writers.collect() };
-    let field = |kind| FieldSpec::new("pose.pose", kind);
+    let field = |kind| match kind {
+        FieldKind::Named => {
+            FieldSpec { names: ["ERROR".into()].into(), ..FieldSpec::new("status[0].level", kind) }
+        }
+        _ => FieldSpec::new("pose.pose", kind),
+    };
     let topic = Arc::new(TopicSpec {
         topic: "/odometry".into(),
         type_name: "nav_msgs/msg/Odometry".into(),
         stamp: true,
         fields: [
             FieldKind::Scalar,
+            FieldKind::Named,
             FieldKind::Pose,
             FieldKind::Positions,
             FieldKind::Transforms,

@@ -26,6 +26,12 @@ const FLICKER_KMH: f64 = 0.75;
 /// A vehicle that rolls out at a stop is slower than this.
 const ROLLS_OUT_MPS: f64 = 1.5;
 
+/// And stands within this time.
+const ROLLS_OUT_WITHIN: Span = Span::from_secs(10);
+
+/// A vehicle that stood moves once no message has said for this long that it is slow.
+const MOVES_AFTER: Span = Span::from_millis(500);
+
 /// A higher speed is shown as this one.
 const SHOWN_KMH_MAX: f64 = 999.0;
 
@@ -42,6 +48,17 @@ const NEARED_EVERY: Span = Span::from_secs(1);
 const NEARING_MIN_MPS: f64 = 0.5;
 const GOAL_MAX_MIN: f64 = 60.0;
 
+/// Whether the vehicle is at a stop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+enum Parking {
+    /// Between stops, or nothing is known of it.
+    #[default]
+    No,
+    /// Since it said that it drives no more.
+    RollsOut(Timestamp),
+    Yes,
+}
+
 /// The known motion.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct MotionState {
@@ -49,9 +66,14 @@ pub(super) struct MotionState {
     speed: Option<(f64, Timestamp)>,
     /// Since when each message has said that the vehicle is slow.
     slow_since: Option<Timestamp>,
-    /// Since when it has stood, without a speed of a vehicle that drives. A tick of a wheel is none.
+    /// Since when it has stood. A tick of a wheel is no movement.
     #[serde(default)]
     stood_since: Option<Timestamp>,
+    /// Since when no message has said that it is slow.
+    #[serde(default)]
+    moved_since: Option<Timestamp>,
+    #[serde(default)]
+    parking: Parking,
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
     /// The last place of the vehicle, in metres.
@@ -77,8 +99,12 @@ impl MotionState {
                     self.driven_m += f64::midpoint(before, mps) * now.since(at).as_secs_f64();
                 }
                 self.speed = Some((mps, now));
-                self.slow_since = (mps < source.standing_below_mps).then(|| self.slow_since.unwrap_or(now));
-                self.stood_since = self.stood_since.filter(|_| mps <= ROLLS_OUT_MPS).or(self.slow_since);
+                let is_slow = mps < source.standing_below_mps;
+                self.slow_since = is_slow.then(|| self.slow_since.unwrap_or(now));
+                self.moved_since = (!is_slow).then(|| self.moved_since.unwrap_or(now));
+                let moves =
+                    mps > ROLLS_OUT_MPS || self.moved_since.is_some_and(|since| now >= since + MOVES_AFTER);
+                self.stood_since = self.stood_since.filter(|_| !moves).or(self.slow_since);
             }
             _ => self.lose_speed(),
         }
@@ -93,7 +119,37 @@ impl MotionState {
     }
 
     pub(super) fn lose_speed(&mut self) {
-        (self.speed, self.slow_since, self.stood_since) = (None, None, None);
+        (self.speed, self.slow_since, self.stood_since, self.moved_since) = (None, None, None, None);
+    }
+
+    /// It has arrived, or was localized at a stop.
+    pub(super) fn park(&mut self, now: Timestamp) {
+        self.parking = Parking::RollsOut(now);
+    }
+
+    pub(super) fn set_off(&mut self) {
+        self.parking = Parking::No;
+    }
+
+    /// Whether it is known to stand at a stop, or rolls out there. Without a speed nothing shows that it was moved.
+    pub(super) fn is_parked(&self) -> bool {
+        self.parking != Parking::No
+    }
+
+    /// A vehicle that is not to drive and moves all the same is at its stop no more. With a clearance it may set off while its
+    /// speed is unknown.
+    fn follow_parking(&mut self, cleared: bool, now: Timestamp) {
+        self.parking = match (self.parking, self.speed) {
+            (Parking::Yes, None) if cleared => Parking::No,
+            (Parking::RollsOut(_), Some(_)) if self.stood_since.is_some() => Parking::Yes,
+            (Parking::RollsOut(since), Some((mps, _)))
+                if mps > ROLLS_OUT_MPS || now >= since + ROLLS_OUT_WITHIN =>
+            {
+                Parking::No
+            }
+            (Parking::Yes, Some(_)) if self.stood_since.is_none() => Parking::No,
+            (same, _) => same,
+        };
     }
 
     fn take_goal(&mut self, value: &FieldValue) {
@@ -230,6 +286,9 @@ impl Engine {
         self.motion.goal = self.motion.goal.filter(|_| counts);
         self.motion.shown.destination = self.motion.goal.and_then(|goal| nearest_stop(&driving.stops, goal));
         self.motion.shown.has_source = driving.speed.is_some();
+        if driving.speed.is_some() && self.vehicle.stage != Stage::Active {
+            self.motion.follow_parking(self.vehicle.stage == Stage::Cleared, self.now);
+        }
         // A vehicle that is not sure where it is does not know how far it is.
         let localization = self.localization_group.map(|id| self.net.groups[id.0 as usize].node.facts.shown);
         let trusted = localization.is_none_or(|state| matches!(state, State::Ok | State::Warning));
@@ -264,11 +323,6 @@ impl Engine {
         self.motion.stood_since.is_some_and(|since| self.now >= since + ARRIVAL)
     }
 
-    /// Whether it moves, or that is not known although a speed is configured.
-    pub(super) fn may_roll(&self) -> bool {
-        self.model.driving.speed.is_some() && self.motion.shown.may_move()
-    }
-
     /// Whether it is faster than a vehicle that rolls out at a stop, or its speed is not known although one is configured.
     pub(super) fn may_roll_fast(&self) -> bool {
         let Some(source) = &self.model.driving.speed else { return false };
@@ -299,13 +353,14 @@ impl Engine {
             .position
             .zip(before.driving.position)
             .filter(|(it, other)| it.value.means_the_same(&now.watched, other.value, &before.watched));
-        self.motion.driven_m = old.motion.driven_m;
+        (self.motion.driven_m, self.motion.parking) = (old.motion.driven_m, old.motion.parking);
         if let Some((source, _)) = speed {
             (self.motion.speed, self.motion.shown) = (old.motion.speed, old.motion.shown);
             let is_slow = |(mps, _): &(f64, Timestamp)| *mps < source.standing_below_mps;
             let slow = self.motion.speed.filter(is_slow);
             self.motion.slow_since = slow.map(|(_, at)| old.motion.slow_since.unwrap_or(at));
             self.motion.stood_since = old.motion.stood_since.or(self.motion.slow_since);
+            self.motion.moved_since = old.motion.moved_since;
         }
         if goal.is_some() {
             self.motion.goal = old.motion.goal;

@@ -122,7 +122,7 @@ pub struct FieldSpec {
     pub path: Box<str>,
     pub kind: FieldKind,
     /// The names that a condition gives to numbers of the field: its type must have them.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "BTreeSet::is_empty")]
     pub names: BTreeSet<Box<str>>,
 }
 

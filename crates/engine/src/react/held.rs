@@ -59,6 +59,9 @@ pub(crate) struct RequestCause {
     pub(crate) node: NodeId,
     pub(crate) acknowledged: bool,
     pub(crate) present: bool,
+    /// A group in place of a module that is not heard any more, which a WARNING of the group may say.
+    #[serde(default)]
+    pub(crate) stands_in: bool,
 }
 
 /// A node that the operator acknowledges.
@@ -81,12 +84,17 @@ impl HeldRequest {
 
     /// Checks whether the named causes are still present. A failing member inside a node that is well again,
     /// such as one of a redundancy set, is no cause any more.
-    fn look_at_causes(&mut self, net: &Net, state: impl Fn(NodeId) -> State, by_itself: Option<NodeId>) {
+    fn look_at_causes(
+        &mut self,
+        net: &Net,
+        state: impl Fn(&RequestCause) -> State,
+        by_itself: Option<NodeId>,
+    ) {
         let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
         for cause in &mut self.causes {
-            let stands_in = cause.node == net.nobody();
+            let is_nobody = cause.node == net.nobody();
             cause.present =
-                !stands_in && !lies_in(cause.node) && fails(&net.node(cause.node).facts, state(cause.node));
+                !is_nobody && !lies_in(cause.node) && fails(&net.node(cause.node).facts, state(cause));
         }
         self.present = self.causes.iter().any(|cause| cause.present);
     }
@@ -109,10 +117,10 @@ impl HeldRequest {
             let facts = &net.node(node).facts;
             !facts.masked && fails(facts, State::Warning)
         };
-        let now = |node| RequestCause { node, acknowledged: known(node), present: true };
+        let now = |node| RequestCause { node, acknowledged: known(node), present: true, stands_in: false };
         self.causes = named(about).into_iter().map(now).collect();
         let mut past: Vec<NodeId> = Vec::new();
-        for &RequestCause { node, present, acknowledged } in &before {
+        for &RequestCause { node, present, acknowledged, .. } in &before {
             match (acknowledged, net.node(node).facts.masked && present) {
                 (false, true) => past.extend(named(node).into_iter().filter(|&node| !known(node))),
                 (false, false) => past.push(node),
@@ -128,7 +136,12 @@ impl HeldRequest {
             past.insert(0, about);
         }
         for node in past {
-            self.add(RequestCause { node, acknowledged: known(node), present: is_there(node) });
+            self.add(RequestCause {
+                node,
+                acknowledged: known(node),
+                present: is_there(node),
+                stands_in: false,
+            });
         }
     }
 
@@ -137,6 +150,7 @@ impl HeldRequest {
             Some(known) => {
                 known.acknowledged &= cause.acknowledged;
                 known.present |= cause.present;
+                known.stands_in |= cause.stands_in;
             }
             None => self.causes.push(cause),
         }
@@ -151,7 +165,7 @@ impl HeldRequest {
         let rest = self.causes.split_off(CAUSES_MAX - 1);
         let acknowledged = rest.iter().all(|cause| cause.acknowledged);
         let present = rest.iter().any(|cause| cause.present);
-        self.add(RequestCause { node: others, acknowledged, present });
+        self.add(RequestCause { node: others, acknowledged, present, stands_in: false });
     }
 
     fn is_about(&self, node: NodeId) -> bool {
@@ -181,9 +195,8 @@ pub(crate) struct Whereabouts {
     pub(crate) at_a_stop: bool,
     /// The vehicle does not say whether it drives.
     pub(crate) active_unknown: bool,
-    /// It is at no stop: it stands although it is to drive, or may be faster than a vehicle that rolls out at a stop
-    /// although it is not.
-    pub(crate) on_the_way: bool,
+    /// It stands although it is to drive, or is not known to have arrived although it is not.
+    pub(crate) between_stops: bool,
 }
 
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -213,9 +226,6 @@ pub(crate) struct Countermeasures {
     /// that nothing is held where nothing is. No word of the vehicle says so: one that is held stands, too.
     #[serde(default)]
     pub(crate) knows_all: bool,
-    /// A request that is still held ended a clearance, with which the vehicle may have set off.
-    #[serde(default)]
-    pub(crate) may_have_set_off: bool,
     /// Counts every STOP of the operator, also one that holds already or is refused: a confirmation that was
     /// asked for before the last one counts no more.
     #[serde(default)]
@@ -272,7 +282,7 @@ impl Countermeasures {
         &mut self,
         model: &Model,
         net: &Net,
-        Whereabouts { stage, at_a_stop, active_unknown, on_the_way }: Whereabouts,
+        Whereabouts { stage, at_a_stop, active_unknown, between_stops }: Whereabouts,
         now: Timestamp,
         causes: impl Fn(NodeId) -> Vec<NodeId>,
     ) {
@@ -308,11 +318,10 @@ impl Countermeasures {
                         held.present |= is_unclear;
                     }
                 }
-                // Where a WARNING of a module asks, its rule asks again. A group may stand for a module that is not heard
-                // any more, which its WARNING says.
+                // Where a WARNING asks, its rule asks again.
                 RequestOrigin::Past => held.look_at_causes(
                     net,
-                    |node| if matches!(node, NodeId::Group(_)) { State::Warning } else { State::Unknown },
+                    |cause| if cause.stands_in { State::Warning } else { State::Unknown },
                     None,
                 ),
                 RequestOrigin::Operator => {}
@@ -320,19 +329,13 @@ impl Countermeasures {
             // A cause that is gone on the way leaves a vehicle that only the operator sets going again. So does a
             // silence of `active`: its publisher may have started again between stops, and then says false first.
             let is_latched = held.by == RequestOrigin::Operator || !held.present;
-            held.needs_release |= active_unknown || on_the_way || is_latched && stage == Stage::Active;
+            held.needs_release |= active_unknown || between_stops || is_latched && stage == Stage::Active;
         }
-        self.may_have_set_off &= !self.held.is_empty();
         let surely_at_a_stop = at_a_stop && self.arrives.is_none_or(|at| at <= now);
         self.held.retain(|held| {
             let is_over = held.by == RequestOrigin::Operator || !held.present;
             !is_over || held.request.kind().moves() && (held.needs_release || !surely_at_a_stop)
         });
-    }
-
-    /// From now on only a release ends the held requests.
-    pub(crate) fn latch(&mut self) {
-        self.held.iter_mut().for_each(|held| held.needs_release = true);
     }
 
     /// Holds a stop that the operator requested, once.
@@ -380,27 +383,26 @@ impl Countermeasures {
 
     /// The countermeasures for the snapshot: strongest first.
     pub(crate) fn list(&self, others: NodeId) -> Arc<[Countermeasure]> {
-        let measure =
-            |asked: &ActiveRequest| {
-                let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
-                let since = Since { at: asked.since, before: self.earliest(asked.request.kind()).before };
-                let mut all = HeldRequest::new(asked.request, RequestOrigin::Past, since);
-                of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
-                all.cut(others);
-                let cause = |&RequestCause { node, acknowledged, present }: &RequestCause| {
-                    CountermeasureCause { node, acknowledged, present }
-                };
-                Countermeasure {
-                    request: asked.request,
-                    by_operator: of_kind()
-                        .find(|held| held.by == RequestOrigin::Operator)
-                        .map(HeldRequest::since),
-                    causes: all.causes.iter().map(cause).collect(),
-                    since,
-                    state: asked.state,
-                    latched: of_kind().all(|held| !held.present || held.by == RequestOrigin::Operator),
-                }
+        let measure = |asked: &ActiveRequest| {
+            let of_kind = || self.held.iter().filter(|held| held.request.kind() == asked.request.kind());
+            let since = Since { at: asked.since, before: self.earliest(asked.request.kind()).before };
+            let mut all = HeldRequest::new(asked.request, RequestOrigin::Past, since);
+            of_kind().flat_map(|held| &held.causes).for_each(|cause| all.add(*cause));
+            all.cut(others);
+            let cause = |&RequestCause { node, acknowledged, present, .. }: &RequestCause| {
+                CountermeasureCause { node, acknowledged, present }
             };
+            Countermeasure {
+                request: asked.request,
+                by_operator: of_kind()
+                    .find(|held| held.by == RequestOrigin::Operator)
+                    .map(HeldRequest::since),
+                causes: all.causes.iter().map(cause).collect(),
+                since,
+                state: asked.state,
+                latched: of_kind().all(|held| !held.present || held.by == RequestOrigin::Operator),
+            }
+        };
         self.asked.iter().rev().flatten().map(measure).collect()
     }
 

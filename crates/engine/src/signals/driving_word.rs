@@ -41,6 +41,11 @@ impl Drive {
         }
     }
 
+    /// Nothing was heard for longer than the timeout: a `false` after that begins anew.
+    pub(crate) fn lapse(&mut self) {
+        self.denied = None;
+    }
+
     /// Whether the vehicle counts as driving although the last sample is false.
     pub(crate) fn holds(&self, now: Timestamp) -> bool {
         self.denied.is_some_and(|at| now < at + ARRIVAL)

@@ -104,11 +104,11 @@ impl Signals {
         self.values[index].seen.replace(false) != Some(false)
     }
 
-    /// Takes a sample of the signal that the vehicle drives; samples may contradict each other. `expected`: the
-    /// vehicle was cleared. Returns whether the value for conditions changed.
-    pub(super) fn take_active(&mut self, value: SignalSample, expected: bool, now: Timestamp) -> bool {
+    /// Takes a sample of the signal that the vehicle drives; samples may contradict each other. `stage`: of the vehicle
+    /// until now. Returns whether the value for conditions changed.
+    pub(super) fn take_active(&mut self, value: SignalSample, stage: Stage, now: Timestamp) -> bool {
         let Some(index) = self.active else { return false };
-        self.drive.take(value.is, self.value(index) == Some(true), expected, now);
+        self.drive.take(value.is, stage == Stage::Active, stage == Stage::Cleared, now);
         self.take(index, value, now)
     }
 
@@ -130,10 +130,16 @@ impl Signals {
     pub(super) fn refresh(&mut self, index: usize, now: Timestamp) -> bool {
         let Some((value, at)) = self.values[index].last else { return false };
         let spec = &self.specs[index];
+        let is_active = self.active == Some(index);
         let seen = match (spec.present_for, spec.timeout) {
             (Some(span), _) => Some(value && now < at + span),
-            (None, Some(timeout)) if now >= at + timeout => None,
-            (None, _) => Some(value || (self.active == Some(index) && self.drive.holds(now))),
+            (None, Some(timeout)) if now >= at + timeout => {
+                if is_active {
+                    self.drive.lapse();
+                }
+                None
+            }
+            (None, _) => Some(value || (is_active && self.drive.holds(now))),
         };
         std::mem::replace(&mut self.values[index].seen, seen) != seen
     }
@@ -174,8 +180,7 @@ impl Engine {
     fn take_heard(&mut self, index: usize, heard: SignalSample) -> bool {
         let changed = match self.vehicle.model {
             StageModel::Shuttle if Some(index) == self.active_signal => {
-                let cleared = self.vehicle.stage == Stage::Cleared;
-                self.signals.take_active(heard, cleared, self.now)
+                self.signals.take_active(heard, self.vehicle.stage, self.now)
             }
             _ => self.signals.take(index, heard, self.now),
         };

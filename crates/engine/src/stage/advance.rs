@@ -68,11 +68,13 @@ impl Engine {
             // A vehicle that was cleared may have set off already.
             self.countermeasures.arrives = Some(self.now + ARRIVAL);
         }
-        self.countermeasures.may_have_set_off |= event == Event::Countermeasure;
+        if to == Stage::Active {
+            self.motion.set_off();
+        }
+        if event == Event::Localized || from == Stage::Active && !self.is_between_stops() {
+            self.motion.park(self.now);
+        }
         if from == Stage::Active {
-            if self.is_between_stops() {
-                self.countermeasures.latch();
-            }
             self.arrived();
         }
         self.countermeasures.knows_all |= event == Event::Clearance;

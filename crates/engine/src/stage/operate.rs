@@ -355,10 +355,10 @@ impl Engine {
             stage: self.vehicle.stage,
             at_a_stop: self.stands_at_a_stop(),
             active_unknown: self.says_it_drives().is_none(),
-            on_the_way: if self.vehicle.stage == Stage::Active {
+            between_stops: if self.vehicle.stage == Stage::Active {
                 self.has_stood()
             } else {
-                self.may_roll_fast() || self.countermeasures.may_have_set_off && self.may_roll()
+                !self.motion.is_parked() || self.may_roll_fast()
             },
         };
         self.countermeasures.follow(&self.model, net, whereabouts, self.now, causes);

@@ -393,7 +393,7 @@ impl Task {
                     Some(None) => {}
                     Some(Some(warnings)) => tracing::warn!("{file} can be used, but:\n{warnings}"),
                     None => tracing::warn!(
-                        "its situations are still being judged; `telltale check {file}` tells them"
+                        "its situations are not judged yet; `telltale check {file}` tells them"
                     ),
                 }
             }
