@@ -154,6 +154,8 @@
     body.dataset.stage = message.stage;
     stage.dataset.overall = message.overall;
     setText(stage.querySelector(".word"), message.word);
+    stage.lastElementChild.dataset.state = message.overall;
+    setText(stage.lastElementChild, message.state);
     // Another configuration or another server counts anew.
     newest = message.revision;
     const renews = content().dataset.static === undefined;
