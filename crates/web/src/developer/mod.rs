@@ -81,6 +81,14 @@ impl Page {
         }
     }
 
+    /// The page of the navigation that leads there.
+    const fn leading(self) -> Page {
+        match self {
+            Page::Statistics => Page::Incidents,
+            other => other,
+        }
+    }
+
     /// Whether a replay has it, as it was.
     const fn is_of_a_moment(self) -> bool {
         match self {
@@ -174,13 +182,13 @@ impl DevFrame {
             path: it.path(),
             word: it.word(words),
             key: index + 1,
-            here: it == page,
+            here: it == page.leading(),
             then: it.is_of_a_moment(),
         });
         DevFrame {
             words,
             title: page.word(words).to_owned(),
-            path: page.path(),
+            path: page.leading().path(),
             links: links.collect(),
             vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
             stage: snapshot.stage.as_str(),
