@@ -75,6 +75,12 @@ def test_what_is_too_slow_stands_first_beside_what_is_wanted(robot, topics, trou
     expect(cell("slow", "Jitter")).to_have_text(re.compile(r"^[\d.]+ ms$"))
     expect(row("well")).not_to_have_attribute("data-pace", re.compile("."))
     expect(cell("well", "Wanted")).to_have_text("≥ 0.5 Hz")
+    # What adds a monitor makes no row higher, and a type is whole below its package.
+    expect(cell("slow", "Type")).to_have_text("std_msgs/msg/Bool")
+    high = lambda part: part.bounding_box()["height"]
+    assert high(row("unread").locator(".monitors")) < 2.5 * high(row("unread").locator("[data-draft]"))
+    top = lambda part: part.bounding_box()["y"]
+    assert abs(top(row("slow").locator("[data-draft]")) - top(row("slow").locator(".monitors a:not([data-draft])"))) < 5
     # Nobody reads it, so nothing is known of its rate.
     expect(cell("unread", "Rate")).to_have_text("")
     expect(cell("unread", "Wanted")).to_have_text("")

@@ -366,7 +366,7 @@ fn topics_show_types_rates_and_what_does_not_match() {
         &page,
         &[
             "/front",
-            "std_msgs/msg/Bool",
+            "<small>std_<wbr>msgs/<wbr>msg/<wbr></small>Bool",
             "10.0 Hz",
             "data-mismatch",
             "Types differ",
