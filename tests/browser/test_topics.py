@@ -24,6 +24,7 @@ groups:
       - { id: slow, monitor: { frequency: { topic: /slow, type: std_msgs/msg/Bool, window: 2s, warning_below: 200, error_below: 100 } } }
       - { id: heard, monitor: { frequency: { topic: /well, type: std_msgs/msg/Bool, window: 2s, error_below: 0.5 } } }
       - { id: value, monitor: { value: { topic: /well, type: std_msgs/msg/Bool, field: data, error_unless: true } } }
+      - { id: over, monitor: { value: { topic: /over, type: std_msgs/msg/Bool, field: data, error_unless: true } } }
 """
 TOPICS = ("well", "slow", "unread")
 
@@ -88,6 +89,20 @@ def test_what_is_too_slow_stands_first_beside_what_is_wanted(robot, topics, trou
     expect(cell("well", "Monitors").get_by_role("link", name="sensors/")).to_have_text(["sensors/heard", "sensors/value"])
     cell("well", "Monitors").get_by_role("link", name="sensors/value").click()
     page.wait_for_url("**/developer/why?node=sensors%2Fvalue")
+
+
+def test_a_topic_that_stopped_has_no_jitter(robot, topics, trouble, tmp_path):
+    page = topics
+    cells = page.locator('#topics [data-topic="/over"] .number')
+    with contextlib.closing(Writer(robot.domain, "rt/over", "Bool", tmp_path / "over.log")) as writer:
+
+        def is_measured():
+            writer.write(bool=True)
+            return "ms" in "".join(cells.all_text_contents())
+
+        until(is_measured, 30, lambda: cells.all_text_contents())
+        expect(cells.first).to_have_text("0.0 Hz", timeout=30_000)
+        assert "ms" not in "".join(cells.all_text_contents()), cells.all_text_contents()
 
 
 def test_programs_are_told_the_same(robot):
