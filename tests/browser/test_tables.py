@@ -122,3 +122,22 @@ def test_a_table_is_copied_and_every_page_with_a_table_has_the_buttons(server, v
             page.locator("#dev .export").first.wait_for()
             over = page.evaluate(COVERED)
             assert not over, (path, width, over)
+
+
+def test_on_a_phone_nothing_lies_beside_the_window(server, vehicle, developer, trouble):
+    page = developer
+    vehicle.set(STATUS, 2, "no packets")
+    visit(page, server, "/developer/timeline")
+    until(lambda: page.goto(server.url + "/incidents") and page.locator("#incidents [data-row]").count(), 30, page.content)
+    page.set_viewport_size({"width": 390, "height": 844})
+    for path, sheet in (("/developer", ".sheet:has(#modules)"), ("/incidents", "#incidents"), ("/developer/timeline", "#timeline")):
+        visit(page, server, path)
+        beside = page.locator(sheet).evaluate("it => it.scrollWidth - it.clientWidth")
+        assert beside == 0, (path, beside)
+    # A strip has the whole width below its name, and a status says its state once.
+    lane = page.locator('.lane[data-node="sensors"]')
+    name, strip = lane.locator(".label").bounding_box(), lane.locator("svg").bounding_box()
+    assert strip["y"] >= name["y"] + name["height"] and strip["width"] > 300, (name, strip)
+    visit(page, server, "/developer")
+    expect(row(page, CAUSE).locator(".own")).to_be_hidden()
+    expect(row(page, CAUSE).locator(".message")).to_be_in_viewport()
