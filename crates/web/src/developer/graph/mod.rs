@@ -38,15 +38,15 @@ const BOXES: usize = 150;
 
 const STYLE: Style = Style {
     margin: 12.0,
-    box_width: 188.0,
-    column_gap: 40.0,
+    box_width: 198.0,
+    column_gap: 32.0,
     box_gap: 18.0,
     arrow_height: 12.0,
     padding: 10.0,
     header_height: 34.0,
     name_at: (16.0, 22.0),
-    name_letter: 8.9,
-    row_letter: 7.4,
+    name_letter: 8.3,
+    row_letter: 7.1,
     arrows_max: 1500,
 };
 
