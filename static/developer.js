@@ -44,7 +44,7 @@
   // The page that an address belongs to, without its parameters. Each node has its own.
   const WHY = `${body.dataset.socket.split("/live?")[0]}/why`;
   const pageOf = ({ pathname, search }) => (pathname === WHY ? `${pathname}?${new URLSearchParams(search).get("node")}` : pathname);
-  const INCIDENT = /^\/incidents\/\d+(\/what-if)?$/;
+  const INCIDENT = /^\/(incidents\/\d+(\/what-if)?|developer\/statistics)$/;
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a, [data-search]")].map((link) => link.pathname)]);
   const isKnown = (pathname) => known.has(pathname) || INCIDENT.test(pathname);
   // The answer to a form stands under the address of its page, so a reload sends nothing twice.
@@ -99,7 +99,7 @@
     shownPage = pageOf(url);
     const title = fresh.querySelector("h2");
     document.title = `${title.textContent} - Telltale`;
-    for (const link of document.querySelectorAll("nav a")) {
+    for (const link of document.querySelectorAll(".dev-bar nav a")) {
       // While a moment is chosen, a link leads there.
       if ((link.dataset.now ?? link.pathname) === fresh.dataset.page) link.setAttribute("aria-current", "page");
       else link.removeAttribute("aria-current");
@@ -154,6 +154,8 @@
     body.dataset.stage = message.stage;
     stage.dataset.overall = message.overall;
     setText(stage.querySelector(".word"), message.word);
+    stage.lastElementChild.dataset.state = message.overall;
+    setText(stage.lastElementChild, message.state);
     // Another configuration or another server counts anew.
     newest = message.revision;
     const renews = content().dataset.static === undefined;

@@ -70,7 +70,9 @@
     // Where it stands below the bar, without what is said between them while the page is old.
     const { top: begin } = document.querySelector("main").getBoundingClientRect();
     const top = document.querySelector(".dev-bar").offsetHeight + frame.getBoundingClientRect().top - begin;
-    zoom = Math.min(1.3, (frame.clientWidth - 30) / width, Math.max(300, innerHeight - top - 40) / height);
+    const high = Math.max(300, innerHeight - top - 40) / height;
+    // What is too high for the window is scrolled, not made too small to be read.
+    zoom = Math.min(1.3, (frame.clientWidth - 30) / width, Math.max(1, high));
     size(graph);
   };
   const zoomBy = (factor, x, y) => {

@@ -69,6 +69,7 @@ def pages(config):
     yield "/developer/coverage?cell=0%20sensors", "#listed"
     yield f"/developer/why?node={CAUSE}", "#why"
     yield "/developer/why?node=localization", "#why"
+    yield "/developer/statistics", "#statistics h3"
     yield "/developer/audit", "#audit tbody tr"
     yield "/developer/configuration", "#configuration[data-judged=true]"
     yield "/developer/configuration?q=nothing-of-this-name", "#running .empty"

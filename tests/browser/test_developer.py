@@ -53,6 +53,10 @@ def test_statuses_are_live_and_the_keyboard_is_enough(server, vehicle, developer
     expect(row(page, CAUSE)).to_have_attribute("data-state", "error")
     expect(row(page, CAUSE)).to_contain_text("<b>no packets</b>")
     expect(page.locator("#dev-stage")).to_have_attribute("data-overall", "error")
+    # The state has a word and a colour of its own; the stage is no alarm.
+    expect(page.locator("#dev-stage .chip")).to_have_text("Error")
+    grounds = page.evaluate("() => [...document.querySelectorAll('#dev-stage, #dev-stage .word, #dev-stage .chip')].map((it) => getComputedStyle(it).backgroundColor)")
+    assert grounds[0] == grounds[1] != grounds[2], grounds
     page.keyboard.press("Escape")
     page.keyboard.press("j")
     page.keyboard.press("p")

@@ -60,6 +60,9 @@ def test_a_fault_is_listed_told_noted_and_kept(server, vehicle, page, trouble, p
     page.go_back()
     row.locator("td").nth(3).click()
     page.wait_for_url(f"**/incidents/{incident}")
+    # Its heading is the sentence of the list.
+    expect(page.locator("#incident h3")).to_contain_text("LiDAR data missing (Sensors)")
+    expect(page.locator("#incident .chip")).to_have_text("Error")
     expect(page.locator("#story tbody")).to_contain_text("hides: ")
     expect(page.locator(f"#states [data-node='{CAUSE}'] .bar-error")).not_to_have_count(0)
     expect(page.locator("#freeze")).to_contain_text(CAUSE)

@@ -269,6 +269,23 @@ def test_without_scripts_links_are_links(server, vehicle, developer, chromium, t
     context.close()
 
 
+def test_the_statistics_stand_beside_the_incidents(server, vehicle, developer, trouble):
+    page = developer
+    visit(page, server, "/incidents")
+    page.evaluate(MARK)
+    page.locator("#tabs").get_by_role("link", name="Statistics").click()
+    at(page, "/developer/statistics", "Statistics")
+    assert current(page) == ["Incidents"]
+    expect(page.locator("#spans .button")).to_have_text(["1 day", "7 days", "30 days", "1 year"])
+    expect(page.locator("#statistics h3").first).to_have_text("Statistics: 7 days")
+    # Some seconds are recorded, which tell no rate.
+    expect(page.locator("#statistics")).not_to_contain_text("an hour")
+    page.get_by_role("link", name="30 days").click()
+    at(page, "/developer/statistics?days=30", "Statistics")
+    page.reload()
+    expect(page.locator("#statistics h3").first).to_have_text("Statistics: 30 days")
+
+
 def test_a_whole_row_and_a_chip_open_what_they_name(server, vehicle, developer, trouble):
     page = developer
     vehicle.set(STATUS, 2, "broken")

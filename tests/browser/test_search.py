@@ -60,6 +60,7 @@ def test_messages_topics_nodes_pages_and_incidents_are_found(server, vehicle, de
     field.fill(STATUS)
     until(lambda: page.reload() and page.locator("#found-incidents [data-open]").count(), 30, page.content)
     incident = page.locator("#found-incidents [data-open]").first.get_attribute("href")
+    expect(page.locator("#found-incidents [data-open]").first).to_contain_text("LiDAR data missing (Sensors)")
     field.fill(incident.rsplit("/", 1)[1])
     expect(page.locator(f"#found-incidents [href='{incident}']")).to_be_visible()
     # And by what is said of it: with its number, as its fault is called, with its message.

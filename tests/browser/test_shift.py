@@ -26,6 +26,10 @@ def test_after_a_wrong_choice_the_stop_is_chosen_again(server, vehicle, page, tr
     expect(told).to_have_text("The operator chooses the stop.")
     expect(looks.locator("#instruction strong")).to_be_hidden()
     expect(page.locator("#instruction .for-reader")).to_be_hidden()
+    # The colour of the next step is for who takes it.
+    ground = lambda it: it.locator("#instruction").evaluate("it => getComputedStyle(it).backgroundColor")
+    plain = looks.locator(".board").evaluate("it => getComputedStyle(it).backgroundColor")
+    assert ground(looks) == plain != ground(page), (ground(looks), ground(page))
 
     vehicle.set("localization: tf_quality", 2, "jumps")
     expect(page.locator("body")).to_have_attribute("data-live", "live")

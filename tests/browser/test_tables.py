@@ -77,6 +77,15 @@ def test_a_table_is_saved_whole_and_holds_no_formula(server, vehicle, developer,
     expect(page.locator("section:has(#modules) .export")).to_have_count(1)
 
 
+# The texts of a sheet that the buttons lie over.
+COVERED = """() => [...document.querySelectorAll("#dev .export")].flatMap((row) => {
+  const box = row.getBoundingClientRect();
+  const around = [...row.parentElement.querySelectorAll(":is(p, h3, td, th, nav)")].filter((it) => !row.contains(it));
+  return around.filter((it) => {
+    const { top, bottom, height, width } = it.getBoundingClientRect();
+    return height * width > 1 && top < box.bottom - 1 && bottom > box.top + 1;
+  }).map((it) => it.textContent.trim());
+})"""
 NOTE_WORDS = """() => {
   window.said = [];
   const button = document.querySelector("section:has(#coverage) .export [data-as=copy]");
@@ -105,3 +114,30 @@ def test_a_table_is_copied_and_every_page_with_a_table_has_the_buttons(server, v
         until(seen, 20, lambda: f"{path}: {page.locator('#dev .export').count()}")
     rows = list(csv.DictReader(saved(page, "#events", "csv").splitlines()))
     assert rows and set(rows[0]) == {"Time", "Event", "Of what", "Cause"}, rows[:1]
+    # They stand in a row of their own, above what they save.
+    for width, height in ((1280, 800), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        for path in ("/developer/audit", "/developer/why?node=sensors", "/developer/statistics"):
+            visit(page, server, path)
+            page.locator("#dev .export").first.wait_for()
+            over = page.evaluate(COVERED)
+            assert not over, (path, width, over)
+
+
+def test_on_a_phone_nothing_lies_beside_the_window(server, vehicle, developer, trouble):
+    page = developer
+    vehicle.set(STATUS, 2, "no packets")
+    visit(page, server, "/developer/timeline")
+    until(lambda: page.goto(server.url + "/incidents") and page.locator("#incidents [data-row]").count(), 30, page.content)
+    page.set_viewport_size({"width": 390, "height": 844})
+    for path, sheet in (("/developer", ".sheet:has(#modules)"), ("/incidents", "#incidents"), ("/developer/timeline", "#timeline")):
+        visit(page, server, path)
+        beside = page.locator(sheet).evaluate("it => it.scrollWidth - it.clientWidth")
+        assert beside == 0, (path, beside)
+    # A strip has the whole width below its name, and a status says its state once.
+    lane = page.locator('.lane[data-node="sensors"]')
+    name, strip = lane.locator(".label").bounding_box(), lane.locator("svg").bounding_box()
+    assert strip["y"] >= name["y"] + name["height"] and strip["width"] > 300, (name, strip)
+    visit(page, server, "/developer")
+    expect(row(page, CAUSE).locator(".own")).to_be_hidden()
+    expect(row(page, CAUSE).locator(".message")).to_be_in_viewport()

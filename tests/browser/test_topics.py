@@ -24,6 +24,7 @@ groups:
       - { id: slow, monitor: { frequency: { topic: /slow, type: std_msgs/msg/Bool, window: 2s, warning_below: 200, error_below: 100 } } }
       - { id: heard, monitor: { frequency: { topic: /well, type: std_msgs/msg/Bool, window: 2s, error_below: 0.5 } } }
       - { id: value, monitor: { value: { topic: /well, type: std_msgs/msg/Bool, field: data, error_unless: true } } }
+      - { id: over, monitor: { value: { topic: /over, type: std_msgs/msg/Bool, field: data, error_unless: true } } }
 """
 TOPICS = ("well", "slow", "unread")
 
@@ -75,6 +76,12 @@ def test_what_is_too_slow_stands_first_beside_what_is_wanted(robot, topics, trou
     expect(cell("slow", "Jitter")).to_have_text(re.compile(r"^[\d.]+ ms$"))
     expect(row("well")).not_to_have_attribute("data-pace", re.compile("."))
     expect(cell("well", "Wanted")).to_have_text("≥ 0.5 Hz")
+    # What adds a monitor makes no row higher, and a type is whole below its package.
+    expect(cell("slow", "Type")).to_have_text("std_msgs/msg/Bool")
+    high = lambda part: part.bounding_box()["height"]
+    assert high(row("unread").locator(".monitors")) < 2.5 * high(row("unread").locator("[data-draft]"))
+    top = lambda part: part.bounding_box()["y"]
+    assert abs(top(row("slow").locator("[data-draft]")) - top(row("slow").locator(".monitors a:not([data-draft])"))) < 5
     # Nobody reads it, so nothing is known of its rate.
     expect(cell("unread", "Rate")).to_have_text("")
     expect(cell("unread", "Wanted")).to_have_text("")
@@ -82,6 +89,20 @@ def test_what_is_too_slow_stands_first_beside_what_is_wanted(robot, topics, trou
     expect(cell("well", "Monitors").get_by_role("link", name="sensors/")).to_have_text(["sensors/heard", "sensors/value"])
     cell("well", "Monitors").get_by_role("link", name="sensors/value").click()
     page.wait_for_url("**/developer/why?node=sensors%2Fvalue")
+
+
+def test_a_topic_that_stopped_has_no_jitter(robot, topics, trouble, tmp_path):
+    page = topics
+    cells = page.locator('#topics [data-topic="/over"] .number')
+    with contextlib.closing(Writer(robot.domain, "rt/over", "Bool", tmp_path / "over.log")) as writer:
+
+        def is_measured():
+            writer.write(bool=True)
+            return "ms" in "".join(cells.all_text_contents())
+
+        until(is_measured, 30, lambda: cells.all_text_contents())
+        expect(cells.first).to_have_text("0.0 Hz", timeout=30_000)
+        assert "ms" not in "".join(cells.all_text_contents()), cells.all_text_contents()
 
 
 def test_programs_are_told_the_same(robot):

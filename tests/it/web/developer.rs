@@ -57,6 +57,9 @@ async fn what_is_never_shelved_is_not_offered_to_be() {
         let page = fixture.get(&format!("/developer/why?node={node}"), Some(&developer)).await.body;
         assert_eq!(page.contains(offer), why.is_none(), "{node}: {page}");
         assert!(why.is_none_or(|why| page.contains(why)), "{node}: {page}");
+        // What the node does stands first.
+        let place = |id: &str| page.find(&format!("id=\"{id}\""));
+        assert!(why.is_none() || place("never-shelved") > place("around"), "{node}: {page}");
         let form = format!("module={node}&minutes=30");
         let answer = fixture.send(form_request("/developer/shelving", Some(&developer), &form)).await;
         // The vehicle is not known to stand, so the answer has another reason as well.

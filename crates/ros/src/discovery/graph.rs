@@ -127,7 +127,9 @@ pub async fn run(
                 place
             });
             let topic = &mut discovery.topics[place];
-            (topic.rate_hz, topic.jitter_ms) = (Some(pace.rate_hz), pace.jitter_ms);
+            topic.rate_hz = Some(pace.rate_hz);
+            // What comes no more does not come unevenly.
+            topic.jitter_ms = pace.jitter_ms.filter(|_| pace.rate_hz > 0.0);
         }
         seen.send_replace(Arc::new(discovery));
     }

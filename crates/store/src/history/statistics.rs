@@ -13,7 +13,8 @@ use telltale_engine::model::Stage;
 use telltale_engine::time::{Span, how_long};
 
 const MINUTE_MS: i64 = 60_000;
-const DAY_MS: i64 = 24 * 60 * MINUTE_MS;
+const HOUR_MS: i64 = 60 * MINUTE_MS;
+const DAY_MS: i64 = 24 * HOUR_MS;
 /// An alarm that comes so often within a minute chatters.
 const CHATTERS: usize = 3;
 /// Times to the acknowledgement that are kept of a day whose records are gone.
@@ -100,7 +101,7 @@ impl VersionStatistics {
 impl Statistics {
     /// Alarms in an hour of the recorded time.
     pub fn per_hour(&self, alarms: u64) -> Option<f64> {
-        (self.recorded_ms > 0).then(|| alarms as f64 * 3_600_000.0 / self.recorded_ms as f64)
+        (self.recorded_ms > 0).then(|| alarms as f64 * HOUR_MS as f64 / self.recorded_ms as f64)
     }
 
     /// The mean recorded time between two alarms of a node.
@@ -155,9 +156,10 @@ impl Statistics {
         self
     }
 
-    /// Alarms in an hour, as people read it.
+    /// Alarms in an hour, as people read it; empty where less than an hour is recorded, which tells nothing of it.
     pub fn rate(&self, alarms: u64) -> String {
-        self.per_hour(alarms).map_or_else(String::new, |rate| format!("{rate:.2}"))
+        let known = self.per_hour(alarms).filter(|_| self.recorded_ms >= HOUR_MS);
+        known.map_or_else(String::new, |rate| format!("{rate:.2}"))
     }
 
     /// The stages, each with its time and its share of the recorded time.

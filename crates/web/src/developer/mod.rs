@@ -81,6 +81,14 @@ impl Page {
         }
     }
 
+    /// The page of the navigation that leads there.
+    const fn leading(self) -> Page {
+        match self {
+            Page::Statistics => Page::Incidents,
+            other => other,
+        }
+    }
+
     /// Whether a replay has it, as it was.
     const fn is_of_a_moment(self) -> bool {
         match self {
@@ -129,6 +137,7 @@ pub(crate) struct DevFrame {
     pub(crate) stage: &'static str,
     pub(crate) stage_word: &'static str,
     pub(crate) overall: &'static str,
+    pub(crate) overall_word: &'static str,
     pub(crate) user: String,
     pub(crate) locked: bool,
     pub(crate) at: String,
@@ -173,18 +182,19 @@ impl DevFrame {
             path: it.path(),
             word: it.word(words),
             key: index + 1,
-            here: it == page,
+            here: it == page.leading(),
             then: it.is_of_a_moment(),
         });
         DevFrame {
             words,
             title: page.word(words).to_owned(),
-            path: page.path(),
+            path: page.leading().path(),
             links: links.collect(),
             vehicle: view.lang.pick(&snapshot.layout.vehicle_name, NAME),
             stage: snapshot.stage.as_str(),
             stage_word: view.lang.stage_of(snapshot),
             overall: snapshot.overall.as_str(),
+            overall_word: view.lang.state(snapshot.overall),
             user: clean(&context.user, NAME),
             locked: snapshot.stage == Stage::Locked && !context.replay,
             at: view.wall(snapshot.now),

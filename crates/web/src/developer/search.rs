@@ -7,6 +7,7 @@ use askama::Template;
 use axum::extract;
 use axum::response::Html;
 
+use super::incidents::told::told;
 use super::page_query::address;
 use super::request::PageRequest;
 use super::statuses::contains;
@@ -135,7 +136,7 @@ pub fn page(
             topics(words, query, seen, &terms),
             ros_nodes(words, seen, &terms),
             signals(view, words, &terms),
-            found_incidents(words, query, incidents),
+            found_incidents(view, words, query, incidents),
             named_pages(words, &pages, &terms),
         ];
         kinds.retain(|kind| !kind.found.is_empty());
@@ -250,15 +251,17 @@ fn named_pages(words: &DevWords, pages: &[(&'static str, &'static str)], terms: 
     named(("found-pages", words.pages), all, terms)
 }
 
-fn found_incidents(words: &DevWords, query: &PageQuery, incidents: &[Incident]) -> Kind {
+fn found_incidents(view: &View<'_>, words: &DevWords, query: &PageQuery, incidents: &[Incident]) -> Kind {
     let row = |incident: &Incident| {
         let summary = &incident.summary;
-        let note = incident.note.as_ref().map(|note| clean(&note.text, MESSAGE)).unwrap_or_default();
+        let note = incident.note.as_ref().map(|note| clean(&note.text, MESSAGE));
+        let causes = clean(&summary.causes().join(", "), 2 * NAME);
+        let told = told(view, summary);
         Found {
             address: format!("/incidents/{}", summary.id),
-            name: format!("{} {}", summary.id, clean(&summary.causes().join(", "), 2 * NAME)),
-            state: None,
-            detail: note,
+            name: format!("{} {}", summary.id, told.sentence),
+            state: (!told.state.is_empty()).then_some((told.state, told.word)),
+            detail: [causes].into_iter().chain(note).collect::<Vec<_>>().join("; "),
             at: wall_time(summary.since_ms),
         }
     };

@@ -7,15 +7,17 @@ use axum::response::Html;
 use super::request::PageRequest;
 use super::{DevFrame, Page, why_address};
 use crate::AppState;
-use crate::texts::{DevWords, NAME, clean};
+use crate::texts::{DevWords, Lang, NAME, clean};
 use crate::view::page::frame::PageFrame;
 use crate::view::{View, html};
 use telltale_clock::unix_ms;
 use telltale_store::{NodeFigures, NodeStatistics, Statistics, VersionStatistics, how_long_ms, way};
 
 const DAY_MS: i64 = 24 * 3_600_000;
-/// The choices of days; the first one counts without a choice.
-const DAYS: [u64; 4] = [7, 1, 30, 365];
+/// The choices of days.
+const DAYS: [u64; 4] = [1, 7, 30, 365];
+/// What counts without a choice.
+const DAYS_PLAIN: u64 = 7;
 /// Nodes of the table.
 const ROWS: usize = 200;
 
@@ -32,13 +34,15 @@ struct NodeRow {
 struct StatisticsHtml {
     frame: PageFrame,
     dev: DevFrame,
-    /// Days, and whether they are shown.
-    days: Vec<(u64, bool)>,
+    /// Days, their words, and whether they are shown.
+    days: Vec<(u64, &'static str, bool)>,
     /// Why there is nothing.
     trouble: Option<&'static str>,
     /// Its name and its figure.
     figures: Vec<(&'static str, String)>,
     rows: Vec<NodeRow>,
+    /// Enough is recorded for a rate.
+    has_rate: bool,
     /// The way is known.
     has_way: bool,
     versions: Vec<VersionRow>,
@@ -58,7 +62,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<Stri
     let PageRequest { published, context, query, .. } = request;
     let words = DevWords::of(context.lang);
     let days =
-        query.number("days").and_then(|days| DAYS.into_iter().find(|it| *it == days)).unwrap_or(DAYS[0]);
+        query.number("days").and_then(|days| DAYS.into_iter().find(|it| *it == days)).unwrap_or(DAYS_PLAIN);
     let to_ms = unix_ms(published.at);
     let from_ms = to_ms - days as i64 * DAY_MS;
     let found = app.past(&published, |history| history.statistics(from_ms, to_ms)).await.ok();
@@ -74,47 +78,66 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<Stri
     Html(html(&StatisticsHtml {
         frame: super::frame(&context),
         dev,
-        days: DAYS.into_iter().map(|it| (it, it == days)).collect(),
+        days: DAYS
+            .into_iter()
+            .zip([words.one_day, words.seven_days, words.thirty_days, words.one_year])
+            .map(|(it, word)| (it, word, it == days))
+            .collect(),
         trouble,
         figures: known.as_ref().map(|found| figures(view, words, found)).unwrap_or_default(),
-        rows: known.as_ref().map(rows).unwrap_or_default(),
+        rows: known.as_ref().map(|found| rows(context.lang, found)).unwrap_or_default(),
+        has_rate: known.as_ref().is_some_and(|found| !found.rate(found.alarms).is_empty()),
         has_way: known.as_ref().is_some_and(|found| found.driven_m.is_some()),
-        versions: known.iter().flat_map(|found| &found.versions).map(version_row).collect(),
+        versions: known
+            .iter()
+            .flat_map(|found| &found.versions)
+            .map(|it| version_row(context.lang, it))
+            .collect(),
     }))
 }
 
 fn figures(view: &View<'_>, words: &'static DevWords, found: &Statistics) -> Vec<(&'static str, String)> {
+    let lang = view.lang;
     let mut figures = vec![
         (words.recorded_time, how_long_ms(found.recorded_ms)),
-        (words.alarms, format!("{}, {} {}", found.alarms, found.rate(found.alarms), words.alarms_an_hour)),
+        (words.alarms, found.alarms.to_string()),
         (words.most_in_10_min, found.most_in_10_min.to_string()),
     ];
-    figures.extend(found.driven_m.map(|metres| (words.driven, way(metres))));
+    let rate = found.rate(found.alarms);
+    figures.extend((!rate.is_empty()).then(|| (words.alarms_per_hour, lang.quantity(&rate, 1.0, ""))));
+    figures.extend(found.driven_m.map(|metres| (words.driven, lang.quantity(&way(metres), 1.0, ""))));
     figures.extend(found.to_acknowledge_ms.map(|ms| (words.to_acknowledge, how_long_ms(ms))));
     let stages = found.shares().filter(|_| view.has_stages());
-    figures.extend(stages.map(|(stage, _, share)| (view.lang.stage(stage, true), share)));
+    figures.extend(stages.map(|(stage, _, share)| (lang.stage(stage, true), share)));
     if found.lost > 0 {
         figures.push((words.history_lost, found.lost.to_string()));
     }
     figures
 }
 
-fn version_row(found: &VersionStatistics) -> VersionRow {
+fn version_row(lang: Lang, found: &VersionStatistics) -> VersionRow {
     VersionRow {
         version: clean(&found.version, NAME),
         recorded: how_long_ms(found.recorded_ms),
-        way: found.driven_m.map(way).unwrap_or_default(),
+        way: found.driven_m.map(|metres| lang.quantity(&way(metres), 1.0, "")).unwrap_or_default(),
         alarms: found.alarms,
         between: found.between_alarms_ms().map_or_else(String::new, how_long_ms),
     }
 }
 
-fn rows(found: &Statistics) -> Vec<NodeRow> {
+fn rows(lang: Lang, found: &Statistics) -> Vec<NodeRow> {
     let row = |node: &NodeStatistics| NodeRow {
         name: clean(&node.node, 2 * NAME),
         address: why_address(&node.node),
         alarms: node.alarms,
-        figures: found.figures(node),
+        figures: {
+            let figures = found.figures(node);
+            NodeFigures {
+                an_hour: lang.quantity(&figures.an_hour, 1.0, ""),
+                on_100_km: lang.quantity(&figures.on_100_km, 1.0, ""),
+                ..figures
+            }
+        },
         chatters: node.chatters,
     };
     found.nodes.iter().take(ROWS).map(row).collect()

@@ -18,6 +18,11 @@ texts! {
         recorded_time: "Recorded", "Aufgezeichnet";
         alarms: "Alarms", "Alarme";
         alarms_an_hour: "an hour", "je Stunde";
+        alarms_per_hour: "Alarms an hour", "Alarme je Stunde";
+        one_day: "1 day", "1 Tag";
+        seven_days: "7 days", "7 Tage";
+        thirty_days: "30 days", "30 Tage";
+        one_year: "1 year", "1 Jahr";
         most_in_10_min: "Most alarms in 10 min", "Meiste Alarme in 10 min";
         to_acknowledge: "Half were acknowledged within", "Zur Hälfte quittiert nach";
         on_100_km: "on 100 km", "auf 100 km";

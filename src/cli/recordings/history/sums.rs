@@ -41,12 +41,9 @@ fn told(found: &Statistics) -> Lines {
         lines.add(format_args!("driven          {}", way(metres)));
     }
     let on_100_km = per_100_km(found.alarms, found.driven_m).map(|rate| format!(", {rate:.2} on 100 km"));
-    lines.add(format_args!(
-        "alarms          {}, {} an hour{}",
-        found.alarms,
-        found.rate(found.alarms),
-        on_100_km.unwrap_or_default()
-    ));
+    let rate = found.rate(found.alarms);
+    let an_hour = if rate.is_empty() { rate } else { format!(", {rate} an hour") };
+    lines.add(format_args!("alarms          {}{an_hour}{}", found.alarms, on_100_km.unwrap_or_default()));
     lines.add(format_args!("most in 10 min  {}", found.most_in_10_min));
     let soon = found.to_acknowledge_ms.map(|ms| format!(", half of them within {}", how_long_ms(ms)));
     lines.add(format_args!("acknowledged    {}{}", found.acknowledged, soon.unwrap_or_default()));

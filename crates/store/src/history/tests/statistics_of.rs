@@ -41,6 +41,8 @@ fn an_operation_is_summed_up_by_its_alarms_and_stages() {
     assert_eq!(found.between_alarms_ms(&found.nodes[1]), Some(2 * hour_ms));
     let later = of(HOUR_MS + 5_000, 2 * HOUR_MS);
     assert_eq!((later.alarms, later.nodes.len(), later.stages.len()), (0, 0, 1));
+    // Half an hour tells no rate.
+    assert_eq!((found.rate(found.alarms).as_str(), of(0, HOUR_MS / 2).rate(3).as_str()), ("2.00", ""));
 }
 
 const DAY: u64 = 24 * 3_600_000;

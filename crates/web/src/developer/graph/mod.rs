@@ -37,16 +37,16 @@ const MODULES_IN_ALL: usize = 150;
 const BOXES: usize = 150;
 
 const STYLE: Style = Style {
-    margin: 16.0,
-    box_width: 188.0,
-    column_gap: 54.0,
+    margin: 12.0,
+    box_width: 198.0,
+    column_gap: 32.0,
     box_gap: 18.0,
     arrow_height: 12.0,
     padding: 10.0,
     header_height: 34.0,
     name_at: (16.0, 22.0),
     name_letter: 8.3,
-    row_letter: 6.9,
+    row_letter: 7.1,
     arrows_max: 1500,
 };
 

@@ -5,7 +5,7 @@ use crate::developer::page_query::address;
 use crate::view::View;
 use telltale_engine::snapshot::Layout;
 
-/// With no more modules than this, all groups are open unless the address says otherwise.
+/// With no more modules than this, all groups but Telltale's own are open unless the address says otherwise.
 const OPEN_MODULES: usize = 60;
 
 pub(super) enum OpenGroups<'a> {
@@ -14,11 +14,14 @@ pub(super) enum OpenGroups<'a> {
 }
 
 impl<'a> OpenGroups<'a> {
-    pub fn of(view: &View<'_>, query: &'a PageQuery) -> OpenGroups<'a> {
+    pub fn of(view: &'a View<'_>, query: &'a PageQuery) -> OpenGroups<'a> {
         let those: Vec<&str> = query.all("open").collect();
-        let few = view.snapshot.layout.modules.len() <= OPEN_MODULES;
-        if those.contains(&"all") || those.is_empty() && few {
+        let layout = &view.snapshot.layout;
+        if those.contains(&"all") {
             OpenGroups::AllBut(query.all("shut").collect())
+        } else if those.is_empty() && layout.modules.len() <= OPEN_MODULES {
+            let own = layout.groups.iter().filter(|group| group.is_system);
+            OpenGroups::AllBut(own.map(|group| &*group.path).collect())
         } else {
             OpenGroups::Only(those)
         }

@@ -6,5 +6,5 @@ pub mod one;
 pub(super) mod plots;
 pub mod report;
 pub(crate) mod sentences;
-mod told;
+pub(super) mod told;
 pub mod what_if;

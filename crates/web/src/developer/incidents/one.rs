@@ -7,6 +7,7 @@ use axum::response::{Html, IntoResponse, Response};
 
 use super::content::{Content, Medium};
 use super::report;
+use super::told::{Told, told};
 use crate::AppState;
 use crate::developer::request::PageRequest;
 use crate::developer::{DevFrame, Page, frame};
@@ -25,6 +26,7 @@ struct OneHtml {
     frame: PageFrame,
     dev: DevFrame,
     content: Content,
+    told: Told,
     /// May write a note and keep it.
     may_change: bool,
     kept: bool,
@@ -78,6 +80,7 @@ fn one(
         has_file,
         has_what_if: has_what_if && may_change && has_file,
         has_report: !summary.recording.is_open(),
+        told: told(view, summary),
         content,
         dev,
     }

@@ -22,6 +22,7 @@ use telltale_record::recorder::Meter;
 use telltale_record::retention::size;
 use telltale_runtime::Published;
 
+use super::incidents::content::broken;
 use super::pager::Pager;
 use super::{DevFrame, NodeLink, Page, PageQuery};
 use draft::{Draft, draft};
@@ -45,7 +46,10 @@ struct EndpointList {
 
 struct TopicRow {
     name: String,
-    types: Vec<String>,
+    /// The name as HTML, with places where its line may break.
+    broken: String,
+    /// Packages, with such places, and names.
+    types: Vec<(String, String)>,
     /// Publishers, then subscribers.
     sides: [EndpointList; 2],
     rate: Option<String>,
@@ -171,7 +175,8 @@ fn row(
     let is_asked = query.all("monitor").any(|name| name == topic.name);
     TopicRow {
         name: clean(&topic.name, 2 * NAME),
-        types: topic.types().into_iter().map(|name| clean(name, 2 * NAME)).collect(),
+        broken: broken(&topic.name),
+        types: topic.types().into_iter().map(type_parts).collect(),
         sides: [
             endpoints(&topic.publishers, topic.publishers.iter().any(|it| it.ours)),
             endpoints(&topic.subscribers, topic.rate_hz.is_some()),
@@ -198,6 +203,12 @@ fn row(
         held: meter.and_then(|meter| held(&topic.name, meter)),
         mismatches: topic.mismatches().into_iter().map(word).chain(twice).collect(),
     }
+}
+
+/// The package of a type, as HTML with places where its line may break, and its name.
+fn type_parts(name: &str) -> (String, String) {
+    let (package, own) = name.rfind('/').map_or(("", name), |slash| name.split_at(slash + 1));
+    (broken(package), clean(own, 2 * NAME))
 }
 
 fn held(topic: &str, meter: &Meter) -> Option<HeldCell> {

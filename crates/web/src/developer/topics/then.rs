@@ -13,11 +13,13 @@ use telltale_record::retention::size;
 use telltale_replay::{FlowThen, Flows};
 use telltale_runtime::Published;
 
-use super::{RENEW_MS, ROWS};
+use super::{RENEW_MS, ROWS, broken, type_parts};
 
 struct Row {
     name: String,
-    type_name: String,
+    broken: String,
+    /// Its package and its name.
+    type_parts: (String, String),
     rate: String,
     flow: String,
     messages: u64,
@@ -59,7 +61,8 @@ fn row(then: &FlowThen, at_ms: i64) -> Row {
     let is_flowing = then.rate_hz > 0.0;
     Row {
         name: clean(&then.topic, 2 * NAME),
-        type_name: clean(&then.type_name, 2 * NAME),
+        broken: broken(&then.topic),
+        type_parts: type_parts(&then.type_name),
         rate: if is_flowing { format!("{:.1} Hz", then.rate_hz) } else { String::new() },
         flow: if is_flowing { format!("{}/s", size(then.bytes_per_s as u64)) } else { String::new() },
         messages: then.messages,

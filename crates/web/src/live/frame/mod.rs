@@ -155,6 +155,7 @@ pub fn pulse(number: u64, published: &Published, now: Timestamp, lang: Lang) -> 
         "beat": number, "seq": snapshot.seq, "revision": snapshot.revision,
         "ms": now.as_nanos() / 1_000_000, "at": wire::rfc3339(at),
         "stage": stage.as_str(), "overall": overall.as_str(), "word": lang.stage_of(&snapshot),
+        "state": lang.state(overall),
     });
     Utf8Bytes::from(pulse.to_string())
 }
