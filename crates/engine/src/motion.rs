@@ -27,7 +27,7 @@ const FLICKER_KMH: f64 = 0.75;
 const ROLLS_OUT_MPS: f64 = 1.5;
 
 /// And stands within this time.
-const ROLLS_OUT_WITHIN: Span = Span::from_secs(10);
+const ROLLS_OUT_WITHIN: Span = Span::from_secs(60);
 
 /// A vehicle that stood moves once no message has said for this long that it is slow.
 const MOVES_AFTER: Span = Span::from_millis(500);
