@@ -49,7 +49,7 @@ struct TopicRow {
     /// The name as HTML, with places where its line may break.
     broken: String,
     /// Packages, with such places, and names.
-    types: Vec<(String, String)>,
+    types: Vec<TypeParts>,
     /// Publishers, then subscribers.
     sides: [EndpointList; 2],
     rate: Option<String>,
@@ -176,7 +176,7 @@ fn row(
     TopicRow {
         name: clean(&topic.name, 2 * NAME),
         broken: broken(&topic.name),
-        types: topic.types().into_iter().map(type_parts).collect(),
+        types: topic.types().into_iter().map(TypeParts::of).collect(),
         sides: [
             endpoints(&topic.publishers, topic.publishers.iter().any(|it| it.ours)),
             endpoints(&topic.subscribers, topic.rate_hz.is_some()),
@@ -205,10 +205,18 @@ fn row(
     }
 }
 
-/// The package of a type, as HTML with places where its line may break, and its name.
-fn type_parts(name: &str) -> (String, String) {
-    let (package, own) = name.rfind('/').map_or(("", name), |slash| name.split_at(slash + 1));
-    (broken(package), clean(own, 2 * NAME))
+/// A type, its package as HTML with places where its line may break, and its name.
+struct TypeParts {
+    whole: String,
+    package: String,
+    own: String,
+}
+
+impl TypeParts {
+    fn of(name: &str) -> TypeParts {
+        let (package, own) = name.rfind('/').map_or(("", name), |slash| name.split_at(slash + 1));
+        TypeParts { whole: clean(name, 2 * NAME), package: broken(package), own: clean(own, 2 * NAME) }
+    }
 }
 
 fn held(topic: &str, meter: &Meter) -> Option<HeldCell> {

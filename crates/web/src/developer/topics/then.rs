@@ -13,13 +13,12 @@ use telltale_record::retention::size;
 use telltale_replay::{FlowThen, Flows};
 use telltale_runtime::Published;
 
-use super::{RENEW_MS, ROWS, broken, type_parts};
+use super::{RENEW_MS, ROWS, TypeParts, broken};
 
 struct Row {
     name: String,
     broken: String,
-    /// Its package and its name.
-    type_parts: (String, String),
+    type_parts: TypeParts,
     rate: String,
     flow: String,
     messages: u64,
@@ -62,7 +61,7 @@ fn row(then: &FlowThen, at_ms: i64) -> Row {
     Row {
         name: clean(&then.topic, 2 * NAME),
         broken: broken(&then.topic),
-        type_parts: type_parts(&then.type_name),
+        type_parts: TypeParts::of(&then.type_name),
         rate: if is_flowing { format!("{:.1} Hz", then.rate_hz) } else { String::new() },
         flow: if is_flowing { format!("{}/s", size(then.bytes_per_s as u64)) } else { String::new() },
         messages: then.messages,
