@@ -9,7 +9,7 @@ use anyhow::Context as _;
 use sha2::{Digest as _, Sha256};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::{mpsc, oneshot, watch};
-use tokio::time::{Instant, timeout, timeout_at};
+use tokio::time::timeout;
 
 use crate::cli::configuration::init::unconfigured;
 use crate::cli::fields;
@@ -260,10 +260,6 @@ impl Judging {
     fn is_of(&self, loaded: &Loaded) -> bool {
         self.of.sources().texts().eq(loaded.sources().texts())
     }
-
-    fn goes_on(&self) -> bool {
-        self.said.borrow().is_none() && self.said.has_changed().is_ok()
-    }
 }
 
 struct Task {
@@ -368,16 +364,17 @@ impl Task {
 
     /// The situations that should not occur with a configuration; `None` while they are being found.
     async fn judge(&mut self, loaded: &Loaded, within: Duration) -> Option<Judged> {
-        let until = Instant::now() + within;
-        if let Some(other) = self.judging.as_mut().filter(|it| !it.is_of(loaded)) {
-            let _ = timeout_at(until, other.said.wait_for(Option::is_some)).await;
-        }
-        let judging = match &mut self.judging {
-            Some(judging) if judging.is_of(loaded) => judging,
-            Some(judging) if judging.goes_on() => return None,
-            other => other.insert(Judging::start(loaded.clone())),
+        let judge = async {
+            if let Some(other) = self.judging.as_mut().filter(|it| !it.is_of(loaded)) {
+                let _ = other.said.wait_for(Option::is_some).await;
+            }
+            let judging = match &mut self.judging {
+                Some(judging) if judging.is_of(loaded) => judging,
+                other => other.insert(Judging::start(loaded.clone())),
+            };
+            judging.said.wait_for(Option::is_some).await.ok()?.clone()
         };
-        timeout_at(until, judging.said.wait_for(Option::is_some)).await.ok()?.ok()?.clone()
+        timeout(within, judge).await.ok()?
     }
 
     fn log(&self, read: &Result<Outcome, ReloadError>, judged: Option<&Judged>) {
