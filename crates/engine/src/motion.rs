@@ -312,7 +312,7 @@ impl Engine {
     /// is known of that, or it contradicted itself a moment ago. Without a speed nothing else tells a restart from an
     /// arrival.
     pub(super) fn is_between_stops(&self) -> bool {
-        if self.signals.drive.is_no_arrival(self.now) {
+        if self.signals.drive.is_no_arrival() {
             return true;
         }
         self.model.driving.speed.is_some() && (self.has_stood() || self.may_roll_fast())

@@ -72,6 +72,12 @@ pub(crate) struct Acknowledged<'a> {
     pub(crate) alarm: Option<&'a Alarm>,
 }
 
+impl RequestCause {
+    pub(crate) fn new(node: NodeId, acknowledged: bool, present: bool) -> RequestCause {
+        RequestCause { node, acknowledged, present, stands_in: false }
+    }
+}
+
 impl HeldRequest {
     pub(crate) fn new(request: Request, by: RequestOrigin, since: Since) -> HeldRequest {
         let Since { at: since, before } = since;
@@ -117,7 +123,7 @@ impl HeldRequest {
             let facts = &net.node(node).facts;
             !facts.masked && fails(facts, State::Warning)
         };
-        let now = |node| RequestCause { node, acknowledged: known(node), present: true, stands_in: false };
+        let now = |node| RequestCause::new(node, known(node), true);
         self.causes = named(about).into_iter().map(now).collect();
         let mut past: Vec<NodeId> = Vec::new();
         for &RequestCause { node, present, acknowledged, .. } in &before {
@@ -136,12 +142,7 @@ impl HeldRequest {
             past.insert(0, about);
         }
         for node in past {
-            self.add(RequestCause {
-                node,
-                acknowledged: known(node),
-                present: is_there(node),
-                stands_in: false,
-            });
+            self.add(RequestCause::new(node, known(node), is_there(node)));
         }
     }
 
@@ -165,7 +166,7 @@ impl HeldRequest {
         let rest = self.causes.split_off(CAUSES_MAX - 1);
         let acknowledged = rest.iter().all(|cause| cause.acknowledged);
         let present = rest.iter().any(|cause| cause.present);
-        self.add(RequestCause { node: others, acknowledged, present, stands_in: false });
+        self.add(RequestCause::new(others, acknowledged, present));
     }
 
     fn is_about(&self, node: NodeId) -> bool {
@@ -310,20 +311,17 @@ impl Countermeasures {
                         // A failure is over only when the node is known to be well. A node that waited for its
                         // cause may recover before the cause.
                         let is_unclear = fails(facts, state.min(State::Unknown));
-                        held.look_at_causes(
-                            net,
-                            |_| state.min(State::Unknown),
-                            (!is_unclear).then_some(node),
-                        );
+                        let is_over = (!is_unclear).then_some(node);
+                        held.look_at_causes(net, |_| state.min(State::Unknown), is_over);
                         held.present |= is_unclear;
                     }
                 }
                 // Where a WARNING asks, its rule asks again.
-                RequestOrigin::Past => held.look_at_causes(
-                    net,
-                    |cause| if cause.stands_in { State::Warning } else { State::Unknown },
-                    None,
-                ),
+                RequestOrigin::Past => {
+                    let of =
+                        |cause: &RequestCause| if cause.stands_in { State::Warning } else { State::Unknown };
+                    held.look_at_causes(net, of, None);
+                }
                 RequestOrigin::Operator => {}
             }
             // A cause that is gone on the way leaves a vehicle that only the operator sets going again. So does a

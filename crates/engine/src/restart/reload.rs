@@ -209,7 +209,7 @@ impl Engine {
                 Some(node) => RequestCause { node, ..*it },
                 None => {
                     let node = self.stand_in(old.views.name(it.node), watched);
-                    RequestCause { node, acknowledged: false, present: it.present, stands_in: true }
+                    RequestCause { stands_in: true, ..RequestCause::new(node, false, it.present) }
                 }
             };
             let causes = held.causes.iter().filter(still).map(cause).collect();

@@ -241,25 +241,16 @@ impl Engine {
             }
             // A cause that no longer exists can never be found to be over: it must be acknowledged again.
             let cause = |(name, acknowledged): &(Box<str>, bool)| match find(name) {
-                Some(node) => {
-                    RequestCause { node, acknowledged: *acknowledged, present: true, stands_in: false }
-                }
+                Some(node) => RequestCause::new(node, *acknowledged, true),
                 None => RequestCause {
-                    node: self.stand_in(name, None),
-                    acknowledged: false,
-                    present: true,
                     stands_in: true,
+                    ..RequestCause::new(self.stand_in(name, None), false, true)
                 },
             };
             let mut causes: Vec<RequestCause> = measure.causes.iter().map(cause).collect();
             let others = self.net.nobody();
             if causes.is_empty() && measure.by_operator.is_none() {
-                causes.push(RequestCause {
-                    node: others,
-                    acknowledged: false,
-                    present: true,
-                    stands_in: true,
-                });
+                causes.push(RequestCause::new(others, false, true));
             }
             if !causes.is_empty() {
                 let since = Since::of_age(measure.age, self.now);

@@ -52,8 +52,8 @@ impl Drive {
     }
 
     /// Whether the present `false` tells nothing of a stop, because the signal contradicted itself before it.
-    pub(crate) fn is_no_arrival(&self, now: Timestamp) -> bool {
-        self.is_doubted(now) || self.denied.is_some()
+    pub(crate) fn is_no_arrival(&self) -> bool {
+        self.denied.is_some()
     }
 
     pub(crate) fn is_doubted(&self, now: Timestamp) -> bool {
