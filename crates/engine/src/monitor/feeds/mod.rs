@@ -269,6 +269,8 @@ impl Watching {
         if sample.values.len() != topic.spec.fields.len() {
             return None;
         }
+        // Then somebody publishes it, whatever the message is about.
+        let is_found = (topic.heard, topic.left) != (true, false);
         (topic.heard, topic.left) = (true, false);
         for reader in &topic.readers {
             let (watch, slot) = (&mut self.watches[reader.watch as usize], reader.slot as usize);
@@ -283,7 +285,8 @@ impl Watching {
                     watch.found(slot, now);
                     watch.monitor.take_message(slot, sample, now);
                 }
-                Some(FieldValue::Absent) => continue,
+                Some(FieldValue::Absent) if !is_found => continue,
+                Some(FieldValue::Absent) => {}
                 Some(value) => {
                     watch.found(slot, now);
                     watch.monitor.take_field(slot, value, sample, now);
