@@ -1,13 +1,14 @@
 //! The urgency of the faults for the operator of a driving vehicle. Masking never lowers it, and it does not fall until a
 //! fault gets better.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
 use super::held::{RequestOrigin, fails};
 use crate::Engine;
 use crate::mask::net::{Change, Net};
-use crate::mask::node::NodeFacts;
+use crate::mask::node::{ModuleKind, NodeFacts};
 use crate::model::countermeasure::RequestKind;
 use crate::model::wording::Urgency;
 use crate::model::{ModuleId, NodeId, Stage, StageModel};
@@ -125,9 +126,22 @@ impl Engine {
             asking.iter().map(|&(node, urgency)| (urgency, 1 + u8::from(!self.is_masked(node)), node));
         let open = self.alarms.list().iter().filter(|alarm| alarm.active && !alarm.acknowledged);
         let before = open.filter_map(|alarm| Some((alarm.asked?, 0, alarm.node)));
+        // A reload numbers discovered modules anew: of those that are alike the first by name.
+        let discovered = |node| match node {
+            NodeId::Module(id)
+                if !matches!(
+                    self.net.modules[id.0 as usize].kind,
+                    ModuleKind::Declared | ModuleKind::BuiltIn
+                ) =>
+            {
+                Some(self.views.name(node))
+            }
+            NodeId::Module(_) | NodeId::Group(_) => None,
+        };
         // `max_by_key` gives the last of those that are alike.
         let all: Vec<_> = present.chain(before).collect();
-        let (urgency, _, node) = all.into_iter().rev().max_by_key(|(urgency, rank, _)| (*urgency, *rank))?;
+        let key = |&(urgency, rank, node): &(Urgency, u8, NodeId)| (urgency, rank, Reverse(discovered(node)));
+        let (urgency, _, node) = all.into_iter().rev().max_by_key(key)?;
         Some(Asked { urgency, node })
     }
 
