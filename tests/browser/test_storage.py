@@ -273,6 +273,7 @@ def test_a_disk_that_hangs_is_a_warning_and_the_display_goes_on(mounted):
     assert mounted.inside(f"{TELLTALE} audit verify --data .").startswith("ok")
 
 
+@pytest.mark.timed
 def test_a_disk_that_hangs_does_not_hold_up_the_end(mounted):
     hang(mounted, Client(mounted, *OPERATOR))
     assert mounted.stop() == 0
