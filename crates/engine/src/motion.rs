@@ -140,7 +140,7 @@ impl MotionState {
     /// speed is unknown.
     fn follow_parking(&mut self, cleared: bool, now: Timestamp) {
         self.parking = match (self.parking, self.speed) {
-            (Parking::Yes, None) if cleared => Parking::No,
+            (Parking::Yes, None) | (Parking::RollsOut(_), _) if cleared => Parking::No,
             (Parking::RollsOut(_), Some(_)) if self.stood_since.is_some() => Parking::Yes,
             (Parking::RollsOut(since), Some((mps, _)))
                 if mps > ROLLS_OUT_MPS || now >= since + ROLLS_OUT_WITHIN =>

@@ -101,3 +101,22 @@ fn a_component_that_was_silent_and_starts_again_releases_nothing_with_its_first_
     assert_eq!((vehicle.look().stage, vehicle.hold()), (Stage::Active, Some(true)));
     assert_eq!((vehicle.release(), vehicle.hold()), (Response::Done, Some(false)));
 }
+
+#[test]
+fn the_first_word_that_a_new_start_hears_is_no_arrival() {
+    let text = CONFIG.replace("state: error }", "state: error, stages: [standby, active] }");
+    for heard in [false, true] {
+        let mut vehicle = Vehicle::of(&text, Stage::Active);
+        vehicle.says(true, 1);
+        vehicle.restart(&text);
+        if heard {
+            vehicle.says(true, 1);
+        }
+        vehicle.says(false, 0);
+        vehicle.say(2, 0);
+        assert_eq!(vehicle.asked(), cause("sensors/own", true));
+        (0..10).for_each(|_| vehicle.says(false, 1));
+        assert_eq!(vehicle.asked(), cause("sensors/own", false).filter(|_| !heard));
+        assert_eq!(vehicle.look().stage, Stage::Standby);
+    }
+}

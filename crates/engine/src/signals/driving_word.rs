@@ -21,12 +21,16 @@ pub(crate) struct Drive {
     doubted_until: Option<Timestamp>,
     /// Since when the signal is false without a break, if it was doubted when it turned false.
     denied: Option<Timestamp>,
+    /// It has said that it drives, and was not silent since then. A component that starts again is silent first.
+    #[serde(default)]
+    heard: bool,
 }
 
 impl Drive {
     /// Takes a sample. `drove`: the vehicle was believed to drive until now. `expected`: it was cleared.
     pub(crate) fn take(&mut self, drives: bool, drove: bool, expected: bool, now: Timestamp) {
         if drives {
+            self.heard = true;
             let denied = self.denied.take();
             // A `false` that lasted is an arrival as well, from then on.
             let ended = self.ended.take().or(denied.map(|at| at + ARRIVAL));
@@ -43,7 +47,12 @@ impl Drive {
 
     /// Nothing was heard for longer than the timeout: a `false` after that begins anew.
     pub(crate) fn lapse(&mut self) {
-        self.denied = None;
+        (self.denied, self.heard) = (None, false);
+    }
+
+    /// It is taken to drive, as if it had said so.
+    pub(crate) fn assume(&mut self, drives: bool) {
+        self.heard = drives;
     }
 
     /// Whether the vehicle counts as driving although the last sample is false.
@@ -51,9 +60,10 @@ impl Drive {
         self.denied.is_some_and(|at| now < at + ARRIVAL)
     }
 
-    /// Whether the present `false` tells nothing of a stop, because the signal contradicted itself before it.
+    /// Whether the present `false` tells nothing of a stop, because the signal contradicted itself or was
+    /// not heard before it.
     pub(crate) fn is_no_arrival(&self) -> bool {
-        self.denied.is_some()
+        !self.heard || self.denied.is_some()
     }
 
     pub(crate) fn is_doubted(&self, now: Timestamp) -> bool {

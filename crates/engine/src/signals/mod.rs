@@ -93,6 +93,9 @@ impl Signals {
     /// Sets the value that conditions see until the next sample, however long that takes.
     pub(super) fn assume(&mut self, index: usize, value: bool) {
         self.values[index] = PresentSignal { last: None, seen: Some(value) };
+        if self.active == Some(index) {
+            self.drive.assume(value);
+        }
     }
 
     /// Uses an event up: it counts as not received. Returns whether the value for conditions changed.
@@ -122,6 +125,9 @@ impl Signals {
     fn lose(&mut self, index: usize) -> bool {
         if self.specs[index].present_for.is_some() {
             return false;
+        }
+        if self.active == Some(index) {
+            self.drive.lapse();
         }
         std::mem::take(&mut self.values[index]).seen.is_some()
     }
