@@ -14,7 +14,7 @@ mod inbox;
 mod keep;
 mod losses;
 mod open_readers;
-mod places;
+pub mod places;
 pub mod qos;
 pub(super) mod raw_bytes;
 mod seen;

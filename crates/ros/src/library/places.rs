@@ -65,6 +65,23 @@ pub fn choose(
     Ok(Places { followed, cut_of_ours, cut: u32::try_from(cut.len()).unwrap_or(u32::MAX) })
 }
 
+/// Sorts what participants announce so that each participant's first comes before any one's second, and otherwise
+/// leaves the order: one with thousands is before nobody else. What several announce has the best of their turns.
+pub fn in_turn<T>(announced: impl IntoIterator<Item = (T, BTreeSet<Prefix>)>) -> Vec<T> {
+    let mut turns: BTreeMap<Prefix, usize> = BTreeMap::new();
+    let mut turn = |prefix: Prefix| {
+        let next = turns.entry(prefix).or_default();
+        *next += 1;
+        *next
+    };
+    let mut ranked: Vec<(usize, T)> = announced
+        .into_iter()
+        .map(|(it, by)| (by.into_iter().map(&mut turn).min().unwrap_or_default(), it))
+        .collect();
+    ranked.sort_by_key(|(turn, _)| *turn);
+    ranked.into_iter().map(|(_, it)| it).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::seen::tests::found;
@@ -147,5 +164,13 @@ mod tests {
         assert!(choose(crowd(65, SHARE).collect(), &none, &ours()).is_err());
         assert!(choose(some(1, 0, DISCOVERED_MAX, "rt/a").collect(), &none, &ours()).is_ok());
         assert!(choose(some(1, 0, DISCOVERED_MAX + 1, "rt/a").collect(), &none, &ours()).is_err());
+    }
+
+    #[test]
+    fn each_participant_is_first_once() {
+        let by = |numbers: &[u8]| numbers.iter().map(|&number| [number; 12]).collect::<BTreeSet<Prefix>>();
+        let announced =
+            [("a", by(&[1])), ("b", by(&[1])), ("c", by(&[1])), ("both", by(&[1, 2])), ("last", by(&[3]))];
+        assert_eq!(in_turn(announced), ["a", "both", "last", "b", "c"]);
     }
 }

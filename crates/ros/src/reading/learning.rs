@@ -8,6 +8,8 @@ use tokio::sync::mpsc;
 
 use super::topics::Key;
 use crate::library::Participant;
+use crate::library::places;
+use crate::library::spdp::{self, Prefix};
 use telltale_clock::Clock;
 use telltale_engine::input::{Input, ReceptionTrouble, TroubleKind};
 use telltale_engine::model::sample::PublisherReport;
@@ -23,6 +25,9 @@ const DISCOVERY: Span = Span::from_secs(5);
 const TYPES_MAX: usize = 8;
 /// A type without a message makes room after this time for others that are announced.
 const TRIAL: Span = Span::from_secs(5);
+
+/// The types of a topic, and the participants that announce each.
+type Announced = BTreeMap<String, BTreeSet<Prefix>>;
 
 /// The topics of a configuration that have no type, each once.
 pub struct Learning {
@@ -40,6 +45,8 @@ struct Untyped {
     tried: BTreeMap<String, (Key, Timestamp)>,
     /// When a type ended that made room for others.
     made_room: BTreeMap<String, Timestamp>,
+    /// The announced types that cannot be read, and why: they take no turn of others.
+    refused: BTreeMap<String, String>,
     /// The type that has messages.
     chosen: Option<String>,
 }
@@ -68,8 +75,8 @@ impl Learning {
             tried.retain(|_, (key, _)| kept.contains(key));
             let chosen = chosen.filter(|chosen| tried.contains_key(chosen));
             let topic = subscription.dds_topic.clone();
-            let made_room = BTreeMap::new();
-            (topic, Untyped { subscription, searching_until, said: None, tried, made_room, chosen })
+            let (made_room, refused) = Default::default();
+            (topic, Untyped { subscription, searching_until, said: None, tried, made_room, refused, chosen })
         });
         self.topics = topics.collect();
     }
@@ -81,12 +88,13 @@ impl Learning {
             return News::default();
         }
         let is_searching = participant.is_searching();
-        let mut types: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+        let mut types: BTreeMap<String, Announced> = BTreeMap::new();
         let seen = participant.seen();
         for topic in self.topics.keys() {
             for writer in seen.writers_of(topic) {
                 let type_name = messages::ros_type_name(&writer.type_name);
-                types.entry(topic.clone()).or_default().insert(type_name);
+                let by = types.entry(topic.clone()).or_default().entry(type_name).or_default();
+                by.insert(spdp::prefix(&writer.guid));
             }
         }
         drop(seen);
@@ -95,12 +103,12 @@ impl Learning {
 
     fn take(
         &mut self,
-        types: &BTreeMap<String, BTreeSet<String>>,
+        types: &BTreeMap<String, Announced>,
         is_searching: bool,
         has_data: impl Fn(&Key) -> bool,
     ) -> News {
         let now = self.clock.now();
-        let none = BTreeSet::new();
+        let none = Announced::new();
         let mut news = News::default();
         for (topic, untyped) in &mut self.topics {
             let found = types.get(topic).unwrap_or(&none);
@@ -109,18 +117,16 @@ impl Learning {
                 continue;
             }
             let is_ambiguous = found.len() > 1 && untyped.tried.is_empty();
-            let why = match found.first() {
-                None if now < untyped.searching_until || is_searching || !untyped.tried.is_empty() => {
+            let why = match found.len() {
+                0 if now < untyped.searching_until || is_searching || !untyped.tried.is_empty() => {
                     continue;
                 }
-                None => None,
-                Some(_) if is_ambiguous => {
-                    let names: Vec<&str> = found.iter().map(String::as_str).collect();
+                _ if is_ambiguous => {
+                    let names: Vec<&str> = found.keys().map(String::as_str).collect();
                     Some(format!("published as {}: name one with `type`", names.join(" and ")))
                 }
-                Some(_) => None,
+                _ => None,
             };
-            let mut refused = None;
             for type_name in untyped.next_types(found, now, &mut news.over) {
                 let is_quiet = is_ambiguous || !untyped.tried.is_empty();
                 match untyped.subscription.learn(&type_name) {
@@ -132,18 +138,24 @@ impl Learning {
                             news.new.push((Arc::new(subscription), is_quiet));
                         }
                     }
-                    Err(error) => refused = Some(format!("published as {type_name}: {error}")),
+                    Err(error) => {
+                        let why = format!("published as {type_name}: {error}");
+                        untyped.refused.insert(type_name, why);
+                    }
                 }
             }
             // While a type is read, its reader says what there is to say.
             let is_said = untyped.tried.is_empty() || is_ambiguous;
-            let (why, is_new) = (why.or(refused), untyped.said.as_ref() != Some(found));
+            untyped.refused.retain(|name, _| found.contains_key(name));
+            let why = why.or_else(|| untyped.refused.values().next().cloned());
+            let names: BTreeSet<&str> = found.keys().map(String::as_str).collect();
+            let is_new = untyped.said.as_ref().is_none_or(|said| !said.iter().eq(&names));
             if is_said
                 && is_new
                 && (found.is_empty() || why.is_some())
-                && say(&self.inputs, untyped, found, why, now)
+                && say(&self.inputs, untyped, &names, why, now)
             {
-                untyped.said = Some(found.clone());
+                untyped.said = Some(names.into_iter().map(str::to_owned).collect());
             }
         }
         news
@@ -152,15 +164,15 @@ impl Learning {
 
 impl Untyped {
     /// Decides for the first type that has a message, as long as somebody announces it.
-    fn choose(&mut self, found: &BTreeSet<String>, has_data: impl Fn(&Key) -> bool, over: &mut Vec<Key>) {
-        if self.chosen.as_ref().is_some_and(|chosen| !found.contains(chosen) && !found.is_empty()) {
+    fn choose(&mut self, found: &Announced, has_data: impl Fn(&Key) -> bool, over: &mut Vec<Key>) {
+        if self.chosen.as_ref().is_some_and(|chosen| !found.contains_key(chosen) && !found.is_empty()) {
             self.chosen = None;
         }
         if self.chosen.is_some() {
             return;
         }
         let is_sent =
-            |(name, (key, _)): &(&String, &(Key, Timestamp))| found.contains(*name) && has_data(key);
+            |(name, (key, _)): &(&String, &(Key, Timestamp))| found.contains_key(*name) && has_data(key);
         self.chosen = self.tried.iter().find(is_sent).map(|(name, _)| name.clone());
         if let Some(chosen) = &self.chosen {
             over.extend(
@@ -170,11 +182,15 @@ impl Untyped {
         }
     }
 
-    /// The types to read by, too: those that were never tried come first.
-    fn next_types(&mut self, found: &BTreeSet<String>, now: Timestamp, over: &mut Vec<Key>) -> Vec<String> {
-        let mut others: Vec<&String> = found.iter().filter(|name| !self.tried.contains_key(*name)).collect();
-        self.made_room.retain(|name, _| found.contains(name));
-        others.sort_by_key(|name| self.made_room.get(*name).copied());
+    /// The types to read by, too: of each participant in turn, and those that were never tried before the others.
+    fn next_types(&mut self, found: &Announced, now: Timestamp, over: &mut Vec<Key>) -> Vec<String> {
+        self.made_room.retain(|name, _| found.contains_key(name));
+        let is_other =
+            |(name, _): &(&String, _)| !self.tried.contains_key(*name) && !self.refused.contains_key(*name);
+        let mut others: Vec<(&String, BTreeSet<Prefix>)> =
+            found.iter().filter(is_other).map(|(name, by)| (name, by.clone())).collect();
+        others.sort_by_key(|(name, _)| self.made_room.get(*name).copied());
+        let others = places::in_turn(others);
         let room = TYPES_MAX.saturating_sub(self.tried.len());
         let too_many = others.len().saturating_sub(room);
         let mut silent: Vec<(Timestamp, String)> = self
@@ -212,7 +228,7 @@ fn say_missing(
 fn say(
     inputs: &mpsc::Sender<Stamped>,
     untyped: &Untyped,
-    found: &BTreeSet<String>,
+    found: &BTreeSet<&str>,
     why: Option<String>,
     received: Timestamp,
 ) -> bool {
@@ -221,7 +237,7 @@ fn say(
         let (kind, text) = (TroubleKind::WrongType, text.into());
         Input::Reception(ReceptionTrouble { topic: (**topic).into(), kind, count: 1, text })
     });
-    let names: Vec<&str> = found.iter().map(String::as_str).collect();
+    let names: Vec<&str> = found.iter().copied().collect();
     let news = untyped.subscription.watched().map(|source| {
         let other_type = (!names.is_empty()).then(|| names.join(", ").into());
         Input::Topic(PublisherReport { source: source.clone(), publishers: 0, other_type })
@@ -255,9 +271,14 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
         (learning, received)
     }
 
-    fn published(types: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
-        let types = types.iter().map(|&name| name.to_owned()).collect();
+    /// All announced by one participant.
+    fn published(types: &[&str]) -> BTreeMap<String, Announced> {
+        let types = types.iter().map(|&name| (name.to_owned(), BTreeSet::from([[1; 12]]))).collect();
         BTreeMap::from([("rt/x".to_owned(), types)])
+    }
+
+    fn forged(count: usize, name: &str) -> Vec<String> {
+        (0..count).map(|number| format!("a/msg/{name}{number:03}")).collect()
     }
 
     const NOBODY: fn(&Key) -> bool = |_| false;
@@ -313,7 +334,7 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
         let (clock, hand) = Clock::standing();
         let (mut learning, _received) = learning(64);
         learning.clock = clock;
-        let mut forged: Vec<String> = (0..30).map(|number| format!("a/msg/T{number}")).collect();
+        let mut forged = forged(30, "T");
         forged.push("std_msgs/msg/Float64".to_owned());
         let all = published(&forged.iter().map(String::as_str).collect::<Vec<_>>());
         let mut read = Vec::new();
@@ -325,6 +346,32 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
             hand.advance(TRIAL);
         }
         assert!(read.contains(&"std_msgs/msg/Float64".to_owned()), "{read:?}");
+    }
+
+    #[tokio::test]
+    async fn a_stranger_with_many_types_delays_the_type_of_another_by_nothing() {
+        let (mut learning, _received) = learning(1024);
+        // Their names make no ROS type: nothing can be read.
+        let strange: Vec<String> = (0..200).map(|number| format!("A{number:03}")).collect();
+        for types in [forged(200, "T"), strange] {
+            let mut all = published(&types.iter().map(String::as_str).collect::<Vec<_>>());
+            let true_type = ("std_msgs/msg/Float64".to_owned(), BTreeSet::from([[2; 12]]));
+            all.get_mut("rt/x").unwrap().extend([true_type]);
+            let news = learning.take(&all, false, NOBODY);
+            assert!(names(&news).contains(&("std_msgs/msg/Float64", true)), "{news:?}");
+            learning.topics.values_mut().for_each(|it| it.tried.clear());
+        }
+    }
+
+    #[tokio::test]
+    async fn types_that_cannot_be_read_take_no_turn() {
+        let (mut learning, _received) = learning(8);
+        let strange: Vec<String> = (0..TYPES_MAX).map(|number| format!("A{number:03}")).collect();
+        let mut types: Vec<&str> = strange.iter().map(String::as_str).collect();
+        types.push("std_msgs/msg/Float64");
+        let all = published(&types);
+        assert!(learning.take(&all, false, NOBODY).new.is_empty());
+        assert_eq!(names(&learning.take(&all, false, NOBODY)), [("std_msgs/msg/Float64", true)]);
     }
 
     #[tokio::test]

@@ -12,7 +12,8 @@ use super::learning::Learning;
 use super::topic::{Memory, Orders, Topic, TopicContext, Trial};
 use crate::discovery::graph::OwnParticipants;
 use crate::library::Found;
-use crate::library::spdp::PREFIX;
+use crate::library::places;
+use crate::library::spdp::{self, PREFIX, Prefix};
 use crate::outbox::End;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::messages;
@@ -141,16 +142,24 @@ impl Topics {
         let mut room = RECORDED_MAX.saturating_sub(recorded.len());
         if found.len() > room {
             let now = self.around.clock.now();
-            let mut silent: Vec<(Timestamp, Key)> = recorded
+            // Those that nobody publishes any more give way first, then those without a message.
+            let seen = self.around.participant.seen();
+            let is_over =
+                |(topic, type_name): &Key| !seen.writers_of(topic).any(|it| it.type_name == *type_name);
+            let is_silent = |it: &Running| !it.trial.has_data() && now.since(it.since) >= TRIAL;
+            let mut silent: Vec<(bool, Timestamp, Key)> = recorded
                 .iter()
-                .filter(|(_, it)| !it.trial.has_data() && now.since(it.since) >= TRIAL)
-                .map(|(key, it)| (it.since, (*key).clone()))
+                .map(|(key, it)| (!is_over(key), it.since, *key, is_silent(it)))
+                .filter(|(is_published, .., is_silent)| !is_published || *is_silent)
+                .map(|(is_published, since, key, _)| (is_published, since, key.clone()))
                 .collect();
+            drop(seen);
             silent.sort();
             silent.truncate((found.len() - room).min(ADDED_MAX));
             let is_full = recorded.iter().all(|(_, it)| it.trial.has_data());
-            self.tried.retain(|key, _| found.iter().any(|(known, _)| known == key));
-            for (_, key) in silent {
+            let waiting: BTreeSet<Key> = found.iter().map(|(it, _)| key(it)).collect();
+            self.tried.retain(|key, _| waiting.contains(key));
+            for (.., key) in silent {
                 self.end(&key);
                 self.tried.insert(key, now);
                 room += 1;
@@ -161,15 +170,15 @@ impl Topics {
                 );
             }
         }
-        // Those that never had a place come first, then those that had one long ago.
-        found.sort_by_key(|(key, _)| self.tried.get(key).copied());
-        for (_, subscription) in found.into_iter().take(room.min(ADDED_MAX)) {
+        // Of each participant in turn, and those that never had a place before those that had one long ago.
+        found.sort_by_key(|(it, _)| self.tried.get(&key(it)).copied());
+        for subscription in places::in_turn(found).into_iter().take(room.min(ADDED_MAX)) {
             self.add(&Arc::new(subscription), Arc::default(), legacy);
         }
     }
 
-    /// The topics that are to be recorded and are not read, each once.
-    fn to_record(&self, plan: &Plan, siblings: &OwnParticipants) -> Vec<(Key, Subscription)> {
+    /// The topics that are to be recorded and are not read, each once, and the participants that announce it.
+    fn to_record(&self, plan: &Plan, siblings: &OwnParticipants) -> Vec<(Subscription, BTreeSet<Prefix>)> {
         let own = self.around.participant.guid();
         let seen = self.around.participant.seen();
         let is_new = |found: &&Found| {
@@ -177,12 +186,13 @@ impl Topics {
             let is_known = || self.running.contains_key(&key) || self.ending.contains(&key);
             found.guid[..PREFIX] != own[..PREFIX] && !siblings.has(&found.guid) && !is_known()
         };
-        let found = seen.writers().filter(is_new);
-        let found: BTreeMap<Key, Subscription> = found
-            .filter_map(|found| only_recorded(plan, &found.topic, &found.type_name))
-            .map(|subscription| (key(&subscription), subscription))
-            .collect();
-        found.into_iter().collect()
+        let mut new: BTreeMap<Key, (Subscription, BTreeSet<Prefix>)> = BTreeMap::new();
+        for found in seen.writers().filter(is_new) {
+            let Some(subscription) = only_recorded(plan, &found.topic, &found.type_name) else { continue };
+            let (_, by) = new.entry(key(&subscription)).or_insert((subscription, BTreeSet::new()));
+            by.insert(spdp::prefix(&found.guid));
+        }
+        new.into_values().collect()
     }
 
     fn add(&mut self, subscription: &Arc<Subscription>, trial: Arc<Trial>, legacy: &mut Carryover) {
