@@ -1,6 +1,7 @@
 //! The publishers of one topic: which of them are heard, through which reader, and how many of their
 //! messages were lost.
 
+use super::readers::Fitting;
 use crate::library::qos::Via;
 use std::collections::BTreeMap;
 use std::time::{Duration, SystemTime};
@@ -177,13 +178,15 @@ impl Writers {
         if before && !known.heard { Published::Before } else { Published::Unfound }
     }
 
-    /// The one reader that fits every writer of our type: a writer that is asked for more than it offers
-    /// complains in its own log. `None` if there is no writer yet, or none any more.
-    pub fn fitting(&mut self, wants_last_value: bool, dds_type: &str, now: Timestamp) -> Option<Via> {
+    /// The readers that fit the writers of our type: a writer that is asked for more than it offers complains in its
+    /// own log. Where writers of both kinds are announced, each kind has its reader: one that sends nothing takes
+    /// neither the last value of another nor its repairs. `None` if there is no writer yet, or none any more.
+    pub fn fitting(&mut self, wants_last_value: bool, dds_type: &str, now: Timestamp) -> Option<Fitting> {
         let offers = || self.known.values().map(|known| &known.offer).filter(|it| it.type_name == dds_type);
         let found = offers().next().is_some();
         let best_effort = offers().any(|offer| !offer.reliable);
-        let volatile = offers().any(|offer| !offer.keeps_last_value());
+        let reliable = offers().any(|offer| offer.reliable);
+        let volatile = offers().any(|offer| offer.reliable && !offer.keeps_last_value());
         let remember = |until: &mut Option<Timestamp>, seen: bool| {
             if seen {
                 *until = Some(now + QUALITY_REMEMBERED);
@@ -193,11 +196,14 @@ impl Writers {
         let best_effort = remember(&mut self.best_effort_until, best_effort);
         let volatile = remember(&mut self.volatile_until, volatile);
         let settling = found && now < *self.settled_at.get_or_insert(now + SETTLING);
-        found.then_some(match (best_effort || settling, wants_last_value && !volatile) {
-            (true, _) => Via::BestEffort,
-            (false, true) => Via::LastValue,
-            (false, false) => Via::Reliable,
-        })
+        let wanted: Fitting = match (reliable && !settling, best_effort, wants_last_value && !volatile) {
+            (false, ..) => &[Via::BestEffort],
+            (true, true, true) => &[Via::LastValue, Via::BestEffort],
+            (true, true, false) => &[Via::Reliable, Via::BestEffort],
+            (true, false, true) => &[Via::LastValue],
+            (true, false, false) => &[Via::Reliable],
+        };
+        found.then_some(wanted)
     }
 
     /// When to ask again which reader fits.
@@ -205,12 +211,12 @@ impl Writers {
         self.settled_at.filter(|at| now < *at)
     }
 
-    /// Whether this reader asks for no last value although a writer of our type keeps one. At the beginning, while others
+    /// Whether these readers ask for no last value although a writer of our type keeps one. At the beginning, while others
     /// may be found still, no reader asks for it.
-    pub fn leaves_last_value(&self, via: Via, dds_type: &str, now: Timestamp) -> bool {
+    pub fn leaves_last_value(&self, readers: Fitting, dds_type: &str, now: Timestamp) -> bool {
         let mut offers = self.known.values().map(|known| &known.offer);
         let any_keeps = offers.any(|offer| offer.type_name == dds_type && offer.keeps_last_value());
-        any_keeps && via != Via::LastValue && self.settles_at(now).is_none()
+        any_keeps && !readers.contains(&Via::LastValue) && self.settles_at(now).is_none()
     }
 
     /// No reliable reader is left: samples are taken in the order of their arrival.
@@ -317,22 +323,25 @@ mod tests {
         let (reliable, keeps, best_effort) =
             (offer(OURS, true, false), offer(OURS, true, true), offer(OURS, false, true));
         let theirs = offer("theirs", false, false);
-        let cases: [(&[&Offer], [Option<Via>; 2]); 7] = [
-            (&[], [None, None]),
-            (&[&theirs], [None, None]),
-            (&[&reliable], [Some(Via::Reliable), Some(Via::Reliable)]),
-            (&[&keeps, &theirs], [Some(Via::Reliable), Some(Via::LastValue)]),
-            (&[&keeps, &reliable], [Some(Via::Reliable), Some(Via::Reliable)]),
-            (&[&best_effort], [Some(Via::BestEffort), Some(Via::BestEffort)]),
-            (&[&best_effort, &keeps, &reliable], [Some(Via::BestEffort), Some(Via::BestEffort)]),
+        use Via::{BestEffort, LastValue, Reliable};
+        let cases: [(&[&Offer], [&[Via]; 2]); 8] = [
+            (&[], [&[], &[]]),
+            (&[&theirs], [&[], &[]]),
+            (&[&reliable], [&[Reliable], &[Reliable]]),
+            (&[&keeps, &theirs], [&[Reliable], &[LastValue]]),
+            (&[&keeps, &reliable], [&[Reliable], &[Reliable]]),
+            (&[&best_effort], [&[BestEffort], &[BestEffort]]),
+            (&[&best_effort, &keeps, &reliable], [&[Reliable, BestEffort], &[Reliable, BestEffort]]),
+            (&[&best_effort, &keeps], [&[Reliable, BestEffort], &[LastValue, BestEffort]]),
         ];
         for (offers, expected) in cases {
             let offers: Vec<_> = (0..).zip(offers).map(|(id, &it)| ([id; 16], it.clone())).collect();
             let fitting = [false, true].map(|last| {
                 let mut writers = writers(&offers);
                 let early = writers.fitting(last, OURS, START.0);
-                assert_eq!(early, expected[0].map(|_| Via::BestEffort), "others may be found still");
-                writers.fitting(last, OURS, START.0 + SETTLING)
+                let is_found = !expected[0].is_empty();
+                assert_eq!(early, is_found.then_some(&[BestEffort][..]), "others may be found still");
+                writers.fitting(last, OURS, START.0 + SETTLING).unwrap_or_default()
             });
             assert_eq!(fitting, expected, "{offers:?}");
         }
@@ -357,10 +366,11 @@ mod tests {
     fn a_publisher_that_was_there_finds_a_reader_that_fits_it_when_it_comes_back() {
         let at = Timestamp::from_millis;
         let mut writers = writers(&[(A, offer(OURS, true, true)), (B, offer(OURS, false, false))]);
-        assert_eq!(writers.fitting(true, OURS, at(5000)), Some(Via::BestEffort));
+        let both = &[Via::LastValue, Via::BestEffort][..];
+        assert_eq!(writers.fitting(true, OURS, at(5000)), Some(&[Via::BestEffort][..]));
         writers.update([(A, offer(OURS, true, true))].into(), OURS, START);
-        assert_eq!(writers.fitting(true, OURS, at(604_999)), Some(Via::BestEffort));
-        assert_eq!(writers.fitting(true, OURS, at(605_000)), Some(Via::LastValue));
+        assert_eq!(writers.fitting(true, OURS, at(604_999)), Some(both));
+        assert_eq!(writers.fitting(true, OURS, at(605_000)), Some(&[Via::LastValue][..]));
     }
 
     /// Listens from 98 s on the wall clock; knows the writers from 100 s there and 5 s here.

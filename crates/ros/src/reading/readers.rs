@@ -1,4 +1,4 @@
-//! The DDS reader of one topic, of the kind that fits its writers, and the reader that it replaces.
+//! The DDS readers of one topic, of the kinds that fit its writers, and those that they replace.
 
 use std::collections::VecDeque;
 use std::task::{Context, Poll};
@@ -48,9 +48,12 @@ pub struct Readers {
     type_name: String,
     depth: usize,
     readers: Vec<Reader>,
-    /// The kind of the current reader, and since when it exists.
-    fitting: (Via, Timestamp),
+    /// The kinds of the current readers, and since when they are these.
+    fitting: (Fitting, Timestamp),
 }
+
+/// The kinds of readers that a topic needs, of which one or two exist at once.
+pub type Fitting = &'static [Via];
 
 impl Readers {
     /// Starts without a reader: a publisher that waits for one must not send its only message before the
@@ -62,35 +65,37 @@ impl Readers {
         now: Timestamp,
     ) -> Readers {
         let (topic, type_name) = (subscription.dds_topic.clone(), subscription.dds_type.clone());
-        let fitting = (Via::BestEffort, now);
+        let fitting: (Fitting, Timestamp) = (&[], now);
         Readers { participant, topic, type_name, depth, readers: Vec::with_capacity(2), fitting }
     }
 
-    /// Makes the reader that fits, and ends the others once the new one had time to be found. To be called
+    /// Makes the readers that fit, and ends the others once the new ones had time to be found. To be called
     /// now and then. Returns whether the readers changed.
-    pub fn follow(&mut self, via: Via, now: Timestamp) -> bool {
-        if self.fitting.0 != via {
-            self.fitting = (via, now);
-        }
-        if !self.readers.iter().any(|known| known.via() == via) {
-            self.readers.push(self.participant.reader(&self.topic, &self.type_name, via, self.depth));
-            return true;
+    pub fn follow(&mut self, fitting: Fitting, now: Timestamp) -> bool {
+        if self.fitting.0 != fitting {
+            self.fitting = (fitting, now);
         }
         let before = self.readers.len();
-        if now.since(self.fitting.1) >= OVERLAP {
-            self.readers.retain(|known| known.via() == via);
+        for &via in fitting {
+            if !self.readers.iter().any(|known| known.via() == via) {
+                self.readers.push(self.participant.reader(&self.topic, &self.type_name, via, self.depth));
+            }
         }
-        self.readers.len() != before
+        let is_new = self.readers.len() != before;
+        if !is_new && now.since(self.fitting.1) >= OVERLAP {
+            self.readers.retain(|known| fitting.contains(&known.via()));
+        }
+        is_new || self.readers.len() != before
     }
 
-    /// The kind of the current reader, once there is one.
-    pub fn fitting(&self) -> Option<Via> {
+    /// The kinds of the current readers, once there are some.
+    pub fn fitting(&self) -> Option<Fitting> {
         (!self.readers.is_empty()).then_some(self.fitting.0)
     }
 
     /// When the replaced readers are to end.
     pub fn overlap_ends(&self) -> Option<Timestamp> {
-        (self.readers.len() > 1).then(|| self.fitting.1 + OVERLAP)
+        (self.readers.len() > self.fitting.0.len()).then(|| self.fitting.1 + OVERLAP)
     }
 
     /// Whether one of them is reliable, so that lost samples are sent again.

@@ -419,7 +419,7 @@ impl Topic {
         self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
     }
 
-    /// Takes the present writers, and chooses the reader that fits all of them.
+    /// Takes the present writers, and chooses the readers that fit them.
     fn follow_discovery(&mut self) {
         let offers = offers(&self.around.participant, &self.subscription.dds_topic);
         let dds_type = &self.subscription.dds_type;
@@ -430,13 +430,13 @@ impl Topic {
             self.memory.troubles.add(TroubleKind::WrongType, 1, text);
         }
         let wants_last_value = self.subscription.wants_last_value();
-        // While there is no publisher, the reader does not change.
+        // While there is no publisher, the readers do not change.
         let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
-        let Some(via) = fitting.or_else(|| self.readers.fitting()) else { return };
-        if self.readers.follow(via, now.0) && !self.readers.any_reliable() {
+        let Some(fitting) = fitting.or_else(|| self.readers.fitting()) else { return };
+        if self.readers.follow(fitting, now.0) && !self.readers.any_reliable() {
             self.memory.writers.heard_by_best_effort_alone();
         }
-        if wants_last_value && self.memory.writers.leaves_last_value(via, dds_type, now.0) {
+        if wants_last_value && self.memory.writers.leaves_last_value(fitting, dds_type, now.0) {
             self.tell_of_mix();
         }
     }
