@@ -16,9 +16,6 @@ const PARTICIPANTS_MAX: usize = 1024;
 /// Nodes of one participant.
 const NODES_MAX: usize = 1024;
 const NAME_BYTES_MAX: usize = 1024;
-/// Services that are remembered.
-const SERVICES_MAX: usize = 8192;
-
 /// Readers and writers of one participant whose node is remembered.
 const ENDPOINTS_MAX: usize = 4096;
 
@@ -65,6 +62,11 @@ impl Nodes {
             self.announced.insert(participant, (writer, announcement));
             self.present.insert(writer);
         }
+    }
+
+    /// Whether the nodes of another participant would find no place.
+    fn is_full(&self) -> bool {
+        self.present().nth(PARTICIPANTS_MAX - 1).is_some()
     }
 
     /// The announcements that count.
@@ -139,6 +141,12 @@ impl Nodes {
         let whole = format!("/{}", name.trim_start_matches('/'));
         let names = self.present().filter(|(_, said)| said.names.contains(&*whole));
         match names.count() {
+            0 if self.is_full() => ProbeOutcome::Impossible(
+                format!(
+                    "{PARTICIPANTS_MAX} participants announce nodes, and those of further ones are not known"
+                )
+                .into(),
+            ),
             0 => self.missing(now, || format!("no node {whole} is announced")),
             1 => ProbeOutcome::Announced,
             times => ProbeOutcome::Repeated { times: u32::try_from(times).unwrap_or(u32::MAX) },
@@ -166,7 +174,8 @@ impl Nodes {
 }
 
 /// The services that a node serves, from the topics of the readers and writers that discovery knows. A client
-/// has reader and writer the other way round; a reader without a writer, or the reverse, is no service.
+/// has reader and writer the other way round; a reader without a writer, or the reverse, is no service. There are at
+/// most as many as half of the endpoints that are followed.
 pub fn services<'a>(
     readers: impl Iterator<Item = (&'a str, Guid)>,
     writers: impl Iterator<Item = (&'a str, Guid)>,
@@ -175,13 +184,11 @@ pub fn services<'a>(
         topic.strip_prefix(before)?.strip_suffix(behind).filter(|name| name.len() < NAME_BYTES_MAX)
     };
     let participant = |guid: Guid| -> [u8; PREFIX] { std::array::from_fn(|index| guid[index]) };
-    let replying: BTreeSet<_> = writers
-        .filter_map(|(topic, guid)| Some((name(topic, "rr/", "Reply")?, participant(guid))))
-        .take(SERVICES_MAX)
-        .collect();
+    let replying: BTreeSet<_> =
+        writers.filter_map(|(topic, guid)| Some((name(topic, "rr/", "Reply")?, participant(guid)))).collect();
     let asked = readers.filter_map(|(topic, guid)| Some((name(topic, "rq/", "Request")?, participant(guid))));
     let served = asked.filter(|service| replying.contains(service));
-    served.map(|(name, _)| format!("/{name}").into()).take(SERVICES_MAX).collect()
+    served.map(|(name, _)| format!("/{name}").into()).collect()
 }
 
 /// The nodes in a `rmw_dds_common/ParticipantEntitiesInfo`.
@@ -306,9 +313,12 @@ mod tests {
         assert!(nodes.is_unheard(&of_late), "it announces its nodes, and nobody has them");
         assert!(!nodes.is_unheard(&writer(3, 7)), "it has said what it has");
         assert!(!nodes.is_unheard(&writer(PARTICIPANTS_MAX + 8, 7)), "it announces nothing");
+        let much_later = Timestamp::from_millis(60_000);
+        assert!(matches!(nodes.ask("/late", much_later), ProbeOutcome::Impossible(_)), "it may be there");
         // Its announcement does not come again when there is a place.
         nodes.update(&[9; 16], [late].into(), BTreeSet::new());
         assert!(nodes.is_unheard(&of_late));
+        assert!(matches!(nodes.ask("/late", much_later), ProbeOutcome::Missed(_)));
         announce(&mut nodes, late, "late");
         assert!(!nodes.is_unheard(&of_late));
     }
