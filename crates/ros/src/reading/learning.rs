@@ -83,7 +83,7 @@ impl Learning {
 
     /// The topics that can be read now and could not be read before, and those that are no longer read because there are
     /// messages of another type.
-    pub fn look(&mut self, participant: &Participant, has_data: impl Fn(&Key) -> bool) -> News {
+    pub fn look(&mut self, participant: &Participant, last: impl Fn(&Key) -> Option<Timestamp>) -> News {
         if self.topics.is_empty() {
             return News::default();
         }
@@ -98,21 +98,21 @@ impl Learning {
             }
         }
         drop(seen);
-        self.take(&types, is_searching, has_data)
+        self.take(&types, is_searching, last)
     }
 
     fn take(
         &mut self,
         types: &BTreeMap<String, Announced>,
         is_searching: bool,
-        has_data: impl Fn(&Key) -> bool,
+        last: impl Fn(&Key) -> Option<Timestamp>,
     ) -> News {
         let now = self.clock.now();
         let none = Announced::new();
         let mut news = News::default();
         for (topic, untyped) in &mut self.topics {
             let found = types.get(topic).unwrap_or(&none);
-            untyped.choose(found, &has_data, &mut news.over);
+            untyped.choose(found, now, &last, &mut news.over);
             if untyped.chosen.is_some() {
                 continue;
             }
@@ -127,7 +127,7 @@ impl Learning {
                 }
                 _ => None,
             };
-            for type_name in untyped.next_types(found, now, &mut news.over) {
+            for type_name in untyped.next_types(found, now, &last, &mut news.over) {
                 let is_quiet = is_ambiguous || !untyped.tried.is_empty();
                 match untyped.subscription.learn(&type_name) {
                     Ok(Learned { subscription, missing }) => {
@@ -163,17 +163,25 @@ impl Learning {
 }
 
 impl Untyped {
-    /// Decides for the first type that has a message, as long as somebody announces it.
-    fn choose(&mut self, found: &Announced, has_data: impl Fn(&Key) -> bool, over: &mut Vec<Key>) {
-        if self.chosen.as_ref().is_some_and(|chosen| !found.contains_key(chosen) && !found.is_empty()) {
-            self.chosen = None;
-        }
-        if self.chosen.is_some() {
+    /// Decides for the first type that is sent. It is tried again with the others once it is not sent any more.
+    fn choose(
+        &mut self,
+        found: &Announced,
+        now: Timestamp,
+        last: impl Fn(&Key) -> Option<Timestamp>,
+        over: &mut Vec<Key>,
+    ) {
+        let is_sent = |key: &Key| last(key).is_some_and(|at| now.since(at) < TRIAL);
+        let is_chosen = |name: &String| match self.tried.get(name) {
+            Some((key, _)) if found.contains_key(name) => found.len() == 1 || is_sent(key),
+            _ => found.is_empty(),
+        };
+        if self.chosen.as_ref().is_some_and(is_chosen) {
             return;
         }
-        let is_sent =
-            |(name, (key, _)): &(&String, &(Key, Timestamp))| found.contains_key(*name) && has_data(key);
-        self.chosen = self.tried.iter().find(is_sent).map(|(name, _)| name.clone());
+        let is_found =
+            |(name, (key, _)): &(&String, &(Key, Timestamp))| found.contains_key(*name) && is_sent(key);
+        self.chosen = self.tried.iter().find(is_found).map(|(name, _)| name.clone());
         if let Some(chosen) = &self.chosen {
             over.extend(
                 self.tried.iter().filter(|(name, _)| *name != chosen).map(|(_, (key, _))| key.clone()),
@@ -183,7 +191,13 @@ impl Untyped {
     }
 
     /// The types to read by, too: of each participant in turn, and those that were never tried before the others.
-    fn next_types(&mut self, found: &Announced, now: Timestamp, over: &mut Vec<Key>) -> Vec<String> {
+    fn next_types(
+        &mut self,
+        found: &Announced,
+        now: Timestamp,
+        last: impl Fn(&Key) -> Option<Timestamp>,
+        over: &mut Vec<Key>,
+    ) -> Vec<String> {
         self.made_room.retain(|name, _| found.contains_key(name));
         let is_other =
             |(name, _): &(&String, _)| !self.tried.contains_key(*name) && !self.refused.contains_key(*name);
@@ -193,17 +207,18 @@ impl Untyped {
         let others = places::in_turn(others);
         let room = TYPES_MAX.saturating_sub(self.tried.len());
         let too_many = others.len().saturating_sub(room);
-        let mut silent: Vec<(Timestamp, String)> = self
+        // Those that never had a message give way first.
+        let mut silent: Vec<(bool, Timestamp, String)> = self
             .tried
             .iter()
             .filter(|(_, (_, since))| now.since(*since) >= TRIAL)
-            .map(|(name, (_, since))| (*since, name.clone()))
+            .map(|(name, (key, since))| (last(key).is_some(), *since, name.clone()))
             .collect();
         silent.sort();
         silent.truncate(too_many);
         let room = room + silent.len();
         let others = others.into_iter().take(room).cloned().collect();
-        for (_, name) in silent {
+        for (.., name) in silent {
             over.extend(self.tried.remove(&name).map(|(key, _)| key));
             self.made_room.insert(name, now);
         }
@@ -281,7 +296,7 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
         (0..count).map(|number| format!("a/msg/{name}{number:03}")).collect()
     }
 
-    const NOBODY: fn(&Key) -> bool = |_| false;
+    const NOBODY: fn(&Key) -> Option<Timestamp> = |_| None;
 
     fn names(news: &News) -> Vec<(&str, bool)> {
         news.new.iter().map(|(it, is_quiet)| (&*it.type_name, *is_quiet)).collect()
@@ -316,17 +331,37 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
         let two = published(&["std_msgs/msg/Float64", "std_msgs/msg/Int32"]);
         let news = learning.take(&two, false, NOBODY);
         assert_eq!(names(&news), [("std_msgs/msg/Float64", true)]);
-        let is_float = |key: &Key| key.1.contains("Float64");
+        let now = learning.clock.now();
+        let is_float = |key: &Key| key.1.contains("Float64").then_some(now);
         let news = learning.take(&two, false, is_float);
         assert_eq!(news.over, [("rt/x".to_owned(), "std_msgs::msg::dds_::Int32_".to_owned())]);
         // Whatever is announced later takes nothing from it.
         let three = published(&["std_msgs/msg/Bool", "std_msgs/msg/Float64", "std_msgs/msg/Int32"]);
-        let news = learning.take(&three, false, |_| true);
+        let news = learning.take(&three, false, |_| Some(now));
         assert!(news.new.is_empty() && news.over.is_empty(), "{news:?}");
         // Its publisher ends, and another type is sent.
         let news = learning.take(&published(&["std_msgs/msg/Int32"]), false, is_float);
         assert_eq!(names(&news), [("std_msgs/msg/Int32", true)]);
         assert!(received.try_recv().is_err());
+    }
+
+    #[tokio::test]
+    async fn one_message_of_another_type_takes_nothing_for_long() {
+        let (clock, hand) = Clock::standing();
+        let (mut learning, _received) = learning(8);
+        learning.clock = clock;
+        let start = learning.clock.now();
+        let is_int = |key: &Key| key.1.contains("Int32").then_some(start);
+        learning.take(&published(&["std_msgs/msg/Int32"]), false, NOBODY);
+        let two = published(&["std_msgs/msg/Float64", "std_msgs/msg/Int32"]);
+        assert!(learning.take(&two, false, is_int).new.is_empty());
+        hand.advance(TRIAL);
+        let news = learning.take(&two, false, is_int);
+        assert_eq!(names(&news), [("std_msgs/msg/Float64", true)]);
+        let now = learning.clock.now();
+        let both = |key: &Key| Some(if key.1.contains("Int32") { start } else { now });
+        let news = learning.take(&two, false, both);
+        assert_eq!(news.over, [("rt/x".to_owned(), "std_msgs::msg::dds_::Int32_".to_owned())]);
     }
 
     #[tokio::test]

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::poll_fn;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::UNIX_EPOCH;
 
 use bytes::Bytes;
@@ -81,7 +81,8 @@ impl Memory {
 /// The history of a topic so far.
 #[derive(Debug, Default)]
 pub struct Trial {
-    has_data: AtomicBool,
+    /// When the last message came, in nanoseconds; 0 before the first.
+    last: AtomicU64,
     /// One of several types that are announced: nothing is said of it before its first message.
     is_quiet: AtomicBool,
 }
@@ -91,17 +92,17 @@ impl Trial {
         Trial { is_quiet: is_quiet.into(), ..Trial::default() }
     }
 
-    /// Whether a message of its type has come.
-    pub fn has_data(&self) -> bool {
-        self.has_data.load(Ordering::Relaxed)
+    /// When the last message of its type came.
+    pub fn last(&self) -> Option<Timestamp> {
+        Some(self.last.load(Ordering::Relaxed)).filter(|at| *at > 0).map(Timestamp::from_nanos)
     }
 
     fn is_quiet(&self) -> bool {
         self.is_quiet.load(Ordering::Relaxed)
     }
 
-    fn note_data(&self) {
-        self.has_data.store(true, Ordering::Relaxed);
+    fn note_data(&self, now: Timestamp) {
+        self.last.store(now.as_nanos().max(1), Ordering::Relaxed);
         self.is_quiet.store(false, Ordering::Relaxed);
     }
 }
@@ -286,7 +287,7 @@ impl Topic {
             }),
         }
         self.forgotten = None;
-        self.trial.note_data();
+        self.trial.note_data(received);
         if let Some(every) = self.subscription.recorded_every() {
             if received < self.recorded_from {
                 return Ok(());

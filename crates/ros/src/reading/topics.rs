@@ -120,8 +120,8 @@ impl Topics {
     /// messages.
     pub fn learn(&mut self, legacy: &mut Carryover) {
         let running = &self.running;
-        let has_data = |key: &Key| running.get(key).is_some_and(|it| it.trial.has_data());
-        let learned = self.learning.look(&self.around.participant, has_data);
+        let last = |key: &Key| running.get(key).and_then(|it| it.trial.last());
+        let learned = self.learning.look(&self.around.participant, last);
         for key in &learned.over {
             self.end(key);
         }
@@ -146,7 +146,7 @@ impl Topics {
             let seen = self.around.participant.seen();
             let is_over =
                 |(topic, type_name): &Key| !seen.writers_of(topic).any(|it| it.type_name == *type_name);
-            let is_silent = |it: &Running| !it.trial.has_data() && now.since(it.since) >= TRIAL;
+            let is_silent = |it: &Running| it.trial.last().is_none() && now.since(it.since) >= TRIAL;
             let mut silent: Vec<(bool, Timestamp, Key)> = recorded
                 .iter()
                 .map(|(key, it)| (!is_over(key), it.since, *key, is_silent(it)))
@@ -156,7 +156,7 @@ impl Topics {
             drop(seen);
             silent.sort();
             silent.truncate((found.len() - room).min(ADDED_MAX));
-            let is_full = recorded.iter().all(|(_, it)| it.trial.has_data());
+            let is_full = recorded.iter().all(|(_, it)| it.trial.last().is_some());
             let waiting: BTreeSet<Key> = found.iter().map(|(it, _)| key(it)).collect();
             self.tried.retain(|key, _| waiting.contains(key));
             for (.., key) in silent {
@@ -217,7 +217,7 @@ impl Topics {
     fn end(&mut self, key: &Key) {
         if let Some(running) = self.running.remove(key) {
             self.ending.insert(key.clone());
-            if !running.trial.has_data() {
+            if running.trial.last().is_none() {
                 self.around.paces.forget(&key.0);
             }
         }
