@@ -222,11 +222,9 @@ fn check_loops(publishing: &Publishing, raw: Option<&RawPublishing>, topics: &To
             let span = topics.place(topic).or(own).unwrap_or(Span { file: 0, start: 0, end: 0 });
             let problem =
                 Problem::at(span, format!("{topic} is read here, and published by this program as `{key}`"));
-            log.push(
-                problem.help(format!(
-                    "read another topic, or write `publish: {{ {key}: {{ topic: /OTHER }} }}`"
-                )),
-            );
+            log.push(problem.help(format!(
+                "read another topic, or write `publish: {{ {key}: {{ topic: /OTHER }} }}`, or `{key}: false`"
+            )));
         }
     }
 }

@@ -6,9 +6,9 @@ use telltale_engine::model::{Model, ModuleId, ModuleSpec, MonitorSpec, NodeId, W
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
 
-/// The lease of a ROS 2 node (CycloneDDS; others have longer ones). One that was killed counts as running for at least
-/// this long, and for up to three leases where its loss has to be confirmed.
-pub const LEASE: Span = Span::from_secs(10);
+/// A ROS 2 node that was killed counts as running for so long: three leases of its participant (10 s each with Cyclone
+/// DDS, 20 s with Fast DDS), and up to 4 s until discovery lets go of it.
+pub const KILLED_NODE: Span = Span::from_secs(34);
 
 /// One finding for a module: the dependency with the shortest limit.
 pub(super) fn look(model: &Model) -> Vec<Finding> {
@@ -38,7 +38,7 @@ fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
             let spec = &model.watched.watchdogs[watchdog.0 as usize];
             let rounds = Span::from_nanos(spec.every.as_nanos().saturating_mul(u64::from(*misses)));
             match spec.target {
-                ProbeTarget::Node { .. } | ProbeTarget::Service { .. } => sum(LEASE, rounds),
+                ProbeTarget::Node { .. } | ProbeTarget::Service { .. } => sum(KILLED_NODE, rounds),
                 ProbeTarget::Icmp { .. }
                 | ProbeTarget::Lifecycle { .. }
                 | ProbeTarget::Tcp { .. }

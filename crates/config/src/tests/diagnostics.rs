@@ -41,7 +41,7 @@ fn what_is_no_such_topic_is_said() {
     check_beside_group(
         "diagnostics: { topics: [/diagnostics_agg] }\n",
         &[
-            "2:25: /diagnostics_agg is read here, and published by this program as `diagnostics_agg` (read another topic, or write `publish: { diagnostics_agg: { topic: /OTHER } }`)",
+            "2:25: /diagnostics_agg is read here, and published by this program as `diagnostics_agg` (read another topic, or write `publish: { diagnostics_agg: { topic: /OTHER } }`, or `diagnostics_agg: false`)",
         ],
     );
 }

@@ -103,7 +103,7 @@ fn what_is_published_can_be_and_is_not_read() {
     check_beside_group(
         "signals: { s: { topic: /telltale/clearance, type: std_msgs/msg/Bool } }\n",
         &[
-            "2:24: /telltale/clearance is read here, and published by this program as `clearance` (read another topic, or write `publish: { clearance: { topic: /OTHER } }`)",
+            "2:24: /telltale/clearance is read here, and published by this program as `clearance` (read another topic, or write `publish: { clearance: { topic: /OTHER } }`, or `clearance: false`)",
         ],
     );
 }

@@ -1,21 +1,26 @@
 //! Which group probably depends on which: who is subscribed to a topic depends on who publishes it. Circles, which
-//! no configuration may have, are opened where the fewest other relations point the other way.
+//! no configuration may have, are opened where the relations that point the other way weigh least.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Relations by (who depends, on whom).
-pub type Edges<T> = BTreeMap<(usize, usize), T>;
+/// The weights of relations, by (who depends, on whom).
+pub type Edges = BTreeMap<(usize, usize), i64>;
 
 /// The groups in an order in which most of them come behind those on which they depend (Eades, Lin, Smyth: a
 /// heuristic for the feedback arc set).
-pub fn order<T>(count: usize, edges: &Edges<T>) -> Vec<usize> {
+pub fn order(count: usize, edges: &Edges) -> Vec<usize> {
     let mut left: BTreeSet<usize> = (0..count).collect();
     let (mut first, mut last) = (Vec::new(), Vec::new());
     while !left.is_empty() {
-        let among = |&&(user, provider): &&(usize, usize)| left.contains(&user) && left.contains(&provider);
-        let open: Vec<&(usize, usize)> = edges.keys().filter(|edge| among(edge)).collect();
-        let needs = |group: usize| open.iter().filter(|(user, _)| *user == group).count() as i64;
-        let serves = |group: usize| open.iter().filter(|(_, provider)| *provider == group).count() as i64;
+        let among = |(user, provider): (usize, usize)| left.contains(&user) && left.contains(&provider);
+        let open: Vec<((usize, usize), i64)> =
+            edges.iter().map(|(edge, weight)| (*edge, *weight)).filter(|(edge, _)| among(*edge)).collect();
+        let needs = |group: usize| -> i64 {
+            open.iter().filter(|((user, _), _)| *user == group).map(|(_, weight)| weight).sum()
+        };
+        let serves = |group: usize| -> i64 {
+            open.iter().filter(|((_, provider), _)| *provider == group).map(|(_, weight)| weight).sum()
+        };
         let source = left.iter().copied().find(|&group| needs(group) == 0);
         let sink = || left.iter().copied().find(|&group| serves(group) == 0);
         let best = || left.iter().copied().max_by_key(|&it| (serves(it) - needs(it), std::cmp::Reverse(it)));
@@ -38,11 +43,14 @@ mod tests {
 
     #[test]
     fn most_relations_point_back() {
-        let edges = |all: &[(usize, usize)]| all.iter().map(|edge| (*edge, ())).collect::<Edges<()>>();
+        let edges = |all: &[(usize, usize)]| all.iter().map(|edge| (*edge, 1)).collect::<Edges>();
         // 0: sensors, 1: base, 2: localization, 3: navigation; the base takes the commands of the navigation.
         let all = edges(&[(2, 0), (2, 1), (3, 2), (3, 1), (1, 3)]);
         assert_eq!(order(4, &all), [0, 1, 2, 3]);
         assert_eq!(order(3, &edges(&[(0, 1), (1, 2)])), [2, 1, 0]);
         assert_eq!(order(2, &edges(&[])), [0, 1]);
+        // One circle, opened where the base takes its commands.
+        let circle = [((2, 1), 2), ((3, 2), 2), ((1, 3), 1), ((2, 0), 2)];
+        assert_eq!(order(4, &circle.into()), [0, 1, 2, 3]);
     }
 }

@@ -10,7 +10,7 @@ use super::observations::{
 use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
 use super::rhythm::{Steady, at_least_ms};
-use telltale_config::soundness::LEASE;
+use telltale_config::soundness::KILLED_NODE;
 use telltale_engine::discovery::TopicSeen;
 use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
@@ -108,7 +108,7 @@ impl ModuleKind {
         match self {
             ModuleKind::Rate { limits, .. } => limits.window_s,
             ModuleKind::Node { has_lifecycle: true, .. } => NODE_EVERY_S * NODE_MISSES,
-            ModuleKind::Node { .. } => LEASE.as_millis() / 1000 + NODE_EVERY_S * NODE_MISSES,
+            ModuleKind::Node { .. } => KILLED_NODE.as_millis() / 1000 + NODE_EVERY_S * NODE_MISSES,
             ModuleKind::Status { .. } | ModuleKind::Age { .. } => 0,
         }
     }
@@ -307,7 +307,7 @@ fn group(
         let has_lifecycle = seen.discovery.services.contains(&get_state);
         let (word, about) = match has_lifecycle {
             true => ("active", "It is a lifecycle node; Telltale calls its service get_state."),
-            false => ("runs", "It was announced."),
+            false => ("runs", "Its node is announced."),
         };
         let id = names::id(&format!("{last}_{word}"), &format!("node_{word}"), &mut taken);
         let (name, nodes) = ((*node).to_owned(), vec![(*node).to_owned()]);

@@ -14,6 +14,8 @@ use telltale_engine::discovery::{Endpoint, TopicSeen};
 const EVIDENCE_MAX: usize = 3;
 /// Modules on which one module depends.
 const TARGETS_MAX: usize = 20;
+/// A circle is opened at its commands: a base is well and says where it is, also when nobody drives it.
+const DATA_WEIGHT: i64 = 100;
 
 /// A dependency of a module that the graph suggests.
 #[derive(Debug, Default)]
@@ -25,6 +27,8 @@ pub struct Proposal {
     pub evidence: Vec<String>,
     /// It would close a circle.
     pub circular: bool,
+    /// All that is received are commands.
+    only_commands: bool,
 }
 
 /// A module on which another one depends.
@@ -64,23 +68,50 @@ pub fn propose(groups: &mut [Group], keys: &[&str], seen: &Observations, groupin
                 let evidence = format!("{subscriber} subscribes to {name}, published by {publisher}");
                 for &module in &waiting {
                     let proposal = found.entry((user, module, provider)).or_default();
-                    proposal.add(&groups[provider].id, &concerned, &evidence);
+                    proposal.add(&groups[provider].id, &concerned, &evidence, is_command(topic));
                 }
             }
         }
     }
-    let edges: Edges<()> = found.keys().map(|&(user, _, provider)| ((user, provider), ())).collect();
+    let mut edges = Edges::new();
+    for (&(user, _, provider), proposal) in &found {
+        let weight = edges.entry((user, provider)).or_default();
+        *weight = (*weight).max(if proposal.only_commands { 1 } else { DATA_WEIGHT });
+    }
     let order = dependencies::order(groups.len(), &edges);
     let rank: BTreeMap<usize, usize> = order.iter().enumerate().map(|(rank, &group)| (group, rank)).collect();
     for ((user, module, provider), proposal) in found {
         let circular = rank[&provider] > rank[&user];
         groups[user].modules[module].proposals.push(Proposal { circular, ..proposal });
     }
+    groups.iter_mut().for_each(propose_own_nodes);
     order
 }
 
+/// What a lifecycle node says and publishes waits until the node is active.
+fn propose_own_nodes(group: &mut Group) {
+    let id = group.id.clone();
+    let lifecycle = group.modules.iter().filter_map(|module| match &module.kind {
+        ModuleKind::Node { name, has_lifecycle: true } => Some((
+            name.clone(),
+            Target { name: format!("{id}/{}", module.id), noticed_s: module.kind.noticed_s() },
+        )),
+        _ => None,
+    });
+    let lifecycle: BTreeMap<String, Target> = lifecycle.collect();
+    for module in group.modules.iter_mut().filter(|it| !matches!(it.kind, ModuleKind::Node { .. })) {
+        let [node] = &module.nodes[..] else { continue };
+        if let Some(target) = lifecycle.get(node) {
+            let mut own = Proposal::default();
+            own.add(&id, std::slice::from_ref(target), &format!("it is of {}", comment(node)), false);
+            module.proposals.push(own);
+        }
+    }
+}
+
 impl Proposal {
-    fn add(&mut self, group: &str, modules: &[Target], evidence: &str) {
+    fn add(&mut self, group: &str, modules: &[Target], evidence: &str, is_command: bool) {
+        self.only_commands = is_command && (self.only_commands || self.on.is_empty());
         group.clone_into(&mut self.group);
         for module in modules {
             if self.on.len() < TARGETS_MAX && !self.on.contains(module) {
@@ -91,6 +122,14 @@ impl Proposal {
             self.evidence.push(evidence.to_owned());
         }
     }
+}
+
+/// Whether a topic has orders to those who receive it, by its name or a type.
+fn is_command(topic: &TopicSeen) -> bool {
+    let last = topic.name.rsplit('/').next().unwrap_or_default();
+    let named = ["cmd", "command", "setpoint"].iter().any(|word| last.contains(word));
+    let types = ["Command", "CommandStamped", "/AckermannDrive", "/AckermannDriveStamped"];
+    named || topic.types().iter().any(|it| types.iter().any(|end| it.ends_with(end)))
 }
 
 /// The endpoints of a topic in one group.
@@ -160,11 +199,29 @@ mod tests {
             .says("/base", "base: motors");
         let robot = ["/map", "/joy", "/scan"].into_iter().fold(robot, |robot, it| robot.listens("/base", it));
         let text = text(&robot.heard().draft, true);
-        let on = "depends_on: [lidar/scan_rate, lidar/scan_age, { on: seldom/seldom_runs, within: 13s }, \
+        let on = "depends_on: [lidar/scan_rate, lidar/scan_age, { on: seldom/seldom_runs, within: 37s }, \
                   { on: slow/map_rate, within: 20s }, slow/map_age]";
         assert!(text.contains(on), "{text}");
         let (_, problems) = telltale_config::parse("draft", &text).expect("it is right").soundness();
         assert!(problems.is_none(), "{}\n{text}", problems.unwrap());
+    }
+
+    #[test]
+    fn a_circle_is_opened_where_the_base_takes_its_commands() {
+        let robot = Robot::default()
+            .publishes("/wheels", "/odom", 50)
+            .publishes("/ekf", "/pose", 50)
+            .publishes("/drive", "/cmd_vel", 50)
+            .listens("/wheels", "/cmd_vel")
+            .listens("/ekf", "/odom")
+            .listens("/drive", "/pose");
+        let text = text(&robot.heard().draft, true);
+        for on in
+            ["depends_on: [wheels/odom_rate, wheels/odom_age]", "depends_on: [ekf/pose_rate, ekf/pose_age]"]
+        {
+            assert!(text.contains(on), "{text}");
+        }
+        assert!(!text.contains("depends_on: [drive/"), "{text}");
     }
 
     #[test]
@@ -175,6 +232,7 @@ mod tests {
             .publishes("/lidar", "/scan", 100);
         let text = text(&robot.heard().draft, true);
         assert!(text.contains("id: planner_server_active"), "{text}");
+        assert!(text.contains("depends_on: [planner_server/planner_server_active]"), "{text}");
         for (node, target) in [("/planner_server", "lifecycle"), ("/lidar", "node")] {
             let asked = format!("watchdog: {{ {target}: {node}, every: 1s, misses: 3 }}");
             assert!(text.contains(&asked), "{text}");

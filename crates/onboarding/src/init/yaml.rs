@@ -201,7 +201,7 @@ fn write_frozen(out: &mut String, module: &Module) {
     let ModuleKind::Rate { topic, type_name, frozen_ms: Some(frozen_ms), .. } = &module.kind else { return };
     let id = module.id.strip_suffix("_rate").unwrap_or(&module.id);
     let (warning, error) = (duration(*frozen_ms), duration(2 * frozen_ms));
-    out.push_str("      # Each message differed from the one before it. If they do so at rest too, or with a `when`, watch that:\n");
+    out.push_str("      # No message was like the one before it. Where that holds at rest too, this notices values that freeze:\n");
     let _ = writeln!(
         out,
         "      # - {{ id: {id}_frozen, monitor: {{ frozen: {{ topic: {topic}, type: {type_name}, warning_above: {warning}, \

@@ -166,9 +166,10 @@ fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Upkeep {
     Upkeep { certificate, ..Upkeep::default() }
 }
 
-/// What the recorder's memory is too small for. The words stay the same while the same topics are short.
+/// What the recorder's memory is too small for: the largest of the topics, and how many others. The words stay the same
+/// while the same topics are short.
 fn shortage(meter: &Meter) -> Option<Text> {
-    let topic = &meter.short().next()?.topic;
+    let topic = &meter.short().max_by_key(|it| it.bytes)?.topic;
     let (others, memory) = (meter.short().count() - 1, size(meter.memory as u64));
     let wanted = format!("{} s", meter.wanted.as_millis() / 1000);
     let (en, de) = match others {
@@ -249,7 +250,7 @@ mod tests {
         let held = |topic: &str, age_s: Option<u64>| Held {
             topic: topic.into(),
             messages: 1,
-            bytes: 1,
+            bytes: if topic == "/b" { 2 } else { 1 },
             span: Span::from_secs(1),
             dropped: 1,
             dropped_age: age_s.map(Span::from_secs),
@@ -261,8 +262,8 @@ mod tests {
         };
         assert_eq!(said(vec![held("/a", None), held("/b", Some(45))]), None);
         let (en, de) = said(vec![held("/a", Some(1)), held("/b", Some(44)), held("/c", None)]).unwrap();
-        assert!(en.contains("the last 45 s of /a and 1 more") && en.contains("which is 1.0 MB"), "{en}");
-        assert!(de.contains("die letzten 45 s von /a und 1 weiteren"), "{de}");
+        assert!(en.contains("the last 45 s of /b and 1 more") && en.contains("which is 1.0 MB"), "{en}");
+        assert!(de.contains("die letzten 45 s von /b und 1 weiteren"), "{de}");
     }
 
     #[test]

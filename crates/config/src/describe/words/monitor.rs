@@ -155,7 +155,7 @@ fn target(target: &ProbeTarget) -> String {
         ProbeTarget::Icmp { host } => format!("an echo from {host}"),
         ProbeTarget::Tcp { address } => format!("a connection to {address}"),
         ProbeTarget::Node { name } => {
-            format!("the node {name} (one that crashed counts as running for 10 to 30 s)")
+            format!("the node {name} (one that crashed counts as running for some 35 s)")
         }
         ProbeTarget::Service { name } => format!("who serves {name}"),
         ProbeTarget::Lifecycle { name } => format!("whether the lifecycle node {name} is active"),

@@ -77,7 +77,7 @@ pub(crate) fn watchdog(node: &Node, log: &mut Log) -> Option<Monitor> {
 
 /// Limits of the restarts of a node; `None` if there are none.
 fn restarts(fields: &mut Fields, target: Option<&ProbeTarget>) -> Option<Bands> {
-    let about = "With `node`: crashes after which it was started again, within the leases of DDS (10 to 30 s). More are a fault.";
+    let about = "With `node`: crashes after which it was started again, within three leases of DDS (30 s with Cyclone DDS). More are a fault.";
     let names = ["restarts_warning_above", "restarts_error_above"];
     let (place, bands) =
         bands::counts_above(fields, names, about, (RESTARTS_MAX, || vec![least(0), most(RESTARTS_MAX)]))?;

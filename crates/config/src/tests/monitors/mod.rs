@@ -76,11 +76,11 @@ fn every_kind_reaches_the_model_with_its_defaults() {
     );
     means(
         "watchdog: { node: /a/b }",
-        "the node /a/b (one that crashed counts as running for 10 to 30 s) every 1s: error after 3 misses",
+        "the node /a/b (one that crashed counts as running for some 35 s) every 1s: error after 3 misses",
     );
     means(
         "watchdog: { node: /a/b, restarts_warning_above: 0, restarts_error_above: 2 }",
-        "the node /a/b (one that crashed counts as running for 10 to 30 s) every 1s: error after 3 misses, warning above 0 restarts, error above 2 restarts",
+        "the node /a/b (one that crashed counts as running for some 35 s) every 1s: error after 3 misses, warning above 0 restarts, error above 2 restarts",
     );
     means(
         "rate_ratio: { input: { topic: /i, type: a/msg/B }, output: { topic: /o, type: a/msg/B }, error_below: 0.5 }",
