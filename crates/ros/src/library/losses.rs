@@ -1,5 +1,5 @@
-//! The participants that the DDS library has lost because it did not hear them for a lease: their endpoints count until
-//! they are surely gone.
+//! Participants that the DDS library dropped after a lease of silence. Their endpoints count as present until it is sure
+//! that they have ended.
 
 use std::collections::{BTreeMap, BTreeSet};
 

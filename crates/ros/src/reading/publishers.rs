@@ -179,29 +179,32 @@ impl Writers {
     }
 
     /// The readers that fit the writers of our type: a writer that is asked for more than it offers complains in its
-    /// own log. Where writers of both kinds are announced, each kind has its reader: one that sends nothing takes
-    /// neither the last value of another nor its repairs. `None` if there is no writer yet, or none any more.
+    /// own log. Where last values count, one of best effort that has sent nothing takes none from the others: each kind
+    /// has its reader then. `None` if there is no writer yet, or none any more.
     pub fn fitting(&mut self, wants_last_value: bool, dds_type: &str, now: Timestamp) -> Option<Fitting> {
-        let offers = || self.known.values().map(|known| &known.offer).filter(|it| it.type_name == dds_type);
-        let found = offers().next().is_some();
-        let best_effort = offers().any(|offer| !offer.reliable);
-        let reliable = offers().any(|offer| offer.reliable);
-        let volatile = offers().any(|offer| offer.reliable && !offer.keeps_last_value());
+        let ours = || self.known.values().filter(|known| known.offer.type_name == dds_type);
+        let found = ours().next().is_some();
+        let keeps = wants_last_value && ours().any(|known| known.offer.keeps_last_value());
+        let mut best_effort = ours().filter(|known| !known.offer.reliable).peekable();
+        let any_best_effort = best_effort.peek().is_some();
+        let decides = best_effort.any(|known| !keeps || known.first.is_some());
+        let volatile = ours().any(|known| known.offer.reliable && !known.offer.keeps_last_value());
         let remember = |until: &mut Option<Timestamp>, seen: bool| {
             if seen {
                 *until = Some(now + QUALITY_REMEMBERED);
             }
             until.is_some_and(|until| now < until)
         };
-        let best_effort = remember(&mut self.best_effort_until, best_effort);
+        let best_effort = remember(&mut self.best_effort_until, decides);
         let volatile = remember(&mut self.volatile_until, volatile);
         let settling = found && now < *self.settled_at.get_or_insert(now + SETTLING);
-        let wanted: Fitting = match (reliable && !settling, best_effort, wants_last_value && !volatile) {
-            (false, ..) => &[Via::BestEffort],
-            (true, true, true) => &[Via::LastValue, Via::BestEffort],
-            (true, true, false) => &[Via::Reliable, Via::BestEffort],
-            (true, false, true) => &[Via::LastValue],
-            (true, false, false) => &[Via::Reliable],
+        let wanted: Fitting = match (best_effort || settling, any_best_effort, wants_last_value && !volatile)
+        {
+            (true, ..) => &[Via::BestEffort],
+            (false, true, true) => &[Via::LastValue, Via::BestEffort],
+            (false, true, false) => &[Via::Reliable, Via::BestEffort],
+            (false, false, true) => &[Via::LastValue],
+            (false, false, false) => &[Via::Reliable],
         };
         found.then_some(wanted)
     }
@@ -331,8 +334,8 @@ mod tests {
             (&[&keeps, &theirs], [&[Reliable], &[LastValue]]),
             (&[&keeps, &reliable], [&[Reliable], &[Reliable]]),
             (&[&best_effort], [&[BestEffort], &[BestEffort]]),
-            (&[&best_effort, &keeps, &reliable], [&[Reliable, BestEffort], &[Reliable, BestEffort]]),
-            (&[&best_effort, &keeps], [&[Reliable, BestEffort], &[LastValue, BestEffort]]),
+            (&[&best_effort, &reliable], [&[BestEffort], &[BestEffort]]),
+            (&[&best_effort, &keeps], [&[BestEffort], &[LastValue, BestEffort]]),
         ];
         for (offers, expected) in cases {
             let offers: Vec<_> = (0..).zip(offers).map(|(id, &it)| ([id; 16], it.clone())).collect();
@@ -366,11 +369,12 @@ mod tests {
     fn a_publisher_that_was_there_finds_a_reader_that_fits_it_when_it_comes_back() {
         let at = Timestamp::from_millis;
         let mut writers = writers(&[(A, offer(OURS, true, true)), (B, offer(OURS, false, false))]);
-        let both = &[Via::LastValue, Via::BestEffort][..];
-        assert_eq!(writers.fitting(true, OURS, at(5000)), Some(&[Via::BestEffort][..]));
+        writers.published(&B, None, START.0);
+        let [best_effort, last_value] = [&[Via::BestEffort][..], &[Via::LastValue]].map(Some);
+        assert_eq!(writers.fitting(true, OURS, at(5000)), best_effort);
         writers.update([(A, offer(OURS, true, true))].into(), OURS, START);
-        assert_eq!(writers.fitting(true, OURS, at(604_999)), Some(both));
-        assert_eq!(writers.fitting(true, OURS, at(605_000)), Some(&[Via::LastValue][..]));
+        assert_eq!(writers.fitting(true, OURS, at(604_999)), best_effort);
+        assert_eq!(writers.fitting(true, OURS, at(605_000)), last_value);
     }
 
     /// Listens from 98 s on the wall clock; knows the writers from 100 s there and 5 s here.
