@@ -367,12 +367,12 @@ fn what_is_noticed_later_than_a_dependency_waits_is_said_once() {
         "groups:
   - { id: a, modules: [{ id: m, status: a, timeout: 8s, stale: error }, { id: w, monitor: { watchdog: { node: /n, every: 1s, misses: 2 } } }] }
   - { id: b, depends_on: [a], modules: [{ id: m, status: b }] }
-  - { id: c, depends_on: [{ on: a/w, within: 12s }], modules: [{ id: m, status: c, depends_on: [{ on: b, within: 2s }], raise_after: 3s }] }
+  - { id: c, depends_on: [{ on: a/w, within: 36s }], modules: [{ id: m, status: c, depends_on: [{ on: b, within: 2s }], raise_after: 3s }] }
   - { id: d, depends_on: [{ on: a, within: always }], modules: [{ id: m, status: d }] }
 ",
         &[
             "3:27: `a/m` may be noticed only after 8s, and this dependency of `b` explains within 5s: one fault may be shown as two (write `within: 8s` or more here, or let `a/m` be noticed earlier)",
-            "3:27: `a/w` may be noticed only after 12s, and this dependency of `b` explains within 5s: one fault may be shown as two (write `within: 12s` or more here, or let `a/w` be noticed earlier)",
+            "3:27: `a/w` may be noticed only after 36s, and this dependency of `b` explains within 5s: one fault may be shown as two (write `within: 36s` or more here, or let `a/w` be noticed earlier)",
             "4:97: `c/m` may be noticed only after 3s, and this dependency of `c/m` explains within 2s: one fault may be shown as two (write `within: 3s` or more here, or let `c/m` be noticed earlier)",
         ],
     );
