@@ -1,4 +1,4 @@
-//! Tests of which parameters of several sections and files an import takes.
+//! Which parameters an import takes if they stand in several sections and files.
 
 use super::{Imported, Lookup, import};
 use telltale_yaml::Sources;

@@ -36,9 +36,10 @@ impl Grouping {
             let key = inner.split('/').next().unwrap_or(inner);
             grouping.of_node.insert((*node).to_owned(), key.to_owned());
         }
-        let collectors = collectors(seen, &speaking);
+        let named = Named::new(&speaking);
+        let collectors = collectors(seen, &named);
         for (name, status) in &seen.statuses {
-            let by_name = prefix(name).and_then(|prefix| node_of(prefix, &speaking));
+            let by_name = prefix(name).and_then(|prefix| named.by(prefix));
             let mut writers = status.writers.iter().filter(|writer| !collectors.contains(writer));
             let node = by_name.or_else(|| writers.find_map(|writer| seen.nodes.get(writer)).map(|it| &**it));
             let first = |prefix: &str| prefix.trim_matches('/').split('/').next().unwrap_or("").to_owned();
@@ -119,24 +120,40 @@ fn speaking(seen: &Observations) -> BTreeSet<&str> {
     let writers = seen.statuses.values().flat_map(|status| &status.writers);
     let of_statuses = writers.filter_map(|writer| seen.nodes.get(writer)).map(|node| &**node);
     let known: BTreeSet<&str> = seen.announced.iter().map(|node| &**node).collect();
-    let named = seen.statuses.keys().filter_map(|name| prefix(name)).filter_map(|it| node_of(it, &known));
+    let index = Named::new(&known);
+    let named = seen.statuses.keys().filter_map(|name| prefix(name)).filter_map(|it| index.by(it));
     of_topics.chain(of_statuses).chain(named).filter(|node| !is_tool(node)).collect()
 }
 
-/// The node that a prefix names, by its full name or its last part, if that is only one.
-fn node_of<'a>(prefix: &str, nodes: &BTreeSet<&'a str>) -> Option<&'a str> {
-    let wanted = prefix.trim_matches('/');
-    let full = nodes.get(&*format!("/{wanted}")).copied();
-    let mut by_end = nodes.iter().filter(|node| node.rsplit('/').next() == Some(wanted));
-    let one = by_end.next().filter(|_| by_end.next().is_none());
-    full.or(one.copied())
+/// Nodes by their full names, and by the last parts that only one has.
+struct Named<'s, 'a> {
+    full: &'s BTreeSet<&'a str>,
+    by_end: BTreeMap<&'a str, Option<&'a str>>,
+}
+
+impl<'s, 'a> Named<'s, 'a> {
+    fn new(full: &'s BTreeSet<&'a str>) -> Named<'s, 'a> {
+        let mut by_end: BTreeMap<&str, Option<&str>> = BTreeMap::new();
+        for &node in full {
+            let end = node.rsplit('/').next().unwrap_or_default();
+            by_end.entry(end).and_modify(|one| *one = None).or_insert(Some(node));
+        }
+        Named { full, by_end }
+    }
+
+    /// The node that a prefix names.
+    fn by(&self, prefix: &str) -> Option<&'a str> {
+        let wanted = prefix.trim_matches('/');
+        let full = self.full.get(&*format!("/{wanted}")).copied();
+        full.or_else(|| self.by_end.get(wanted).copied().flatten())
+    }
 }
 
 /// Writers that report for others: one of their statuses names another node.
-fn collectors<'a>(seen: &'a Observations, nodes: &BTreeSet<&str>) -> BTreeSet<&'a WriterId> {
+fn collectors<'a>(seen: &'a Observations, nodes: &Named<'_, '_>) -> BTreeSet<&'a WriterId> {
     let mut found = BTreeSet::new();
     for (name, status) in &seen.statuses {
-        let Some(named) = prefix(name).and_then(|prefix| node_of(prefix, nodes)) else { continue };
+        let Some(named) = prefix(name).and_then(|prefix| nodes.by(prefix)) else { continue };
         let others =
             status.writers.iter().filter(|it| seen.nodes.get(it).is_some_and(|node| **node != *named));
         found.extend(others);
