@@ -1,4 +1,4 @@
-//! Questions about a node of the vehicle as it is shown, with the modules that were discovered.
+//! Look-ups of a node in the layout of a snapshot, discovered modules included: its name, what it depends on, its groups.
 
 use crate::model::{DependsOn, GroupId, NodeId};
 use crate::snapshot::Layout;

@@ -1,5 +1,5 @@
-//! How often and how evenly the messages of a topic come, measured over its last seconds, and the limits of a rate that
-//! follow from a measured one.
+//! How often and how evenly the messages of a topic come, measured over its last seconds, and the limits that are
+//! proposed for a measured rate.
 
 use super::time::{Span, Timestamp};
 use std::collections::VecDeque;

@@ -1,4 +1,4 @@
-//! The summary of an incident by the file of its recording, for a store that does not know it.
+//! Makes the summary of an incident from its recording, if the database has no row for it.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! The summary of an incident, without its recording: the content of a list and of the first lines of a page.
+//! The summary of an incident, without its recording: what lists and the head of its page show.
 
 use serde::{Deserialize, Serialize};
 

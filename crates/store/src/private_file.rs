@@ -5,15 +5,9 @@ use std::os::unix::fs::{MetadataExt as _, fchown};
 use std::path::Path;
 
 /// Makes a folder that only its owner may look into.
-#[cfg(unix)]
 pub fn make_folder(folder: &Path) -> std::io::Result<()> {
     use std::os::unix::fs::DirBuilderExt;
     std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
-}
-
-#[cfg(not(unix))]
-pub fn make_folder(folder: &Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(folder)
 }
 
 /// Makes a file that only its owner may read, whatever the umask: it holds hashes of secrets. An existing
@@ -21,7 +15,6 @@ pub fn make_folder(folder: &Path) -> std::io::Result<()> {
 pub(super) fn make_private_file(path: &Path) -> std::io::Result<()> {
     let mut options = std::fs::OpenOptions::new();
     options.write(true).create_new(true);
-    #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     match options.open(path) {
         Ok(new) => {

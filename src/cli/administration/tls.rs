@@ -117,7 +117,6 @@ fn write_private(path: &Path, text: &str) -> anyhow::Result<()> {
     let new = path.with_extension("pem.new");
     let mut options = std::fs::OpenOptions::new();
     options.write(true).create_new(true);
-    #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
     // One that an earlier run left behind may be anybody's.
     let _ = std::fs::remove_file(&new);

@@ -36,7 +36,6 @@ impl Output {
     pub fn create(path: &Path, profile: &str, library: &str) -> Result<Output, FileError> {
         let mut options = OpenOptions::new();
         options.write(true).create_new(true);
-        #[cfg(unix)]
         std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
         let file = options.open(path).map_err(|error| FileError::io(path, "created", error))?;
         let formatted = Memory::default();

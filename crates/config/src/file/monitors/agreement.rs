@@ -1,4 +1,4 @@
-//! Agreements in the file: two sources of one kind, and their limits.
+//! How an `agreement` is written: two sources of one kind, and their limits.
 
 use super::bands::{self, Unit, bands};
 use super::sources::AnySource;

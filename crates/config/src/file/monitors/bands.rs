@@ -1,4 +1,4 @@
-//! Limits in the file: up to four, in an order that makes sense.
+//! How limits are written: up to four, in an order that makes sense.
 
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;

@@ -1,4 +1,4 @@
-//! Monitors of what repeats itself in the file: the source, and for how long and how often it may stay the same.
+//! How a `frozen` monitor is written: its source, and for how long and how often the value may stay the same.
 
 use super::Monitor;
 use super::bands;

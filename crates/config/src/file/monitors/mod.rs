@@ -1,4 +1,4 @@
-//! Monitors in the file: one kind each, with its sources, its limits and its window.
+//! How a monitor is written: one kind each, with its sources, its limits and its window.
 
 mod agreement;
 pub(crate) mod bands;

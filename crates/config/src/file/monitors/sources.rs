@@ -1,4 +1,4 @@
-//! The sources of monitors' values, and the terms of the paper's classification, as written.
+//! How the source of a monitor's value is written, and the terms of the paper's classification.
 
 use crate::decode::{All, FromNode, Spanned};
 use crate::fields::Fields;

@@ -1,4 +1,4 @@
-//! What is measured of the computer on which Telltale runs, as written: a resource or a process, and its limits.
+//! How a `system` monitor is written: a resource or a process of Telltale's computer, and its limits.
 
 use super::bands::{self, Unit};
 use super::{AGE_MAX, Monitor, span};

@@ -1,4 +1,4 @@
-//! Monitors of transforms as they are written: a chain of frames, each the parent of the next.
+//! How a `tf` monitor is written: a chain of frames, each the parent of the next.
 
 use super::Monitor;
 use super::bands;

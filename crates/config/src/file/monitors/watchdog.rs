@@ -1,4 +1,4 @@
-//! Watchdogs in the file: the target, the interval, and the limits of the response time.
+//! How a `watchdog` is written: the target, the interval, and the limits of the response time.
 
 use super::bands;
 use super::{AGE_MAX, Monitor, span};

@@ -193,11 +193,8 @@ fn an_unfinished_file_has_everything_up_to_its_last_ended_chunk() {
     }
     drop(file);
     assert_eq!(read(&fs::read(&path).unwrap()).len(), 18);
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
-    }
+    let mode = std::os::unix::fs::PermissionsExt::mode(&fs::metadata(&path).unwrap().permissions());
+    assert_eq!(mode & 0o777, 0o600);
 }
 
 #[test]
