@@ -391,8 +391,10 @@ mod tests {
         };
         // The next probe by itself is not due for a while.
         assert_eq!(probe(&store).await, None);
+        let mut said = store.fault();
+        said.mark_unchanged();
         store.call(move |_| damage()).await.unwrap_err();
-        assert!(store.fault.borrow().is_some());
+        assert!(said.has_changed().unwrap(), "at once; the store's thread may have looked through it since");
         assert_eq!(probe(&store).await, None, "it was looked through and is whole");
         store
             .call(|database| {
