@@ -137,29 +137,15 @@ impl Topics {
             return;
         }
         let mut found = self.to_record(plan, siblings);
-        let is_recorded = |it: &Running| it.subscription.borrow().recorded_every().is_some();
-        let recorded: Vec<(&Key, &Running)> = self.running.iter().filter(|(_, it)| is_recorded(it)).collect();
+        let recorded = self.recorded();
         let mut room = RECORDED_MAX.saturating_sub(recorded.len());
         if found.len() > room {
             let now = self.around.clock.now();
-            // Those that nobody publishes any more give way first, then those without a message.
-            let seen = self.around.participant.seen();
-            let is_over =
-                |(topic, type_name): &Key| !seen.writers_of(topic).any(|it| it.type_name == *type_name);
-            let is_silent = |it: &Running| it.trial.last().is_none() && now.since(it.since) >= TRIAL;
-            let mut silent: Vec<(bool, Timestamp, Key)> = recorded
-                .iter()
-                .map(|(key, it)| (!is_over(key), it.since, *key, is_silent(it)))
-                .filter(|(is_published, .., is_silent)| !is_published || *is_silent)
-                .map(|(is_published, since, key, _)| (is_published, since, key.clone()))
-                .collect();
-            drop(seen);
-            silent.sort();
-            silent.truncate((found.len() - room).min(ADDED_MAX));
-            let is_full = recorded.iter().all(|(_, it)| it.trial.last().is_some());
+            let silent = giving_way(&recorded, found.len() - room, now);
+            let is_full = recorded.iter().all(|it| it.has_data);
             let waiting: BTreeSet<Key> = found.iter().map(|(it, _)| key(it)).collect();
             self.tried.retain(|key, _| waiting.contains(key));
-            for (.., key) in silent {
+            for key in silent {
                 self.end(&key);
                 self.tried.insert(key, now);
                 room += 1;
@@ -175,6 +161,21 @@ impl Topics {
         for subscription in places::in_turn(found).into_iter().take(room.min(ADDED_MAX)) {
             self.add(&Arc::new(subscription), Arc::default(), legacy);
         }
+    }
+
+    /// The topics that are read for the recording.
+    fn recorded(&self) -> Vec<Recorded> {
+        let seen = self.around.participant.seen();
+        let is_published =
+            |(topic, type_name): &Key| seen.writers_of(topic).any(|it| it.type_name == *type_name);
+        let is_recorded = |it: &Running| it.subscription.borrow().recorded_every().is_some();
+        let of = |(key, it): (&Key, &Running)| Recorded {
+            key: key.clone(),
+            since: it.since,
+            is_published: is_published(key),
+            has_data: it.trial.last().is_some(),
+        };
+        self.running.iter().filter(|(_, it)| is_recorded(it)).map(of).collect()
     }
 
     /// The topics that are to be recorded and are not read, each once, and the participants that announce it.
@@ -306,11 +307,46 @@ fn key(subscription: &Subscription) -> Key {
     (subscription.dds_topic.clone(), subscription.dds_type.clone())
 }
 
+/// A topic that is read for the recording.
+struct Recorded {
+    key: Key,
+    since: Timestamp,
+    is_published: bool,
+    has_data: bool,
+}
+
+/// Those that make room for so many others: first what nobody publishes any more, then what had no message in its time.
+fn giving_way(recorded: &[Recorded], others: usize, now: Timestamp) -> Vec<Key> {
+    let is_silent = |it: &Recorded| !it.has_data && now.since(it.since) >= TRIAL;
+    let mut found: Vec<&Recorded> = recorded.iter().filter(|it| !it.is_published || is_silent(it)).collect();
+    found.sort_by_key(|it| (it.is_published, it.since, &it.key));
+    found.iter().take(others.min(ADDED_MAX)).map(|it| it.key.clone()).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use telltale_config as config;
     use telltale_msg::fields::Definitions;
+
+    #[test]
+    fn what_nobody_publishes_any_more_gives_way_and_what_is_sent_stays() {
+        let start = Timestamp::ZERO;
+        let topic = |name: &str, is_published, has_data| Recorded {
+            key: (name.to_owned(), "type".to_owned()),
+            since: start,
+            is_published,
+            has_data,
+        };
+        let recorded =
+            [topic("sent", true, true), topic("announced", true, false), topic("left", false, true)];
+        let names = |others, now| {
+            giving_way(&recorded, others, now).into_iter().map(|(name, _)| name).collect::<Vec<_>>()
+        };
+        assert_eq!(names(9, start), ["left"]);
+        assert_eq!(names(1, start + TRIAL), ["left"]);
+        assert_eq!(names(9, start + TRIAL), ["left", "announced"]);
+    }
 
     #[test]
     fn only_names_that_ros_gives_are_recorded_each_as_itself() {
