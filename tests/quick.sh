@@ -6,11 +6,11 @@
 #   tests/quick.sh PACKAGE   clippy and the unit tests of one package, such as telltale-web
 #
 # Left to tests/run.sh: what needs foreign DDS programs, the pages of docs/ that are followed to the letter, the browser and the
-# package; and nineteen of twenty random cases of the properties.
+# package; and nine of ten random cases of the properties.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # The same random cases each time, as in .ci/run; tests/run.sh takes new ones.
-export PROPTEST_RNG_SEED=${PROPTEST_RNG_SEED-20261122} PROPTEST_CASES=${PROPTEST_CASES-100}
+export PROPTEST_RNG_SEED=${PROPTEST_RNG_SEED-20261122} PROPTEST_CASES=${PROPTEST_CASES-200}
 # Tests wait most of the time, as in tests/run.sh.
 cores=$(nproc)
 export RUST_TEST_THREADS=${RUST_TEST_THREADS-$((cores < 3 ? 8 : 4 * cores))}
