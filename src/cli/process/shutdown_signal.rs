@@ -10,9 +10,8 @@ use tokio::sync::watch;
 use crate::clock::Clock;
 
 /// The program ends this long after the first signal, whatever hangs: supervisors and operators count on
-/// three seconds. Each step of an end in order has its own time before that, from the same signal; what is left
-/// after the last one is for a busy computer, which needs a tenth of a second to stop the threads.
-pub const ENDS_WITHIN: Duration = Duration::from_millis(2800);
+/// three seconds. Each step of an end in order has its own time before that, from the same signal.
+pub const ENDS_WITHIN: Duration = Duration::from_millis(2600);
 
 /// The log has this long to take the last line.
 const LOGGED_WITHIN: Duration = Duration::from_millis(100);

@@ -68,10 +68,11 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 pub const LISTEN: &str = "127.0.0.1:8080";
 
 /// The steps of the end, each within its time from the signal on, so that none takes the time of the next. The pages
-/// and the vehicle's state go before (`web::serve`); after all of them the program ends by force (`ShutdownSignal`).
-const RECORDED_WITHIN: Duration = Duration::from_millis(1900);
-const INCIDENT_WITHIN: Duration = Duration::from_millis(2200);
-const CLOSED_WITHIN: Duration = Duration::from_millis(2400);
+/// and the vehicle's state go before (`web::serve`); after all of them, and a quarter of a second for a busy computer to
+/// stop the threads, the program ends by force (`ShutdownSignal`).
+const RECORDED_WITHIN: Duration = Duration::from_millis(1800);
+const INCIDENT_WITHIN: Duration = Duration::from_millis(2050);
+const CLOSED_WITHIN: Duration = Duration::from_millis(2250);
 
 /// The parts of a running display.
 pub struct Server {
