@@ -15,9 +15,13 @@ with_each_peer!(
     no_publisher_complains_of_our_reader_in_either_order_of_start,
     publishers_of_two_kinds_are_read_and_none_that_sends_complains,
     a_publisher_of_best_effort_that_comes_back_does_not_complain,
+    a_publisher_that_sends_nothing_takes_no_last_value,
     what_is_published_while_the_reader_is_replaced_is_not_lost,
     a_replaced_reader_ends_though_the_publishers_are_gone,
 );
+
+/// A publisher that keeps its last value.
+const LATCHED: &str = "--reliability reliable --durability transient_local --depth 1";
 
 /// Longer than discovery takes to settle and a replaced reader to end.
 const REPLACED: Duration = Duration::from_secs(5);
@@ -111,7 +115,6 @@ async fn no_publisher_complains_of_our_reader_in_either_order_of_start(vendor: V
 }
 
 async fn publishers_of_two_kinds_are_read_and_none_that_sends_complains(vendor: Vendor) {
-    const LATCHED: &str = "--reliability reliable --durability transient_local --depth 1";
     let mut cases = Vec::new();
     // One of best effort that is silent beside a last value may complain once, until its first message.
     for (kinds, may_complain) in [
@@ -162,6 +165,19 @@ async fn a_publisher_of_best_effort_that_comes_back_does_not_complain(vendor: Ve
         gone(&reading, "/diagnostics").await;
     }
     assert_eq!(complaints(&mut reliable), 0);
+    reading.bridge.shutdown().await;
+}
+
+async fn a_publisher_that_sends_nothing_takes_no_last_value(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let start =
+        |quality| Peer::start(&domain, &format!("{quality} pub --topic rt/mission/active --type Bool"));
+    let silent = start("--reliability best_effort");
+    let mut latched = start(LATCHED);
+    latched.write(&json!({"bool": true}));
+    let mut reading = Reading::start(&domain).await;
+    reading.signal("active", true).await;
+    drop(silent);
     reading.bridge.shutdown().await;
 }
 
