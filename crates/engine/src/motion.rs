@@ -137,7 +137,7 @@ impl MotionState {
     }
 
     /// A vehicle that is not to drive and moves all the same is at its stop no more. With a clearance it may set off while its
-    /// speed is unknown.
+    /// speed is unknown, or has set off already if it was not known to stand.
     fn follow_parking(&mut self, cleared: bool, now: Timestamp) {
         self.parking = match (self.parking, self.speed) {
             (Parking::Yes, None) | (Parking::RollsOut(_), _) if cleared => Parking::No,

@@ -16,6 +16,7 @@ const PARTICIPANTS_MAX: usize = 1024;
 /// Nodes of one participant.
 const NODES_MAX: usize = 1024;
 const NAME_BYTES_MAX: usize = 1024;
+
 /// Readers and writers of one participant whose node is remembered.
 const ENDPOINTS_MAX: usize = 4096;
 
