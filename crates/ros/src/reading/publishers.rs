@@ -187,7 +187,7 @@ impl Writers {
         let keeps = wants_last_value && ours().any(|known| known.offer.keeps_last_value());
         let mut best_effort = ours().filter(|known| !known.offer.reliable).peekable();
         let any_best_effort = best_effort.peek().is_some();
-        let decides = best_effort.any(|known| !keeps || known.first.is_some());
+        let lasts = best_effort.any(|known| !wants_last_value || known.first.is_some());
         let volatile = ours().any(|known| known.offer.reliable && !known.offer.keeps_last_value());
         let remember = |until: &mut Option<Timestamp>, seen: bool| {
             if seen {
@@ -195,7 +195,8 @@ impl Writers {
             }
             until.is_some_and(|until| now < until)
         };
-        let best_effort = remember(&mut self.best_effort_until, decides);
+        let lasts = remember(&mut self.best_effort_until, lasts);
+        let best_effort = lasts || any_best_effort && !keeps;
         let volatile = remember(&mut self.volatile_until, volatile);
         let settling = found && now < *self.settled_at.get_or_insert(now + SETTLING);
         let wanted: Fitting = match (best_effort || settling, any_best_effort, wants_last_value && !volatile)
@@ -375,6 +376,22 @@ mod tests {
         writers.update([(A, offer(OURS, true, true))].into(), OURS, START);
         assert_eq!(writers.fitting(true, OURS, at(604_999)), best_effort);
         assert_eq!(writers.fitting(true, OURS, at(605_000)), last_value);
+    }
+
+    #[test]
+    fn a_silent_publisher_that_came_first_takes_no_last_value_from_those_that_come_after_it() {
+        let (silent, keeps) = ((A, offer(OURS, false, false)), (B, offer(OURS, true, true)));
+        let mut writers = writers(std::slice::from_ref(&silent));
+        let later = START.0 + SETTLING;
+        for at in [START.0, later] {
+            assert_eq!(
+                writers.fitting(true, OURS, at),
+                Some(&[Via::BestEffort][..]),
+                "alone, it is not asked for more"
+            );
+        }
+        writers.update([silent, keeps].into(), OURS, START);
+        assert_eq!(writers.fitting(true, OURS, later), Some(&[Via::LastValue, Via::BestEffort][..]));
     }
 
     /// Listens from 98 s on the wall clock; knows the writers from 100 s there and 5 s here.
