@@ -105,8 +105,13 @@ def test_the_screens_are_as_they_were_and_nothing_acts(server, vehicle, page, in
     until(lambda: at() >= told["story"]["to_ms"] - 500, 30, lambda: f"the end, {at()} of {told['story']['to_ms']}")
     expect(tile).to_have_attribute("data-state", "ok")
 
-    # The developer's pages are those of the same instant.
+    # The developer's pages are those of the same instant. An address shows its moment also while it plays.
+    page.locator("select[name=speed]").select_option("0.1")
+    page.locator("button[name=play]").click()
+    expect(page.locator("body")).to_have_attribute("data-playing", "")
     page.goto(f"{server.url}/replay/{number}?at={fault_ms + 1000}")
+    expect(page.locator("body")).not_to_have_attribute("data-playing", "")
+    assert at() == fault_ms + 1000
     page.locator("nav a").nth(1).click()
     row = screen.locator(f'tbody:last-child [data-module="{CAUSE}"]')
     expect(row).to_have_attribute("data-state", "error")

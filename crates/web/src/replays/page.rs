@@ -142,6 +142,8 @@ pub async fn get(
     };
     let mut state = *replay.state.borrow();
     if let Some(at_ms) = at_ms {
+        // The address of a moment shows that moment: what plays would leave it at once.
+        replay.controls.order(Order::Pause);
         replay.controls.order(Order::GoTo(at_ms));
         state = replay.controls.place().await.unwrap_or(state);
     }
