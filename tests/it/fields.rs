@@ -312,7 +312,7 @@ async fn a_node_is_there_until_it_is_announced_no_longer(vendor: Vendor) {
     let model = model(Vec::new(), vec![node]);
     let mut watching = Watching::start(&domain, &model).await;
     watching.until("patience", outcome(|it| matches!(it, ProbeOutcome::Impossible(_)))).await;
-    let info = "--durability transient_local pub --topic ros_discovery_info --type ParticipantEntitiesInfo";
+    let info = "--lease-s 60 --durability transient_local pub --topic ros_discovery_info --type ParticipantEntitiesInfo";
     let mut peer = Peer::start(&domain, info);
     peer.write(&json!({"info": {"size": 16, "name": "camera"}}));
     watching.until("the node", outcome(|it| matches!(it, ProbeOutcome::Announced))).await;
