@@ -77,6 +77,7 @@ pub async fn run(participant: &Participant, context: &BridgeContext, legacy: &mu
             gid_size: context.gid_size.clone(),
             clock: context.clock,
             node: context.options.whole_name(context.options.node),
+            plan: context.plan.clone(),
         },
         stopping.clone(),
     ));

@@ -29,6 +29,7 @@ use motion::{PositionSource, SpeedSource, WatchedField};
 use order::{Cycle, Order, Visit};
 use output::Output;
 pub use policy::{CountsAs, Policy};
+use watched::ProbeTarget;
 use wording::{Advice, Wording};
 
 /// Index of a group in [`Parts::groups`]. Parents stand before their children.
@@ -459,22 +460,36 @@ impl Model {
         all.max().unwrap_or_default()
     }
 
-    /// Whether some module accepts its status only from certain writers.
-    pub(super) fn restricts_writers(&self) -> bool {
+    /// The policies of modules that are configured, and of those that are discovered.
+    fn policies(&self) -> impl Iterator<Item = &Policy> {
         let filters = self.groups.iter().flat_map(|group| &group.filters);
         let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
         let of_modules = self.modules.iter().map(|module| &module.policy);
-        let all = of_modules.chain(of_filters).chain(&self.unclaimed.policy).chain([&self.discovered]);
-        all.into_iter().any(|policy| policy.writers.is_some())
+        of_modules.chain(of_filters).chain(&self.unclaimed.policy)
+    }
+
+    /// The nodes that some module accepts its status from, and no others.
+    fn writers(&self) -> impl Iterator<Item = &NodeNames> {
+        self.policies().chain([&self.discovered]).filter_map(|policy| policy.writers.as_ref())
+    }
+
+    /// Whether some module accepts its status only from certain writers.
+    pub(super) fn restricts_writers(&self) -> bool {
+        self.writers().next().is_some()
+    }
+
+    /// The nodes that it names, as those that a watchdog asks for or that may write a status.
+    pub fn named_nodes(&self) -> impl Iterator<Item = &str> {
+        let asked = self.watched.watchdogs.iter().filter_map(|watchdog| match &watchdog.target {
+            ProbeTarget::Node { name } => Some(&**name),
+            _ => None,
+        });
+        asked.chain(self.writers().flat_map(|names| names.iter().map(|name| &**name)))
     }
 
     /// Whether a report of some module counts as another state than the reported one.
     pub(super) fn recounts(&self) -> bool {
-        let filters = self.groups.iter().flat_map(|group| &group.filters);
-        let of_filters = filters.filter_map(|filter| filter.policy.as_ref());
-        let of_modules = self.modules.iter().map(|module| &module.policy);
-        let all = of_modules.chain(of_filters).chain(&self.unclaimed.policy);
-        all.into_iter().any(|policy| policy.counts_as != CountsAs::Reported)
+        self.policies().any(|policy| policy.counts_as != CountsAs::Reported)
     }
 
     /// All visits in an order in which each comes after everything that it depends on.

@@ -2,6 +2,7 @@
 
 mod untyped;
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::cdr::{Endian, Fault};
@@ -42,6 +43,8 @@ pub enum SubscriptionError {
 pub struct Plan {
     pub subscriptions: Vec<Arc<Subscription>>,
     pub watchdogs: Vec<Arc<WatchdogSpec>>,
+    /// Whole names of the nodes that the configuration names.
+    pub nodes: Arc<BTreeSet<Box<str>>>,
     /// What is to be recorded beside them.
     pub watched: Watched,
     pub limits: Limits,
@@ -183,7 +186,9 @@ impl Plan {
             .collect();
         let (watched, limits) = (model.watched.clone(), model.limits.clone());
         let definitions = definitions.clone();
-        Ok(Plan { subscriptions, watchdogs: watched.watchdogs.clone(), watched, limits, definitions })
+        let nodes = model.named_nodes().map(|name| format!("/{}", name.trim_start_matches('/')).into());
+        let (nodes, watchdogs) = (Arc::new(nodes.collect()), watched.watchdogs.clone());
+        Ok(Plan { subscriptions, watchdogs, nodes, watched, limits, definitions })
     }
 
     /// Whether topics are read for recordings alone.

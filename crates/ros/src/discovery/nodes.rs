@@ -3,6 +3,7 @@
 //! requests and writes the replies.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use crate::library::spdp::{self, PREFIX, Prefix};
 use telltale_engine::model::sample::ProbeOutcome;
@@ -11,7 +12,8 @@ use telltale_msg::cdr::{Endian, Fault, Reader};
 use telltale_msg::messages::GidSize;
 use telltale_msg::sample_bytes::Guid;
 
-/// Participants that are remembered; no vehicle has more.
+/// Participants that are remembered; no vehicle has more. So many again have a place if the configuration names one of
+/// their nodes: announcements of others keep none of these away.
 const PARTICIPANTS_MAX: usize = 1024;
 /// Nodes of one participant.
 const NODES_MAX: usize = 1024;
@@ -34,6 +36,8 @@ pub struct Nodes {
     present: BTreeSet<Guid>,
     /// Full names of the services that a node serves.
     services: BTreeSet<Box<str>>,
+    /// Whole names of the nodes that the configuration names.
+    named: Arc<BTreeSet<Box<str>>>,
 }
 
 /// The announcement of one participant.
@@ -52,6 +56,11 @@ impl Nodes {
         Nodes { since: Some(since), ..Nodes::default() }
     }
 
+    /// Keeps places for the nodes that a configuration names, from now on.
+    pub fn keep_places(&mut self, named: Arc<BTreeSet<Box<str>>>) {
+        self.named = named;
+    }
+
     /// Takes an announcement. `size` decides if both sizes of a gid would fit.
     pub fn announce(&mut self, writer: Guid, body: &[u8], endian: Endian, size: Option<GidSize>) {
         let Some(announcement) = announcement(body, endian, size, &writer) else { return };
@@ -59,7 +68,9 @@ impl Nodes {
             self.announced.retain(|_, (writer, _)| self.present.contains(writer));
         }
         let participant = spdp::prefix(&writer);
-        if self.announced.contains_key(&participant) || self.announced.len() < PARTICIPANTS_MAX {
+        let is_named = announcement.names.iter().any(|name| self.named.contains(name));
+        let places = if is_named { 2 * PARTICIPANTS_MAX } else { PARTICIPANTS_MAX };
+        if self.announced.contains_key(&participant) || self.announced.len() < places {
             self.announced.insert(participant, (writer, announcement));
             self.present.insert(writer);
         }
@@ -322,6 +333,21 @@ mod tests {
         assert!(matches!(nodes.ask("/late", much_later), ProbeOutcome::Missed(_)));
         announce(&mut nodes, late, "late");
         assert!(!nodes.is_unheard(&of_late));
+    }
+
+    #[test]
+    fn a_node_that_the_configuration_names_has_a_place_however_many_announce_others() {
+        let mut nodes = Nodes::new(Timestamp::ZERO);
+        nodes.keep_places(Arc::new(["/camera".into()].into()));
+        for participant in 0..4 * PARTICIPANTS_MAX as u64 {
+            let name = if participant < 2 * PARTICIPANTS_MAX as u64 { "x" } else { "camera" };
+            let node = NodeEntities { name, readers: &[], writers: &[] };
+            let mut writer = [0; 16];
+            writer[..8].copy_from_slice(&participant.to_be_bytes());
+            nodes.announce(writer, &encode_nodes([9; 16], &[node], GidSize::Bytes16), Endian::Little, None);
+        }
+        assert_eq!(nodes.all(), ["/camera", "/x"]);
+        assert_eq!(nodes.announced.len(), 2 * PARTICIPANTS_MAX, "these have an end, too");
     }
 
     #[test]

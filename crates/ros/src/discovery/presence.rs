@@ -8,6 +8,7 @@ use crate::every;
 use crate::library::discovered::TOPIC;
 use std::collections::BTreeSet;
 use std::future::poll_fn;
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
@@ -20,6 +21,7 @@ use telltale_clock::Clock;
 use telltale_msg::cdr::Endian;
 use telltale_msg::messages::{self, GidSize, NodeEntities, PARTICIPANT_ENTITIES_INFO};
 use telltale_msg::sample_bytes::Guid;
+use telltale_msg::subscription::Plan;
 
 /// Samples of the topic that the library keeps: one for each participant, in case all announce at once.
 const DEPTH: usize = 512;
@@ -33,6 +35,7 @@ pub struct PresenceContext {
     pub clock: Clock,
     /// Our node's name in the graph.
     pub node: String,
+    pub plan: watch::Receiver<Arc<Plan>>,
 }
 
 /// Announces our node and follows other nodes until it is stopped.
@@ -84,10 +87,17 @@ async fn announce(
 /// known.
 async fn listen(participant: &Participant, around: &PresenceContext, nodes: &watch::Sender<Nodes>) {
     let learn = &around.gid_size;
+    let mut plan = around.plan.clone();
+    plan.mark_changed();
     let mut reader = participant.reader(TOPIC, &type_name(), Via::LastValue, DEPTH);
     let mut looks = every(LOOK);
     loop {
         tokio::select! {
+            biased;
+            Ok(()) = plan.changed() => {
+                let named = plan.borrow_and_update().nodes.clone();
+                nodes.send_modify(|nodes| nodes.keep_places(named));
+            }
             _ = looks.tick() => {
                 let (guids, services) = seen(&participant.seen());
                 let is_searching = participant.is_searching();
