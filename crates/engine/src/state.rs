@@ -30,11 +30,6 @@ impl State {
         }
     }
 
-    /// The state with this word: see [`State::as_str`].
-    pub fn from_word(word: &str) -> Option<State> {
-        State::ALL.into_iter().find(|state| state.as_str() == word)
-    }
-
     pub(crate) const fn index(self) -> usize {
         self as usize
     }

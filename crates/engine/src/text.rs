@@ -52,6 +52,7 @@ macro_rules! say {
 }
 
 /// An enum whose variants have words: for files, for the wire, or for people. `ALL` has them in order.
+#[macro_export]
 macro_rules! words {
     ($(#[$about:meta])* pub enum $name:ident { $($(#[$of:meta])* $variant:ident = $word:literal,)* }) => {
         $(#[$about])*
@@ -67,8 +68,13 @@ macro_rules! words {
                     $($name::$variant => $word),*
                 }
             }
+
+            pub fn from_word(word: &str) -> Option<$name> {
+                $name::ALL.into_iter().find(|it| it.as_str() == word)
+            }
         }
     };
 }
 
-pub(super) use {say, words};
+pub(super) use say;
+pub use words;

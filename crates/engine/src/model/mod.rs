@@ -78,12 +78,6 @@ words! {
     }
 }
 
-impl Stage {
-    pub fn from_word(word: &str) -> Option<Stage> {
-        Stage::ALL.into_iter().find(|stage| stage.as_str() == word)
-    }
-}
-
 /// A named boolean of the vehicle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SignalSpec {

@@ -20,24 +20,26 @@ pub struct LineQuery {
     pub count: u32,
 }
 
-/// The content of a record.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LineKind {
-    /// A node shows another state, or for another reason.
-    State,
-    /// The program started or took another configuration: earlier states end here.
-    Started,
-    Stage,
-    Signal,
-    AlarmRaised,
-    /// The alarm of a symptom belongs to its cause now.
-    AlarmMoved,
-    AlarmAcknowledged,
-    AlarmCleared,
-    /// A node was silent for too long and is forgotten.
-    Left,
-    /// Records are missing here.
-    Lost,
+telltale_engine::words! {
+    /// The content of a record.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum LineKind {
+        /// A node shows another state, or for another reason.
+        State = "state",
+        /// The program started or took another configuration: earlier states end here.
+        Started = "started",
+        Stage = "stage",
+        Signal = "signal",
+        AlarmRaised = "alarm_raised",
+        /// The alarm of a symptom belongs to its cause now.
+        AlarmMoved = "alarm_moved",
+        AlarmAcknowledged = "alarm_acknowledged",
+        AlarmCleared = "alarm_cleared",
+        /// A node was silent for too long and is forgotten.
+        Left = "left",
+        /// Records are missing here.
+        Lost = "lost",
+    }
 }
 
 /// A record of the history; what a kind does not have is `None`.
@@ -59,38 +61,6 @@ pub struct HistoryLine {
 }
 
 impl LineKind {
-    pub const ALL: [LineKind; 10] = [
-        LineKind::State,
-        LineKind::Started,
-        LineKind::Stage,
-        LineKind::Signal,
-        LineKind::AlarmRaised,
-        LineKind::AlarmMoved,
-        LineKind::AlarmAcknowledged,
-        LineKind::AlarmCleared,
-        LineKind::Left,
-        LineKind::Lost,
-    ];
-
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            LineKind::State => "state",
-            LineKind::Started => "started",
-            LineKind::Stage => "stage",
-            LineKind::Signal => "signal",
-            LineKind::AlarmRaised => "alarm_raised",
-            LineKind::AlarmMoved => "alarm_moved",
-            LineKind::AlarmAcknowledged => "alarm_acknowledged",
-            LineKind::AlarmCleared => "alarm_cleared",
-            LineKind::Left => "left",
-            LineKind::Lost => "lost",
-        }
-    }
-
-    pub fn from_word(word: &str) -> Option<LineKind> {
-        LineKind::ALL.into_iter().find(|kind| kind.as_str() == word)
-    }
-
     const fn number(self) -> i64 {
         match self {
             LineKind::State => SHOWN,

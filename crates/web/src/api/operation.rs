@@ -44,31 +44,19 @@ pub enum Content {
     Stream(SchemaOf),
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tag {
-    State,
-    Tables,
-    Incidents,
-    Operator,
-    Session,
-    Description,
+telltale_engine::words! {
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Tag {
+        State = "state",
+        Tables = "tables",
+        Incidents = "incidents",
+        Operator = "operator",
+        Session = "session",
+        Description = "description",
+    }
 }
 
 impl Tag {
-    pub const ALL: [Tag; 6] =
-        [Tag::State, Tag::Tables, Tag::Incidents, Tag::Operator, Tag::Session, Tag::Description];
-
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Tag::State => "state",
-            Tag::Tables => "tables",
-            Tag::Incidents => "incidents",
-            Tag::Operator => "operator",
-            Tag::Session => "session",
-            Tag::Description => "description",
-        }
-    }
-
     pub const fn about(self) -> &'static str {
         match self {
             Tag::State => "The state of the vehicle, once and live.",

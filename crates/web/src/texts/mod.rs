@@ -93,29 +93,17 @@ use telltale_engine::model::quantity::number;
 use telltale_engine::snapshot::Report;
 use telltale_engine::text::Text;
 
-/// A language of the pages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-pub enum Lang {
-    #[default]
-    En,
-    De,
+telltale_engine::words! {
+    /// A language of the pages, with the tag of the `lang` attribute and cookie.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+    pub enum Lang {
+        #[default]
+        En = "en",
+        De = "de",
+    }
 }
 
 impl Lang {
-    pub const ALL: [Lang; 2] = [Lang::En, Lang::De];
-
-    /// The tag of the `lang` attribute and cookie: `en`, `de`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Lang::En => "en",
-            Lang::De => "de",
-        }
-    }
-
-    pub fn from_word(word: &str) -> Option<Lang> {
-        Lang::ALL.into_iter().find(|lang| lang.as_str() == word)
-    }
-
     /// The text of this language.
     pub fn choose<T>(self, en: T, de: T) -> T {
         match self {

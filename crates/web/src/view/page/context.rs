@@ -3,47 +3,26 @@
 use crate::texts::Lang;
 use telltale_store::Role;
 
-/// The colours of the pages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Palette {
-    Day,
-    #[default]
-    Night,
-}
-
-impl Palette {
-    /// The word of the `data-palette` attribute and cookie: `day`, `night`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Palette::Day => "day",
-            Palette::Night => "night",
-        }
-    }
-
-    pub fn from_word(word: &str) -> Option<Palette> {
-        [Palette::Day, Palette::Night].into_iter().find(|palette| palette.as_str() == word)
+telltale_engine::words! {
+    /// The colours of the pages, with the word of the `data-palette` attribute and cookie.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub enum Palette {
+        Day = "day",
+        #[default]
+        Night = "night",
     }
 }
 
-/// The state of the recorder, as the operator's page shows it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RecorderState {
-    /// Nothing can be recorded.
-    Off,
-    /// The last seconds are held, and no incident is being recorded.
-    Ready,
-    /// An incident is being recorded.
-    Recording,
-}
-
-impl RecorderState {
-    /// The word of the page's `data-recorder` attribute: `off`, `ready`, `recording`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            RecorderState::Off => "off",
-            RecorderState::Ready => "ready",
-            RecorderState::Recording => "recording",
-        }
+telltale_engine::words! {
+    /// The state of the recorder, with the word of the page's `data-recorder` attribute.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum RecorderState {
+        /// Nothing can be recorded.
+        Off = "off",
+        /// The last seconds are held, and no incident is being recorded.
+        Ready = "ready",
+        /// An incident is being recorded.
+        Recording = "recording",
     }
 }
 
