@@ -353,7 +353,11 @@ impl Engine {
             .position
             .zip(before.driving.position)
             .filter(|(it, other)| it.value.means_the_same(&now.watched, other.value, &before.watched));
-        (self.motion.driven_m, self.motion.parking) = (old.motion.driven_m, old.motion.parking);
+        self.motion.driven_m = old.motion.driven_m;
+        // Without stages it may have driven since.
+        if before.stages == StageModel::Shuttle {
+            self.motion.parking = old.motion.parking;
+        }
         if let Some((source, _)) = speed {
             (self.motion.speed, self.motion.shown) = (old.motion.speed, old.motion.shown);
             let is_slow = |(mps, _): &(f64, Timestamp)| *mps < source.standing_below_mps;

@@ -120,3 +120,26 @@ fn the_first_word_that_a_new_start_hears_is_no_arrival() {
         assert_eq!(vehicle.look().stage, Stage::Standby);
     }
 }
+
+#[test]
+fn a_stop_is_forgotten_while_the_vehicle_has_no_stages() {
+    let text = CONFIG.replace("state: error }", "state: error, stages: [standby, active] }");
+    let without = format!("vehicle: {{ stages: none }}{text}");
+    for drives_on in [false, true] {
+        let mut vehicle = Vehicle::of(&text, Stage::Active);
+        vehicle.says(true, 1);
+        vehicle.says(false, 4);
+        if drives_on {
+            vehicle.reload(&without);
+            vehicle.says(true, 60);
+            vehicle.says(false, 4);
+            vehicle.reload(&text);
+        }
+        vehicle.says(false, 1);
+        vehicle.say(2, 0);
+        assert_eq!(vehicle.asked(), cause("sensors/own", true));
+        (0..10).for_each(|_| vehicle.says(false, 1));
+        assert_eq!(vehicle.asked(), cause("sensors/own", false).filter(|_| drives_on));
+        assert_eq!(vehicle.look().stage, Stage::Standby);
+    }
+}
