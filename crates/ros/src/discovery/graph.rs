@@ -43,7 +43,7 @@ impl Paces {
         }
     }
 
-    /// A topic without a message is no longer read.
+    /// The topic is no longer read.
     pub fn forget(&self, dds_topic: &str) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(dds_topic);
     }
@@ -109,11 +109,7 @@ pub async fn run(
         let mut discovery = {
             let nodes = nodes.borrow();
             let (all, services) = (nodes.all(), nodes.services());
-            Discovery {
-                nodes: all,
-                services,
-                ..look(&participant.seen(), &nodes.endpoints(), (&ours, &first))
-            }
+            Discovery { nodes: all, services, ..look(&participant.seen(), &nodes, (&ours, &first)) }
         };
         let of_ours = discovery.topics.iter().filter(|topic| has_ours(topic));
         let of_ours: Vec<String> = of_ours.map(|topic| dds_name(&topic.name)).collect();
@@ -149,11 +145,7 @@ fn wanted(plan: &Plan) -> BTreeSet<String> {
 
 /// `ours` are our participants. The topics in `first`, and the topics with a reader or writer of ours, are listed in any
 /// case.
-fn look(
-    seen: &Seen,
-    nodes: &BTreeMap<Guid, &str>,
-    (ours, first): (&BTreeSet<String>, &BTreeSet<String>),
-) -> Discovery {
+fn look(seen: &Seen, nodes: &Nodes, (ours, first): (&BTreeSet<String>, &BTreeSet<String>)) -> Discovery {
     let mut topics: BTreeMap<String, TopicSeen> = BTreeMap::new();
     let mut participants = BTreeSet::new();
     for found in seen.writers().chain(seen.readers()) {
@@ -191,12 +183,12 @@ fn shorten(topic: &mut TopicSeen) {
     }
 }
 
-fn endpoint(found: &Found, ours: &BTreeSet<String>, nodes: &BTreeMap<Guid, &str>) -> Endpoint {
+fn endpoint(found: &Found, ours: &BTreeSet<String>, nodes: &Nodes) -> Endpoint {
     let participant = participant_name(&found.guid);
     Endpoint {
         ours: ours.contains(&participant),
         participant,
-        node: nodes.get(&found.guid).map(|name| (*name).to_owned()),
+        node: nodes.node_of(&found.guid).map(str::to_owned),
         type_name: messages::ros_type_name(&found.type_name),
         reliable: found.reliable,
         transient_local: found.transient_local,
@@ -242,7 +234,7 @@ mod tests {
         add(&mut seen, 8, [("rt/zeta".to_owned(), bool_type())].into_iter());
         add(&mut seen, 9, [("rt/telltale/hold".to_owned(), bool_type())].into_iter());
         let ours = BTreeSet::from([participant_name(&[7; 16])]);
-        look(&seen, &BTreeMap::new(), (&ours, &BTreeSet::from(["/zeta".to_owned()])))
+        look(&seen, &Nodes::default(), (&ours, &BTreeSet::from(["/zeta".to_owned()])))
     }
 
     fn publishers<'a>(discovery: &'a Discovery, topic: &str) -> Vec<&'a str> {

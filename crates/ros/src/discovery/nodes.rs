@@ -15,12 +15,13 @@ use telltale_msg::sample_bytes::Guid;
 /// Participants that are remembered; no vehicle has more. So many again have a place if the configuration names one of
 /// their nodes: announcements of others keep none of these away.
 const PARTICIPANTS_MAX: usize = 1024;
-/// Nodes of one participant.
-const NODES_MAX: usize = 1024;
 const NAME_BYTES_MAX: usize = 1024;
 
-/// Readers and writers of one participant whose node is remembered.
-const ENDPOINTS_MAX: usize = 4096;
+/// The memory for all announcements. Once it is used, a further one has room for a share only.
+const BYTES_MAX: usize = 8 << 20;
+/// The memory of a name beside its letters, and of a reader or writer, about.
+const NAME_BYTES: usize = 48;
+const ENDPOINT_BYTES: usize = 32;
 
 /// A node is reported as missing only after discovery had this time to find it.
 const DISCOVERY: Span = Span::from_secs(5);
@@ -44,11 +45,35 @@ pub struct Nodes {
 #[derive(Debug, Clone, Default)]
 struct Announcement {
     /// Whole names.
-    names: BTreeSet<Box<str>>,
+    names: BTreeSet<Arc<str>>,
     /// Those of them that several of its nodes have.
-    twice: BTreeSet<Box<str>>,
+    twice: BTreeSet<Arc<str>>,
     /// The node to which a reader or writer belongs.
-    endpoints: BTreeMap<Guid, Box<str>>,
+    endpoints: BTreeMap<Guid, Arc<str>>,
+    /// The memory that it takes.
+    bytes: usize,
+    /// It says more than had room.
+    is_cut: bool,
+}
+
+/// The memory for one announcement.
+#[derive(Debug, Clone, Copy)]
+struct Room {
+    names: usize,
+    endpoints: usize,
+}
+
+impl Room {
+    /// Some 1,000 nodes with 4,000 readers and writers.
+    const WHOLE: Room = Room { names: 64 << 10, endpoints: 128 << 10 };
+    const SHARE: Room = Room { names: 2 << 10, endpoints: 2 << 10 };
+
+    /// Whether there is room for so much; then it is taken.
+    fn take(room: &mut usize, bytes: usize) -> bool {
+        let left = room.checked_sub(bytes);
+        *room = left.unwrap_or(*room);
+        left.is_some()
+    }
 }
 
 impl Nodes {
@@ -63,12 +88,14 @@ impl Nodes {
 
     /// Takes an announcement. `size` decides if both sizes of a gid would fit.
     pub fn announce(&mut self, writer: Guid, body: &[u8], endian: Endian, size: Option<GidSize>) {
-        let Some(announcement) = announcement(body, endian, size, &writer) else { return };
-        if self.announced.len() >= PARTICIPANTS_MAX {
+        let held = |nodes: &Nodes| nodes.announced.values().map(|(_, said)| said.bytes).sum::<usize>();
+        if self.announced.len() >= PARTICIPANTS_MAX || held(self) >= BYTES_MAX {
             self.announced.retain(|_, (writer, _)| self.present.contains(writer));
         }
         let participant = spdp::prefix(&writer);
-        let is_named = announcement.names.iter().any(|name| self.named.contains(name));
+        let room = if held(self) < BYTES_MAX { Room::WHOLE } else { Room::SHARE };
+        let Some(announcement) = announcement(body, endian, size, (&writer, room)) else { return };
+        let is_named = announcement.names.iter().any(|name| self.named.contains(&**name));
         let places = if is_named { 2 * PARTICIPANTS_MAX } else { PARTICIPANTS_MAX };
         if self.announced.contains_key(&participant) || self.announced.len() < places {
             self.announced.insert(participant, (writer, announcement));
@@ -86,13 +113,13 @@ impl Nodes {
         self.announced.values().filter(|(writer, _)| self.present.contains(writer))
     }
 
-    /// Whether the participant of this endpoint announces nodes and none of its announcements is known: it came too
-    /// late, was lost, or found no place among those of others.
+    /// Whether the participant of this endpoint announces nodes and its announcement is not known as a whole: it came too
+    /// late, was lost, or found no room among those of others.
     pub fn is_unheard(&self, endpoint: &Guid) -> bool {
         let participant = spdp::prefix(endpoint);
         let known = self.announced.get(&participant);
-        if known.is_some_and(|(writer, _)| self.present.contains(writer)) {
-            return false;
+        if let Some((_, said)) = known.filter(|(writer, _)| self.present.contains(writer)) {
+            return said.is_cut;
         }
         let mut first = [0; 16];
         first[..PREFIX].copy_from_slice(&participant);
@@ -125,10 +152,11 @@ impl Nodes {
         self.services.iter().map(ToString::to_string).collect()
     }
 
-    /// The nodes of the readers and writers that are announced.
-    pub fn endpoints(&self) -> BTreeMap<Guid, &str> {
-        let endpoints = self.present().flat_map(|(_, announcement)| &announcement.endpoints);
-        endpoints.map(|(guid, name)| (*guid, &**name)).collect()
+    /// The node of a reader or writer, if it is announced.
+    pub fn node_of(&self, endpoint: &Guid) -> Option<&str> {
+        let (writer, said) = self.announced.get(&spdp::prefix(endpoint))?;
+        let name = said.endpoints.get(endpoint).filter(|_| self.present.contains(writer));
+        name.map(|name| &**name)
     }
 
     /// The nodes whose name another one has too: by name, their participants' writers, each with a number.
@@ -204,7 +232,12 @@ pub fn services<'a>(
 }
 
 /// The nodes in a `rmw_dds_common/ParticipantEntitiesInfo`.
-fn announcement(body: &[u8], endian: Endian, size: Option<GidSize>, by: &Guid) -> Option<Announcement> {
+fn announcement(
+    body: &[u8],
+    endian: Endian,
+    size: Option<GidSize>,
+    by: (&Guid, Room),
+) -> Option<Announcement> {
     let read = |size: GidSize| {
         let mut reader = Reader::new(body, endian);
         let found = read_nodes(&mut reader, size.bytes(), by).ok()?;
@@ -217,35 +250,45 @@ fn announcement(body: &[u8], endian: Endian, size: Option<GidSize>, by: &Guid) -
     }
 }
 
-fn read_nodes(reader: &mut Reader<'_>, gid_bytes: usize, by: &Guid) -> Result<Announcement, Fault> {
-    let mut found = Announcement::default();
+fn read_nodes(
+    reader: &mut Reader<'_>,
+    gid_bytes: usize,
+    (by, whole): (&Guid, Room),
+) -> Result<Announcement, Fault> {
+    let (mut found, mut room) = (Announcement::default(), whole);
     reader.octets(gid_bytes)?;
     for _ in 0..reader.u32()? {
-        let whole = whole_name(reader.string()?, reader.string()?);
+        let name = whole_name(reader.string()?, reader.string()?)
+            .filter(|name| Room::take(&mut room.names, name.len() + NAME_BYTES));
+        found.is_cut |= name.is_none();
         for _readers_then_writers in 0..2 {
             for _ in 0..reader.u32()? {
                 let gid = reader.octets(gid_bytes)?;
                 // A participant speaks only for itself.
-                if let Some(name) = whole.as_ref()
+                if let Some(name) = name.as_ref()
                     && gid.starts_with(&by[..PREFIX])
-                    && found.endpoints.len() < ENDPOINTS_MAX
                     && let Some(guid) = gid.first_chunk::<16>()
                 {
-                    found.endpoints.insert(*guid, name.clone());
+                    if Room::take(&mut room.endpoints, ENDPOINT_BYTES) {
+                        found.endpoints.insert(*guid, name.clone());
+                    } else {
+                        found.is_cut = true;
+                    }
                 }
             }
         }
-        if let Some(name) = whole.filter(|_| found.names.len() < NODES_MAX)
+        if let Some(name) = name
             && !found.names.insert(name.clone())
         {
             found.twice.insert(name);
         }
     }
+    found.bytes = whole.names - room.names + whole.endpoints - room.endpoints;
     Ok(found)
 }
 
 /// `/ns/name`, unless that is too long.
-fn whole_name(namespace: &[u8], name: &[u8]) -> Option<Box<str>> {
+fn whole_name(namespace: &[u8], name: &[u8]) -> Option<Arc<str>> {
     if namespace.len() + name.len() >= NAME_BYTES_MAX {
         return None;
     }
@@ -275,7 +318,10 @@ mod tests {
         let there = ProbeOutcome::Announced;
         assert_eq!([nodes.ask("/camera", at(1)), nodes.ask("lidar", at(1))], [there.clone(), there.clone()]);
         assert_eq!(nodes.all(), ["/camera", "/lidar"]);
-        assert_eq!(nodes.endpoints(), [([1; 16], "/camera"), ([2; 16], "/lidar")].into());
+        assert_eq!(
+            [[1; 16], [2; 16], [4; 16]].map(|it| nodes.node_of(&it)),
+            [Some("/camera"), Some("/lidar"), None]
+        );
         // Started again after a crash.
         let again = NodeEntities { name: "camera", readers: &[], writers: &[] };
         nodes.announce([5; 16], &encode_nodes([9; 16], &[again], GidSize::Bytes16), Endian::Little, None);
@@ -348,6 +394,34 @@ mod tests {
         }
         assert_eq!(nodes.all(), ["/camera", "/x"]);
         assert_eq!(nodes.announced.len(), 2 * PARTICIPANTS_MAX, "these have an end, too");
+    }
+
+    #[test]
+    fn announcements_take_no_more_than_their_memory_and_a_cut_one_is_known_as_such() {
+        let mut nodes = Nodes::new(Timestamp::ZERO);
+        let guid = |participant: u16, entity: u16| -> Guid {
+            let mut guid = [0; 16];
+            guid[..2].copy_from_slice(&participant.to_be_bytes());
+            guid[14..].copy_from_slice(&entity.to_be_bytes());
+            guid
+        };
+        let long = "x".repeat(1000);
+        for participant in 0..500 {
+            let readers: Vec<Guid> = (0..5000).map(|entity| guid(participant, entity)).collect();
+            let node = NodeEntities { name: &long, readers: &readers, writers: &[] };
+            let body = encode_nodes([9; 16], &[node], GidSize::Bytes16);
+            nodes.announce(guid(participant, 0), &body, Endian::Little, None);
+        }
+        let held: usize = nodes.announced.values().map(|(_, said)| said.bytes).sum();
+        assert!(held < 2 * BYTES_MAX, "{held}");
+        assert_eq!(nodes.node_of(&guid(0, 4000)), Some(&*format!("/{long}")));
+        assert!(nodes.is_unheard(&guid(0, 4999)), "it may be a writer of any node");
+        // Others have their room still.
+        let node = NodeEntities { name: "camera", readers: &[], writers: &[guid(600, 1)] };
+        let body = encode_nodes([9; 16], &[node], GidSize::Bytes16);
+        nodes.announce(guid(600, 0), &body, Endian::Little, None);
+        assert_eq!(nodes.node_of(&guid(600, 1)), Some("/camera"));
+        assert!(!nodes.is_unheard(&guid(600, 1)));
     }
 
     #[test]

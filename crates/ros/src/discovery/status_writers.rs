@@ -46,11 +46,12 @@ impl StatusWriters {
         StatusWriters { since, found: BTreeMap::new(), said: None, looks: 0 }
     }
 
-    /// Takes the present writers and their nodes; returns the input for the engine.
+    /// Takes the present writers; returns the input for the engine. `node_of` knows the nodes that are announced, and
+    /// whose announcement is not known yet.
     fn look(
         &mut self,
         writers: &BTreeSet<Guid>,
-        (nodes, is_unheard): (&BTreeMap<Guid, &str>, impl Fn(&Guid) -> bool),
+        node_of: impl Fn(&Guid) -> Option<NodeOf>,
         (now, is_searching): (Timestamp, bool),
     ) -> Option<WriterList> {
         let known = chosen(writers);
@@ -59,12 +60,9 @@ impl StatusWriters {
             self.found.entry(guid).or_insert(now);
         }
         let node = |(guid, found): (&Guid, &Timestamp)| {
-            let node = match nodes.get(guid) {
-                Some(name) => NodeOf::Named((*name).into()),
-                None if now.since(*found) < ANNOUNCED || is_unheard(guid) => NodeOf::Pending,
-                None => NodeOf::Unannounced,
-            };
-            (WriterId(*guid), node)
+            let is_new = now.since(*found) < ANNOUNCED;
+            let unknown = if is_new { NodeOf::Pending } else { NodeOf::Unannounced };
+            (WriterId(*guid), node_of(guid).unwrap_or(unknown))
         };
         let known = self.found.iter().map(node).collect();
         // If there are more writers than can be distinguished, none is known to have left.
@@ -118,8 +116,11 @@ pub async fn run(
         let is_searching = is_searching || participant.sees_not_all();
         let (list, names) = {
             let nodes = nodes.borrow();
-            let who = (&nodes.endpoints(), |guid: &Guid| nodes.is_unheard(guid));
-            let list = speakers.look(&writers, who, (now, is_searching));
+            let node_of = |guid: &Guid| match nodes.node_of(guid) {
+                Some(name) => Some(NodeOf::Named(name.into())),
+                None => nodes.is_unheard(guid).then_some(NodeOf::Pending),
+            };
+            let list = speakers.look(&writers, node_of, (now, is_searching));
             (list, repeated.look(&nodes.repeated(), now))
         };
         let list = list.map(|list| Input::Writers(Arc::new(list)));
@@ -146,9 +147,9 @@ mod tests {
     const A: Guid = [1; 16];
     const B: Guid = [2; 16];
 
-    /// Every participant's announcement is known.
-    fn heard(_: &Guid) -> bool {
-        false
+    /// Every announcement is known, and one has a node.
+    fn named(writer: Guid, name: &'static str) -> impl Fn(&Guid) -> Option<NodeOf> {
+        move |guid| (*guid == writer).then(|| NodeOf::Named(name.into()))
     }
 
     fn node(list: &WriterList, guid: Guid) -> Option<&NodeOf> {
@@ -159,16 +160,16 @@ mod tests {
     fn a_writer_without_a_node_has_time_to_be_announced() {
         let at = Timestamp::from_millis;
         let mut speakers = StatusWriters::new(at(0));
-        let named = BTreeMap::from([(A, "/lidar")]);
-        let list = speakers.look(&[A, B].into(), (&named, heard), (at(1000), false)).unwrap();
+        let named = named(A, "/lidar");
+        let list = speakers.look(&[A, B].into(), &named, (at(1000), false)).unwrap();
         assert!(!list.complete, "others may be found still");
         assert_eq!(node(&list, A), Some(&NodeOf::Named("/lidar".into())));
         assert_eq!(node(&list, B), Some(&NodeOf::Pending));
-        assert_eq!(speakers.look(&[A, B].into(), (&named, heard), (at(2000), false)), None, "nothing is new");
-        assert!(speakers.look(&[A, B].into(), (&named, heard), (at(5000), false)).unwrap().complete);
-        let list = speakers.look(&[A, B].into(), (&named, heard), (at(11_000), false)).unwrap();
+        assert_eq!(speakers.look(&[A, B].into(), &named, (at(2000), false)), None, "nothing is new");
+        assert!(speakers.look(&[A, B].into(), &named, (at(5000), false)).unwrap().complete);
+        let list = speakers.look(&[A, B].into(), &named, (at(11_000), false)).unwrap();
         assert_eq!(node(&list, B), Some(&NodeOf::Unannounced));
-        let list = speakers.look(&[B].into(), (&named, heard), (at(12_000), false)).unwrap();
+        let list = speakers.look(&[B].into(), &named, (at(12_000), false)).unwrap();
         assert_eq!((node(&list, A), list.as_of), (None, at(12_000)));
     }
 
@@ -177,10 +178,9 @@ mod tests {
     fn a_writer_whose_announcement_found_no_place_is_not_taken_for_one_without_a_node() {
         let at = Timestamp::from_millis;
         let mut speakers = StatusWriters::new(at(0));
-        let none = BTreeMap::new();
-        speakers.look(&[A, B].into(), (&none, heard), (at(0), false));
-        let list =
-            speakers.look(&[A, B].into(), (&none, |guid: &Guid| *guid == A), (at(60_000), false)).unwrap();
+        let unheard = |guid: &Guid| (*guid == A).then_some(NodeOf::Pending);
+        speakers.look(&[A, B].into(), unheard, (at(0), false));
+        let list = speakers.look(&[A, B].into(), unheard, (at(60_000), false)).unwrap();
         assert_eq!([A, B].map(|it| node(&list, it).unwrap()), [&NodeOf::Pending, &NodeOf::Unannounced]);
     }
 
@@ -190,9 +190,9 @@ mod tests {
         let own = |it: u32| std::array::from_fn(|n| if n < 12 { 1 } else { it.to_be_bytes()[n - 12] });
         let many: BTreeSet<Guid> = (0..2000).map(own).collect();
         let at = |second: u64| (Timestamp::from_millis(1000 * second), false);
-        speakers.look(&many, (&BTreeMap::new(), heard), at(0));
+        speakers.look(&many, |_: &Guid| None, at(0));
         let with_another: BTreeSet<Guid> = many.iter().copied().chain([B]).collect();
-        let list = speakers.look(&with_another, (&BTreeMap::from([(B, "/b")]), heard), at(1)).unwrap();
+        let list = speakers.look(&with_another, named(B, "/b"), at(1)).unwrap();
         assert_eq!(node(&list, B), Some(&NodeOf::Named("/b".into())));
         assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
     }
@@ -201,14 +201,13 @@ mod tests {
     fn what_did_not_change_is_said_again_and_the_list_is_bounded() {
         let mut speakers = StatusWriters::new(Timestamp::ZERO);
         let at = |look: u64| Timestamp::from_millis(60_000 + 1000 * look);
-        let named = BTreeMap::from([(A, "/a")]);
-        let said: Vec<u64> = (0..11)
-            .filter(|&look| speakers.look(&[A].into(), (&named, heard), (at(look), false)).is_some())
-            .collect();
+        let named = named(A, "/a");
+        let said: Vec<u64> =
+            (0..11).filter(|&look| speakers.look(&[A].into(), &named, (at(look), false)).is_some()).collect();
         assert_eq!(said, [0, 5, 10]);
         let many: BTreeSet<Guid> =
             (0..2000_u32).map(|it| std::array::from_fn(|n| it.to_le_bytes()[n % 4])).collect();
-        let list = speakers.look(&many, (&BTreeMap::new(), heard), (at(20), false)).unwrap();
+        let list = speakers.look(&many, |_: &Guid| None, (at(20), false)).unwrap();
         assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
     }
 }
