@@ -1,6 +1,7 @@
 //! Topics whose type the configuration leaves out: they wait for a publisher, and are read with its type. Where several
 //! types are announced, each is read until there is a message of one.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -23,6 +24,8 @@ const DISCOVERY: Span = Span::from_secs(5);
 
 /// Types of one topic that are read at once until there is a message of one.
 const TYPES_MAX: usize = 8;
+/// Types that have had a message and keep their places while others are tried: of a topic that is sent seldom.
+const HEARD_MAX: usize = TYPES_MAX / 2;
 /// A type without a message makes room after this time for others that are announced.
 const TRIAL: Span = Span::from_secs(5);
 
@@ -190,7 +193,8 @@ impl Untyped {
         }
     }
 
-    /// The types to read by, too: of each participant in turn, and those that were never tried before the others.
+    /// The types to read by, too: those that had messages before, then of each participant in turn, and those that were
+    /// never tried before the others.
     fn next_types(
         &mut self,
         found: &Announced,
@@ -204,21 +208,30 @@ impl Untyped {
         let mut others: Vec<(&String, BTreeSet<Prefix>)> =
             found.iter().filter(is_other).map(|(name, by)| (name, by.clone())).collect();
         others.sort_by_key(|(name, _)| self.made_room.get(*name).copied());
-        let others = places::in_turn(others);
+        let was_heard = |name: &&String| {
+            let dds_type = messages::dds_type_name(name);
+            dds_type.and_then(|it| last(&(self.subscription.dds_topic.clone(), it)))
+        };
+        let mut others = places::in_turn(others);
+        // A new participant begins anew with all types.
+        others.sort_by_key(|name| Reverse(was_heard(name)));
         let room = TYPES_MAX.saturating_sub(self.tried.len());
         let too_many = others.len().saturating_sub(room);
-        // Those that never had a message give way first.
-        let mut silent: Vec<(bool, Timestamp, String)> = self
-            .tried
-            .iter()
-            .filter(|(_, (_, since))| now.since(*since) >= TRIAL)
-            .map(|(name, (key, since))| (last(key).is_some(), *since, name.clone()))
-            .collect();
+        let mut heard: Vec<_> =
+            self.tried.values().filter_map(|(key, _)| Some((last(key)?, key.clone()))).collect();
+        heard.sort();
+        let keeping: BTreeSet<Key> = heard.into_iter().rev().take(HEARD_MAX).map(|(_, key)| key).collect();
+        let gives_way = |(_, (key, since)): &(&String, &(Key, Timestamp))| {
+            now.since(*since) >= TRIAL && !keeping.contains(key)
+        };
+        let silent = self.tried.iter().filter(gives_way);
+        let mut silent: Vec<(Timestamp, String)> =
+            silent.map(|(name, (_, since))| (*since, name.clone())).collect();
         silent.sort();
         silent.truncate(too_many);
         let room = room + silent.len();
         let others = others.into_iter().take(room).cloned().collect();
-        for (.., name) in silent {
+        for (_, name) in silent {
             over.extend(self.tried.remove(&name).map(|(key, _)| key));
             self.made_room.insert(name, now);
         }
@@ -381,6 +394,24 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
             hand.advance(TRIAL);
         }
         assert!(read.contains(&"std_msgs/msg/Float64".to_owned()), "{read:?}");
+    }
+
+    #[tokio::test]
+    async fn a_type_that_is_sent_seldom_keeps_its_place_however_many_are_announced() {
+        let (clock, hand) = Clock::standing();
+        let (mut learning, _received) = learning(64);
+        learning.clock = clock;
+        let seldom = "std_msgs/msg/Float64";
+        learning.take(&published(&[seldom]), false, NOBODY);
+        let forged = forged(40, "T");
+        let mut all = published(&forged.iter().map(String::as_str).collect::<Vec<_>>());
+        all.get_mut("rt/x").unwrap().insert(seldom.to_owned(), BTreeSet::from([[2; 12]]));
+        let heard = learning.clock.now();
+        for _ in 0..12 {
+            hand.advance(TRIAL);
+            let news = learning.take(&all, false, |key| key.1.contains("Float64").then_some(heard));
+            assert!(learning.topics["rt/x"].tried.contains_key(seldom), "{news:?}");
+        }
     }
 
     #[tokio::test]

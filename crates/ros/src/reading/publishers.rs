@@ -128,11 +128,6 @@ impl Writers {
         wrong
     }
 
-    /// Whether a sample of any was received.
-    pub fn any_heard(&self) -> bool {
-        !self.last.is_empty()
-    }
-
     pub fn knows(&self, writer: &Guid) -> bool {
         self.known.contains_key(writer)
     }

@@ -60,6 +60,8 @@ pub struct Memory {
     /// The last message of a publisher that keeps it for late readers, because a new configuration counts
     /// as one.
     last_value: Option<Arc<Message>>,
+    /// When its last message came.
+    heard: Option<Timestamp>,
 }
 
 impl Memory {
@@ -69,12 +71,13 @@ impl Memory {
             (false, Some(_)) => Retention::of_recorded_messages(),
             (false, None) => Retention::new(),
         };
-        Memory { writers: Writers::default(), troubles: Troubles::default(), retention, last_value: None }
+        let (writers, troubles) = Default::default();
+        Memory { writers, troubles, retention, last_value: None, heard: None }
     }
 
-    /// Whether a message has come.
-    pub fn is_of_messages(&self) -> bool {
-        self.writers.any_heard()
+    /// When the last message of its type came.
+    pub fn heard(&self) -> Option<Timestamp> {
+        self.heard
     }
 }
 
@@ -146,6 +149,9 @@ impl Topic {
         trial: Arc<Trial>,
     ) -> Topic {
         memory.writers.listen(around.clock.wall());
+        if let Some(heard) = memory.heard {
+            trial.note_data(heard);
+        }
         let depth = memory.retention.depth();
         let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
@@ -288,6 +294,7 @@ impl Topic {
         }
         self.forgotten = None;
         self.trial.note_data(received);
+        self.memory.heard = Some(received);
         if let Some(every) = self.subscription.recorded_every() {
             if received < self.recorded_from {
                 return Ok(());

@@ -21,6 +21,8 @@ use telltale_msg::subscription::{Plan, Subscription};
 
 /// Topics that are read for recordings alone, at most.
 const RECORDED_MAX: usize = 256;
+/// Topics and types that are not read at present, and whose messages are remembered.
+const MEMORIES_MAX: usize = 256;
 /// A topic without a message keeps its place for so long where others wait for one.
 const TRIAL: Span = Span::from_secs(5);
 /// So many topics get a place at once: the DDS process makes a reader for each, and does nothing else meanwhile.
@@ -59,8 +61,8 @@ impl Carryover {
 pub struct Topics {
     pub tasks: JoinSet<(Key, Memory, End)>,
     running: BTreeMap<Key, Running>,
-    /// Those that were told to end.
-    ending: BTreeSet<Key>,
+    /// Those that were told to end, and whether they are only recorded.
+    ending: BTreeMap<Key, bool>,
     /// Topics whose type the configuration leaves out.
     learning: Learning,
     around: TopicContext,
@@ -83,7 +85,7 @@ impl Topics {
         let mut topics = Topics {
             tasks: JoinSet::new(),
             running: BTreeMap::new(),
-            ending: BTreeSet::new(),
+            ending: BTreeMap::new(),
             learning,
             around,
             tried: BTreeMap::new(),
@@ -120,7 +122,8 @@ impl Topics {
     /// messages.
     pub fn learn(&mut self, legacy: &mut Carryover) {
         let running = &self.running;
-        let last = |key: &Key| running.get(key).and_then(|it| it.trial.last());
+        let before = |key: &Key| legacy.memories.get(key).and_then(Memory::heard);
+        let last = |key: &Key| running.get(key).map_or_else(|| before(key), |it| it.trial.last());
         let learned = self.learning.look(&self.around.participant, last);
         for key in &learned.over {
             self.end(key);
@@ -184,7 +187,7 @@ impl Topics {
         let seen = self.around.participant.seen();
         let is_new = |found: &&Found| {
             let key = (found.topic.clone(), found.type_name.clone());
-            let is_known = || self.running.contains_key(&key) || self.ending.contains(&key);
+            let is_known = || self.running.contains_key(&key) || self.ending.contains_key(&key);
             found.guid[..PREFIX] != own[..PREFIX] && !siblings.has(&found.guid) && !is_known()
         };
         let mut new: BTreeMap<Key, (Subscription, BTreeSet<Prefix>)> = BTreeMap::new();
@@ -199,7 +202,7 @@ impl Topics {
     fn add(&mut self, subscription: &Arc<Subscription>, trial: Arc<Trial>, legacy: &mut Carryover) {
         let key = key(subscription);
         // Its task would be told to end by the one that replaces it.
-        if self.running.contains_key(&key) || self.ending.contains(&key) {
+        if self.running.contains_key(&key) || self.ending.contains_key(&key) {
             return;
         }
         let memory = legacy.memories.remove(&key).unwrap_or_else(|| Memory::new(subscription));
@@ -217,8 +220,9 @@ impl Topics {
     /// Tells a task to end: it gets no more orders.
     fn end(&mut self, key: &Key) {
         if let Some(running) = self.running.remove(key) {
-            self.ending.insert(key.clone());
-            if running.trial.last().is_none() {
+            let is_recorded = running.subscription.borrow().recorded_every().is_some();
+            self.ending.insert(key.clone(), is_recorded);
+            if self.running.keys().all(|(topic, _)| *topic != key.0) {
                 self.around.paces.forget(&key.0);
             }
         }
@@ -230,12 +234,15 @@ impl Topics {
             Ok(left) => left,
             Err(panic) => return Some(End::Lost(format!("the task of a topic failed: {panic}"))),
         };
-        let was_told = self.ending.remove(&key);
-        if !was_told || memory.is_of_messages() {
+        let told = self.ending.remove(&key);
+        // A type that was sent is not taken for a new one when its last message comes again. Anybody can send types and
+        // topics without end.
+        let has_room = legacy.memories.len() < MEMORIES_MAX;
+        if told.is_none_or(|is_recorded| !is_recorded && memory.heard().is_some() && has_room) {
             legacy.memories.insert(key.clone(), memory);
         }
         match end {
-            End::Stopped if was_told => None,
+            End::Stopped if told.is_some() => None,
             End::Stopped => {
                 Some(End::Lost(format!("{} is no longer read, and nobody asked for that", key.0)))
             }
