@@ -159,6 +159,11 @@ impl Nodes {
         name.map(|name| &**name)
     }
 
+    /// Whether a reader or writer belongs to a node that the configuration names.
+    pub fn is_of_named(&self, endpoint: &Guid) -> bool {
+        self.node_of(endpoint).is_some_and(|name| self.named.contains(name))
+    }
+
     /// The nodes whose name another one has too: by name, their participants' writers, each with a number.
     pub fn repeated(&self) -> BTreeSet<(&str, Guid, u8)> {
         let mut by_name: BTreeMap<&str, Vec<(Guid, u8)>> = BTreeMap::new();
@@ -393,6 +398,7 @@ mod tests {
             nodes.announce(writer, &encode_nodes([9; 16], &[node], GidSize::Bytes16), Endian::Little, None);
         }
         assert_eq!(nodes.all(), ["/camera", "/x"]);
+        assert!(!nodes.is_of_named(&[9; 16]));
         assert_eq!(nodes.announced.len(), 2 * PARTICIPANTS_MAX, "these have an end, too");
     }
 

@@ -47,14 +47,14 @@ impl StatusWriters {
     }
 
     /// Takes the present writers; returns the input for the engine. `node_of` knows the nodes that are announced, and
-    /// whose announcement is not known yet.
+    /// whose announcement is not known yet; `is_named` the writers of nodes that the configuration names.
     fn look(
         &mut self,
         writers: &BTreeSet<Guid>,
-        node_of: impl Fn(&Guid) -> Option<NodeOf>,
+        (node_of, is_named): (impl Fn(&Guid) -> Option<NodeOf>, impl Fn(&Guid) -> bool),
         (now, is_searching): (Timestamp, bool),
     ) -> Option<WriterList> {
-        let known = chosen(writers);
+        let known = chosen(writers, is_named);
         self.found.retain(|guid, _| known.contains(guid));
         for guid in known {
             self.found.entry(guid).or_insert(now);
@@ -79,18 +79,22 @@ impl StatusWriters {
     }
 }
 
-/// The writers for which there is room: of each participant in turn, so that one with many takes no other's place.
-fn chosen(writers: &BTreeSet<Guid>) -> BTreeSet<Guid> {
+/// The writers for which there is room: those of named nodes, then of each participant in turn, so that neither many
+/// participants nor one with many writers take the places of others.
+fn chosen(writers: &BTreeSet<Guid>, is_named: impl Fn(&Guid) -> bool) -> BTreeSet<Guid> {
+    if writers.len() <= WRITERS_MAX {
+        return writers.clone();
+    }
     let mut last = None;
     let mut rank = 0;
     let ranked = writers.iter().map(|guid| {
         rank = if last == Some(&guid[..PREFIX]) { rank + 1 } else { 0 };
         last = Some(&guid[..PREFIX]);
-        (rank, *guid)
+        (!is_named(guid), rank, *guid)
     });
-    let mut ranked: Vec<(usize, Guid)> = ranked.collect();
+    let mut ranked: Vec<(bool, usize, Guid)> = ranked.collect();
     ranked.sort_unstable();
-    ranked.into_iter().take(WRITERS_MAX).map(|(_, guid)| guid).collect()
+    ranked.into_iter().take(WRITERS_MAX).map(|(.., guid)| guid).collect()
 }
 
 /// Runs until it is stopped, or nobody takes the inputs any more.
@@ -120,7 +124,8 @@ pub async fn run(
                 Some(name) => Some(NodeOf::Named(name.into())),
                 None => nodes.is_unheard(guid).then_some(NodeOf::Pending),
             };
-            let list = speakers.look(&writers, node_of, (now, is_searching));
+            let is_named = |guid: &Guid| nodes.is_of_named(guid);
+            let list = speakers.look(&writers, (node_of, is_named), (now, is_searching));
             (list, repeated.look(&nodes.repeated(), now))
         };
         let list = list.map(|list| Input::Writers(Arc::new(list)));
@@ -152,6 +157,11 @@ mod tests {
         move |guid| (*guid == writer).then(|| NodeOf::Named(name.into()))
     }
 
+    /// The configuration names no node.
+    fn nobody(_: &Guid) -> bool {
+        false
+    }
+
     fn node(list: &WriterList, guid: Guid) -> Option<&NodeOf> {
         list.writers.get(&WriterId(guid))
     }
@@ -161,15 +171,19 @@ mod tests {
         let at = Timestamp::from_millis;
         let mut speakers = StatusWriters::new(at(0));
         let named = named(A, "/lidar");
-        let list = speakers.look(&[A, B].into(), &named, (at(1000), false)).unwrap();
+        let list = speakers.look(&[A, B].into(), (&named, nobody), (at(1000), false)).unwrap();
         assert!(!list.complete, "others may be found still");
         assert_eq!(node(&list, A), Some(&NodeOf::Named("/lidar".into())));
         assert_eq!(node(&list, B), Some(&NodeOf::Pending));
-        assert_eq!(speakers.look(&[A, B].into(), &named, (at(2000), false)), None, "nothing is new");
-        assert!(speakers.look(&[A, B].into(), &named, (at(5000), false)).unwrap().complete);
-        let list = speakers.look(&[A, B].into(), &named, (at(11_000), false)).unwrap();
+        assert_eq!(
+            speakers.look(&[A, B].into(), (&named, nobody), (at(2000), false)),
+            None,
+            "nothing is new"
+        );
+        assert!(speakers.look(&[A, B].into(), (&named, nobody), (at(5000), false)).unwrap().complete);
+        let list = speakers.look(&[A, B].into(), (&named, nobody), (at(11_000), false)).unwrap();
         assert_eq!(node(&list, B), Some(&NodeOf::Unannounced));
-        let list = speakers.look(&[B].into(), &named, (at(12_000), false)).unwrap();
+        let list = speakers.look(&[B].into(), (&named, nobody), (at(12_000), false)).unwrap();
         assert_eq!((node(&list, A), list.as_of), (None, at(12_000)));
     }
 
@@ -179,8 +193,8 @@ mod tests {
         let at = Timestamp::from_millis;
         let mut speakers = StatusWriters::new(at(0));
         let unheard = |guid: &Guid| (*guid == A).then_some(NodeOf::Pending);
-        speakers.look(&[A, B].into(), unheard, (at(0), false));
-        let list = speakers.look(&[A, B].into(), unheard, (at(60_000), false)).unwrap();
+        speakers.look(&[A, B].into(), (unheard, nobody), (at(0), false));
+        let list = speakers.look(&[A, B].into(), (unheard, nobody), (at(60_000), false)).unwrap();
         assert_eq!([A, B].map(|it| node(&list, it).unwrap()), [&NodeOf::Pending, &NodeOf::Unannounced]);
     }
 
@@ -190,11 +204,27 @@ mod tests {
         let own = |it: u32| std::array::from_fn(|n| if n < 12 { 1 } else { it.to_be_bytes()[n - 12] });
         let many: BTreeSet<Guid> = (0..2000).map(own).collect();
         let at = |second: u64| (Timestamp::from_millis(1000 * second), false);
-        speakers.look(&many, |_: &Guid| None, at(0));
+        speakers.look(&many, (|_: &Guid| None, nobody), at(0));
         let with_another: BTreeSet<Guid> = many.iter().copied().chain([B]).collect();
-        let list = speakers.look(&with_another, named(B, "/b"), at(1)).unwrap();
+        let list = speakers.look(&with_another, (named(B, "/b"), nobody), at(1)).unwrap();
         assert_eq!(node(&list, B), Some(&NodeOf::Named("/b".into())));
         assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
+    }
+
+    #[test]
+    fn a_writer_of_a_named_node_has_a_place_beside_those_of_many_participants() {
+        let mut speakers = StatusWriters::new(Timestamp::ZERO);
+        let strangers = (0..1500_u16).map(|it| {
+            let mut guid = [0; 16];
+            guid[..2].copy_from_slice(&it.to_be_bytes());
+            guid
+        });
+        let late = [0xff; 16];
+        let all: BTreeSet<Guid> = strangers.chain([late]).collect();
+        let at = (Timestamp::from_millis(1000), false);
+        let list = speakers.look(&all, (named(late, "/camera"), |guid: &Guid| *guid == late), at).unwrap();
+        assert_eq!(node(&list, late), Some(&NodeOf::Named("/camera".into())));
+        assert_eq!(list.writers.len(), WRITERS_MAX);
     }
 
     #[test]
@@ -202,12 +232,13 @@ mod tests {
         let mut speakers = StatusWriters::new(Timestamp::ZERO);
         let at = |look: u64| Timestamp::from_millis(60_000 + 1000 * look);
         let named = named(A, "/a");
-        let said: Vec<u64> =
-            (0..11).filter(|&look| speakers.look(&[A].into(), &named, (at(look), false)).is_some()).collect();
+        let said: Vec<u64> = (0..11)
+            .filter(|&look| speakers.look(&[A].into(), (&named, nobody), (at(look), false)).is_some())
+            .collect();
         assert_eq!(said, [0, 5, 10]);
         let many: BTreeSet<Guid> =
             (0..2000_u32).map(|it| std::array::from_fn(|n| it.to_le_bytes()[n % 4])).collect();
-        let list = speakers.look(&many, |_: &Guid| None, (at(20), false)).unwrap();
+        let list = speakers.look(&many, (|_: &Guid| None, nobody), (at(20), false)).unwrap();
         assert_eq!((list.writers.len(), list.complete), (WRITERS_MAX, false));
     }
 }
