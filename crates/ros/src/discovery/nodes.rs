@@ -13,8 +13,9 @@ use telltale_msg::messages::GidSize;
 use telltale_msg::sample_bytes::Guid;
 
 /// Participants that are remembered; no vehicle has more. So many again have a place if the configuration names one of
-/// their nodes: announcements of others keep none of these away.
+/// their nodes: announcements of others keep none of these away. Of those that announce the same name so many do.
 const PARTICIPANTS_MAX: usize = 1024;
+const SAME_NAME_MAX: usize = 16;
 const NAME_BYTES_MAX: usize = 1024;
 
 /// The memory for all announcements. Once it is used, a further one has room for a share only.
@@ -95,9 +96,15 @@ impl Nodes {
         let participant = spdp::prefix(&writer);
         let room = if held(self) < BYTES_MAX { Room::WHOLE } else { Room::SHARE };
         let Some(announcement) = announcement(body, endian, size, (&writer, room)) else { return };
-        let is_named = announcement.names.iter().any(|name| self.named.contains(&**name));
-        let places = if is_named { 2 * PARTICIPANTS_MAX } else { PARTICIPANTS_MAX };
-        if self.announced.contains_key(&participant) || self.announced.len() < places {
+        let is_rare = |name: &Arc<str>| {
+            let same = self.announced.values().filter(|(_, said)| said.names.contains(name));
+            self.named.contains(&**name) && same.take(SAME_NAME_MAX).count() < SAME_NAME_MAX
+        };
+        let count = self.announced.len();
+        let has_place = count < PARTICIPANTS_MAX
+            || self.announced.contains_key(&participant)
+            || count < 2 * PARTICIPANTS_MAX && announcement.names.iter().any(is_rare);
+        if has_place {
             self.announced.insert(participant, (writer, announcement));
             self.present.insert(writer);
         }
@@ -389,17 +396,22 @@ mod tests {
     #[test]
     fn a_node_that_the_configuration_names_has_a_place_however_many_announce_others() {
         let mut nodes = Nodes::new(Timestamp::ZERO);
-        nodes.keep_places(Arc::new(["/camera".into()].into()));
-        for participant in 0..4 * PARTICIPANTS_MAX as u64 {
-            let name = if participant < 2 * PARTICIPANTS_MAX as u64 { "x" } else { "camera" };
+        nodes.keep_places(Arc::new(["/camera".into(), "/lidar".into()].into()));
+        let strangers = 2 * PARTICIPANTS_MAX as u64;
+        for participant in 0..=2 * strangers {
+            let name = match participant {
+                it if it < strangers => "x",
+                it if it < 2 * strangers => "camera",
+                _ => "lidar",
+            };
             let node = NodeEntities { name, readers: &[], writers: &[] };
             let mut writer = [0; 16];
             writer[..8].copy_from_slice(&participant.to_be_bytes());
             nodes.announce(writer, &encode_nodes([9; 16], &[node], GidSize::Bytes16), Endian::Little, None);
         }
-        assert_eq!(nodes.all(), ["/camera", "/x"]);
+        assert_eq!(nodes.all(), ["/camera", "/lidar", "/x"]);
         assert!(!nodes.is_of_named(&[9; 16]));
-        assert_eq!(nodes.announced.len(), 2 * PARTICIPANTS_MAX, "these have an end, too");
+        assert_eq!(nodes.announced.len(), PARTICIPANTS_MAX + SAME_NAME_MAX + 1, "these have an end, too");
     }
 
     #[test]
