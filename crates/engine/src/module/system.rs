@@ -132,7 +132,7 @@ impl SystemCheck {
             SystemCheck::Outputs => {
                 let (en, de) = (
                     "Be ready to take over. Call the control room.",
-                    "Zur Übernahme bereit sein. Leitstelle rufen.",
+                    "Zum Übernehmen bereithalten. Leitstelle rufen.",
                 );
                 help.error = driving(en, de, STAY);
                 help.warning = driving(en, de, STAY);
@@ -150,8 +150,11 @@ impl SystemCheck {
             SystemCheck::Display => {
                 help.warning = driving(
                     "Do not rely on it. Be ready to take over.",
-                    "Nicht darauf verlassen. Zur Übernahme bereit sein.",
-                    ("Do not rely on it. Load the page again.", "Nicht darauf verlassen. Seite neu laden."),
+                    "Nicht darauf verlassen. Zum Übernehmen bereithalten.",
+                    (
+                        "Do not rely on it. Use this display.",
+                        "Nicht darauf verlassen. Diese Anzeige benutzen.",
+                    ),
                 );
             }
         }

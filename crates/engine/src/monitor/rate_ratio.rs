@@ -139,7 +139,10 @@ impl Machine for RateRatio {
         let ratio = self.output.count() as f64 / self.input.count() as f64;
         let mut values = self.bands.values("ratio", ratio);
         values.extend(rates);
-        Words { message: self.bands.say(ratio, say!("outputs per input", "Ausgaben je Eingabe")), values }
+        let is_one = (ratio - 1.0).abs() < 0.0005;
+        let one = say!("output per input", "Ausgabe je Eingabe");
+        let unit = if is_one { one } else { say!("outputs per input", "Ausgaben je Eingabe") };
+        Words { message: self.bands.say(ratio, unit), values }
     }
 }
 

@@ -235,8 +235,8 @@ fn what_is_late_at_either_end_of_a_ratio_begins_its_first_window_anew() {
         let both = [(600, Number(0, 1.0)), (600, Number(1, 1.0))];
         let judged = [
             (1499, Nothing, Unknown, "measuring"),
-            (1500, Nothing, Ok, "1 outputs per input"),
-            (1510, Late(900), Ok, "1 outputs per input"),
+            (1500, Nothing, Ok, "1 output per input"),
+            (1510, Late(900), Ok, "1 output per input"),
         ];
         let late = (500, Late(9000));
         let steps = before.into_iter().chain([late]).chain(both).map(|(at, what)| (at, what, Unknown, ""));
