@@ -104,8 +104,6 @@ pub struct Ring {
     /// The places of the engine's states, with their times.
     keyframes: VecDeque<(Position, Timestamp)>,
     topics: BTreeMap<Arc<str>, Topic>,
-    /// Messages of topics past the limit.
-    unaccounted: u64,
     /// The last messages of latched topics among those that are gone.
     latched: Latched,
 }
@@ -171,7 +169,6 @@ impl Ring {
             keyframe_bytes: 0,
             keyframes: VecDeque::new(),
             topics: BTreeMap::new(),
-            unaccounted: 0,
             latched: Latched::default(),
         }
     }
@@ -197,7 +194,7 @@ impl Ring {
     }
 
     /// Takes the next entry. The oldest ones make room for it.
-    pub fn push(&mut self, mut entry: Entry) {
+    pub fn push(&mut self, entry: Entry) {
         if let Some(message) = &entry.message {
             // Inputs that were made from one message share its bytes.
             let shared = self.entries.back().and_then(|last| last.message.as_ref());
@@ -205,16 +202,14 @@ impl Ring {
             // One without bytes has its place too.
             let bytes = if is_shared { 0 } else { message.len().max(1) };
             let place = self.next();
-            if self.topics.len() < TOPICS_MAX || self.topics.contains_key(&message.topic) {
-                let topic = self.topics.entry(message.topic.clone()).or_default();
-                topic.held.push_back((place, entry.at, bytes));
-                topic.bytes += bytes;
-                topic.is_sizes_only = message.left_out > 0;
-                self.bytes += memory_of(bytes);
-            } else {
-                self.unaccounted += 1;
-                entry.message = None;
+            if self.topics.len() >= TOPICS_MAX && !self.topics.contains_key(&message.topic) {
+                self.forget_topic();
             }
+            let topic = self.topics.entry(message.topic.clone()).or_default();
+            topic.held.push_back((place, entry.at, bytes));
+            topic.bytes += bytes;
+            topic.is_sizes_only = message.left_out > 0;
+            self.bytes += memory_of(bytes);
         }
         self.bytes += entry.memory();
         let (now, of) = (entry.at, entry.message.as_ref().map(|message| message.topic.clone()));
@@ -362,6 +357,18 @@ impl Ring {
                 break;
             }
             self.drop_oldest(is_full);
+        }
+    }
+
+    /// Forgets the topic that has been silent for longest: topics come and go.
+    fn forget_topic(&mut self) {
+        let newest = |topic: &Topic| topic.held.back().map(|&(place, ..)| place);
+        let silent = self.topics.iter().min_by_key(|(_, topic)| newest(topic));
+        let Some(name) = silent.map(|(name, _)| name.clone()) else { return };
+        let Some(topic) = self.topics.remove(&name) else { return };
+        for (place, _, bytes) in topic.held {
+            self.bytes -= memory_of(bytes);
+            self.forget_message(place);
         }
     }
 
