@@ -24,7 +24,7 @@ pub fn told(view: &View<'_>, summary: &Summary) -> Told {
         let what = if place.is_empty() { title } else { format!("{title} ({place})") };
         parts.push(match causes.len() - 1 {
             0 => what,
-            more => format!("{what}, {}", lang.and_more(more)),
+            more => format!("{what} {}", lang.and_more(more)),
         });
     }
     let of = |kind: &'static str| summary.triggers.iter().filter(move |trigger| trigger.kind == kind);
@@ -111,11 +111,11 @@ mod tests {
         for (lang, expect) in [
             (
                 Lang::En,
-                "Position jumped (Localization), and 1 more; the vehicle was asked to slow down; autonomous driving ended on the way.",
+                "Position jumped (Localization) and 1 more; the vehicle was asked to slow down; autonomous driving ended on the way.",
             ),
             (
                 Lang::De,
-                "Position ist gesprungen (Lokalisierung), und 1 weitere; das Fahrzeug sollte abbremsen; das autonome Fahren endete unterwegs.",
+                "Position ist gesprungen (Lokalisierung) und 1 weitere; das Fahrzeug sollte abbremsen; das autonome Fahren endete unterwegs.",
             ),
         ] {
             assert_eq!(told(lang, &jumped, &freeze), ("error", lang.state(State::Error), expect.to_owned()));

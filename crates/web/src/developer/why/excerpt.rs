@@ -45,7 +45,12 @@ pub fn excerpt(written: &Written, node: &str) -> Option<Excerpt> {
 }
 
 fn cut(text: &str) -> String {
-    text.chars().take(LETTERS).collect()
+    let mut letters = text.chars();
+    let mut shown: String = letters.by_ref().take(LETTERS).collect();
+    if letters.next().is_some() {
+        shown.push('…');
+    }
+    shown
 }
 
 /// The lines of the item in which line `at` stands, with the comments directly above: by indentation, as YAML does.
