@@ -1,7 +1,6 @@
 //! Topics whose type the configuration leaves out: they wait for a publisher, and are read with its type. Where several
 //! types are announced, each is read until there is a message of one.
 
-use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -193,7 +192,7 @@ impl Untyped {
         }
     }
 
-    /// The types to read by, too: those that had messages before, then of each participant in turn, and those that were
+    /// The types to read by, too: the few that had a message last, then of each participant in turn, and those that were
     /// never tried before the others.
     fn next_types(
         &mut self,
@@ -203,26 +202,26 @@ impl Untyped {
         over: &mut Vec<Key>,
     ) -> Vec<String> {
         self.made_room.retain(|name, _| found.contains_key(name));
+        let heard = |name: &String| {
+            last(&(self.subscription.dds_topic.clone(), messages::dds_type_name(name)?))
+                .map(|at| (at, name.clone()))
+        };
+        let mut heard: Vec<(Timestamp, String)> = found.keys().filter_map(heard).collect();
+        heard.sort();
+        let keeping: BTreeSet<String> =
+            heard.into_iter().rev().take(HEARD_MAX).map(|(_, name)| name).collect();
         let is_other =
             |(name, _): &(&String, _)| !self.tried.contains_key(*name) && !self.refused.contains_key(*name);
         let mut others: Vec<(&String, BTreeSet<Prefix>)> =
             found.iter().filter(is_other).map(|(name, by)| (name, by.clone())).collect();
         others.sort_by_key(|(name, _)| self.made_room.get(*name).copied());
-        let was_heard = |name: &&String| {
-            let dds_type = messages::dds_type_name(name);
-            dds_type.and_then(|it| last(&(self.subscription.dds_topic.clone(), it)))
-        };
         let mut others = places::in_turn(others);
         // A new participant begins anew with all types.
-        others.sort_by_key(|name| Reverse(was_heard(name)));
+        others.sort_by_key(|name| !keeping.contains(*name));
         let room = TYPES_MAX.saturating_sub(self.tried.len());
         let too_many = others.len().saturating_sub(room);
-        let mut heard: Vec<_> =
-            self.tried.values().filter_map(|(key, _)| Some((last(key)?, key.clone()))).collect();
-        heard.sort();
-        let keeping: BTreeSet<Key> = heard.into_iter().rev().take(HEARD_MAX).map(|(_, key)| key).collect();
-        let gives_way = |(_, (key, since)): &(&String, &(Key, Timestamp))| {
-            now.since(*since) >= TRIAL && !keeping.contains(key)
+        let gives_way = |(name, (_, since)): &(&String, &(Key, Timestamp))| {
+            now.since(*since) >= TRIAL && !keeping.contains(*name)
         };
         let silent = self.tried.iter().filter(gives_way);
         let mut silent: Vec<(Timestamp, String)> =
@@ -412,6 +411,24 @@ groups: [{ id: g, modules: [{ id: m, monitor: { value: { topic: /x, field: data,
             let news = learning.take(&all, false, |key| key.1.contains("Float64").then_some(heard));
             assert!(learning.topics["rt/x"].tried.contains_key(seldom), "{news:?}");
         }
+    }
+
+    #[tokio::test]
+    async fn types_that_had_one_message_each_keep_no_turn_of_a_new_one() {
+        let (clock, hand) = Clock::standing();
+        let (mut learning, _received) = learning(64);
+        learning.clock = clock;
+        let sent = forged(60, "T");
+        let mut all = published(&sent.iter().map(String::as_str).collect::<Vec<_>>());
+        let heard = learning.clock.now();
+        let last = |key: &Key| key.1.starts_with('a').then_some(heard);
+        hand.advance(TRIAL);
+        learning.take(&all, false, last);
+        let new = "std_msgs/msg/Float64";
+        all.get_mut("rt/x").unwrap().insert(new.to_owned(), BTreeSet::from([[2; 12]]));
+        hand.advance(TRIAL);
+        let news = learning.take(&all, false, last);
+        assert!(names(&news).contains(&(new, true)), "{news:?}");
     }
 
     #[tokio::test]
