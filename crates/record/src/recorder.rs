@@ -57,6 +57,8 @@ pub struct Meter {
     pub memory: usize,
     /// By name.
     pub topics: Vec<Held>,
+    /// Messages that a recording needs made place for those of further topics.
+    pub has_too_many_topics: bool,
 }
 
 impl Meter {
@@ -189,10 +191,12 @@ impl Recorder {
     /// The share of each topic in the ring.
     pub fn meter(&self) -> Meter {
         let state = self.0.lock();
+        let (now, wanted) = (self.0.clock.now(), state.settings.past());
         Meter {
-            wanted: state.settings.past(),
+            wanted,
             memory: state.ring.bytes_max(),
-            topics: state.ring.meter(self.0.clock.now()),
+            topics: state.ring.meter(now),
+            has_too_many_topics: state.ring.forgot_topic(now).is_some_and(|age| age < wanted),
         }
     }
 

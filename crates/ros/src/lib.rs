@@ -95,6 +95,7 @@ pub struct Bridge {
     gid_size: watch::Receiver<Option<GidSize>>,
     siblings: OwnParticipants,
     working: watch::Receiver<Timestamp>,
+    unrecorded: watch::Receiver<bool>,
     task: JoinHandle<()>,
 }
 
@@ -125,6 +126,7 @@ pub async fn start(
     let (learn, gid_size) = watch::channel(options.gid_size);
     let siblings = OwnParticipants::default();
     let (works, working) = watch::channel(clock.now());
+    let (tell_of_unrecorded, unrecorded) = watch::channel(false);
     let context = BridgeContext {
         options,
         plan: planned,
@@ -138,13 +140,14 @@ pub async fn start(
         siblings: siblings.clone(),
         ros_clock: RosClock::default(),
         works,
+        unrecorded: tell_of_unrecorded,
         rebuild: rebuilding,
     };
     let probing = probe::run(probes, context.plan.clone(), context.stop.clone());
     let probing = tokio::spawn(probing);
     let reading = read(participant, Arc::new(context));
     let task = tokio::spawn(async { tokio::join!(reading, probing) }.map(drop));
-    Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, working, task })
+    Ok(Bridge { stop, rebuild, discovery, plan, definitions, gid_size, siblings, working, unrecorded, task })
 }
 
 /// Ticks at once and then in each period; where it was held up, the next tick comes a whole period later.
@@ -194,6 +197,11 @@ impl Bridge {
     /// When the bridge last did its work, on its clock. An old time means that it hangs or has ended.
     pub fn working(&self) -> watch::Receiver<Timestamp> {
         self.working.clone()
+    }
+
+    /// Whether `recording.topics` names more topics than are recorded.
+    pub fn unrecorded(&self) -> watch::Receiver<bool> {
+        self.unrecorded.clone()
     }
 
     /// The size of a gid in the announcements of nodes, as soon as it is known.

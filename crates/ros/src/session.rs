@@ -48,6 +48,8 @@ pub struct BridgeContext {
     pub ros_clock: RosClock,
     /// When the bridge last did its work.
     pub works: watch::Sender<Timestamp>,
+    /// Whether more topics are to be recorded than are read.
+    pub unrecorded: watch::Sender<bool>,
     /// Changes when somebody asks for a new participant.
     pub rebuild: watch::Receiver<u64>,
 }
@@ -134,7 +136,7 @@ async fn watch_over(
                     return end;
                 }
                 topics.learn(legacy);
-                topics.record(&next, &context.siblings, legacy);
+                context.unrecorded.send_replace(topics.record(&next, &context.siblings, legacy));
             }
             ended = participant.ended() => return lost(ended),
             Some(ended) = topics.tasks.join_next() => if let Some(end) = topics.ended(ended, legacy) {
@@ -152,7 +154,7 @@ async fn watch_over(
                 topics.learn(legacy);
                 if look.is_multiple_of(4) {
                     let plan = plan.borrow().clone();
-                    topics.record(&plan, &context.siblings, legacy);
+                    context.unrecorded.send_replace(topics.record(&plan, &context.siblings, legacy));
                 }
                 if let Some(back) = steps.look(clock.wall(), clock.now()) {
                     return End::Rebuild(format!("the wall clock was set back by {back:?}"));

@@ -69,6 +69,8 @@ struct Kept {
     stage: Stage,
     operator: Option<Arc<str>>,
     localization: Localization,
+    #[serde(default)]
+    drove: bool,
     signals: Signals,
     motion: MotionState,
     names: KeptNames,
@@ -112,7 +114,7 @@ impl Engine {
         let Engine {
             model,
             now,
-            vehicle: Vehicle { model: _, stage, operator, localization },
+            vehicle: Vehicle { model: _, stage, operator, localization, drove },
             signals,
             motion,
             names,
@@ -157,6 +159,7 @@ impl Engine {
             stage: *stage,
             operator: operator.clone(),
             localization: *localization,
+            drove: *drove,
             signals: signals.clone(),
             motion: motion.clone(),
             names: names.kept(net.fixed()),
@@ -201,6 +204,7 @@ impl Engine {
         engine.vehicle.stage = kept.stage;
         engine.vehicle.operator = kept.operator;
         engine.vehicle.localization = kept.localization;
+        engine.vehicle.drove = kept.drove;
         if engine.vehicle.model == StageModel::None && kept.stage != Stage::Active {
             return Err(KeyframeError::new("a machine without stages is always active"));
         }

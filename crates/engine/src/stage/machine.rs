@@ -76,6 +76,8 @@ pub(crate) struct Vehicle {
     pub(crate) stage: Stage,
     pub(crate) operator: Option<Arc<str>>,
     pub(crate) localization: Localization,
+    /// Whether it drove when its stages went by a reload.
+    pub(crate) drove: bool,
 }
 
 impl Vehicle {
@@ -84,7 +86,7 @@ impl Vehicle {
             StageModel::Shuttle => Locked,
             StageModel::None => Active,
         };
-        Vehicle { model, stage, operator: None, localization: Localization::default() }
+        Vehicle { model, stage, operator: None, localization: Localization::default(), drove: false }
     }
 
     /// Raises an event. Returns whether the stage changed.
@@ -154,9 +156,12 @@ impl Vehicle {
     pub(crate) fn reload(&mut self, model: StageModel, drives: Option<bool>) {
         let before = std::mem::replace(&mut self.model, model);
         let parked = if self.operator.is_some() { Standby } else { Locked };
+        if before == StageModel::Shuttle {
+            self.drove = self.stage == Active;
+        }
         self.stage = match (model, before) {
             (StageModel::None, _) => Active,
-            (StageModel::Shuttle, StageModel::None) if drives == Some(true) => Active,
+            (StageModel::Shuttle, StageModel::None) if drives.unwrap_or(self.drove) => Active,
             (StageModel::Shuttle, StageModel::None) => parked,
             (StageModel::Shuttle, StageModel::Shuttle) => self.stage,
         };
@@ -223,6 +228,22 @@ mod tests {
                     .filter(|it| it.event == row.event && it.guard == row.guard && it.from.contains(&stage));
                 assert_eq!(alike.count(), 1, "{row:?}");
             }
+        }
+    }
+
+    #[test]
+    fn a_vehicle_that_drove_before_it_had_no_stages_drives_until_it_says_otherwise() {
+        for (stage, drives, expected) in [
+            (Active, None, Active),
+            (Active, Some(false), Standby),
+            (Standby, None, Standby),
+            (Standby, Some(true), Active),
+        ] {
+            let mut vehicle = Vehicle { stage, ..vehicle() };
+            vehicle.reload(StageModel::None, None);
+            vehicle.reload(StageModel::None, None);
+            vehicle.reload(StageModel::Shuttle, drives);
+            assert_eq!(vehicle.stage, expected, "{stage:?}, {drives:?}");
         }
     }
 

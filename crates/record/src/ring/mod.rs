@@ -104,6 +104,8 @@ pub struct Ring {
     /// The places of the engine's states, with their times.
     keyframes: VecDeque<(Position, Timestamp)>,
     topics: BTreeMap<Arc<str>, Topic>,
+    /// When messages of a topic last made place for another topic.
+    forgot_topic_at: Option<Timestamp>,
     /// The last messages of latched topics among those that are gone.
     latched: Latched,
 }
@@ -169,6 +171,7 @@ impl Ring {
             keyframe_bytes: 0,
             keyframes: VecDeque::new(),
             topics: BTreeMap::new(),
+            forgot_topic_at: None,
             latched: Latched::default(),
         }
     }
@@ -203,7 +206,7 @@ impl Ring {
             let bytes = if is_shared { 0 } else { message.len().max(1) };
             let place = self.next();
             if self.topics.len() >= TOPICS_MAX && !self.topics.contains_key(&message.topic) {
-                self.forget_topic();
+                self.forget_topic(entry.at);
             }
             let topic = self.topics.entry(message.topic.clone()).or_default();
             topic.held.push_back((place, entry.at, bytes));
@@ -314,6 +317,11 @@ impl Ring {
         self.topics.iter().map(held).collect()
     }
 
+    /// How long ago messages of a topic made place for another topic, if they ever did.
+    pub fn forgot_topic(&self, now: Timestamp) -> Option<Span> {
+        self.forgot_topic_at.map(|at| now.since(at))
+    }
+
     pub fn bytes_max(&self) -> usize {
         self.bytes_max
     }
@@ -361,11 +369,14 @@ impl Ring {
     }
 
     /// Forgets the topic that has been silent for longest: topics come and go.
-    fn forget_topic(&mut self) {
+    fn forget_topic(&mut self, now: Timestamp) {
         let newest = |topic: &Topic| topic.held.back().map(|&(place, ..)| place);
         let silent = self.topics.iter().min_by_key(|(_, topic)| newest(topic));
         let Some(name) = silent.map(|(name, _)| name.clone()) else { return };
         let Some(topic) = self.topics.remove(&name) else { return };
+        if !topic.held.is_empty() {
+            self.forgot_topic_at = Some(now);
+        }
         for (place, _, bytes) in topic.held {
             self.bytes -= memory_of(bytes);
             self.forget_message(place);

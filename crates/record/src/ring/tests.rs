@@ -65,6 +65,7 @@ fn the_oldest_make_room_and_a_large_topic_takes_its_own_past() {
 fn topics_that_come_and_go_keep_no_place_of_one_that_comes_later() {
     let mut ring = Ring::new(10_000_000);
     push(&mut ring, 0, "/first", 100);
+    assert_eq!(ring.forgot_topic(Timestamp::ZERO), None);
     for at in 1..=2 * TOPICS_MAX as u64 {
         push(&mut ring, at, &format!("/session{at}"), 100);
         push(&mut ring, at, "/steady", 100);
@@ -72,6 +73,7 @@ fn topics_that_come_and_go_keep_no_place_of_one_that_comes_later() {
     push(&mut ring, 5000, "/camera", 100);
     let held = ring.meter(Timestamp::from_millis(5000));
     assert_eq!(held.len(), TOPICS_MAX);
+    assert_eq!(ring.forgot_topic(Timestamp::from_millis(5001)), Some(Span::from_millis(1)));
     let messages = |topic: &str| held.iter().find(|it| &*it.topic == topic).map(|it| it.messages);
     assert_eq!([messages("/camera"), messages("/first")], [Some(1), None]);
     assert_eq!(messages("/steady"), Some(2 * TOPICS_MAX));

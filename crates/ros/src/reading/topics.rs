@@ -25,6 +25,10 @@ const RECORDED_MAX: usize = 256;
 const MEMORIES_MAX: usize = 256;
 /// A topic without a message keeps its place for so long where others wait for one.
 const TRIAL: Span = Span::from_secs(5);
+/// A topic keeps its place for so long after its last message where others wait for one.
+const SILENT: Span = Span::from_secs(60);
+/// A topic that gave its place to others waits for so long before another gives way to it.
+const AGAIN_AFTER: Span = Span::from_secs(20);
 /// So many topics get a place at once: the DDS process makes a reader for each, and does nothing else meanwhile.
 const ADDED_MAX: usize = 64;
 
@@ -68,8 +72,6 @@ pub struct Topics {
     around: TopicContext,
     /// Topics that had a place in the recording and no message, and when that ended.
     tried: BTreeMap<Key, Timestamp>,
-    /// It was said that more topics are to be recorded than are read.
-    is_full: bool,
 }
 
 struct Running {
@@ -89,7 +91,6 @@ impl Topics {
             learning,
             around,
             tried: BTreeMap::new(),
-            is_full: false,
         };
         for subscription in &topics.typed(plan) {
             topics.add(subscription, Arc::default(), legacy);
@@ -134,36 +135,31 @@ impl Topics {
     }
 
     /// Reads the topics that are published now and that the plan only records. Telltale's own participants are
-    /// left out: a reader of its outputs would count as a listener.
-    pub fn record(&mut self, plan: &Plan, siblings: &OwnParticipants, legacy: &mut Carryover) {
+    /// left out: a reader of its outputs would count as a listener. Returns whether there are more of them than places.
+    pub fn record(&mut self, plan: &Plan, siblings: &OwnParticipants, legacy: &mut Carryover) -> bool {
         if !plan.records_more() {
-            return;
+            return false;
         }
         let mut found = self.to_record(plan, siblings);
         let recorded = self.recorded();
         let mut room = RECORDED_MAX.saturating_sub(recorded.len());
-        if found.len() > room {
-            let now = self.around.clock.now();
-            let silent = giving_way(&recorded, found.len() - room, now);
-            let is_full = recorded.iter().all(|it| it.has_data);
-            let waiting: BTreeSet<Key> = found.iter().map(|(it, _)| key(it)).collect();
-            self.tried.retain(|key, _| waiting.contains(key));
-            for key in silent {
-                self.end(&key);
-                self.tried.insert(key, now);
-                room += 1;
-            }
-            if is_full && !std::mem::replace(&mut self.is_full, true) {
-                tracing::warn!(
-                    "`recording.topics` names more than {RECORDED_MAX} topics: the further ones are not recorded"
-                );
-            }
+        let are_too_many = recorded.len() + found.len() > RECORDED_MAX;
+        let now = self.around.clock.now();
+        let waiting: BTreeSet<Key> = found.iter().map(|(it, _)| key(it)).collect();
+        self.tried.retain(|key, _| waiting.contains(key));
+        let had_its_turn = self.tried.values().filter(|at| now.since(**at) < AGAIN_AFTER).count();
+        let others = found.len().saturating_sub(had_its_turn + room);
+        for key in giving_way(&recorded, others, now) {
+            self.end(&key);
+            self.tried.insert(key, now);
+            room += 1;
         }
         // Of each participant in turn, and those that never had a place before those that had one long ago.
         found.sort_by_key(|(it, _)| self.tried.get(&key(it)).copied());
         for subscription in places::in_turn(found).into_iter().take(room.min(ADDED_MAX)) {
             self.add(&Arc::new(subscription), Arc::default(), legacy);
         }
+        are_too_many
     }
 
     /// The topics that are read for the recording.
@@ -176,7 +172,7 @@ impl Topics {
             key: key.clone(),
             since: it.since,
             is_published: is_published(key),
-            has_data: it.trial.last().is_some(),
+            last: it.trial.last(),
         };
         self.running.iter().filter(|(_, it)| is_recorded(it)).map(of).collect()
     }
@@ -235,10 +231,7 @@ impl Topics {
             Err(panic) => return Some(End::Lost(format!("the task of a topic failed: {panic}"))),
         };
         let told = self.ending.remove(&key);
-        // A type that was sent is not taken for a new one when its last message comes again. Anybody can send types and
-        // topics without end.
-        let has_room = legacy.memories.len() < MEMORIES_MAX;
-        if told.is_none_or(|is_recorded| !is_recorded && memory.heard().is_some() && has_room) {
+        if is_remembered(told, memory.heard().is_some(), legacy.memories.len()) {
             legacy.memories.insert(key.clone(), memory);
         }
         match end {
@@ -314,19 +307,30 @@ fn key(subscription: &Subscription) -> Key {
     (subscription.dds_topic.clone(), subscription.dds_type.clone())
 }
 
+/// Whether the memory of an ended task is kept beside so many others. `told` as in [`Topics::ending`]. A type that was
+/// sent is not taken for a new one when its last message comes again. Anybody can send types and topics without end.
+fn is_remembered(told: Option<bool>, has_data: bool, others: usize) -> bool {
+    told.is_none_or(|is_recorded| !is_recorded && has_data && others < MEMORIES_MAX)
+}
+
 /// A topic that is read for the recording.
 struct Recorded {
     key: Key,
     since: Timestamp,
     is_published: bool,
-    has_data: bool,
+    /// When its last message came.
+    last: Option<Timestamp>,
 }
 
-/// Those that make room for so many others: first what nobody publishes any more, then what had no message in its time.
+/// Those that make room for so many others: first what nobody publishes any more, then what had no message in its time,
+/// then what has been silent for longest.
 fn giving_way(recorded: &[Recorded], others: usize, now: Timestamp) -> Vec<Key> {
-    let is_silent = |it: &Recorded| !it.has_data && now.since(it.since) >= TRIAL;
+    let is_silent = |it: &Recorded| match it.last {
+        None => now.since(it.since) >= TRIAL,
+        Some(last) => now.since(last) >= SILENT,
+    };
     let mut found: Vec<&Recorded> = recorded.iter().filter(|it| !it.is_published || is_silent(it)).collect();
-    found.sort_by_key(|it| (it.is_published, it.since, &it.key));
+    found.sort_by_key(|it| (it.is_published, it.last, it.since, &it.key));
     found.iter().take(others.min(ADDED_MAX)).map(|it| it.key.clone()).collect()
 }
 
@@ -339,20 +343,35 @@ mod tests {
     #[test]
     fn what_nobody_publishes_any_more_gives_way_and_what_is_sent_stays() {
         let start = Timestamp::ZERO;
-        let topic = |name: &str, is_published, has_data| Recorded {
+        let topic = |name: &str, is_published, last| Recorded {
             key: (name.to_owned(), "type".to_owned()),
             since: start,
             is_published,
-            has_data,
+            last,
         };
-        let recorded =
-            [topic("sent", true, true), topic("announced", true, false), topic("left", false, true)];
+        let (sent, later) = (Some(start), Some(start + TRIAL));
+        let recorded = [
+            topic("later", true, later),
+            topic("sent", true, sent),
+            topic("announced", true, None),
+            topic("left", false, sent),
+        ];
         let names = |others, now| {
             giving_way(&recorded, others, now).into_iter().map(|(name, _)| name).collect::<Vec<_>>()
         };
         assert_eq!(names(9, start), ["left"]);
         assert_eq!(names(1, start + TRIAL), ["left"]);
         assert_eq!(names(9, start + TRIAL), ["left", "announced"]);
+        assert_eq!(names(9, start + SILENT), ["left", "announced", "sent"]);
+        assert_eq!(names(9, start + SILENT + TRIAL), ["left", "announced", "sent", "later"]);
+    }
+
+    #[test]
+    fn topics_that_were_only_recorded_leave_nothing_and_others_leave_a_bounded_number() {
+        assert!(is_remembered(None, false, MEMORIES_MAX), "the next participant reads it on");
+        assert!(is_remembered(Some(false), true, MEMORIES_MAX - 1));
+        assert!(!is_remembered(Some(false), true, MEMORIES_MAX));
+        assert!(!is_remembered(Some(false), false, 0) && !is_remembered(Some(true), true, 0));
     }
 
     #[test]

@@ -176,7 +176,7 @@ impl Server {
         let start = Record::of(Action::Start, TELLTALE).on(crate::record::VERSION);
         store.record(start, None).await;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
-        let watched = recording.as_ref().map(Recording::watched);
+        let watched = recording.as_ref().map(|it| it.watched(bridge.unrecorded()));
         let watching =
             timekeeping::watch(tls.clone(), hosts, store.floor(), watched, link.inputs.clone(), clock);
         let time = tokio::spawn(watching);

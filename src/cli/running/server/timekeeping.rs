@@ -28,6 +28,8 @@ pub struct Watched {
     pub fault: watch::Receiver<Fault>,
     /// Kept recordings take more than they may.
     pub kept_too_much: watch::Receiver<bool>,
+    /// `recording.topics` names more topics than are recorded.
+    pub unrecorded: watch::Receiver<bool>,
 }
 
 /// Reports faults of the clock, the certificate and the recording to the log and the engine whenever they change, and
@@ -79,8 +81,9 @@ async fn tell(
     let (_never, none) = watch::channel(None);
     let mut fault = recording.as_ref().map_or(none, |it| it.fault.clone());
     let lasting = || {
-        let Watched { recorder, kept_too_much, .. } = recording.as_ref()?;
-        shortage(&recorder.meter()).or_else(|| kept_too_much.borrow().then(too_many_kept))
+        let Watched { recorder, kept_too_much, unrecorded, .. } = recording.as_ref()?;
+        let too_many = || (*unrecorded.borrow()).then(too_many_topics);
+        shortage(&recorder.meter()).or_else(too_many).or_else(|| kept_too_much.borrow().then(too_many_kept))
     };
     let mut said = Upkeep::default();
     loop {
@@ -169,6 +172,9 @@ fn faults(tls: Option<&Tls>, floor: SystemTime, wall: SystemTime) -> Upkeep {
 /// What the recorder's memory is too small for: the largest of the topics, and how many others. The words stay the same
 /// while the same topics are short.
 fn shortage(meter: &Meter) -> Option<Text> {
+    if meter.has_too_many_topics {
+        return Some(too_many_topics());
+    }
     let topic = &meter.short().max_by_key(|it| it.bytes)?.topic;
     let (others, memory) = (meter.short().count() - 1, size(meter.memory as u64));
     let wanted = format!("{} s", meter.wanted.as_millis() / 1000);
@@ -188,6 +194,17 @@ fn shortage(meter: &Meter) -> Option<Text> {
         )
         .into(),
     })
+}
+
+fn too_many_topics() -> Text {
+    Text {
+        en: "there are more topics than can be recorded, and those silent for longest are missing: name fewer in \
+             `recording.topics`"
+            .into(),
+        de: "es gibt mehr Topics, als aufgezeichnet werden können, und die am längsten stillen fehlen: in \
+             `recording.topics` weniger nennen"
+            .into(),
+    }
 }
 
 fn too_many_kept() -> Text {
@@ -257,7 +274,8 @@ mod tests {
             is_sizes_only: false,
         };
         let said = |topics| {
-            let meter = Meter { wanted: Span::from_secs(45), memory: 1_000_000, topics };
+            let wanted = Span::from_secs(45);
+            let meter = Meter { wanted, memory: 1_000_000, topics, has_too_many_topics: false };
             shortage(&meter).map(|said| (said.en.to_string(), said.de.to_string()))
         };
         assert_eq!(said(vec![held("/a", None), held("/b", Some(45))]), None);
@@ -330,7 +348,8 @@ mod tests {
             clock,
         );
         let (_kept, kept_too_much) = watch::channel(false);
-        let recording = Watched { recorder: recorder.unwrap(), fault, kept_too_much };
+        let (crowd, unrecorded) = watch::channel(false);
+        let recording = Watched { recorder: recorder.unwrap(), fault, kept_too_much, unrecorded };
         let telling = tokio::spawn(tell(of_time, Some(recording), inputs, clock));
         tokio::task::yield_now().await;
         for fault in [Some("the disk is full"), None] {
@@ -340,6 +359,10 @@ mod tests {
             let said = found.recording.map(|said| said.en.to_string());
             assert_eq!(said, fault.map(|fault| format!("recording off: {fault}")));
         }
+        crowd.send_replace(true);
+        let news = tokio::time::timeout(LOOK_EVERY * 2, told.recv()).await.expect("at the next look");
+        let Input::Upkeep(found) = news.unwrap().input else { panic!("of that alone") };
+        assert!(found.recording.is_some_and(|said| said.en.contains("more topics than can be recorded")));
         telling.abort();
     }
 }

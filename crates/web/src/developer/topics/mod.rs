@@ -277,7 +277,12 @@ mod tests {
             dropped_age: dropped_age.map(Span::from_secs),
             is_sizes_only: false,
         };
-        let meter = |topics| Meter { wanted: Span::from_secs(45), memory: 256_000_000, topics };
+        let meter = |topics| Meter {
+            wanted: Span::from_secs(45),
+            memory: 256_000_000,
+            topics,
+            has_too_many_topics: false,
+        };
         let page = |meter: Option<&Meter>| {
             let context = context(Lang::En, Palette::Night);
             page(&jump().published(), &context, &PageQuery::default(), &discovery, meter)

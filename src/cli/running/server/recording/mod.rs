@@ -173,11 +173,12 @@ impl Recording {
         })
     }
 
-    pub fn watched(&self) -> Watched {
+    pub fn watched(&self, unrecorded: watch::Receiver<bool>) -> Watched {
         Watched {
             recorder: self.recorder.clone(),
             fault: self.fault.clone(),
             kept_too_much: self.kept_too_much.clone(),
+            unrecorded,
         }
     }
 
