@@ -176,8 +176,11 @@ impl Shared {
             FromChild::Made { id, guid } => match lock(&self.made).remove(&id) {
                 Some(made) => drop(made.send_replace(Some(guid))),
                 None if lock(&self.readers).get(&id).is_some_and(|hearing| hearing.of_node) => {
-                    lock(&self.made_readers).insert(id, guid);
-                    self.own_readers.send_if_modified(|known| known.insert(guid));
+                    let replaced = lock(&self.made_readers).insert(id, guid);
+                    self.own_readers.send_if_modified(|known| {
+                        let is_gone = replaced.is_some_and(|old| known.remove(&old));
+                        known.insert(guid) || is_gone
+                    });
                 }
                 None => {}
             },

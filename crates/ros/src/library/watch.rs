@@ -97,6 +97,8 @@ fn run(how: DdsProcess, socket: UnixStream) -> io::Result<Runner> {
     command.stdin(Stdio::from(OwnedFd::from(socket))).stdout(Stdio::null());
     // Its threads take turns, and a heap for each of them costs memory.
     command.env("MALLOC_ARENA_MAX", "1");
+    // The memory of large messages goes back to the system: by default glibc keeps it once some were freed.
+    command.env("MALLOC_MMAP_THRESHOLD_", "524288");
     // Signals of a terminal to all processes are for the program only.
     command.process_group(0).spawn().map(Runner::Process)
 }
@@ -159,14 +161,18 @@ impl Runner {
         }
     }
 
-    /// Its resident memory.
     fn megabytes(&self) -> u64 {
         let Runner::Process(child) = self else { return 0 };
-        let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap_or_default();
-        let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-        let kilobytes = resident.and_then(|rest| rest.trim().strip_suffix(" kB")?.parse::<u64>().ok());
-        kilobytes.unwrap_or(0) >> 10
+        resident_megabytes(&child.id().to_string())
     }
+}
+
+/// The resident memory of a process, given as in `/proc`.
+pub fn resident_megabytes(process: &str) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+    let resident = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kilobytes = resident.and_then(|rest| rest.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+    kilobytes.unwrap_or(0) >> 10
 }
 
 fn describe(status: ExitStatus) -> String {
