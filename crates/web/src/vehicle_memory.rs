@@ -11,8 +11,10 @@ use tokio::time::{sleep, timeout_at};
 
 use super::source::Live;
 use telltale_engine::model::Stage;
+use telltale_engine::model::countermeasure::Request;
 use telltale_engine::restart::preview::Preview;
 use telltale_engine::snapshot::Countermeasure;
+use telltale_engine::time::Since;
 use telltale_runtime::Published;
 use telltale_store::VehicleMemory;
 use telltale_store::audit::{Action, Record, TELLTALE};
@@ -27,6 +29,9 @@ const CAUSES_NAMED: usize = 4;
 
 /// The requests to the vehicle, by name and state.
 type Requests = Vec<(&'static str, &'static str)>;
+
+/// A request to the vehicle, and since when it is made.
+type Asked = (Request, Since);
 
 /// Stores the vehicle's state for as long as the server runs.
 #[derive(Debug)]
@@ -85,7 +90,7 @@ async fn follow(app: Live, mut ends: oneshot::Receiver<()>) {
             if is_new {
                 tokio::select! {
                     () = sleep(WRITE_EVERY) => {}
-                    () = more_is_asked(snapshots.clone(), &last.requests) => {}
+                    () = more_is_asked(snapshots.clone(), &last.asked) => {}
                 }
             }
             !turns.is_empty() || snapshots.changed().await.is_ok()
@@ -104,13 +109,17 @@ async fn follow(app: Live, mut ends: oneshot::Receiver<()>) {
 }
 
 /// Waits for a request to the vehicle that is not stored.
-async fn more_is_asked(mut snapshots: watch::Receiver<Published>, stored: &Requests) {
+async fn more_is_asked(mut snapshots: watch::Receiver<Published>, stored: &[Asked]) {
     sleep(REQUEST_WITHIN).await;
-    let is_stored = |request: &str| stored.iter().any(|(known, _)| *known == request);
-    let is_new = |it: &Countermeasure| it.request.kind().moves() && !is_stored(it.request.as_str());
-    if snapshots.wait_for(|it| it.snapshot.countermeasures.iter().any(is_new)).await.is_err() {
+    if snapshots.wait_for(|it| asks_for_more(it, stored)).await.is_err() {
         std::future::pending::<()>().await;
     }
+}
+
+/// Whether a request to the vehicle is not stored: one of its kind that is may have been released meanwhile, or weaker.
+fn asks_for_more(published: &Published, stored: &[Asked]) -> bool {
+    let is_new = |it: &Countermeasure| it.request.kind().moves() && !stored.contains(&(it.request, it.since));
+    published.snapshot.countermeasures.iter().any(is_new)
 }
 
 /// The state that was recorded last.
@@ -119,6 +128,7 @@ struct LastSeen {
     seq: u64,
     stage: Option<Stage>,
     requests: Requests,
+    asked: Vec<Asked>,
 }
 
 impl LastSeen {
@@ -152,7 +162,12 @@ impl LastSeen {
             return Vec::new();
         }
         let records = self.records(published);
-        *self = LastSeen { seq: snapshot.seq, stage: Some(snapshot.stage), requests: requests_of(published) };
+        *self = LastSeen {
+            seq: snapshot.seq,
+            stage: Some(snapshot.stage),
+            requests: requests_of(published),
+            asked: snapshot.countermeasures.iter().map(|it| (it.request, it.since)).collect(),
+        };
         records
     }
 
@@ -222,6 +237,18 @@ mod tests {
 
     fn published(vehicle: &mut Sample) -> Published {
         Published::recorded(vehicle.snapshot(), SystemTime::UNIX_EPOCH)
+    }
+
+    #[test]
+    fn a_request_that_comes_again_after_its_release_is_to_be_stored() {
+        let release = OperatorAction::Release { display_live: true, storage_ok: true };
+        let mut last = LastSeen::default();
+        let mut vehicle = Sample::shuttle(true).act(OperatorAction::RequestStop);
+        assert!(asks_for_more(&published(&mut vehicle), &last.asked));
+        last.look(&published(&mut vehicle));
+        assert!(!asks_for_more(&published(&mut vehicle), &last.asked));
+        vehicle = vehicle.pass(1).act(release).pass(1).act(OperatorAction::RequestStop);
+        assert!(asks_for_more(&published(&mut vehicle), &last.asked));
     }
 
     #[test]
