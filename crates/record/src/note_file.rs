@@ -3,10 +3,11 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};
-use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _, fchown};
+use std::os::unix::fs::{MetadataExt as _, fchown};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
+use telltale_yaml::input_file;
 
 /// A larger file is none of ours.
 const BYTES_MAX: u64 = 64 << 10;
@@ -38,8 +39,7 @@ fn path(folder: &Path, id: u64) -> PathBuf {
 pub fn write(folder: &Path, id: u64, said: &Beside) -> io::Result<()> {
     let path = path(folder, id);
     let new = path.with_extension("new");
-    let mut options = File::options();
-    let mut file = options.write(true).create(true).truncate(true).mode(0o600).open(&new)?;
+    let mut file = input_file::replace(&new)?;
     // A file that root writes is for the server, which may not be root. Others cannot give it, and need not.
     let owner = fs::metadata(folder)?;
     let _ = fchown(&file, Some(owner.uid()), Some(owner.gid()));

@@ -1,5 +1,5 @@
-//! Opens files that are read to their end. A pipe or a device may never answer or never end, so what is no regular
-//! file is refused.
+//! Opens files in folders where others may write. A pipe or a device may never answer or never end, so what is no
+//! regular file is refused; what is written is never written through a link.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -20,6 +20,19 @@ pub fn open(path: &Path) -> io::Result<File> {
         true => Ok(file),
         false => Err(io::Error::new(io::ErrorKind::InvalidInput, "it is no regular file")),
     }
+}
+
+/// Makes a new and empty file that only its owner can read. What was there under its name is removed: it may be a link
+/// to a file of somebody else, or a pipe.
+///
+/// # Errors
+/// It cannot be made, or others make something of that name meanwhile.
+pub fn replace(path: &Path) -> io::Result<File> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)
 }
 
 #[cfg(test)]
@@ -50,5 +63,20 @@ mod tests {
             );
         }
         assert_eq!(open(&folder.join("none")).unwrap_err().kind(), io::ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn what_is_written_goes_through_no_link_and_no_pipe() {
+        let temporary = tempfile::tempdir().unwrap();
+        let [victim, link, pipe] = ["victim", "link", "pipe"].map(|name| temporary.path().join(name));
+        std::fs::write(&victim, "text").unwrap();
+        std::os::unix::fs::symlink(&victim, &link).unwrap();
+        make_pipe(&pipe);
+        for name in [&link, &pipe, &temporary.path().join("none")] {
+            io::Write::write_all(&mut replace(name).unwrap(), b"new").unwrap();
+            assert!(std::fs::symlink_metadata(name).unwrap().is_file());
+            assert_eq!(std::fs::read(name).unwrap(), b"new");
+        }
+        assert_eq!(std::fs::read(&victim).unwrap(), b"text");
     }
 }

@@ -7,6 +7,7 @@ use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
 
+use rustix::fs::OFlags;
 use telltale_yaml::input_file;
 
 use crate::{FILE_NAME, Head, StoreError};
@@ -49,7 +50,7 @@ pub(crate) fn remove_leftovers(file: &Path) {
 }
 
 /// The temporary file of this process, which has one store of a folder.
-fn temporary(file: &Path) -> PathBuf {
+pub(super) fn temporary(file: &Path) -> PathBuf {
     let process = std::process::id();
     // A test has several, each with a thread of its own.
     #[cfg(test)]
@@ -60,8 +61,10 @@ fn temporary(file: &Path) -> PathBuf {
 /// Writes the file atomically, so that a loss of power leaves the old or the new head.
 pub(crate) fn write_head(file: &Path, head: Head) -> io::Result<()> {
     let new = temporary(file);
+    // A link in its place leads to a file of somebody else.
+    let flags = OFlags::NOFOLLOW.bits().cast_signed();
     let mut options = OpenOptions::new();
-    options.write(true).create(true).truncate(true).mode(0o600);
+    options.write(true).create(true).truncate(true).mode(0o600).custom_flags(flags);
     let mut writer = options.open(&new)?;
     writer.write_all(format!("{head}\n").as_bytes())?;
     give_to_owner_of(&file.with_file_name(FILE_NAME), &writer);

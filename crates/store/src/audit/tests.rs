@@ -245,6 +245,17 @@ async fn a_pipe_in_place_of_the_head_or_the_key_is_refused_at_once() {
     }
 }
 
+#[test]
+fn the_head_is_written_through_no_link() {
+    let temporary = tempfile::tempdir().unwrap();
+    let [victim, file] = ["victim", HEAD_FILE_NAME].map(|name| temporary.path().join(name));
+    std::fs::write(&victim, "text").unwrap();
+    std::os::unix::fs::symlink(&victim, head::temporary(&file)).unwrap();
+    let head = Head::parse(&format!("1:{}", "0".repeat(64))).unwrap();
+    head::write_head(&file, head).unwrap_err();
+    assert_eq!((std::fs::read(&victim).unwrap(), file.exists()), (b"text".to_vec(), false));
+}
+
 #[tokio::test]
 async fn a_file_that_holds_no_head_is_as_good_as_none() {
     for text in [b"".as_slice(), b"\xff\xfe", b"4:00\n"] {
