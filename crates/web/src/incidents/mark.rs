@@ -74,7 +74,8 @@ pub(crate) async fn mark_moment(
     let confirmed = task::spawn(async move {
         match marking.await {
             Ok(incident) => {
-                store.note(target(Some(incident), &note));
+                // The mark stands on the disk already: a database that is late takes it later.
+                let _is_stored = store.record(target(Some(incident), &note), None).await;
                 Ok(incident)
             }
             Err(NotMarked::Full) => {
