@@ -10,6 +10,10 @@ use super::{UNDEFINED, json, records};
 
 /// All schemas and channels of a file together.
 const BYTES_MAX: usize = 64 << 20;
+/// What an entry of a channel's metadata takes in memory beside its text.
+const ENTRY_BYTES: usize = 128;
+/// A channel with more metadata is left out.
+const CHANNEL_BYTES_MAX: usize = 1 << 20;
 
 /// A topic of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -75,6 +79,10 @@ impl Definitions {
             omissions.add(at, 0, "the file has too many definitions");
             return;
         }
+        if op != op::SCHEMA && record.len() > CHANNEL_BYTES_MAX {
+            omissions.add(at, 0, "the definition of a channel is too large");
+            return;
+        }
         let contradicts = match op {
             op::SCHEMA => self.schema(record),
             _ => self.channel(record),
@@ -109,7 +117,7 @@ impl Definitions {
         if let Some(known) = self.raw.get(&channel.id) {
             return Some(*known != raw);
         }
-        self.bytes += record.len();
+        self.bytes += record.len() + ENTRY_BYTES * raw.metadata.len();
         self.raw.insert(channel.id, raw);
         Some(false)
     }

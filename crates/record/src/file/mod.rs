@@ -26,7 +26,7 @@ pub use json::{JOURNAL, JsonChannel, KEYFRAMES, TRANSITIONS};
 pub use omission::{Missing, Omission, Omissions};
 pub use reader::{Place, Reader};
 pub use repair::{REPAIRED, Repair, repair};
-pub use source::{CHUNK_BYTES_MAX, is_packed, raw_body};
+pub use source::{CHUNK_BYTES_MAX, raw_body};
 pub use writer::{IncidentFile, MessageStamps, Topic, Written};
 
 /// The name of the metadata record that describes a file of ours.

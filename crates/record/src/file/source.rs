@@ -125,7 +125,7 @@ pub fn raw_body(data: &Bytes) -> Option<RawBody> {
 }
 
 /// Whether rosbag2 compressed a message by itself.
-pub fn is_packed(data: &[u8]) -> bool {
+pub(super) fn is_packed(data: &[u8]) -> bool {
     data.starts_with(&zstd::zstd_safe::MAGICNUMBER.to_le_bytes())
 }
 

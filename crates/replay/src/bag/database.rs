@@ -12,7 +12,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OpenFlags, OptionalExtension as _, params};
 
 use telltale_record::file::{
-    Budget, CHUNK_BYTES_MAX, Channel, Entry, FileError, MessageStamps, Omissions, SPENT, is_packed, raw_body,
+    Budget, CHUNK_BYTES_MAX, Channel, Entry, FileError, MessageStamps, Omissions, SPENT, raw_body,
 };
 
 pub(super) const MAGIC: &[u8] = b"SQLite format 3\0";
@@ -100,6 +100,15 @@ impl Database {
                 }
                 return Err(FileError::format(path, why));
             }
+        }
+        let odd = "SELECT name FROM pragma_table_xinfo('messages') WHERE hidden > 0 OR lower(name) = 'rowid'";
+        let odd: Option<String> =
+            connection.query_row(odd, [], |row| row.get(0)).optional().map_err(failed)?;
+        if let Some(column) = odd {
+            let why = format!(
+                "it is no database of rosbag2: no recorder makes such a column {column:?} of messages"
+            );
+            return Err(FileError::format(path, why));
         }
         let mut omissions = Omissions::default();
         let topics = topics(&connection, &mut omissions).map_err(failed)?;
@@ -241,15 +250,15 @@ impl Database {
                 return None;
             }
         };
-        let why = if bytes > CHUNK_BYTES_MAX {
+        // A column may make its bytes of nothing.
+        let why = if !self.budget.has_room(self.taken) {
+            self.rows.clear();
+            self.is_at_end = true;
+            SPENT.to_owned()
+        } else if bytes > CHUNK_BYTES_MAX {
             format!("a message of {} with {bytes} bytes is too large", channel.topic)
         } else {
             match self.data(number) {
-                Ok(Some(data)) if is_packed(&data) && !self.budget.has_room(self.taken) => {
-                    self.rows.clear();
-                    self.is_at_end = true;
-                    SPENT.to_owned()
-                }
                 Ok(Some(data)) => match raw_body(&Bytes::from(data)) {
                     Some(body) => {
                         let bytes = body.as_ref().map_or(0, |(bytes, _)| bytes.len());

@@ -76,7 +76,8 @@ fn listed(metadata: &Path) -> Option<Vec<Part>> {
         }
         _ => HashMap::new(),
     };
-    let names = paths.iter().filter_map(name);
+    let mut before = BTreeSet::new();
+    let names = paths.iter().filter_map(name).filter(|name| before.insert(name.clone()));
     let part = |name: String| Part { span_ns: spans.get(&name).copied(), path: name.into() };
     let named: Vec<Part> = names.map(part).collect();
     (!named.is_empty()).then_some(named)

@@ -166,6 +166,10 @@ fn what_is_no_recording_is_said() {
     let view = tables(&format!("CREATE TABLE topics(a); {endless}"));
     assert!(view.contains("it has no table \"messages\""), "{view}");
     assert!(tables("CREATE TABLE topics(id, name); CREATE TABLE messages(a)").contains("no such column"));
+    for column in ["rowid INTEGER", "data BLOB AS (zeroblob(120000000))"] {
+        let said = tables(&format!("CREATE TABLE topics(id, name); CREATE TABLE messages(a, {column})"));
+        assert!(said.contains("no recorder makes such a column"), "{said}");
+    }
     fs::write(&path, "text").unwrap();
     assert!(wrong(&path).contains("neither an MCAP file nor a database"));
     assert!(wrong(folder).contains("neither an MCAP file nor a database"), "the only file of the folder");
@@ -193,6 +197,11 @@ fn the_files_of_a_folder_follow_one_another_and_bad_ones_are_said() {
     let (said, _) = bag.omissions();
     assert!(said[0].contains("b_3.mcap: it is no recording"), "{said:?}");
     assert!(said.iter().any(|sentence| sentence.starts_with("b_11.mcap: ")), "{said:?}");
+
+    let named = "rosbag2_bagfile_information: { relative_file_paths: [b_2.mcap, b_2.mcap, b_2.mcap] }";
+    fs::write(folder.join("metadata.yaml"), named).unwrap();
+    assert_eq!(read(&mut Bag::open(folder).unwrap()).len(), 5, "each file once");
+    fs::remove_file(folder.join("metadata.yaml")).unwrap();
 
     mcap_file(&folder.join("b_1.mcap"), Some(ABOUT), 1..2);
     assert!(wrong(folder).contains("recordings of Telltale, which do not follow one another"));

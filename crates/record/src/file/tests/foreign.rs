@@ -35,6 +35,24 @@ fn written(options: WriteOptions, finished: bool) -> Vec<u8> {
 }
 
 #[test]
+fn metadata_without_end_is_left_out_with_its_channel_and_others_are_read() {
+    let mut bytes = Vec::new();
+    let mut writer = WriteOptions::new().use_chunks(false).create(Cursor::new(&mut bytes)).unwrap();
+    let schema = writer.add_schema("std_msgs/msg/UInt8", "ros2msg", b"uint8 data\n").unwrap();
+    let keys = (0..150_000).map(|key: u32| (key.to_string(), String::new())).collect();
+    for (topic, metadata) in [("/large", keys), ("/small", BTreeMap::new())] {
+        let channel_id = writer.add_channel(schema, topic, "cdr", &metadata).unwrap();
+        let header = MessageHeader { channel_id, sequence: 0, log_time: 1, publish_time: 1 };
+        writer.write_to_known_channel(&header, &[0, 1, 0, 0, 7]).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    let mut reader = of(&bytes).unwrap();
+    assert_eq!(entries(&mut reader).len(), 1);
+    assert!(left_out(&reader).iter().any(|said| said.contains("is too large")), "{:?}", left_out(&reader));
+}
+
+#[test]
 fn recordings_of_others_are_read_whatever_their_options() {
     let all = || WriteOptions::new().chunk_size(Some(40));
     let bare = || all().calculate_chunk_crcs(false).calculate_data_section_crc(false);
