@@ -130,14 +130,26 @@ def test_on_a_phone_nothing_lies_beside_the_window(server, vehicle, developer, t
     visit(page, server, "/developer/timeline")
     until(lambda: page.goto(server.url + "/incidents") and page.locator("#incidents [data-row]").count(), 30, page.content)
     page.set_viewport_size({"width": 390, "height": 844})
-    for path, sheet in (("/developer", ".sheet:has(#modules)"), ("/incidents", "#incidents"), ("/developer/timeline", "#timeline")):
+    sheets = [
+        ("/developer", ".sheet:has(#modules)"), ("/incidents", "#incidents"), ("/developer/timeline", "#timeline"),
+        ("/developer/masking", ".sheet:has(.cards)"), ("/developer/audit", "#audit"), ("/developer/statistics", "#statistics"),
+        (f"/developer/why?node={CAUSE.replace('/', '%2F')}", "#transitions"),
+    ]
+    for path, sheet in sheets:
         visit(page, server, path)
-        beside = page.locator(sheet).evaluate("it => it.scrollWidth - it.clientWidth")
+        beside = page.locator(sheet).first.evaluate("it => it.scrollWidth - it.clientWidth")
         assert beside == 0, (path, beside)
     # A strip has the whole width below its name, and a status says its state once.
+    visit(page, server, "/developer/timeline")
     lane = page.locator('.lane[data-node="sensors"]')
     name, strip = lane.locator(".label").bounding_box(), lane.locator("svg").bounding_box()
     assert strip["y"] >= name["y"] + name["height"] and strip["width"] > 300, (name, strip)
+    # In the window of a small laptop no column is beside it either.
+    page.set_viewport_size({"width": 1024, "height": 768})
+    for path, sheet in sheets[:2]:
+        visit(page, server, path)
+        assert page.locator(sheet).evaluate("it => it.scrollWidth - it.clientWidth") == 0, path
+    page.set_viewport_size({"width": 390, "height": 844})
     visit(page, server, "/developer")
     expect(row(page, CAUSE).locator(".own")).to_be_hidden()
     expect(row(page, CAUSE).locator(".message")).to_be_in_viewport()

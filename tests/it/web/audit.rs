@@ -100,13 +100,13 @@ async fn those_who_may_read_the_log_see_it_in_pages_with_whether_it_is_whole() {
     let (_, older) = page.body.split_once("/developer/audit?before=").expect("there is more");
     let older: u64 = older.split('"').next().unwrap().parse().unwrap();
     let page = fixture.get(&format!("/developer/audit?before={older}"), Some(&authority)).await;
-    let first = format!("<td class=\"number\">{}</td>", older - 1);
+    let first = format!("<td class=\"number\" data-head=\"No.\">{}</td>", older - 1);
     assert!(page.body.contains(&first), "{older}");
     // A file gets all rows, whatever page is shown.
     let mut all = request(Method::GET, &format!("/developer/audit?before={older}"), Some(&authority));
     all.headers_mut().insert("telltale-all-rows", "1".parse().unwrap());
     let all = fixture.send(all).await.body;
-    assert!(all.contains(&first) && all.contains("<td class=\"number\">1</td>"), "{older}");
+    assert!(all.contains(&first) && all.contains("<td class=\"number\" data-head=\"No.\">1</td>"), "{older}");
     assert!(all.matches("<tr data-refused").count() > 100 && !all.contains("Older records"));
     for wrong in ["x", "-1", "99999999999999999999"] {
         let answer = fixture.get(&format!("/developer/audit?before={wrong}"), Some(&authority)).await;
