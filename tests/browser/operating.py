@@ -184,7 +184,7 @@ def arrive(page, seconds=120):
     raise AssertionError("the vehicle is held again and again")
 
 
-FAST = "() => Number(document.getElementById('motion').textContent.match(/(\\d+) km/)?.[1]) >= 18"
+FAST = "() => Number(document.getElementById('motion').textContent.match(/(\\d+)\\skm/)?.[1]) >= 18"
 
 
 def get_going(page):

@@ -42,14 +42,14 @@ def test_words_and_numbers_say_what_the_shuttle_does(chromium, shuttle, trouble)
     motion = page.locator("#motion")
     expect(motion).to_have_attribute("data-moving", "no", timeout=DEPARTURE_MS)
     page.evaluate(NOTE)
-    fast = re.compile(r"^Driving · (1[0-9]|2[0-9]) km/h · to Main Station$")
+    fast = re.compile(r"^Driving · (1[0-9]|2[0-9])\skm/h · to Main Station$")
     expect(motion).to_have_text(fast, timeout=DEPARTURE_MS)
     way = page.locator("#step .way")
     expect(way).to_have_text(re.compile(r"^About \d+ m to go$"))
     assert client.snapshot()["motion"]["destination"] == "station"
     # A stop is said as long as the vehicle moves, and no longer.
     client.stop()
-    expect(motion).to_have_text(re.compile(r"^Stopping · \d+ km/h$"))
+    expect(motion).to_have_text(re.compile(r"^Stopping · \d+\skm/h$"))
     expect(motion).to_have_text("Standing · next: Main Station")
     expect(way).to_have_count(0)
     # Without the bus nobody knows whether it stands.

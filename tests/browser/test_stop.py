@@ -81,15 +81,15 @@ def test_stop_stays_while_an_arriving_vehicle_still_rolls(rolling, page):
     page.evaluate(NOTE)
     vehicle.mps = 3.0
     vehicle.drive(True)
-    expect(moving).to_have_text(re.compile("11 km/h"))
+    expect(moving).to_have_text(re.compile(r"11\skm/h"))
     expect(stop).to_be_visible()
     place = stop.bounding_box()
     # At 11 km/h it would have been no arrival.
     vehicle.mps = 0.28
-    expect(moving).to_have_text(re.compile(r"\b1 km/h"))
+    expect(moving).to_have_text(re.compile(r"\b1\skm/h"))
     vehicle.drive(False)
     expect(page.locator("body")).to_have_attribute("data-stage", "standby")
-    expect(moving).to_have_text(re.compile("1 km/h"))
+    expect(moving).to_have_text(re.compile(r"1\skm/h"))
     check_sizes(page, "standby")
     expect(step(page, "clearance")).to_be_visible()
     assert stop.bounding_box() == place

@@ -91,7 +91,7 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     assert set(page.evaluate("() => window.urgencies")) <= {"act", "none"}
 
     # A vehicle that stands has nothing to respond to; from here it slows down for seconds.
-    expect(page.locator("#motion")).to_contain_text(re.compile(r"\b[1-9]\d km/h"))
+    expect(page.locator("#motion")).to_contain_text(re.compile(r"\b[1-9]\d\skm/h"))
     page.evaluate(NOTE_WORDS)
     client.post("/demo/fault", name="localization_jump", active="true")
     expect(page.locator("#tile-localization")).to_have_attribute("data-state", "error", timeout=15_000)

@@ -348,7 +348,7 @@ texts! {
 
     /// A signal that the configuration gives a title.
     /// Where the vehicle drives to, in the line of its motion.
-    text drives_to(stop: &str) { "to {stop}", "Richtung {stop}" }
+    text drives_to(stop: &str) { "to {stop}", "Ziel: {stop}" }
 
     text titled_signal(value: bool; title: &str) {
         true => "{title}", "{title}";

@@ -49,7 +49,7 @@ fn drives(view: &View<'_>) -> bool {
 
 fn speed(view: &View<'_>) -> Option<String> {
     let motion = view.snapshot.motion;
-    motion.speed_kmh.filter(|_| motion.moving == Moving::Yes).map(|kmh| format!("{kmh} km/h"))
+    motion.speed_kmh.filter(|_| motion.moving == Moving::Yes).map(|kmh| format!("{kmh}\u{a0}km/h"))
 }
 
 /// The destination: as such where the vehicle drives to it, as the next stop where it stands. A vehicle that brakes, or

@@ -32,27 +32,32 @@ fn check_motion(published: &Published, lang: Lang, attribute: &str, words: &str)
 #[test]
 fn a_vehicle_drives_only_while_it_moves_by_itself() {
     let active = || Sample::shuttle(true);
-    check_motion(&moved(active(), Moving::Yes, 18), Lang::En, "yes", "Driving · 18 km/h · to Main Station");
+    check_motion(
+        &moved(active(), Moving::Yes, 18),
+        Lang::En,
+        "yes",
+        "Driving · 18\u{a0}km/h · to Main Station",
+    );
     check_motion(
         &moved(active(), Moving::Yes, 18),
         Lang::De,
         "yes",
-        "Fährt · 18 km/h · Richtung Hauptbahnhof",
+        "Fährt · 18\u{a0}km/h · Ziel: Hauptbahnhof",
     );
     check_motion(&moved(active(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
     check_motion(&moved(active(), Moving::No, 0), Lang::De, "no", "Steht · Ziel: Hauptbahnhof");
     check_motion(&moved(active(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
     let ready = || Sample::shuttle(false);
-    check_motion(&moved(ready(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h");
-    check_motion(&moved(ready(), Moving::Yes, 4), Lang::De, "yes", "In Bewegung · 4 km/h");
+    check_motion(&moved(ready(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4\u{a0}km/h");
+    check_motion(&moved(ready(), Moving::Yes, 4), Lang::De, "yes", "In Bewegung · 4\u{a0}km/h");
     check_motion(&moved(ready(), Moving::Unknown, 0), Lang::De, "unknown", "Geschwindigkeit unbekannt");
 }
 
 #[test]
 fn a_request_says_what_the_vehicle_does_while_it_moves() {
     let stopping = || Sample::shuttle(true).act(OperatorAction::RequestStop);
-    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::En, "yes", "Stopping · 9 km/h");
-    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::De, "yes", "Hält an · 9 km/h");
+    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::En, "yes", "Stopping · 9\u{a0}km/h");
+    check_motion(&moved(stopping(), Moving::Yes, 9), Lang::De, "yes", "Hält an · 9\u{a0}km/h");
     check_motion(&moved(stopping(), Moving::No, 0), Lang::En, "no", "Standing · next: Main Station");
     let slowing = Countermeasure {
         request: Request::Decelerate { mps2: 1.0 },
@@ -65,8 +70,8 @@ fn a_request_says_what_the_vehicle_does_while_it_moves() {
     let driving = moved(Sample::shuttle(true), Moving::Yes, 9);
     let snapshot = Snapshot { countermeasures: [slowing].into(), ..(*driving.snapshot).clone() };
     let slowing = Published { snapshot: snapshot.into(), ..driving };
-    check_motion(&slowing, Lang::En, "yes", "Slowing down · 9 km/h");
-    check_motion(&slowing, Lang::De, "yes", "Bremst · 9 km/h");
+    check_motion(&slowing, Lang::En, "yes", "Slowing down · 9\u{a0}km/h");
+    check_motion(&slowing, Lang::De, "yes", "Bremst · 9\u{a0}km/h");
 }
 
 #[test]
@@ -94,7 +99,12 @@ fn without_a_source_nothing_is_said_of_driving() {
     let machine = || Sample::of(ModelParts { stages: StageModel::None, ..parts() }).pass(2);
     check_motion(&machine().published(), Lang::En, "unknown", "Running");
     check_motion(&machine().published(), Lang::De, "unknown", "In Betrieb");
-    check_motion(&moved(machine(), Moving::Yes, 4), Lang::En, "yes", "Moving · 4 km/h · to Main Station");
+    check_motion(
+        &moved(machine(), Moving::Yes, 4),
+        Lang::En,
+        "yes",
+        "Moving · 4\u{a0}km/h · to Main Station",
+    );
     check_motion(&moved(machine(), Moving::Unknown, 0), Lang::En, "unknown", "Speed unknown");
 }
 
