@@ -144,7 +144,7 @@ impl View<'_> {
             silent: silent.map(|since| Silence::of(self.lang, self.wall(since))),
             text: match module.received.is_none() && module.report.message.is_empty() {
                 true => self.words.no_report.to_owned(),
-                false => self.last_message(module),
+                false => without_topics(&self.last_message(module)),
             },
         }
     }
@@ -272,7 +272,38 @@ impl View<'_> {
     }
 }
 
+/// A message for the operator: `a (/tf transform) is older than 500 ms` without the topic in parentheses. Developers read
+/// the whole message on their pages.
+fn without_topics(message: &str) -> String {
+    let mut parts = message.split(" (/");
+    let mut out = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        match part.split_once(')') {
+            Some((_, rest)) => out.push_str(rest),
+            None => out.push('…'),
+        }
+    }
+    out
+}
+
 /// Whether a module reports a fault behind its IGNORE.
 pub fn own_matters(view: &ModuleView) -> bool {
     view.state == State::Ignore && matches!(view.own, State::Warning | State::Error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without_topics;
+
+    #[test]
+    fn a_message_for_the_operator_has_no_topics() {
+        for (message, expect) in [
+            ("a (/tf transforms[child=base_link].transform) is older than 500 ms", "a is older than 500 ms"),
+            ("a (/x) and b (/y z) differ", "a and b differ"),
+            ("nothing came yet of a (/a_name_that_was_cut", "nothing came yet of a…"),
+            ("17 % (of 40 Ah), 5 m/s", "17 % (of 40 Ah), 5 m/s"),
+        ] {
+            assert_eq!(without_topics(message), expect);
+        }
+    }
 }

@@ -28,6 +28,20 @@ const VALUES_DRAWN: usize = 3;
 /// Values of a monitor in the unit of its input.
 const MEASURED: &[&str] = &["value", "difference", "earlier", "later", "a", "b"];
 
+/// Values that the message of a monitor says: beside it their lines count.
+const SAID: &[&str] = &[
+    "rate_hz",
+    "latency_s",
+    "value",
+    "difference",
+    "ratio",
+    "translation_m",
+    "rotation_deg",
+    "count_difference",
+    "nearest_m",
+    "answer_ms",
+];
+
 struct ModuleRow {
     id: String,
     title: String,
@@ -52,6 +66,7 @@ struct ModuleRow {
 
 struct MeasuredValue {
     key: String,
+    /// Empty where the message says it.
     value: String,
     past: Option<Past>,
 }
@@ -228,10 +243,12 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
     past.retain(|trend| trend.least < trend.most);
     past.truncate(VALUES_DRAWN);
     let measured = module.report.german.is_some();
+    let says_numbers = measured && view.report_text(&module.report).contains(|it: char| it.is_ascii_digit());
     // A monitor's message names its limits already.
     let values = module.report.values.iter().filter(|(key, _)| !measured || !Limit::is_name(key));
     let value = values.take(VALUES).map(|(key, value)| {
         let past = past.iter().find(|trend| *trend.key == **key);
+        let said = says_numbers && SAID.contains(&&**key);
         let (key, value) = (clean(key, VALUE), clean(value, VALUE));
         let (label, unit) = match measured {
             true => (view.lang.measured(&key).unwrap_or(&key), unit(&key)),
@@ -244,9 +261,9 @@ fn values(view: &View<'_>, id: ModuleId, drawn: bool) -> Vec<MeasuredValue> {
             line: line.clone(),
             range: format!("{} – {}", read(&least.to_string()), read(&most.to_string())),
         });
-        MeasuredValue { key: label.to_owned(), value: read(&value), past }
+        MeasuredValue { key: label.to_owned(), value: if said { String::new() } else { read(&value) }, past }
     });
-    value.collect()
+    value.filter(|it| !it.value.is_empty() || it.past.is_some()).collect()
 }
 
 fn reset(view: &View<'_>, tile: Tile, id: ModuleId) -> Option<ResetHtml> {

@@ -181,7 +181,9 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
     // only its silence counts. Without a name the message is all that says what is wrong.
     let is_named = view.name_of_fault(info, state).is_some();
     let is_behind_tile = view.board.tile_of(NodeId::Module(id)).is_some();
-    if state == State::Unknown || (module.received.is_some() && is_behind_tile && is_named) {
+    // Topics and settings are words for developers, who read the message on the page of the module.
+    let is_technical = is_named && !is_behind_tile && message.text.contains(['/', '_']);
+    if state == State::Unknown || is_technical || (module.received.is_some() && is_behind_tile && is_named) {
         message.text.clear();
     }
     let entry = plain(view, NodeId::Module(id), state, (title, place), module.since);

@@ -1,6 +1,7 @@
 //! Tests of the list of faults.
 
 use super::*;
+use telltale_engine::input::Input;
 
 #[test]
 fn a_root_cause_stands_with_what_to_do_and_how_many_wait() {
@@ -54,6 +55,15 @@ fn what_the_diagnosis_says_of_itself_is_heard() {
     let expect = [r#"data-node="telltale/reception""#, "Messages get lost"];
     check(&trouble, Lang::En, "causes", &expect, &["causes-calm", "panel-"]);
     assert!(!operator_page(&trouble, &context(Lang::En, Palette::Night)).contains("tile-telltale"));
+}
+
+#[test]
+fn an_operator_reads_no_topics_and_settings() {
+    let mut doubled = Sample::of(parts()).login().pass(5);
+    doubled.input(&Input::Aggregator { other: Some("/diagnostics_agg: /other_aggregator".into()) });
+    let doubled = doubled.pass(1).published();
+    check(&doubled, Lang::En, "causes", &["Diagnosis is published twice"], &["diagnostics_agg"]);
+    check(&doubled, Lang::De, "causes", &["Diagnose wird doppelt veröffentlicht"], &["diagnostics_agg"]);
 }
 
 #[test]
