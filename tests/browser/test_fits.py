@@ -77,14 +77,19 @@ def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_h
             expect(page.locator(part)).to_be_in_viewport(ratio=0.99)
         assert page.evaluate("() => document.documentElement.scrollWidth") <= width
         stop, told = (page.locator(part).bounding_box() for part in ("#step button[name=stop]", "#instruction"))
-        assert stop["height"] >= 88 and told["y"] + told["height"] <= stop["y"], (stop, told)
+        bar = page.locator("#actions").bounding_box()
+        assert stop["height"] >= 88 and told["y"] + told["height"] <= bar["y"], (stop, told, bar)
+        assert page.locator("#motion").evaluate("it => it.scrollWidth <= it.clientWidth + 1"), (width, height)
         expect(page.locator("#arrows")).to_be_hidden()
         for tile in page.locator(".tile").all():
             expect(tile.locator(".icon")).to_be_visible()
-            name, word = (tile.locator(part).bounding_box() for part in (".name", ".state"))
+            box, name, word = (tile.locator(part).bounding_box() for part in (":scope", ".name", ".state"))
             assert word["width"] > 8 and word["height"] > 8, word
-            if width <= 760:
-                assert name["x"] + name["width"] <= word["x"] + 1 and word["x"] + word["width"] <= width, (name, word)
+            beside = name["x"] + name["width"] <= word["x"] + 1 or name["y"] + name["height"] <= word["y"] + 1
+            assert beside and word["x"] + word["width"] <= box["x"] + box["width"], (width, name, word)
+            # What waits says for whom.
+            if tile.get_attribute("data-reason") == "masked":
+                expect(tile.locator(".line")).to_be_visible()
 
 
 def test_to_continue_and_its_question_are_whole_beside_stop_in_a_small_window(server, vehicle, german, trouble):
@@ -114,9 +119,12 @@ def test_how_far_the_next_stop_is_has_room_in_every_window_or_is_left_out(server
     until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
     page.goto(server.url + "/")
     expect(page.locator("#step .next strong")).to_have_text("Unterwegs")
+    # Nobody has touched this page, so that it says that the sound is off.
+    expect(page.locator("[data-tool=sound] span.if-off:visible")).to_have_text("Ton aus")
     for width, height in (*SIZES, *SMALL):
         page.set_viewport_size({"width": width, "height": height})
         assert page.evaluate(HAS_ROOM), (width, height)
+        page.wait_for_function("() => { const it = document.getElementById('motion'); return it.scrollWidth <= it.clientWidth + 1; }", timeout=5000)
 
 
 # Inside which words a line of the faults' titles ends, without a hyphen of theirs.

@@ -51,6 +51,12 @@ def test_a_login_without_a_pin_says_so_in_the_pages_words(server, display, troub
     page.locator(".digits [data-key=enter]").tap()
     expect(page.locator(".missing")).to_have_text("PIN oder Passwort fehlt.", use_inner_text=True)
     expect(page.locator(".digits")).to_be_visible()
+    # Also in the lowest window all keys are in sight.
+    before = page.viewport_size
+    page.set_viewport_size({"width": 800, "height": 480})
+    for key in [*page.locator(".digits button").all(), page.locator(".primary")]:
+        expect(key).to_be_in_viewport(ratio=0.99)
+    page.set_viewport_size(before)
     page.locator("[name=name]").fill("")
     page.locator(".primary").tap()
     expect(page.locator(".missing")).to_have_text("Der Name fehlt.", use_inner_text=True)
