@@ -8,7 +8,7 @@ use serde_json::Value;
 use telltale::engine::action::{AlarmRef, OperatorAction, Place};
 use telltale::engine::discovery::{NodeOf, WriterId, WriterList};
 use telltale::engine::input::{
-    Input, ListenerReport, OutputReport, ReceptionTrouble, StatusArray, TroubleKind, Upkeep,
+    FleetFault, Input, ListenerReport, OutputReport, ReceptionTrouble, StatusArray, TroubleKind, Upkeep,
 };
 use telltale::engine::model::monitors::{
     FieldKind, FieldSpec, ProbeTarget, ProcessMeasure, Resource, TopicSpec, WatchdogSpec,
@@ -190,7 +190,12 @@ fn inputs() -> Vec<Input> {
         Input::Dds { fault },
         Input::Dds { fault: None },
         Input::Upkeep(Upkeep::default()),
-        Input::Upkeep(Upkeep { clock: text.clone(), certificate: text.clone(), recording: text }),
+        Input::Upkeep(Upkeep {
+            clock: text.clone(),
+            certificate: text.clone(),
+            recording: text.clone(),
+            fleet: text.map(|text| FleetFault { text, is_error: true }),
+        }),
         Input::Display { late: Some("anna".into()) },
         Input::Tick,
     ];

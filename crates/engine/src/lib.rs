@@ -39,7 +39,7 @@ use std::sync::Arc;
 
 use discovery::{WriterId, WriterList};
 use event::{Event, Events};
-use input::{Input, ReceptionTrouble, Response, Status, StatusArray};
+use input::{FleetFault, Input, ReceptionTrouble, Response, Status, StatusArray};
 use judgement::Received;
 use mask::causes::Causes;
 use mask::net::Net;
@@ -204,6 +204,7 @@ impl Engine {
                 self.take_fault(SystemCheck::Clock, upkeep.clock.clone());
                 self.take_fault(SystemCheck::Certificate, upkeep.certificate.clone());
                 self.take_fault(SystemCheck::Recording, upkeep.recording.clone());
+                self.take_fleet(upkeep.fleet.as_ref());
             }
             // Nearly every message repeats the one before; then there is nothing to settle.
             Input::Sample(sample) if !self.take_watched(Received::Sample(sample)) => return response,
@@ -370,6 +371,12 @@ impl Engine {
     fn take_fault(&mut self, check: SystemCheck, fault: Option<Text>) {
         let state = if fault.is_some() { State::Warning } else { State::Ok };
         self.report_on_self(check, state, fault.unwrap_or_default());
+    }
+
+    fn take_fleet(&mut self, fault: Option<&FleetFault>) {
+        let state = fault.map_or(State::Ok, |it| if it.is_error { State::Error } else { State::Warning });
+        let words = fault.map_or_else(Text::default, |it| it.text.clone());
+        self.report_on_self(SystemCheck::Fleet, state, words);
     }
 
     /// Reports the state of one of Telltale's own modules. One that was left out comes back with its first fault.

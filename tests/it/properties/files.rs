@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use proptest::prelude::*;
 use telltale::engine::input::{
-    Input, ListenerReport, OutputReport, ReceptionTrouble, TroubleKind, Upkeep, WriterId,
+    FleetFault, Input, ListenerReport, OutputReport, ReceptionTrouble, TroubleKind, Upkeep, WriterId,
 };
 use telltale::engine::model::monitors::TopicSpec;
 use telltale::engine::model::output::Output;
@@ -68,6 +68,7 @@ fn about_ourselves(choices: &mut Choices<'_>) -> Input {
                 clock: fault.map(|words| (&*words).into()),
                 certificate: is_old.then(old),
                 recording: is_old.then(old),
+                fleet: (!is_old).then(|| FleetFault { text: old(), is_error: choices.one_in(2) }),
             })
         }
     }

@@ -190,6 +190,7 @@ async fn what_is_wrong_with_the_clock_the_certificate_or_the_recorder_stands_on_
         clock: said("the clock shows 1970", "die Uhr zeigt 1970"),
         certificate: said("it ends soon", "es endet bald"),
         recording: said("raise `recording.memory`", "`recording.memory` erhöhen"),
+        fleet: None,
     };
     fixture.input(Input::Upkeep(upkeep)).await;
     let is_warning = |snapshot: &Snapshot, id: &str| {

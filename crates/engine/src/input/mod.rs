@@ -90,13 +90,24 @@ impl Input {
     }
 }
 
-/// Problems of the wall clock, of the page's certificate and of the recording; `None`: there is none.
+/// Problems of the wall clock, of the page's certificate, of the recording and of the line to the fleet; `None`: there is
+/// none.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Upkeep {
     pub clock: Option<Text>,
     pub certificate: Option<Text>,
     #[serde(default)]
     pub recording: Option<Text>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fleet: Option<FleetFault>,
+}
+
+/// Why the fleet does not hear of this vehicle.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FleetFault {
+    pub text: Text,
+    /// It does not end by itself: an ERROR. Otherwise a WARNING.
+    pub is_error: bool,
 }
 
 /// A fault of the reception, counted for its topic and shown to developers.

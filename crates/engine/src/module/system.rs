@@ -55,6 +55,8 @@ words! {
         Recording = "telltale/recording",
         /// No two nodes have one name.
         Nodes = "telltale/nodes",
+        /// The fleet hears of this vehicle, if it belongs to one.
+        Fleet = "telltale/fleet",
     }
 }
 
@@ -79,6 +81,7 @@ impl SystemCheck {
             SystemCheck::Clock => ("Clock is wrong", "Uhr geht falsch"),
             SystemCheck::Certificate => ("Certificate has to be renewed", "Zertifikat muss erneuert werden"),
             SystemCheck::Nodes => ("Node runs twice", "Node läuft doppelt"),
+            SystemCheck::Fleet => ("Fleet does not hear this vehicle", "Flotte hört dieses Fahrzeug nicht"),
             SystemCheck::Recording => {
                 ("Recordings are missing or too short", "Aufzeichnungen fehlen oder sind zu kurz")
             }
@@ -123,6 +126,15 @@ impl SystemCheck {
                     "Weiterfahren möglich. Melden.",
                     ("Report it.", "Melden."),
                 );
+            }
+            SystemCheck::Fleet => {
+                let report = driving(
+                    "You may drive. Report it.",
+                    "Weiterfahren möglich. Melden.",
+                    ("Report it.", "Melden."),
+                );
+                help.warning = report.clone();
+                help.error = report;
             }
             SystemCheck::Active | SystemCheck::Countermeasure | SystemCheck::Dds => {
                 let (en, de) =
