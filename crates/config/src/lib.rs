@@ -8,6 +8,7 @@ pub mod describe;
 pub mod expression;
 pub mod fields;
 mod file;
+pub mod fleet;
 mod glob;
 pub mod publishing;
 pub mod recording;
@@ -25,6 +26,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use self::fleet::Fleet;
 use self::publishing::Publishing;
 use self::recording::Recording;
 use self::services::Services;
@@ -50,6 +52,8 @@ pub struct Loaded {
     /// `None`: the recording is switched off.
     pub recording: Option<Recording>,
     pub services: Services,
+    /// `None`: the vehicle belongs to none.
+    pub fleet: Option<Fleet>,
     /// Folders with definitions of messages, in addition to the built-in ones.
     pub message_folders: Vec<PathBuf>,
     places: Arc<Places>,
@@ -186,7 +190,8 @@ fn finish(mut sources: Sources, mut log: Log, node: Option<&Node>) -> Examined {
     let loaded = file.and_then(|(mut file, number)| {
         include(&mut file, number, &mut sources, &mut log);
         let folders = message_folders(&file, &sources, &mut log);
-        resolve::resolve(&file, folders, &mut log)
+        let base = Path::new(sources.name(number)).parent().unwrap_or(Path::new("")).to_owned();
+        resolve::resolve(&file, &base, folders, &mut log)
     });
     let problems =
         (loaded.is_none() || !log.is_empty()).then(|| Problems::new(sources.clone(), log.into_problems()));

@@ -103,6 +103,7 @@ fn vehicle(old: &Loaded, new: &Loaded, found: &mut Vec<Difference>) {
             ("localized_after", words::span(driving.localized_after)),
             ("motion", words::motion(&loaded.model)),
             ("recording", words::recording(loaded.recording.as_ref())),
+            ("fleet", words::fleet(loaded.fleet.as_ref())),
             ("message_folders", listed(&folders)),
         ];
         let publishing = &loaded.publishing;

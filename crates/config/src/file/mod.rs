@@ -2,6 +2,7 @@
 //! Schema. Nothing here is checked against anything else; `resolve` does that.
 
 pub(super) mod countermeasure;
+pub(super) mod fleet;
 mod forms;
 pub(super) mod monitors;
 pub(super) mod motion;
@@ -18,6 +19,7 @@ use std::ops::RangeInclusive;
 use crate::decode::{Entries, FromNode, Spanned};
 use crate::fields::Fields;
 use countermeasure::RawRule;
+use fleet::RawFleet;
 use forms::{ID, default_span, with_about};
 use monitors::sources::RawDiagnostics;
 use motion::RawMotion;
@@ -57,6 +59,7 @@ pub(super) struct File {
     pub publish: Option<RawPublishing>,
     pub recording: Option<Switch<RawRecording>>,
     pub services: Option<RawServices>,
+    pub fleet: Option<RawFleet>,
     /// The topics on which components report; without it, `/diagnostics`.
     pub diagnostics: Option<RawDiagnostics>,
     /// The clock of the stamps in messages.
@@ -92,6 +95,7 @@ impl FromNode for File {
             "publish",
             "recording",
             "services",
+            "fleet",
             "diagnostics",
             "clock",
         ];
@@ -114,6 +118,7 @@ impl FromNode for File {
             publish: fields.optional("publish"),
             recording: fields.optional("recording"),
             services: fields.optional("services"),
+            fleet: fields.optional("fleet"),
             diagnostics: fields.optional("diagnostics"),
             clock: fields.optional(key("clock").about("The clock of the stamps in messages: that of this machine, or the time on /clock, as nodes with use_sim_time have it.").rules(|| vec![default("system")])),
             message_folders: fields.or_default(key("message_folders").about("Folders with `package/msg/Name.msg`, relative to this file, for types that are not built in: a ROS installation's `share`.")),

@@ -2,6 +2,7 @@
 
 mod countermeasures;
 pub(crate) mod filters;
+mod fleet;
 mod implied;
 mod monitors;
 mod motion;
@@ -15,7 +16,7 @@ mod topics;
 
 use std::collections::HashMap;
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::describe::places::{NodePlace, Places};
@@ -37,10 +38,16 @@ use telltale_engine::text::Text;
 use telltale_yaml::{Log, Problem, Sources, Span};
 use topics::Topics;
 
-/// The model of a file, if it is valid enough for one; the log has the problems.
-pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mut Log) -> Option<Loaded> {
+/// The model of a file in the folder `base`, if it is valid enough for one; the log has the problems.
+pub(super) fn resolve(
+    file: &file::File,
+    base: &Path,
+    message_folders: Vec<PathBuf>,
+    log: &mut Log,
+) -> Option<Loaded> {
     let vehicle = file.vehicle.as_ref();
     let id = vehicle.and_then(|vehicle| vehicle.id.as_ref());
+    let fleet = fleet::fleet(file.fleet.as_ref(), id, base, log);
     let id: Arc<str> = id.filter(|id| check_id(id, "vehicle", log)).map_or("vehicle", |id| &id.value).into();
     let name = vehicle.and_then(|vehicle| vehicle.name.clone()).unwrap_or_else(|| Text::plain(&id));
     let explains = file.defaults.as_ref().and_then(|defaults| defaults.explains_within).unwrap_or_default();
@@ -120,7 +127,7 @@ pub(super) fn resolve(file: &file::File, message_folders: Vec<PathBuf>, log: &mu
         stages: written.map(|stages| stages.span),
         ..places(&names, &implied_places)
     };
-    Some(Loaded { model, publishing, recording, services, message_folders, places: Arc::new(places) })
+    Some(Loaded { model, publishing, recording, services, fleet, message_folders, places: Arc::new(places) })
 }
 
 fn places(names: &Names, implied: &[Span]) -> Places {

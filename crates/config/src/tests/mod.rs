@@ -3,6 +3,7 @@
 mod countermeasures;
 mod diagnostics;
 mod difference;
+mod fleet;
 mod monitors;
 mod motion;
 mod named;
@@ -186,7 +187,7 @@ fn keys_must_be_known_and_stand_once() {
     check_beside_group(
         "colour: red\n",
         &[
-            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, motion, defaults, limits, display, localized_after, other, groups, countermeasures, publish, recording, services, diagnostics, clock, message_folders)",
+            "2:1: unknown key `colour` in a configuration (known here: include, vehicle, signals, stops, motion, defaults, limits, display, localized_after, other, groups, countermeasures, publish, recording, services, fleet, diagnostics, clock, message_folders)",
         ],
     );
     check_beside_group("groups: []\n", &["2:1: `groups` stands twice (keep one of the two)"]);

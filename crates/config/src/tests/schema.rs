@@ -17,6 +17,7 @@ defaults: { zzzz: 1 }
 limits: { zzzz: 1 }
 display: { zzzz: 1 }
 recording: { zzzz: 1, topics: [{ zzzz: 1 }] }
+fleet: { zzzz: 1 }
 groups:
   - zzzz: 1
     tile: { zzzz: 1 }
@@ -56,7 +57,7 @@ fn the_schema_knows_the_keys_that_the_reader_knows() {
         let keys = problem.help.as_ref().and_then(|help| help.strip_prefix("known here: ")).unwrap();
         reader.insert(what.to_owned(), keys.split(", ").map(str::to_owned).collect());
     }
-    assert_eq!(reader.len(), 61, "{reader:#?}");
+    assert_eq!(reader.len(), 62, "{reader:#?}");
 
     let schema: Value = serde_json::from_str(&schema()).unwrap();
     let definitions = schema["$defs"].as_object().unwrap().values();

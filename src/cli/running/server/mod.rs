@@ -1,5 +1,6 @@
 //! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
+mod fleet;
 mod left_over;
 pub mod metrics;
 mod other_diagnostics;
@@ -24,9 +25,11 @@ use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
 use tokio::time::timeout_at;
 
+use self::fleet::Telling;
 use self::metrics::MetricsListener;
 use self::recording::Recording;
 use self::services::Serving;
+use self::timekeeping::Watched;
 use self::watchdog::Watchdog;
 use crate::cli::process::dds;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
@@ -156,6 +159,7 @@ impl Server {
         let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
         let unread = tokio::spawn(other_diagnostics::say(loaded.model.clone(), bridge.discovery()));
         let (discovery, working) = (Some(bridge.discovery()), Some(bridge.working()));
+        let telling = fleet::start(&loaded, &link, &store, folder.as_deref(), clock)?;
         let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {
             origins,
@@ -177,6 +181,7 @@ impl Server {
         store.record(start, None).await;
         let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
         let watched = recording.as_ref().map(|it| it.watched(bridge.unrecorded()));
+        let watched = Watched { recording: watched, fleet: telling.as_ref().map(Telling::status) };
         let watching =
             timekeeping::watch(tls.clone(), hosts, store.floor(), watched, link.inputs.clone(), clock);
         let time = tokio::spawn(watching);
@@ -195,6 +200,7 @@ impl Server {
                 outputs: &outputs,
                 services: &services,
                 recording: recording.as_ref(),
+                telling: telling.as_ref(),
             };
             // It ends with the services, and nothing that it does is cut off.
             app.live().map(|live| tokio::spawn(services::answer(calls, live)));
@@ -234,7 +240,12 @@ impl Server {
                 _ = signal.requested() => {}
             }
         };
-        tokio::join!(recorded, goodbyes);
+        let goodbye = async {
+            if let Some(telling) = telling {
+                telling.end(by).await;
+            }
+        };
+        tokio::join!(recorded, goodbyes, goodbye);
         ending.end();
         if let Some(recording) = recording {
             recording.end(requested + INCIDENT_WITHIN).await;
@@ -268,13 +279,14 @@ struct Followed<'a> {
     outputs: &'a Outputs,
     services: &'a Serving,
     recording: Option<&'a Recording>,
+    telling: Option<&'a Telling>,
 }
 
 /// Serves until the end, and lets everything follow each new configuration. The engine runs by it already:
 /// an engine that changed later would forget what the bridge reports anew.
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<Instant>>,
-    Followed { bridge, outputs: publishing, services, recording }: Followed<'_>,
+    Followed { bridge, outputs: publishing, services, recording, telling }: Followed<'_>,
     mut running: Option<watch::Receiver<Loaded>>,
     (app, written): (&AppState, watch::Sender<Arc<Written>>),
 ) -> anyhow::Result<Instant> {
@@ -289,6 +301,9 @@ async fn while_serving(
         services.follow(&next.services);
         if let Some(recording) = recording {
             recording.follow(&next);
+        }
+        if let Some(telling) = telling {
+            telling.follow(&next);
         }
         // Nobody is served while this waits, so it waits for no disk.
         app.store.note(Record::of(Action::Configuration, TELLTALE).on("another configuration is taken"));

@@ -40,7 +40,7 @@ pub fn topics(publishing: &Publishing) -> Vec<OutputTopic> {
 }
 
 /// Forwards the snapshots alone, each at once.
-fn latest(mut published: watch::Receiver<Published>) -> watch::Receiver<Arc<Snapshot>> {
+pub(super) fn latest(mut published: watch::Receiver<Published>) -> watch::Receiver<Arc<Snapshot>> {
     let (sender, receiver) = watch::channel(published.borrow_and_update().snapshot.clone());
     tokio::spawn(async move {
         while published.changed().await.is_ok() {

@@ -1,4 +1,4 @@
-//! Watches the wall clock, the certificate and the recording. Their faults are reported and keep no display from
+//! Watches the wall clock, the certificate, the recording and the line to the fleet. Their faults are reported and keep no display from
 //! starting; a renewed certificate is taken.
 
 use std::fmt::Display;
@@ -9,6 +9,7 @@ use tokio::sync::{mpsc, watch};
 use crate::clock::Clock;
 use crate::engine::input::{Input, Upkeep};
 use crate::engine::text::Text;
+use crate::fleet::status::Status;
 use crate::record::recorder::{Meter, Recorder};
 use crate::record::retention::size;
 use crate::record::writer::Fault;
@@ -20,9 +21,17 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// A corrected clock may be behind earlier records by this much.
 const BEHIND: Duration = Duration::from_secs(24 * 3600);
 
+/// What is watched beside the clock and the certificate.
+#[derive(Debug, Clone, Default)]
+pub struct Watched {
+    pub recording: Option<WatchedRecording>,
+    /// Whether the fleet hears of this vehicle.
+    pub fleet: Option<watch::Receiver<Status>>,
+}
+
 /// What is watched of the recording.
 #[derive(Debug, Clone)]
-pub struct Watched {
+pub struct WatchedRecording {
     pub recorder: Recorder,
     /// Why nothing can be recorded.
     pub fault: watch::Receiver<Fault>,
@@ -32,18 +41,18 @@ pub struct Watched {
     pub unrecorded: watch::Receiver<bool>,
 }
 
-/// Reports faults of the clock, the certificate and the recording to the log and the engine whenever they change, and
-/// takes a renewed certificate for these hosts. Never ends.
+/// Reports faults of the clock, the certificate, the recording and the fleet to the log and the engine whenever they
+/// change, and takes a renewed certificate for these hosts. Never ends.
 pub async fn watch(
     tls: Option<Tls>,
     hosts: Vec<String>,
     floor: SystemTime,
-    recording: Option<Watched>,
+    watched: Watched,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
 ) {
     let (found, of_time) = watch::channel(Upkeep::default());
-    tokio::join!(look(tls, hosts, floor, found, clock), tell(of_time, recording, inputs, clock));
+    tokio::join!(look(tls, hosts, floor, found, clock), tell(of_time, watched, inputs, clock));
 }
 
 /// Looks at the clock and the certificate.
@@ -73,7 +82,7 @@ async fn look(
 /// Tells what was found of them, and a fault of the recording at once.
 async fn tell(
     mut of_time: watch::Receiver<Upkeep>,
-    recording: Option<Watched>,
+    Watched { recording, fleet }: Watched,
     inputs: mpsc::Sender<Stamped>,
     clock: Clock,
 ) {
@@ -81,7 +90,7 @@ async fn tell(
     let (_never, none) = watch::channel(None);
     let mut fault = recording.as_ref().map_or(none, |it| it.fault.clone());
     let lasting = || {
-        let Watched { recorder, kept_too_much, unrecorded, .. } = recording.as_ref()?;
+        let WatchedRecording { recorder, kept_too_much, unrecorded, .. } = recording.as_ref()?;
         let too_many = || (*unrecorded.borrow()).then(too_many_topics);
         shortage(&recorder.meter()).or_else(too_many).or_else(|| kept_too_much.borrow().then(too_many_kept))
     };
@@ -90,6 +99,8 @@ async fn tell(
         let mut found = of_time.borrow_and_update().clone();
         let off = fault.borrow_and_update().as_deref().map(recording_off);
         found.recording = off.or_else(lasting);
+        // Its thread has a line in the log for each change.
+        found.fleet = fleet.as_ref().and_then(|status| status.borrow().fault(clock.now()));
         if found != said {
             for fault in [&found.clock, &found.certificate, &found.recording].into_iter().flatten() {
                 tracing::warn!("{}", fault.en);
@@ -242,6 +253,7 @@ mod tests {
     use crate::engine::Engine;
     use crate::engine::model::{Model, Parts, StageModel};
     use crate::engine::time::Span;
+    use crate::fleet::status::Contact;
     use crate::record::feed::Feed;
     use crate::record::incident::Margins;
     use crate::record::recorder::Settings;
@@ -320,12 +332,29 @@ mod tests {
         let (inputs, mut told) = mpsc::channel(4);
         let clock = Clock::start();
         let floor = clock.wall() + 400 * BEHIND;
-        let watching = tokio::spawn(watch(None, Vec::new(), floor, None, inputs, clock));
+        let watching = tokio::spawn(watch(None, Vec::new(), floor, Watched::default(), inputs, clock));
         let Input::Upkeep(found) = told.recv().await.unwrap().input else { panic!("it tells of that alone") };
         assert!(
             found.clock.is_some_and(|said| said.en.contains("set it") && said.de.contains("Uhr stellen"))
         );
         watching.abort();
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_fleet_that_does_not_hear_is_told() {
+        let (inputs, mut told) = mpsc::channel(4);
+        let (_found, of_time) = watch::channel(Upkeep::default());
+        let clock = Clock::start();
+        let (change, status) = watch::channel(Status::new(clock.now()));
+        let watched = Watched { recording: None, fleet: Some(status) };
+        let telling = tokio::spawn(tell(of_time, watched, inputs, clock));
+        for contact in [Contact::TwoVehicles, Contact::Reached { since: clock.now() }] {
+            let is_error = (contact == Contact::TwoVehicles).then_some(true);
+            change.send_modify(|status| status.contact = contact);
+            let Input::Upkeep(found) = told.recv().await.unwrap().input else { panic!("of that alone") };
+            assert_eq!(found.fleet.map(|fault| fault.is_error), is_error);
+        }
+        telling.abort();
     }
 
     #[tokio::test(start_paused = true)]
@@ -349,8 +378,9 @@ mod tests {
         );
         let (_kept, kept_too_much) = watch::channel(false);
         let (crowd, unrecorded) = watch::channel(false);
-        let recording = Watched { recorder: recorder.unwrap(), fault, kept_too_much, unrecorded };
-        let telling = tokio::spawn(tell(of_time, Some(recording), inputs, clock));
+        let recording = WatchedRecording { recorder: recorder.unwrap(), fault, kept_too_much, unrecorded };
+        let watched = Watched { recording: Some(recording), fleet: None };
+        let telling = tokio::spawn(tell(of_time, watched, inputs, clock));
         tokio::task::yield_now().await;
         for fault in [Some("the disk is full"), None] {
             fail.send_replace(fault.map(Into::into));

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 pub use self::monitor::monitor;
+use crate::fleet::Fleet;
 use crate::recording::Recording;
 use crate::services::{Offer, Services};
 use telltale_engine::model::countermeasure::{ConfirmedBy, Request, Rule};
@@ -228,6 +229,13 @@ pub fn recording(recording: Option<&Recording>) -> String {
         }
     }
     words
+}
+
+/// The settings of the fleet.
+pub fn fleet(fleet: Option<&Fleet>) -> String {
+    let Some(Fleet { hub, credentials, ca, max_kbit_s }) = fleet else { return "none".to_owned() };
+    let (credentials, ca) = (credentials.display(), ca.display());
+    format!("{hub} with the key {credentials} and the authority {ca}, at most {max_kbit_s} kbit/s")
 }
 
 /// The topics on which components report.

@@ -16,7 +16,7 @@ use tokio::task;
 
 use self::books::{BookEntry, confirmed, keep_books};
 use self::tidying::{Kept, look_after};
-use super::timekeeping::Watched;
+use super::timekeeping::WatchedRecording;
 use super::{left_over, reload};
 use crate::clock::Clock;
 use crate::config::Loaded;
@@ -173,8 +173,8 @@ impl Recording {
         })
     }
 
-    pub fn watched(&self, unrecorded: watch::Receiver<bool>) -> Watched {
-        Watched {
+    pub fn watched(&self, unrecorded: watch::Receiver<bool>) -> WatchedRecording {
+        WatchedRecording {
             recorder: self.recorder.clone(),
             fault: self.fault.clone(),
             kept_too_much: self.kept_too_much.clone(),

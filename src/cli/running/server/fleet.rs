@@ -1,0 +1,127 @@
+//! Tells the fleet of this vehicle, if the configuration names one: the thread that does, and what the store knows for
+//! it. Nothing comes back from there but whether the fleet hears.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
+
+use super::{outputs, reload};
+use crate::clock::Clock;
+use crate::config::Loaded;
+use crate::fleet::line::Hub;
+use crate::fleet::message::{AuditHead, Content, Incident, VehicleId};
+use crate::fleet::status::Status;
+use crate::fleet::vehicle::{self, Fleet, NEWS_MAX, Settings, Sources};
+use crate::record::VERSION;
+use crate::record::summary::Summary;
+use crate::record::writer::digest;
+use crate::runtime::Link;
+use crate::store::{IncidentFilter, Store};
+
+/// The store is looked at this often for new incidents and records of the audit log.
+const LOOK_EVERY: Duration = Duration::from_secs(30);
+
+/// The newest incidents that are looked at, and told again after a start.
+const INCIDENTS: u32 = 8;
+
+/// A running line to the fleet.
+#[derive(Debug)]
+pub struct Telling {
+    fleet: Fleet,
+    config: watch::Sender<String>,
+    looking: JoinHandle<()>,
+}
+
+/// # Errors
+/// The vehicle's key or its outbox is of no use.
+pub fn start(
+    loaded: &Loaded,
+    link: &Link,
+    store: &Store,
+    folder: Option<&Path>,
+    clock: Clock,
+) -> anyhow::Result<Option<Telling>> {
+    let Some(fleet) = &loaded.fleet else { return Ok(None) };
+    let settings = Settings {
+        id: VehicleId::new(&loaded.model.vehicle_id).context("the fleet cannot know a vehicle by this id")?,
+        hub: Hub { url: fleet.hub.clone(), ca: fleet.ca.clone() },
+        credentials: fleet.credentials.clone(),
+        kbit_s_max: fleet.max_kbit_s,
+        version: VERSION.to_owned(),
+    };
+    let (config, of_config) = watch::channel(digest(&reload::texts(loaded)));
+    let (tell, news) = mpsc::channel(NEWS_MAX);
+    let sources = Sources { snapshots: outputs::latest(link.afterwards.clone()), config: of_config, news };
+    let fleet = vehicle::start(settings, folder, sources, clock).context("the fleet cannot be told")?;
+    let looking = tokio::spawn(look(store.clone(), tell));
+    Ok(Some(Telling { fleet, config, looking }))
+}
+
+impl Telling {
+    pub fn status(&self) -> watch::Receiver<Status> {
+        self.fleet.status()
+    }
+
+    /// Tells by which configuration the vehicle runs. Whether and where it tells is decided at the start.
+    pub fn follow(&self, loaded: &Loaded) {
+        self.config.send_replace(digest(&reload::texts(loaded)));
+    }
+
+    /// Says goodbye.
+    pub async fn end(self, until: Instant) {
+        self.looking.abort();
+        self.fleet.end(until).await;
+    }
+}
+
+/// Tells incidents that are new or changed, and the end of the audit log where it grew.
+async fn look(store: Store, tell: mpsc::Sender<Content>) {
+    let mut incidents: BTreeMap<u64, Incident> = BTreeMap::new();
+    let mut record = 0;
+    loop {
+        let mut news = Vec::new();
+        // What the store does not say now is told when it does.
+        if let Ok(last) = store.audit_entries(None, 1).await
+            && let Some(last) = last.first().filter(|last| last.number != record)
+        {
+            record = last.number;
+            news.push(Content::AuditHead(AuditHead { record, hash: last.hash.to_string() }));
+        }
+        let filter = IncidentFilter { count: INCIDENTS, ..IncidentFilter::default() };
+        for found in store.incidents(filter).await.unwrap_or_default().iter().rev() {
+            let incident = incident(&found.summary);
+            if incidents.insert(incident.number, incident.clone()).as_ref() != Some(&incident) {
+                news.push(Content::Incident(incident));
+            }
+        }
+        while incidents.len() > INCIDENTS as usize {
+            incidents.pop_first();
+        }
+        for content in news {
+            if tell.send(content).await.is_err() {
+                return;
+            }
+        }
+        tokio::time::sleep(LOOK_EVERY).await;
+    }
+}
+
+/// What the fleet is told of an incident: no notes, nobody's name, and no values.
+fn incident(summary: &Summary) -> Incident {
+    Incident {
+        number: summary.id,
+        since: summary.since_ms,
+        until: summary.until_ms,
+        stage: summary.stage.clone(),
+        causes: summary.causes().into_iter().map(str::to_owned).collect(),
+        triggers: summary.trigger_count(),
+        version: summary.version.clone(),
+        config: summary.configuration.clone(),
+        bytes: if summary.recording.finished { summary.recording.bytes } else { 0 },
+        sha256: summary.recording.sha256.clone(),
+    }
+}
