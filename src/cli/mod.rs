@@ -18,7 +18,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
 
-use administration::{audit, data, tls, user};
+use administration::{audit, data, fleet, tls, user};
 use configuration::{check, diff, import, init, scenario};
 use print::note;
 use recordings::{history, incident, replay};
@@ -59,6 +59,7 @@ enum Command {
     Api(api::Args),
     Data(data::Args),
     Tls(tls::Args),
+    Fleet(fleet::Args),
     Completions(completions::CompletionsArgs),
     Man(completions::ManArgs),
     Watch(watch::Args),
@@ -93,6 +94,7 @@ pub fn main() -> ExitCode {
         Command::Api(args) => api::run(&args),
         Command::Data(args) => data::run(&args),
         Command::Tls(args) => tls::run(&args),
+        Command::Fleet(args) => fleet::run(&args),
         Command::Completions(args) => completions::print(&args, Cli::command()),
         Command::Man(args) => completions::write_pages(&args, Cli::command()),
         Command::Watch(args) => watch::run(&args),

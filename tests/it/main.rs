@@ -36,6 +36,7 @@ mod evaluation;
 mod evaluation_page;
 mod fields;
 mod first_configuration;
+mod fleet;
 mod folder;
 mod freeze_frames;
 mod goals;

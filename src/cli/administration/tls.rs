@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 }
 
 /// The given names, and the names and addresses of this machine.
-fn all_names(given: &[String]) -> Vec<String> {
+pub(super) fn all_names(given: &[String]) -> Vec<String> {
     let mut names = given.to_vec();
     names.push("localhost".to_owned());
     let host = std::fs::read_to_string("/etc/hostname").unwrap_or_default();
@@ -97,7 +97,7 @@ fn is_reachable(ip: &IpAddr) -> bool {
     }
 }
 
-fn self_signed(names: &[String]) -> anyhow::Result<(String, String)> {
+pub(super) fn self_signed(names: &[String]) -> anyhow::Result<(String, String)> {
     let key = KeyPair::generate().context("no key can be made")?;
     let wrong = "a name is none: give host names and addresses, without scheme or port";
     let mut params = CertificateParams::new(names.to_vec()).context(wrong)?;
@@ -112,7 +112,7 @@ fn self_signed(names: &[String]) -> anyhow::Result<(String, String)> {
 }
 
 /// Writes a file that only its owner may read, whatever the umask and an earlier file.
-fn write_private(path: &Path, text: &str) -> anyhow::Result<()> {
+pub(super) fn write_private(path: &Path, text: &str) -> anyhow::Result<()> {
     let context = || format!("{} cannot be written", path.display());
     let new = path.with_extension("pem.new");
     let mut options = std::fs::OpenOptions::new();

@@ -1,0 +1,47 @@
+//! The commands of a fleet's hub, without a hub that runs: `crates/fleet/tests/hub` has one.
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+
+use crate::program::{run, said};
+
+#[test]
+fn vehicles_are_enrolled_and_revoked_in_the_folder_of_a_hub() {
+    let folder = tempfile::tempdir().unwrap();
+    let hub = folder.path().join("hub");
+    let dir = hub.to_str().unwrap();
+    let fleet = |words: &[&str]| said(&run([&["fleet"], words].concat()));
+    let (told, error, code) =
+        fleet(&["hub-config", dir, "--name", "hub.example", "--listen", "127.0.0.1:4222"]);
+    assert_eq!((error.as_str(), code), ("", Some(0)), "{told}");
+    let config = fs::read_to_string(hub.join("nats-server.conf")).unwrap();
+    assert!(
+        config.contains("listen: \"127.0.0.1:4222\"") && config.contains("include \"users.conf\""),
+        "{config}"
+    );
+    let (_, error, code) = fleet(&["hub-config", dir]);
+    assert!(code == Some(2) && error.contains("is there already"), "{error}");
+
+    let (told, error, code) = fleet(&["enrol", "shuttle-03", "--dir", dir]);
+    assert_eq!((error.as_str(), code), ("", Some(0)));
+    assert!(told.contains("vehicle: { id: shuttle-03 }") && told.contains("does not run in"), "{told}");
+    for private in ["shuttle-03.nk", "console.nk", "hub-key.pem"] {
+        let mode = hub.join(private).metadata().unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600, "{private}");
+    }
+    let users = || fs::read_to_string(hub.join("users.conf")).unwrap();
+    assert!(users().contains("tt.1.shuttle-03.log"));
+    let (listed, ..) = fleet(&["list", "--dir", dir]);
+    assert!(listed.starts_with("shuttle-03  U") && listed.lines().count() == 1, "{listed}");
+    let (_, error, code) = fleet(&["enrol", "shuttle-03", "--dir", dir]);
+    assert!(code == Some(2) && error.contains("is enrolled already"), "{error}");
+    let (_, error, code) = fleet(&["enrol", "tt.>", "--dir", dir]);
+    assert!(code == Some(2) && error.contains("small letters"), "{error}");
+
+    let (_, error, code) = fleet(&["revoke", "shuttle-03", "--dir", dir]);
+    assert_eq!((error.as_str(), code), ("", Some(0)));
+    assert!(!users().contains("shuttle-03") && !hub.join("shuttle-03.nk").exists());
+    assert_eq!(fleet(&["list", "--dir", dir]).0, "");
+    let (_, error, code) = fleet(&["list", "--dir", folder.path().to_str().unwrap()]);
+    assert!(code == Some(2) && error.contains("is no folder of a hub"), "{error}");
+}
