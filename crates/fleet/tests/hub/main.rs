@@ -1,7 +1,11 @@
 //! A vehicle and a real hub: nats-server with the configuration that `telltale fleet hub-config` writes, over TLS.
 
+// Helpers of tests are outside of tests for clippy.
+#![allow(clippy::unwrap_used)]
+
 mod server;
 
+use std::os::unix::fs::PermissionsExt as _;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,7 +22,7 @@ use telltale_fleet::delivery::{Answer, Delivery, Last, Learned, Order, Said};
 use telltale_fleet::identity::Identity;
 use telltale_fleet::line::{Line, OwnLast, Want};
 use telltale_fleet::message::{AuditHead, Batch, Content, VehicleId};
-use telltale_fleet::outbox::{Limits, Outbox, Seed};
+use telltale_fleet::outbox::{FILE_NAME, Limits, Outbox, Seed};
 use telltale_fleet::status::{Contact, Status};
 use telltale_fleet::vehicle::{self, Fleet, Settings, Sources};
 use tempfile::TempDir;
@@ -165,6 +169,8 @@ async fn a_lost_acknowledgement_makes_no_message_twice() {
         }
     }
     assert_eq!(acknowledgements, 3);
+    let mode = data.path().join(FILE_NAME).metadata().unwrap().permissions().mode();
+    assert_eq!(mode & 0o777, 0o600);
     let seen = hub.console().await.history_with("a", |seen| seen.len() == 3).await;
     assert_eq!(records(&seen), [1, 2, 3]);
     // Another one that goes on from an older message is refused.
