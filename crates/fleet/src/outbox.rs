@@ -104,8 +104,6 @@ pub struct Outbox {
     ran_before_s: u64,
     started: Timestamp,
     bytes: u64,
-    /// The end of the batch that may be on its way: what is in it does not change.
-    in_flight: Option<Mark>,
     /// The disk refused a message.
     has_missed: bool,
 }
@@ -182,7 +180,6 @@ impl Outbox {
             ran_before_s,
             started: now,
             bytes: bytes.unsigned_abs(),
-            in_flight: None,
             has_missed: false,
         })
     }
@@ -255,7 +252,7 @@ impl Outbox {
     /// # Errors
     /// Of the disk.
     pub fn batch(
-        &mut self,
+        &self,
         id: &VehicleId,
         key: &str,
         sent_ms: i64,
@@ -268,7 +265,6 @@ impl Outbox {
             let packed = Batch::pack(id, key, sent_ms, &json);
             if let Some(packed) = packed.filter(|packed| packed.len() <= bytes_max || count == 1) {
                 let end = messages[count - 1].0;
-                self.in_flight = Some(end);
                 return Ok(Some(Pending { end, packed }));
             }
             count /= 2;
@@ -347,7 +343,6 @@ impl Outbox {
         live(&writing, ran_s)?;
         writing.commit()?;
         self.bytes += bytes;
-        self.in_flight = None;
         Ok(())
     }
 
@@ -379,13 +374,12 @@ impl Outbox {
 
     /// The oldest message that waits and is no gap, if it was made before this.
     fn oldest_before(&self, made_s: i64) -> Result<Option<Row>, OutboxError> {
-        let (epoch, n) = self.fixed();
         let sql = "SELECT epoch, n, last, length(json), made_s FROM messages
-            WHERE acked_s IS NULL AND rank <> ?3 AND (epoch, n) > (?1, ?2) ORDER BY epoch, n LIMIT 1";
+            WHERE acked_s IS NULL AND rank <> ?1 ORDER BY epoch, n LIMIT 1";
         let found = self
             .connection
             .prepare_cached(sql)?
-            .query_row(params![epoch, n, GAP], |found| Ok((row(found)?, found.get::<_, i64>(4)?)));
+            .query_row([GAP], |found| Ok((row(found)?, found.get::<_, i64>(4)?)));
         Ok(found.optional()?.filter(|(_, made)| *made < made_s).map(|(row, _)| row))
     }
 
@@ -401,26 +395,24 @@ impl Outbox {
                 self.bytes = self.bytes.saturating_sub(bytes.unsigned_abs() + ROW_BYTES);
                 continue;
             }
-            let (epoch, n) = self.fixed();
             let sql = "SELECT epoch, n, last, length(json) FROM messages
-                WHERE acked_s IS NULL AND rank < ?3 AND (epoch, n) > (?1, ?2) ORDER BY rank, epoch, n LIMIT 1";
-            let next =
-                self.connection.prepare_cached(sql)?.query_row(params![epoch, n, GAP], row).optional()?;
+                WHERE acked_s IS NULL AND rank < ?1 ORDER BY rank, epoch, n LIMIT 1";
+            let next = self.connection.prepare_cached(sql)?.query_row([GAP], row).optional()?;
             let Some(next) = next else { break };
             self.give_up(&next, at_ms, GapReason::Overflow)?;
         }
         Ok(())
     }
 
-    /// Puts a gap in the place of a message, one with the gaps beside it.
+    /// Puts a gap in the place of a message, one with the gaps beside it. A gap of which the hub has a part waits as a
+    /// whole.
     fn give_up(&mut self, given: &Row, at_ms: i64, why: GapReason) -> Result<(), OutboxError> {
-        let fixed = self.fixed();
         let writing = transaction(&mut self.connection)?;
         let beside = "DELETE FROM messages WHERE epoch = ?1 AND rank = ?2 AND acked_s IS NULL
-            AND (last = ?3 - 1 OR n = ?4 + 1) AND (epoch, n) > (?5, ?6) RETURNING epoch, n, last, length(json)";
+            AND (last = ?3 - 1 OR n = ?4 + 1) RETURNING epoch, n, last, length(json)";
         let gone: Vec<Row> = writing
             .prepare_cached(beside)?
-            .query_map(params![given.epoch, GAP, given.n, given.last, fixed.0, fixed.1], row)?
+            .query_map(params![given.epoch, GAP, given.n, given.last], row)?
             .collect::<Result<_, _>>()?;
         let first = gone.iter().map(|it| it.n).chain([given.n]).min().unwrap_or(given.n);
         let last = gone.iter().map(|it| it.last).chain([given.last]).max().unwrap_or(given.last);
@@ -438,11 +430,6 @@ impl Outbox {
         let freed: u64 = gone.iter().chain([given]).map(|it| it.bytes + ROW_BYTES).sum();
         self.bytes = self.bytes.saturating_sub(freed) + json.len() as u64 + ROW_BYTES;
         Ok(())
-    }
-
-    /// Up to here nothing may change: it may be on its way.
-    fn fixed(&self) -> (String, i64) {
-        self.in_flight.map_or((String::new(), 0), |it| (it.epoch.to_string(), signed(it.n)))
     }
 
     fn ran_s(&self, now: Timestamp) -> u64 {
