@@ -399,7 +399,7 @@ mod tests {
     fn what_was_left_out_is_there_from_its_first_fault_on() {
         let parts = Parts { other: Other::Counted, ..Parts::empty("v", StageModel::None) };
         let mut engine = Engine::begin(Arc::new(Model::new(parts).unwrap()), Timestamp::ZERO);
-        assert_eq!(own(&engine.snapshot()).len(), 15);
+        assert_eq!(own(&engine.snapshot()).len(), 16);
         engine.keep_events();
         engine.leave_self_out();
         let group = |snapshot: &Snapshot| snapshot.shown(snapshot.node("telltale").unwrap()).0;
