@@ -3,7 +3,33 @@
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
 
+use telltale::engine::input::{FleetFault, Input, Upkeep};
+use telltale::engine::model::Stage;
+use telltale::engine::state::State;
+use telltale::engine::text::Text;
+
+use crate::by_hand::Vehicle;
 use crate::program::{run, said};
+
+#[test]
+fn a_fault_of_the_line_to_the_fleet_holds_no_vehicle_and_hides_no_other_fault() {
+    let config = "groups:\n  - { id: sensors, modules: [{ id: lidar, status: lidar, timeout: 1h }] }\n";
+    let fault = |is_error| Some(FleetFault { text: Text { en: "away".into(), de: "weg".into() }, is_error });
+    for is_error in [false, true] {
+        let mut vehicle = Vehicle::of(config, Stage::Standby);
+        vehicle.report(&[("lidar", 0)]);
+        let before = vehicle.look().clearance_refusals.clone();
+        vehicle.input(&Input::Upkeep(Upkeep { fleet: fault(is_error), ..Upkeep::default() }));
+        let snapshot = vehicle.look();
+        let state = if is_error { State::Error } else { State::Warning };
+        assert_eq!(snapshot.shown(snapshot.node("telltale/fleet").unwrap()).0, state);
+        assert_eq!(snapshot.clearance_refusals, before);
+        vehicle.input(&Input::Dds { fault: Some("dead".into()) });
+        vehicle.report(&[("lidar", 0)]);
+        let refused = vehicle.look().clearance_refusals.clone();
+        assert!(format!("{refused:?}").contains("\"telltale\""), "{refused:?}");
+    }
+}
 
 #[test]
 fn vehicles_are_enrolled_and_revoked_in_the_folder_of_a_hub() {

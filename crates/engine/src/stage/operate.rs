@@ -9,6 +9,7 @@ use crate::mask::node::NodeFacts;
 use crate::mask::responsible;
 use crate::model::countermeasure::RequestKind;
 use crate::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
+use crate::module::system::SystemCheck;
 use crate::react::held::{Acknowledged, Whereabouts};
 use crate::snapshot::{MapPose, Unreached, may_move};
 use crate::state::State;
@@ -324,13 +325,16 @@ impl Engine {
         let counted = self.net.groups.iter().zip(0..).filter(|(group, _)| !group.aside);
         for (group, index) in counted.filter(|(group, _)| group.node.parent.is_none()) {
             let NodeFacts { relevant, masked, shown, .. } = group.node.facts;
-            if relevant && (masked || shown >= State::Unknown) {
+            let is_unfit = relevant && (masked || shown >= State::Unknown);
+            if is_unfit && !self.only_the_fleet_fails(GroupId(index)) {
                 let name = self.views.name(NodeId::Group(GroupId(index)));
                 reasons.push(Refusal::Group { group: name.into(), state: shown });
             }
         }
         let counts = |node: NodeId| self.net.node(node).facts.shown >= State::Warning;
-        let warned = self.warnings.open().filter(|&id| self.around(NodeId::Module(id)).all(counts));
+        let warned = self.warnings.open().filter(|&id| {
+            id != self.net.system_module(SystemCheck::Fleet) && self.around(NodeId::Module(id)).all(counts)
+        });
         reasons.extend(
             warned
                 .take(WARNINGS_MAX)
@@ -339,6 +343,13 @@ impl Engine {
         reasons.extend(self.countermeasures.moving().map(Refusal::Countermeasure));
         reasons.extend(self.possible_requests_without_reader().map(Refusal::NobodyListens));
         reasons
+    }
+
+    /// Whether the group would be fit but for the line to the fleet. That line holds no vehicle: a hub could.
+    fn only_the_fleet_fails(&self, group: GroupId) -> bool {
+        let fleet = NodeId::Module(self.net.system_module(SystemCheck::Fleet));
+        let is_fit = |&node: &NodeId| node == fleet || self.net.node(node).facts.shown < State::Unknown;
+        group == self.net.system_group() && self.net.groups[group.0 as usize].members.iter().all(is_fit)
     }
 
     /// Whether a goal is set; always true for a vehicle without that signal.

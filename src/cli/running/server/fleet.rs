@@ -11,7 +11,7 @@ use tokio::task::JoinHandle;
 
 use super::{outputs, reload};
 use crate::clock::Clock;
-use crate::config::Loaded;
+use crate::config::{self, Loaded};
 use crate::fleet::line::Hub;
 use crate::fleet::message::{AuditHead, Content, Incident, VehicleId};
 use crate::fleet::status::Status;
@@ -28,24 +28,48 @@ const LOOK_EVERY: Duration = Duration::from_secs(30);
 /// The newest incidents that are looked at, and told again after a start.
 const INCIDENTS: u32 = 8;
 
-/// A running line to the fleet.
+/// The line to the fleet.
 #[derive(Debug)]
 pub struct Telling {
+    status: watch::Receiver<Status>,
+    /// `None` if it could not be started.
+    running: Option<Running>,
+}
+
+#[derive(Debug)]
+struct Running {
     fleet: Fleet,
     config: watch::Sender<String>,
     looking: JoinHandle<()>,
 }
 
-/// # Errors
-/// The vehicle's key or its outbox is of no use.
+/// Starts it, if the configuration names a fleet. A key or an outbox that is of no use keeps no display from starting.
 pub fn start(
     loaded: &Loaded,
     link: &Link,
     store: &Store,
     folder: Option<&Path>,
     clock: Clock,
-) -> anyhow::Result<Option<Telling>> {
-    let Some(fleet) = &loaded.fleet else { return Ok(None) };
+) -> Option<Telling> {
+    let fleet = loaded.fleet.as_ref()?;
+    Some(match run(fleet, loaded, link, store, folder, clock) {
+        Ok(running) => Telling { status: running.fleet.status(), running: Some(running) },
+        Err(error) => {
+            tracing::error!("the fleet is not told: {error:#}");
+            let failed = Status { disk: Some(format!("{error:#}")), ..Status::new(clock.now()) };
+            Telling { status: watch::channel(failed).1, running: None }
+        }
+    })
+}
+
+fn run(
+    fleet: &config::fleet::Fleet,
+    loaded: &Loaded,
+    link: &Link,
+    store: &Store,
+    folder: Option<&Path>,
+    clock: Clock,
+) -> anyhow::Result<Running> {
     let settings = Settings {
         id: VehicleId::new(&loaded.model.vehicle_id).context("the fleet cannot know a vehicle by this id")?,
         hub: Hub { url: fleet.hub.clone(), ca: fleet.ca.clone() },
@@ -56,25 +80,29 @@ pub fn start(
     let (config, of_config) = watch::channel(digest(&reload::texts(loaded)));
     let (tell, news) = mpsc::channel(NEWS_MAX);
     let sources = Sources { snapshots: outputs::latest(link.afterwards.clone()), config: of_config, news };
-    let fleet = vehicle::start(settings, folder, sources, clock).context("the fleet cannot be told")?;
+    let fleet = vehicle::start(settings, folder, sources, clock)?;
     let looking = tokio::spawn(look(store.clone(), tell));
-    Ok(Some(Telling { fleet, config, looking }))
+    Ok(Running { fleet, config, looking })
 }
 
 impl Telling {
     pub fn status(&self) -> watch::Receiver<Status> {
-        self.fleet.status()
+        self.status.clone()
     }
 
     /// Tells by which configuration the vehicle runs. Whether and where it tells is decided at the start.
     pub fn follow(&self, loaded: &Loaded) {
-        self.config.send_replace(digest(&reload::texts(loaded)));
+        if let Some(running) = &self.running {
+            running.config.send_replace(digest(&reload::texts(loaded)));
+        }
     }
 
     /// Says goodbye.
     pub async fn end(self, until: Instant) {
-        self.looking.abort();
-        self.fleet.end(until).await;
+        if let Some(Running { fleet, looking, .. }) = self.running {
+            looking.abort();
+            fleet.end(until).await;
+        }
     }
 }
 

@@ -159,7 +159,7 @@ impl Server {
         let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
         let unread = tokio::spawn(other_diagnostics::say(loaded.model.clone(), bridge.discovery()));
         let (discovery, working) = (Some(bridge.discovery()), Some(bridge.working()));
-        let telling = fleet::start(&loaded, &link, &store, folder.as_deref(), clock)?;
+        let telling = fleet::start(&loaded, &link, &store, folder.as_deref(), clock);
         let (write, written) = watch::channel(reload::written(&loaded));
         let settings = Settings {
             origins,
