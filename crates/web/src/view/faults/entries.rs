@@ -182,7 +182,7 @@ fn of_module(view: &View<'_>, id: ModuleId, state: State) -> FaultEntry {
     let is_named = view.name_of_fault(info, state).is_some();
     let is_behind_tile = view.board.tile_of(NodeId::Module(id)).is_some();
     // Topics and settings are words for developers, who read the message on the page of the module.
-    let is_technical = is_named && !is_behind_tile && message.text.contains(['/', '_']);
+    let is_technical = is_named && !is_behind_tile && message.text.contains(['/', '_', '`']);
     if state == State::Unknown || is_technical || (module.received.is_some() && is_behind_tile && is_named) {
         message.text.clear();
     }
