@@ -87,7 +87,7 @@ def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_h
             assert word["width"] > 8 and word["height"] > 8, word
             beside = name["x"] + name["width"] <= word["x"] + 1 or name["y"] + name["height"] <= word["y"] + 1
             assert beside and word["x"] + word["width"] <= box["x"] + box["width"], (width, name, word)
-            # What waits says for whom.
+            # A masked row names the component that it waits for.
             if tile.get_attribute("data-reason") == "masked":
                 expect(tile.locator(".line")).to_be_visible()
 

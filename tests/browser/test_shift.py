@@ -37,7 +37,7 @@ def test_after_a_wrong_choice_the_stop_is_chosen_again(server, vehicle, page, tr
     expect(tile(page, "localization")).to_have_attribute("data-state", "error")
     expect(page.locator("#instruction strong")).to_have_text("Choose the stop again.")
     expect(page.locator("#instruction")).to_contain_text("Chosen: Campus")
-    # What to do is said to who may do it.
+    # Advice is for the operator, who may act on it.
     expect(looks.locator("#causes .help").first).to_be_hidden()
     # Another choice is not accused of the ERROR of the one before.
     expect(page.locator("#step button[name=localize]").last).to_contain_text("Campus")

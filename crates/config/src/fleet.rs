@@ -9,7 +9,7 @@ pub struct Fleet {
     pub hub: String,
     /// The file of the vehicle's private key.
     pub credentials: PathBuf,
-    /// Certificates of those who may sign the hub's.
+    /// The certificates that sign the hub's certificate.
     pub ca: PathBuf,
     /// The line carries no more, in kbit/s.
     pub max_kbit_s: u32,

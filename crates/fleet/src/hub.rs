@@ -288,7 +288,7 @@ fn quoted(path: &Path) -> String {
     format!("\"{}\"", path.display().to_string().replace('\\', "\\\\").replace('"', "\\\""))
 }
 
-/// Who may do what. A vehicle tells of itself and hears the wishes to itself, and nothing else.
+/// The permissions of all users. A vehicle tells of itself and hears the wishes to itself, and nothing else.
 fn users(users: &Users) -> String {
     let mut text =
         String::from("# Written by `telltale fleet enrol` and `telltale fleet revoke`.\nusers: [\n");

@@ -1,4 +1,4 @@
-//! The identity of a vehicle towards the hub: an nkey, whose private part lies in a file that only its owner may read.
+//! The identity of a vehicle towards the hub: an nkey. Its private part lies in a file that only its owner may read.
 
 use std::fs::OpenOptions;
 use std::io::{self, Read as _, Write as _};
@@ -76,7 +76,7 @@ impl Identity {
         public.starts_with('U').then(|| Identity { seed: seed.to_owned(), public })
     }
 
-    /// The public key, by which the hub knows it.
+    /// The public key. The hub knows the vehicle by it.
     pub fn public(&self) -> &str {
         &self.public
     }

@@ -19,7 +19,7 @@ use crate::message::{BATCH_BYTES_MAX, VehicleId};
 /// The stream of all logs.
 pub const LOG_STREAM: &str = "LOG";
 
-/// The longest time for which live data can be asked for at once.
+/// A request for live data counts for this long at most.
 pub const LIVE_FOR_MAX: Span = Span::from_secs(60);
 
 /// Bytes of an answer, or of a wish, that are read.
@@ -67,7 +67,7 @@ pub fn inbox(name: &str) -> String {
 pub struct Hub {
     /// `tls://HOST:PORT`
     pub url: String,
-    /// Certificates of those who may sign the hub's.
+    /// The certificates that sign the hub's certificate.
     pub ca: PathBuf,
 }
 
@@ -172,7 +172,7 @@ impl Line {
         Requests { client: self.client.clone(), subjects: self.subjects.clone() }
     }
 
-    /// The next wish, or `None` when the line is cut. What is no wish is read over.
+    /// The next wish, or `None` when the line is cut. Other messages are passed over.
     pub async fn next(&mut self) -> Option<Want> {
         loop {
             tokio::select! {

@@ -1,5 +1,5 @@
-//! What a vehicle tells: the messages of a log, packed in batches. A batch is zstd over lines of JSON: a head that says
-//! whose it is, then the messages in their order. Everything that comes from the hub is hostile and read with bounds.
+//! What a vehicle tells: the messages of a log, packed in batches. A batch is zstd over lines of JSON: a head that
+//! names the vehicle, then the messages in their order. Everything that comes from the hub is hostile and read with bounds.
 
 use std::fmt;
 use std::io::Read as _;
@@ -372,7 +372,7 @@ impl Batch {
     }
 }
 
-/// A time as a message may have it. A vehicle whose clock is out of all bounds tells the nearest possible time.
+/// A time as a message may have it: of a clock out of all bounds, the nearest possible time.
 pub fn possible_ms(ms: i64) -> i64 {
     ms.clamp(TIMES_MS.start, TIMES_MS.end - 1)
 }

@@ -2,7 +2,7 @@
 //!
 //! The hub writes what it acknowledges to its disk later. So messages stay here for [`ACKED_KEPT`] after that, and a hub
 //! that was rolled back gets them again. From the oldest message that is here on, each place in the log has a message or
-//! lies in a gap; only what the hub acknowledged leaves from the front. Time is the time for which the program ran: a
+//! lies in a gap; only what the hub acknowledged leaves from the front. Time is the running time of the program: a
 //! wall clock that is set ahead would make everything old.
 
 use std::fs::OpenOptions;
@@ -404,7 +404,7 @@ impl Outbox {
         Ok(())
     }
 
-    /// Puts a gap in the place of a message, one with the gaps beside it. A gap of which the hub has a part waits as a
+    /// Puts a gap in the place of a message, one with the gaps beside it. A gap that the hub has in part waits as a
     /// whole.
     fn give_up(&mut self, given: &Row, at_ms: i64, why: GapReason) -> Result<(), OutboxError> {
         let writing = transaction(&mut self.connection)?;
@@ -500,7 +500,7 @@ fn row(row: &rusqlite::Row<'_>) -> Result<Row, rusqlite::Error> {
     Ok(Row { epoch: row.get(0)?, n: row.get(1)?, last: row.get(2)?, bytes })
 }
 
-/// The order in which messages are given up.
+/// The order of messages to be given up.
 fn rank(content: &Content) -> i64 {
     match content {
         Content::Head(_) | Content::Delta(_) | Content::Unknown => 0,
@@ -526,7 +526,7 @@ fn gap(epoch: Epoch, n: u64, to: u64, at: i64, why: GapReason) -> String {
 }
 
 fn mark(epoch: String, n: i64) -> Mark {
-    // Only this program writes the file; what is no epoch sorts first and is sent first.
+    // Only this program writes the file. Text that is no epoch sorts first and is sent first.
     let epoch = Epoch::try_from(epoch).unwrap_or(Epoch { start: 0, nonce: 0 });
     Mark { epoch, n: n.unsigned_abs() }
 }

@@ -47,7 +47,7 @@ impl Status {
         Status { contact, refuses_since: None, disk: None }
     }
 
-    /// What the operator has to know of it.
+    /// The fault that the operator has to know of.
     pub fn fault(&self, now: Timestamp) -> Option<FleetFault> {
         let text = |en: String, de: String| Text { en: en.into(), de: de.into() };
         let warning = |text| Some(FleetFault { text, is_error: false });

@@ -142,7 +142,7 @@ impl Fleet {
     }
 }
 
-/// What the hub's answer, or the next line, is waited for with.
+/// A request to the hub, or an attempt to reach it, that is not answered yet.
 type Waiting = Pin<Box<dyn Future<Output = Heard>>>;
 
 enum Heard {
@@ -165,7 +165,7 @@ struct Vehicle {
     changes_at: Timestamp,
     keyframe_at: Timestamp,
     tidy_at: Timestamp,
-    /// What waits is not only changes of states.
+    /// A message waits that is no change of a state.
     hurry: bool,
     /// Since when the oldest change waits.
     waiting_since: Option<Timestamp>,
@@ -317,7 +317,7 @@ impl Vehicle {
         Some(Message { epoch: mark.epoch, n: mark.n, at, content: content.clone() })
     }
 
-    /// What is to be waited for next.
+    /// The next request to the hub, or attempt to reach it.
     fn next(&mut self, line: Option<&Line>, now: Timestamp) -> Option<Waiting> {
         let Some(line) = line else {
             if now < self.connect_at || self.delivery.is_stopped() {

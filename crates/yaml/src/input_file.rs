@@ -1,5 +1,5 @@
-//! Opens files in folders where others may write. A pipe or a device may never answer or never end, so what is no
-//! regular file is refused; what is written is never written through a link.
+//! Opens files in folders where others may write. A pipe or a device may never answer or never end, so only
+//! regular files are read. No file is written through a link.
 
 use std::fs::{File, OpenOptions};
 use std::io;

@@ -36,7 +36,7 @@ enum Command {
     HubConfig {
         /// The folder
         dir: PathBuf,
-        /// A name or an address by which vehicles reach the hub, beside those of this machine; may be repeated
+        /// A name or an address of the hub for vehicles, beside those of this machine; may be repeated
         #[arg(long = "name", value_name = "HOST")]
         names: Vec<String>,
         /// Where nats-server listens
@@ -130,7 +130,7 @@ fn hub_config(
     write_private(&key, &key_pem)?;
     write_private(&certificate, &certificate_pem)?;
     let (listen, disk_bytes) = (listen.to_string(), disk * 1_000_000_000);
-    // nats-server reads them from the folder in which it is started.
+    // nats-server reads them from its working directory.
     let (certificate, key) = (Path::new(CERTIFICATE), Path::new(KEY));
     HubFolder::make(dir, Server { listen: &listen, certificate, key, disk_bytes })?;
     let dir = dir.display();

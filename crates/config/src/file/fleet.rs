@@ -8,7 +8,7 @@ use crate::fields::Fields;
 use telltale_yaml::schema::{default, least, most, pattern};
 use telltale_yaml::{Log, Members, Node, Schema, Span, key, map};
 
-/// What the line may carry, in kbit/s.
+/// The most that the line carries, in kbit/s.
 pub(crate) const KBIT_S: RangeInclusive<u64> = 8..=1_000_000;
 pub(crate) const KBIT_S_DEFAULT: u64 = 512;
 

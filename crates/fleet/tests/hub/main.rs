@@ -93,6 +93,17 @@ fn records(contents: &[Content]) -> Vec<u64> {
     contents.iter().filter_map(record).collect()
 }
 
+/// A hub, and a vehicle `a` that has told it of its first record.
+async fn vehicle_that_told(name: &str) -> (Hub, Vehicle, TempDir) {
+    let mut hub = Hub::start(name).await;
+    hub.enrol("a");
+    let data = TempDir::new().unwrap();
+    let mut vehicle = Vehicle::start(&hub, "a", &data);
+    vehicle.tell(true, 1).await;
+    hub.console().await.history_with("a", |seen| records(seen) == [1]).await;
+    (hub, vehicle, data)
+}
+
 #[tokio::test]
 async fn what_an_enrolled_vehicle_shows_arrives_over_tls_until_its_goodbye() {
     let mut hub = Hub::start("delivers").await;
@@ -179,12 +190,7 @@ async fn a_lost_acknowledgement_makes_no_message_twice() {
 
 #[tokio::test]
 async fn what_happened_while_the_hub_was_away_arrives_later() {
-    let mut hub = Hub::start("away").await;
-    hub.enrol("a");
-    let data = TempDir::new().unwrap();
-    let mut vehicle = Vehicle::start(&hub, "a", &data);
-    vehicle.tell(true, 1).await;
-    hub.console().await.history_with("a", |seen| records(seen) == [1]).await;
+    let (mut hub, mut vehicle, _data) = vehicle_that_told("away").await;
     hub.kill();
     vehicle.contact(|it| matches!(it, Contact::Away { .. })).await;
     vehicle.tell(false, 2).await;
@@ -196,12 +202,7 @@ async fn what_happened_while_the_hub_was_away_arrives_later() {
 
 #[tokio::test]
 async fn a_hub_that_goes_on_from_an_old_copy_gets_again_what_it_lost() {
-    let mut hub = Hub::start("copy").await;
-    hub.enrol("a");
-    let data = TempDir::new().unwrap();
-    let mut vehicle = Vehicle::start(&hub, "a", &data);
-    vehicle.tell(true, 1).await;
-    hub.console().await.history_with("a", |seen| records(seen) == [1]).await;
+    let (mut hub, mut vehicle, _data) = vehicle_that_told("copy").await;
     hub.kill();
     hub.copy_store();
     hub.start_again().await;
@@ -217,12 +218,8 @@ async fn a_hub_that_goes_on_from_an_old_copy_gets_again_what_it_lost() {
 
 #[tokio::test]
 async fn two_vehicles_with_one_key_are_an_error_of_one_of_them() {
-    let mut hub = Hub::start("two").await;
-    hub.enrol("a");
-    let (data, copied) = (TempDir::new().unwrap(), TempDir::new().unwrap());
-    let mut first = Vehicle::start(&hub, "a", &data);
-    first.tell(true, 1).await;
-    hub.console().await.history_with("a", |seen| records(seen) == [1]).await;
+    let (hub, mut first, _data) = vehicle_that_told("two").await;
+    let copied = TempDir::new().unwrap();
     let second = Vehicle::start(&hub, "a", &copied);
     second.contact(|it| *it == Contact::TwoVehicles).await;
     let status = second.fleet.status().borrow().clone();
@@ -234,12 +231,7 @@ async fn two_vehicles_with_one_key_are_an_error_of_one_of_them() {
 
 #[tokio::test]
 async fn a_revoked_vehicle_is_closed_at_once_and_one_with_a_new_key_goes_on() {
-    let mut hub = Hub::start("revoked").await;
-    hub.enrol("a");
-    let data = TempDir::new().unwrap();
-    let mut vehicle = Vehicle::start(&hub, "a", &data);
-    vehicle.tell(true, 1).await;
-    hub.console().await.history_with("a", |seen| records(seen) == [1]).await;
+    let (mut hub, mut vehicle, _data) = vehicle_that_told("revoked").await;
     hub.revoke("a");
     vehicle.contact(|it| matches!(it, Contact::Refused { .. })).await;
     vehicle.tell(false, 2).await;

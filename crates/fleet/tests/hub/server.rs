@@ -17,7 +17,7 @@ use tempfile::TempDir;
 /// Nothing here takes longer, even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// What is looked at again is looked at this often.
+/// The pause between two looks for a condition.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// The result of what must not take long.

@@ -90,7 +90,7 @@ impl Telling {
         self.status.clone()
     }
 
-    /// Tells by which configuration the vehicle runs. Whether and where it tells is decided at the start.
+    /// Tells the hash of the vehicle's new configuration. A change of `fleet:` itself needs a new start.
     pub fn follow(&self, loaded: &Loaded) {
         if let Some(running) = &self.running {
             running.config.send_replace(digest(&reload::texts(loaded)));
@@ -112,7 +112,7 @@ async fn look(store: Store, tell: mpsc::Sender<Content>) {
     let mut record = 0;
     loop {
         let mut news = Vec::new();
-        // What the store does not say now is told when it does.
+        // A store that does not answer now is asked again.
         if let Ok(last) = store.audit_entries(None, 1).await
             && let Some(last) = last.first().filter(|last| last.number != record)
         {

@@ -21,7 +21,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(5);
 /// A corrected clock may be behind earlier records by this much.
 const BEHIND: Duration = Duration::from_secs(24 * 3600);
 
-/// What is watched beside the clock and the certificate.
+/// The parts that are watched beside the clock and the certificate.
 #[derive(Debug, Clone, Default)]
 pub struct Watched {
     pub recording: Option<WatchedRecording>,
