@@ -184,6 +184,14 @@ def hears_a_new_publisher(watched, folder):
         until(heard, BACK_S, lambda: f"a new publisher is heard:\n{watched.server.read_log()[-3000:]}")
 
 
+def test_fragments_of_lost_messages_end_no_dds_process(watched):
+    processes = watched.server.children()
+    attack("fragments", "--rate", "5", seconds=20)
+    assert watched.server.children() == processes, watched.server.read_log()[-3000:]
+    assert "missing" not in watched.server.read_log(), "no message is lost while readers are replaced"
+    watched.wait_for_data()
+
+
 def test_data_are_back_five_seconds_after_each_round_of_fuzzing(watched, tmp_path):
     rounds, backs_s = FUZZED_S // 60, []
     for number in range(max(rounds, 1)):

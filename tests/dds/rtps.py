@@ -6,6 +6,7 @@
     rtps.py --domain 7 builtin                    the same from the writers of discovery
     rtps.py --domain 7 flood --rate 3000          participants that are none
     rtps.py --domain 7 endpoints --rate 3000      one participant with writers and readers without end
+    rtps.py --domain 7 fragments --rate 5         the first fragment of each message of a large topic, and no other
     rtps.py --domain 7 fuzz --seed 5              packets made by the grammar, and changed ones
 
 It joins as a participant of its own where an attack needs one that is known. After a second it prints that it is
@@ -30,6 +31,9 @@ SUBSCRIPTION_WRITER, SUBSCRIPTION_READER = b"\0\0\4\xc2", b"\0\0\4\xc7"
 TOPIC_WRITER, TOPIC_READER = b"\0\0\2\xc2", b"\0\0\2\xc7"
 LIVELINESS_WRITER, LIVELINESS_READER = b"\0\2\0\xc2", b"\0\2\0\xc7"
 USER_WRITER, USER_READER = b"\0\0\x12\3", b"\0\0\x13\4"
+# Of each participant of Cyclone DDS.
+FIRST_WRITER = b"\0\0\2\3"
+LARGE_BYTES, FRAGMENT_BYTES = 4_000_000, 64_000
 ANYBODY = b"\0\0\0\0"
 BUILT_IN = [
     (PARTICIPANT_WRITER, PARTICIPANT_READER),
@@ -204,6 +208,16 @@ class Attacker:
         entity = struct.pack(">I", self.sent)[1:] + kind
         self.send(self.endpoint(self.prefix, entity, f"rt/{self.sent}", DIAGNOSTICS[1], self.sent), offsets=(10,))
 
+    def fragments(self):
+        """As best-effort point clouds that lose packets, from a writer with the entity id of others."""
+        if self.count == 0:
+            self.send(self.announcement(self.prefix), offsets=(10,))
+            self.send(self.endpoint(self.prefix, FIRST_WRITER, "rt/points", "sensor_msgs::msg::dds_::PointCloud2_"), offsets=(10,))
+        self.count += 1
+        body = struct.pack("<HH", 0, 28) + ANYBODY + FIRST_WRITER + number(self.count)
+        body += struct.pack("<IHHI", 1, 1, FRAGMENT_BYTES, LARGE_BYTES) + b"\0\1\0\0"
+        self.send(self.header(self.prefix) + submessage(0x16, body), offsets=(11,))
+
     def fuzz(self):
         self.learn()
         if self.sent % 200 == 0:
@@ -313,6 +327,7 @@ def main():
         "flood": Attacker.flood,
         "silence": Attacker.silence,
         "endpoints": Attacker.endpoints,
+        "fragments": Attacker.fragments,
         "fuzz": Attacker.fuzz,
     }
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])

@@ -32,7 +32,7 @@ use super::losses::Losses;
 use super::open_readers::{OpenReader, OpenReaders};
 use super::places;
 use super::qos::{self, RawWriter};
-use super::watch::resident_megabytes;
+use super::relief::Relief;
 use super::wire::{self, Frame, FromChild, Order};
 use super::{BEAT, SampleId, WRITING_MAX, discovered};
 use crate::every;
@@ -46,8 +46,6 @@ const LOOK_MIN: Span = Span::from_millis(5);
 const LOOK_MAX: Span = Span::from_secs(1);
 /// The same after endpoints were missing at a look.
 const LOOK_AGAIN: Span = Span::from_millis(50);
-/// How often it may give back the memory of incomplete samples.
-const RELIEF_EVERY: Span = Span::from_secs(1);
 /// The time that the library has to end its threads.
 const ENDING: Duration = Duration::from_secs(1);
 
@@ -172,8 +170,7 @@ struct Child {
     writing: JoinSet<(u32, Option<String>)>,
     echo_check: EchoCheck,
     busy_discovery: BusyDiscovery,
-    /// When it last gave back the memory of incomplete samples.
-    relieved: Timestamp,
+    relief: Relief,
 }
 
 pub fn refused(error: impl std::fmt::Display) -> String {
@@ -204,7 +201,7 @@ impl Child {
             writing: JoinSet::new(),
             echo_check,
             busy_discovery: BusyDiscovery::of_this_process(),
-            relieved: Timestamp::ZERO,
+            relief: Relief::of_this_process(),
         })
     }
 
@@ -279,8 +276,7 @@ impl Child {
                 let topic = self.topic(topic, type_name, depth as usize)?;
                 let reader = qos::reader(&self.subscriber, &topic, via).map_err(refused)?;
                 out.frame.news(&FromChild::Made { id, guid: reader.guid().to_bytes() });
-                let open = OpenReader { id, reader, topic, via, in_flight: 0, largest: None };
-                self.open_readers.readers.push(open);
+                self.open_readers.readers.push(OpenReader::new(id, reader, topic, via));
             }
             Order::EndReader { id } => self.open_readers.readers.retain(|known| known.id != id),
             Order::Taken { id, bytes } => {
@@ -366,11 +362,11 @@ impl Child {
     /// Gives back the memory of incomplete samples before the process is too large. On a line that loses packets they
     /// would fill it within seconds.
     fn relieve(&mut self, now: Timestamp, out: &mut ToParent) -> Result<(), String> {
-        if now.since(self.relieved) < RELIEF_EVERY || !is_nearly_full() {
-            return Ok(());
+        let mut replaced = self.open_readers.end_overlaps(now, &mut out.samples)?;
+        if self.relief.is_due(now) {
+            replaced.extend(self.open_readers.drop_fragments(&self.subscriber, now)?);
         }
-        self.relieved = now;
-        for (id, guid) in self.open_readers.drop_fragments(&self.subscriber)? {
+        for (id, guid) in replaced {
             out.frame.news(&FromChild::Made { id, guid });
         }
         Ok(())
@@ -399,13 +395,6 @@ impl Child {
         let closed = tokio::task::spawn_blocking(move || drop(participant));
         let _ = tokio::time::timeout(ENDING, closed).await;
     }
-}
-
-/// Whether this process takes more than half of the memory to which it is confined.
-fn is_nearly_full() -> bool {
-    use rustix::process::{Resource, getrlimit};
-    let Some(limit) = getrlimit(Resource::Data).current else { return false };
-    resident_megabytes("self") > limit >> 21
 }
 
 /// Writes. The library would never report that its threads have ended.

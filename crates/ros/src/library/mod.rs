@@ -17,6 +17,7 @@ mod open_readers;
 pub mod places;
 pub mod qos;
 pub(super) mod raw_bytes;
+mod relief;
 mod seen;
 pub(super) mod spdp;
 mod watch;

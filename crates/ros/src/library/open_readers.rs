@@ -1,39 +1,49 @@
 //! The readers of a DDS process, and what they have received.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::task::{Context, Poll};
 
 use rustdds::dds::ReadError;
-use rustdds::no_key::SimpleDataReader;
-use rustdds::{Subscriber, Topic};
+use rustdds::{Subscriber, Topic, TopicDescription as _};
 
 use super::child::refused;
-use super::qos::{self, Via};
-use super::raw_bytes::RawAdapter;
+use super::qos::{self, RawReader, Via};
 use super::wire::{self, Frame, FromChild};
 use super::{Found, RawSample, SAMPLE_BYTES, SampleId, WINDOW_BYTES};
-use telltale_msg::sample_bytes::{Guid, RawBody};
+use telltale_engine::time::{Span, Timestamp};
+use telltale_msg::sample_bytes::Guid;
 
 /// A writer that discovery does not know is looked for again only after news of discovery.
 const UNKNOWN_MAX: usize = 1024;
 /// A smaller sample comes in one packet, or in few.
 const LARGE_BYTES: usize = 64 << 10;
+/// A replaced reader stays until the writers know the new one, so that nothing is lost. Meanwhile both hold fragments.
+const OVERLAP: Span = Span::from_secs(1);
 
 /// A reader, and the bytes that were passed up and not taken yet.
 pub struct OpenReader {
     pub id: u32,
-    pub reader: SimpleDataReader<RawBody, RawAdapter>,
+    pub reader: RawReader,
+    /// Takes its place at this time.
+    next: Option<(RawReader, Timestamp)>,
     pub topic: Topic,
     pub via: Via,
     pub in_flight: usize,
     /// The bytes of its largest sample; `None` before the first one.
-    pub largest: Option<usize>,
+    largest: Option<usize>,
 }
 
 impl OpenReader {
-    /// Whether it may hold much of samples that will never be complete.
-    fn may_hold_fragments(&self) -> bool {
-        self.via == Via::BestEffort && self.largest.is_none_or(|bytes| bytes >= LARGE_BYTES)
+    pub fn new(id: u32, reader: RawReader, topic: Topic, via: Via) -> OpenReader {
+        OpenReader { id, reader, next: None, topic, via, in_flight: 0, largest: None }
+    }
+
+    fn is_small(&self) -> bool {
+        self.largest.is_some_and(|bytes| bytes < LARGE_BYTES)
+    }
+
+    fn has_room(&self) -> bool {
+        self.in_flight < WINDOW_BYTES
     }
 }
 
@@ -54,8 +64,11 @@ impl OpenReaders {
             for known in &self.readers {
                 // Nobody reads these notifications, which pile up. That takes system calls, and nothing waits now.
                 known.reader.drain_read_notifications();
+                if let Some((next, _)) = &known.next {
+                    next.drain_read_notifications();
+                }
             }
-            for known in self.readers.iter().filter(|known| known.in_flight < WINDOW_BYTES) {
+            for known in self.readers.iter().filter(|known| known.has_room()) {
                 known.reader.set_waker(Some(context.waker().clone()));
             }
             // A sample that came between the look and the waker would wake nobody.
@@ -64,16 +77,65 @@ impl OpenReaders {
         if samples.is_empty() { Poll::Pending } else { Poll::Ready(Ok(strangers)) }
     }
 
-    /// Replaces the readers that may hold fragments of lost samples: the library keeps 128 incomplete samples for each
-    /// writer, whole in size, until no fragment has come for 10 s. Returns the new ones.
+    /// Replaces the readers that may hold fragments of lost samples. Of each writer, the library keeps 128 incomplete
+    /// samples, whole in size, until no fragment of them has come for 10 s: in the readers of that writer, and in all
+    /// that read a writer of another participant with the same entity id. Returns the new ones. Those that have to miss
+    /// no message are replaced later ([`OpenReaders::end_overlaps`]).
     ///
     /// # Errors
     /// The library refuses one.
-    pub fn drop_fragments(&mut self, subscriber: &Subscriber) -> Result<Vec<(u32, Guid)>, String> {
+    pub fn drop_fragments(
+        &mut self,
+        subscriber: &Subscriber,
+        now: Timestamp,
+    ) -> Result<Vec<(u32, Guid)>, String> {
+        let with_alike = self.topics_with_entity_ids_of_large();
         let mut replaced = Vec::new();
-        for known in self.readers.iter_mut().filter(|known| known.may_hold_fragments()) {
-            known.reader = qos::reader(subscriber, &known.topic, known.via).map_err(refused)?;
-            replaced.push((known.id, known.reader.guid().to_bytes()));
+        for known in self.readers.iter_mut().filter(|known| known.next.is_none()) {
+            let is_large = known.via == Via::BestEffort && !known.is_small();
+            if !is_large && !with_alike.contains(&known.topic.name()) {
+                continue;
+            }
+            let next = qos::reader(subscriber, &known.topic, known.via).map_err(refused)?;
+            if is_large {
+                known.reader = next;
+                replaced.push((known.id, known.reader.guid().to_bytes()));
+            } else {
+                known.next = Some((next, now + OVERLAP));
+            }
+        }
+        Ok(replaced)
+    }
+
+    /// The topics with a writer that has the entity id of one whose messages may be large.
+    fn topics_with_entity_ids_of_large(&self) -> HashSet<String> {
+        let small: HashSet<_> =
+            self.readers.iter().filter(|known| known.is_small()).map(|known| known.topic.name()).collect();
+        let writers = || self.told.values().filter(|found| found.writes);
+        let large: HashSet<_> =
+            writers().filter(|found| !small.contains(&found.topic)).map(|found| &found.guid[12..]).collect();
+        writers().filter(|found| large.contains(&found.guid[12..])).map(|found| found.topic.clone()).collect()
+    }
+
+    /// Ends the readers whose successors the writers know. Returns the successors.
+    ///
+    /// # Errors
+    /// The library can no longer read.
+    pub fn end_overlaps(&mut self, now: Timestamp, samples: &mut Frame) -> Result<Vec<(u32, Guid)>, String> {
+        let mut replaced = Vec::new();
+        if !self.readers.iter().any(|known| known.next.as_ref().is_some_and(|(_, at)| *at <= now)) {
+            return Ok(replaced);
+        }
+        self.take(samples)?;
+        for known in &mut self.readers {
+            // What it still holds is not lost.
+            if known.has_room()
+                && !samples.is_full()
+                && let Some((next, _)) = known.next.take_if(|(_, at)| *at <= now)
+            {
+                known.reader = next;
+                replaced.push((known.id, known.reader.guid().to_bytes()));
+            }
         }
         Ok(replaced)
     }
@@ -81,9 +143,13 @@ impl OpenReaders {
     fn take(&mut self, samples: &mut Frame) -> Result<bool, String> {
         let mut strangers = false;
         for hearing in &mut self.readers {
+            // First, so that what comes between the two is read twice and not never.
+            if let Some((next, _)) = &mut hearing.next {
+                while let Ok(Some(_)) = next.try_take_one() {}
+            }
             // `None` is also returned for a sample without data; the next one may follow.
             let mut nothing = 0;
-            while nothing < 2 && hearing.in_flight < WINDOW_BYTES && !samples.is_full() {
+            while nothing < 2 && hearing.has_room() && !samples.is_full() {
                 match hearing.reader.try_take_one() {
                     Ok(Some(change)) => {
                         let sample = RawSample {

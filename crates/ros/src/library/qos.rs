@@ -54,6 +54,7 @@ pub enum Via {
 }
 
 pub type RawWriter = DataWriter<Bytes, RawAdapter>;
+pub type RawReader = SimpleDataReader<RawBody, RawAdapter>;
 
 /// Also tells the library how many samples of the topic it keeps, which can only grow.
 pub fn create_topic(
@@ -68,11 +69,7 @@ pub fn create_topic(
     participant.create_topic(name.to_owned(), type_name.to_owned(), &qos, TopicKind::NoKey)
 }
 
-pub fn reader(
-    subscriber: &Subscriber,
-    topic: &Topic,
-    via: Via,
-) -> CreateResult<SimpleDataReader<RawBody, RawAdapter>> {
+pub fn reader(subscriber: &Subscriber, topic: &Topic, via: Via) -> CreateResult<RawReader> {
     subscriber.create_simple_datareader_no_key(topic, Some(asked(via)))
 }
 
