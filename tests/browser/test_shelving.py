@@ -95,14 +95,14 @@ def test_what_is_shelved_calls_nobody_and_every_page_says_so(server, machine, pa
     # It calls nobody, and does not disappear.
     shelved = causes.locator("[data-shelved='base/imu']")
     expect(shelved).to_be_visible()
-    expect(shelved).to_contain_text(re.compile(r"Shelved until \d\d:\d\d.* by dora; itself: Error"))
+    expect(shelved).to_contain_text(re.compile(r"In maintenance until \d\d:\d\d.* by dora; itself: Error"))
     expect(causes.locator("[data-node]")).to_have_count(0)
     expect(causes).to_have_attribute("data-alarms", "")
     expect(page.locator("#instruction")).to_have_attribute("data-urgency", "none")
     expect(page.locator("[data-alarm]")).to_have_count(0)
     # What it shows and masks is as before.
     expect(tile).to_have_attribute("data-state", "error")
-    expect(tile).to_contain_text("1 shelved")
+    expect(tile).to_contain_text("1 in maintenance")
     expect(page.locator("#tile-nav")).to_have_attribute("data-reason", "masked")
     check_sizes(page, "an error that is shelved")
 
@@ -120,11 +120,11 @@ def test_what_is_shelved_calls_nobody_and_every_page_says_so(server, machine, pa
     machine.levels["imu"] = 0
     expect(tile).to_have_attribute("data-state", "ok")
     expect(shelved).to_contain_text("itself: OK")
-    expect(tile).to_contain_text("1 shelved")
+    expect(tile).to_contain_text("1 in maintenance")
     expect(causes.locator(".calm")).to_have_count(0)
     shelved.locator(".open").click()
     row = page.locator("#detail-base [data-module='base/imu']")
-    expect(row.locator(".state")).to_have_text("Shelved")
+    expect(row.locator(".state")).to_have_text("In maintenance")
     expect(row).to_contain_text("itself: OK")
     page.keyboard.press("Escape")
     page.locator("[data-tool=language]").click()

@@ -113,7 +113,7 @@ def test_a_double_tap_on_continue_releases_nothing(driving):
         box, stop = step(page, "release").bounding_box(), step(page, "stop").bounding_box()
         step(page, "release").click()
         expect(confirm).to_be_visible()
-        for name, button in (("Confirm", confirm.bounding_box()), ("STOP", stop)):
+        for name, button in (("Drive", confirm.bounding_box()), ("STOP", stop)):
             beside = button["x"] >= box["x"] + box["width"] - 1 or box["x"] >= button["x"] + button["width"] - 1
             apart = button["y"] >= box["y"] + box["height"] - 1 or box["y"] >= button["y"] + button["height"] - 1
             assert beside or apart, f"{name} lies under the finger at {width}x{height}: {button}, {box}"

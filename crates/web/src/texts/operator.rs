@@ -135,8 +135,7 @@ texts! {
         clearance: "Give clearance", "Freigabe erteilen";
         confirm_title: "Start driving?", "Losfahren?";
         confirm_text: "A tone, then it drives.", "Erst ein Ton, dann fährt es.";
-        confirm: "Confirm", "Bestätigen";
-        drive_on: "Drive on", "Losfahren";
+        drive: "Drive", "Losfahren";
         cancel: "Cancel", "Abbrechen";
         shutdown: "Lock the display", "Anzeige sperren";
         shutdown_title: "Lock the display?", "Anzeige sperren?";
@@ -163,7 +162,7 @@ texts! {
         all_over: "more, over", "weitere, vorbei";
         acknowledge_over: "over: acknowledge", "vorbei: quittieren";
         over: "Over", "Vorbei";
-        shelved: "Shelved", "In Wartung";
+        shelved: "In maintenance", "In Wartung";
         until: "until", "bis";
         held_error: "Held until reset", "Gehalten bis zum Zurücksetzen";
         reset: "Reset", "Zurücksetzen";
@@ -303,8 +302,8 @@ texts! {
     /// The same with the minutes of a drive there.
     text stop_away_in(far: &str, min: u32) { "About {far}, {min} min to go", "Noch etwa {far}, {min} min" }
 
-    /// `1 shelved`: modules whose faults call nobody for now.
-    text so_many_shelved(count: usize) { "{count} shelved", "{count} in Wartung" }
+    /// `1 in maintenance`: modules whose faults call nobody for now.
+    text so_many_shelved(count: usize) { "{count} in maintenance", "{count} in Wartung" }
 
     /// The user who shelved a module.
     text shelved_by(by: &str) { "by {by}", "durch {by}" }
