@@ -1,4 +1,4 @@
-//! The end of the engine's task, which somebody asks for.
+//! A handle that ends the engine's task; its clones end the same one.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Opens files in folders where others may write. A pipe or a device may never answer or never end, so only
+//! Opens and writes files in folders where others may write. A pipe or a device may never answer or never end, so only
 //! regular files are read. No file is written through a link.
 
 use std::fs::{File, OpenOptions};

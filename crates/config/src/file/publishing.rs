@@ -1,4 +1,4 @@
-//! Published topics in the file: only the differences from the default.
+//! Decodes the key `publish`: the differences from the topics that are published by default.
 
 use super::forms::{self, TOPIC};
 use super::monitors::bands::hertz;

@@ -1,4 +1,4 @@
-//! Finds conditions of `expression` monitors that ignore the module's inputs, and invalid classes.
+//! Finds `expression` conditions that are constant, inputs that no condition uses, and classes that the paper's table does not have.
 
 use super::{Finding, FindingKind};
 use crate::expression;

@@ -1,4 +1,4 @@
-//! Finds modules that may be noticed later than a dependency waits: their symptoms would appear as second faults.
+//! Finds modules whose ERROR may come later than a dependency's `within`: their symptoms would count as second faults.
 
 use super::{Finding, FindingKind};
 use telltale_engine::model::monitors::ProbeTarget;

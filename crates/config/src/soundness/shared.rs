@@ -1,4 +1,4 @@
-//! Finds statuses that join two groups: a filter of one takes everything that a filter of the other does.
+//! Finds statuses that two groups take: a filter of one takes everything that a filter of the other does.
 
 use std::collections::HashSet;
 

@@ -1,5 +1,5 @@
-//! Finds less urgent faults that hide more urgent ones: while the first explains the second, the page has the words
-//! of the first and the advice of the second.
+//! Finds dependencies where a less urgent cause hides a more urgent fault: the page names the cause and gives the advice
+//! for the fault.
 
 use super::late::{dependencies, is_inside};
 use super::{Finding, FindingKind};
