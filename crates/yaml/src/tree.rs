@@ -44,6 +44,12 @@ impl Node {
         matches!(&self.kind, Kind::Scalar { text, plain: true } if matches!(text.as_str(), "" | "~" | "null"))
     }
 
+    /// The value of a key of a map.
+    pub fn get(&self, key: &str) -> Option<&Node> {
+        let Kind::Mapping(entries) = &self.kind else { return None };
+        entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value)
+    }
+
     /// Its kind, for messages.
     pub fn describe(&self) -> String {
         match &self.kind {

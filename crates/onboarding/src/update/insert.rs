@@ -153,9 +153,8 @@ mod tests {
         let mut sources = Sources::default();
         let file = sources.add("c", text);
         let tree = tree::parse(&sources, file, &mut Log::default()).expect("it is YAML");
-        let Kind::Mapping(entries) = &tree.kind else { panic!("{tree:?}") };
-        let list = entries.iter().find(|(key, _)| key.text == "list").expect("it has a list");
-        let Some((at, form)) = behind_last(text, &list.1) else { return "none".into() };
+        let list = tree.get("list").expect("it has a list");
+        let Some((at, form)) = behind_last(text, list) else { return "none".into() };
         let mark = match form {
             Form::Block(column) => format!("@{column}\n"),
             Form::Brackets(_) => "@".to_owned(),

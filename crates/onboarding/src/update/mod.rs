@@ -58,7 +58,7 @@ pub fn update(
     let mut updated =
         Updated { text: text.to_owned(), modules: Vec::new(), groups: Vec::new(), left: Vec::new() };
     let Some(tree) = tree::parse(loaded.sources(), 0, &mut Log::default()) else { return Ok(updated) };
-    let groups = value(&tree, "groups");
+    let groups = tree.get("groups");
     let New { joining, groups: made, left, .. } = New::of(loaded, draft, unwatched, is_known, groups);
     updated.left = left;
     let mut insertions = Vec::new();
@@ -110,11 +110,6 @@ fn no_place(loaded: &Loaded, node: &Node) -> NoPlace {
     NoPlace(format!("{place}: nothing can be added to what stands here; write the list with one item a line"))
 }
 
-fn value<'n>(node: &'n Node, key: &str) -> Option<&'n Node> {
-    let Kind::Mapping(entries) = &node.kind else { return None };
-    entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value)
-}
-
 fn items(list: &Node) -> &[Node] {
     match &list.kind {
         Kind::Sequence(items) => items,
@@ -123,7 +118,7 @@ fn items(list: &Node) -> &[Node] {
 }
 
 fn id(node: &Node) -> Option<&str> {
-    value(node, "id").and_then(scalar)
+    node.get("id").and_then(scalar)
 }
 
 /// The group with this path, in its file.
@@ -132,7 +127,7 @@ fn find<'n>(groups: &'n Node, path: &str) -> Option<&'n Node> {
     let group = items(groups).iter().find(|group| id(group) == Some(first))?;
     match rest {
         None => Some(group),
-        Some(rest) => find(value(group, "groups")?, rest),
+        Some(rest) => find(group.get("groups")?, rest),
     }
 }
 
@@ -142,7 +137,7 @@ fn ids_of(list: &Node) -> BTreeSet<String> {
 
 /// The ids that are taken in a group.
 fn modules_of(group: &Node) -> BTreeSet<String> {
-    ["modules", "groups"].iter().filter_map(|key| value(group, key)).flat_map(ids_of).collect()
+    ["modules", "groups"].iter().filter_map(|key| group.get(key)).flat_map(ids_of).collect()
 }
 
 /// The modules as lines whose `-` is in this column, below a line that says when they were added.
@@ -169,7 +164,7 @@ fn behind(text: &str, at: usize, lines: &str) -> Insertion {
 
 fn into_group(text: &str, group: &Node, mut modules: Vec<Module>, when: &str) -> Option<Insertion> {
     let modules = &mut modules;
-    match value(group, "modules") {
+    match group.get("modules") {
         Some(list) => {
             let (at, form) = behind_last(text, list)?;
             Some(match form {

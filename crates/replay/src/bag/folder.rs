@@ -4,6 +4,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 
 use telltale_record::file::FileError;
+use telltale_yaml::decode::scalar;
 use telltale_yaml::{Kind, Log, Node, Sources, tree};
 
 const METADATA: &str = "metadata.yaml";
@@ -67,12 +68,12 @@ fn listed(metadata: &Path) -> Option<Vec<Part>> {
     let (mut sources, mut log) = (Sources::default(), Log::default());
     let file = sources.read(metadata).ok()?;
     let tree = tree::parse(&sources, file, &mut log)?;
-    let about = value(&tree, "rosbag2_bagfile_information")?;
-    let Kind::Sequence(paths) = &value(about, "relative_file_paths")?.kind else { return None };
+    let about = tree.get("rosbag2_bagfile_information")?;
+    let Kind::Sequence(paths) = &about.get("relative_file_paths")?.kind else { return None };
     // Older versions do not have it.
-    let spans: HashMap<String, (u64, u64)> = match value(about, "files").map(|files| &files.kind) {
+    let spans: HashMap<String, (u64, u64)> = match about.get("files").map(|files| &files.kind) {
         Some(Kind::Sequence(files)) => {
-            files.iter().filter_map(|it| Some((name(value(it, "path")?)?, span_ns(it)?))).collect()
+            files.iter().filter_map(|it| Some((name(it.get("path")?)?, span_ns(it)?))).collect()
         }
         _ => HashMap::new(),
     };
@@ -85,25 +86,13 @@ fn listed(metadata: &Path) -> Option<Vec<Part>> {
 
 /// The name of a file. Old versions wrote the folder's own name before it.
 fn name(node: &Node) -> Option<String> {
-    Some(Path::new(text(node)?).file_name()?.to_str()?.to_owned())
+    Some(Path::new(scalar(node)?).file_name()?.to_str()?.to_owned())
 }
 
 fn span_ns(file: &Node) -> Option<(u64, u64)> {
-    let ns = |key, unit| text(value(value(file, key)?, unit)?)?.parse::<u64>().ok();
+    let ns = |key, unit| scalar(file.get(key)?.get(unit)?)?.parse::<u64>().ok();
     let from_ns = ns("starting_time", "nanoseconds_since_epoch").filter(|&ns| ns > 0)?;
     Some((from_ns, from_ns.saturating_add(ns("duration", "nanoseconds")?)))
-}
-
-fn text(node: &Node) -> Option<&str> {
-    match &node.kind {
-        Kind::Scalar { text, .. } => Some(text),
-        _ => None,
-    }
-}
-
-fn value<'n>(node: &'n Node, key: &str) -> Option<&'n Node> {
-    let Kind::Mapping(entries) = &node.kind else { return None };
-    entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value)
 }
 
 /// The file that somebody made of a compressed one, if it is there.

@@ -265,9 +265,8 @@ fn analyzers_of_ros_1(root: &Node) -> Vec<(String, &Node)> {
 
 /// A map with the type of an analyzer.
 fn is_analyzer(node: &Node) -> bool {
-    let Kind::Mapping(entries) = &node.kind else { return false };
     let ends = |text: &str| text.ends_with("Analyzer") || text.ends_with("AnalyzerGroup");
-    entries.iter().any(|(key, value)| key.text == "type" && scalar(value).is_some_and(ends))
+    node.get("type").and_then(scalar).is_some_and(ends)
 }
 
 fn has_maps(node: &Node) -> bool {

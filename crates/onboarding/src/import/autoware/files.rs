@@ -27,7 +27,7 @@ pub(super) fn read(
         let folder = Path::new(sources.name(file)).parent().unwrap_or(Path::new("")).to_owned();
         let mut named = Vec::new();
         for item in list(&root, "files", findings) {
-            let Some(path) = get(item, "path").and_then(|node| Some((scalar(node)?, node.span))) else {
+            let Some(path) = item.get("path").and_then(|node| Some((scalar(node)?, node.span))) else {
                 findings.lost(
                     Problem::at(item.span, "this names no file")
                         .help("write `{ path: $(dirname)/NAME.yaml }`"),
@@ -55,13 +55,8 @@ pub(super) fn read(
     }
 }
 
-fn get<'n>(node: &'n Node, key: &str) -> Option<&'n Node> {
-    let Kind::Mapping(entries) = &node.kind else { return None };
-    entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value)
-}
-
 fn list<'n>(root: &'n Node, key: &str, findings: &mut Findings) -> &'n [Node] {
-    match get(root, key) {
+    match root.get(key) {
         None => &[],
         Some(node) => match &node.kind {
             Kind::Sequence(items) => items,
@@ -76,7 +71,7 @@ fn list<'n>(root: &'n Node, key: &str, findings: &mut Findings) -> &'n [Node] {
 }
 
 fn edit(item: &Node, graph: &mut Graph, findings: &mut Findings) {
-    let text = |key: &str| get(item, key).and_then(scalar).map(str::to_owned).filter(|text| !text.is_empty());
+    let text = |key: &str| item.get(key).and_then(scalar).map(str::to_owned).filter(|text| !text.is_empty());
     match text("type").as_deref() {
         Some("remove") => {
             graph.edits.push(Edit { span: item.span, regex: text("regex"), path: text("path") })

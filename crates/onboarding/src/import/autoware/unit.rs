@@ -118,7 +118,6 @@ impl Graph {
             findings.lost(problem.help("import parts of the graph"));
             return None;
         }
-        let get = |key: &str| entries.iter().find(|(found, _)| found.text == key).map(|(_, value)| value);
         for (key, value) in entries {
             if let Some(wanted) = wanted(&key.text).filter(|wanted| !wanted.is(value)) {
                 let text = format!("`{}` is {}, found {}", key.text, wanted.word(), value.describe());
@@ -127,7 +126,7 @@ impl Graph {
                 );
             }
         }
-        let text = |key: &str| get(key).and_then(|node| Some((scalar(node)?.to_owned(), node.span)));
+        let text = |key: &str| node.get(key).and_then(|node| Some((scalar(node)?.to_owned(), node.span)));
         let Some((kind, kind_span)) = text("type") else {
             let problem = Problem::at(node.span, "this unit has no `type`");
             findings.lost(problem.help(format!("add one of: {}", TYPES.join(", "))));
@@ -213,7 +212,7 @@ impl Graph {
             latch_s: latch.map(|(seconds, _)| seconds),
             removed: false,
         });
-        let inside: Vec<&Node> = match (get("list").map(|list| &list.kind), get("item")) {
+        let inside: Vec<&Node> = match (node.get("list").map(|list| &list.kind), node.get("item")) {
             (Some(Kind::Sequence(items)), _) => items.iter().collect(),
             (_, Some(item)) => vec![item],
             _ => Vec::new(),
