@@ -67,24 +67,18 @@ pub(super) struct MotionState {
     /// Since when each message has said that the vehicle is slow.
     slow_since: Option<Timestamp>,
     /// Since when it has stood. A tick of a wheel is no movement.
-    #[serde(default)]
     stood_since: Option<Timestamp>,
     /// Since when no message has said that it is slow.
-    #[serde(default)]
     moved_since: Option<Timestamp>,
-    #[serde(default)]
     parking: Parking,
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
     /// The last place of the vehicle, in metres.
-    #[serde(default)]
     position: Option<((f64, f64), Timestamp)>,
     /// The distances to the goal in the last minute of a drive, oldest first.
-    #[serde(default)]
     nearing: VecDeque<(Timestamp, f64)>,
     shown: Motion,
     /// The speed summed up over the time for which it was known, in metres.
-    #[serde(default)]
     driven_m: f64,
 }
 

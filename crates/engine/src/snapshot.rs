@@ -393,7 +393,6 @@ pub struct Alarm {
     /// Earlier alarms of the node that are only counted here.
     pub repeats: u32,
     /// The highest urgency of its fault, and of all that waits for it, since the vehicle set off.
-    #[serde(default)]
     pub asked: Option<Urgency>,
 }
 
@@ -468,10 +467,8 @@ pub struct Localization {
     /// The vehicle drove before it was localized: without a localization there is no clearance.
     pub skipped: bool,
     /// Where the vehicle was last known to be.
-    #[serde(default)]
     pub last_known: Option<KnownPlace>,
     /// The group `localization` was not OK for so long after the pose that this may be a wrong one.
-    #[serde(default)]
     pub late: bool,
 }
 
@@ -533,10 +530,8 @@ pub struct Motion {
     pub destination: Option<usize>,
     /// How far the goal is in a straight line, in rounded metres. `None` while the place of the vehicle or of the goal is
     /// not known.
-    #[serde(default)]
     pub goal_m: Option<u32>,
     /// In how many minutes a drive is there if it comes nearer as it did in the last minute.
-    #[serde(default)]
     pub goal_min: Option<u32>,
 }
 

@@ -20,10 +20,10 @@ pub struct Line<'a> {
     pub at_ns: Timestamp,
     pub took: Took<'a>,
     /// The message behind it, if there was one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub message: Option<MessageRef<'a>>,
     /// The message behind it, if it is not in the file.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub left_out: Option<LeftOut<'a>>,
 }
 
@@ -35,7 +35,7 @@ pub struct LeftOut<'a> {
     pub sequence: i64,
     pub received_ns: u64,
     /// When it was published, by the publisher's clock, in nanoseconds since 1970.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub published_ns: Option<u64>,
     pub bytes: u64,
 }

@@ -13,7 +13,6 @@ pub struct Summary {
     /// The end of the recording; `None` while it lasts.
     pub until_ms: Option<i64>,
     /// The stage at the first trigger; empty if it is not known.
-    #[serde(default)]
     pub stage: String,
     /// Oldest first; at most 256.
     pub triggers: Vec<TriggerLine>,
@@ -90,7 +89,7 @@ pub struct TriggerLine {
     /// The node of a root or of an ERROR behind one, the request of a countermeasure, the stage after `active`, or who marked.
     pub what: String,
     /// The number of the alarm of a root.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub alarm: Option<u64>,
     /// The note of a mark.
     #[serde(default, skip_serializing_if = "String::is_empty")]
@@ -121,7 +120,7 @@ pub struct FrozenNode {
     pub message: String,
     pub values: Vec<(String, String)>,
     /// The time of the later trigger.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub at_ms: Option<i64>,
 }
 
@@ -136,7 +135,7 @@ pub struct Recording {
     /// The file will not change.
     pub finished: bool,
     /// SHA-256 of the finished file, in hexadecimal digits.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub sha256: Option<String>,
     /// Messages in the file.
     pub messages: u64,
@@ -144,7 +143,6 @@ pub struct Recording {
     /// were too large for its readers.
     pub missing: u64,
     /// The program ended while it was recorded.
-    #[serde(default)]
     pub interrupted: bool,
     /// Messages that had no room, by `recording.disk` or on the disk, and their bytes.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -152,7 +150,6 @@ pub struct Recording {
     #[serde(default, skip_serializing_if = "is_zero")]
     pub left_out_bytes: u64,
     /// The file was not there any more when it should have been completed: the recording is lost.
-    #[serde(default)]
     pub gone: bool,
 }
 

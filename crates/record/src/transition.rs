@@ -27,9 +27,9 @@ pub enum Change<'a> {
         node: Cow<'a, str>,
         shown: Cow<'a, str>,
         own: Cow<'a, str>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         masked_by: Option<Cow<'a, str>>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         message: Option<Cow<'a, str>>,
     },
     Stage {
@@ -72,7 +72,7 @@ pub enum Change<'a> {
     Trigger {
         of: Cow<'a, str>,
         what: Cow<'a, str>,
-        #[serde(default, skip_serializing_if = "Option::is_none")]
+        #[serde(skip_serializing_if = "Option::is_none")]
         alarm: Option<u64>,
         #[serde(default, skip_serializing_if = "str::is_empty")]
         note: Cow<'a, str>,

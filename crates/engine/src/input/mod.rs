@@ -96,9 +96,8 @@ impl Input {
 pub struct Upkeep {
     pub clock: Option<Text>,
     pub certificate: Option<Text>,
-    #[serde(default)]
     pub recording: Option<Text>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub fleet: Option<FleetFault>,
 }
 

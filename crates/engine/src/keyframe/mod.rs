@@ -69,7 +69,6 @@ struct Kept {
     stage: Stage,
     operator: Option<Arc<str>>,
     localization: Localization,
-    #[serde(default)]
     drove: bool,
     signals: Signals,
     motion: MotionState,
@@ -79,7 +78,6 @@ struct Kept {
     causes: Vec<(NodeId, Timestamp)>,
     alarms: Alarms,
     warnings: Warnings,
-    #[serde(default)]
     shelves: Shelves,
     countermeasures: Countermeasures,
     vehicle_faults: VehicleFaults,

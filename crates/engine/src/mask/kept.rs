@@ -18,7 +18,6 @@ pub(crate) struct KeptNet {
     /// By [`GroupId`]: since when each is relevant.
     groups: Vec<Option<Timestamp>>,
     /// By [`GroupId`]: when the own state of each was last OK or WARNING before the present one.
-    #[serde(default)]
     well: Vec<Option<Timestamp>>,
     /// By [`ModuleId`]: the declared modules and the built-in ones.
     modules: Vec<OwnState>,

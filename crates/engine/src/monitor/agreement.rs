@@ -39,7 +39,6 @@ pub(crate) struct Agreement {
     /// The time over which motions are compared, with the past poses of each source.
     motion: Option<Box<(Span, [History; 2])>>,
     /// Motions are not judged before both sources were followed for long enough.
-    #[serde(default)]
     anew: bool,
     /// The distance between the last two lists of positions.
     #[serde(with = "float")]

@@ -19,7 +19,6 @@ pub(crate) struct Frozen {
     limits: FrozenLimits,
     run: Option<Run>,
     /// Its cause was over, and nothing has changed since: that shows neither that the source lives nor that it hangs.
-    #[serde(default)]
     unproven: bool,
 }
 

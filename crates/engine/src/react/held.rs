@@ -28,20 +28,13 @@ pub(crate) struct HeldRequest {
     pub(crate) by: RequestOrigin,
     pub(crate) since: Timestamp,
     /// For how long it was held before that, by an earlier run of the program.
-    #[serde(default)]
     pub(crate) before: Span,
     pub(crate) present: bool,
     /// Only a release ends it: it outlived its cause on the way, it is the operator's own stop there, the vehicle stood
     /// there, or did not say meanwhile whether it drives.
-    #[serde(default = "surely", alias = "on_the_way")]
     pub(crate) needs_release: bool,
     /// Empty only for a stop of the operator.
     pub(crate) causes: Vec<RequestCause>,
-}
-
-/// A request of an older keyframe does not say whether it needs a release.
-fn surely() -> bool {
-    true
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,7 +53,6 @@ pub(crate) struct RequestCause {
     pub(crate) acknowledged: bool,
     pub(crate) present: bool,
     /// A group in place of a module that is not heard any more, which a WARNING of the group may say.
-    #[serde(default)]
     pub(crate) stands_in: bool,
 }
 
@@ -219,17 +211,14 @@ pub(crate) struct Countermeasures {
     /// Topics without a reader.
     pub(crate) unheard: BTreeMap<Output, Box<str>>,
     /// The other programs that publish on Telltale's topics to the vehicle, with these topics.
-    #[serde(default)]
     pub(crate) other_voices: Option<Box<str>>,
     /// Outputs with a reader.
     pub(crate) listened: BTreeSet<Output>,
     /// The operator has released or cleared the vehicle since this run of the program began: only then it knows
     /// that nothing is held where nothing is. No word of the vehicle says so: one that is held stands, too.
-    #[serde(default)]
     pub(crate) knows_all: bool,
     /// Counts every STOP of the operator, also one that holds already or is refused: a confirmation that was
     /// asked for before the last one counts no more.
-    #[serde(default)]
     pub(crate) last_stop: u64,
 }
 

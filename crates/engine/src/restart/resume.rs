@@ -29,7 +29,6 @@ pub struct Restored {
     /// Number and value of the last pose, which is not published again.
     pub pose: Option<(u64, MapPose)>,
     /// Where the vehicle was last known to be.
-    #[serde(default)]
     pub last_known: Option<KnownPlace>,
     pub alarms: Vec<RestoredAlarm>,
     /// The number of the last alarm: no number is used twice.
@@ -64,7 +63,6 @@ pub struct RestoredAlarm {
     pub acknowledged: bool,
     pub active: bool,
     /// The highest urgency that its fault had.
-    #[serde(default)]
     pub asked: Option<Urgency>,
 }
 

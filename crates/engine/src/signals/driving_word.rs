@@ -22,7 +22,6 @@ pub(crate) struct Drive {
     /// Since when the signal is false without a break, if it was doubted when it turned false.
     denied: Option<Timestamp>,
     /// It has said that it drives, and was not silent since then. A component that starts again is silent first.
-    #[serde(default)]
     heard: bool,
 }
 

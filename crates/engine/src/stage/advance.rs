@@ -31,7 +31,6 @@ pub(crate) struct VehicleFaults {
     countermeasures: Option<Text>,
     outputs: Option<Text>,
     unheard: Option<Text>,
-    #[serde(default)]
     other_voices: Option<Text>,
 }
 

@@ -99,8 +99,6 @@ pub struct Module {
 pub struct Root {
     pub node: Cleaned,
     masks: u32,
-    /// An older server does not tell.
-    #[serde(default)]
     second: bool,
 }
 
@@ -135,7 +133,6 @@ struct Message {
     modules: Vec<Module>,
     roots: Option<Vec<Root>>,
     alarms: Option<Vec<Alarm>>,
-    /// An older server does not tell.
     shelved: Option<Vec<Shelved>>,
     countermeasures: Option<Vec<Countermeasure>>,
 }

@@ -25,10 +25,8 @@ struct KeptRoute {
     /// The discovered modules that it feeds.
     made: Vec<ModuleId>,
     lacking: bool,
-    #[serde(default)]
     dropped_by: Vec<GroupId>,
     /// Its modules were made at the word of a node that is not known yet.
-    #[serde(default)]
     unproven: bool,
     writers: WriterReports,
 }
