@@ -9,8 +9,8 @@ use super::model::monitors::TopicId;
 use super::model::motion::{PositionSource, SpeedSource};
 use super::model::sample::{FieldValue, Sample};
 use super::model::{Model, Stage, StageModel, Stop};
+use super::module::onset::is_well;
 use super::snapshot::{Motion, Moving};
-use super::state::State;
 use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
 use crate::signals::driving_word::ARRIVAL;
@@ -285,7 +285,7 @@ impl Engine {
         }
         // A vehicle that is not sure where it is does not know how far it is.
         let localization = self.localization_group.map(|id| self.net.groups[id.0 as usize].node.facts.shown);
-        let trusted = localization.is_none_or(|state| matches!(state, State::Ok | State::Warning));
+        let trusted = localization.is_none_or(is_well);
         let drives = self.vehicle.stage == Stage::Active;
         self.motion.judge_goal(driving.position.as_ref(), trusted, drives, self.now);
         let of_speed = driving.speed.as_ref().and_then(|source| self.motion.due(source, self.now));

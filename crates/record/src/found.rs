@@ -7,7 +7,7 @@ use super::file::{ABOUT, BEGUN, Entry, FileError, JOURNAL, REPAIRED, Reader, TRA
 use super::folder::file_name;
 use super::incident::TRIGGERS_MAX;
 use super::journal::{Line, Took};
-use super::story::{BYTES_MAX, ENTRIES_MAX};
+use super::story::{BYTES_MAX, ENTRIES_MAX, ms};
 use super::summary::{Recording, Summary, TriggerLine};
 use super::transition::{Change, Transition};
 use super::writer::VEHICLE;
@@ -154,10 +154,6 @@ impl Heard {
             _ => {}
         }
     }
-}
-
-fn ms(ns: u64) -> i64 {
-    (ns / 1_000_000) as i64
 }
 
 #[cfg(test)]

@@ -264,7 +264,7 @@ impl<'a> Heard<'a> {
     }
 }
 
-fn ms(ns: u64) -> i64 {
+pub(crate) fn ms(ns: u64) -> i64 {
     (ns / 1_000_000) as i64
 }
 

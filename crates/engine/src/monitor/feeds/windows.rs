@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{TopicId, Watching};
 use crate::model::ModuleId;
+use crate::module::onset::is_well;
 use crate::state::State;
 use crate::time::Timestamp;
 
@@ -99,8 +100,4 @@ impl Watching {
             (watch.due, watch.worded, watch.pending) = (None, None, true);
         }
     }
-}
-
-fn is_well(state: State) -> bool {
-    matches!(state, State::Ok | State::Warning)
 }

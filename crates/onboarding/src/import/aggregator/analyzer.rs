@@ -223,11 +223,11 @@ impl Import<'_> {
             generic.take(format!("name: {}", quoted(&name)), Filter::Name(name.into()));
         }
         for (start, span) in starts {
-            self.regex(&format!("{}.*", escaped(&start)), span, &mut generic);
+            self.regex(&format!("{}.*", regex_syntax::escape(&start)), span, &mut generic);
         }
         for (part, span) in contains {
             match part.trim().is_empty() {
-                true => self.regex(&format!(".*{}.*", escaped(&part)), span, &mut generic),
+                true => self.regex(&format!(".*{}.*", regex_syntax::escape(&part)), span, &mut generic),
                 false => generic.take(format!("contains: {}", quoted(&part)), Filter::Contains(part.into())),
             }
         }
@@ -307,11 +307,6 @@ fn trial(pattern: &str) -> Result<(), String> {
             Err(problems.list().first().map_or_else(String::new, |problem| problem.message.clone()))
         }
     }
-}
-
-/// The text as a regular expression for itself.
-fn escaped(text: &str) -> String {
-    regex_syntax::escape(text)
 }
 
 /// The rules of a GenericAnalyzer.
