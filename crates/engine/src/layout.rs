@@ -2,6 +2,7 @@
 
 use crate::model::{DependsOn, GroupId, NodeId};
 use crate::snapshot::Layout;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 impl Layout {
@@ -41,6 +42,14 @@ impl Layout {
             NodeId::Module(id) => Some(self.modules[id.0 as usize].group),
         };
         std::iter::successors(first, of_group)
+    }
+
+    /// What was kept of each module of the layout before this one, by `ModuleId` of this one. A module is known by its
+    /// name.
+    pub fn rearranged<T: Default>(&self, before: Option<&Layout>, kept: Vec<T>) -> Vec<T> {
+        let names = before.into_iter().flat_map(|before| &before.modules).map(|info| &info.id);
+        let mut kept: HashMap<&Arc<str>, T> = names.zip(kept).collect();
+        self.modules.iter().map(|info| kept.remove(&info.id).unwrap_or_default()).collect()
     }
 
     /// The group without a parent in which a node is, or which it is.

@@ -33,6 +33,12 @@ impl Report {
         Report { message: said.en.as_ref().into(), german, values, ..Report::default() }
     }
 
+    /// The values that are numbers. NaN and the infinities are none: they have no place in a mean or a curve.
+    pub fn numbers(&self) -> impl Iterator<Item = (&str, f32)> {
+        let number = |text: &str| text.trim().parse().ok().filter(|value: &f32| value.is_finite());
+        self.values.iter().filter_map(move |(key, text)| Some((&**key, number(text)?)))
+    }
+
     /// The message, unless it only tells of the silence that is shown anyway.
     pub fn last_words(&self, silent: bool) -> &str {
         if silent && self.aged { "" } else { &self.message }

@@ -1,6 +1,6 @@
 //! Samples of every number in the statuses, and their curves.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::fmt::Write as _;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -120,17 +120,11 @@ impl Sampled {
 
     /// With a new layout, each module keeps its samples by its name.
     fn follow(&mut self, layout: &Arc<Layout>) {
-        let Some(before) = self.layout.replace(layout.clone()) else {
-            self.modules.resize_with(layout.modules.len(), ModuleTrends::default);
-            return;
-        };
-        if Arc::ptr_eq(&before, layout) {
+        let before = self.layout.replace(layout.clone());
+        if before.as_ref().is_some_and(|before| Arc::ptr_eq(before, layout)) {
             return;
         }
-        let names = before.modules.iter().map(|info| info.id.clone());
-        let mut old: HashMap<Arc<str>, ModuleTrends> = names.zip(std::mem::take(&mut self.modules)).collect();
-        let kept = layout.modules.iter().map(|info| old.remove(&info.id).unwrap_or_default());
-        self.modules = kept.collect();
+        self.modules = layout.rearranged(before.as_deref(), std::mem::take(&mut self.modules));
         self.series = self.modules.iter().map(|module| module.values.len()).sum();
     }
 }
@@ -138,13 +132,8 @@ impl Sampled {
 impl ModuleTrends {
     fn take(&mut self, report: &Arc<Report>, series: &mut usize) {
         self.report = Some(report.clone());
-        let numbers: Vec<(&str, f32)> = report
-            .values
-            .iter()
-            .filter(|(key, _)| key.len() <= KEY_BYTES)
-            .filter_map(|(key, value)| Some((&**key, number(value)?)))
-            .take(VALUES)
-            .collect();
+        let numbers = report.numbers().filter(|(key, _)| key.len() <= KEY_BYTES);
+        let numbers: Vec<(&str, f32)> = numbers.take(VALUES).collect();
         for (key, samples) in &mut self.values {
             let now = numbers.iter().find(|(name, _)| *name == &**key).map_or(f32::NAN, |&(_, value)| value);
             push(samples, now);
@@ -175,10 +164,6 @@ fn push<T>(samples: &mut VecDeque<T>, value: T) {
         samples.pop_front();
     }
     samples.push_back(value);
-}
-
-fn number(text: &str) -> Option<f32> {
-    text.trim().parse().ok().filter(|value: &f32| value.is_finite())
 }
 
 /// Nothing, where there are not two samples to join.

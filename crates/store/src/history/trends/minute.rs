@@ -1,6 +1,5 @@
 //! Sums up the numbers of all modules until a minute of the wall clock is over.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::SystemTime;
 
@@ -150,10 +149,7 @@ impl MinuteSums {
         if before.as_ref().is_some_and(|before| Arc::ptr_eq(before, layout)) {
             return;
         }
-        let names = before.iter().flat_map(|before| &before.modules).map(|info| info.id.clone());
-        let mut old: HashMap<Arc<str>, ModuleSums> = names.zip(std::mem::take(&mut self.modules)).collect();
-        let kept = layout.modules.iter().map(|info| old.remove(&info.id).unwrap_or_default());
-        self.modules = kept.collect();
+        self.modules = layout.rearranged(before.as_deref(), std::mem::take(&mut self.modules));
         self.series = self.modules.iter().map(|module| module.values.len()).sum();
     }
 }
@@ -164,10 +160,9 @@ impl ModuleSums {
         for value in &mut self.values {
             value.present = f32::NAN;
         }
-        let numbers =
-            report.values.iter().filter(|(key, _)| key.len() <= NAME_BYTES_MAX && !Limit::is_name(key));
-        for (key, number) in numbers.filter_map(|(key, text)| Some((key, number(text)?))).take(VALUES_MAX) {
-            if let Some(value) = self.values.iter_mut().find(|value| value.key == *key) {
+        let numbers = report.numbers().filter(|(key, _)| key.len() <= NAME_BYTES_MAX && !Limit::is_name(key));
+        for (key, number) in numbers.take(VALUES_MAX) {
+            if let Some(value) = self.values.iter_mut().find(|value| *value.key == *key) {
                 value.present = number;
             } else if self.values.len() < VALUES_MAX && *series < SERIES_MAX {
                 self.values.push(ValueSums::of(key, number));
@@ -218,9 +213,4 @@ impl ValueSums {
         let tenths = u32::try_from((self.held_ms + 50) / 100).unwrap_or(u32::MAX).max(1);
         Some(Point { place: 0, tenths, least: self.least, mean: mean as f32, most: self.most })
     }
-}
-
-/// NaN and the infinities have no place in a mean: there is no number then.
-fn number(text: &str) -> Option<f32> {
-    text.trim().parse().ok().filter(|value: &f32| value.is_finite())
 }
