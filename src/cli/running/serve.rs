@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 
 use super::server::metrics::MetricsFlags;
-use super::server::{self, Server};
+use super::server::{self, NextConfigurations, Server};
 use crate::cli::configuration::init::unconfigured;
 use crate::cli::process::data_folder::{self, DataFolder};
 use crate::cli::process::shutdown_signal::ShutdownSignal;
@@ -121,16 +121,14 @@ async fn serve(args: &Args, loaded: Loaded) -> anyhow::Result<ExitCode> {
     }
     say_if_nobody_can_log_in(&store, &folder).await;
     let origins = args.origins.clone();
-    let file = args.config.clone();
-    let drafts = match file {
-        Some(_) => None,
-        None => Some(unconfigured::drafts(options.clone()).await?),
-    };
+    let next = Some(match args.config.clone() {
+        Some(file) => NextConfigurations::File(file),
+        None => NextConfigurations::Drafts(unconfigured::drafts(options.clone()).await?),
+    });
     let folder = Some(folder);
     Server {
         loaded,
-        file,
-        drafts,
+        next,
         store,
         folder,
         options,

@@ -88,8 +88,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     let demo = Some(DemoFaults::new(kind.faults().into_iter().map(on_the_page).collect(), switch));
     let server = Server {
         loaded,
-        file: None,
-        drafts: None,
+        next: None,
         store,
         folder: None,
         options,

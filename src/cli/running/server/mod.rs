@@ -23,11 +23,13 @@ use std::time::{Duration, Instant};
 use anyhow::{Context as _, anyhow, bail};
 use tokio::net::TcpListener;
 use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
 use tokio::time::timeout_at;
 
 use self::fleet::Telling;
 use self::metrics::MetricsListener;
 use self::recording::Recording;
+use self::reload::Reloads;
 use self::services::Serving;
 use self::timekeeping::Watched;
 use self::watchdog::Watchdog;
@@ -38,10 +40,10 @@ use crate::config::Loaded;
 use crate::engine::input::Input;
 use crate::engine::model::Model;
 use crate::engine::view::record::Record as Happening;
+use crate::record::feed::Turns;
 use crate::ros::publish::outputs::Outputs;
 use crate::ros::{self, Bridge, BridgeOptions};
-use crate::runtime::{self, Followers, Link};
-use crate::runtime::{Stamped, Written};
+use crate::runtime::{self, Followers, Link, Stamped, Written};
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{History, Store, TemporaryFolder};
 use crate::web::{self, AppState, DemoFaults, Enrolled, Origins, Settings, Tls};
@@ -77,13 +79,11 @@ const RECORDED_WITHIN: Duration = Duration::from_millis(1800);
 const INCIDENT_WITHIN: Duration = Duration::from_millis(2050);
 const CLOSED_WITHIN: Duration = Duration::from_millis(2250);
 
-/// The parts of a running display.
+/// What a display is started with.
 pub struct Server {
     pub loaded: Loaded,
-    /// The file of the configuration, for reloads.
-    pub file: Option<PathBuf>,
-    /// Without a file: texts of configurations that are taken one after the other.
-    pub drafts: Option<mpsc::Receiver<String>>,
+    /// Without it the configuration stays.
+    pub next: Option<NextConfigurations>,
     pub store: Store,
     /// The folder of the history; without one it is kept in memory.
     pub folder: Option<PathBuf>,
@@ -100,136 +100,145 @@ pub struct Server {
     pub clock: Clock,
 }
 
+/// Where further configurations come from.
+pub enum NextConfigurations {
+    /// The file, which is read again when somebody asks for it.
+    File(PathBuf),
+    /// Texts that are taken one after the other.
+    Drafts(mpsc::Receiver<String>),
+}
+
 impl Server {
     /// Runs until the program is asked to end.
     ///
     /// # Errors
     /// If DDS or the database cannot be started, or an origin is wrong.
-    pub async fn run(self, mut signal: ShutdownSignal) -> anyhow::Result<()> {
-        let Server {
-            loaded,
-            file,
-            drafts,
-            store,
-            folder,
-            options,
-            listener,
-            tls,
-            enrolled,
-            origins,
-            demo,
-            metrics,
-            clock,
-        } = self;
-        let address = listener.local_addr().context("the listener has no address")?;
-        let listens_to = dds::describe(&options);
-        let (history, records) = open_history(folder.as_deref(), clock).unzip();
-        let past = history.clone();
-        let (feed, turns) = recording::queue(&loaded, clock);
-        let link = resume(&loaded.model, &store, clock, Followers { records, feed }).await?;
-        let trends = past.clone().map(|history| trends::keep(&link, history));
+    pub async fn run(mut self, mut signal: ShutdownSignal) -> anyhow::Result<()> {
+        let (clock, secure) = (self.clock, self.tls.is_some());
+        let address = self.listener.local_addr().context("the listener has no address")?;
+        let (history, records) = open_history(self.folder.as_deref(), clock).unzip();
+        let (feed, turns) = recording::queue(&self.loaded, clock);
+        let link = resume(&self.loaded.model, &self.store, clock, Followers { records, feed }).await?;
+        let trends = history.clone().map(|history| trends::keep(&link, history));
         TemporaryFolder::remove_left_over();
-        let recordings = recording::Folder::of(folder.as_deref())?;
+        let recordings = recording::Folder::of(self.folder.as_deref())?;
         let incidents = recordings.path().to_owned();
-        let recording = match turns {
-            Some(turns) => {
-                let around = recording::Around {
-                    folder: recordings,
-                    definitions: options.definitions.clone(),
-                    is_demo: demo.is_some(),
-                };
-                recording::start(&loaded, turns, &link, &store, around, clock).await?
+        let origins = known_origins(address, secure, &self.origins)?;
+        let (loaded, reloads) = (self.loaded.clone(), link.reloads.clone());
+        let (rereads, running) = match self.next.take() {
+            None => (None, None),
+            Some(NextConfigurations::Drafts(texts)) => (None, Some(reload::follow(texts, loaded, reloads)?)),
+            Some(NextConfigurations::File(file)) => {
+                let definitions = self.options.definitions.clone();
+                let Reloads { requests, running } = reload::start(file, loaded, definitions, reloads)?;
+                (Some(requests), Some(running))
             }
-            None => None,
         };
-        let reloads = file
-            .map(|file| {
-                let definitions = options.definitions.clone();
-                reload::start(file, loaded.clone(), definitions, link.reloads.clone())
-            })
-            .transpose()?;
-        let followed =
-            drafts.map(|texts| reload::follow(texts, loaded.clone(), link.reloads.clone())).transpose()?;
-        let rereads = reloads.as_ref().map(|reloads| reloads.requests.clone());
-        let secure = tls.is_some();
-        let hosts = origins.iter().filter_map(|origin| Origins::secure_host(origin)).collect();
-        let origins = known_origins(address, secure, &origins)?;
-        let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), clock).await?;
-        let outputs = outputs::start(&options, &loaded.publishing, &link, &bridge, clock).await?;
-        let (services, calls) = services::start(&options, &loaded.services, &bridge, clock);
-        let unread = tokio::spawn(other_diagnostics::say(loaded.model.clone(), bridge.discovery()));
-        let (discovery, working) = (Some(bridge.discovery()), Some(bridge.working()));
-        let telling = fleet::start(&loaded, &link, &store, folder.as_deref(), clock);
-        let (write, written) = watch::channel(reload::written(&loaded));
+        let (parts, calls) = self.start_parts(&link, turns, recordings).await?;
+        self.store.record(Record::of(Action::Start, TELLTALE).on(crate::record::VERSION), None).await;
+        let tasks = self.start_tasks(&link, &parts);
         let settings = Settings {
-            origins,
-            secure,
-            enrolled,
-            demo,
+            enrolled: self.enrolled,
+            demo: self.demo,
             rereads,
-            written: Some(written),
-            history,
-            discovery,
-            working,
+            written: Some(parts.written.subscribe()),
+            history: history.clone(),
+            discovery: Some(parts.bridge.discovery()),
+            working: Some(parts.bridge.working()),
             recordings: Some(incidents),
-            what_if: Some(what_if::examiner(options.definitions.clone())),
-            marker: recording.as_ref().map(Recording::marker),
-            recording: recording.as_ref().map(Recording::state),
-            replayed: None,
+            what_if: Some(what_if::examiner(self.options.definitions.clone())),
+            marker: parts.recording.as_ref().map(Recording::marker),
+            recording: parts.recording.as_ref().map(Recording::state),
+            ..Settings::plain(origins, secure)
         };
-        let start = Record::of(Action::Start, TELLTALE).on(crate::record::VERSION);
-        store.record(start, None).await;
-        let storage = tokio::spawn(tell_of_storage(store.clone(), link.inputs.clone(), clock));
-        let watched = recording.as_ref().map(|it| it.watched(bridge.unrecorded()));
-        let watched = Watched { recording: watched, fleet: telling.as_ref().map(Telling::status) };
-        let watching =
-            timekeeping::watch(tls.clone(), hosts, store.floor(), watched, link.inputs.clone(), clock);
-        let time = tokio::spawn(watching);
+        let listens_to = dds::describe(&self.options);
         let status = format!("the display is on {}; it listens to {listens_to}", url(address, secure));
         tracing::info!("{status}");
-        let end = store.clone();
         let (engine, ending) = (link.inputs.clone(), link.ending.clone());
-        let app = AppState::new(link, store, clock, settings);
-        let metrics = metrics.map(|metrics| metrics.serve(app.clone()));
+        let app = AppState::new(link, self.store.clone(), clock, settings);
+        let metrics = self.metrics.map(|metrics| metrics.serve(app.clone()));
         let watchdog = Watchdog::start(&status, app.clone());
-        let requested = {
-            let serving = web::serve(listener, tls, app.clone(), signal.requested());
-            let running = reloads.map(|reloads| reloads.running).or(followed);
-            let parts = Followed {
-                bridge: &bridge,
-                outputs: &outputs,
-                services: &services,
-                recording: recording.as_ref(),
-                telling: telling.as_ref(),
-            };
-            // It ends with the services, and nothing that it does is cut off.
-            app.live().map(|live| tokio::spawn(services::answer(calls, live)));
-            tokio::select! {
-                requested = while_serving(serving, parts, running, (&app, write)) => requested?,
-                () = engine.closed() => bail!(
-                    "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
-                     shown any more. Start it again, and report the fault"
-                ),
-            }
+        // It ends with the services, and nothing that it does is cut off.
+        app.live().map(|live| tokio::spawn(services::answer(calls, live)));
+        let serving = web::serve(self.listener, self.tls, app.clone(), signal.requested());
+        let requested = tokio::select! {
+            requested = while_serving(serving, &parts, running, &app.store) => requested?,
+            () = engine.closed() => bail!(
+                "the diagnosis has ended by a fault of this program, which is logged above: nothing is \
+                 shown any more. Start it again, and report the fault"
+            ),
         };
         tracing::info!("ending");
         if let Some(watchdog) = watchdog {
             watchdog.end();
         }
-        storage.abort();
-        time.abort();
-        unread.abort();
-        if let Some(metrics) = metrics {
-            metrics.abort();
-        }
+        tasks.iter().chain(&metrics).for_each(JoinHandle::abort);
         let by = requested + RECORDED_WITHIN;
-        let recorded = async {
-            let recording = end.record(Record::of(Action::End, TELLTALE), None);
-            if timeout_at(by.into(), recording).await != Ok(true) {
-                tracing::error!("the end is not recorded");
+        let (recording, ()) = tokio::join!(parts.end(by, &mut signal), record_end(&self.store, by));
+        ending.end();
+        if let Some(recording) = recording {
+            recording.end(requested + INCIDENT_WITHIN).await;
+        }
+        close(history, trends, self.store, requested + CLOSED_WITHIN).await;
+        Ok(())
+    }
+
+    async fn start_parts(
+        &self,
+        link: &Link,
+        turns: Option<Turns>,
+        folder: recording::Folder,
+    ) -> anyhow::Result<(Parts, services::Calls)> {
+        let Server { loaded, store, options, clock, .. } = self;
+        let recording = match turns {
+            Some(turns) => {
+                let (definitions, is_demo) = (options.definitions.clone(), self.demo.is_some());
+                let around = recording::Around { folder, definitions, is_demo };
+                recording::start(loaded, turns, link, store, around, *clock).await?
             }
+            None => None,
         };
-        let goodbyes = async {
+        let bridge = ros::start(options.clone(), &loaded.model, link.inputs.clone(), *clock).await?;
+        let outputs = outputs::start(options, &loaded.publishing, link, &bridge, *clock).await?;
+        let (services, calls) = services::start(options, &loaded.services, &bridge, *clock);
+        let telling = fleet::start(loaded, link, store, self.folder.as_deref(), *clock);
+        let (written, _) = watch::channel(reload::written(loaded));
+        Ok((Parts { bridge, outputs, services, recording, telling, written }, calls))
+    }
+
+    /// What goes on beside the pages.
+    fn start_tasks(&self, link: &Link, parts: &Parts) -> [JoinHandle<()>; 3] {
+        let Server { loaded, store, clock, .. } = self;
+        let hosts = self.origins.iter().filter_map(|origin| Origins::secure_host(origin)).collect();
+        let watched = Watched {
+            recording: parts.recording.as_ref().map(|it| it.watched(parts.bridge.unrecorded())),
+            fleet: parts.telling.as_ref().map(Telling::status),
+        };
+        let (tls, floor, inputs) = (self.tls.clone(), store.floor(), link.inputs.clone());
+        [
+            tokio::spawn(tell_of_storage(store.clone(), inputs.clone(), *clock)),
+            tokio::spawn(timekeeping::watch(tls, hosts, floor, watched, inputs, *clock)),
+            tokio::spawn(other_diagnostics::say(loaded.model.clone(), parts.bridge.discovery())),
+        ]
+    }
+}
+
+/// What follows each new configuration.
+struct Parts {
+    bridge: Bridge,
+    outputs: Outputs,
+    services: Serving,
+    recording: Option<Recording>,
+    telling: Option<Telling>,
+    /// The configuration as the pages show it.
+    written: watch::Sender<Arc<Written>>,
+}
+
+impl Parts {
+    /// Says goodbye on DDS and to the fleet. What comes then is recorded still, until the engine ends.
+    async fn end(self, by: Instant, signal: &mut ShutdownSignal) -> Option<Recording> {
+        let Parts { bridge, outputs, services, recording, telling, .. } = self;
+        let on_dds = async {
             let said = async { tokio::join!(bridge.shutdown(), outputs.shutdown(), services.shutdown()) };
             tokio::select! {
                 said = timeout_at(by.into(), said) => {
@@ -240,30 +249,36 @@ impl Server {
                 _ = signal.requested() => {}
             }
         };
-        let goodbye = async {
+        let to_the_fleet = async {
             if let Some(telling) = telling {
                 telling.end(by).await;
             }
         };
-        tokio::join!(recorded, goodbyes, goodbye);
-        ending.end();
-        if let Some(recording) = recording {
-            recording.end(requested + INCIDENT_WITHIN).await;
+        tokio::join!(on_dds, to_the_fleet);
+        recording
+    }
+}
+
+async fn record_end(store: &Store, by: Instant) {
+    let recording = store.record(Record::of(Action::End, TELLTALE), None);
+    if timeout_at(by.into(), recording).await != Ok(true) {
+        tracing::error!("the end is not recorded");
+    }
+}
+
+/// Waits until everything is on the disk.
+async fn close(history: Option<History>, trends: Option<JoinHandle<()>>, store: Store, by: Instant) {
+    let written = async {
+        if let Some(history) = history {
+            history.written().await;
         }
-        let written = async {
-            if let Some(history) = past {
-                history.written().await;
-            }
-            if let Some(trends) = trends {
-                // It cannot panic, and nobody aborts it.
-                let _ = trends.await;
-            }
-        };
-        let last = async { tokio::join!(written, end.close()) };
-        if timeout_at((requested + CLOSED_WITHIN).into(), last).await.is_err() {
-            tracing::error!("the disk does not answer: what it was given last may be lost");
+        if let Some(trends) = trends {
+            // It cannot panic, and nobody aborts it.
+            let _ = trends.await;
         }
-        Ok(())
+    };
+    if timeout_at(by.into(), async { tokio::join!(written, store.close()) }).await.is_err() {
+        tracing::error!("the disk does not answer: what it was given last may be lost");
     }
 }
 
@@ -273,22 +288,13 @@ fn open_history(folder: Option<&Path>, clock: Clock) -> Option<(History, SyncSen
     opened.inspect_err(|error| tracing::error!("nothing will be recorded: {error}")).ok()
 }
 
-/// What follows each new configuration.
-struct Followed<'a> {
-    bridge: &'a Bridge,
-    outputs: &'a Outputs,
-    services: &'a Serving,
-    recording: Option<&'a Recording>,
-    telling: Option<&'a Telling>,
-}
-
 /// Serves until the end, and lets everything follow each new configuration. The engine runs by it already:
 /// an engine that changed later would forget what the bridge reports anew.
 async fn while_serving(
     serving: impl Future<Output = std::io::Result<Instant>>,
-    Followed { bridge, outputs: publishing, services, recording, telling }: Followed<'_>,
+    parts: &Parts,
     mut running: Option<watch::Receiver<Loaded>>,
-    (app, written): (&AppState, watch::Sender<Arc<Written>>),
+    store: &Store,
 ) -> anyhow::Result<Instant> {
     let mut serving = std::pin::pin!(serving);
     loop {
@@ -296,18 +302,18 @@ async fn while_serving(
             served = &mut serving => return Ok(served?),
             next = changed(&mut running) => next,
         };
-        written.send_replace(reload::written(&next));
-        publishing.follow(outputs::topics(&next.publishing));
-        services.follow(&next.services);
-        if let Some(recording) = recording {
+        parts.written.send_replace(reload::written(&next));
+        parts.outputs.follow(outputs::topics(&next.publishing));
+        parts.services.follow(&next.services);
+        if let Some(recording) = &parts.recording {
             recording.follow(&next);
         }
-        if let Some(telling) = telling {
+        if let Some(telling) = &parts.telling {
             telling.follow(&next);
         }
         // Nobody is served while this waits, so it waits for no disk.
-        app.store.note(Record::of(Action::Configuration, TELLTALE).on("another configuration is taken"));
-        if let Err(error) = bridge.follow(&next.model) {
+        store.note(Record::of(Action::Configuration, TELLTALE).on("another configuration is taken"));
+        if let Err(error) = parts.bridge.follow(&next.model) {
             tracing::error!("the old topics are read still: {error}");
         }
     }
