@@ -76,7 +76,7 @@ pub use source::{Live, Player, Replay, Source};
 pub use view::DemoFault;
 
 /// The settings of the server from the command line.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Settings {
     pub origins: Origins,
     /// Browsers connect over TLS, so cookies are marked for TLS only.
@@ -110,22 +110,7 @@ pub struct Settings {
 impl Settings {
     /// Of a vehicle without history, simulation, reloads and recordings.
     pub fn plain(origins: Origins, secure: bool) -> Settings {
-        Settings {
-            origins,
-            secure,
-            enrolled: Enrolled::default(),
-            demo: None,
-            rereads: None,
-            written: None,
-            history: None,
-            discovery: None,
-            working: None,
-            recordings: None,
-            what_if: None,
-            marker: None,
-            recording: None,
-            replayed: None,
-        }
+        Settings { origins, secure, ..Settings::default() }
     }
 }
 

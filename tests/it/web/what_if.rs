@@ -216,12 +216,12 @@ async fn of_the_what_ifs_of_one_person_the_newest_waits_and_the_others_are_gone(
     let (tell, read) = mpsc::channel();
     let (end, held) = mpsc::channel::<()>();
     let held = Mutex::new(held);
-    let examiner = Examiner::new(move |texts, _| {
+    let examiner = Examiner(Box::new(move |texts, _| {
         tell.send(texts[0].text.clone()).unwrap();
         // Until the other end is dropped.
         let _ = held.lock().unwrap().recv();
         Err(Vec::new())
-    });
+    }));
     let vehicle = Vehicle::examined_by(examiner, "newest", 1).await;
     vehicle.post(1, "first", "this").await;
     assert_eq!(read.recv().unwrap(), "first");

@@ -34,20 +34,9 @@ const RUN_WITHIN: Span = Span::from_secs(120);
 const MISTAKES_MAX: usize = 50;
 
 /// Reads the texts of a configuration for a recording: what is to be judged by it, or what is wrong.
-pub struct Examiner(Box<Examine>);
+pub struct Examiner(pub Box<Examine>);
 
 type Examine = dyn Fn(&[ConfigurationText], &Recording) -> Result<Candidate, Vec<Mistake>> + Send + Sync;
-
-impl Examiner {
-    pub fn new(
-        examine: impl Fn(&[ConfigurationText], &Recording) -> Result<Candidate, Vec<Mistake>>
-        + Send
-        + Sync
-        + 'static,
-    ) -> Examiner {
-        Examiner(Box::new(examine))
-    }
-}
 
 impl fmt::Debug for Examiner {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -11,7 +11,7 @@ use crate::yaml::Problems;
 
 /// Reads them by the folders of the start, and none that a text names.
 pub fn examiner(definitions: Definitions) -> Examiner {
-    Examiner::new(move |texts, recording| {
+    Examiner(Box::new(move |texts, recording| {
         let texts = texts.iter().map(|it| (it.name.clone(), it.text.clone()));
         let read = config::of_texts(texts).and_then(|loaded| {
             let examined = Examined { loaded: Some(loaded), problems: None };
@@ -19,7 +19,7 @@ pub fn examiner(definitions: Definitions) -> Examiner {
         });
         let definitions = definitions.clone();
         read.map(|loaded| Candidate { loaded, definitions }).map_err(|problems| mistakes(&problems))
-    })
+    }))
 }
 
 fn mistakes(problems: &Problems) -> Vec<Mistake> {
