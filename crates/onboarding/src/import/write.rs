@@ -2,6 +2,8 @@
 
 use std::collections::HashSet;
 
+use crate::init::names::scalar;
+
 /// A group of the result.
 #[derive(Debug, Default)]
 pub(super) struct OutGroup {
@@ -117,13 +119,7 @@ pub(super) fn quoted(text: &str) -> String {
         && text.chars().all(|it| it.is_ascii_alphanumeric() || "_-.".contains(it))
         && !["true", "false", "null", "yes", "no", "on", "off", "y", "n"]
             .contains(&text.to_ascii_lowercase().as_str());
-    if is_word {
-        return text.to_owned();
-    }
-    if text.chars().any(char::is_control) {
-        return serde_json::Value::from(text).to_string();
-    }
-    format!("'{}'", text.replace('\'', "''"))
+    if is_word { text.to_owned() } else { scalar(text) }
 }
 
 pub(super) fn list(texts: &[String]) -> String {
@@ -175,7 +171,7 @@ mod tests {
             ("on", "'on'"),
             ("5", "'5'"),
             ("it's: x", "'it''s: x'"),
-            ("a\tb", "\"a\\tb\""),
+            ("a\tb", "\"a\\U00000009b\""),
             ("", "''"),
         ] {
             assert_eq!(quoted(text), expected);
