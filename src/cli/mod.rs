@@ -25,6 +25,7 @@ use recordings::{history, incident, replay};
 use running::{demo, serve, sim, watch};
 
 use crate::ros;
+use crate::yaml::Problems;
 
 /// The answer is no: an expectation fails, a chain is broken.
 pub const EXIT_NO: u8 = 1;
@@ -104,7 +105,10 @@ pub fn main() -> ExitCode {
         }
     };
     let code = result.unwrap_or_else(|error| {
-        note!("telltale: {error:#}");
+        match error.downcast_ref::<Problems>() {
+            Some(problems) => print::problems(problems),
+            None => note!("telltale: {error:#}"),
+        }
         ExitCode::from(EXIT_USAGE)
     });
     if print::has_failed() { ExitCode::from(EXIT_USAGE) } else { code }

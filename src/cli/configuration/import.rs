@@ -6,8 +6,8 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 
+use crate::cli::EXIT_NO;
 use crate::cli::print::{self, note};
-use crate::cli::{EXIT_NO, EXIT_USAGE};
 use crate::config;
 use crate::config::describe::words::counted;
 use crate::onboarding::import::{Imported, Lookup, import};
@@ -63,15 +63,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         false => sources.read(path),
     });
     let imported = match read.collect::<Result<Vec<u16>, _>>() {
-        Ok(files) => import(sources, &files, &lookup(args)),
-        Err(problem) => Err(Problems::new(sources, vec![problem])),
-    };
-    let imported = match imported {
-        Ok(imported) => imported,
-        Err(problems) => {
-            print::problems(&problems);
-            return Ok(ExitCode::from(EXIT_USAGE));
-        }
+        Ok(files) => import(sources, &files, &lookup(args))?,
+        Err(problem) => return Err(Problems::new(sources, vec![problem]).into()),
     };
     if let Some(findings) = &imported.findings {
         print::problems(findings);

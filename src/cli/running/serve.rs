@@ -9,10 +9,10 @@ use anyhow::Context as _;
 use super::server::metrics::MetricsFlags;
 use super::server::{self, NextConfigurations, Server};
 use crate::cli::configuration::init::unconfigured;
+use crate::cli::fields;
 use crate::cli::process::data_folder::{self, DataFolder};
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::process::{dds, log};
-use crate::cli::{EXIT_USAGE, fields, print};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::ros::BridgeOptions;
@@ -82,13 +82,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Some(file) => config::examine(file),
         None => unconfigured::examined(),
     };
-    let loaded = match fields::whole(examined, |loaded| definitions.with(&loaded.message_folders)) {
-        Ok(loaded) => loaded,
-        Err(problems) => {
-            print::problems(&problems);
-            return Ok(ExitCode::from(EXIT_USAGE));
-        }
-    };
+    let loaded = fields::whole(examined, |loaded| definitions.with(&loaded.message_folders))?;
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?
         .block_on(serve(args, loaded))

@@ -11,7 +11,6 @@ use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::process::{dds, log};
-use crate::cli::{EXIT_USAGE, print};
 use crate::clock::Clock;
 use crate::config;
 use crate::sim::machine::FaultInfo;
@@ -56,13 +55,7 @@ struct PlannedFault {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("info");
-    let loaded = match config::load(&args.config) {
-        Ok(loaded) => loaded,
-        Err(problems) => {
-            print::problems(&problems);
-            return Ok(ExitCode::from(EXIT_USAGE));
-        }
-    };
+    let loaded = config::load(&args.config)?;
     let options = args.dds.resolve()?;
     let kind = Kind::of(args.robot, args.drive);
     let switches = switches(&args.faults, &kind.faults())?;

@@ -15,10 +15,10 @@ use anyhow::{Context as _, bail};
 use humantime::format_rfc3339_millis;
 
 use self::text::Text;
+use crate::cli::EXIT_NO;
 use crate::cli::fields::{self, DefinitionFlags};
 use crate::cli::print::{self, note, say};
 use crate::cli::running::server;
-use crate::cli::{EXIT_NO, EXIT_USAGE};
 use crate::clock::Clock;
 use crate::config::{self, Loaded};
 use crate::engine::model::{Stage, StageModel};
@@ -174,7 +174,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         None => None,
     };
-    let Some(open) = opener(args, file)? else { return Ok(ExitCode::from(EXIT_USAGE)) };
+    let open = opener(args, file)?;
     if args.serve {
         let name = file.file_name().unwrap_or(file.as_os_str()).to_string_lossy().into_owned();
         return serve::run(args, name, open);
@@ -193,8 +193,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 /// Opens the recording with an engine, as often as it is called.
 type Open = dyn Fn() -> Result<Run, ReplayError> + Send + Sync;
 
-/// What opens the recording; `None` if the configuration is wrong, which is said.
-fn opener(args: &Args, file: &Path) -> anyhow::Result<Option<Arc<Open>>> {
+/// What opens the recording.
+fn opener(args: &Args, file: &Path) -> anyhow::Result<Arc<Open>> {
     let path_of_file = file.to_owned();
     let in_file = || file.display().to_string();
     let recording = match Recording::open(file) {
@@ -206,26 +206,18 @@ fn opener(args: &Args, file: &Path) -> anyhow::Result<Option<Arc<Open>>> {
         if args.stage.is_some() {
             bail!("--stage needs --config: this recording has its stages");
         }
-        return Ok(Some(Arc::new(move || Recording::open(&path_of_file).and_then(Run::recorded))));
+        return Ok(Arc::new(move || Recording::open(&path_of_file).and_then(Run::recorded)));
     };
     let examined = config::examine(path);
     let definitions = args.definitions.definitions();
     // Fields that only the recording defines are checked with it.
-    let loaded =
-        match fields::whole(examined, |loaded| recording.define(definitions.with(&loaded.message_folders))) {
-            Ok(loaded) => loaded,
-            Err(problems) => {
-                print::problems(&problems);
-                return Ok(None);
-            }
-        };
+    let known = |loaded: &Loaded| recording.define(definitions.with(&loaded.message_folders));
+    let loaded = fields::whole(examined, known)?;
     check_stage(args, recording.facts(), &loaded, path)?;
     let loaded = recording.facts().as_counted(loaded);
     let definitions = recording.define(definitions.with(&loaded.message_folders));
     let (model, stage) = (loaded.model, args.stage);
-    Ok(Some(Arc::new(move || {
-        Run::judged_by(Recording::open(&path_of_file)?, model.clone(), &definitions, stage)
-    })))
+    Ok(Arc::new(move || Run::judged_by(Recording::open(&path_of_file)?, model.clone(), &definitions, stage)))
 }
 
 /// Whether a stage can be given for a recording that is judged by this configuration.

@@ -79,10 +79,7 @@ pub fn run(args: &Args, new: &Path) -> anyhow::Result<ExitCode> {
                     false => print::text(said.text()),
                 }
             }
-            Err(Trouble::Configuration(problems)) => {
-                print::problems(&problems);
-                return Ok(ExitCode::from(EXIT_USAGE));
-            }
+            Err(Trouble::Configuration(problems)) => return Err(problems.into()),
             Err(Trouble::Recording(why)) => {
                 failed += 1;
                 note!("telltale: {}: {why}", named.name);

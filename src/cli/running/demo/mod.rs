@@ -11,9 +11,9 @@ use super::server::metrics::MetricsFlags;
 use super::server::{self, Server};
 use super::vehicle::machine::Kind;
 use super::vehicle::{SWITCHES, Vehicle};
+use crate::cli::print;
 use crate::cli::process::log;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
-use crate::cli::{EXIT_USAGE, print};
 use crate::clock::Clock;
 use crate::config::demo_patience::{PATIENCE, patient};
 use crate::config::{self, Loaded};
@@ -57,13 +57,7 @@ pub struct Args {
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     log::start("warn");
     let kind = Kind::of(args.robot, args.drive);
-    let loaded = match load_config(kind) {
-        Ok(loaded) => loaded,
-        Err(problems) => {
-            print::problems(&problems);
-            return Ok(ExitCode::from(EXIT_USAGE));
-        }
-    };
+    let loaded = load_config(kind)?;
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?
         .block_on(demo(args, kind, loaded))
