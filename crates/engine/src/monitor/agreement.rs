@@ -1,6 +1,6 @@
 //! Two independent sources of one value, of one pose, or of one list of positions.
 
-use super::Machine;
+use super::MonitorKind;
 use super::inputs::{Inputs, UnusableInput};
 use super::motion::{History, Motion, TooShort, apart_m};
 use super::sequence::slack;
@@ -87,7 +87,7 @@ impl Agreement {
     }
 }
 
-impl Machine for Agreement {
+impl MonitorKind for Agreement {
     fn resume(&mut self, kept: Agreement) -> Result<(), KeyframeError> {
         let Agreement { inputs, max_age: _, rule: _, motion, anew, apart_m } = kept;
         if motion.as_ref().map(|it| it.0) != self.motion.as_ref().map(|it| it.0) {

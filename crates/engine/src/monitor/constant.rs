@@ -1,6 +1,6 @@
 //! A state that the configuration sets.
 
-use super::{Machine, Words};
+use super::{MonitorKind, Words};
 use crate::files::KeyframeError;
 use crate::state::State;
 use crate::text::say;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[serde(transparent)]
 pub(crate) struct Constant(pub(super) State);
 
-impl Machine for Constant {
+impl MonitorKind for Constant {
     /// The configuration alone decides.
     fn resume(&mut self, _kept: Constant) -> Result<(), KeyframeError> {
         Ok(())

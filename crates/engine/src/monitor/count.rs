@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Machine;
+use super::MonitorKind;
 use super::Words;
 use crate::files::KeyframeError;
 use crate::state::State;
@@ -36,7 +36,7 @@ impl Count {
     }
 }
 
-impl Machine for Count {
+impl MonitorKind for Count {
     fn resume(&mut self, kept: Count) -> Result<(), KeyframeError> {
         (self.found, self.since) = (kept.found, kept.since);
         Ok(())

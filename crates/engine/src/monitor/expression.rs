@@ -1,6 +1,6 @@
 //! Conditions over the latest fields of several topics.
 
-use super::Machine;
+use super::MonitorKind;
 use super::inputs::{Inputs, UnusableInput};
 use super::words::{Words, cut, numeral_in};
 use crate::files::KeyframeError;
@@ -55,7 +55,7 @@ impl Expression {
     }
 }
 
-impl Machine for Expression {
+impl MonitorKind for Expression {
     /// Goes on with the state of a keyframe. The answer follows from the inputs.
     fn resume(&mut self, kept: Expression) -> Result<(), KeyframeError> {
         let Expression { inputs, names: _, warning: _, error: _, answer: _ } = kept;

@@ -1,6 +1,6 @@
 //! The rate of messages, also judged by the clock: no message is 0 Hz.
 
-use super::Machine;
+use super::MonitorKind;
 use super::window::{Recovery, Window};
 use super::words::{Words, measuring, not_measured};
 use crate::files::KeyframeError;
@@ -27,7 +27,7 @@ impl Frequency {
     }
 }
 
-impl Machine for Frequency {
+impl MonitorKind for Frequency {
     fn resume(&mut self, kept: Frequency) -> Result<(), KeyframeError> {
         let Frequency { window, bands: _, since, recovery } = kept;
         (self.since, self.recovery) = (since, recovery);

@@ -1,7 +1,7 @@
 //! Whether what a topic sends still changes: a source that repeats itself is fresh and wrong.
 //! The time runs from the first equal message to the last, so a silence is no repetition.
 
-use super::Machine;
+use super::MonitorKind;
 use super::inputs::{InputFault, Inputs, UnusableInput};
 use super::words::Words;
 use crate::files::{KeyframeError, count};
@@ -47,7 +47,7 @@ impl Frozen {
     }
 }
 
-impl Machine for Frozen {
+impl MonitorKind for Frozen {
     fn resume(&mut self, kept: Frozen) -> Result<(), KeyframeError> {
         let Frozen { inputs, limits: _, run, unproven } = kept;
         (self.run, self.unproven) = (run, unproven);

@@ -1,6 +1,6 @@
 //! The latency of messages: receipt minus header stamp, the worst of the window.
 
-use super::Machine;
+use super::MonitorKind;
 use super::window::Window;
 use super::words::{Words, span};
 use crate::files::KeyframeError;
@@ -47,7 +47,7 @@ impl Latency {
     }
 }
 
-impl Machine for Latency {
+impl MonitorKind for Latency {
     fn resume(&mut self, kept: Latency) -> Result<(), KeyframeError> {
         let Latency { window, bands: _, doubt, last } = kept;
         (self.doubt, self.last) = (doubt, last);

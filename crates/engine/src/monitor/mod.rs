@@ -50,7 +50,7 @@ pub(super) const WORDS_EVERY: Span = Span::from_millis(250);
 
 /// A kind of monitor over time. It holds no ids, so it survives a change of the configuration. The defaults of the
 /// methods are those of most kinds.
-trait Machine: Sized {
+trait MonitorKind: Sized {
     /// Goes on with the state of a keyframe.
     fn resume(&mut self, kept: Self) -> Result<(), KeyframeError>;
 
@@ -114,7 +114,7 @@ trait Machine: Sized {
     /// The state at `now`; `None` while there is nothing to judge.
     fn judge(&mut self, now: Timestamp) -> Option<State>;
 
-    /// After [`Machine::judge`] at `now`: the time at which the state may change without an input. A time that has
+    /// After [`MonitorKind::judge`] at `now`: the time at which the state may change without an input. A time that has
     /// passed does not count.
     fn due(&self, _now: Timestamp) -> Option<Timestamp> {
         None
@@ -130,7 +130,7 @@ trait Machine: Sized {
         false
     }
 
-    /// After [`Machine::judge`] at `now`: the measured values as text.
+    /// After [`MonitorKind::judge`] at `now`: the measured values as text.
     fn words(&self, now: Timestamp) -> Words;
 }
 
@@ -169,7 +169,7 @@ kinds!(
     Expression
 );
 
-/// Each method is that of its [`Machine`].
+/// Each method is that of its [`MonitorKind`].
 impl Monitor {
     /// `None` for a monitor that judges the level of a status.
     pub(super) fn new(spec: &MonitorSpec, watched: &Watched) -> Option<Monitor> {

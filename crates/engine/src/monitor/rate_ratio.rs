@@ -1,6 +1,6 @@
 //! The output rate of a component against its input rate.
 
-use super::Machine;
+use super::MonitorKind;
 use super::window::{Recovery, Window};
 use super::words::{Words, measuring, not_measured, span};
 use crate::files::KeyframeError;
@@ -33,7 +33,7 @@ impl RateRatio {
     }
 }
 
-impl Machine for RateRatio {
+impl MonitorKind for RateRatio {
     fn resume(&mut self, kept: RateRatio) -> Result<(), KeyframeError> {
         let RateRatio { input, output, bands: _, since, known, recovery } = kept;
         (self.since, self.known, self.recovery) = (since, known, recovery);

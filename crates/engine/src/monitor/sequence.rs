@@ -3,7 +3,7 @@
 //! A later value is compared when it comes. A new earlier one has no answer yet: comparing it with the old later value
 //! would report every step of a set point.
 
-use super::Machine;
+use super::MonitorKind;
 use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, span};
 use crate::files::KeyframeError;
@@ -43,7 +43,7 @@ impl Sequence {
     }
 }
 
-impl Machine for Sequence {
+impl MonitorKind for Sequence {
     fn resume(&mut self, kept: Sequence) -> Result<(), KeyframeError> {
         let Sequence { inputs, max_gap: _, bands: _, pair } = kept;
         let faults = pair.iter().flat_map(|pair| [pair.earlier.err(), pair.later.err()]).flatten();

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use super::Machine;
+use super::MonitorKind;
 use super::inputs::nothing_yet;
 use super::latency::{StampFault, age};
 use super::words::{Words, cut, reason, span};
@@ -96,7 +96,7 @@ impl Tf {
     }
 }
 
-impl Machine for Tf {
+impl MonitorKind for Tf {
     fn resume(&mut self, kept: Tf) -> Result<(), KeyframeError> {
         let Tf { links, bands: _, missing: _, since } = kept;
         self.since = since;

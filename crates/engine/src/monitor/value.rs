@@ -1,6 +1,6 @@
 //! One field of a topic, or one KeyValue of a status.
 
-use super::Machine;
+use super::MonitorKind;
 use super::inputs::{InputFault, Inputs, UnusableInput};
 use super::words::{Words, numeral_in, quoted};
 use crate::files::KeyframeError;
@@ -26,7 +26,7 @@ impl Value {
     }
 }
 
-impl Machine for Value {
+impl MonitorKind for Value {
     fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
         let Value { inputs, rule: _ } = kept;
         self.inputs.resume(inputs)

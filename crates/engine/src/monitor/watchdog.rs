@@ -1,6 +1,6 @@
 //! Watchdogs: whether a target answers, and how soon; and what is measured of the computer.
 
-use super::Machine;
+use super::MonitorKind;
 use super::words::{Words, cut, reason, span};
 use crate::files::KeyframeError;
 use crate::model::monitors::{Bands, ProbeTarget, ProcessMeasure, Resource, WatchdogSpec};
@@ -62,7 +62,7 @@ impl Watchdog {
     }
 }
 
-impl Machine for Watchdog {
+impl MonitorKind for Watchdog {
     fn resume(&mut self, kept: Watchdog) -> Result<(), KeyframeError> {
         let Watchdog {
             misses_max: _,

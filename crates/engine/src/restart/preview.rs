@@ -9,7 +9,7 @@ use crate::input::{AlarmRef, OperatorAction, Refusal};
 use crate::model::{NodeId, Stage};
 use crate::react::held::{Acknowledged, Countermeasures};
 use crate::snapshot::{Countermeasure, Snapshot};
-use crate::stage::machine::Event;
+use crate::stage::machine::StageEvent;
 use crate::time::Timestamp;
 
 /// The result of an action that would be granted.
@@ -40,17 +40,17 @@ impl Engine {
             }
             OperatorAction::Logout | OperatorAction::Shutdown => {
                 vehicle.operator = None;
-                vehicle.raise(Event::Logout);
+                vehicle.raise(StageEvent::Logout);
             }
             OperatorAction::Localize { place } => {
                 let pose = self.pose(place).map_err(|reason| vec![reason])?;
                 vehicle.localize(pose, self.now);
             }
             OperatorAction::Clear { .. } => {
-                vehicle.raise(Event::Clearance);
+                vehicle.raise(StageEvent::Clearance);
             }
             OperatorAction::Withdraw => {
-                vehicle.raise(Event::Withdrawn);
+                vehicle.raise(StageEvent::Withdrawn);
             }
             OperatorAction::Release { .. } => {
                 after.countermeasures = self.list_after(Countermeasures::release)

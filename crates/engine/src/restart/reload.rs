@@ -14,7 +14,7 @@ use crate::module::overflow;
 use crate::react::held::{HeldRequest, RequestCause, RequestOrigin};
 use crate::signals::driving_word::ARRIVAL;
 use crate::snapshot::Reason;
-use crate::stage::machine::Event;
+use crate::stage::machine::StageEvent;
 use crate::time::Timestamp;
 use crate::timers::TimerKey;
 use crate::view::views::Views;
@@ -221,7 +221,7 @@ impl Engine {
     fn take_vehicle(&mut self, old: &Engine) {
         self.vehicle.reload(self.model.stages, self.says_it_drives());
         if self.model != old.model {
-            self.vehicle.raise(Event::Reloaded);
+            self.vehicle.raise(StageEvent::Reloaded);
         }
         if self.vehicle.stage != old.vehicle.stage {
             let (from, to) = (old.vehicle.stage, self.vehicle.stage);

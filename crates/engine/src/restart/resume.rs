@@ -13,7 +13,7 @@ use crate::model::{Model, NodeId, Stage, StageModel};
 use crate::module::system::SystemCheck;
 use crate::react::held::{HeldRequest, RequestCause, RequestOrigin};
 use crate::snapshot::{Alarm, KnownPlace, Localization, MapPose, Snapshot};
-use crate::stage::machine::Event;
+use crate::stage::machine::StageEvent;
 use crate::time::{Since, Span, Timestamp};
 use crate::timers::TimerKey;
 
@@ -283,7 +283,7 @@ impl Engine {
             return;
         }
         self.vehicle.operator = Some("operator".into());
-        self.step(Event::Login);
+        self.step(StageEvent::Login);
         self.vehicle.localization.done = true;
         let active = (self.active_signal, stage == Stage::Active);
         let goal = (self.goal_signal, matches!(stage, Stage::Cleared | Stage::Active));
@@ -293,13 +293,13 @@ impl Engine {
                 self.signal_changed(index, true);
             }
         }
-        let path = [(Stage::Standby, Event::Localized), (Stage::Cleared, Event::Clearance)];
+        let path = [(Stage::Standby, StageEvent::Localized), (Stage::Cleared, StageEvent::Clearance)];
         for (_, event) in path.into_iter().filter(|(reached, _)| *reached <= stage && stage != Stage::Active)
         {
             self.step(event);
         }
         if stage == Stage::Active {
-            self.step(Event::ActiveTrue);
+            self.step(StageEvent::ActiveTrue);
         }
         self.vehicle.localization.done = false;
         self.settle();

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use super::machine::Event;
+use super::machine::StageEvent;
 use crate::Engine;
 use crate::event::EventKind;
 use crate::input::{OutputReport, Refusal};
@@ -56,7 +56,7 @@ pub(crate) struct VehicleView {
 
 impl Engine {
     /// Raises an event; the stage changes if the table has a row for it.
-    pub(crate) fn step(&mut self, event: Event) -> bool {
+    pub(crate) fn step(&mut self, event: StageEvent) -> bool {
         let from = self.vehicle.stage;
         if !self.vehicle.raise(event) {
             return false;
@@ -70,13 +70,13 @@ impl Engine {
         if to == Stage::Active {
             self.motion.set_off();
         }
-        if event == Event::Localized || from == Stage::Active && !self.is_between_stops() {
+        if event == StageEvent::Localized || from == Stage::Active && !self.is_between_stops() {
             self.motion.park(self.now);
         }
         if from == Stage::Active {
             self.arrived();
         }
-        self.countermeasures.knows_all |= event == Event::Clearance;
+        self.countermeasures.knows_all |= event == StageEvent::Clearance;
         self.stage_changed();
         true
     }
@@ -115,8 +115,8 @@ impl Engine {
     /// Takes the signal that the vehicle drives. An unknown value changes no stage.
     pub(crate) fn take_active(&mut self, value: Option<bool>) {
         match value {
-            Some(true) => self.step(Event::ActiveTrue),
-            Some(false) => self.step(Event::ActiveFalse),
+            Some(true) => self.step(StageEvent::ActiveTrue),
+            Some(false) => self.step(StageEvent::ActiveFalse),
             None => false,
         };
         self.vehicle_changed = true;
@@ -144,9 +144,9 @@ impl Engine {
         }
         if self.vehicle.stage == Stage::Cleared {
             if !self.has_goal() {
-                self.step(Event::GoalGone);
+                self.step(StageEvent::GoalGone);
             } else if self.countermeasures.moving().next().is_some() {
-                self.step(Event::Countermeasure);
+                self.step(StageEvent::Countermeasure);
             }
         }
         if self.vehicle_changed {
@@ -212,7 +212,7 @@ impl Engine {
         self.vehicle.localization.last_known = chosen;
         self.vehicle.localization.skipped = false;
         self.vehicle_changed = true;
-        self.step(Event::Localized);
+        self.step(StageEvent::Localized);
     }
 
     /// Reports faults of the vehicle's side in the group `telltale`.

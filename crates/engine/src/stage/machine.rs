@@ -12,36 +12,36 @@ use Stage::{Active, Cleared, Localizing, Locked, Standby};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Transition {
     pub from: &'static [Stage],
-    pub event: Event,
+    pub event: StageEvent,
     pub guard: Guard,
     pub to: Stage,
 }
 
-const fn row(from: &'static [Stage], event: Event, guard: Guard, to: Stage) -> Transition {
+const fn row(from: &'static [Stage], event: StageEvent, guard: Guard, to: Stage) -> Transition {
     Transition { from, event, guard, to }
 }
 
 /// All transitions. Every other one is impossible.
 pub const TRANSITIONS: &[Transition] = &[
-    row(&[Locked], Event::Login, Guard::None, Localizing),
-    row(&[Localizing], Event::Localized, Guard::Localized, Standby),
-    row(&[Standby], Event::Clearance, Guard::Checks, Cleared),
-    row(&[Cleared], Event::Withdrawn, Guard::None, Standby),
-    row(&[Cleared], Event::GoalGone, Guard::None, Standby),
-    row(&[Cleared], Event::Countermeasure, Guard::None, Standby),
-    row(&[Cleared], Event::Reloaded, Guard::None, Standby),
-    row(&[Cleared], Event::HandOver, Guard::None, Standby),
-    row(&[Locked, Localizing, Standby, Cleared], Event::ActiveTrue, Guard::None, Active),
-    row(&[Active], Event::ActiveFalse, Guard::Operator, Standby),
-    row(&[Active], Event::ActiveFalse, Guard::Nobody, Locked),
-    row(&[Localizing, Standby, Cleared], Event::Logout, Guard::None, Locked),
-    row(&[Localizing, Standby, Cleared], Event::Shutdown, Guard::None, Locked),
+    row(&[Locked], StageEvent::Login, Guard::None, Localizing),
+    row(&[Localizing], StageEvent::Localized, Guard::Localized, Standby),
+    row(&[Standby], StageEvent::Clearance, Guard::Checks, Cleared),
+    row(&[Cleared], StageEvent::Withdrawn, Guard::None, Standby),
+    row(&[Cleared], StageEvent::GoalGone, Guard::None, Standby),
+    row(&[Cleared], StageEvent::Countermeasure, Guard::None, Standby),
+    row(&[Cleared], StageEvent::Reloaded, Guard::None, Standby),
+    row(&[Cleared], StageEvent::HandOver, Guard::None, Standby),
+    row(&[Locked, Localizing, Standby, Cleared], StageEvent::ActiveTrue, Guard::None, Active),
+    row(&[Active], StageEvent::ActiveFalse, Guard::Operator, Standby),
+    row(&[Active], StageEvent::ActiveFalse, Guard::Nobody, Locked),
+    row(&[Localizing, Standby, Cleared], StageEvent::Logout, Guard::None, Locked),
+    row(&[Localizing, Standby, Cleared], StageEvent::Shutdown, Guard::None, Locked),
 ];
 
 words! {
     /// An event that may lead to another stage. Its words are for people.
     #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-    pub enum Event {
+    pub enum StageEvent {
         Login = "login",
         Localized = "localized",
         Clearance = "clearance",
@@ -90,7 +90,7 @@ impl Vehicle {
     }
 
     /// Raises an event. Returns whether the stage changed.
-    pub(crate) fn raise(&mut self, event: Event) -> bool {
+    pub(crate) fn raise(&mut self, event: StageEvent) -> bool {
         if self.model == StageModel::None {
             return false;
         }
@@ -123,9 +123,9 @@ impl Vehicle {
     }
 
     /// An operator logs in. Returns the event of that login.
-    pub(crate) fn put_in_charge(&mut self, name: &str) -> Event {
+    pub(crate) fn put_in_charge(&mut self, name: &str) -> StageEvent {
         let before = self.operator.replace(Arc::from(name));
-        if before.is_some_and(|before| *before != *name) { Event::HandOver } else { Event::Login }
+        if before.is_some_and(|before| *before != *name) { StageEvent::HandOver } else { StageEvent::Login }
     }
 
     /// Takes the operator's pose, which must be confirmed from now on.
@@ -173,7 +173,7 @@ mod tests {
     use super::*;
 
     /// Raises events in order and compares the stage after each.
-    fn check(vehicle: &mut Vehicle, steps: &[(Event, Stage)]) {
+    fn check(vehicle: &mut Vehicle, steps: &[(StageEvent, Stage)]) {
         for (index, (event, stage)) in steps.iter().enumerate() {
             vehicle.raise(*event);
             assert_eq!(vehicle.stage, *stage, "after event {index}, {event:?}");
@@ -187,21 +187,21 @@ mod tests {
     #[test]
     fn the_story_from_login_to_arrival_and_again() {
         let mut vehicle = vehicle();
-        check(&mut vehicle, &[(Event::Login, Localizing), (Event::Localized, Localizing)]);
+        check(&mut vehicle, &[(StageEvent::Login, Localizing), (StageEvent::Localized, Localizing)]);
         vehicle.localization.done = true;
         check(
             &mut vehicle,
             &[
-                (Event::Localized, Standby),
-                (Event::Clearance, Cleared),
-                (Event::ActiveTrue, Active),
-                (Event::Clearance, Active),
-                (Event::Logout, Active),
-                (Event::Shutdown, Active),
-                (Event::ActiveFalse, Standby),
-                (Event::Clearance, Cleared),
-                (Event::GoalGone, Standby),
-                (Event::Logout, Locked),
+                (StageEvent::Localized, Standby),
+                (StageEvent::Clearance, Cleared),
+                (StageEvent::ActiveTrue, Active),
+                (StageEvent::Clearance, Active),
+                (StageEvent::Logout, Active),
+                (StageEvent::Shutdown, Active),
+                (StageEvent::ActiveFalse, Standby),
+                (StageEvent::Clearance, Cleared),
+                (StageEvent::GoalGone, Standby),
+                (StageEvent::Logout, Locked),
             ],
         );
     }
@@ -212,10 +212,14 @@ mod tests {
             let mut vehicle = Vehicle { stage, ..vehicle() };
             check(
                 &mut vehicle,
-                &[(Event::ActiveTrue, Active), (Event::ActiveFalse, Standby), (Event::ActiveTrue, Active)],
+                &[
+                    (StageEvent::ActiveTrue, Active),
+                    (StageEvent::ActiveFalse, Standby),
+                    (StageEvent::ActiveTrue, Active),
+                ],
             );
             vehicle.operator = None;
-            check(&mut vehicle, &[(Event::ActiveFalse, Locked), (Event::ActiveFalse, Locked)]);
+            check(&mut vehicle, &[(StageEvent::ActiveFalse, Locked), (StageEvent::ActiveFalse, Locked)]);
         }
     }
 
@@ -250,6 +254,9 @@ mod tests {
     #[test]
     fn a_machine_without_stages_is_always_active() {
         let mut vehicle = Vehicle::new(StageModel::None);
-        check(&mut vehicle, &[(Event::Login, Active), (Event::ActiveFalse, Active), (Event::Logout, Active)]);
+        check(
+            &mut vehicle,
+            &[(StageEvent::Login, Active), (StageEvent::ActiveFalse, Active), (StageEvent::Logout, Active)],
+        );
     }
 }

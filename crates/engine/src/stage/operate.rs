@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::machine::Event;
+use super::machine::StageEvent;
 use crate::Engine;
 use crate::input::{AlarmRef, OperatorAction, Place, Refusal, Response};
 use crate::mask::node::NodeFacts;
@@ -45,8 +45,8 @@ impl Engine {
                 let event = self.vehicle.put_in_charge(name);
                 self.step(event);
             }
-            OperatorAction::Logout => self.leave(Event::Logout),
-            OperatorAction::Shutdown => self.leave(Event::Shutdown),
+            OperatorAction::Logout => self.leave(StageEvent::Logout),
+            OperatorAction::Shutdown => self.leave(StageEvent::Shutdown),
             OperatorAction::Localize { place } => {
                 let pose = self.pose(place).map_err(|reason| vec![reason])?;
                 self.vehicle.localize(pose, self.now);
@@ -54,10 +54,10 @@ impl Engine {
             }
             OperatorAction::AskClearance { .. } | OperatorAction::AskRelease { .. } => {}
             OperatorAction::Clear { .. } => {
-                self.step(Event::Clearance);
+                self.step(StageEvent::Clearance);
             }
             OperatorAction::Withdraw => {
-                self.step(Event::Withdrawn);
+                self.step(StageEvent::Withdrawn);
             }
             OperatorAction::Release { .. } => self.countermeasures.release(),
             OperatorAction::RequestStop => {
@@ -144,7 +144,7 @@ impl Engine {
         Ok(())
     }
 
-    fn leave(&mut self, event: Event) {
+    fn leave(&mut self, event: StageEvent) {
         self.vehicle.operator = None;
         self.step(event);
     }

@@ -3,16 +3,13 @@
 
 use std::collections::BTreeMap;
 
-use crate::library::spdp::PREFIX;
+use crate::library::spdp::Prefix;
 use crate::rate::{Bucket, Rate};
 use telltale_engine::model::service::Service;
 use telltale_engine::time::{Span, Timestamp};
 
 /// Participants that are counted one by one. Those beyond share one bucket.
 const CALLERS_MAX: usize = 64;
-
-/// A participant, by the first bytes of its GUIDs.
-pub type Caller = [u8; PREFIX];
 
 /// For one participant; all together have twice that.
 pub const fn rate(service: Service) -> Rate {
@@ -35,7 +32,7 @@ fn of_all(Rate { burst, refill }: Rate) -> Rate {
 pub struct Limit {
     rate: Rate,
     all: Bucket,
-    callers: BTreeMap<Caller, Bucket>,
+    callers: BTreeMap<Prefix, Bucket>,
     others: Bucket,
 }
 
@@ -47,7 +44,7 @@ impl Limit {
     }
 
     /// Whether this caller may call now.
-    pub fn admits(&mut self, caller: Caller, now: Timestamp) -> bool {
+    pub fn admits(&mut self, caller: Prefix, now: Timestamp) -> bool {
         if !self.callers.contains_key(&caller) && self.callers.len() >= CALLERS_MAX {
             // A caller with all its tokens is counted anew when it calls.
             self.callers.retain(|_, bucket| !bucket.is_full(now));
@@ -65,8 +62,8 @@ impl Limit {
 mod tests {
     use super::*;
 
-    fn caller(number: u32) -> Caller {
-        let mut caller = [0; PREFIX];
+    fn caller(number: u32) -> Prefix {
+        let mut caller = Prefix::default();
         caller[..4].copy_from_slice(&number.to_le_bytes());
         caller
     }

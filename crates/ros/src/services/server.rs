@@ -11,7 +11,7 @@ use tokio::sync::{oneshot, watch};
 use tokio::task::JoinSet;
 
 use super::answered::{Known, LastRequests, RequestId};
-use super::limit::{self, Caller, Limit};
+use super::limit::{self, Limit};
 use super::{Call, ServicesContext};
 use crate::BridgeError;
 use crate::discovery::graph::service_topics;
@@ -19,7 +19,7 @@ use crate::discovery::peers::{self, Announcer};
 use crate::discovery::presence;
 use crate::library::discovered::participant_name;
 use crate::library::qos::Via;
-use crate::library::spdp::PREFIX;
+use crate::library::spdp::{PREFIX, Prefix, prefix};
 use crate::library::{Participant, Quality, RawSample, Reader, ReaderEvent, SampleId, Writer};
 use crate::rate::{Bucket, Rate};
 use telltale_engine::discovery::Discovery;
@@ -79,7 +79,7 @@ struct Endpoint {
 struct ReplyTo {
     replies: Arc<Writer>,
     topic: Arc<str>,
-    client: Caller,
+    client: Prefix,
     correlation: Correlation,
     /// The request, for the protocol.
     request: SampleId,
@@ -303,10 +303,6 @@ async fn next(endpoints: &mut [Endpoint]) -> (usize, RawSample) {
         Poll::Pending
     })
     .await
-}
-
-fn prefix(guid: &Guid) -> Caller {
-    std::array::from_fn(|index| guid[index])
 }
 
 /// The reader to which a client of Fast DDS wants its reply. Zeros are nobody.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::{Machine, Monitor, WORDS_EVERY, Words};
+use super::{Monitor, MonitorKind, WORDS_EVERY, Words};
 use crate::files::KeyframeError;
 use crate::model::monitors::{MonitorSpec, Source, TopicId, TopicSpec, ValueSource, WatchdogSpec};
 use crate::model::sample::{FieldValue, Probe, PublisherReport, Sample};

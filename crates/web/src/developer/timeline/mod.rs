@@ -43,7 +43,7 @@ const OFFERED: usize = 300;
 /// The right end of the slider, in thousandths of the span.
 const SLIDER_END: i64 = 1000;
 
-struct Event {
+struct Row {
     at: String,
     at_ms: i64,
     what: &'static str,
@@ -104,7 +104,7 @@ struct TimelineHtml {
     gaps: String,
     ticks: Vec<Tick>,
     legend: Vec<Explained>,
-    events: Vec<Event>,
+    events: Vec<Row>,
     trouble: Option<&'static str>,
 }
 
@@ -312,7 +312,7 @@ pub(super) fn ticks(axis: Axis) -> Vec<Tick> {
 }
 
 /// The newest first.
-fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> {
+fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Row> {
     let lang = view.lang;
     let named = |name: &str| Some((clean(name, 2 * NAME), why_address(name)));
     let event = |(at_ms, what): &(i64, PastEvent)| {
@@ -336,7 +336,7 @@ fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Event> 
             PastEvent::Left { node } => (words.ev_left, none(), named(node), None),
             PastEvent::Lost(count) => (words.history_lost, count.to_string(), None, None),
         };
-        Event { at: wall(*at_ms), at_ms: *at_ms, what, detail, node, cause }
+        Row { at: wall(*at_ms), at_ms: *at_ms, what, detail, node, cause }
     };
     past.events.iter().rev().take(EVENTS).map(event).collect()
 }

@@ -16,7 +16,7 @@ const TITLE_LETTERS: usize = 44;
 
 /// How soon the operator has to act. The last one is the most urgent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub enum Urgency {
+pub enum Priority {
     /// Nothing to do.
     #[default]
     None,
@@ -26,23 +26,23 @@ pub enum Urgency {
     TakeOver,
 }
 
-impl Urgency {
+impl Priority {
     /// The word of the `data-urgency` attribute.
     const fn as_str(self) -> &'static str {
         match self {
-            Urgency::None => "none",
-            Urgency::Act => "act",
-            Urgency::BeReady => "be_ready",
-            Urgency::TakeOver => "take_over",
+            Priority::None => "none",
+            Priority::Act => "act",
+            Priority::BeReady => "be_ready",
+            Priority::TakeOver => "take_over",
         }
     }
 }
 
-impl From<wording::Urgency> for Urgency {
-    fn from(urgency: wording::Urgency) -> Urgency {
+impl From<wording::Urgency> for Priority {
+    fn from(urgency: wording::Urgency) -> Priority {
         match urgency {
-            wording::Urgency::BeReady => Urgency::BeReady,
-            wording::Urgency::TakeOver => Urgency::TakeOver,
+            wording::Urgency::BeReady => Priority::BeReady,
+            wording::Urgency::TakeOver => Priority::TakeOver,
         }
     }
 }
@@ -67,7 +67,7 @@ struct InstructionHtml {
 /// The words of the instruction. An empty title is none.
 #[derive(Debug, Default)]
 struct Instruction {
-    urgency: Urgency,
+    urgency: Priority,
     blocked: bool,
     icon: &'static str,
     title: String,
@@ -114,7 +114,7 @@ pub fn told(view: &View<'_>, entries: &[FaultEntry]) -> Option<(NodeId, String)>
 fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     let snapshot = view.snapshot;
     let act = |icon, title: &str| Instruction {
-        urgency: Urgency::Act,
+        urgency: Priority::Act,
         icon,
         title: title.to_owned(),
         ..Instruction::default()
@@ -138,7 +138,7 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
         }
         Stage::Localizing if snapshot.localization.given.is_some() => at_a_stop(view, entries)
             .unwrap_or_else(|| Instruction {
-                urgency: Urgency::None,
+                urgency: Priority::None,
                 ..act("locating", view.words.locating)
             }),
         Stage::Localizing => {
@@ -156,7 +156,7 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
             }
             let no_goal = snapshot.clearance_refusals.iter().any(|it| matches!(it, Refusal::NoGoal));
             let title = if no_goal { view.words.wait_for_goal } else { view.words.wait };
-            Instruction { urgency: Urgency::None, ..act("ready", title) }
+            Instruction { urgency: Priority::None, ..act("ready", title) }
         }),
         Stage::Cleared | Stage::Active => driving(view, entries),
     }
@@ -187,7 +187,7 @@ fn wrong_stop(view: &View<'_>) -> String {
 fn for_reader(view: &View<'_>, it: &Instruction, title: &str) -> String {
     match it.reader {
         Some(words) => words.to_owned(),
-        None if it.urgency == Urgency::None => title.to_owned(),
+        None if it.urgency == Priority::None => title.to_owned(),
         None => format!("{} {title}", view.words.for_operator),
     }
 }
@@ -198,7 +198,7 @@ fn at_a_stop(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     let entry = faults
         .find(|entry| entry.state != State::Warning || !view.snapshot.accepted.contains(&entry.node))?;
     Some(Instruction {
-        urgency: Urgency::Act,
+        urgency: Priority::Act,
         blocked: true,
         icon: icon(entry.state, None),
         title: entry.help.clone(),
@@ -218,7 +218,7 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     };
     if let Some(it) = request.filter(|it| requests::fails(it) && view.has_stages() && !stands) {
         let how = requests::progress(view, it).to_owned();
-        return Instruction { line: how, ..say(Urgency::TakeOver, "error", view.words.take_over_stop) };
+        return Instruction { line: how, ..say(Priority::TakeOver, "error", view.words.take_over_stop) };
     }
     let advice = match request {
         Some(_) if stands && requests::waits_for_release(view) => None,
@@ -230,15 +230,15 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     }
     let title = match (request, stands) {
         (None, _) if view.snapshot.stage == Stage::Cleared => {
-            return say(Urgency::None, "ready", view.words.may_start);
+            return say(Priority::None, "ready", view.words.may_start);
         }
         (None, _) => return Instruction::default(),
         (Some(_), _) if !requests::waits_for_release(view) => {
-            return say(Urgency::None, "slow", view.words.held_back);
+            return say(Priority::None, "slow", view.words.held_back);
         }
         // The operator's own stop needs no other step before the vehicle stands.
         (Some(it), false) if it.causes.is_empty() => {
-            return say(Urgency::None, "stop", view.words.stop_requested);
+            return say(Priority::None, "stop", view.words.stop_requested);
         }
         (Some(it), true) if it.causes.is_empty() || !requests::causes_are_gone(view) => {
             view.words.stopped_continue
@@ -248,7 +248,7 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
         (Some(_), false) => view.words.cause_gone,
     };
     let reader = stands.then_some(view.words.operator_continues);
-    Instruction { reader, ..say(Urgency::Act, "idle", title) }
+    Instruction { reader, ..say(Priority::Act, "idle", title) }
 }
 
 /// The most urgent advice among the present faults; the first of them if several are alike. If none in sight asks for
@@ -256,7 +256,7 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
 fn advice(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     let present = entries.iter().filter(|entry| !entry.over && !entry.help.is_empty());
     let rated =
-        present.map(|entry| (urgency(view, entry), entry)).filter(|(urgency, _)| *urgency > Urgency::None);
+        present.map(|entry| (urgency(view, entry), entry)).filter(|(urgency, _)| *urgency > Priority::None);
     // `max_by_key` gives the last of those that are alike.
     let first = rated.rev().max_by_key(|(urgency, _)| *urgency);
     let (urgency, node, state, title) = match (first, view.asked()) {
@@ -269,11 +269,11 @@ fn advice(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     };
     Some(Instruction {
         urgency,
-        blocked: urgency == Urgency::Act,
+        blocked: urgency == Priority::Act,
         icon: match urgency {
-            Urgency::TakeOver => "error",
-            Urgency::BeReady => "warning",
-            Urgency::Act | Urgency::None => icon(state, None),
+            Priority::TakeOver => "error",
+            Priority::BeReady => "warning",
+            Priority::Act | Priority::None => icon(state, None),
         },
         title,
         node: Some(node),
@@ -295,11 +295,11 @@ fn in_sight(view: &View<'_>, entries: &[FaultEntry], node: NodeId) -> NodeId {
 }
 
 /// The urgency of a fault in sight. A machine without stages never drives: there a fault is to be seen to.
-fn urgency(view: &View<'_>, entry: &FaultEntry) -> Urgency {
+fn urgency(view: &View<'_>, entry: &FaultEntry) -> Priority {
     match entry.urgency {
         Some(urgency) => urgency.into(),
-        None if !view.has_stages() && entry.state > State::Warning => Urgency::Act,
-        None => Urgency::None,
+        None if !view.has_stages() && entry.state > State::Warning => Priority::Act,
+        None => Priority::None,
     }
 }
 
