@@ -9,8 +9,10 @@ use std::io;
 use std::mem::ManuallyDrop;
 use std::os::unix::fs::{FileExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use crate::FILE_NAME;
+use crate::private_file::make_folder;
 
 /// The file with the head of the chain, beside the database.
 pub const HEAD_FILE_NAME: &str = "audit.head";
@@ -58,6 +60,22 @@ pub(crate) fn put_odd_aside(database: &Path) -> io::Result<()> {
         );
     }
     Ok(())
+}
+
+/// Moves a database of a data folder, with the files beside it, into a folder of its own. Returns that folder.
+pub(crate) fn put_aside(folder: &Path, database: &str, wall: SystemTime) -> io::Result<PathBuf> {
+    let day = humantime::format_rfc3339_seconds(wall).to_string().replace(':', "");
+    let kept = folder.join(format!("damaged-{day}"));
+    make_folder(&kept)?;
+    // The log first: it must not be taken for that of the next one.
+    for end in BESIDE.into_iter().chain([""]) {
+        let name = format!("{database}{end}");
+        match std::fs::rename(folder.join(&name), kept.join(&name)) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+    }
+    Ok(kept)
 }
 
 /// The data folder with the files that were opened in it.

@@ -1,17 +1,17 @@
 //! A history that is damaged: how that is found, what is saved of it, and how another one begins beside it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
-use std::{fs, io};
 
 use rusqlite::{Connection, ErrorCode, OpenFlags, OptionalExtension as _};
 
 use super::{HISTORY_FILE, prepare};
 use crate::StoreError;
-use crate::database::files::odd_beside;
+use crate::database::files::{odd_beside, put_aside};
 use crate::database::foreign::difference;
 use crate::disk::salvage;
-use crate::private_file::{make_folder, make_private_file};
+use crate::private_file::make_private_file;
 
 /// The rest of a damaged history that was saved.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -74,25 +74,9 @@ pub fn repair_history(folder: &Path, wall: SystemTime) -> Result<Option<SavedHis
     let records = count(&to)?;
     to.execute("UPDATE alive SET rows = ?1", [records])?;
     drop(to);
-    let kept =
-        put_aside(folder, wall).and_then(|kept| fs::rename(&new, &path).map(|()| kept)).map_err(failed)?;
+    let kept = put_aside(folder, HISTORY_FILE, wall).map_err(failed)?;
+    fs::rename(&new, &path).map_err(failed)?;
     Ok(Some(SavedHistory { damage, records: records.unsigned_abs(), kept }))
-}
-
-/// Moves the files of a history into a folder of their own. Returns the folder.
-pub(super) fn put_aside(folder: &Path, wall: SystemTime) -> io::Result<PathBuf> {
-    let day = humantime::format_rfc3339_seconds(wall).to_string().replace(':', "");
-    let kept = folder.join(format!("damaged-{day}"));
-    make_folder(&kept)?;
-    // The log first: it must not be taken for that of the next one.
-    for suffix in ["-journal", "-wal", "-shm", ""] {
-        let name = format!("{HISTORY_FILE}{suffix}");
-        match fs::rename(folder.join(&name), kept.join(&name)) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => {}
-        }
-    }
-    Ok(kept)
 }
 
 /// Whether an error means that the file is no whole database, and not that the disk is full or busy.

@@ -35,7 +35,7 @@ pub use telltale_engine::view::record::Stretch;
 pub use trends::{Minute, MinuteSums, Resolution, Trend, TrendPoint, TrendQuery, ValueTrend};
 
 use super::StoreError;
-use super::database::files::{odd_beside, put_odd_aside};
+use super::database::files::{odd_beside, put_aside, put_odd_aside};
 use super::database::foreign;
 use super::private_file::make_private_file;
 use telltale_clock::Clock;
@@ -316,7 +316,7 @@ impl Opened {
 
 /// Puts a damaged history aside.
 fn begin_anew(folder: &Path, clock: Clock, why: &rusqlite::Error) -> Result<(), StoreError> {
-    let kept = damage::put_aside(folder, clock.wall())
+    let kept = put_aside(folder, HISTORY_FILE, clock.wall())
         .map_err(|reason| StoreError::Folder { path: folder.to_owned(), reason })?;
     tracing::error!("the history is damaged ({why}): it lies in {}, and another one begins", kept.display());
     Ok(())

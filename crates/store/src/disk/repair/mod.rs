@@ -1,7 +1,7 @@
 //! The work of `telltale data`: checks a data folder, repairs its database, restores a backup. No server
 //! may run on the folder meanwhile, except during a check.
 
-use crate::private_file::{make_folder, make_private_file};
+use crate::private_file::make_private_file;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -12,6 +12,7 @@ use rusqlite::Connection;
 use super::salvage;
 use crate::audit::known::as_they_are;
 use crate::audit::{Action, COMMAND_LINE, Record};
+use crate::database::files::put_aside;
 use crate::database::{backup, schema};
 use crate::{Database, DemoSecrets, FILE_NAME, Store, StoreError, history_damage};
 use telltale_clock::Clock;
@@ -143,25 +144,15 @@ fn put_in_place(
         return Err(StoreError::Damaged { path: new.to_owned(), what });
     }
     drop(connection);
-    let day = humantime::format_rfc3339_seconds(wall).to_string().replace(':', "");
-    let kept = folder.join(format!("damaged-{day}"));
-    let moved = || -> io::Result<()> {
+    let moved = || {
         File::open(new)?.sync_all()?;
-        make_folder(&kept)?;
-        // The log is moved first: the next start must not take it for that of the new database.
-        for suffix in ["-wal", "-shm", ""] {
-            let name = format!("{FILE_NAME}{suffix}");
-            match fs::rename(folder.join(&name), kept.join(&name)) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-                _ => {}
-            }
-        }
+        let kept = put_aside(folder, FILE_NAME, wall)?;
         give_to_owner(folder, new)?;
         fs::rename(new, folder.join(FILE_NAME))?;
-        File::open(folder)?.sync_all()
+        File::open(folder)?.sync_all()?;
+        Ok(kept)
     };
-    moved().map_err(|reason| folder_error(folder, reason))?;
-    Ok(kept)
+    moved().map_err(|reason| folder_error(folder, reason))
 }
 
 /// If root repairs the database, the files get the owner of the folder, who must be able to read and write
