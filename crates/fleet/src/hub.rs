@@ -9,12 +9,12 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use async_nats::ConnectOptions;
 use serde::{Deserialize, Serialize};
 
 use crate::identity::Identity;
 use crate::line::{Hub, LOG_STREAM, Subjects, inbox};
 use crate::message::{BATCH_BYTES_MAX, VehicleId};
+use crate::reading::{self, HEAD_STREAM};
 
 /// The configuration of nats-server.
 pub const CONFIG_FILE: &str = "nats-server.conf";
@@ -190,15 +190,7 @@ impl HubFolder {
 /// The hub is not reached, or does not make them.
 pub async fn make_streams(hub: &Hub, console: &Identity, disk_bytes: u64) -> Result<(), HubError> {
     let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
-    let client = ConnectOptions::with_nkey(console.seed().to_owned())
-        .add_root_certificates(hub.ca.clone())
-        .require_tls(true)
-        .ignore_discovered_servers()
-        .custom_inbox_prefix(inbox("console"))
-        .max_reconnects(1)
-        .connect(&hub.url)
-        .await
-        .map_err(|error| line(&error))?;
+    let client = reading::options(hub, console).connect(&hub.url).await.map_err(|error| line(&error))?;
     let ask = async |subject: String, body: String| {
         let answer = client.request(subject, body.into()).await.map_err(|error| line(&error))?;
         serde_json::from_slice::<Answer>(&answer.payload).map_err(|error| line(&error))
@@ -231,9 +223,9 @@ fn streams(disk_bytes: u64) -> [(&'static str, serde_json::Value); 3] {
     let days_14_ns = 14_u64 * 24 * 3600 * 1_000_000_000;
     [
         (
-            "HEAD",
+            HEAD_STREAM,
             serde_json::json!({
-                "name": "HEAD", "subjects": ["tt.1.*.head"], "storage": "memory", "retention": "limits",
+                "name": HEAD_STREAM, "subjects": ["tt.1.*.head"], "storage": "memory", "retention": "limits",
                 "max_msgs_per_subject": 1, "max_bytes": 256 << 20, "max_msg_size": PAYLOAD_BYTES_MAX,
                 "discard": "old", "allow_direct": true,
             }),

@@ -10,6 +10,7 @@ pub mod message;
 pub mod outbox;
 #[cfg(test)]
 mod property;
+pub mod reading;
 pub mod status;
 pub mod tell;
 pub mod vehicle;

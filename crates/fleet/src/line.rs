@@ -25,7 +25,7 @@ pub const LIVE_FOR_MAX: Span = Span::from_secs(60);
 /// Bytes of an answer, or of a wish, that are read.
 const ANSWER_BYTES_MAX: usize = 4096;
 
-const CONNECTED_WITHIN: Duration = Duration::from_secs(10);
+pub(crate) const CONNECTED_WITHIN: Duration = Duration::from_secs(10);
 
 /// A slow line takes this long for the largest batch at 100 kbit/s.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(25);

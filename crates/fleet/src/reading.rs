@@ -1,0 +1,352 @@
+//! The console's line to the hub: it reads the streams of heads and logs, and sends nothing to a vehicle. Requests of
+//! JetStream are plain requests, as on the vehicle's line, and each answer is read with bounds.
+
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, Message, Subscriber};
+use bytes::Bytes;
+use futures_util::StreamExt as _;
+use serde::Deserialize;
+use telltale_engine::time::Span;
+use tokio::sync::watch;
+use tokio::time::timeout;
+
+use crate::identity::Identity;
+use crate::line::{CONNECTED_WITHIN, Hub, LOG_STREAM, NoLine, Subjects, inbox};
+use crate::message::VehicleId;
+
+/// The stream of all heads.
+pub const HEAD_STREAM: &str = "HEAD";
+
+/// Messages that are asked for at once. A subscription has room for those of both streams.
+const PULLED_AT_ONCE: usize = 256;
+const PULLED_BYTES: usize = 8 << 20;
+const PULL_LASTS: Duration = Duration::from_secs(20);
+
+/// The hub says this often that it is there, and is away after a longer silence.
+const BEAT_EVERY: Duration = Duration::from_secs(1);
+const SILENCE_MAX: Duration = Duration::from_secs(4);
+
+const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
+const ANSWER_BYTES_MAX: usize = 64 * 1024;
+
+/// The hub forgets a reader that asks for nothing.
+const FORGOTTEN_AFTER: Duration = Duration::from_secs(60);
+
+/// A stream that a console reads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stream {
+    Head,
+    Log,
+}
+
+impl Stream {
+    const fn name(self) -> &'static str {
+        match self {
+            Stream::Head => HEAD_STREAM,
+            Stream::Log => LOG_STREAM,
+        }
+    }
+}
+
+/// A message as it lies at the hub.
+#[derive(Debug)]
+pub struct Read {
+    pub stream: Stream,
+    pub id: VehicleId,
+    pub packed: Bytes,
+    pub sequence: u64,
+    /// When the hub took it, by its clock, in milliseconds since 1970.
+    pub stored_ms: i64,
+    /// How long it lay there when this line began; zero if it came later.
+    pub age: Span,
+}
+
+/// An open line. It ends with the first fault; then another is made.
+#[derive(Debug)]
+pub struct Reading {
+    client: Client,
+    inbox: String,
+    messages: Subscriber,
+    is_cut: watch::Receiver<bool>,
+    head: Reader,
+    log: Reader,
+}
+
+/// One stream as the hub gives it out.
+#[derive(Debug)]
+struct Reader {
+    stream: Stream,
+    /// Where more messages are asked for.
+    next: String,
+    /// Messages that were asked for and did not come yet.
+    wanted: usize,
+    /// When it began, by the hub's clock, in milliseconds since 1970.
+    began_ms: i64,
+}
+
+/// The options of a console's connection.
+pub(crate) fn options(hub: &Hub, console: &Identity) -> ConnectOptions {
+    ConnectOptions::with_nkey(console.seed().to_owned())
+        .name("telltale console")
+        .add_root_certificates(hub.ca.clone())
+        .require_tls(true)
+        .ignore_discovered_servers()
+        .custom_inbox_prefix(inbox("console"))
+        .connection_timeout(CONNECTED_WITHIN)
+        .max_reconnects(1)
+}
+
+impl Reading {
+    /// Reads the last head of each vehicle, the log from a time of the hub's clock on, and all that follows.
+    ///
+    /// # Errors
+    /// The hub is not reached, does not admit this console, or has no streams.
+    pub async fn open(hub: &Hub, console: &Identity, log_from_ms: i64) -> Result<Reading, NoLine> {
+        let (cut, is_cut) = watch::channel(false);
+        let options = options(hub, console)
+            .request_timeout(Some(ANSWERED_WITHIN))
+            .ping_interval(Duration::from_secs(2))
+            .subscription_capacity(4 * PULLED_AT_ONCE)
+            .event_callback(move |event| {
+                if matches!(event, Event::Disconnected | Event::Closed) {
+                    cut.send_replace(true);
+                }
+                std::future::ready(())
+            });
+        let client = options.connect(&hub.url).await.map_err(|error| match error.kind() {
+            ConnectErrorKind::AuthorizationViolation | ConnectErrorKind::Authentication => NoLine::Refused,
+            _ => NoLine::Unreachable(error.to_string()),
+        })?;
+        let inbox = client.new_inbox();
+        let subscribed = client.subscribe(format!("{inbox}.*")).await;
+        let messages = subscribed.map_err(|error| NoLine::Unreachable(error.to_string()))?;
+        let head =
+            Reader::begin(&client, Stream::Head, serde_json::json!({ "deliver_policy": "last_per_subject" }));
+        let head = head.await?;
+        let from = UNIX_EPOCH + Duration::from_millis(u64::try_from(log_from_ms).unwrap_or(0));
+        let from = humantime::format_rfc3339_millis(from).to_string();
+        let log = Reader::begin(
+            &client,
+            Stream::Log,
+            serde_json::json!({ "deliver_policy": "by_start_time", "opt_start_time": from }),
+        );
+        let log = log.await?;
+        Ok(Reading { client, inbox, messages, is_cut, head, log })
+    }
+
+    /// A handle for questions, which may outlive the line.
+    pub fn logs(&self) -> Logs {
+        Logs { client: self.client.clone() }
+    }
+
+    /// The next message. What nobody can have sent as a vehicle is passed over.
+    ///
+    /// # Errors
+    /// Why the line is of no use any more.
+    pub async fn next(&mut self) -> Result<Read, String> {
+        loop {
+            for reader in [&mut self.head, &mut self.log] {
+                reader.ask(&self.client, &self.inbox).await?;
+            }
+            let message = tokio::select! {
+                _ = self.is_cut.wait_for(|is_cut| *is_cut) => return Err("the line was cut".into()),
+                message = timeout(SILENCE_MAX, self.messages.next()) => message,
+            };
+            let message = message.map_err(|_| "the hub is silent")?.ok_or("the line was cut")?;
+            let is_of_head = message.subject.ends_with(Stream::Head.name());
+            let reader = if is_of_head { &mut self.head } else { &mut self.log };
+            if let Some(read) = reader.take(message)? {
+                return Ok(read);
+            }
+        }
+    }
+}
+
+impl Reader {
+    /// Lets the hub remember a reader of a stream.
+    async fn begin(client: &Client, stream: Stream, policy: serde_json::Value) -> Result<Reader, NoLine> {
+        #[derive(Deserialize)]
+        struct Made {
+            name: Option<String>,
+            created: Option<String>,
+            error: Option<Fault>,
+        }
+        #[derive(Deserialize)]
+        struct Fault {
+            #[serde(default)]
+            description: String,
+        }
+        let unreachable = |why: String| NoLine::Unreachable(format!("the stream {}: {why}", stream.name()));
+        let mut config = serde_json::json!({
+            "ack_policy": "none", "replay_policy": "instant", "mem_storage": true, "num_replicas": 1,
+            "inactive_threshold": nanos(FORGOTTEN_AFTER),
+        });
+        if let (Some(config), Some(policy)) = (config.as_object_mut(), policy.as_object()) {
+            config.extend(policy.clone());
+        }
+        let wanted = serde_json::json!({ "stream_name": stream.name(), "config": config }).to_string();
+        let subject = format!("$JS.API.CONSUMER.CREATE.{}", stream.name());
+        let answer = client.request(subject, wanted.into()).await;
+        let answer = answer.map_err(|error| unreachable(error.to_string()))?;
+        let made: Made = Some(&answer.payload)
+            .filter(|payload| payload.len() <= ANSWER_BYTES_MAX)
+            .and_then(|payload| serde_json::from_slice(payload).ok())
+            .ok_or_else(|| unreachable("its answer cannot be read".into()))?;
+        match (made.name, made.created.and_then(|it| humantime::parse_rfc3339(&it).ok()), made.error) {
+            (Some(name), Some(created), None) if name.bytes().all(|it| it.is_ascii_alphanumeric()) => {
+                let next = format!("$JS.API.CONSUMER.MSG.NEXT.{}.{name}", stream.name());
+                Ok(Reader { stream, next, wanted: 0, began_ms: unix_ms(created) })
+            }
+            (_, _, Some(fault)) => Err(unreachable(fault.description.chars().take(200).collect())),
+            _ => Err(unreachable("its answer cannot be read".into())),
+        }
+    }
+
+    /// Asks for more, if nothing is awaited.
+    async fn ask(&mut self, client: &Client, inbox: &str) -> Result<(), String> {
+        if self.wanted > 0 {
+            return Ok(());
+        }
+        let wanted = serde_json::json!({
+            "batch": PULLED_AT_ONCE, "max_bytes": PULLED_BYTES, "expires": nanos(PULL_LASTS),
+            "idle_heartbeat": nanos(BEAT_EVERY),
+        });
+        let reply = format!("{inbox}.{}", self.stream.name());
+        let asked = client.publish_with_reply(self.next.clone(), reply, wanted.to_string().into()).await;
+        asked.map_err(|error| error.to_string())?;
+        self.wanted = PULLED_AT_ONCE;
+        Ok(())
+    }
+
+    fn take(&mut self, message: Message) -> Result<Option<Read>, String> {
+        match message.status.map(|status| status.as_u16()) {
+            // The hub is there.
+            Some(100) => return Ok(None),
+            // What was asked for is over: there is no more, or time or bytes are used up.
+            Some(404 | 408) => {
+                self.wanted = 0;
+                return Ok(None);
+            }
+            Some(409) if message.description.as_deref().is_some_and(|it| it.contains("MaxBytes")) => {
+                self.wanted = 0;
+                return Ok(None);
+            }
+            Some(status) => {
+                return Err(format!("the hub gives no more of {} ({status})", self.stream.name()));
+            }
+            None => {}
+        }
+        self.wanted = self.wanted.saturating_sub(1);
+        let Some((sequence, stored_ns)) = message.reply.as_deref().and_then(place) else { return Ok(None) };
+        let Some(id) = vehicle_of(self.stream, &message.subject) else { return Ok(None) };
+        let stored_ms = i64::try_from(stored_ns / 1_000_000).unwrap_or(i64::MAX);
+        let age = u64::try_from(self.began_ms.saturating_sub(stored_ms)).unwrap_or(0);
+        let age = Span::from_millis(age);
+        Ok(Some(Read { stream: self.stream, id, packed: message.payload, sequence, stored_ms, age }))
+    }
+}
+
+/// Questions about what lies at the hub.
+#[derive(Debug, Clone)]
+pub struct Logs {
+    client: Client,
+}
+
+/// Where the next message of a log is looked for.
+#[derive(Debug, Clone, Copy)]
+pub enum From {
+    /// Taken by the hub at this time or later, in milliseconds since 1970.
+    Time(i64),
+    /// After this message.
+    After(u64),
+}
+
+impl Logs {
+    /// The next message of a vehicle's log with its number; `None` at the end.
+    ///
+    /// # Errors
+    /// The hub does not answer.
+    pub async fn next(&self, id: &VehicleId, from: From) -> Result<Option<(u64, Bytes)>, String> {
+        let subject = Subjects::of(id).log;
+        let wanted = match from {
+            From::Time(ms) => {
+                let at = UNIX_EPOCH + Duration::from_millis(u64::try_from(ms).unwrap_or(0));
+                let at = humantime::format_rfc3339_millis(at).to_string();
+                serde_json::json!({ "start_time": at, "next_by_subj": subject })
+            }
+            From::After(sequence) => serde_json::json!({ "seq": sequence + 1, "next_by_subj": subject }),
+        };
+        let asked =
+            self.client.request(format!("$JS.API.DIRECT.GET.{LOG_STREAM}"), wanted.to_string().into());
+        let found = asked.await.map_err(|error| error.to_string())?;
+        match found.status.map(|status| status.as_u16()) {
+            Some(404) => return Ok(None),
+            Some(status) => return Err(format!("status {status}")),
+            None => {}
+        }
+        let number = found.headers.as_ref().and_then(|it| it.get("Nats-Sequence"));
+        let number = number.and_then(|it| it.as_str().parse().ok()).ok_or("an answer without a number")?;
+        Ok(Some((number, found.payload)))
+    }
+}
+
+fn nanos(time: Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}
+
+fn unix_ms(time: SystemTime) -> i64 {
+    let since = time.duration_since(UNIX_EPOCH).unwrap_or_default();
+    i64::try_from(since.as_millis()).unwrap_or(i64::MAX)
+}
+
+/// The vehicle of a subject.
+fn vehicle_of(stream: Stream, subject: &str) -> Option<VehicleId> {
+    let end = match stream {
+        Stream::Head => ".head",
+        Stream::Log => ".log",
+    };
+    VehicleId::new(subject.strip_prefix("tt.1.")?.strip_suffix(end)?)
+}
+
+/// The number of a message in its stream and the time of the hub in nanoseconds, from the subject of its
+/// acknowledgement: `$JS.ACK.STREAM.READER.TIMES.NUMBER.COUNT.TIME.LEFT`, with two more parts after `ACK` from some hubs.
+fn place(reply: &str) -> Option<(u64, u64)> {
+    let parts: Vec<&str> = reply.split('.').collect();
+    let first = match parts.len() {
+        9 => 2,
+        11.. => 4,
+        _ => return None,
+    };
+    (parts[..2] == ["$JS", "ACK"]).then_some(())?;
+    Some((parts[first + 3].parse().ok()?, parts[first + 5].parse().ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_place_of_a_message_is_in_the_subject_of_its_acknowledgement() {
+        assert_eq!(
+            place("$JS.ACK.LOG.c1.1.77.3.1795000000000000000.0"),
+            Some((77, 1_795_000_000_000_000_000))
+        );
+        assert_eq!(
+            place("$JS.ACK._.hash.LOG.c1.1.77.3.1795000000000000000.0.rnd"),
+            Some((77, 1_795_000_000_000_000_000))
+        );
+        for none in ["", "$JS.ACK.LOG", "_INBOX.a.b.c.d.e.f.g.h", "$JS.ACK.LOG.c1.1.x.3.1.0"] {
+            assert_eq!(place(none), None, "{none}");
+        }
+    }
+
+    #[test]
+    fn a_subject_names_a_vehicle() {
+        let id = |stream, subject| vehicle_of(stream, subject).map(|id| id.as_str().to_owned());
+        assert_eq!(id(Stream::Head, "tt.1.shuttle-03.head").as_deref(), Some("shuttle-03"));
+        for none in ["tt.1.a.log", "tt.1..head", "tt.1.a.b.head", "tt.2.a.head", "a.head"] {
+            assert_eq!(id(Stream::Head, none), None, "{none}");
+        }
+    }
+}
