@@ -8,12 +8,20 @@ telltale_engine::words! {
         Operator = "operator",
         /// Sees everything and may change the configuration.
         Developer = "developer",
+        /// Watches the vehicles of a fleet at its console.
+        ControlRoom = "control_room",
+        /// Looks into the faults of a fleet at its console.
+        Engineer = "engineer",
         /// May read everything and change nothing.
         Authority = "authority",
     }
 }
 
 impl Role {
+    /// The roles that a vehicle's server takes, and those that a fleet's console takes.
+    pub const OF_VEHICLE: [Role; 3] = [Role::Operator, Role::Developer, Role::Authority];
+    pub const OF_CONSOLE: [Role; 3] = [Role::ControlRoom, Role::Engineer, Role::Authority];
+
     /// Reads a role of the database, where an unknown word is a fault.
     pub(super) fn read(row: &rusqlite::Row<'_>, column: usize) -> rusqlite::Result<Role> {
         let word: String = row.get(column)?;

@@ -43,7 +43,7 @@ pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,
     OnDisk, StoredIncident, clean_note,
 };
-pub use private_file::{give_to_owner_of, make_folder};
+pub use private_file::{give_to_owner_of, make_folder, make_private_file};
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use temporary_folder::TemporaryFolder;

@@ -12,7 +12,7 @@ pub fn make_folder(folder: &Path) -> std::io::Result<()> {
 
 /// Makes a file that only its owner may read, whatever the umask: it holds hashes of secrets. An existing
 /// file is not opened: closing it would release the locks of this process on it.
-pub(super) fn make_private_file(path: &Path) -> std::io::Result<()> {
+pub fn make_private_file(path: &Path) -> std::io::Result<()> {
     let mut options = std::fs::OpenOptions::new();
     options.write(true).create_new(true);
     std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);

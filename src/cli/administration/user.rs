@@ -22,7 +22,7 @@ const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
 const TAKEN_IN_WITHIN: Duration = Duration::from_secs(5);
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 
-/// Add, list, change and remove the users of a vehicle, and the tokens of programs.
+/// Add, list, change and remove the users of a vehicle or of a fleet's console, and the tokens of programs.
 ///
 /// A server that runs on the same data folder takes a change in within a second. Each command that
 /// changes something says whether it has; exit code 1 if it has not within 5 s.
@@ -72,7 +72,7 @@ enum Command {
     /// Remove a user, which ends its sessions and tokens
     #[command(after_help = "Example:\n  telltale user remove anna --data /var/lib/telltale")]
     Remove { name: String },
-    /// Make a token with which a program acts as a developer or an authority; it is printed this once
+    /// Make a token with which a program acts as this user, who is no operator; it is printed this once
     ///
     /// Programs send it as `Authorization: Bearer TOKEN`. An operator acts at a display, by hand, and has none.
     #[command(
@@ -102,6 +102,11 @@ enum RoleWord {
     Operator,
     /// Sees everything and may change what is diagnosed
     Developer,
+    /// Watches the vehicles at a fleet's console
+    #[value(name = "control_room")]
+    ControlRoom,
+    /// Looks into the faults of a fleet at its console
+    Engineer,
     /// May read everything and touch nothing
     Authority,
 }
@@ -318,6 +323,8 @@ impl From<RoleWord> for Role {
         match word {
             RoleWord::Operator => Role::Operator,
             RoleWord::Developer => Role::Developer,
+            RoleWord::ControlRoom => Role::ControlRoom,
+            RoleWord::Engineer => Role::Engineer,
             RoleWord::Authority => Role::Authority,
         }
     }

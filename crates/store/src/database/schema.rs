@@ -27,7 +27,7 @@ pub(super) const MIGRATIONS: &[&str] = &["
     CREATE TABLE users (
         id INTEGER PRIMARY KEY,
         name TEXT NOT NULL UNIQUE,
-        role TEXT NOT NULL CHECK (role IN ('operator', 'developer', 'authority')),
+        role TEXT NOT NULL CHECK (role IN ('operator', 'developer', 'control_room', 'engineer', 'authority')),
         secret_hash TEXT NOT NULL,
         created_ms INTEGER NOT NULL
     ) STRICT;

@@ -82,7 +82,11 @@ pub(crate) fn check_policy(role: Role, name: &str, secret: &str) -> Result<(), S
     match role {
         Role::Operator if !is_pin && chars < PASSWORD_CHARS_MIN => Err(SecretError::ShortOperator),
         Role::Operator if is_pin && is_guessed_first(secret) => Err(SecretError::GuessablePin),
-        Role::Developer | Role::Authority if chars < PASSWORD_CHARS_MIN => Err(SecretError::Short),
+        Role::Developer | Role::ControlRoom | Role::Engineer | Role::Authority
+            if chars < PASSWORD_CHARS_MIN =>
+        {
+            Err(SecretError::Short)
+        }
         _ if !(is_pin && role == Role::Operator) && zxcvbn(secret, &[name]).score() < Score::Two => {
             Err(SecretError::GuessablePassword)
         }

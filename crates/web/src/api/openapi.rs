@@ -162,7 +162,7 @@ fn about(about: &str, access: Access) -> String {
 fn roles(access: Access) -> &'static [Role] {
     match access {
         Access::Open | Access::Asset => &[],
-        Access::Session => &Role::ALL,
+        Access::Session => &Role::OF_VEHICLE,
         Access::Roles(roles) => roles,
     }
 }

@@ -319,11 +319,12 @@ async fn prove(
         return Err(LoginFailure::Wait { seconds: whole_seconds(wait) });
     }
     match app.store.authenticate_from(caller, name, secret).await {
-        Ok(Some(user)) => {
+        Ok(Some(user)) if Role::OF_VEHICLE.contains(&user.role()) => {
             throttle().succeeded(name, &from);
             Ok(user)
         }
-        Ok(None) => {
+        // A user of a fleet's console has nothing to do here.
+        Ok(_) => {
             tracing::warn!(%source, "login failed");
             Err(LoginFailure::Wrong)
         }

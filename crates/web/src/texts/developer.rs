@@ -314,6 +314,8 @@ texts! {
     known of_audit(written: &str) {
         "operator" => "operator", "Fahrbegleitung";
         "developer" => "developer", "Entwicklung";
+        "control_room" => "control_room", "Leitstelle";
+        "engineer" => "engineer", "Flottentechnik";
         "authority" => "authority", "Aufsicht";
         "command line" => "command line", "Kommandozeile";
         "done" => "done", "ausgeführt";

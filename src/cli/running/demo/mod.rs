@@ -135,7 +135,7 @@ fn introduction(address: SocketAddr, domain: u16, kind: Kind) -> String {
         let (kind, sees) = match role {
             Role::Operator => ("PIN", "the display in the vehicle"),
             Role::Developer => ("password", "everything, behind the display"),
-            Role::Authority => ("password", "everything, to read"),
+            Role::Authority | Role::ControlRoom | Role::Engineer => ("password", "everything, to read"),
         };
         text += &format!("            {name:<10} {kind:<8} {secret:<15} {sees}\n");
     }

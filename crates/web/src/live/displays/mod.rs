@@ -151,7 +151,7 @@ impl Displays {
             table.open.values().filter(|it| it.is_stream == is_stream && it.session.role == role).count()
         };
         let kinds = [("page", false), ("stream", true)];
-        let all = kinds.iter().flat_map(|kind| Role::ALL.map(|role| (*kind, role)));
+        let all = kinds.iter().flat_map(|kind| Role::OF_VEHICLE.map(|role| (*kind, role)));
         all.map(|((kind, is_stream), role)| (kind, role, count(is_stream, role))).collect()
     }
 
