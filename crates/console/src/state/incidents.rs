@@ -1,0 +1,115 @@
+//! The incidents that vehicles told of, and their groups over the fleet.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+use telltale_fleet::message::{Incident, VehicleId, possible_ms};
+use telltale_web::texts::{ID, VALUE, clean};
+
+use super::time;
+
+/// Incidents of one vehicle that are kept; beyond it the oldest go.
+pub const INCIDENTS_MAX: usize = 100;
+/// Incidents of a group that are named.
+const NAMED_MAX: usize = 100;
+const CAUSES_MAX: usize = 16;
+
+telltale_engine::words! {
+    /// What incidents are grouped by.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum GroupBy {
+        Cause = "cause",
+        Version = "version",
+        Config = "config",
+    }
+}
+
+/// An incident of a vehicle, for programs.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct IncidentRow {
+    pub vehicle: String,
+    pub number: u64,
+    pub since: String,
+    pub until: Option<String>,
+    pub stage: String,
+    pub causes: Vec<String>,
+    pub triggers: u64,
+    pub version: String,
+    pub config: String,
+    #[serde(skip)]
+    since_ms: i64,
+}
+
+/// Incidents with something in common.
+#[derive(Debug, Serialize)]
+pub struct Group {
+    /// The common cause, version or hash of the configuration.
+    pub group: String,
+    pub count: usize,
+    pub vehicles: BTreeSet<String>,
+    pub versions: BTreeSet<String>,
+    pub first: String,
+    pub last: String,
+    /// The newest of them.
+    pub incidents: Vec<IncidentRow>,
+}
+
+/// With bounds, and without letters that act.
+pub fn cleaned(incident: &Incident) -> Incident {
+    let causes = incident.causes.iter().take(CAUSES_MAX).map(|cause| clean(cause, ID));
+    Incident {
+        since: possible_ms(incident.since),
+        until: incident.until.map(possible_ms),
+        stage: clean(&incident.stage, VALUE),
+        causes: causes.collect(),
+        version: clean(&incident.version, VALUE),
+        config: clean(&incident.config, 2 * VALUE),
+        sha256: incident.sha256.as_deref().map(|hash| clean(hash, 2 * VALUE)),
+        ..*incident
+    }
+}
+
+pub fn row(id: &VehicleId, incident: &Incident) -> IncidentRow {
+    IncidentRow {
+        vehicle: id.to_string(),
+        number: incident.number,
+        since: time(incident.since),
+        until: incident.until.map(time),
+        stage: incident.stage.clone(),
+        causes: incident.causes.clone(),
+        triggers: incident.triggers,
+        version: incident.version.clone(),
+        config: incident.config.clone(),
+        since_ms: incident.since,
+    }
+}
+
+/// The groups, the largest first.
+pub fn grouped(rows: Vec<IncidentRow>, by: GroupBy) -> Vec<Group> {
+    let mut groups: BTreeMap<String, Vec<IncidentRow>> = BTreeMap::new();
+    for row in rows {
+        let key = match by {
+            GroupBy::Cause => row.causes.first().cloned().unwrap_or_default(),
+            GroupBy::Version => row.version.clone(),
+            GroupBy::Config => row.config.clone(),
+        };
+        groups.entry(key).or_default().push(row);
+    }
+    let mut groups: Vec<Group> = groups.into_iter().map(|(key, rows)| group(key, rows)).collect();
+    groups.sort_by(|a, b| (b.count, &a.group).cmp(&(a.count, &b.group)));
+    groups
+}
+
+fn group(group: String, mut rows: Vec<IncidentRow>) -> Group {
+    rows.sort_by(|a, b| (b.since_ms, &a.vehicle, a.number).cmp(&(a.since_ms, &b.vehicle, b.number)));
+    let since = |row: Option<&IncidentRow>| row.map(|it| it.since.clone()).unwrap_or_default();
+    Group {
+        group,
+        count: rows.len(),
+        vehicles: rows.iter().map(|it| it.vehicle.clone()).collect(),
+        versions: rows.iter().map(|it| it.version.clone()).collect(),
+        first: since(rows.last()),
+        last: since(rows.first()),
+        incidents: rows.into_iter().take(NAMED_MAX).collect(),
+    }
+}

@@ -1,0 +1,247 @@
+//! What the console knows of all vehicles. Everything in it came from the hub and is hostile: each text has bounds, each
+//! list too, and a vehicle changes nothing but itself.
+
+pub mod contact;
+pub mod incidents;
+pub mod picture;
+#[cfg(test)]
+mod tests;
+pub mod vehicle;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, UNIX_EPOCH};
+
+use serde::Serialize;
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
+use telltale_engine::time::{Since, Span, Timestamp};
+use telltale_fleet::hub::VEHICLES_MAX;
+use telltale_fleet::message::{Batch, Cause, Content, Malformed, VehicleId};
+use telltale_fleet::reading::Stream;
+
+use contact::{Contact, Counts, Judged, Line, Urgency, drives};
+use incidents::IncidentRow;
+use vehicle::{Times, Vehicle};
+
+/// All vehicles.
+#[derive(Debug)]
+pub struct Fleet {
+    vehicles: BTreeMap<VehicleId, Vehicle>,
+    line: Line,
+    /// The log is known up to here, by the hub's clock, in milliseconds since 1970.
+    pub log_ms: i64,
+    /// What changed since it was written last.
+    unwritten: Unwritten,
+    /// Messages that were not taken.
+    pub refused: u64,
+}
+
+#[derive(Debug, Default)]
+pub struct Unwritten {
+    pub vehicles: BTreeSet<VehicleId>,
+    pub incidents: BTreeSet<(VehicleId, u64)>,
+}
+
+/// A message from the hub, unpacked.
+#[derive(Debug)]
+pub struct Arrived {
+    pub stream: Stream,
+    pub id: VehicleId,
+    pub batch: Result<Batch, Malformed>,
+    pub stored_ms: i64,
+    pub age: Span,
+}
+
+/// A vehicle in one line, for programs and the page.
+#[derive(Debug, Clone, Serialize)]
+pub struct Row {
+    pub id: String,
+    pub name: String,
+    pub state: State,
+    pub cause: Option<Cause>,
+    /// Since when it shows this state, by the hub's clock.
+    pub since: Option<String>,
+    pub stage: Option<Stage>,
+    pub contact: Contact,
+    pub age_s: Option<f64>,
+    pub version: String,
+    pub config: String,
+    pub speed_kmh: Option<u32>,
+    pub unacknowledged: u32,
+    /// By how much the vehicle's clock is ahead, if it is wrong by more than 5 s.
+    pub clock_skew_s: Option<f64>,
+    /// Two vehicles tell by this name.
+    pub two_vehicles: bool,
+    /// Messages of it that were not taken, and why the last one was not.
+    pub refused: u64,
+    pub refused_why: Option<String>,
+    #[serde(skip)]
+    pub urgency: Urgency,
+    #[serde(skip)]
+    pub since_ms: Option<i64>,
+}
+
+impl Fleet {
+    /// Without a line yet. `last_up` is when the hub was reached last.
+    pub fn new(vehicles: impl IntoIterator<Item = Vehicle>, log_ms: i64, last_up: Since) -> Fleet {
+        let vehicles = vehicles.into_iter().take(VEHICLES_MAX).map(|it| (it.id.clone(), it)).collect();
+        let line = Line { up_since: None, last_up, why: "it was not reached yet".into() };
+        Fleet { vehicles, line, log_ms, unwritten: Unwritten::default(), refused: 0 }
+    }
+
+    pub fn line(&self) -> &Line {
+        &self.line
+    }
+
+    pub fn line_opened(&mut self, now: Timestamp) {
+        self.line.up_since = Some(now);
+    }
+
+    pub fn line_ended(&mut self, why: &str, now: Timestamp) {
+        if self.line.up_since.take().is_some() {
+            self.line.last_up = Since::of_age(Span::ZERO, now);
+        }
+        self.line.why = why.chars().take(200).collect();
+    }
+
+    /// Takes a message. One that is not as it should be is counted at its vehicle, and changes nothing else.
+    pub fn take(&mut self, arrived: Arrived, now: Timestamp) {
+        let Arrived { stream, id, batch, stored_ms, age } = arrived;
+        if !self.vehicles.contains_key(&id) && self.vehicles.len() >= VEHICLES_MAX {
+            self.refused += 1;
+            return;
+        }
+        let vehicle = self.vehicles.entry(id.clone()).or_insert_with(|| Vehicle::new(id.clone()));
+        let is_head = |batch: &Batch| {
+            batch.messages.len() == 1 && matches!(batch.messages[0].content, Content::Head(_))
+        };
+        match (stream, batch) {
+            (Stream::Head, Ok(batch)) if is_head(&batch) => {
+                let times = Times { heard: Since::of_age(age, now), now, stored_ms };
+                if vehicle.take_head(&batch, times) {
+                    self.unwritten.vehicles.insert(id);
+                }
+            }
+            (Stream::Log, Ok(batch)) => {
+                for message in &batch.messages {
+                    if let Some(number) = vehicle.take(message) {
+                        self.unwritten.incidents.insert((id.clone(), number));
+                    }
+                    if message.content == Content::Goodbye {
+                        self.unwritten.vehicles.insert(id.clone());
+                    }
+                }
+            }
+            (_, refused) => {
+                self.refused += 1;
+                vehicle.refuse(refused.err().unwrap_or(Malformed::NoMessage(2)));
+            }
+        }
+        if stream == Stream::Log {
+            self.log_ms = self.log_ms.max(stored_ms);
+        }
+    }
+
+    pub fn vehicle(&self, id: &VehicleId) -> Option<&Vehicle> {
+        self.vehicles.get(id)
+    }
+
+    pub fn vehicles(&self) -> impl Iterator<Item = &Vehicle> {
+        self.vehicles.values()
+    }
+
+    /// What changed since the last call.
+    pub fn take_unwritten(&mut self) -> Unwritten {
+        std::mem::take(&mut self.unwritten)
+    }
+
+    /// The disk did not take it.
+    pub fn put_back(&mut self, unwritten: Unwritten) {
+        self.unwritten.vehicles.extend(unwritten.vehicles);
+        self.unwritten.incidents.extend(unwritten.incidents);
+    }
+
+    /// All vehicles, the worst first.
+    pub fn rows(&self, now: Timestamp) -> Vec<Row> {
+        let mut rows: Vec<Row> = self.vehicles.values().map(|vehicle| self.row(vehicle, now)).collect();
+        rows.sort_by(|a, b| (a.urgency, b.state, &a.id).cmp(&(b.urgency, a.state, &b.id)));
+        rows
+    }
+
+    pub fn row(&self, vehicle: &Vehicle, now: Timestamp) -> Row {
+        let id = vehicle.id.to_string();
+        let (refused, refused_why) = match &vehicle.refused {
+            Some((count, why)) => (*count, Some(why.to_string())),
+            None => (0, None),
+        };
+        let none = Row {
+            name: id.clone(),
+            id,
+            state: State::Unknown,
+            cause: None,
+            since: None,
+            stage: None,
+            contact: if self.line.up_since.is_some() { Contact::Lost } else { Contact::HubDown },
+            age_s: None,
+            version: String::new(),
+            config: String::new(),
+            speed_kmh: None,
+            unacknowledged: 0,
+            clock_skew_s: None,
+            two_vehicles: vehicle.is_two(now),
+            refused,
+            refused_why,
+            urgency: Urgency::NeverHeard,
+            since_ms: None,
+        };
+        let Some(heard) = &vehicle.head else { return none };
+        let head = &heard.head;
+        let contact = self.line.contact(heard.at, vehicle.has_left(), now);
+        let judged = Judged {
+            contact,
+            state: head.state,
+            drives: drives(head.stage, head.speed_kmh),
+            unacknowledged: head.unacknowledged > 0,
+        };
+        let since_ms = vehicle.since_ms();
+        Row {
+            name: if head.name.is_empty() { none.name } else { head.name.clone() },
+            state: head.state,
+            cause: head.cause.clone(),
+            since: since_ms.map(time),
+            stage: Some(head.stage),
+            contact,
+            age_s: Some((heard.at.age(now).as_secs_f64() * 10.0).round() / 10.0),
+            version: head.version.clone(),
+            config: head.config.clone(),
+            speed_kmh: head.speed_kmh,
+            unacknowledged: head.unacknowledged,
+            clock_skew_s: vehicle.skew_ms().map(|ms| ms as f64 / 1000.0),
+            urgency: judged.urgency(),
+            since_ms,
+            ..none
+        }
+    }
+
+    pub fn incidents(&self) -> Vec<IncidentRow> {
+        let of = |vehicle: &Vehicle| -> Vec<IncidentRow> {
+            vehicle.incidents.values().map(|it| incidents::row(&vehicle.id, it)).collect()
+        };
+        self.vehicles.values().flat_map(of).collect()
+    }
+}
+
+/// How many there are of each kind.
+pub fn counts(rows: &[Row]) -> Counts {
+    let mut counts = Counts::default();
+    for row in rows {
+        counts.add(row.contact, row.state, row.urgency);
+    }
+    counts
+}
+
+/// A time as programs read it.
+pub fn time(ms: i64) -> String {
+    let at = UNIX_EPOCH + Duration::from_millis(u64::try_from(ms).unwrap_or(0));
+    humantime::format_rfc3339_millis(at).to_string()
+}

@@ -1,0 +1,96 @@
+//! What all nodes of a vehicle show, put together from keyframes and changes, and its open alarms.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
+use telltale_fleet::message::{Alarm, Content, Keyframe, Mark, Message};
+use telltale_web::texts::{ID, MESSAGE, clean};
+
+/// Nodes and alarms of one vehicle; further ones are left out.
+const NODES_MAX: usize = 5000;
+const ALARMS_MAX: usize = 1000;
+
+#[derive(Debug, Default)]
+pub struct Picture {
+    pub nodes: BTreeMap<String, Shown>,
+    pub alarms: BTreeMap<u64, Alarm>,
+    pub stage: Option<Stage>,
+    /// The last message that is in it.
+    pub end: Option<Mark>,
+    /// When that was made, by the vehicle's clock, in milliseconds since 1970.
+    pub at_ms: Option<i64>,
+    /// Nothing is missing in it since a keyframe.
+    pub is_whole: bool,
+}
+
+/// What a node shows.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Shown {
+    pub state: State,
+    pub own: State,
+    /// The root cause that masks it.
+    pub cause: Option<String>,
+    pub words: String,
+}
+
+impl Picture {
+    /// Takes the next message of the log. One that is not newer is passed over.
+    pub fn take(&mut self, message: &Message) {
+        let mark = message.mark();
+        if self.end.is_some_and(|end| mark <= end) {
+            return;
+        }
+        let follows = self.end.is_some_and(|end| end.epoch == mark.epoch && end.n + 1 == mark.n);
+        if self.end.is_some_and(|end| end.epoch != mark.epoch) {
+            // Another run of the program tells all open alarms again.
+            self.alarms.clear();
+        }
+        self.is_whole &= follows;
+        self.end = Some(message.end());
+        self.at_ms = Some(message.at);
+        match &message.content {
+            Content::Keyframe(all) => {
+                self.nodes.clear();
+                self.is_whole = true;
+                self.show(all);
+            }
+            Content::Delta(changed) => self.show(changed),
+            Content::Alarm(alarm) => self.note(alarm),
+            Content::Gap(_) => self.is_whole = false,
+            Content::Head(_)
+            | Content::AuditHead(_)
+            | Content::Incident(_)
+            | Content::Goodbye
+            | Content::Unknown => {}
+        }
+    }
+
+    fn show(&mut self, changed: &Keyframe) {
+        self.stage = Some(changed.stage);
+        for node in &changed.nodes {
+            let name = clean(&node.node, ID);
+            if node.gone {
+                self.nodes.remove(&name);
+                continue;
+            }
+            if self.nodes.len() >= NODES_MAX && !self.nodes.contains_key(&name) {
+                self.is_whole = false;
+                continue;
+            }
+            let cause = node.cause.as_deref().map(|cause| clean(cause, ID));
+            let words = clean(&node.words, MESSAGE);
+            self.nodes.insert(name, Shown { state: node.state, own: node.own, cause, words });
+        }
+    }
+
+    fn note(&mut self, alarm: &Alarm) {
+        if !alarm.active && alarm.acknowledged {
+            self.alarms.remove(&alarm.number);
+        } else if self.alarms.len() < ALARMS_MAX || self.alarms.contains_key(&alarm.number) {
+            let (node, words) = (clean(&alarm.node, ID), clean(&alarm.words, MESSAGE));
+            self.alarms.insert(alarm.number, Alarm { node, words, ..alarm.clone() });
+        }
+    }
+}
