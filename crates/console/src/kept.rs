@@ -193,6 +193,7 @@ mod tests {
             cause: None,
             since: 1_780_000_000_000,
             stage: Stage::Active,
+            drives: true,
             speed_kmh: Some(9),
             unacknowledged: 1,
             version: "0.1.0".into(),

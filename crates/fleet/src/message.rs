@@ -161,6 +161,9 @@ pub struct Head {
     /// Since when it shows this state, in milliseconds since 1970.
     pub since: i64,
     pub stage: Stage,
+    /// It drives, or may at any moment. A machine without stages is always active and never drives.
+    #[serde(default)]
+    pub drives: bool,
     /// `None` if the speed is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub speed_kmh: Option<u32>,

@@ -163,6 +163,7 @@ impl Teller {
             }),
             since: unix_ms(since),
             stage: snapshot.stage,
+            drives: snapshot.drives(),
             speed_kmh: snapshot.motion.speed_kmh,
             unacknowledged: snapshot.alarms.iter().filter(|it| !it.acknowledged).count() as u32,
             version: String::new(),

@@ -2,7 +2,6 @@
 //! clock, and from the console's line to the hub.
 
 use serde::Serialize;
-use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::{Since, Span, Timestamp};
 
@@ -96,11 +95,6 @@ impl Judged {
             (Contact::Live, State::Ok | State::Ignore) => Urgency::Ok,
         }
     }
-}
-
-/// Whether a vehicle drove when it was heard last.
-pub fn drives(stage: Stage, speed_kmh: Option<u32>) -> bool {
-    stage == Stage::Active || speed_kmh.is_some_and(|speed| speed > 0)
 }
 
 /// How many vehicles there are of each kind; each is counted once.

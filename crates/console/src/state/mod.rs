@@ -19,7 +19,7 @@ use telltale_fleet::hub::VEHICLES_MAX;
 use telltale_fleet::message::{Batch, Cause, Content, Malformed, VehicleId};
 use telltale_fleet::reading::Stream;
 
-use contact::{Contact, Counts, Judged, Line, Urgency, drives};
+use contact::{Contact, Counts, Judged, Line, Urgency};
 use incidents::IncidentRow;
 use vehicle::{Times, Vehicle};
 
@@ -75,6 +75,8 @@ pub struct Row {
     /// Messages of it that were not taken, and why the last one was not.
     pub refused: u64,
     pub refused_why: Option<String>,
+    /// It drove when it was heard last.
+    pub drives: bool,
     #[serde(skip)]
     pub urgency: Urgency,
     #[serde(skip)]
@@ -191,18 +193,15 @@ impl Fleet {
             two_vehicles: vehicle.is_two(now),
             refused,
             refused_why,
+            drives: false,
             urgency: Urgency::NeverHeard,
             since_ms: None,
         };
         let Some(heard) = &vehicle.head else { return none };
         let head = &heard.head;
         let contact = self.line.contact(heard.at, vehicle.has_left(), now);
-        let judged = Judged {
-            contact,
-            state: head.state,
-            drives: drives(head.stage, head.speed_kmh),
-            unacknowledged: head.unacknowledged > 0,
-        };
+        let drives = head.drives || head.speed_kmh.is_some_and(|speed| speed > 0);
+        let judged = Judged { contact, state: head.state, drives, unacknowledged: head.unacknowledged > 0 };
         let since_ms = vehicle.since_ms();
         Row {
             name: if head.name.is_empty() { none.name } else { head.name.clone() },
@@ -217,6 +216,7 @@ impl Fleet {
             speed_kmh: head.speed_kmh,
             unacknowledged: head.unacknowledged,
             clock_skew_s: vehicle.skew_ms().map(|ms| ms as f64 / 1000.0),
+            drives,
             urgency: judged.urgency(),
             since_ms,
             ..none

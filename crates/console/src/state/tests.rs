@@ -33,6 +33,7 @@ fn head(state: State) -> Head {
         cause: None,
         since: AT,
         stage: Stage::Standby,
+        drives: false,
         speed_kmh: None,
         unacknowledged: 0,
         version: "0.1.0".into(),
@@ -122,7 +123,7 @@ fn a_vehicle_is_off_after_a_goodbye_only_and_until_it_tells_again() {
     assert_eq!(world.row("a").urgency, Urgency::Off);
     world.head("a", 2, 1, head(State::Ok));
     assert_eq!(world.contact("a"), Contact::Live);
-    let ending = Head { ending: true, stage: Stage::Active, ..head(State::Ok) };
+    let ending = Head { ending: true, stage: Stage::Active, drives: true, ..head(State::Ok) };
     world.head("a", 2, 2, ending);
     // Telltale ended while the vehicle drove.
     assert_eq!((world.contact("a"), world.row("a").urgency), (Contact::Off, Urgency::LostDriving));
@@ -151,7 +152,7 @@ fn without_the_hub_nothing_is_live_and_after_it_vehicles_have_time_to_come_back(
 #[test]
 fn the_worst_comes_first_and_each_vehicle_is_counted_once() {
     let mut world = World::new();
-    world.head("lost-driving", 1, 1, Head { stage: Stage::Active, ..head(State::Ok) });
+    world.head("lost-driving", 1, 1, Head { stage: Stage::Active, drives: true, ..head(State::Ok) });
     world.head("lost", 1, 1, head(State::Ok));
     world.after(40).head("late", 1, 1, head(State::Ok)).after(36);
     world.head("ok", 1, 1, head(State::Ok)).head("error", 1, 1, head(State::Error));
