@@ -70,10 +70,23 @@ pub use incidents::{Examiner, Marker, Marking, NotMarked, RecordingState};
 pub use live::frame::{snapshot_schema, stream_schema};
 pub use router::{BODY_BYTES_MAX, Route, openapi, router, routes};
 pub use self_check::{SelfCheck, Stuck};
-pub use serve::accept::serve;
+pub use serve::accept::{serve, serve_router};
 pub use serve::tls::{CertificateValidity, RENEW_BEFORE, Tls, TlsError};
 pub use source::{Live, Player, Replay, Source};
 pub use view::DemoFault;
+
+/// What a fleet's console has in common with a vehicle's server.
+pub mod common {
+    pub use crate::admission::login_throttle::{Source, Throttle};
+    pub use crate::admission::peer::{CameFrom, source_of};
+    pub use crate::api::query::{Asked, Moment};
+    pub use crate::http::guard::{SignedIn, admitted, bearer, has_own_origin, one_session};
+    pub use crate::http::headers::secure as secure_headers;
+    pub use crate::http::plain_errors::in_words;
+    pub use crate::http::respond::{FormOf, Reader, Speaks, json_answer, refusal};
+    pub use crate::pages::{asset, healthz, not_found, wrong_method};
+    pub use crate::view::page::frame::PageFrame;
+}
 
 /// The settings of the server from the command line.
 #[derive(Debug, Default)]

@@ -9,7 +9,7 @@ pub mod operations;
 pub mod openapi;
 pub mod page;
 
-mod query;
+pub mod query;
 mod table;
 
 pub mod audit;

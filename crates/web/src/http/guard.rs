@@ -17,6 +17,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
 use tokio::time::timeout;
 
+use super::origins::Origins;
 use super::respond::{Reader, Speaks, cookies, header};
 use crate::admission::connections::ConnectionHandle;
 use crate::admission::peer::{Peer, place_of, source_of};
@@ -109,7 +110,10 @@ pub async fn guard(
         return not_signed_in(&request);
     }
     let trouble = match &caller.session {
-        _ if acts(&request) && !caller.is_bearer && !has_own_origin(&app, request.headers()) => {
+        _ if acts(&request)
+            && !caller.is_bearer
+            && !has_own_origin(&app.settings.origins, request.headers()) =>
+        {
             Some(HttpError::ForeignOrigin)
         }
         Some(session) if matches!(access, Access::Roles(roles) if !roles.contains(&session.role)) => {
@@ -158,7 +162,7 @@ fn note_place(app: &AppState, session: &Session, source: IpAddr) {
 
 /// Admits a request. Without a session its body must arrive in time, and a place for anonymous requests must
 /// be free: an unfinished request makes nobody wait.
-async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, HttpError> {
+pub async fn admitted(request: Request, session: Option<&Session>) -> Result<Request, HttpError> {
     let handle = request.extensions().get::<ConnectionHandle>().cloned();
     if handle.as_ref().is_some_and(|handle| handle.hold(session)) {
         return Ok(request);
@@ -226,8 +230,17 @@ pub fn bearer(headers: &HeaderMap) -> Option<&str> {
 /// The session of the cookie. If several cookies belong to open sessions, one was put there by somebody
 /// else, so none counts.
 pub fn cookie_session(app: &AppState, headers: &HeaderMap) -> Option<Session> {
-    let tokens = cookies(headers, cookie_name(app.settings.secure)).filter_map(Token::parse);
-    let mut sessions = tokens.filter_map(|token| app.session(&token));
+    one_session(headers, app.settings.secure, |token| app.session(token))
+}
+
+/// The same with any store of sessions.
+pub fn one_session(
+    headers: &HeaderMap,
+    secure: bool,
+    session: impl Fn(&Token) -> Option<Session>,
+) -> Option<Session> {
+    let tokens = cookies(headers, cookie_name(secure)).filter_map(Token::parse);
+    let mut sessions = tokens.filter_map(|token| session(&token));
     let session = sessions.next()?;
     // A program's token in a cookie would be a session that no login made.
     let is_one = sessions.all(|other| other.is(&session)) && session.kind == SessionKind::Person;
@@ -245,10 +258,10 @@ fn is_upgrade(request: &Request) -> bool {
 
 /// Whether a page of this server sent the request. Under `Referrer-Policy: no-referrer` alone
 /// browsers would send a form's origin as `null`: every page relaxes it by a `meta` of its own.
-fn has_own_origin(app: &AppState, headers: &HeaderMap) -> bool {
+pub fn has_own_origin(own: &Origins, headers: &HeaderMap) -> bool {
     // Of several, each has to be ours.
     let mut origins = headers.get_all(ORIGIN).iter().peekable();
-    origins.peek().is_some() && origins.all(|it| it.to_str().is_ok_and(|it| app.settings.origins.has(it)))
+    origins.peek().is_some() && origins.all(|it| it.to_str().is_ok_and(|it| own.has(it)))
 }
 
 /// Browsers are led to the login when they ask for a page; all others get 401.

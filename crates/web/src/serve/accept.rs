@@ -19,14 +19,16 @@ use tokio::time::{MissedTickBehavior, interval, sleep, timeout, timeout_at};
 use tower::ServiceExt as _;
 
 use super::tls::Tls;
-use crate::admission::connections::ConnectionPlace;
+use crate::admission::connections::{ConnectionPlace, Connections};
 use crate::admission::peer::Peer;
+use crate::admission::vehicle_displays::{Enrolled, VehicleDisplay};
 use crate::auth::expiry;
 use crate::live::byte_budget::{Meter, Metered};
 use crate::live::{displays, first_changes, sample_trends};
 use crate::router::router;
 use crate::vehicle_memory::VehicleMemoryTask;
 use crate::{AppState, turned};
+use telltale_clock::Clock;
 use telltale_engine::time::Timestamp;
 
 /// The time for the head of a request, and for a connection without a request.
@@ -101,9 +103,15 @@ pub async fn serve(
     if address.ip().is_unspecified() {
         tracing::warn!(%address, "listening on all addresses, known by the loopback names and configured origins only");
     }
-    let router = router(app.clone());
-    let places = app.connections.clone();
-    let mut connections = JoinSet::new();
+    let enrolled = &app.settings.enrolled;
+    let accepting = Accepting {
+        router: router(app.clone()),
+        tls,
+        places: &app.connections,
+        enrolled,
+        listening: &app.listening,
+        clock: app.clock,
+    };
     app.displays.note_watched(app.clock.now());
     // A replay has none of the tasks that command the engine or write to the store.
     let vehicle_memory_task = app.live().map(VehicleMemoryTask::start);
@@ -111,41 +119,7 @@ pub async fn serve(
         .live()
         .map(|live| [tokio::spawn(expiry::watch(live.clone())), tokio::spawn(displays::watch(live))]);
     let watches = [tokio::spawn(first_changes::watch(app.clone())), tokio::spawn(sample_trends(app.clone()))];
-    let mut notes = interval(NOTE_EVERY);
-    notes.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let mut shutdown = pin!(shutdown);
-    let requested = loop {
-        tokio::select! {
-            requested = &mut shutdown => break requested,
-            accepted = listener.accept() => match accepted {
-                Ok((stream, peer)) => {
-                    let enrolled = &app.settings.enrolled;
-                    let entered = match enrolled.is_proxy(peer.ip()) {
-                        true => places.enter_proxied(),
-                        false => places.enter(peer.ip(), enrolled.caller(peer.ip())),
-                    };
-                    let Some((place, gone)) = entered else { continue };
-                    let closing = app.listening.closing();
-                    let connection = HttpConnection { peer, router: router.clone(), closing, place };
-                    let open = connection.open(stream, tls.clone());
-                    connections.spawn(async move {
-                        tokio::select! {
-                            biased;
-                            _ = gone => tracing::debug!(%peer, "a silent connection gave its place to another"),
-                            () = open => {}
-                        }
-                    });
-                }
-                Err(error) => {
-                    tracing::warn!(%error, "cannot accept a connection");
-                    sleep(ACCEPT_RETRY).await;
-                }
-            },
-            Some(_) = connections.join_next(), if !connections.is_empty() => {}
-            _ = notes.tick() => app.listening.waits(app.clock.now()),
-        }
-    };
-    drop(listener);
+    let (requested, mut connections) = accepting.until(listener, shutdown).await;
     live_watches.iter().flatten().chain(&watches).for_each(tokio::task::JoinHandle::abort);
     app.listening.close();
     let drained = async {
@@ -159,6 +133,85 @@ pub async fn serve(
         task.end(requested + STORED_WITHIN).await;
     }
     Ok(requested)
+}
+
+/// Serves another router than a vehicle's within the same bounds, for callers that are all elsewhere, until `shutdown`
+/// ends, and returns what it returned.
+pub async fn serve_router(
+    listener: TcpListener,
+    tls: Option<Tls>,
+    router: Router,
+    clock: Clock,
+    shutdown: impl Future<Output = Instant>,
+) -> Instant {
+    let (places, listening) = (Connections::default(), Listening::default());
+    let enrolled = Enrolled::new(vec![VehicleDisplay::None]);
+    let accepting =
+        Accepting { router, tls, places: &places, enrolled: &enrolled, listening: &listening, clock };
+    let (requested, mut connections) = accepting.until(listener, shutdown).await;
+    listening.close();
+    let drained = async { while connections.join_next().await.is_some() {} };
+    if timeout_at((requested + DRAINED_WITHIN).into(), drained).await.is_err() {
+        tracing::warn!("some connections did not end in time");
+    }
+    requested
+}
+
+/// What accepts connections.
+struct Accepting<'a> {
+    router: Router,
+    tls: Option<Tls>,
+    places: &'a Connections,
+    enrolled: &'a Enrolled,
+    listening: &'a Listening,
+    clock: Clock,
+}
+
+impl Accepting<'_> {
+    /// Until the end is requested. Also returns the connections that are open then.
+    async fn until(
+        self,
+        listener: TcpListener,
+        shutdown: impl Future<Output = Instant>,
+    ) -> (Instant, JoinSet<()>) {
+        let mut connections = JoinSet::new();
+        let mut notes = interval(NOTE_EVERY);
+        notes.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut shutdown = pin!(shutdown);
+        let requested = loop {
+            tokio::select! {
+                requested = &mut shutdown => break requested,
+                accepted = listener.accept() => match accepted {
+                    Ok((stream, peer)) => self.enter(stream, peer, &mut connections),
+                    Err(error) => {
+                        tracing::warn!(%error, "cannot accept a connection");
+                        sleep(ACCEPT_RETRY).await;
+                    }
+                },
+                Some(_) = connections.join_next(), if !connections.is_empty() => {}
+                _ = notes.tick() => self.listening.waits(self.clock.now()),
+            }
+        };
+        (requested, connections)
+    }
+
+    fn enter(&self, stream: TcpStream, peer: SocketAddr, connections: &mut JoinSet<()>) {
+        let entered = match self.enrolled.is_proxy(peer.ip()) {
+            true => self.places.enter_proxied(),
+            false => self.places.enter(peer.ip(), self.enrolled.caller(peer.ip())),
+        };
+        let Some((place, gone)) = entered else { return };
+        let (router, closing) = (self.router.clone(), self.listening.closing());
+        let connection = HttpConnection { peer, router, closing, place };
+        let open = connection.open(stream, self.tls.clone());
+        connections.spawn(async move {
+            tokio::select! {
+                biased;
+                _ = gone => tracing::debug!(%peer, "a silent connection gave its place to another"),
+                () = open => {}
+            }
+        });
+    }
 }
 
 /// One connection.

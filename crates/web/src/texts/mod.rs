@@ -75,6 +75,7 @@ macro_rules! rows {
 }
 
 mod clean;
+pub mod console;
 pub mod developer;
 mod errors;
 pub mod incidents;
@@ -158,8 +159,9 @@ pub mod tests {
 
     #[test]
     fn every_text_is_said_in_each_language_and_inserts_the_same() {
-        let words = [developer::WORDS, incidents::WORDS, operator::WORDS];
-        let rows = [developer::ROWS, errors::ROWS, incidents::ROWS, operator::ROWS, refusals::ROWS];
+        let words = [console::WORDS, developer::WORDS, incidents::WORDS, operator::WORDS];
+        let rows =
+            [console::ROWS, developer::ROWS, errors::ROWS, incidents::ROWS, operator::ROWS, refusals::ROWS];
         let all = words.into_iter().chain(rows.into_iter().flatten().copied()).flatten();
         for (name, en, de) in all {
             assert_eq!(en.trim().is_empty(), de.trim().is_empty(), "{name}");
