@@ -2,5 +2,6 @@
 //! vehicle: no message is ever sent to one.
 
 pub mod follow;
+pub mod http;
 pub mod kept;
 pub mod state;

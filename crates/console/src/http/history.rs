@@ -1,0 +1,116 @@
+//! The history of one vehicle, read from the log that lies at the hub.
+
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::Response;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use telltale_engine::time::Span;
+use telltale_fleet::history::{History, Unknown};
+use telltale_fleet::message::{Batch, Message, VehicleId};
+use telltale_fleet::reading::{From, Logs};
+use telltale_web::common::{Asked, Moment, SignedIn, json_answer};
+use telltale_web::texts::HttpError;
+
+use super::Console;
+use crate::state::time;
+
+/// Messages of an answer, and batches that are read for it. The rest is asked for with the time of the last one.
+const MESSAGES_MAX: usize = 10_000;
+const BATCHES_MAX: usize = 5000;
+const READ_WITHIN: Span = Span::from_secs(8);
+
+/// Without a time to begin with: so far back.
+const UNASKED_MS: i64 = 3_600_000;
+
+/// A message may have been made this long before the hub took it and still be in a batch with later ones.
+const MARGIN_MS: i64 = 15 * 60_000;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HistoryAsked {
+    from: Option<Moment>,
+    to: Option<Moment>,
+}
+
+/// What was read.
+struct Known {
+    history: History,
+    contradictions: usize,
+    refused: usize,
+    is_whole: bool,
+}
+
+/// `GET /api/v1/vehicles/ID/history?from&to`: messages in their order, by the vehicle's clock.
+pub async fn get(
+    State(console): State<Console>,
+    _: SignedIn,
+    Path(id): Path<String>,
+    Asked(asked): Asked<HistoryAsked>,
+) -> Result<Response, HttpError> {
+    let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
+    let skew_ms = {
+        let fleet = console.shared.fleet();
+        fleet.vehicle(&id).ok_or(HttpError::NotFound)?.skew_ms().unwrap_or(0)
+    };
+    let wall_ms = telltale_clock::unix_ms(console.clock.wall());
+    let to = asked.to.map_or(i64::MAX, |Moment(ms)| ms);
+    let from = asked.from.map_or(wall_ms.min(to).saturating_sub(UNASKED_MS), |Moment(ms)| ms);
+    let logs = console.shared.logs().ok_or(HttpError::Unavailable)?;
+    let stored_from = from.saturating_sub(skew_ms.max(0)).saturating_sub(MARGIN_MS);
+    let until = console.clock.now() + READ_WITHIN;
+    let read = console.clock.by(until, read(&logs, &id, stored_from, to)).await;
+    let known = read.ok_or(HttpError::TooSlow)?.map_err(|why| {
+        tracing::warn!("a history cannot be read: {why}");
+        HttpError::Unavailable
+    })?;
+    let is_asked = |message: &&Message| (from..=to).contains(&message.at);
+    let messages: Vec<&Message> = known.history.messages().filter(is_asked).take(MESSAGES_MAX).collect();
+    // What lies before the first message that was read was not asked for.
+    let first = known.history.messages().next().map(Message::mark);
+    let follows = |it: &&Unknown| first.is_none_or(|first| it.from > first);
+    let is_whole = known.is_whole && messages.len() < MESSAGES_MAX;
+    let answer = json!({
+        "vehicle": id.as_str(), "from": time(from),
+        "messages": messages.iter().map(|it| row(it)).collect::<Vec<_>>(),
+        "unknown": known.history.unknown().iter().filter(follows).map(unknown).collect::<Vec<_>>(),
+        "contradictions": known.contradictions, "refused": known.refused, "whole": is_whole,
+    });
+    Ok(json_answer(StatusCode::OK, &answer))
+}
+
+async fn read(logs: &Logs, id: &VehicleId, from_ms: i64, to: i64) -> Result<Known, String> {
+    let mut known = Known { history: History::default(), contradictions: 0, refused: 0, is_whole: false };
+    let mut from = From::Time(from_ms);
+    for _ in 0..BATCHES_MAX {
+        let Some((number, packed)) = logs.next(id, from).await? else {
+            known.is_whole = true;
+            break;
+        };
+        from = From::After(number);
+        match Batch::unpack(&packed, id) {
+            Ok(batch) => {
+                // What follows is later still.
+                let is_over = batch.messages.iter().all(|it| it.at > to.saturating_add(MARGIN_MS));
+                known.contradictions += known.history.take(batch).contradictions;
+                if is_over {
+                    known.is_whole = true;
+                    break;
+                }
+            }
+            Err(_) => known.refused += 1,
+        }
+    }
+    Ok(known)
+}
+
+fn row(message: &Message) -> Value {
+    let mut row = json!(message);
+    row["at"] = Value::from(time(message.at));
+    row
+}
+
+/// What is not known between the first message that was read and the last.
+fn unknown(it: &Unknown) -> Value {
+    json!({ "epoch": it.from.epoch.to_string(), "n": it.from.n, "to": it.to, "why": it.why })
+}

@@ -1,0 +1,197 @@
+//! Login and logout at the console.
+
+use std::net::IpAddr;
+use std::sync::PoisonError;
+
+use askama::Template;
+use axum::extract::State;
+use axum::http::header::{RETRY_AFTER, SET_COOKIE};
+use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::response::{Html, IntoResponse, Redirect, Response};
+use serde::Deserialize;
+use serde_json::json;
+use telltale_engine::time::Span;
+use telltale_store::audit::{Action, Record};
+use telltale_store::{Caller, Role, SESSION_LIFE, SessionKind, Verified};
+use telltale_web::common::{
+    CameFrom, FormOf, PageFrame, Reader, SignedIn, Source, Speaks, json_answer, refusal,
+};
+use telltale_web::cookie_name;
+use telltale_web::texts::console::ConsoleWords;
+use telltale_web::texts::{HttpError, NAME, clean};
+
+use super::Console;
+
+#[derive(Deserialize)]
+pub struct LoginForm {
+    name: String,
+    secret: String,
+}
+
+/// Why a login did not work.
+enum Failure {
+    Wrong,
+    Wait(Span),
+    /// The user is one of a vehicle.
+    Role,
+    Unavailable,
+}
+
+impl Failure {
+    const fn as_str(&self) -> &'static str {
+        match self {
+            Failure::Wrong => "the name or the password is wrong",
+            Failure::Wait(_) => "too many failures; wait",
+            Failure::Role => {
+                "users with this role log in at a vehicle; a console has control_room, engineer and authority"
+            }
+            Failure::Unavailable => "logins cannot be checked now; try again",
+        }
+    }
+
+    const fn status(&self) -> StatusCode {
+        match self {
+            Failure::Wrong => StatusCode::UNAUTHORIZED,
+            Failure::Wait(_) => StatusCode::TOO_MANY_REQUESTS,
+            Failure::Role => StatusCode::FORBIDDEN,
+            Failure::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
+        }
+    }
+}
+
+#[derive(Template)]
+#[template(path = "console/login.html")]
+struct LoginHtml {
+    frame: PageFrame,
+    words: &'static ConsoleWords,
+    name: String,
+    failure: Option<&'static str>,
+}
+
+/// `GET /login`
+pub async fn page(
+    State(console): State<Console>,
+    signed_in: Result<SignedIn, HttpError>,
+    reader: Reader,
+) -> Response {
+    if signed_in.is_ok() {
+        return Redirect::to("/").into_response();
+    }
+    let words = ConsoleWords::of(reader.lang);
+    let nobody = matches!(console.store.has_users().await, Ok(false));
+    html(&reader, "", nobody.then_some(words.no_users), StatusCode::OK)
+}
+
+fn html(reader: &Reader, name: &str, failure: Option<&'static str>, status: StatusCode) -> Response {
+    let frame = PageFrame::new(reader.lang, reader.palette);
+    let words = ConsoleWords::of(reader.lang);
+    let page = LoginHtml { frame, words, name: clean(name, NAME), failure };
+    match page.render() {
+        Ok(page) => (status, Html(page)).into_response(),
+        Err(_) => HttpError::Unavailable.into_response(),
+    }
+}
+
+/// `POST /login`
+pub async fn login(
+    State(console): State<Console>,
+    CameFrom(source): CameFrom,
+    reader: Reader,
+    FormOf(form): FormOf<LoginForm>,
+) -> Response {
+    let failure = match prove(&console, &form, source).await {
+        Ok(user) => match console.store.open_session(&user).await {
+            Ok((token, _)) => {
+                let record = Record::of(Action::Login, source.to_string()).by(user.name(), user.role());
+                console.store.record(record, None).await;
+                let mut answer = match reader.speaks {
+                    Speaks::Json => json_answer(
+                        StatusCode::OK,
+                        &json!({ "name": user.name(), "role": user.role().as_str() }),
+                    ),
+                    Speaks::Html => Redirect::to("/").into_response(),
+                };
+                set_cookie(&mut answer, &console, token.as_str(), SESSION_LIFE.as_secs());
+                return answer;
+            }
+            Err(error) => {
+                tracing::error!(%error, "a session cannot be opened");
+                Failure::Unavailable
+            }
+        },
+        Err(failure) => failure,
+    };
+    // A name of no user may be a password that was typed into the wrong field.
+    let known = console.store.knows_user(&form.name).await.unwrap_or(false);
+    let name = if known { form.name.as_str() } else { "(unknown name)" };
+    let record = Record::of(Action::Login, source.to_string()).on(name).refused(failure.as_str());
+    console.store.record(record.by_anybody(Caller::Elsewhere), None).await;
+    failed(&reader, &form.name, &failure)
+}
+
+fn failed(reader: &Reader, name: &str, failure: &Failure) -> Response {
+    let words = ConsoleWords::of(reader.lang);
+    let text = match failure {
+        Failure::Wrong => words.login_wrong,
+        Failure::Wait(_) => words.login_wait,
+        Failure::Role => words.login_role,
+        Failure::Unavailable => words.login_unavailable,
+    };
+    let mut answer = match reader.speaks {
+        Speaks::Json => json_answer(failure.status(), &json!({ "error": failure.as_str() })),
+        Speaks::Html => html(reader, name, Some(text), failure.status()),
+    };
+    if let Failure::Wait(wait) = failure {
+        answer.headers_mut().insert(RETRY_AFTER, wait.as_millis().div_ceil(1000).into());
+    }
+    answer
+}
+
+/// The user whose password this is, within the bounds on attempts.
+async fn prove(console: &Console, form: &LoginForm, ip: IpAddr) -> Result<Verified, Failure> {
+    let from = Source { ip, caller: Caller::Elsewhere, device: None };
+    let throttle = || console.throttle.lock().unwrap_or_else(PoisonError::into_inner);
+    throttle().attempt(console.clock.now(), &form.name, &from).map_err(Failure::Wait)?;
+    match console.store.authenticate_from(Caller::Elsewhere, &form.name, &form.secret).await {
+        Ok(Some(user)) => {
+            throttle().succeeded(&form.name, &from);
+            if Role::OF_CONSOLE.contains(&user.role()) { Ok(user) } else { Err(Failure::Role) }
+        }
+        Ok(None) => {
+            tracing::warn!(source = %ip, "login failed");
+            Err(Failure::Wrong)
+        }
+        Err(error) => {
+            tracing::error!(%error, "a login cannot be checked");
+            Err(Failure::Unavailable)
+        }
+    }
+}
+
+/// `POST /logout`
+pub async fn logout(
+    State(console): State<Console>,
+    CameFrom(source): CameFrom,
+    SignedIn(session): SignedIn,
+    headers: HeaderMap,
+    reader: Reader,
+) -> Response {
+    // A program's token is taken back on the command line.
+    if session.kind == SessionKind::Program {
+        return refusal(&Reader::of(&"/api/".parse().unwrap_or_default(), &headers), HttpError::Forbidden);
+    }
+    console.store.end_at_once(&session, Record::of_session(&session, Action::Logout, source));
+    let mut answer = match reader.speaks {
+        Speaks::Json => json_answer(StatusCode::OK, &json!({})),
+        Speaks::Html => Redirect::to("/login").into_response(),
+    };
+    set_cookie(&mut answer, &console, "", 0);
+    answer
+}
+
+fn set_cookie(answer: &mut Response, console: &Console, value: &str, age_s: u64) {
+    let (name, suffix) = (cookie_name(console.secure), if console.secure { "; Secure" } else { "" });
+    let cookie = format!("{name}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite=Strict{suffix}");
+    let cookie = HeaderValue::try_from(cookie).expect("names and hexadecimal digits are visible ASCII");
+    answer.headers_mut().append(SET_COOKIE, cookie);
+}

@@ -1,0 +1,74 @@
+//! The console's pages and API. Every route but login and logout is for reading, and none reaches a vehicle.
+
+mod answers;
+mod guard;
+mod history;
+mod login;
+mod page;
+#[cfg(test)]
+mod tests;
+
+use std::sync::{Arc, Mutex};
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::http::StatusCode;
+use axum::middleware::{from_fn, from_fn_with_state};
+use axum::routing::{get, post};
+use telltale_clock::Clock;
+use telltale_store::Store;
+use telltale_web::common::{Throttle, asset, healthz, in_words, not_found, secure_headers, wrong_method};
+use telltale_web::{BODY_BYTES_MAX, Origins};
+use tower_http::limit::RequestBodyLimitLayer;
+use tower_http::timeout::TimeoutLayer;
+
+use crate::follow::Shared;
+
+/// The time for a whole request.
+const REQUEST_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(10);
+
+/// What all requests share; clones are the same.
+#[derive(Debug, Clone)]
+pub struct Console {
+    pub shared: Shared,
+    /// Users, sessions and the audit log.
+    pub store: Store,
+    pub clock: Clock,
+    origins: Arc<Origins>,
+    /// Browsers connect over TLS, so cookies are marked for TLS only.
+    secure: bool,
+    throttle: Arc<Mutex<Throttle>>,
+}
+
+impl Console {
+    pub fn new(shared: Shared, store: Store, origins: Origins, secure: bool) -> Console {
+        let clock = shared.clock;
+        Console { shared, store, clock, origins: Arc::new(origins), secure, throttle: Arc::default() }
+    }
+}
+
+/// The service of all routes.
+pub fn router(console: Console) -> Router {
+    let secure = console.secure;
+    Router::new()
+        .route("/", get(page::get))
+        .route("/overview", get(page::overview))
+        .route("/login", get(login::page).post(login::login))
+        .route("/logout", post(login::logout))
+        .route("/api/v1/vehicles", get(answers::vehicles))
+        .route("/api/v1/vehicles/{id}/snapshot", get(answers::snapshot))
+        .route("/api/v1/vehicles/{id}/history", get(history::get))
+        .route("/api/v1/incidents", get(answers::incidents))
+        .route("/healthz", get(healthz))
+        .route("/readyz", get(answers::readyz))
+        .route("/static/{*path}", get(asset))
+        .method_not_allowed_fallback(wrong_method)
+        .fallback(not_found)
+        .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
+        .layer(from_fn_with_state(console.clone(), guard::guard))
+        .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
+        .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
+        .layer(from_fn(in_words))
+        .layer(from_fn_with_state(secure, secure_headers))
+        .with_state(console)
+}

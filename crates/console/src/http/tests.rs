@@ -1,0 +1,264 @@
+//! Routes and methods: none acts, and each asks for a session where it shows something.
+
+use axum::Router;
+use axum::body::{Body, to_bytes};
+use axum::http::{Method, Request, StatusCode, header};
+use axum::response::Response;
+use serde_json::Value;
+use telltale_clock::Clock;
+use telltale_engine::model::Stage;
+use telltale_engine::state::State;
+use telltale_engine::time::{Since, Span};
+use telltale_fleet::message::{Batch, Cause, Content, Epoch, Head, Keyframe, Message, Node, VehicleId};
+use telltale_fleet::reading::Stream;
+use telltale_store::{DemoSecrets, Role, Store};
+use telltale_web::Origins;
+use tower::ServiceExt as _;
+
+use super::{Console, router};
+use crate::follow::Shared;
+use crate::state::{Arrived, Fleet};
+
+const SECRET: &str = "three words apart";
+const HOSTILE: &str = "<img src=x onerror=alert(1)>";
+
+/// A console with one vehicle, and users of each role.
+async fn console() -> (Router, Shared, Store) {
+    let (clock, hand) = Clock::standing();
+    hand.advance(Span::from_secs(1000));
+    let store = Store::in_memory(clock, DemoSecrets::Refused).unwrap();
+    for role in [Role::ControlRoom, Role::Engineer, Role::Authority, Role::Developer] {
+        store.add_user(role.as_str(), role, SECRET).await.unwrap();
+    }
+    let mut fleet = Fleet::new([], 0, Since::of_age(Span::ZERO, clock.now()));
+    fleet.line_opened(clock.now());
+    let shared = Shared::new(fleet, clock);
+    let head = Head {
+        name: HOSTILE.into(),
+        state: State::Error,
+        cause: Some(Cause { node: "sensors/lidar".into(), words: HOSTILE.into() }),
+        since: 1_780_000_000_000,
+        stage: Stage::Standby,
+        drives: false,
+        speed_kmh: Some(0),
+        unacknowledged: 1,
+        version: "0.1.0".into(),
+        config: "c0ffee".into(),
+        last: 1,
+        ending: false,
+    };
+    let node = |name: &str, state, cause: Option<&str>| Node {
+        node: name.into(),
+        state,
+        own: State::Error,
+        cause: cause.map(str::to_owned),
+        words: "no data".into(),
+        gone: false,
+    };
+    let nodes = vec![
+        node("sensors", State::Error, None),
+        node("sensors/lidar", State::Error, None),
+        node("planning/route", State::Ignore, Some("sensors/lidar")),
+    ];
+    let keyframe = Content::Keyframe(Keyframe { stage: Stage::Standby, nodes });
+    for (stream, content) in [(Stream::Head, Content::Head(head)), (Stream::Log, keyframe)] {
+        let id = VehicleId::new("a").unwrap();
+        let epoch = Epoch { start: 1, nonce: 0 };
+        let messages = vec![Message { epoch, n: 1, at: 1_780_000_000_000, content }];
+        let batch = Batch { id: id.clone(), key: "UA".into(), sent: 1_780_000_000_000, messages };
+        let (stored_ms, age) = (1_780_000_000_000, Span::ZERO);
+        shared.fleet().take(Arrived { stream, id, batch: Ok(batch), stored_ms, age }, clock.now());
+    }
+    let origins = Origins::of_listener("127.0.0.1:8080".parse().unwrap(), false);
+    (router(Console::new(shared.clone(), store.clone(), origins, false)), shared, store)
+}
+
+async fn ask(router: &Router, method: Method, path: &str, cookie: &str, body: &str) -> Response {
+    let request = Request::builder()
+        .method(method)
+        .uri(path)
+        .header(header::HOST, "127.0.0.1:8080")
+        .header(header::ORIGIN, "http://127.0.0.1:8080")
+        .header(header::COOKIE, cookie)
+        .header(header::ACCEPT, "application/json")
+        .header(header::CONTENT_TYPE, "application/x-www-form-urlencoded")
+        .body(Body::from(body.to_owned()))
+        .unwrap();
+    router.clone().oneshot(request).await.unwrap()
+}
+
+async fn log_in(router: &Router, name: &str, secret: &str) -> Response {
+    let form = format!("name={name}&secret={}", secret.replace(' ', "+"));
+    ask(router, Method::POST, "/login", "", &form).await
+}
+
+async fn cookie(router: &Router, name: &str) -> String {
+    let answer = log_in(router, name, SECRET).await;
+    assert_eq!(answer.status(), StatusCode::OK, "{name}");
+    let cookie = answer.headers()[header::SET_COOKIE].to_str().unwrap().to_owned();
+    assert!(cookie.contains("HttpOnly; SameSite=Strict"), "{cookie}");
+    cookie.split(';').next().unwrap().to_owned()
+}
+
+async fn json(router: &Router, path: &str, cookie: &str) -> Value {
+    let answer = ask(router, Method::GET, path, cookie, "").await;
+    assert_eq!(answer.status(), StatusCode::OK, "{path}");
+    serde_json::from_slice(&to_bytes(answer.into_body(), 1 << 20).await.unwrap()).unwrap()
+}
+
+const READ: [&str; 7] = [
+    "/",
+    "/overview",
+    "/api/v1/vehicles",
+    "/api/v1/vehicles/a/snapshot",
+    "/api/v1/vehicles/a/history",
+    "/api/v1/incidents",
+    "/api/v1/incidents?group=version",
+];
+
+#[tokio::test]
+async fn every_route_and_method_but_login_and_logout_only_reads() {
+    let (router, shared, _store) = console().await;
+    let session = cookie(&router, "control_room").await;
+    let before = format!("{:?}", shared.fleet());
+    let methods = ["POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE", "CONNECT", "BREW"];
+    for method in methods.map(|it| Method::from_bytes(it.as_bytes()).unwrap()) {
+        for cookie in ["", session.as_str()] {
+            for path in READ.iter().chain(&["/healthz", "/readyz"]) {
+                let status = ask(&router, method.clone(), path, cookie, "").await.status();
+                assert_eq!(status, StatusCode::METHOD_NOT_ALLOWED, "{method} {path}");
+            }
+            for path in
+                ["/vehicle/stop", "/vehicle/clearance", "/vehicle/release", "/alarms/1/acknowledge", "/ws"]
+            {
+                let status = ask(&router, method.clone(), path, cookie, "").await.status();
+                assert_eq!(status, StatusCode::NOT_FOUND, "{method} {path}");
+            }
+        }
+    }
+    assert_eq!(
+        ask(&router, Method::GET, "/vehicle/stop", &session, "").await.status(),
+        StatusCode::NOT_FOUND
+    );
+    assert_eq!(
+        ask(&router, Method::GET, "/logout", &session, "").await.status(),
+        StatusCode::METHOD_NOT_ALLOWED
+    );
+    assert_eq!(format!("{:?}", shared.fleet()), before);
+}
+
+#[tokio::test]
+async fn what_is_shown_needs_a_session_of_a_console() {
+    let (router, _shared, store) = console().await;
+    for path in READ {
+        let status = ask(&router, Method::GET, path, "", "").await.status();
+        let expected = if path == "/" { StatusCode::SEE_OTHER } else { StatusCode::UNAUTHORIZED };
+        assert_eq!(status, expected, "{path}");
+    }
+    // The log of a vehicle lies at the hub, which is not there.
+    let status = |path: &str| match path.ends_with("/history") {
+        true => StatusCode::SERVICE_UNAVAILABLE,
+        false => StatusCode::OK,
+    };
+    for role in Role::OF_CONSOLE {
+        let session = cookie(&router, role.as_str()).await;
+        for path in READ {
+            assert_eq!(ask(&router, Method::GET, path, &session, "").await.status(), status(path), "{path}");
+        }
+        assert_eq!(ask(&router, Method::POST, "/logout", &session, "").await.status(), StatusCode::OK);
+        let after = ask(&router, Method::GET, "/overview", &session, "").await;
+        assert_eq!(after.status(), StatusCode::UNAUTHORIZED);
+    }
+    assert_eq!(log_in(&router, "developer", SECRET).await.status(), StatusCode::FORBIDDEN);
+    let user = store.authenticate("developer", SECRET).await.unwrap().unwrap();
+    let (token, _) = store.open_session(&user).await.unwrap();
+    let foreign = ask(&router, Method::GET, "/overview", &format!("telltale={}", token.as_str()), "").await;
+    assert_eq!(foreign.status(), StatusCode::UNAUTHORIZED, "a session of a vehicle");
+    for path in ["/healthz", "/readyz", "/login"] {
+        assert_eq!(ask(&router, Method::GET, path, "", "").await.status(), StatusCode::OK, "{path}");
+    }
+    for _ in 0..3 {
+        assert_eq!(log_in(&router, "control_room", "wrong").await.status(), StatusCode::UNAUTHORIZED);
+    }
+    let waits = log_in(&router, "control_room", SECRET).await;
+    assert_eq!(waits.status(), StatusCode::TOO_MANY_REQUESTS);
+    assert!(waits.headers().contains_key(header::RETRY_AFTER));
+    let said: Vec<String> = store
+        .audit_entries(None, 100)
+        .await
+        .unwrap()
+        .iter()
+        .map(|it| format!("{} {}", it.action, it.who))
+        .collect();
+    for expected in ["login control_room", "logout authority"] {
+        assert!(said.iter().any(|it| it == expected), "{expected}: {said:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_foreign_page_neither_logs_in_nor_out_and_a_foreign_name_reads_nothing() {
+    let (router, ..) = console().await;
+    let session = cookie(&router, "engineer").await;
+    let foreign = |path: &str, host: &str, origin: &str| {
+        let request = Request::builder()
+            .method(if path == "/overview" { Method::GET } else { Method::POST })
+            .uri(path)
+            .header(header::HOST, host)
+            .header(header::ORIGIN, origin)
+            .header(header::COOKIE, &session);
+        router.clone().oneshot(request.body(Body::empty()).unwrap())
+    };
+    for path in ["/login", "/logout"] {
+        let answer = foreign(path, "127.0.0.1:8080", "http://elsewhere.example").await.unwrap();
+        assert_eq!(answer.status(), StatusCode::FORBIDDEN, "{path}");
+    }
+    let answer = foreign("/overview", "elsewhere.example", "http://127.0.0.1:8080").await.unwrap();
+    assert_eq!(answer.status(), StatusCode::MISDIRECTED_REQUEST);
+}
+
+#[tokio::test]
+async fn programs_read_the_vehicles_with_their_causes() {
+    let (router, ..) = console().await;
+    let session = cookie(&router, "engineer").await;
+    let vehicles = json(&router, "/api/v1/vehicles", &session).await;
+    let vehicle = &vehicles[0];
+    assert_eq!(vehicle["id"], "a");
+    assert_eq!((&vehicle["state"], &vehicle["contact"]), (&Value::from("error"), &Value::from("live")));
+    assert_eq!(vehicle["cause"]["node"], "sensors/lidar");
+    assert_eq!(
+        (&vehicle["stage"], &vehicle["since"]),
+        (&"standby".into(), &"2026-05-28T20:26:40.000Z".into())
+    );
+    assert_eq!((&vehicle["version"], &vehicle["config"]), (&"0.1.0".into(), &"c0ffee".into()));
+    assert_eq!(vehicle["age_s"], 0.0);
+    let snapshot = json(&router, "/api/v1/vehicles/a/snapshot", &session).await;
+    assert_eq!(snapshot["roots"], serde_json::json!([{ "node": "sensors/lidar", "masks": 1 }]));
+    assert_eq!((&snapshot["overall"], &snapshot["whole"]), (&"error".into(), &true.into()));
+    assert_eq!(snapshot["groups"][1]["modules"][0]["message"], "no data");
+    for path in
+        ["/api/v1/vehicles/b/snapshot", "/api/v1/vehicles/B%2F/snapshot", "/api/v1/vehicles/b/history"]
+    {
+        assert_eq!(ask(&router, Method::GET, path, &session, "").await.status(), StatusCode::NOT_FOUND);
+    }
+    let wrong = ask(&router, Method::GET, "/api/v1/incidents?group=colour", &session, "").await;
+    assert_eq!(wrong.status(), StatusCode::BAD_REQUEST);
+}
+
+#[tokio::test]
+async fn a_page_escapes_what_vehicles_say_and_shows_no_old_data_as_ok() {
+    let (router, shared, _store) = console().await;
+    let session = cookie(&router, "control_room").await;
+    let page = async || {
+        let answer = ask(&router, Method::GET, "/", &session, "").await;
+        let policy = answer.headers()[header::CONTENT_SECURITY_POLICY].to_str().unwrap().to_owned();
+        assert!(policy.contains("script-src 'self'"), "{policy}");
+        String::from_utf8(to_bytes(answer.into_body(), 1 << 20).await.unwrap().to_vec()).unwrap()
+    };
+    let shown = page().await;
+    assert!(!shown.contains("<img") && shown.contains("&#60;img"), "{shown}");
+    assert!(shown.contains("data-contact=\"live\""));
+    shared.fleet().line_ended("cut", shared.clock.now());
+    let shown = page().await;
+    assert!(shown.contains("data-contact=\"hub_down\"") && shown.contains("data-hub-down"), "{shown}");
+    assert_eq!(ask(&router, Method::GET, "/readyz", "", "").await.status(), StatusCode::OK);
+}
