@@ -6,6 +6,7 @@
 pub mod cli;
 pub use telltale_clock as clock;
 pub use telltale_config as config;
+pub use telltale_console as console;
 pub use telltale_engine as engine;
 pub use telltale_fleet as fleet;
 pub mod metrics;

@@ -16,8 +16,6 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 
-use crate::web::AppState;
-
 /// Connections at the same time. Further ones are closed.
 const CONNECTIONS_MAX: usize = 8;
 /// The time for the head of a request, and for a connection without one.
@@ -40,8 +38,11 @@ pub enum Reach {
     Everybody,
 }
 
+/// Writes all metrics.
+pub type Text = Arc<dyn Fn() -> Result<String, std::fmt::Error> + Send + Sync>;
+
 /// Serves metrics until it is aborted.
-pub async fn serve(listener: TcpListener, reach: Reach, app: AppState) {
+pub async fn serve(listener: TcpListener, reach: Reach, text: Text) {
     let places = Arc::new(Semaphore::new(CONNECTIONS_MAX));
     loop {
         let stream = match listener.accept().await {
@@ -53,20 +54,20 @@ pub async fn serve(listener: TcpListener, reach: Reach, app: AppState) {
             }
         };
         let Ok(place) = places.clone().try_acquire_owned() else { continue };
-        let app = app.clone();
+        let text = text.clone();
         tokio::spawn(async move {
             // A client that is too slow is cut off, and tries again.
-            let _ = timeout(CONNECTION_TIMEOUT, converse(stream, reach, app)).await;
+            let _ = timeout(CONNECTION_TIMEOUT, converse(stream, reach, text)).await;
             drop(place);
         });
     }
 }
 
-async fn converse(stream: TcpStream, reach: Reach, app: AppState) {
+async fn converse(stream: TcpStream, reach: Reach, text: Text) {
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(HEAD_BYTES_MAX);
     let service = service_fn(|request: Request<Incoming>| {
-        let answer = answer(&request, reach, &app);
+        let answer = answer(&request, reach, &text);
         async move { Ok::<_, std::convert::Infallible>(answer) }
     });
     if let Err(error) = http.serve_connection(TokioIo::new(stream), service).await {
@@ -74,13 +75,13 @@ async fn converse(stream: TcpStream, reach: Reach, app: AppState) {
     }
 }
 
-fn answer<T>(request: &Request<T>, reach: Reach, app: &AppState) -> Response<String> {
+fn answer<T>(request: &Request<T>, reach: Reach, write: &Text) -> Response<String> {
     let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
     let (status, text) = match (request.method(), request.uri().path()) {
         _ if reach == Reach::Loopback && !host.is_some_and(is_plain_host) => {
             (StatusCode::FORBIDDEN, "call this by its address or as localhost\n".to_owned())
         }
-        (&Method::GET | &Method::HEAD, "/metrics") => match super::text(app) {
+        (&Method::GET | &Method::HEAD, "/metrics") => match write() {
             Ok(text) => (StatusCode::OK, text),
             Err(error) => {
                 tracing::error!(%error, "the metrics cannot be written");

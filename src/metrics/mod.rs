@@ -1,12 +1,13 @@
 //! Metrics for Prometheus: what of the vehicle and of this program it may count, and the listener of its own
 //! from which it reads them. `docs/metrics.md` lists all of them.
 
+pub mod console;
 mod families;
 mod listener;
 mod program;
 mod vehicle;
 
-pub use listener::{Reach, serve};
+pub use listener::{Reach, Text, serve};
 
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::DescriptorEncoder;

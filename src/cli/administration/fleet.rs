@@ -1,4 +1,4 @@
-//! `telltale fleet`: the hub of a fleet, and the vehicles that it admits.
+//! `telltale fleet`: the hub of a fleet, the vehicles that it admits, and its console.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -9,6 +9,7 @@ use clap::Subcommand;
 use super::tls::{all_names, self_signed, write_private};
 use crate::cli::EXIT_NO;
 use crate::cli::print::say;
+use crate::cli::running::console;
 use crate::fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, DISK_BYTES, HubFolder, Server, make_streams};
 use crate::fleet::identity::Identity;
 use crate::fleet::line::Hub;
@@ -19,7 +20,7 @@ use crate::store::make_folder;
 const CERTIFICATE: &str = "hub.pem";
 const KEY: &str = "hub-key.pem";
 
-/// Set up the hub of a fleet, and say which vehicles it admits
+/// Set up the hub of a fleet, say which vehicles it admits, and run its console
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  telltale fleet hub-config hub --name hub.example\n  \
     (cd hub && nats-server -c nats-server.conf) &\n  \
@@ -32,6 +33,7 @@ pub struct Args {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Serve(Box<console::Args>),
     /// Write the configuration of nats-server 2.14 or later into a new folder, with a certificate and a key for consoles
     HubConfig {
         /// The folder
@@ -91,6 +93,7 @@ fn id(text: &str) -> Result<VehicleId, String> {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match &args.command {
+        Command::Serve(args) => console::run(args),
         Command::HubConfig { dir, names, listen, disk } => hub_config(dir, names, *listen, *disk),
         Command::Streams { folder, hub, disk } => streams(&folder.dir, hub, *disk),
         Command::Enrol { id, folder } => enrol(id, &folder.dir),

@@ -6,8 +6,7 @@ use anyhow::bail;
 use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 
-use crate::metrics::{self, Reach};
-use crate::web::AppState;
+use crate::metrics::{self, Reach, Text};
 
 /// Where metrics are if no address is given: on this machine alone.
 const LISTEN: &str = "127.0.0.1:9808";
@@ -51,11 +50,11 @@ impl MetricsFlags {
 }
 
 impl MetricsListener {
-    pub fn serve(self, app: AppState) -> JoinHandle<()> {
+    pub fn serve(self, text: Text) -> JoinHandle<()> {
         let MetricsListener(listener, reach) = self;
         if let Ok(address) = listener.local_addr() {
             tracing::info!("metrics are on http://{address}/metrics, without a login");
         }
-        tokio::spawn(metrics::serve(listener, reach, app))
+        tokio::spawn(metrics::serve(listener, reach, text))
     }
 }

@@ -75,9 +75,9 @@ pub const LISTEN: &str = "127.0.0.1:8080";
 /// The steps of the end, each within its time from the signal on, so that none takes the time of the next. The pages
 /// and the vehicle's state go before (`web::serve`); after all of them, and a quarter of a second for a busy computer to
 /// stop the threads, the program ends by force (`ShutdownSignal`).
-const RECORDED_WITHIN: Duration = Duration::from_millis(1800);
+pub const RECORDED_WITHIN: Duration = Duration::from_millis(1800);
 const INCIDENT_WITHIN: Duration = Duration::from_millis(2050);
-const CLOSED_WITHIN: Duration = Duration::from_millis(2250);
+pub const CLOSED_WITHIN: Duration = Duration::from_millis(2250);
 
 /// What a display is started with.
 pub struct Server {
@@ -156,7 +156,10 @@ impl Server {
         tracing::info!("{status}");
         let (engine, ending) = (link.inputs.clone(), link.ending.clone());
         let app = AppState::new(link, self.store.clone(), clock, settings);
-        let metrics = self.metrics.map(|metrics| metrics.serve(app.clone()));
+        let metrics = self.metrics.map(|metrics| {
+            let app = app.clone();
+            metrics.serve(Arc::new(move || crate::metrics::text(&app)))
+        });
         let watchdog = Watchdog::start(&status, app.clone());
         // It ends with the services, and nothing that it does is cut off.
         app.live().map(|live| tokio::spawn(services::answer(calls, live)));
@@ -366,7 +369,11 @@ pub fn url(address: SocketAddr, secure: bool) -> String {
     format!("{scheme}://{host}:{}", address.port())
 }
 
-fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::Result<Origins> {
+/// The addresses by which browsers reach a listener.
+///
+/// # Errors
+/// One of those that were given is none.
+pub fn known_origins(address: SocketAddr, secure: bool, more: &[String]) -> anyhow::Result<Origins> {
     let mut origins = Origins::of_listener(address, secure);
     for origin in more {
         origins.add(origin).context("--origin")?;

@@ -1,0 +1,129 @@
+//! `telltale fleet serve`: runs the console of a fleet.
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use tokio::sync::watch;
+use tokio::time::timeout_at;
+
+use super::server::metrics::MetricsFlags;
+use super::server::{self, CLOSED_WITHIN, RECORDED_WITHIN};
+use crate::cli::process::shutdown_signal::ShutdownSignal;
+use crate::cli::process::{data_folder, log};
+use crate::clock::Clock;
+use crate::console::follow::Shared;
+use crate::console::http::{Console, router};
+use crate::console::kept;
+use crate::fleet::identity::Identity;
+use crate::fleet::line::Hub;
+use crate::metrics;
+use crate::store::audit::{Action, Record, TELLTALE};
+use crate::store::{DemoSecrets, Store, exposed};
+use crate::web::{Tls, serve_router};
+
+/// The certificate of a hub that `telltale fleet hub-config` made, beside its keys.
+const CERTIFICATE: &str = "hub.pem";
+
+/// Run the console of a fleet: all vehicles that tell the hub, the worst first
+///
+/// It reads what lies at the hub and acts on no vehicle. Users are added with `telltale user add` on its data folder, with
+/// the roles `control_room`, `engineer` and `authority`.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Example:\n  telltale user add anna --role control_room --data console\n  \
+    telltale fleet serve --hub tls://hub.example:4222 --credentials hub/console.nk --data console")]
+pub struct Args {
+    /// The address of the hub
+    #[arg(long, value_name = "URL")]
+    hub: String,
+    /// The key for consoles that `telltale fleet hub-config` made; only its owner may read it
+    #[arg(long, value_name = "FILE")]
+    credentials: PathBuf,
+    /// The certificates that sign the hub's certificate [default: hub.pem beside the key]
+    #[arg(long, value_name = "FILE")]
+    ca: Option<PathBuf>,
+    /// The folder of users, sessions, the audit log, and the last states of all vehicles
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Where browsers find the console
+    #[arg(long, value_name = "ADDR", default_value = server::LISTEN, value_parser = server::address)]
+    listen: SocketAddr,
+    /// Another address by which browsers reach it, through a proxy or by name; may be repeated
+    #[arg(long = "origin", value_name = "URL")]
+    origins: Vec<String>,
+    /// The certificate for TLS, PEM, the server's own first
+    #[arg(long, value_name = "FILE", requires = "tls_key")]
+    tls_cert: Option<PathBuf>,
+    /// The key of the certificate, PEM
+    #[arg(long, value_name = "FILE", requires = "tls_cert")]
+    tls_key: Option<PathBuf>,
+    /// Plain HTTP may leave this machine: everybody on the way can read and change it
+    #[arg(long, conflicts_with = "tls_cert")]
+    insecure_http: bool,
+    #[command(flatten)]
+    metrics: MetricsFlags,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    log::start("info");
+    tokio::runtime::Runtime::new().context("the async runtime cannot be started")?.block_on(serve(args))
+}
+
+async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
+    let mut signal = ShutdownSignal::listen()?;
+    let clock = Clock::start();
+    let identity = Identity::read(&args.credentials)?;
+    let beside = args.credentials.parent().unwrap_or(Path::new("")).join(CERTIFICATE);
+    let hub = Hub { url: args.hub.clone(), ca: args.ca.clone().unwrap_or(beside) };
+    std::fs::File::open(&hub.ca).with_context(|| format!("the hub's certificate {}", hub.ca.display()))?;
+    let tls = match (&args.tls_cert, &args.tls_key) {
+        (Some(certificate), Some(key)) => Some(Tls::load(certificate, key)?),
+        _ => None,
+    };
+    server::check_plain(args.listen, tls.is_some(), args.insecure_http)?;
+    let listener = server::bind(args.listen).await?;
+    let metrics = args.metrics.bind().await?;
+    let _lock = data_folder::lock(&args.data)?;
+    let store = Store::open_or_read(&args.data, clock, DemoSecrets::Refused)?;
+    for file in exposed(&args.data, args.tls_key.as_deref()) {
+        tracing::warn!("{file}");
+    }
+    if matches!(store.has_users().await, Ok(false)) {
+        let data = args.data.display();
+        tracing::warn!(
+            "there are no users yet, so nobody can log in. Add one, while this runs: \
+             telltale user add NAME --role control_room --data {data}"
+        );
+    }
+    let kept = kept::Store::open(&args.data, clock)?;
+    let shared = Shared::new(kept.fleet()?, clock);
+    let address = listener.local_addr().context("the listener has no address")?;
+    let origins = server::known_origins(address, tls.is_some(), &args.origins)?;
+    store.record(Record::of(Action::Start, TELLTALE), None).await;
+
+    let following = tokio::spawn(shared.clone().follow(hub, identity));
+    let (end, ended) = watch::channel(false);
+    let keeping = tokio::spawn(shared.clone().keep(kept, ended));
+    let written = shared.clone();
+    let metrics = metrics.map(|it| it.serve(Arc::new(move || metrics::console::text(&written))));
+    tracing::info!("the console is at {}", server::url(address, tls.is_some()));
+    let console = Console::new(shared, store.clone(), origins, tls.is_some());
+    let requested = serve_router(listener, tls, router(console), clock, signal.requested()).await;
+
+    following.abort();
+    if let Some(metrics) = metrics {
+        metrics.abort();
+    }
+    end.send_replace(true);
+    let recorded = store.record(Record::of(Action::End, TELLTALE), None);
+    if timeout_at((requested + RECORDED_WITHIN).into(), recorded).await != Ok(true) {
+        tracing::error!("the end is not recorded");
+    }
+    let closed = async { tokio::join!(keeping, store.close()) };
+    if timeout_at((requested + CLOSED_WITHIN).into(), closed).await.is_err() {
+        tracing::error!("the disk does not answer: what it was given last may be lost");
+    }
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,72 @@
+//! The metrics of a fleet's console: its line to the hub, how many vehicles there are of each kind, and each vehicle.
+
+use prometheus_client::collector::Collector;
+use prometheus_client::encoding::DescriptorEncoder;
+use prometheus_client::encoding::text::encode;
+use prometheus_client::registry::Registry;
+
+use super::families::Families;
+use crate::console::follow::Shared;
+use crate::console::state::counts;
+
+#[derive(Debug)]
+struct Metrics(Shared);
+
+impl Collector for Metrics {
+    fn encode(&self, encoder: DescriptorEncoder<'_>) -> std::fmt::Result {
+        let (rows, is_up, refused) = {
+            let fleet = self.0.fleet();
+            (fleet.rows(self.0.clock.now()), fleet.line().up_since.is_some(), fleet.refused)
+        };
+        let counts = counts(&rows);
+        let mut families = Families::new(encoder);
+        families.gauge(
+            "telltale_console_hub_up",
+            "Whether the hub is reached.",
+            f64::from(u8::from(is_up)),
+        )?;
+        families.counter(
+            "telltale_console_refused_messages",
+            "Messages from the hub that were not as they should be.",
+            refused,
+        )?;
+        let kinds = [
+            ("error", counts.error),
+            ("warning", counts.warning),
+            ("ok", counts.ok),
+            ("lost", counts.lost),
+            ("never_heard", counts.never_heard),
+            ("off", counts.off),
+        ];
+        families.gauges(
+            "telltale_console_vehicles",
+            "Vehicles of each kind; each is counted once.",
+            kinds.map(|(kind, count)| ([("kind", kind.to_owned())], count as f64)),
+        )?;
+        let heard = rows.iter().filter_map(|row| {
+            let labels = [
+                ("vehicle", row.id.clone()),
+                ("state", row.state.as_str().to_owned()),
+                ("contact", row.contact.as_str().to_owned()),
+            ];
+            Some((labels, row.age_s?))
+        });
+        families.gauges(
+            "telltale_console_vehicle_age_seconds",
+            "Since the last head of a vehicle came, with the state in it.",
+            heard,
+        )
+    }
+}
+
+/// All metrics in the text format of OpenMetrics 1.0.
+///
+/// # Errors
+/// If a metric cannot be written as text.
+pub fn text(shared: &Shared) -> Result<String, std::fmt::Error> {
+    let mut registry = Registry::default();
+    registry.register_collector(Box::new(Metrics(shared.clone())));
+    let mut text = String::new();
+    encode(&mut text, &registry)?;
+    Ok(text)
+}
