@@ -9,6 +9,7 @@ use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
+use async_nats::Client;
 use serde::{Deserialize, Serialize};
 
 use crate::identity::Identity;
@@ -191,20 +192,32 @@ impl HubFolder {
 pub async fn make_streams(hub: &Hub, console: &Identity, disk_bytes: u64) -> Result<(), HubError> {
     let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
     let client = reading::options(hub, console).connect(&hub.url).await.map_err(|error| line(&error))?;
+    for (name, stream) in streams(disk_bytes) {
+        make(&client, name, &stream).await?;
+    }
+    Ok(())
+}
+
+/// Makes the stream of heads if it is not there: it is in the hub's memory, and gone after a restart.
+pub(crate) async fn make_heads(client: &Client) -> Result<(), HubError> {
+    let [(name, stream), ..] = streams(DISK_BYTES);
+    make(client, name, &stream).await
+}
+
+/// Makes a stream. One that is there stays as it is.
+async fn make(client: &Client, name: &str, stream: &serde_json::Value) -> Result<(), HubError> {
+    let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
     let ask = async |subject: String, body: String| {
         let answer = client.request(subject, body.into()).await.map_err(|error| line(&error))?;
         serde_json::from_slice::<Answer>(&answer.payload).map_err(|error| line(&error))
     };
-    for (name, stream) in streams(disk_bytes) {
-        if ask(format!("$JS.API.STREAM.INFO.{name}"), String::new()).await?.error.is_none() {
-            continue;
-        }
-        let made = ask(format!("$JS.API.STREAM.CREATE.{name}"), stream.to_string()).await?;
-        if let Some(fault) = made.error {
-            return Err(HubError::Line(format!("the stream {name}: {}", fault.description)));
-        }
+    if ask(format!("$JS.API.STREAM.INFO.{name}"), String::new()).await?.error.is_none() {
+        return Ok(());
     }
-    Ok(())
+    match ask(format!("$JS.API.STREAM.CREATE.{name}"), stream.to_string()).await?.error {
+        Some(fault) => Err(HubError::Line(format!("the stream {name}: {}", fault.description))),
+        None => Ok(()),
+    }
 }
 
 /// An answer of JetStream.

@@ -11,6 +11,7 @@ use telltale_engine::time::Span;
 use tokio::sync::watch;
 use tokio::time::timeout;
 
+use crate::hub::make_heads;
 use crate::identity::Identity;
 use crate::line::{CONNECTED_WITHIN, Hub, LOG_STREAM, NoLine, Subjects, inbox};
 use crate::message::VehicleId;
@@ -121,9 +122,10 @@ impl Reading {
         let inbox = client.new_inbox();
         let subscribed = client.subscribe(format!("{inbox}.*")).await;
         let messages = subscribed.map_err(|error| NoLine::Unreachable(error.to_string()))?;
-        let head =
-            Reader::begin(&client, Stream::Head, serde_json::json!({ "deliver_policy": "last_per_subject" }));
-        let head = head.await?;
+        make_heads(&client).await.map_err(|error| NoLine::Unreachable(error.to_string()))?;
+        // The stream has one head of each vehicle.
+        let all = serde_json::json!({ "deliver_policy": "all" });
+        let head = Reader::begin(&client, Stream::Head, all).await?;
         let from = UNIX_EPOCH + Duration::from_millis(u64::try_from(log_from_ms).unwrap_or(0));
         let from = humantime::format_rfc3339_millis(from).to_string();
         let log = Reader::begin(
@@ -154,7 +156,8 @@ impl Reading {
                 message = timeout(SILENCE_MAX, self.messages.next()) => message,
             };
             let message = message.map_err(|_| "the hub is silent")?.ok_or("the line was cut")?;
-            let is_of_head = message.subject.ends_with(Stream::Head.name());
+            // A message has the vehicle's subject, and what the hub says of a stream the subject that was asked with.
+            let is_of_head = [".head", ".HEAD"].iter().any(|end| message.subject.ends_with(end));
             let reader = if is_of_head { &mut self.head } else { &mut self.log };
             if let Some(read) = reader.take(message)? {
                 return Ok(read);

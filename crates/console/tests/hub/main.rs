@@ -1,0 +1,269 @@
+//! A vehicle, a real hub and a console: nats-server with the configuration that `telltale fleet hub-config` writes.
+
+// Helpers of tests are outside of tests for clippy.
+#![allow(clippy::unwrap_used)]
+
+#[path = "../../../fleet/tests/hub/server.rs"]
+#[allow(dead_code, reason = "the tests of the vehicle's side use the rest")]
+mod server;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::{Body, to_bytes};
+use axum::http::{Request, StatusCode, header};
+use serde_json::Value;
+use telltale_clock::Clock;
+use telltale_console::follow::Shared;
+use telltale_console::http::{Console, router};
+use telltale_console::kept;
+use telltale_engine::Engine;
+use telltale_engine::input::{Input, Upkeep};
+use telltale_engine::model::{Model, Parts, StageModel};
+use telltale_engine::snapshot::Snapshot;
+use telltale_engine::text::Text;
+use telltale_fleet::identity::Identity;
+use telltale_fleet::message::{Content, Incident, VehicleId};
+use telltale_fleet::vehicle::{self, Fleet, NEWS_MAX, Settings, Sources};
+use telltale_store::{DemoSecrets, Role, Store};
+use telltale_web::Origins;
+use tempfile::TempDir;
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinHandle;
+use tower::ServiceExt as _;
+
+use server::{Hub, until};
+
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// A vehicle's program, as far as the fleet goes.
+struct Vehicle {
+    engine: Engine,
+    clock: Clock,
+    snapshots: watch::Sender<Arc<Snapshot>>,
+    _config: watch::Sender<String>,
+    news: mpsc::Sender<Content>,
+    fleet: Fleet,
+}
+
+impl Vehicle {
+    fn start(hub: &Hub, id: &str, data: &TempDir) -> Vehicle {
+        let clock = Clock::start();
+        let model = Model::new(Parts::empty(id, StageModel::None)).unwrap();
+        let mut engine = Engine::new(Arc::new(model), clock.now());
+        let (snapshots, shown) = watch::channel(engine.snapshot());
+        let (config, of_config) = watch::channel("c0ffee".to_owned());
+        let (news, more) = mpsc::channel(NEWS_MAX);
+        let settings = Settings {
+            id: VehicleId::new(id).unwrap(),
+            hub: hub.address(),
+            credentials: hub.key_file(id),
+            kbit_s_max: 10_000,
+            version: "0.1.0".into(),
+        };
+        let sources = Sources { snapshots: shown, config: of_config, news: more };
+        let fleet = vehicle::start(settings, Some(data.path()), sources, clock).unwrap();
+        Vehicle { engine, clock, snapshots, _config: config, news, fleet }
+    }
+
+    /// A fault of the clock, which is a WARNING.
+    fn clock_is(&mut self, wrong: bool) {
+        let clock = wrong.then(|| Text::plain("the clock shows 1970"));
+        self.engine.handle(&Input::Upkeep(Upkeep { clock, ..Upkeep::default() }), self.clock.now());
+        self.snapshots.send_replace(self.engine.snapshot());
+    }
+
+    async fn end(self) {
+        #[expect(clippy::disallowed_methods, reason = "a limit of this test")]
+        let until = std::time::Instant::now() + Duration::from_secs(10);
+        self.fleet.end(until).await;
+    }
+}
+
+/// A console in this process, as `telltale fleet serve` starts it.
+struct Running {
+    router: Router,
+    cookie: String,
+    following: JoinHandle<()>,
+    keeping: JoinHandle<()>,
+    end: watch::Sender<bool>,
+}
+
+impl Running {
+    async fn start(hub: &Hub, data: &TempDir) -> Running {
+        let clock = Clock::start();
+        let store = Store::open(data.path(), clock, DemoSecrets::Refused).unwrap();
+        let _ = store.add_user("anna", Role::ControlRoom, "three words apart").await;
+        let user = store.authenticate("anna", "three words apart").await.unwrap().unwrap();
+        let (token, _) = store.open_session(&user).await.unwrap();
+        let kept = kept::Store::open(data.path(), clock).unwrap();
+        let shared = Shared::new(kept.fleet().unwrap(), clock);
+        let identity = Identity::read(&hub.key_file("console")).unwrap();
+        let following = tokio::spawn(shared.clone().follow(hub.address(), identity));
+        let (end, ended) = watch::channel(false);
+        let keeping = tokio::spawn(shared.clone().keep(kept, ended));
+        let origins = Origins::of_listener("127.0.0.1:8080".parse().unwrap(), false);
+        let router = router(Console::new(shared, store, origins, false));
+        Running { router, cookie: format!("telltale={}", token.as_str()), following, keeping, end }
+    }
+
+    async fn get(&self, path: &str) -> (StatusCode, Value) {
+        let request =
+            Request::get(path).header(header::HOST, "127.0.0.1:8080").header(header::COOKIE, &self.cookie);
+        let answer = self.router.clone().oneshot(request.body(Body::empty()).unwrap()).await.unwrap();
+        let status = answer.status();
+        let body = to_bytes(answer.into_body(), 1 << 22).await.unwrap();
+        (status, serde_json::from_slice(&body).unwrap_or_default())
+    }
+
+    async fn vehicles(&self) -> Value {
+        self.get("/api/v1/vehicles").await.1
+    }
+
+    /// Waits until the only vehicle is as `is_it` wants it.
+    async fn vehicle_with(&self, what: &str, is_it: impl Fn(&Value) -> bool) -> Value {
+        let wait = async {
+            loop {
+                let vehicles = self.vehicles().await;
+                if is_it(&vehicles[0]) {
+                    return vehicles[0].clone();
+                }
+                tokio::time::sleep(LOOK_EVERY).await;
+            }
+        };
+        until(what, wait).await
+    }
+
+    async fn contact(&self, contact: &str) -> Value {
+        self.vehicle_with(contact, |vehicle| vehicle["contact"] == contact).await
+    }
+
+    async fn end(self) {
+        self.following.abort();
+        self.end.send_replace(true);
+        self.keeping.await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn a_console_shows_a_vehicle_through_the_loss_of_its_hub_and_its_own_restart() {
+    let mut hub = Hub::start("console").await;
+    hub.enrol("a");
+    let (data, console_data) = (TempDir::new().unwrap(), TempDir::new().unwrap());
+    let console = Running::start(&hub, &console_data).await;
+    let mut vehicle = Vehicle::start(&hub, "a", &data);
+    vehicle.clock_is(true);
+    let shown = console.vehicle_with("the WARNING", |it| it["state"] == "warning").await;
+    assert_eq!((&shown["id"], &shown["contact"]), (&"a".into(), &"live".into()));
+    assert_eq!(
+        shown["cause"],
+        serde_json::json!({ "node": "telltale/clock", "words": "the clock shows 1970" })
+    );
+    assert_eq!((&shown["version"], &shown["config"]), (&"0.1.0".into(), &"c0ffee".into()));
+    let incident = Incident {
+        number: 4,
+        since: 1_780_000_000_000,
+        until: None,
+        stage: "active".into(),
+        causes: vec!["telltale/clock".into()],
+        triggers: 1,
+        version: "0.1.0".into(),
+        config: "c0ffee".into(),
+        bytes: 0,
+        sha256: None,
+    };
+    vehicle.news.send(Content::Incident(incident)).await.unwrap();
+    let incidents = until("the incident", async {
+        loop {
+            let (_, groups) = console.get("/api/v1/incidents?group=cause").await;
+            if groups[0]["count"] == 1 {
+                return groups;
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    });
+    assert_eq!(incidents.await[0]["group"], "telltale/clock");
+    let (_, snapshot) = console.get("/api/v1/vehicles/a/snapshot").await;
+    assert_eq!((&snapshot["whole"], &snapshot["overall"]), (&true.into(), &"warning".into()), "{snapshot}");
+    let (status, history) = console.get("/api/v1/vehicles/a/history?from=2020-01-01T00:00:00Z").await;
+    assert_eq!((status, &history["whole"]), (StatusCode::OK, &true.into()), "{history}");
+    assert_eq!(history["unknown"], serde_json::json!([]));
+    let kinds: Vec<&str> =
+        history["messages"].as_array().unwrap().iter().filter_map(|it| it["kind"].as_str()).collect();
+    assert!(kinds.contains(&"keyframe") && kinds.contains(&"incident"), "{kinds:?}");
+    let (_, later) = console.get("/api/v1/vehicles/a/history?from=2090-01-01T00:00:00Z").await;
+    assert_eq!(later["messages"], serde_json::json!([]));
+
+    hub.kill();
+    let shown = console.contact("hub_down").await;
+    assert_eq!((&shown["state"], &shown["cause"]["node"]), (&"warning".into(), &"telltale/clock".into()));
+    assert_eq!(console.get("/readyz").await.0, StatusCode::OK);
+    assert_eq!(console.get("/api/v1/vehicles/a/history").await.0, StatusCode::SERVICE_UNAVAILABLE);
+
+    // Another console on the same folder, before the hub answers.
+    console.end().await;
+    let console = Running::start(&hub, &console_data).await;
+    let shown = console.contact("hub_down").await;
+    assert_eq!((&shown["id"], &shown["state"]), (&"a".into(), &"warning".into()));
+    assert_eq!(console.get("/api/v1/incidents").await.1[0]["count"], 1);
+
+    hub.start_again().await;
+    console.contact("live").await;
+    vehicle.clock_is(false);
+    console.vehicle_with("no WARNING", |it| it["state"] != "warning").await;
+    let (_, snapshot) = console.get("/api/v1/vehicles/a/snapshot").await;
+    assert_eq!(snapshot["whole"], true, "the log was read again from a keyframe on: {snapshot}");
+    vehicle.end().await;
+    console.contact("off").await;
+    console.end().await;
+}
+
+#[tokio::test]
+async fn a_hostile_vehicle_changes_nothing_but_itself() {
+    let mut hub = Hub::start("hostile").await;
+    hub.enrol("a");
+    hub.enrol("bad");
+    let (data, console_data) = (TempDir::new().unwrap(), TempDir::new().unwrap());
+    let console = Running::start(&hub, &console_data).await;
+    let _vehicle = Vehicle::start(&hub, "a", &data);
+    console.vehicle_with("the vehicle", |it| it["id"] == "a" && it["contact"] == "live").await;
+    let seed = std::fs::read_to_string(hub.key_file("bad")).unwrap();
+    let hostile = async_nats::ConnectOptions::with_nkey(seed.trim().to_owned())
+        .add_root_certificates(hub.address().ca)
+        .require_tls(true)
+        .custom_inbox_prefix("_INBOX.bad")
+        .connect(hub.address().url)
+        .await
+        .unwrap();
+    let goodbye = r#"{"epoch":"ffffffffffffffff","n":1,"at":1780000000000,"kind":"goodbye"}"#;
+    let id = |text| VehicleId::new(text).unwrap();
+    let of_another =
+        telltale_fleet::message::Batch::pack(&id("a"), "UA", 1_780_000_000_000, &[goodbye]).unwrap();
+    let no_head =
+        telltale_fleet::message::Batch::pack(&id("bad"), "UA", 1_780_000_000_000, &[goodbye]).unwrap();
+    for subject in ["tt.1.bad.head", "tt.1.bad.log"] {
+        for payload in [&b"\0\xff"[..], b"", &of_another, &vec![7; 200 * 1024]] {
+            hostile.publish(subject, payload.to_vec().into()).await.unwrap();
+        }
+    }
+    hostile.publish("tt.1.bad.head", no_head.into()).await.unwrap();
+    hostile.publish("tt.1.a.head", of_another.into()).await.unwrap();
+    hostile.flush().await.unwrap();
+    let wait = async {
+        loop {
+            let vehicles = console.vehicles().await;
+            let bad = vehicles.as_array().unwrap().iter().find(|it| it["id"] == "bad").cloned();
+            // Of heads only the last one lies at the hub.
+            if bad.as_ref().is_some_and(|it| it["refused"].as_u64() >= Some(5)) {
+                return (vehicles, bad.unwrap());
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    };
+    let (vehicles, bad) = until("what is refused", wait).await;
+    assert_eq!((&bad["state"], &bad["age_s"]), (&"unknown".into(), &Value::Null), "{bad}");
+    let good = vehicles.as_array().unwrap().iter().find(|it| it["id"] == "a").unwrap();
+    assert_eq!((&good["contact"], &good["refused"]), (&"live".into(), &0.into()), "{good}");
+    console.end().await;
+}
