@@ -122,6 +122,7 @@ fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
         _ => word.to_owned(),
     };
     let span = |ms: i64| how_long(Span::from_millis(u64::try_from(ms).unwrap_or(0)));
+    let since = |since: i64| format!("{} {}", Words::of(lang).since_for, span(now_ms.saturating_sub(since)));
     RowHtml {
         id: row.id.clone(),
         name: row.name.clone(),
@@ -134,7 +135,7 @@ fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
         cause: row.cause.as_ref().map(|cause| cause.words.clone()).unwrap_or_default(),
         node: row.cause.as_ref().map(|cause| cause.node.clone()).unwrap_or_default(),
         notes: notes(row, lang),
-        since: row.since_ms.map(|since| span(now_ms.saturating_sub(since))).unwrap_or_default(),
+        since: row.since_ms.map(since).unwrap_or_default(),
         motion: motion(row, lang),
         age: row.age_s.map(|age| lang.ago(&span((age * 1000.0) as i64))).unwrap_or_default(),
         version: row.version.clone(),

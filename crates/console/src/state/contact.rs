@@ -106,7 +106,7 @@ pub struct Counts {
     /// Late, lost, or the hub is away: what they do now is not known.
     pub lost: usize,
     pub never_heard: usize,
-    /// Said goodbye.
+    /// Said goodbye, or nothing of it is judged, as of a shuttle that is locked.
     pub off: usize,
 }
 
@@ -119,7 +119,8 @@ impl Counts {
             (_, State::Error) => &mut self.error,
             (_, State::Warning | State::Unknown) => &mut self.warning,
             (Contact::Late, _) => &mut self.lost,
-            (Contact::Live, State::Ok | State::Ignore) => &mut self.ok,
+            (Contact::Live, State::Ignore) => &mut self.off,
+            (Contact::Live, State::Ok) => &mut self.ok,
         };
         *count += 1;
     }

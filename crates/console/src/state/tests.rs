@@ -159,6 +159,7 @@ fn the_worst_comes_first_and_each_vehicle_is_counted_once() {
     world.head("warning", 1, 1, head(State::Warning)).head("unknown", 1, 1, head(State::Unknown));
     world.head("unacknowledged", 1, 1, Head { unacknowledged: 2, ..head(State::Ok) });
     world.head("off", 1, 1, Head { ending: true, ..head(State::Error) });
+    world.head("parked", 1, 1, head(State::Ignore));
     world.tell(Stream::Log, "never", vec![message(1, 1, Content::Goodbye)]);
     let expected = [
         "lost-driving",
@@ -170,10 +171,11 @@ fn the_worst_comes_first_and_each_vehicle_is_counted_once() {
         "late",
         "never",
         "ok",
+        "parked",
         "off",
     ];
     assert_eq!(world.order(), expected);
-    let expected = Counts { error: 1, warning: 2, ok: 2, lost: 3, never_heard: 1, off: 1 };
+    let expected = Counts { error: 1, warning: 2, ok: 2, lost: 3, never_heard: 1, off: 2 };
     assert_eq!(counts(&world.fleet.rows(world.now)), expected);
 }
 

@@ -33,7 +33,7 @@ texts! {
         version: "Version", "Version";
     }
 
-    text off_count(count: usize) { "{count} off", "{count} aus" }
+    text off_count(count: usize) { "{count} not in service", "{count} außer Dienst" }
 
     text ago(age: &str) { "{age} ago", "vor {age}" }
 
