@@ -116,7 +116,7 @@ fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
         None => (state, icon(row.state)),
         Some(word) => (word, if row.contact == Contact::Off { "leave" } else { "unknown" }),
     };
-    let is_new = row.contact != Contact::Live;
+    let is_old = row.contact != Contact::Live;
     let word = match row.urgency {
         Urgency::LostDriving => format!("{word} {}", words.drove),
         _ => word.to_owned(),
@@ -131,11 +131,12 @@ fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
         urgency: urgency(row.urgency),
         icon,
         word,
-        last: (is_new && row.stage.is_some()).then_some(state),
+        last: (is_old && row.stage.is_some()).then_some(state),
         cause: row.cause.as_ref().map(|cause| cause.words.clone()).unwrap_or_default(),
         node: row.cause.as_ref().map(|cause| cause.node.clone()).unwrap_or_default(),
         notes: notes(row, lang),
-        since: row.since_ms.map(since).unwrap_or_default(),
+        // Of a vehicle that is not heard only the age of what it told is known.
+        since: row.since_ms.filter(|_| !is_old).map(since).unwrap_or_default(),
         motion: motion(row, lang),
         age: row.age_s.map(|age| lang.ago(&span((age * 1000.0) as i64))).unwrap_or_default(),
         version: row.version.clone(),
