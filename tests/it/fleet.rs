@@ -71,3 +71,25 @@ fn vehicles_are_enrolled_and_revoked_in_the_folder_of_a_hub() {
     let (_, error, code) = fleet(&["list", "--dir", folder.path().to_str().unwrap()]);
     assert!(code == Some(2) && error.contains("is no folder of a hub"), "{error}");
 }
+
+#[test]
+fn a_console_says_what_keeps_it_from_starting() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path().to_str().unwrap().to_owned();
+    let hub = format!("{dir}/hub");
+    said(&run(&["fleet", "hub-config", &hub, "--listen", "127.0.0.1:4222"]));
+    let serve = |words: &[&str]| {
+        let data = format!("{dir}/console");
+        let common =
+            ["fleet", "serve", "--hub", "tls://127.0.0.1:4222", "--data", &data, "--listen", "127.0.0.1:0"];
+        said(&run(&[&common, words].concat()))
+    };
+    let key = format!("{hub}/console.nk");
+    let (_, error, code) = serve(&["--credentials", &format!("{hub}/none.nk")]);
+    assert!(code == Some(2) && error.contains("none.nk"), "{error}");
+    let (_, error, code) = serve(&["--credentials", &key, "--ca", &format!("{hub}/none.pem")]);
+    assert!(code == Some(2) && error.contains("the hub's certificate"), "{error}");
+    fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
+    let (_, error, code) = serve(&["--credentials", &key]);
+    assert!(code == Some(2) && error.contains("may be read by others"), "{error}");
+}

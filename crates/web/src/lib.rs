@@ -80,10 +80,13 @@ pub mod common {
     pub use crate::admission::login_throttle::{Source, Throttle};
     pub use crate::admission::peer::{CameFrom, source_of};
     pub use crate::api::query::{Asked, Moment};
-    pub use crate::http::guard::{SignedIn, admitted, bearer, has_own_origin, one_session};
+    pub use crate::auth::login::DEVICE_LIFE;
+    pub use crate::http::guard::{
+        SignedIn, admitted, bearer, device_cookie_name, has_own_origin, one_session,
+    };
     pub use crate::http::headers::secure as secure_headers;
     pub use crate::http::plain_errors::in_words;
-    pub use crate::http::respond::{FormOf, Reader, Speaks, json_answer, refusal};
+    pub use crate::http::respond::{FormOf, Reader, Speaks, cookie, json_answer, refusal};
     pub use crate::pages::{asset, healthz, not_found, wrong_method};
     pub use crate::view::page::frame::PageFrame;
 }

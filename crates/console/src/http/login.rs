@@ -2,6 +2,7 @@
 
 use std::net::IpAddr;
 use std::sync::PoisonError;
+use std::time::Duration;
 
 use askama::Template;
 use axum::extract::State;
@@ -12,9 +13,10 @@ use serde::Deserialize;
 use serde_json::json;
 use telltale_engine::time::Span;
 use telltale_store::audit::{Action, Record};
-use telltale_store::{Caller, Role, SESSION_LIFE, SessionKind, Verified};
+use telltale_store::{Caller, Role, SESSION_LIFE, SessionKind, Token, Verified};
 use telltale_web::common::{
-    CameFrom, FormOf, PageFrame, Reader, SignedIn, Source, Speaks, json_answer, refusal,
+    CameFrom, DEVICE_LIFE, FormOf, PageFrame, Reader, SignedIn, Source, Speaks, cookie, device_cookie_name,
+    json_answer, refusal,
 };
 use telltale_web::cookie_name;
 use telltale_web::texts::console::ConsoleWords;
@@ -97,9 +99,11 @@ pub async fn login(
     State(console): State<Console>,
     CameFrom(source): CameFrom,
     reader: Reader,
+    headers: HeaderMap,
     FormOf(form): FormOf<LoginForm>,
 ) -> Response {
-    let failure = match prove(&console, &form, source).await {
+    let device = known_device(&console, &headers, &form.name).await;
+    let failure = match prove(&console, &form, source, device.clone()).await {
         Ok(user) => match console.store.open_session(&user).await {
             Ok((token, _)) => {
                 let record = Record::of(Action::Login, source.to_string()).by(user.name(), user.role());
@@ -111,7 +115,14 @@ pub async fn login(
                     ),
                     Speaks::Html => Redirect::to("/").into_response(),
                 };
-                set_cookie(&mut answer, &console, token.as_str(), SESSION_LIFE.as_secs());
+                let name = cookie_name(console.secure);
+                set_cookie(&mut answer, &console, name, token.as_str(), SESSION_LIFE);
+                if device.is_none()
+                    && let Ok(token) = console.store.know_device(&user).await
+                {
+                    let name = device_cookie_name(console.secure);
+                    set_cookie(&mut answer, &console, name, token.as_str(), DEVICE_LIFE);
+                }
                 return answer;
             }
             Err(error) => {
@@ -147,12 +158,25 @@ fn failed(reader: &Reader, name: &str, failure: &Failure) -> Response {
     answer
 }
 
-/// The user whose password this is, within the bounds on attempts.
-async fn prove(console: &Console, form: &LoginForm, ip: IpAddr) -> Result<Verified, Failure> {
-    let from = Source { ip, caller: Caller::Elsewhere, device: None };
+/// The cookie of a browser from which this user logged in before.
+async fn known_device(console: &Console, headers: &HeaderMap, name: &str) -> Option<Token> {
+    let token = cookie(headers, device_cookie_name(console.secure)).and_then(Token::parse)?;
+    let is_known = console.store.is_device_of(Caller::Elsewhere, &token, name).await.unwrap_or(false);
+    is_known.then_some(token)
+}
+
+/// The user whose password this is, within the bounds on attempts. A known browser waits in no queue with strangers.
+async fn prove(
+    console: &Console,
+    form: &LoginForm,
+    ip: IpAddr,
+    device: Option<Token>,
+) -> Result<Verified, Failure> {
+    let caller = if device.is_some() { Caller::Vehicle } else { Caller::Elsewhere };
+    let from = Source { ip, caller: Caller::Elsewhere, device };
     let throttle = || console.throttle.lock().unwrap_or_else(PoisonError::into_inner);
     throttle().attempt(console.clock.now(), &form.name, &from).map_err(Failure::Wait)?;
-    match console.store.authenticate_from(Caller::Elsewhere, &form.name, &form.secret).await {
+    match console.store.authenticate_from(caller, &form.name, &form.secret).await {
         Ok(Some(user)) => {
             throttle().succeeded(&form.name, &from);
             if Role::OF_CONSOLE.contains(&user.role()) { Ok(user) } else { Err(Failure::Role) }
@@ -185,12 +209,12 @@ pub async fn logout(
         Speaks::Json => json_answer(StatusCode::OK, &json!({})),
         Speaks::Html => Redirect::to("/login").into_response(),
     };
-    set_cookie(&mut answer, &console, "", 0);
+    set_cookie(&mut answer, &console, cookie_name(console.secure), "", Duration::ZERO);
     answer
 }
 
-fn set_cookie(answer: &mut Response, console: &Console, value: &str, age_s: u64) {
-    let (name, suffix) = (cookie_name(console.secure), if console.secure { "; Secure" } else { "" });
+fn set_cookie(answer: &mut Response, console: &Console, name: &str, value: &str, life: Duration) {
+    let (age_s, suffix) = (life.as_secs(), if console.secure { "; Secure" } else { "" });
     let cookie = format!("{name}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite=Strict{suffix}");
     let cookie = HeaderValue::try_from(cookie).expect("names and hexadecimal digits are visible ASCII");
     answer.headers_mut().append(SET_COOKIE, cookie);

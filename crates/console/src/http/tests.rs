@@ -177,12 +177,20 @@ async fn what_is_shown_needs_a_session_of_a_console() {
     for path in ["/healthz", "/readyz", "/login"] {
         assert_eq!(ask(&router, Method::GET, path, "", "").await.status(), StatusCode::OK, "{path}");
     }
+    let first = log_in(&router, "control_room", SECRET).await;
+    let mut known = first.headers().get_all(header::SET_COOKIE).iter().filter_map(|it| it.to_str().ok());
+    let known = known.next_back().unwrap().to_owned();
+    assert!(known.starts_with("telltale-device="), "{known}");
     for _ in 0..3 {
         assert_eq!(log_in(&router, "control_room", "wrong").await.status(), StatusCode::UNAUTHORIZED);
     }
     let waits = log_in(&router, "control_room", SECRET).await;
     assert_eq!(waits.status(), StatusCode::TOO_MANY_REQUESTS);
     assert!(waits.headers().contains_key(header::RETRY_AFTER));
+    // A browser from which the user logged in before does not wait for strangers.
+    let known = known.split(';').next().unwrap();
+    let form = format!("name=control_room&secret={}", SECRET.replace(' ', "+"));
+    assert_eq!(ask(&router, Method::POST, "/login", known, &form).await.status(), StatusCode::OK);
     let said: Vec<String> = store
         .audit_entries(None, 100)
         .await

@@ -39,7 +39,7 @@ use telltale_store::{Caller, Role, SESSION_LIFE, Session, SessionKind, Token, Ve
 const COOKIE_LIFE: Duration = SESSION_LIFE.saturating_mul(2);
 
 /// A browser is known for as long as it is used in a year.
-const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
+pub const DEVICE_LIFE: Duration = Duration::from_secs(365 * 24 * 3600);
 /// A login at a display waits no longer for others there.
 const PROVEN_WITHIN: Span = Span::from_secs(20);
 /// The time for the disk to take the cookie of a known browser.
