@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use telltale_clock::Clock;
+use telltale_clock::{Clock, unix_ms};
 use telltale_fleet::identity::Identity;
 use telltale_fleet::line::{Hub, NoLine};
 use telltale_fleet::message::Batch;
@@ -18,9 +18,6 @@ const RECONNECT_AFTER: Duration = Duration::from_secs(1);
 
 /// Changes wait this long for the disk.
 const WRITE_EVERY: Duration = Duration::from_secs(2);
-
-/// The log is read again from this long before its known end, so that a keyframe of each vehicle is in it.
-const OVERLAP_MS: i64 = 15 * 60_000;
 
 /// The state of all vehicles, for everybody who shows it. Clones are the same.
 #[derive(Debug, Clone)]
@@ -48,7 +45,7 @@ impl Shared {
     /// Reads the hub, and another line after each fault, until it is aborted.
     pub async fn follow(self, hub: Hub, identity: Identity) {
         loop {
-            let from_ms = self.fleet().log_ms.saturating_sub(OVERLAP_MS).max(0);
+            let from_ms = self.fleet().log_from_ms(unix_ms(self.clock.wall()));
             let why = match Reading::open(&hub, &identity, from_ms).await {
                 Ok(mut reading) => {
                     tracing::info!("the hub is reached");

@@ -23,6 +23,9 @@ use contact::{Contact, Counts, Judged, Line, Urgency};
 use incidents::IncidentRow;
 use vehicle::{Times, Vehicle};
 
+/// The log is read again from this long before its known end, so that a keyframe of each vehicle is in it.
+const OVERLAP_MS: i64 = 15 * 60_000;
+
 /// All vehicles.
 #[derive(Debug)]
 pub struct Fleet {
@@ -142,6 +145,12 @@ impl Fleet {
         if stream == Stream::Log {
             self.log_ms = self.log_ms.max(stored_ms);
         }
+    }
+
+    /// From when on the log is read, by the hub's clock. A hub whose clock was ahead once must not make the console pass
+    /// over what came later.
+    pub fn log_from_ms(&self, wall_ms: i64) -> i64 {
+        self.log_ms.min(wall_ms).saturating_sub(OVERLAP_MS).max(0)
     }
 
     pub fn vehicle(&self, id: &VehicleId) -> Option<&Vehicle> {

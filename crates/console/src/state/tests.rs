@@ -389,3 +389,11 @@ fn incidents_are_grouped_over_the_fleet() {
     assert_eq!(groups(GroupBy::Version), [("0.2".to_owned(), 2, 2), ("0.1".to_owned(), 1, 1)]);
     assert_eq!(groups(GroupBy::Config), [("c0ffee".to_owned(), 3, 2)]);
 }
+
+#[test]
+fn the_log_is_read_from_a_keyframe_before_its_known_end_on() {
+    let now = Timestamp::from_millis(1_000_000);
+    let from = |log_ms| Fleet::new([], log_ms, Since::of_age(Span::ZERO, now)).log_from_ms(AT);
+    assert_eq!((from(0), from(AT - 1000)), (0, AT - 901_000));
+    assert_eq!(from(AT * 2), AT - 900_000, "the hub's clock was decades ahead");
+}
