@@ -275,7 +275,7 @@
     event.preventDefault();
     const address = form.action;
     // The stylesheet lets no finger through; this lets no key through.
-    if (form.dataset.act !== "stop" && event.submitter?.closest("#step, aside")?.closest("[data-quiet]")) {
+    if (form.dataset.act !== "stop" && event.submitter?.closest("#step, #confirm, aside")?.closest("[data-quiet]")) {
       return show(bar.contains(form) ? quietWhy : "changed", "");
     }
     // A stop waits for nothing. Further taps on it are the same stop, as long as it is not answered.

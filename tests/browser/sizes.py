@@ -170,3 +170,10 @@ def check_whole(page, name):
         page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
         assert page.evaluate(STEPS_NOT_WHOLE) == [], f"{name} at {width}x{height}"
     page.set_viewport_size(before)
+
+
+def check_elsewhere(name, button, asked, size):
+    """A second tap where the first step was asked for must not hit this button."""
+    beside = button["x"] >= asked["x"] + asked["width"] - 1 or asked["x"] >= button["x"] + button["width"] - 1
+    apart = button["y"] >= asked["y"] + asked["height"] - 1 or asked["y"] >= button["y"] + button["height"] - 1
+    assert beside or apart, f"{name} lies under the finger at {size}: {button}, {asked}"

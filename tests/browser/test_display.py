@@ -8,9 +8,9 @@ import subprocess
 import pytest
 from playwright.sync_api import expect
 
-from operating import DEMO_OPERATOR, let_colours_settle, localize, log_in_by_touch, stage, step, touch_context, watch
+from operating import DEMO_OPERATOR, ask_for_clearance, let_colours_settle, localize, log_in_by_touch, stage, step, touch_context, watch
 from accessible import violations
-from sizes import check_sizes, check_steps_in_small_windows
+from sizes import SIZES, SMALL, check_elsewhere, check_sizes, check_steps_in_small_windows
 from vehicle import OPERATOR, TELLTALE, Client, Server, Writer, own_domain
 
 LATCHED = """vehicle: { stages: none }
@@ -95,6 +95,38 @@ def test_sheets_details_and_a_display_that_is_not_live_can_be_read_by_all(demo, 
     demo.send(signal.SIGCONT)
     expect(page.locator("body")).to_have_attribute("data-live", "live")
     trouble.expect("WebSocket", "ERR_", "htmx:ws:error")
+
+
+# Presses Enter on the second step as soon as it is there.
+CONFIRM_AT_ONCE = """() => {
+  const form = document.getElementById("confirm");
+  new MutationObserver((_, observer) => {
+    if (form.hidden) return;
+    observer.disconnect();
+    form.requestSubmit(form.elements.confirm);
+  }).observe(form, { attributes: true });
+}"""
+
+
+def test_a_double_tap_on_clearance_drives_nowhere(demo, display):
+    page, confirm, posted = display, step(display, "confirm"), []
+    page.on("request", lambda request: request.url.endswith("/confirm") and posted.append(request.url))
+    localize(page)
+    ready = page.locator("#actions button[name=clearance]:not([aria-disabled])")
+    for lang in ("en", "de"):
+        page.locator("html").evaluate("(html, lang) => void (html.lang = lang)", lang)
+        for width, height in SIZES + SMALL:
+            page.set_viewport_size({"width": width, "height": height})
+            expect(ready).to_be_visible(timeout=40_000)
+            asked = ready.bounding_box()
+            ask_for_clearance(page)
+            check_elsewhere("Drive", confirm.bounding_box(), asked, f"{width}x{height}, {lang}")
+            step(page, "cancel").click(force=True)
+            expect(confirm).to_be_hidden()
+    page.evaluate(CONFIRM_AT_ONCE)
+    ask_for_clearance(page)
+    expect(page.locator("#actions[data-quiet]")).to_have_count(0)
+    assert posted == []
 
 
 @pytest.mark.parametrize("width, height", [(390, 844), (1920, 1080)])
