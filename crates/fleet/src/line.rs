@@ -10,6 +10,7 @@ use bytes::Bytes;
 use futures_util::StreamExt as _;
 use serde::Deserialize;
 use telltale_engine::time::Span;
+use tokio::runtime::{Builder, Runtime};
 use tokio::sync::watch;
 
 use crate::delivery::Answer;
@@ -131,6 +132,32 @@ pub struct Line {
     subjects: Subjects,
     wants: Subscriber,
     is_cut: watch::Receiver<bool>,
+    /// Dropped last: without it, the client has no tasks.
+    _tasks: Tasks,
+}
+
+/// The runtime of one client. Its tasks end with it, also while the hub sends without end, and a panic in one ends no
+/// other: the library panics at some of what a stranger may say in place of a hub.
+#[derive(Debug)]
+struct Tasks(Option<Runtime>);
+
+impl Tasks {
+    fn start() -> std::io::Result<Tasks> {
+        let mut runtime = Builder::new_multi_thread();
+        runtime.worker_threads(1).thread_name("fleet-hub").enable_all().build().map(Some).map(Tasks)
+    }
+
+    async fn run<T: Send + 'static>(&self, future: impl Future<Output = T> + Send + 'static) -> Option<T> {
+        self.0.as_ref()?.spawn(future).await.ok()
+    }
+}
+
+impl Drop for Tasks {
+    fn drop(&mut self) {
+        if let Some(runtime) = self.0.take() {
+            runtime.shutdown_background();
+        }
+    }
 }
 
 impl Line {
@@ -155,7 +182,12 @@ impl Line {
                 }
                 std::future::ready(())
             });
-        let client = options.connect(&hub.url).await.map_err(|error| match error.kind() {
+        let tasks = Tasks::start().map_err(|error| NoLine::Unreachable(error.to_string()))?;
+        let url = hub.url.clone();
+        let connected = tasks.run(async move { options.connect(url).await }).await;
+        let connected =
+            connected.ok_or_else(|| NoLine::Unreachable("what answers there is no hub".into()))?;
+        let client = connected.map_err(|error| match error.kind() {
             ConnectErrorKind::AuthorizationViolation | ConnectErrorKind::Authentication => NoLine::Refused,
             _ => NoLine::Unreachable(error.to_string()),
         })?;
@@ -164,7 +196,7 @@ impl Line {
             .subscribe(subjects.want.clone())
             .await
             .map_err(|error| NoLine::Unreachable(error.to_string()))?;
-        Ok(Line { client, subjects, wants, is_cut })
+        Ok(Line { client, subjects, wants, is_cut, _tasks: tasks })
     }
 
     /// A handle for requests, which may outlive the line.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rusqlite::Connection;
 use telltale_clock::{Clock, unix_ms, wall_at};
@@ -30,6 +30,11 @@ const KEYFRAME_EVERY: Span = Span::from_secs(600);
 const DELTAS_WAIT: Span = Span::from_secs(10);
 
 const TIDY_EVERY: Span = Span::from_secs(60);
+
+/// A line is cut when the program grows by this much within this time. The hub's own messages are small.
+const GROWTH_MAX: u64 = 128 << 20;
+const GROWTH_WITHIN: Span = Span::from_secs(5);
+const LOOK: Duration = Duration::from_millis(100);
 
 /// The waits between attempts to reach the hub. Each vehicle waits up to twice as long, by its own share.
 const RECONNECT_MIN: Span = Span::from_secs(1);
@@ -121,9 +126,11 @@ pub fn start(
         connect_at: Timestamp::ZERO,
         reconnect_wait: RECONNECT_MIN,
     };
-    let thread = std::thread::Builder::new()
-        .name("fleet".into())
-        .spawn(move || runtime.block_on(vehicle.run(sources, ended)))?;
+    let thread = std::thread::Builder::new().name("fleet".into()).spawn(move || {
+        runtime.block_on(vehicle.run(sources, ended));
+        // A name server that does not answer holds up no end.
+        runtime.shutdown_background();
+    })?;
     Ok(Fleet { status, end, thread })
 }
 
@@ -179,6 +186,9 @@ impl Vehicle {
         let mut line: Option<Line> = None;
         let mut waiting: Option<Waiting> = None;
         let mut until = None;
+        let mut memory = Memory::default();
+        let mut looks = tokio::time::interval(LOOK);
+        looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             let now = self.clock.now();
             let snapshot = sources.snapshots.borrow_and_update().clone();
@@ -207,13 +217,14 @@ impl Vehicle {
                 heard = heard(&mut waiting) => self.hear(heard, &mut line),
                 want = next_want(&mut line) => match want {
                     Some(Want::Live(span)) => self.live_until = self.clock.now() + span,
-                    None => {
-                        line = None;
-                        waiting = None;
-                        self.delivery.disconnected();
-                        self.lost("the line was cut");
-                    }
+                    None => self.hang_up((&mut line, &mut waiting), "the line was cut"),
                 },
+                _ = looks.tick() => {
+                    let grows = memory.grows(self.clock.now());
+                    if grows && (line.is_some() || waiting.is_some()) {
+                        self.hang_up((&mut line, &mut waiting), "memory grew fast while the hub was connected");
+                    }
+                }
                 // Its sender lives as long as the program; without it there is nothing to tell either.
                 _ = ended.changed(), if until.is_none() => {
                     until = Some(ended.borrow_and_update().unwrap_or_else(|| self.clock.instant(now)));
@@ -450,6 +461,13 @@ impl Vehicle {
         due
     }
 
+    fn hang_up(&mut self, (line, waiting): (&mut Option<Line>, &mut Option<Waiting>), why: &str) {
+        *line = None;
+        *waiting = None;
+        self.delivery.disconnected();
+        self.lost(why);
+    }
+
     fn lost(&mut self, why: &str) {
         self.wait_to_connect(self.reconnect_wait);
         self.reconnect_wait = Span::from_nanos(self.reconnect_wait.as_nanos() * 2).min(RECONNECT_MAX);
@@ -495,6 +513,34 @@ impl Vehicle {
     }
 }
 
+/// How fast the whole program grows: the NATS library reads a message or a line of any length into memory.
+#[derive(Default)]
+struct Memory {
+    /// The bytes at the beginning of the present [`GROWTH_WITHIN`].
+    before: Option<(u64, Timestamp)>,
+}
+
+impl Memory {
+    fn grows(&mut self, now: Timestamp) -> bool {
+        resident_bytes().is_some_and(|bytes| self.grows_to(bytes, now))
+    }
+
+    fn grows_to(&mut self, bytes: u64, now: Timestamp) -> bool {
+        let (before, since) = *self.before.get_or_insert((bytes, now));
+        let grows = bytes.saturating_sub(before) > GROWTH_MAX;
+        if grows || now.since(since) >= GROWTH_WITHIN {
+            self.before = Some((bytes, now));
+        }
+        grows
+    }
+}
+
+fn resident_bytes() -> Option<u64> {
+    let sizes = std::fs::read_to_string("/proc/self/statm").ok()?;
+    let pages: u64 = sizes.split(' ').nth(1)?.parse().ok()?;
+    Some(pages * rustix::param::page_size() as u64)
+}
+
 async fn heard(waiting: &mut Option<Waiting>) -> Heard {
     match waiting {
         Some(future) => {
@@ -517,5 +563,25 @@ async fn by(until: Option<Instant>) {
     match until {
         Some(until) => tokio::time::sleep_until(until.into()).await,
         None => std::future::pending().await,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_fast_growth_cuts_the_line() {
+        let mut memory = Memory::default();
+        let start = Timestamp::from_millis(5_000);
+        let mut grows = |mb: u64, s: u64| memory.grows_to(mb << 20, start + Span::from_secs(s));
+        assert!(!grows(100, 0));
+        assert!(!grows(228, 3));
+        assert!(!grows(228, 5), "a new beginning");
+        assert!(!grows(356, 20));
+        assert!(grows(485, 21));
+        assert!(!grows(485, 22), "each growth counts once");
+        assert!(!grows(90, 40));
+        assert!(grows(219, 41), "what was given back may not grow again as fast");
     }
 }
