@@ -152,4 +152,4 @@ def test_a_stop_on_a_live_display_is_latched_with_its_time_and_named_first(drivi
     assert touched["changed"] and touched["ms"] < ANSWERS_MS, touched
     expect(stop).to_have_attribute("aria-pressed", "true")
     expect(stop.locator(".told:visible")).to_have_text(re.compile(r"^asked \d\d:\d\d$"))
-    expect(page.locator("#countermeasure")).to_have_text(re.compile(r"^Stop asked \d\d:\d\d\. "))
+    expect(page.locator("#countermeasure")).to_have_text(re.compile(r"^STOP pressed \d\d:\d\d\. "))

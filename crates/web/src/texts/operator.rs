@@ -145,7 +145,7 @@ texts! {
         stop: "STOP", "STOP";
         stop_vehicle: "Stop vehicle", "Fahrzeug anhalten";
         stop_requested: "Stop requested", "Anhalten angefordert";
-        stop_asked: "Stop asked", "STOP gedrückt";
+        stop_asked: "STOP pressed", "STOP gedrückt";
         stop_since: "asked", "gedrückt";
         stop_sending: "Sending", "Wird gesendet";
         stop_missed: "Not arrived", "Nicht angekommen";
@@ -176,7 +176,7 @@ texts! {
         dismiss: "Close", "Schließen";
         all_checks: "Checks before the clearance", "Prüfungen vor der Freigabe";
         open_checks: "open", "offen";
-        all_causes: "All that is wrong", "Alle Störungen";
+        all_causes: "All faults", "Alle Störungen";
         last_alarms: "Last alarms", "Letzte Alarme";
         no_alarms: "No alarm yet.", "Noch kein Alarm.";
         lasts: "not over", "nicht vorbei";

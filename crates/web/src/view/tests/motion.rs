@@ -243,7 +243,7 @@ fn the_operators_own_stop_is_named_first_and_its_button_is_latched_with_its_time
     let instruction = fragment(&both, Lang::En, "instruction");
     let place = |text: &str| instruction.find(text).unwrap_or_else(|| panic!("{text}: {instruction}"));
     assert!(
-        place(">Stop asked<span class=\"since\"> <time ")
+        place(">STOP pressed<span class=\"since\"> <time ")
             < place("Stopping for a fault. Motion sensor disturbed.")
     );
     let latched = [r#"aria-pressed="true""#, r#"if-asked">gedrückt <time class="clock""#];

@@ -298,7 +298,7 @@ fn a_stop_that_nobody_hears_is_neither_offered_nor_said_to_be_sent() {
     let expect = [
         r#"data-urgency="take_over""#,
         "Take over. Stop.",
-        "No vehicle listens. Stop asked<",
+        "No vehicle listens. STOP pressed<",
         ". Request to stop not received.",
     ];
     check(&asked().published(), Lang::En, "instruction", &expect, &["Sent to the vehicle", "Asked to"]);
