@@ -20,6 +20,8 @@ fn telltale_with(words: &[&str], variables: &[(&str, &str)]) -> Output {
 /// A folder for this test, below the folder that cargo provides.
 fn folder(name: &str) -> PathBuf {
     let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("start-{name}"));
+    // Another version may have left one.
+    let _ = std::fs::remove_dir_all(&folder);
     std::fs::create_dir_all(&folder).expect("cargo's folder can be written");
     folder
 }
