@@ -46,7 +46,7 @@ pub struct Store {
     clock: Clock,
 }
 
-/// What is to be written.
+/// The changes for the disk.
 #[derive(Debug, Default)]
 pub struct Changes {
     vehicles: Vec<(String, String)>,

@@ -47,7 +47,7 @@ pub async fn guard(State(console): State<Console>, request: Request, next: Next)
     next.run(request).await
 }
 
-/// The two addresses that take what is posted. All others refuse it whoever asks.
+/// The two addresses that take a post. All others refuse it.
 fn is_form(request: &Request) -> bool {
     matches!(request.uri().path(), "/login" | "/logout")
 }

@@ -110,7 +110,7 @@ fn row(message: &Message) -> Value {
     row
 }
 
-/// What is not known between the first message that was read and the last.
+/// The gaps between the first and the last message that were read.
 fn unknown(it: &Unknown) -> Value {
     json!({ "epoch": it.from.epoch.to_string(), "n": it.from.n, "to": it.to, "why": it.why })
 }

@@ -209,7 +209,7 @@ fn two_vehicles_with_one_name_are_shown_and_the_one_that_goes_on_counts() {
     let row = world.row("a");
     assert_eq!((row.state, row.contact, row.two_vehicles), (State::Error, Contact::Live, true));
     assert!(!world.after(601).row("a").two_vehicles);
-    // A new key is that of a vehicle that was enrolled again.
+    // A vehicle that was enrolled again has a new key.
     let messages = vec![message(0, 1, Content::Head(head(State::Warning)))];
     world.arrive(Stream::Head, "a", Ok(Batch { id: id("a"), key: "UB".into(), sent: AT, messages }));
     assert_eq!((world.row("a").state, world.row("a").two_vehicles), (State::Warning, false));

@@ -1,4 +1,4 @@
-//! One vehicle as the console knows it: its last head, its picture, its incidents, and what is wrong with what it tells.
+//! One vehicle as the console knows it: its last head, its picture, its incidents, and the faults of its messages.
 
 use std::collections::BTreeMap;
 
@@ -45,7 +45,7 @@ pub struct Heard {
     skew_ms: i64,
 }
 
-/// What is kept of a vehicle on the disk.
+/// The record of a vehicle on the disk.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Kept {
     epoch: Epoch,

@@ -169,7 +169,7 @@ kinds!(
     Expression
 );
 
-/// Each method is that of its [`MonitorKind`].
+/// Each method calls the same of its [`MonitorKind`].
 impl Monitor {
     /// `None` for a monitor that judges the level of a status.
     pub(super) fn new(spec: &MonitorSpec, watched: &Watched) -> Option<Monitor> {

@@ -20,7 +20,7 @@ texts! {
         drove: "while driving", "in Fahrt";
         last: "last:", "zuletzt:";
         no_vehicles: "No vehicle was heard yet.", "Noch kein Fahrzeug gehört.";
-        hub_text: "The hub is not reached. What is shown is what was known before.", "Die Zentrale ist nicht erreichbar. Gezeigt wird, was vorher bekannt war.";
+        hub_text: "The hub is not reached. The states below are old.", "Die Zentrale ist nicht erreichbar. Die Zustände unten sind alt.";
         console_text: "The console does not answer. Nothing on this page is live.", "Die Konsole antwortet nicht. Nichts auf dieser Seite ist aktuell.";
         two_vehicles: "Two vehicles tell by this name", "Zwei Fahrzeuge melden sich unter diesem Namen";
         unacknowledged: "unacknowledged", "unquittiert";
