@@ -70,3 +70,33 @@ pub fn text(shared: &Shared) -> Result<String, std::fmt::Error> {
     encode(&mut text, &registry)?;
     Ok(text)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::console::state::Fleet;
+    use telltale_clock::Clock;
+    use telltale_engine::time::{Since, Span};
+
+    #[test]
+    fn every_metric_is_documented_and_every_documented_one_is_served() {
+        let (clock, _hand) = Clock::standing();
+        let fleet = Fleet::new([], 0, Since::of_age(Span::ZERO, clock.now()));
+        let text = text(&Shared::new(fleet, clock)).unwrap();
+        let types = text.lines().filter_map(|line| line.strip_prefix("# TYPE "));
+        let served: BTreeSet<String> = types
+            .map(|it| match it.split_once(' ') {
+                Some((name, "counter")) => format!("{name}_total"),
+                _ => it.split(' ').next().unwrap().to_owned(),
+            })
+            .collect();
+        let page = include_str!("../../docs/metrics.md").lines();
+        let documented: BTreeSet<String> = page
+            .filter_map(|line| line.strip_prefix("| `telltale_console_"))
+            .map(|rest| format!("telltale_console_{}", rest.split('`').next().unwrap()))
+            .collect();
+        assert_eq!(served, documented);
+    }
+}

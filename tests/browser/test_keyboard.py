@@ -35,6 +35,8 @@ def test_a_confirmation_takes_the_focus_keeps_it_and_gives_it_back(driving, vehi
     expect(question).to_be_focused()
     page.keyboard.press("Tab")
     expect(confirm).to_be_focused()
+    # In its first moment it takes no key.
+    expect(page.locator("#actions[data-quiet]")).to_have_count(0)
     page.keyboard.press("Enter")
     expect(release).to_have_count(0)
     expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_have_count(0)
