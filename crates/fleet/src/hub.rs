@@ -12,10 +12,11 @@ use std::path::{Path, PathBuf};
 use async_nats::Client;
 use serde::{Deserialize, Serialize};
 
+use crate::connection;
 use crate::identity::Identity;
 use crate::line::{Hub, LOG_STREAM, Subjects, inbox};
 use crate::message::{BATCH_BYTES_MAX, VehicleId};
-use crate::reading::{self, HEAD_STREAM};
+use crate::reading::HEAD_STREAM;
 
 /// The configuration of nats-server.
 pub const CONFIG_FILE: &str = "nats-server.conf";
@@ -191,9 +192,10 @@ impl HubFolder {
 /// The hub is not reached, or does not make them.
 pub async fn make_streams(hub: &Hub, console: &Identity, disk_bytes: u64) -> Result<(), HubError> {
     let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
-    let client = reading::options(hub, console).connect(&hub.url).await.map_err(|error| line(&error))?;
+    let options = connection::options(hub, console, "console");
+    let connected = connection::open(hub, options).await.map_err(|error| line(&error))?;
     for (name, stream) in streams(disk_bytes) {
-        make(&client, name, &stream).await?;
+        make(&connected.client, name, &stream).await?;
     }
     Ok(())
 }

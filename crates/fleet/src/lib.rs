@@ -1,6 +1,7 @@
 //! The vehicle's line to a fleet: what it tells, what waits for the hub, how that is delivered, and the history that a
 //! console makes of it. Nothing here can reach the engine: what comes from the hub becomes a [`line::Want`] or an end.
 
+mod connection;
 pub mod delivery;
 pub mod history;
 pub mod hub;

@@ -5,14 +5,14 @@ use std::fmt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, HeaderMap, RequestErrorKind, Subscriber};
+use async_nats::{Client, HeaderMap, RequestErrorKind, Subscriber};
 use bytes::Bytes;
 use futures_util::StreamExt as _;
 use serde::Deserialize;
 use telltale_engine::time::Span;
-use tokio::runtime::{Builder, Runtime};
 use tokio::sync::watch;
 
+use crate::connection::{self, Connected, Tasks};
 use crate::delivery::Answer;
 use crate::identity::Identity;
 use crate::message::{BATCH_BYTES_MAX, VehicleId};
@@ -25,8 +25,6 @@ pub const LIVE_FOR_MAX: Span = Span::from_secs(60);
 
 /// Bytes of an answer, or of a wish, that are read.
 const ANSWER_BYTES_MAX: usize = 4096;
-
-pub(crate) const CONNECTED_WITHIN: Duration = Duration::from_secs(10);
 
 /// A slow line takes this long for the largest batch at 100 kbit/s.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(25);
@@ -83,7 +81,7 @@ pub enum NoLine {
 impl fmt::Display for NoLine {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            NoLine::Refused => f.write_str("the hub does not admit this vehicle"),
+            NoLine::Refused => f.write_str("the hub does not admit this identity"),
             NoLine::Unreachable(why) => f.write_str(why),
         }
     }
@@ -136,61 +134,15 @@ pub struct Line {
     _tasks: Tasks,
 }
 
-/// The runtime of one client. Its tasks end with it, also while the hub sends without end, and a panic in one ends no
-/// other: the library panics at some of what a stranger may say in place of a hub.
-#[derive(Debug)]
-struct Tasks(Option<Runtime>);
-
-impl Tasks {
-    fn start() -> std::io::Result<Tasks> {
-        let mut runtime = Builder::new_multi_thread();
-        runtime.worker_threads(1).thread_name("fleet-hub").enable_all().build().map(Some).map(Tasks)
-    }
-
-    async fn run<T: Send + 'static>(&self, future: impl Future<Output = T> + Send + 'static) -> Option<T> {
-        self.0.as_ref()?.spawn(future).await.ok()
-    }
-}
-
-impl Drop for Tasks {
-    fn drop(&mut self) {
-        if let Some(runtime) = self.0.take() {
-            runtime.shutdown_background();
-        }
-    }
-}
-
 impl Line {
     /// # Errors
     /// The hub is not reached, is another one than the certificate says, or does not admit this vehicle.
     pub async fn open(hub: &Hub, id: &VehicleId, identity: &Identity) -> Result<Line, NoLine> {
-        let (cut, is_cut) = watch::channel(false);
-        let options = ConnectOptions::with_nkey(identity.seed().to_owned())
-            .name(format!("telltale {id}"))
-            .add_root_certificates(hub.ca.clone())
-            .require_tls(true)
-            .ignore_discovered_servers()
-            .custom_inbox_prefix(inbox(id.as_str()))
-            .connection_timeout(CONNECTED_WITHIN)
+        let options = connection::options(hub, identity, id.as_str())
             .request_timeout(Some(ANSWERED_WITHIN))
             .ping_interval(PING_EVERY)
-            .subscription_capacity(16)
-            .max_reconnects(1)
-            .event_callback(move |event| {
-                if matches!(event, Event::Disconnected | Event::Closed) {
-                    cut.send_replace(true);
-                }
-                std::future::ready(())
-            });
-        let tasks = Tasks::start().map_err(|error| NoLine::Unreachable(error.to_string()))?;
-        let url = hub.url.clone();
-        let connected = tasks.run(async move { options.connect(url).await }).await;
-        let connected =
-            connected.ok_or_else(|| NoLine::Unreachable("what answers there is no hub".into()))?;
-        let client = connected.map_err(|error| match error.kind() {
-            ConnectErrorKind::AuthorizationViolation | ConnectErrorKind::Authentication => NoLine::Refused,
-            _ => NoLine::Unreachable(error.to_string()),
-        })?;
+            .subscription_capacity(16);
+        let Connected { client, is_cut, tasks } = connection::open(hub, options).await?;
         let subjects = Subjects::of(id);
         let wants = client
             .subscribe(subjects.want.clone())

@@ -3,7 +3,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use async_nats::{Client, ConnectErrorKind, ConnectOptions, Event, Message, Subscriber};
+use async_nats::{Client, Message, Subscriber};
 use bytes::Bytes;
 use futures_util::StreamExt as _;
 use serde::Deserialize;
@@ -11,9 +11,10 @@ use telltale_engine::time::Span;
 use tokio::sync::watch;
 use tokio::time::timeout;
 
+use crate::connection::{self, Connected, Tasks};
 use crate::hub::make_heads;
 use crate::identity::Identity;
-use crate::line::{CONNECTED_WITHIN, Hub, LOG_STREAM, NoLine, Subjects, inbox};
+use crate::line::{Hub, LOG_STREAM, NoLine, Subjects};
 use crate::message::VehicleId;
 
 /// The stream of all heads.
@@ -72,6 +73,8 @@ pub struct Reading {
     is_cut: watch::Receiver<bool>,
     head: Reader,
     log: Reader,
+    /// Dropped last: without it, the client has no tasks.
+    _tasks: Tasks,
 }
 
 /// One stream as the hub gives it out.
@@ -86,39 +89,17 @@ struct Reader {
     began_ms: i64,
 }
 
-/// The options of a console's connection.
-pub(crate) fn options(hub: &Hub, console: &Identity) -> ConnectOptions {
-    ConnectOptions::with_nkey(console.seed().to_owned())
-        .name("telltale console")
-        .add_root_certificates(hub.ca.clone())
-        .require_tls(true)
-        .ignore_discovered_servers()
-        .custom_inbox_prefix(inbox("console"))
-        .connection_timeout(CONNECTED_WITHIN)
-        .max_reconnects(1)
-}
-
 impl Reading {
     /// Reads the last head of each vehicle, the log from a time of the hub's clock on, and all that follows.
     ///
     /// # Errors
     /// The hub is not reached, does not admit this console, or has no streams.
     pub async fn open(hub: &Hub, console: &Identity, log_from_ms: i64) -> Result<Reading, NoLine> {
-        let (cut, is_cut) = watch::channel(false);
-        let options = options(hub, console)
+        let options = connection::options(hub, console, "console")
             .request_timeout(Some(ANSWERED_WITHIN))
             .ping_interval(Duration::from_secs(2))
-            .subscription_capacity(4 * PULLED_AT_ONCE)
-            .event_callback(move |event| {
-                if matches!(event, Event::Disconnected | Event::Closed) {
-                    cut.send_replace(true);
-                }
-                std::future::ready(())
-            });
-        let client = options.connect(&hub.url).await.map_err(|error| match error.kind() {
-            ConnectErrorKind::AuthorizationViolation | ConnectErrorKind::Authentication => NoLine::Refused,
-            _ => NoLine::Unreachable(error.to_string()),
-        })?;
+            .subscription_capacity(4 * PULLED_AT_ONCE);
+        let Connected { client, is_cut, tasks } = connection::open(hub, options).await?;
         let inbox = client.new_inbox();
         let subscribed = client.subscribe(format!("{inbox}.*")).await;
         let messages = subscribed.map_err(|error| NoLine::Unreachable(error.to_string()))?;
@@ -134,7 +115,7 @@ impl Reading {
             serde_json::json!({ "deliver_policy": "by_start_time", "opt_start_time": from }),
         );
         let log = log.await?;
-        Ok(Reading { client, inbox, messages, is_cut, head, log })
+        Ok(Reading { client, inbox, messages, is_cut, head, log, _tasks: tasks })
     }
 
     /// A handle for questions, which may outlive the line.

@@ -6,8 +6,9 @@
 #[path = "../../../fleet/tests/hub/server.rs"]
 #[allow(dead_code, reason = "the tests of the vehicle's side use the rest")]
 mod server;
+#[path = "../../../fleet/tests/hub/vehicle.rs"]
+mod vehicle;
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::Router;
@@ -18,68 +19,19 @@ use telltale_clock::Clock;
 use telltale_console::follow::Shared;
 use telltale_console::http::{Console, router};
 use telltale_console::kept;
-use telltale_engine::Engine;
-use telltale_engine::input::{Input, Upkeep};
-use telltale_engine::model::{Model, Parts, StageModel};
-use telltale_engine::snapshot::Snapshot;
-use telltale_engine::text::Text;
 use telltale_fleet::identity::Identity;
 use telltale_fleet::message::{Content, Incident, VehicleId};
-use telltale_fleet::vehicle::{self, Fleet, NEWS_MAX, Settings, Sources};
 use telltale_store::{DemoSecrets, Role, Store};
 use telltale_web::Origins;
 use tempfile::TempDir;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tower::ServiceExt as _;
 
 use server::{Hub, until};
+use vehicle::Vehicle;
 
 const LOOK_EVERY: Duration = Duration::from_millis(20);
-
-/// A vehicle's program, as far as the fleet goes.
-struct Vehicle {
-    engine: Engine,
-    clock: Clock,
-    snapshots: watch::Sender<Arc<Snapshot>>,
-    _config: watch::Sender<String>,
-    news: mpsc::Sender<Content>,
-    fleet: Fleet,
-}
-
-impl Vehicle {
-    fn start(hub: &Hub, id: &str, data: &TempDir) -> Vehicle {
-        let clock = Clock::start();
-        let model = Model::new(Parts::empty(id, StageModel::None)).unwrap();
-        let mut engine = Engine::new(Arc::new(model), clock.now());
-        let (snapshots, shown) = watch::channel(engine.snapshot());
-        let (config, of_config) = watch::channel("c0ffee".to_owned());
-        let (news, more) = mpsc::channel(NEWS_MAX);
-        let settings = Settings {
-            id: VehicleId::new(id).unwrap(),
-            hub: hub.address(),
-            credentials: hub.key_file(id),
-            kbit_s_max: 10_000,
-            version: "0.1.0".into(),
-        };
-        let sources = Sources { snapshots: shown, config: of_config, news: more };
-        let fleet = vehicle::start(settings, Some(data.path()), sources, clock).unwrap();
-        Vehicle { engine, clock, snapshots, _config: config, news, fleet }
-    }
-
-    /// A fault of the clock, which is a WARNING.
-    fn clock_is(&mut self, wrong: bool) {
-        let clock = wrong.then(|| Text::plain("the clock shows 1970"));
-        self.engine.handle(&Input::Upkeep(Upkeep { clock, ..Upkeep::default() }), self.clock.now());
-        self.snapshots.send_replace(self.engine.snapshot());
-    }
-
-    async fn end(self) {
-        #[expect(clippy::disallowed_methods, reason = "a limit of this test")]
-        let until = std::time::Instant::now() + Duration::from_secs(10);
-        self.fleet.end(until).await;
-    }
-}
 
 /// A console in this process, as `telltale fleet serve` starts it.
 struct Running {

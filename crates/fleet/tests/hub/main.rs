@@ -4,19 +4,12 @@
 #![allow(clippy::unwrap_used)]
 
 mod server;
+mod vehicle;
 
 use std::os::unix::fs::PermissionsExt as _;
-use std::sync::Arc;
-use std::time::Duration;
 
 use async_nats::{ConnectOptions, Event, ServerError};
-use telltale_clock::Clock;
-use telltale_engine::Engine;
-use telltale_engine::input::{Input, Upkeep};
-use telltale_engine::model::{Model, Parts, StageModel};
-use telltale_engine::snapshot::Snapshot;
 use telltale_engine::state::State;
-use telltale_engine::text::Text;
 use telltale_engine::time::Timestamp;
 use telltale_fleet::delivery::{Answer, Delivery, Last, Learned, Order, Said};
 use telltale_fleet::identity::Identity;
@@ -24,47 +17,16 @@ use telltale_fleet::line::{Line, OwnLast, Want};
 use telltale_fleet::message::{AuditHead, Batch, Content, VehicleId};
 use telltale_fleet::outbox::{FILE_NAME, Limits, Outbox, Seed};
 use telltale_fleet::status::{Contact, Status};
-use telltale_fleet::vehicle::{self, Fleet, Settings, Sources};
 use tempfile::TempDir;
 use tokio::sync::{mpsc, watch};
 
 use server::{Hub, until};
-
-/// A vehicle's program, as far as the fleet goes.
-struct Vehicle {
-    engine: Engine,
-    clock: Clock,
-    snapshots: watch::Sender<Arc<Snapshot>>,
-    _config: watch::Sender<String>,
-    news: mpsc::Sender<Content>,
-    fleet: Fleet,
-}
+use vehicle::Vehicle;
 
 impl Vehicle {
-    fn start(hub: &Hub, id: &str, data: &TempDir) -> Vehicle {
-        let clock = Clock::start();
-        let model = Model::new(Parts::empty(id, StageModel::None)).unwrap();
-        let mut engine = Engine::new(Arc::new(model), clock.now());
-        let (snapshots, shown) = watch::channel(engine.snapshot());
-        let (config, of_config) = watch::channel("c0ffee".to_owned());
-        let (news, more) = mpsc::channel(vehicle::NEWS_MAX);
-        let settings = Settings {
-            id: VehicleId::new(id).unwrap(),
-            hub: hub.address(),
-            credentials: hub.key_file(id),
-            kbit_s_max: 10_000,
-            version: "0.1.0".into(),
-        };
-        let sources = Sources { snapshots: shown, config: of_config, news: more };
-        let fleet = vehicle::start(settings, Some(data.path()), sources, clock).unwrap();
-        Vehicle { engine, clock, snapshots, _config: config, news, fleet }
-    }
-
     /// A fault of the clock, which is a change of a state, and a record that does not wait as changes do.
     async fn tell(&mut self, is_wrong: bool, record: u64) {
-        let clock = is_wrong.then(|| Text::plain("the clock shows 1970"));
-        self.engine.handle(&Input::Upkeep(Upkeep { clock, ..Upkeep::default() }), self.clock.now());
-        self.snapshots.send_replace(self.engine.snapshot());
+        self.clock_is(is_wrong);
         let head = AuditHead { record, hash: "ab".repeat(32) };
         self.news.send(Content::AuditHead(head)).await.unwrap();
     }
@@ -72,12 +34,6 @@ impl Vehicle {
     async fn contact(&self, is_it: impl Fn(&Contact) -> bool) {
         let mut status: watch::Receiver<Status> = self.fleet.status();
         until("the contact", status.wait_for(|status| is_it(&status.contact))).await.unwrap();
-    }
-
-    async fn end(self) {
-        #[expect(clippy::disallowed_methods, reason = "a limit of this test")]
-        let until = std::time::Instant::now() + Duration::from_secs(10);
-        self.fleet.end(until).await;
     }
 }
 

@@ -1,0 +1,60 @@
+//! A vehicle's program, as far as the fleet goes.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use telltale_clock::Clock;
+use telltale_engine::Engine;
+use telltale_engine::input::{Input, Upkeep};
+use telltale_engine::model::{Model, Parts, StageModel};
+use telltale_engine::snapshot::Snapshot;
+use telltale_engine::text::Text;
+use telltale_fleet::message::{Content, VehicleId};
+use telltale_fleet::vehicle::{self, Fleet, Settings, Sources};
+use tempfile::TempDir;
+use tokio::sync::{mpsc, watch};
+
+use super::server::Hub;
+
+pub struct Vehicle {
+    engine: Engine,
+    clock: Clock,
+    snapshots: watch::Sender<Arc<Snapshot>>,
+    _config: watch::Sender<String>,
+    pub news: mpsc::Sender<Content>,
+    pub fleet: Fleet,
+}
+
+impl Vehicle {
+    pub fn start(hub: &Hub, id: &str, data: &TempDir) -> Vehicle {
+        let clock = Clock::start();
+        let model = Model::new(Parts::empty(id, StageModel::None)).unwrap();
+        let mut engine = Engine::new(Arc::new(model), clock.now());
+        let (snapshots, shown) = watch::channel(engine.snapshot());
+        let (config, of_config) = watch::channel("c0ffee".to_owned());
+        let (news, more) = mpsc::channel(vehicle::NEWS_MAX);
+        let settings = Settings {
+            id: VehicleId::new(id).unwrap(),
+            hub: hub.address(),
+            credentials: hub.key_file(id),
+            kbit_s_max: 10_000,
+            version: "0.1.0".into(),
+        };
+        let sources = Sources { snapshots: shown, config: of_config, news: more };
+        let fleet = vehicle::start(settings, Some(data.path()), sources, clock).unwrap();
+        Vehicle { engine, clock, snapshots, _config: config, news, fleet }
+    }
+
+    /// A fault of the clock, which is a WARNING.
+    pub fn clock_is(&mut self, wrong: bool) {
+        let clock = wrong.then(|| Text::plain("the clock shows 1970"));
+        self.engine.handle(&Input::Upkeep(Upkeep { clock, ..Upkeep::default() }), self.clock.now());
+        self.snapshots.send_replace(self.engine.snapshot());
+    }
+
+    pub async fn end(self) {
+        #[expect(clippy::disallowed_methods, reason = "a limit of this test")]
+        let until = std::time::Instant::now() + Duration::from_secs(10);
+        self.fleet.end(until).await;
+    }
+}
