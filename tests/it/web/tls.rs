@@ -119,6 +119,12 @@ fn a_certificate_that_was_renewed_is_taken_and_a_bad_one_is_not() {
     assert!(tls.reload(&hosts).unwrap());
     std::fs::write(&own.certificate, "no certificate\n").unwrap();
     assert!(tls.reload(&hosts).is_err());
+    // A pipe would never answer.
+    std::fs::remove_file(&own.certificate).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&own.certificate).status().unwrap().success());
+    let error = tls.reload(&hosts).unwrap_err().to_string();
+    assert!(error.contains("no regular file"), "{error}");
+    std::fs::remove_file(&own.certificate).unwrap();
     tls.check_name("shuttle-1.example").unwrap();
     std::fs::copy(&other.certificate, &own.certificate).unwrap();
     let elsewhere = ["shuttle-2.example".to_owned()];

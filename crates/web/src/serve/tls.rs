@@ -2,6 +2,7 @@
 //! certificate is used all the same: a display with a browser's warning is better than none. The files are
 //! read again when they change.
 
+use std::io::Read as _;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
@@ -14,9 +15,13 @@ use tokio_rustls::TlsAcceptor;
 use webpki::{EndEntityCert, KeyUsage};
 
 use telltale_clock::earliest;
+use telltale_yaml::input_file;
 
 /// A certificate is due for renewal this long before its end.
 pub const RENEW_BEFORE: Duration = Duration::from_secs(30 * 24 * 3600);
+
+/// A chain of certificates takes some kilobytes.
+const PEM_BYTES_MAX: u64 = 1 << 20;
 
 /// The settings with which the listener speaks TLS, 1.2 or newer. Clones share them.
 #[derive(Clone)]
@@ -182,25 +187,32 @@ fn time(at: UnixTime) -> SystemTime {
     UNIX_EPOCH + Duration::from_secs(at.as_secs())
 }
 
+/// Of a regular file alone: a pipe would never answer, and the watch for renewed certificates would wait for it.
+fn read_pem(path: &Path) -> Result<Vec<u8>, TlsError> {
+    let mut text = Vec::new();
+    let read = input_file::open(path).and_then(|file| file.take(PEM_BYTES_MAX + 1).read_to_end(&mut text));
+    let reason = match read {
+        Err(reason) => reason.to_string(),
+        Ok(_) if text.len() as u64 > PEM_BYTES_MAX => {
+            format!("it is larger than {} KiB", PEM_BYTES_MAX >> 10)
+        }
+        Ok(_) => return Ok(text),
+    };
+    Err(TlsError::Unreadable { path: path.to_owned(), reason })
+}
+
 fn read_chain(path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsError> {
     let unreadable =
-        |reason: pem::Error| TlsError::Unreadable { path: path.to_owned(), reason: words(&reason) };
-    let certificates = CertificateDer::pem_file_iter(path).map_err(unreadable)?;
-    certificates.collect::<Result<_, _>>().map_err(unreadable)
+        |reason: pem::Error| TlsError::Unreadable { path: path.to_owned(), reason: reason.to_string() };
+    let text = read_pem(path)?;
+    CertificateDer::pem_slice_iter(&text).collect::<Result<_, _>>().map_err(unreadable)
 }
 
 fn read_key(path: &Path) -> Result<PrivateKeyDer<'static>, TlsError> {
-    PrivateKeyDer::from_pem_file(path).map_err(|reason| match reason {
+    PrivateKeyDer::from_pem_slice(&read_pem(path)?).map_err(|reason| match reason {
         pem::Error::NoItemsFound => TlsError::NoKey { path: path.to_owned() },
-        reason => TlsError::Unreadable { path: path.to_owned(), reason: words(&reason) },
+        reason => TlsError::Unreadable { path: path.to_owned(), reason: reason.to_string() },
     })
-}
-
-fn words(error: &pem::Error) -> String {
-    match error {
-        pem::Error::Io(error) => error.to_string(),
-        other => other.to_string(),
-    }
 }
 
 /// Judges the server's certificate by itself, whatever the clock says.
