@@ -13,6 +13,7 @@ use async_nats::Client;
 use serde::{Deserialize, Serialize};
 
 use crate::connection;
+use crate::gate::Pace;
 use crate::identity::Identity;
 use crate::line::{Hub, LOG_STREAM, Subjects, inbox};
 use crate::message::{BATCH_BYTES_MAX, VehicleId};
@@ -192,10 +193,10 @@ impl HubFolder {
 /// The hub is not reached, or does not make them.
 pub async fn make_streams(hub: &Hub, console: &Identity, disk_bytes: u64) -> Result<(), HubError> {
     let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
-    let options = connection::options(hub, console, "console");
-    let connected = connection::open(hub, options).await.map_err(|error| line(&error))?;
+    let options = connection::options(console, "console");
+    let (client, _gate) = connection::open(hub, Pace::Any, options).await.map_err(|error| line(&error))?;
     for (name, stream) in streams(disk_bytes) {
-        make(&connected.client, name, &stream).await?;
+        make(&client, name, &stream).await?;
     }
     Ok(())
 }

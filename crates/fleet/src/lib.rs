@@ -3,6 +3,7 @@
 
 mod connection;
 pub mod delivery;
+mod gate;
 pub mod history;
 pub mod hub;
 pub mod identity;

@@ -10,10 +10,10 @@ use bytes::Bytes;
 use futures_util::StreamExt as _;
 use serde::Deserialize;
 use telltale_engine::time::Span;
-use tokio::sync::watch;
 
-use crate::connection::{self, Connected, Tasks};
+use crate::connection;
 use crate::delivery::Answer;
+use crate::gate::{Gate, Pace};
 use crate::identity::Identity;
 use crate::message::{BATCH_BYTES_MAX, VehicleId};
 
@@ -129,26 +129,24 @@ pub struct Line {
     client: Client,
     subjects: Subjects,
     wants: Subscriber,
-    is_cut: watch::Receiver<bool>,
-    /// Dropped last: without it, the client has no tasks.
-    _tasks: Tasks,
+    gate: Gate,
 }
 
 impl Line {
     /// # Errors
     /// The hub is not reached, is another one than the certificate says, or does not admit this vehicle.
     pub async fn open(hub: &Hub, id: &VehicleId, identity: &Identity) -> Result<Line, NoLine> {
-        let options = connection::options(hub, identity, id.as_str())
+        let options = connection::options(identity, id.as_str())
             .request_timeout(Some(ANSWERED_WITHIN))
             .ping_interval(PING_EVERY)
             .subscription_capacity(16);
-        let Connected { client, is_cut, tasks } = connection::open(hub, options).await?;
+        let (client, gate) = connection::open(hub, Pace::Slow, options).await?;
         let subjects = Subjects::of(id);
         let wants = client
             .subscribe(subjects.want.clone())
             .await
             .map_err(|error| NoLine::Unreachable(error.to_string()))?;
-        Ok(Line { client, subjects, wants, is_cut, _tasks: tasks })
+        Ok(Line { client, subjects, wants, gate })
     }
 
     /// A handle for requests, which may outlive the line.
@@ -156,14 +154,17 @@ impl Line {
         Requests { client: self.client.clone(), subjects: self.subjects.clone() }
     }
 
-    /// The next wish, or `None` when the line is cut. Other messages are passed over.
-    pub async fn next(&mut self) -> Option<Want> {
+    /// The next wish. Other messages are passed over.
+    ///
+    /// # Errors
+    /// Why the line is over.
+    pub async fn next(&mut self) -> Result<Want, String> {
         loop {
             tokio::select! {
-                _ = self.is_cut.wait_for(|is_cut| *is_cut) => return None,
+                why = self.gate.ended() => return Err(why),
                 message = self.wants.next() => {
-                    if let Some(want) = Want::read(&message?.payload) {
-                        return Some(want);
+                    if let Some(want) = Want::read(&message.ok_or("the line was cut")?.payload) {
+                        return Ok(want);
                     }
                 }
             }

@@ -199,52 +199,51 @@ impl Outbox {
         self.bytes
     }
 
-    /// Takes a message. One that no batch can hold becomes a gap.
+    /// Takes messages, all or none, and gives the place of the first. One that no batch can hold becomes a gap.
     ///
     /// # Errors
-    /// Of the disk: the message is lost, and the next one that the disk takes has a gap before it.
-    pub fn push(&mut self, at_ms: i64, content: &Content, now: Timestamp) -> Result<Mark, OutboxError> {
-        if self.has_missed {
-            self.insert(at_ms, &|n| Content::Gap(Gap { to: n, why: GapReason::Disk }), now)?;
-            self.has_missed = false;
-        }
-        let pushed = self.insert(at_ms, &|_| content.clone(), now);
+    /// Of the disk: the messages are lost, and the next one that the disk takes has a gap before it.
+    pub fn push(&mut self, at_ms: i64, contents: &[Content], now: Timestamp) -> Result<Mark, OutboxError> {
+        let pushed = self.insert(at_ms, contents, now);
         self.has_missed = pushed.is_err();
-        let mark = pushed?;
+        let first = pushed?;
         self.make_room(at_ms)?;
-        Ok(mark)
+        Ok(first)
     }
 
-    fn insert(
-        &mut self,
-        at_ms: i64,
-        content: &dyn Fn(u64) -> Content,
-        now: Timestamp,
-    ) -> Result<Mark, OutboxError> {
-        let n = self.last + 1;
-        let content = content(n);
-        let mut rank = rank(&content);
-        let mut json = json(&Message { epoch: self.epoch, n, at: at_ms, content });
-        if !fits(&json) {
-            rank = GAP;
-            json = gap(self.epoch, n, n, at_ms, GapReason::TooLarge);
-        }
-        let ran_s = self.ran_s(now);
-        let (epoch, number) = (self.epoch.to_string(), signed(n));
+    fn insert(&mut self, at_ms: i64, contents: &[Content], now: Timestamp) -> Result<Mark, OutboxError> {
+        let (epoch, ran_s) = (self.epoch.to_string(), self.ran_s(now));
+        let (mut last, mut bytes) = (self.last, 0);
         let writing = transaction(&mut self.connection)?;
-        writing
-            .prepare_cached(
-                "INSERT INTO messages (epoch, n, last, rank, made_s, json) VALUES (?1, ?2, ?2, ?3, ?4, ?5)",
-            )?
-            .execute(params![epoch, number, rank, signed(ran_s), json])?;
+        let mut write = |rank: i64, json: String, n: u64| {
+            bytes += json.len() as u64 + ROW_BYTES;
+            writing
+                .prepare_cached(
+                    "INSERT INTO messages (epoch, n, last, rank, made_s, json) VALUES (?1, ?2, ?2, ?3, ?4, ?5)",
+                )?
+                .execute(params![epoch, signed(n), rank, signed(ran_s), json])
+        };
+        if self.has_missed {
+            last += 1;
+            write(GAP, gap(self.epoch, last, last, at_ms, GapReason::Disk), last)?;
+        }
+        let first = last + 1;
+        for content in contents {
+            last += 1;
+            let json = json(&Message { epoch: self.epoch, n: last, at: at_ms, content: content.clone() });
+            match fits(&json) {
+                true => write(rank(content), json, last)?,
+                false => write(GAP, gap(self.epoch, last, last, at_ms, GapReason::TooLarge), last)?,
+            };
+        }
         writing
             .prepare_cached("UPDATE starts SET last = ?2 WHERE epoch = ?1")?
-            .execute(params![epoch, number])?;
+            .execute(params![epoch, signed(last)])?;
         live(&writing, ran_s)?;
         writing.commit()?;
-        self.bytes += json.len() as u64 + ROW_BYTES;
-        self.last = n;
-        Ok(Mark { epoch: self.epoch, n })
+        self.bytes += bytes;
+        self.last = last;
+        Ok(Mark { epoch: self.epoch, n: first })
     }
 
     /// The oldest messages that the hub has not acknowledged, packed in at most so many bytes, but at least one.

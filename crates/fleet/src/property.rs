@@ -149,7 +149,7 @@ impl World {
         match *step {
             Step::Tell(what) => {
                 let content = content(what);
-                let mark = self.outbox().push(at_ms, &content, now).unwrap();
+                let mark = self.outbox().push(at_ms, std::slice::from_ref(&content), now).unwrap();
                 self.told.insert(mark, content);
             }
             Step::Work(line) => {
@@ -379,7 +379,7 @@ fn waiting(outbox: &mut Outbox) -> Vec<Message> {
 fn changes_go_before_alarms_and_leave_gaps() {
     let mut outbox = outbox(Limits { bytes: 2_000, ..Limits::default() });
     for what in [9, 1, 1, 1, 10, 1, 1, 1, 8, 1, 1, 11, 1, 1] {
-        outbox.push(AT_MS, &content(what), Timestamp::ZERO).unwrap();
+        outbox.push(AT_MS, &[content(what)], Timestamp::ZERO).unwrap();
     }
     let kinds: Vec<(u64, u64, bool)> = waiting(&mut outbox)
         .iter()
@@ -399,10 +399,10 @@ fn changes_go_before_alarms_and_leave_gaps() {
 fn what_waited_for_fourteen_days_is_a_gap() {
     let mut outbox = outbox(Limits::default());
     for what in [9, 1, 10] {
-        outbox.push(AT_MS, &content(what), Timestamp::ZERO).unwrap();
+        outbox.push(AT_MS, &[content(what)], Timestamp::ZERO).unwrap();
     }
     let later = Timestamp::ZERO + Span::from_secs(14 * 24 * 3600 + 60);
-    outbox.push(AT_MS, &content(9), later).unwrap();
+    outbox.push(AT_MS, &[content(9)], later).unwrap();
     outbox.tidy(AT_MS, later).unwrap();
     let ends: Vec<(u64, u64)> = waiting(&mut outbox).iter().map(|it| (it.n, it.end().n)).collect();
     assert_eq!(ends, [(1, 3), (4, 4)]);
@@ -418,14 +418,14 @@ fn a_message_that_no_batch_holds_is_a_gap() {
         words.push_str(&format!("{random:x}"));
     }
     let alarm = Alarm { number: 1, node: "a".into(), active: true, acknowledged: false, words };
-    outbox.push(AT_MS, &Content::Alarm(alarm), Timestamp::ZERO).unwrap();
+    outbox.push(AT_MS, &[Content::Alarm(alarm)], Timestamp::ZERO).unwrap();
     assert_eq!(waiting(&mut outbox)[0].content, Content::Gap(Gap { to: 1, why: GapReason::TooLarge }));
 }
 
 #[test]
 fn a_copied_outbox_does_not_know_the_messages_of_its_original() {
     let mut first = outbox(Limits::default());
-    let mark = first.push(AT_MS, &content(1), Timestamp::ZERO).unwrap();
+    let mark = first.push(AT_MS, &[content(1)], Timestamp::ZERO).unwrap();
     let mut copy = Connection::open_in_memory().unwrap();
     {
         let original = first.into_connection();
@@ -436,7 +436,7 @@ fn a_copied_outbox_does_not_know_the_messages_of_its_original() {
             Outbox::over(original, Limits::default(), Seed { first: 1, nonce: 3 }, Timestamp::ZERO).unwrap();
     }
     let copy = Outbox::over(copy, Limits::default(), Seed { first: 1, nonce: 4 }, Timestamp::ZERO).unwrap();
-    let of_first = first.push(AT_MS, &content(1), Timestamp::ZERO).unwrap();
+    let of_first = first.push(AT_MS, &[content(1)], Timestamp::ZERO).unwrap();
     assert!(copy.knows(mark).unwrap() && !copy.knows(of_first).unwrap());
     let beyond = Mark { n: mark.n + 1, epoch: Epoch { start: 1, nonce: 2 } };
     assert!(!copy.knows(beyond).unwrap(), "what the original told after the copy");

@@ -8,10 +8,10 @@ use bytes::Bytes;
 use futures_util::StreamExt as _;
 use serde::Deserialize;
 use telltale_engine::time::Span;
-use tokio::sync::watch;
 use tokio::time::timeout;
 
-use crate::connection::{self, Connected, Tasks};
+use crate::connection;
+use crate::gate::{Gate, Pace};
 use crate::hub::make_heads;
 use crate::identity::Identity;
 use crate::line::{Hub, LOG_STREAM, NoLine, Subjects};
@@ -70,11 +70,9 @@ pub struct Reading {
     client: Client,
     inbox: String,
     messages: Subscriber,
-    is_cut: watch::Receiver<bool>,
+    gate: Gate,
     head: Reader,
     log: Reader,
-    /// Dropped last: without it, the client has no tasks.
-    _tasks: Tasks,
 }
 
 /// One stream as the hub gives it out.
@@ -95,11 +93,11 @@ impl Reading {
     /// # Errors
     /// The hub is not reached, does not admit this console, or has no streams.
     pub async fn open(hub: &Hub, console: &Identity, log_from_ms: i64) -> Result<Reading, NoLine> {
-        let options = connection::options(hub, console, "console")
+        let options = connection::options(console, "console")
             .request_timeout(Some(ANSWERED_WITHIN))
             .ping_interval(Duration::from_secs(2))
             .subscription_capacity(4 * PULLED_AT_ONCE);
-        let Connected { client, is_cut, tasks } = connection::open(hub, options).await?;
+        let (client, gate) = connection::open(hub, Pace::Any, options).await?;
         let inbox = client.new_inbox();
         let subscribed = client.subscribe(format!("{inbox}.*")).await;
         let messages = subscribed.map_err(|error| NoLine::Unreachable(error.to_string()))?;
@@ -115,7 +113,7 @@ impl Reading {
             serde_json::json!({ "deliver_policy": "by_start_time", "opt_start_time": from }),
         );
         let log = log.await?;
-        Ok(Reading { client, inbox, messages, is_cut, head, log, _tasks: tasks })
+        Ok(Reading { client, inbox, messages, gate, head, log })
     }
 
     /// A handle for questions, which may outlive the line.
@@ -133,7 +131,7 @@ impl Reading {
                 reader.ask(&self.client, &self.inbox).await?;
             }
             let message = tokio::select! {
-                _ = self.is_cut.wait_for(|is_cut| *is_cut) => return Err("the line was cut".into()),
+                why = self.gate.ended() => return Err(why),
                 message = timeout(SILENCE_MAX, self.messages.next()) => message,
             };
             let message = message.map_err(|_| "the hub is silent")?.ok_or("the line was cut")?;

@@ -31,10 +31,8 @@ const DELTAS_WAIT: Span = Span::from_secs(10);
 
 const TIDY_EVERY: Span = Span::from_secs(60);
 
-/// A line is cut when the program grows by this much within this time. The hub's own messages are small.
-const GROWTH_MAX: u64 = 128 << 20;
-const GROWTH_WITHIN: Span = Span::from_secs(5);
-const LOOK: Duration = Duration::from_millis(100);
+/// An outbox that cannot be opened is tried again after this time.
+const OPENED_AGAIN: Duration = Duration::from_secs(10);
 
 /// The waits between attempts to reach the hub. Each vehicle waits up to twice as long, by its own share.
 const RECONNECT_MIN: Span = Span::from_secs(1);
@@ -70,8 +68,6 @@ pub struct Sources {
 pub enum StartError {
     #[error(transparent)]
     Identity(#[from] IdentityError),
-    #[error(transparent)]
-    Outbox(#[from] OutboxError),
     #[error("the thread of the fleet cannot be started: {0}")]
     Thread(#[from] std::io::Error),
 }
@@ -84,10 +80,10 @@ pub struct Fleet {
     thread: JoinHandle<()>,
 }
 
-/// Starts to tell. Without a folder the outbox ends with the program.
+/// Starts to tell. Without a folder the outbox ends with the program. One that cannot be opened now is tried again.
 ///
 /// # Errors
-/// The key or the outbox is of no use, or there is no thread.
+/// The key is of no use, or there is no thread.
 pub fn start(
     settings: Settings,
     folder: Option<&Path>,
@@ -98,20 +94,18 @@ pub fn start(
     let nonce = getrandom::u32().map_err(|error| std::io::Error::other(error.to_string()))?;
     let first = u32::try_from(unix_ms(clock.wall()) / 1000).unwrap_or(0);
     let (limits, seed) = (Limits::default(), Seed { first, nonce });
-    let outbox = match folder {
-        Some(folder) => Outbox::open(folder, limits, seed, clock.now())?,
-        None => {
-            let connection = Connection::open_in_memory().map_err(OutboxError::Disk)?;
-            Outbox::over(connection, limits, seed, clock.now())?
-        }
+    let folder = folder.map(Path::to_owned);
+    let open = move || match &folder {
+        Some(folder) => Outbox::open(folder, limits, seed, clock.now()),
+        None => Outbox::over(Connection::open_in_memory()?, limits, seed, clock.now()),
     };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let (tell_status, status) = watch::channel(Status::new(clock.now()));
-    let (end, ended) = watch::channel(None);
-    let vehicle = Vehicle {
+    let (end, mut ended) = watch::channel(None);
+    let vehicle = move |outbox, status| Vehicle {
         delivery: Delivery::new(identity.public(), settings.kbit_s_max),
         teller: Teller::default(),
-        status: tell_status,
+        status,
         outbox,
         identity,
         settings,
@@ -127,7 +121,11 @@ pub fn start(
         reconnect_wait: RECONNECT_MIN,
     };
     let thread = std::thread::Builder::new().name("fleet".into()).spawn(move || {
-        runtime.block_on(vehicle.run(sources, ended));
+        runtime.block_on(async {
+            if let Some(outbox) = opened(open, &tell_status, &mut ended).await {
+                vehicle(outbox, tell_status).run(sources, ended).await;
+            }
+        });
         // A name server that does not answer holds up no end.
         runtime.shutdown_background();
     })?;
@@ -186,9 +184,6 @@ impl Vehicle {
         let mut line: Option<Line> = None;
         let mut waiting: Option<Waiting> = None;
         let mut until = None;
-        let mut memory = Memory::default();
-        let mut looks = tokio::time::interval(LOOK);
-        looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
         loop {
             let now = self.clock.now();
             let snapshot = sources.snapshots.borrow_and_update().clone();
@@ -212,24 +207,18 @@ impl Vehicle {
                 Ok(()) = sources.snapshots.changed(), if until.is_none() => {}
                 Some(content) = sources.news.recv() => {
                     self.hurry = true;
-                    self.push(&content);
+                    self.push(vec![content]);
                 }
                 heard = heard(&mut waiting) => self.hear(heard, &mut line),
                 want = next_want(&mut line) => match want {
-                    Some(Want::Live(span)) => self.live_until = self.clock.now() + span,
-                    None => self.hang_up((&mut line, &mut waiting), "the line was cut"),
+                    Ok(Want::Live(span)) => self.live_until = self.clock.now() + span,
+                    Err(why) => self.hang_up((&mut line, &mut waiting), &why),
                 },
-                _ = looks.tick() => {
-                    let grows = memory.grows(self.clock.now());
-                    if grows && (line.is_some() || waiting.is_some()) {
-                        self.hang_up((&mut line, &mut waiting), "memory grew fast while the hub was connected");
-                    }
-                }
                 // Its sender lives as long as the program; without it there is nothing to tell either.
                 _ = ended.changed(), if until.is_none() => {
                     until = Some(ended.borrow_and_update().unwrap_or_else(|| self.clock.instant(now)));
                     self.hurry = true;
-                    self.push(&Content::Goodbye);
+                    self.push(vec![Content::Goodbye]);
                 }
                 () = by(until) => return,
             }
@@ -251,11 +240,8 @@ impl Vehicle {
         if !news.is_empty() {
             self.changes_at = now + CHANGES_EVERY;
         }
-        let mut lines = Vec::new();
-        for content in &news {
-            self.hurry |= !matches!(content, Content::Delta(_) | Content::Keyframe(_));
-            lines.extend(self.push(content));
-        }
+        self.hurry |= news.iter().any(|it| !matches!(it, Content::Delta(_) | Content::Keyframe(_)));
+        let lines = self.push(news);
         if now >= self.tidy_at {
             self.tidy_at = now + TIDY_EVERY;
             let tidied = self.outbox.tidy(self.at_ms(), now);
@@ -310,22 +296,24 @@ impl Vehicle {
         Batch::pack(&self.settings.id, self.identity.public(), self.at_ms(), &json)
     }
 
-    /// Takes a message into the outbox. A disk that refuses it makes a gap and a WARNING.
-    fn push(&mut self, content: &Content) -> Option<Message> {
+    /// Takes messages into the outbox. A disk that refuses them makes a gap and a WARNING.
+    fn push(&mut self, contents: Vec<Content>) -> Vec<Message> {
+        if contents.is_empty() {
+            return Vec::new();
+        }
         let (at, now) = (self.at_ms(), self.clock.now());
-        let pushed = self.outbox.push(at, content, now);
-        let mark = match pushed {
-            Ok(mark) => {
+        match self.outbox.push(at, &contents, now) {
+            Ok(first) => {
                 self.note_disk(None);
-                mark
+                self.waiting_since = self.waiting_since.or(Some(now));
+                let numbered = (first.n..).zip(contents);
+                numbered.map(|(n, content)| Message { epoch: first.epoch, n, at, content }).collect()
             }
             Err(error) => {
                 self.note_disk(Some(error));
-                return None;
+                Vec::new()
             }
-        };
-        self.waiting_since = self.waiting_since.or(Some(now));
-        Some(Message { epoch: mark.epoch, n: mark.n, at, content: content.clone() })
+        }
     }
 
     /// The next request to the hub, or attempt to reach it.
@@ -494,18 +482,8 @@ impl Vehicle {
         });
     }
 
-    fn note_disk(&mut self, fault: Option<OutboxError>) {
-        self.status.send_if_modified(|status| {
-            let fault = fault.map(|error| error.to_string());
-            if status.disk == fault {
-                return false;
-            }
-            if let Some(fault) = &fault {
-                tracing::error!("{fault}");
-            }
-            status.disk = fault;
-            true
-        });
+    fn note_disk(&self, fault: Option<OutboxError>) {
+        note_disk(&self.status, fault);
     }
 
     fn at_ms(&self) -> i64 {
@@ -513,32 +491,38 @@ impl Vehicle {
     }
 }
 
-/// How fast the whole program grows: the NATS library reads a message or a line of any length into memory.
-#[derive(Default)]
-struct Memory {
-    /// The bytes at the beginning of the present [`GROWTH_WITHIN`].
-    before: Option<(u64, Timestamp)>,
-}
-
-impl Memory {
-    fn grows(&mut self, now: Timestamp) -> bool {
-        resident_bytes().is_some_and(|bytes| self.grows_to(bytes, now))
-    }
-
-    fn grows_to(&mut self, bytes: u64, now: Timestamp) -> bool {
-        let (before, since) = *self.before.get_or_insert((bytes, now));
-        let grows = bytes.saturating_sub(before) > GROWTH_MAX;
-        if grows || now.since(since) >= GROWTH_WITHIN {
-            self.before = Some((bytes, now));
+/// Tries to open the outbox until that works; `None` if the program ends first.
+async fn opened(
+    open: impl Fn() -> Result<Outbox, OutboxError>,
+    status: &watch::Sender<Status>,
+    ended: &mut watch::Receiver<Option<Instant>>,
+) -> Option<Outbox> {
+    loop {
+        let opened = open();
+        if let Ok(outbox) = opened {
+            note_disk(status, None);
+            return Some(outbox);
         }
-        grows
+        note_disk(status, opened.err());
+        tokio::select! {
+            () = tokio::time::sleep(OPENED_AGAIN) => {}
+            _ = ended.changed() => return None,
+        }
     }
 }
 
-fn resident_bytes() -> Option<u64> {
-    let sizes = std::fs::read_to_string("/proc/self/statm").ok()?;
-    let pages: u64 = sizes.split(' ').nth(1)?.parse().ok()?;
-    Some(pages * rustix::param::page_size() as u64)
+fn note_disk(status: &watch::Sender<Status>, fault: Option<OutboxError>) {
+    status.send_if_modified(|status| {
+        let fault = fault.map(|error| error.to_string());
+        if status.disk == fault {
+            return false;
+        }
+        if let Some(fault) = &fault {
+            tracing::error!("{fault}");
+        }
+        status.disk = fault;
+        true
+    });
 }
 
 async fn heard(waiting: &mut Option<Waiting>) -> Heard {
@@ -552,7 +536,7 @@ async fn heard(waiting: &mut Option<Waiting>) -> Heard {
     }
 }
 
-async fn next_want(line: &mut Option<Line>) -> Option<Want> {
+async fn next_want(line: &mut Option<Line>) -> Result<Want, String> {
     match line {
         Some(line) => line.next().await,
         None => std::future::pending().await,
@@ -570,18 +554,26 @@ async fn by(until: Option<Instant>) {
 mod tests {
     use super::*;
 
-    #[test]
-    fn only_a_fast_growth_cuts_the_line() {
-        let mut memory = Memory::default();
-        let start = Timestamp::from_millis(5_000);
-        let mut grows = |mb: u64, s: u64| memory.grows_to(mb << 20, start + Span::from_secs(s));
-        assert!(!grows(100, 0));
-        assert!(!grows(228, 3));
-        assert!(!grows(228, 5), "a new beginning");
-        assert!(!grows(356, 20));
-        assert!(grows(485, 21));
-        assert!(!grows(485, 22), "each growth counts once");
-        assert!(!grows(90, 40));
-        assert!(grows(219, 41), "what was given back may not grow again as fast");
+    #[tokio::test(start_paused = true)]
+    async fn an_outbox_that_is_locked_or_has_no_disk_is_opened_later() {
+        let (status, shown) = watch::channel(Status::new(Timestamp::ZERO));
+        let (_end, mut ended) = watch::channel(None);
+        let attempts = std::cell::Cell::new(0);
+        let seed = Seed { first: 1, nonce: 7 };
+        let open = || {
+            attempts.set(attempts.get() + 1);
+            match attempts.get() {
+                3 => Outbox::over(Connection::open_in_memory()?, Limits::default(), seed, Timestamp::ZERO),
+                _ => Err(OutboxError::Disk(rusqlite::Error::InvalidQuery)),
+            }
+        };
+        let opening = opened(open, &status, &mut ended);
+        let look = async {
+            tokio::time::sleep(OPENED_AGAIN / 2).await;
+            assert!(shown.borrow().disk.is_some());
+        };
+        let (outbox, ()) = tokio::join!(opening, look);
+        assert_eq!((outbox.map(|it| it.last()), attempts.get()), (Some(0), 3));
+        assert_eq!(shown.borrow().disk, None);
     }
 }

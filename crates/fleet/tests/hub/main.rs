@@ -3,6 +3,7 @@
 // Helpers of tests are outside of tests for clippy.
 #![allow(clippy::unwrap_used)]
 
+mod hostile;
 mod server;
 mod vehicle;
 
@@ -13,7 +14,7 @@ use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
 use telltale_fleet::delivery::{Answer, Delivery, Last, Learned, Order, Said};
 use telltale_fleet::identity::Identity;
-use telltale_fleet::line::{Line, OwnLast, Want};
+use telltale_fleet::line::{Line, NoLine, OwnLast, Want};
 use telltale_fleet::message::{AuditHead, Batch, Content, VehicleId};
 use telltale_fleet::outbox::{FILE_NAME, Limits, Outbox, Seed};
 use telltale_fleet::status::{Contact, Status};
@@ -86,6 +87,26 @@ async fn what_an_enrolled_vehicle_shows_arrives_over_tls_until_its_goodbye() {
 }
 
 #[tokio::test]
+async fn what_a_server_says_without_a_bound_ends_the_line_and_nothing_else() {
+    let endless: &[u8] = &[b'x'; 40_000];
+    for before in [&b"-ERR\r\n"[..], b"INFO {}x\r\n", endless] {
+        let refused = hostile::line_to(before, b"").await.unwrap_err();
+        assert!(matches!(refused, NoLine::Unreachable(_)), "{refused}");
+    }
+    for (after, why) in [
+        (&b"MSG tt.1.a.want 1 4000000000\r\n"[..], "4000000000 bytes"),
+        (b"PING\r\n", "PING"),
+        (b"-ERR\r\n", "not of the protocol"),
+        (endless, "not of the protocol"),
+    ] {
+        match hostile::line_to(b"", after).await {
+            Ok(mut line) => assert!(until("the end", line.next()).await.unwrap_err().contains(why)),
+            Err(error) => assert!(error.to_string().contains(why), "{error}"),
+        }
+    }
+}
+
+#[tokio::test]
 async fn a_lost_acknowledgement_makes_no_message_twice() {
     let mut hub = Hub::start("ack").await;
     hub.enrol("a");
@@ -101,7 +122,7 @@ async fn a_lost_acknowledgement_makes_no_message_twice() {
     let mut acknowledgements = 0;
     for record in 1..=3 {
         let head = Content::AuditHead(AuditHead { record, hash: String::new() });
-        outbox.push(at_ms, &head, now).unwrap();
+        outbox.push(at_ms, &[head], now).unwrap();
         loop {
             let answer = match delivery.order(outbox.has_unsent().unwrap(), Timestamp::from_millis(60_000)) {
                 Order::Rest | Order::Until(_) => break,
@@ -212,7 +233,7 @@ async fn a_vehicle_hears_wishes_and_nothing_of_others() {
     console.want("a", r#"{"stop":true}"#).await;
     console.want("a", r#"{"live_s":5}"#).await;
     let want = until("the wish", line.next()).await;
-    assert!(matches!(want, Some(Want::Live(_))), "{want:?}");
+    assert!(matches!(want, Ok(Want::Live(_))), "{want:?}");
 
     let (refused, mut refusals) = mpsc::unbounded_channel();
     let seed = std::fs::read_to_string(hub.key_file("a")).unwrap();
