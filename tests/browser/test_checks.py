@@ -38,7 +38,7 @@ ANSWERED = {
     **{name: "Localization, Perception, Prediction: wait for Sensors" for name in ("Localization", "Perception", "Prediction")},
     **{name: f"{name} has a warning. Acknowledge it first." for name in WARNINGS},
     "goal": "No goal is set. Wait for one.",
-    "countermeasure": "The vehicle is being slowed down. End that when the cause is gone.",
+    "countermeasure": "The vehicle is being slowed down. Release it when the cause is gone.",
     "unheard": "No vehicle hears a request to slow down. Call the control room.",
 }
 SHOWN = {

@@ -122,14 +122,14 @@ impl SystemCheck {
             | SystemCheck::Recording
             | SystemCheck::Nodes => {
                 help.warning = driving(
-                    "You may drive. Report it.",
+                    "It may go on. Report it.",
                     "Weiterfahren möglich. Melden.",
                     ("Report it.", "Melden."),
                 );
             }
             SystemCheck::Fleet => {
                 let report = driving(
-                    "You may drive. Report it.",
+                    "It may go on. Report it.",
                     "Weiterfahren möglich. Melden.",
                     ("Report it.", "Melden."),
                 );

@@ -58,7 +58,7 @@ texts! {
         other_language_short: "DE", "EN";
         demo: "Demo", "Demo";
 
-        wrong: "What is wrong", "Störungen";
+        wrong: "Faults", "Störungen";
         nothing_diagnosed: "Nothing is diagnosed now", "Zurzeit wird nichts überwacht";
         since_for: "for", "seit";
         no_news: "not reporting", "keine Meldung";
@@ -153,7 +153,7 @@ texts! {
         no_listener: "No vehicle listens: it cannot be stopped from here. Be ready to take over.", "Kein Fahrzeug hört zu: Von hier lässt es sich nicht anhalten. Zum Übernehmen bereithalten.";
         not_stoppable: "It cannot be stopped from here. Be ready to take over.", "Von hier lässt es sich nicht anhalten. Zum Übernehmen bereithalten.";
         go_on: "Continue driving", "Weiterfahren";
-        let_go: "End the stop", "Anhalten aufheben";
+        let_go: "Release vehicle", "Fahrzeug freigeben";
         withdraw: "Withdraw clearance", "Freigabe widerrufen";
         stop_not_sent: "The stop has not arrived and is sent again. Take over.", "Das Anhalten ist nicht angekommen und wird erneut gesendet. Übernehmen.";
         looking: "Looking for the vehicle", "Verbindung wird gesucht";
@@ -194,8 +194,8 @@ texts! {
         wait: "Wait.", "Warten.";
         take_over_stop: "Take over. Stop.", "Übernehmen. Anhalten.";
         stopped_continue: "Stopped. Continue?", "Steht. Weiterfahren?";
-        held_end: "Held. End the stop?", "Gehalten. Anhalten aufheben?";
-        stopped_cause_gone: "Stopped. Cause gone. Continue?", "Steht. Ursache behoben. Weiterfahren?";
+        held_end: "Held. Release the vehicle?", "Gehalten. Fahrzeug freigeben?";
+        stopped_cause_gone: "Stopped. Cause gone. Continue?", "Steht. Störung vorbei. Weiterfahren?";
 
         no_pose: "no position yet", "noch keine Position";
         no_goal: "No destination", "Kein Ziel";
@@ -210,12 +210,12 @@ texts! {
         no_data: "No data yet", "Noch keine Daten";
         may_start: "It may start at any moment.", "Fährt jeden Moment an.";
         nothing_wrong: "Nothing is wrong", "Keine Störung";
-        cause_gone: "Cause gone. Continue?", "Ursache behoben. Weiterfahren?";
+        cause_gone: "Cause gone. Continue?", "Störung vorbei. Weiterfahren?";
         continue_driving: "Continue?", "Weiterfahren?";
         held: "Held", "Gehalten";
         since: "since", "seit";
         not_heard_again: "not heard again yet", "noch nicht wieder gehört";
-        held_back: "Held until the cause is gone", "Gehalten, bis die Ursache behoben ist";
+        held_back: "Held until the cause is gone", "Gehalten, bis die Störung vorbei ist";
         no_sight: "Something is unknown", "Etwas ist unbekannt";
         take_over_ready: "Be ready to take over.", "Zum Übernehmen bereithalten.";
         go_on_alert: "You may go on. Stay alert.", "Weiterfahren möglich. Aufmerksam bleiben.";
@@ -337,6 +337,12 @@ texts! {
     text and_more(count: usize) {
         1 => "and 1 more", "und 1 weitere";
         _ => "and {count} more", "und {count} weitere";
+    }
+
+    /// The same of faults.
+    text and_more_faults(count: usize) {
+        1 => "and 1 more", "und 1 weitere Störung";
+        _ => "and {count} more", "und {count} weitere Störungen";
     }
 
     /// `Mission not reporting`: the fault of a component that is silent.

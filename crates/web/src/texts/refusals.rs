@@ -41,8 +41,8 @@ texts! {
         Refusal::NotLocalized => "The position is not confirmed yet. Wait, or give it again.", "Die Position ist noch nicht bestätigt. Warten oder neu angeben.";
         Refusal::NoGoal => "No goal is set. Wait for one.", "Kein Ziel gesetzt. Auf ein Ziel warten.";
         Refusal::Countermeasure(RequestKind::Notify) => "A warning is on the screen.", "Eine Warnung wird angezeigt.";
-        Refusal::Countermeasure(RequestKind::ManeuverStop) => "A stop is requested. End it when its cause is gone.", "Ein Anhalten ist angefordert. Aufheben, wenn die Ursache behoben ist.";
-        Refusal::Countermeasure(RequestKind::Decelerate) => "The vehicle is being slowed down. End that when the cause is gone.", "Das Fahrzeug wird verzögert. Aufheben, wenn die Ursache behoben ist.";
+        Refusal::Countermeasure(RequestKind::ManeuverStop) => "A stop is requested. Release the vehicle when its cause is gone.", "Ein Anhalten ist angefordert. Fahrzeug freigeben, wenn die Störung vorbei ist.";
+        Refusal::Countermeasure(RequestKind::Decelerate) => "The vehicle is being slowed down. Release it when the cause is gone.", "Das Fahrzeug wird verzögert. Freigeben, wenn die Störung vorbei ist.";
         Refusal::NobodyListens(RequestKind::Decelerate) => "No vehicle hears a request to slow down. Call the control room.", "Kein Fahrzeug hört, wenn es abbremsen soll. Leitstelle rufen.";
         Refusal::NobodyListens(_) => "No vehicle hears a request to stop. Call the control room.", "Kein Fahrzeug hört, wenn es anhalten soll. Leitstelle rufen.";
         Refusal::StopNotPublished => "The vehicle cannot be stopped from here. Take over and stop it.", "Von hier lässt sich das Fahrzeug nicht anhalten. Übernehmen und anhalten.";

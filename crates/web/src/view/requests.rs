@@ -141,7 +141,7 @@ fn because(view: &View<'_>, requests: &[&Countermeasure]) -> String {
     let Some((&(it, first), others)) = all.split_first() else { return String::new() };
     let causes = match (fault(view, it, first), others) {
         (first, []) => first,
-        (first, others) => format!("{first}, {}", view.lang.and_more(others.len())),
+        (first, others) => format!("{first}, {}", view.lang.and_more_faults(others.len())),
     };
     if first.present { causes } else { format!("{}: {causes}", view.words.over) }
 }

@@ -24,7 +24,7 @@ pub fn told(view: &View<'_>, summary: &Summary) -> Told {
         let what = if place.is_empty() { title } else { format!("{title} ({place})") };
         parts.push(match causes.len() - 1 {
             0 => what,
-            more => format!("{what} {}", lang.and_more(more)),
+            more => format!("{what} {}", lang.and_more_faults(more)),
         });
     }
     let of = |kind: &'static str| summary.triggers.iter().filter(move |trigger| trigger.kind == kind);
@@ -115,7 +115,7 @@ mod tests {
             ),
             (
                 Lang::De,
-                "Position ist gesprungen (Lokalisierung) und 1 weitere; das Fahrzeug sollte abbremsen; das autonome Fahren endete unterwegs.",
+                "Position ist gesprungen (Lokalisierung) und 1 weitere Störung; das Fahrzeug sollte abbremsen; das autonome Fahren endete unterwegs.",
             ),
         ] {
             assert_eq!(told(lang, &jumped, &freeze), ("error", lang.state(State::Error), expect.to_owned()));

@@ -131,7 +131,7 @@ pub fn all_causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
         swap: view.swap,
         replay: view.replay,
         entries: entries.iter().take(SHEET_MAX).map(|entry| of_entry(view, entry)).collect(),
-        more: (more > 0).then(|| view.lang.and_more(more)),
+        more: (more > 0).then(|| view.lang.and_more_faults(more)),
     });
     Fragment { id: "all-causes".to_owned(), html }
 }

@@ -142,7 +142,7 @@ fn a_vehicle_that_was_stopped_and_stands_is_asked_whether_it_goes_on() {
     let act = r#"data-urgency="act""#;
     let expect = [
         act,
-        ">Steht. Ursache behoben. Weiterfahren?<",
+        ">Steht. Störung vorbei. Weiterfahren?<",
         ">Gehalten<span class=\"since\"> seit <time ",
         "</span>. Vorbei: Bewegungssensor gestört.<",
     ];

@@ -39,7 +39,7 @@ const MODULES: &str = "\
 0 | velodyne_packet_alive | LiDAR data missing | LiDAR-Daten fehlen | Stop. Call the control room. | Anhalten. Leitstelle rufen.
 0 | camera_front | Front camera without picture | Frontkamera ohne Bild | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
 0 | imu | Motion sensor disturbed | Bewegungssensor gestört | Stop at the next safe place. Call the control room. | Am nächsten sicheren Ort anhalten. Leitstelle rufen.
-0 | gnss | Satellite reception poor | Satellitenempfang schlecht | You may drive. Watch the position. | Sie dürfen fahren. Position beobachten.
+0 | gnss | Satellite reception poor | Satellitenempfang schlecht | It may go on. Watch the position. | Weiterfahren möglich. Position beobachten.
 1 | tf_map | Position missing | Position fehlt | Take over. Stop. Call the control room. | Übernehmen. Anhalten. Leitstelle rufen.
 1 | tf_quality | Position jumped | Position ist gesprungen | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
 1 | scan_matching | Surroundings do not fit the map | Umgebung passt nicht zur Karte | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
@@ -50,7 +50,7 @@ const MODULES: &str = "\
 3 | trajectories | Paths of others not predicted | Wege anderer nicht vorhergesagt | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
 3 | lane_matching | Lanes of others unclear | Fahrstreifen anderer unklar | Watch the road. Be ready to stop. | Straße beobachten. Bremsbereit sein.
 4 | bus | No connection to the vehicle | Keine Verbindung zum Fahrzeug | Take over. Stop. Call the control room. | Übernehmen. Anhalten. Leitstelle rufen.
-4 | battery | Battery is low | Batterie ist schwach | You may drive. Charge after this trip. | Sie dürfen fahren. Nach dieser Fahrt laden.
+4 | battery | Battery is low | Batterie ist schwach | It may go on. Charge after this trip. | Weiterfahren möglich. Nach dieser Fahrt laden.
 5 | server | No connection to the control room | Keine Verbindung zur Leitstelle | Stop at the next stop. Call by phone. | An der nächsten Haltestelle anhalten. Telefonisch melden.
 6 | planner_submitted | No driving plan | Geplanter Weg fehlt | Take over. Stop. | Übernehmen. Anhalten.
 6 | trajectory | Planned path not drivable | Geplanter Weg nicht fahrbar | Take over. Stop. | Übernehmen. Anhalten.
