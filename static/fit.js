@@ -7,11 +7,27 @@
   // Glyphs are higher than their lines: so many pixels of a list's edge hold nothing.
   const GLYPHS = 3;
 
+  // In the order in which they keep their place: each component at fault has one entry before another has its second,
+  // and what is over comes last.
+  const ranked = (list) => {
+    const named = new Set();
+    const rank = (entry) => {
+      if (entry.matches("[data-past]")) return 2;
+      const component = entry.querySelector(":scope > [popovertarget]")?.getAttribute("popovertarget");
+      if (!component) return 0;
+      const isSecond = named.has(component);
+      named.add(component);
+      return Number(isSecond);
+    };
+    const ranks = new Map([...list.children].map((entry) => [entry, rank(entry)]));
+    return [...list.children].sort((a, b) => ranks.get(a) - ranks.get(b));
+  };
+
   // The first entry always stays. The others stand on the sheet that the button opens, too. A check that holds is
   // left out without being counted.
   const fit = (list) => {
     const more = document.getElementById(list.dataset.fit);
-    const entries = [...list.children];
+    const entries = ranked(list);
     const unlisted = Number(list.dataset.count) - entries.length;
     const show = (count) => {
       entries.forEach((entry, index) => {
@@ -59,7 +75,10 @@
     if (last === null) return;
     last.hidden = false;
     const causes = document.getElementById("causes");
-    last.hidden = !fits() || causes.scrollHeight > causes.clientHeight + GLYPHS;
+    // In a narrow list both buttons of the row may not be whole.
+    const isCut = (button) => button.scrollWidth > button.clientWidth + 1;
+    const overflows = causes.scrollHeight > causes.clientHeight + GLYPHS;
+    last.hidden = !fits() || overflows || [...last.parentElement.querySelectorAll("button")].some(isCut);
   };
 
   // Below this a text is hard to read, and wraps instead.
@@ -206,10 +225,19 @@
     }
   };
 
+  // On a page that scrolls the list ends above the action bar, which lies over what is below.
+  const aside = document.querySelector("aside");
+  const bar = document.getElementById("actions");
+  const leaveBar = () => {
+    const room = innerHeight - bar.offsetHeight - (aside.getBoundingClientRect().top + scrollY);
+    document.body.style.setProperty("--above-bar", `${Math.floor(room) - GLYPHS}px`);
+  };
+
   const fitAll = () => {
     reset();
     keepNames();
     narrow();
+    leaveBar();
     document.querySelectorAll("[data-fit]").forEach(fit);
   };
 
@@ -222,7 +250,8 @@
   };
 
   new ResizeObserver(measure).observe(board);
-  new ResizeObserver(fitAll).observe(document.querySelector("aside"));
+  const observer = new ResizeObserver(fitAll);
+  for (const part of [aside, bar, document.getElementById("instruction")]) observer.observe(part);
   document.addEventListener("htmx:after:swap", fitAll);
   document.fonts?.ready.then(fitAll);
 })();

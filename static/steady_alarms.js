@@ -6,7 +6,7 @@
   // The elements with large coloured areas, as they stand in a message.
   const COLOURED = /<(button|section) id="(tile-[^"]*|instruction)"[^>]*>[\s\S]*?<\/\1>/g;
   const SEVERE = /data-(?:state="error"|urgency="take_over")/;
-  const MILD = /data-(?:state="warning"|urgency="be_ready")/;
+  const MILD = /data-(?:state="warning"|urgency="be_ready"|blocked)/;
 
   const severity = (html) => {
     const [tag] = html.match(/^<[^>]*>/);

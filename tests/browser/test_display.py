@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 
 from operating import DEMO_OPERATOR, ask_for_clearance, let_colours_settle, localize, log_in_by_touch, stage, step, touch_context, watch
 from accessible import violations
-from sizes import SIZES, SMALL, check_elsewhere, check_sizes, check_steps_in_small_windows
+from sizes import SIZES, SMALL, STEPS_NOT_WHOLE, check_elsewhere, check_sizes, check_steps_in_small_windows
 from vehicle import OPERATOR, TELLTALE, Client, Server, Writer, own_domain
 
 LATCHED = """vehicle: { stages: none }
@@ -165,6 +165,33 @@ def test_the_clearance_and_its_question_are_whole_in_a_small_window(demo, displa
     localize(display)
     check_steps_in_small_windows(display, "clearance")
     trouble.expect("409")
+
+
+def test_with_two_errors_and_an_unknown_speed_every_step_is_whole(demo, display, trouble):
+    page, client = display, Client(demo, *DEMO_OPERATOR)
+    localize(page)
+    for fault, tile in (("can_loss", "can"), ("sensor_outage", "sensors")):
+        client.post("/demo/fault", name=fault, active="true")
+        expect(page.locator(f"#tile-{tile}")).to_have_attribute("data-state", "error")
+    expect(page.locator("#motion")).to_have_attribute("data-moving", "unknown")
+    expect(step(page, "stop")).to_be_visible()
+    expect(step(page, "clearance")).to_be_visible()
+    for lang in ("en", "de"):
+        if page.locator("html").get_attribute("lang") != lang:
+            page.locator("[data-tool=language]").evaluate("button => button.click()")
+        expect(page.locator("html")).to_have_attribute("lang", lang)
+        check_sizes(page, f"unknown speed, {lang}")
+        for width, height in SMALL:
+            page.set_viewport_size({"width": width, "height": height})
+            page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+            assert page.evaluate(STEPS_NOT_WHOLE) == [], (lang, width, height)
+            title = page.locator("#causes .title").first
+            box, list_box = title.bounding_box(), page.locator("#causes-list").bounding_box()
+            assert box["y"] + box["height"] <= list_box["y"] + list_box["height"] + 3, (lang, width, height)
+            # Both are in sight, or the second one is counted.
+            both = page.locator("#causes .cause:visible, #causes .more:visible")
+            expect(both).to_have_count(2)
+        page.set_viewport_size({"width": 1280, "height": 800})
 
 
 def test_a_lost_session_leads_to_the_login(demo, display, chromium, trouble):

@@ -21,6 +21,8 @@ pub struct StopHtml {
     name: String,
     /// Where the vehicle was last known to be: how that is known.
     known: Option<&'static str>,
+    /// It was chosen, and the vehicle does not stand there.
+    wrong: bool,
 }
 
 #[derive(Template)]
@@ -219,6 +221,7 @@ fn stops(view: &View<'_>) -> Vec<StopHtml> {
         known: last
             .filter(|place| place.pose == stop.into())
             .map(|place| if place.driven { view.words.driven_here } else { view.words.chosen_here }),
+        wrong: wrong == Some(stop.into()),
     };
     let mut stops: Vec<&Stop> = view.snapshot.layout.stops.iter().collect();
     stops.sort_by_key(|stop| wrong == Some((*stop).into()));

@@ -48,9 +48,13 @@ impl View<'_> {
                 }
                 Refusal::NoGoal => checks.push(self.fails(self.words.no_goal.to_owned(), &[])),
                 Refusal::NotLocalized => checks.push(self.fails(self.words.not_confirmed.to_owned(), &[])),
-                Refusal::Countermeasure(_) => checks.push(self.fails(self.words.still_held.to_owned(), &[])),
+                Refusal::Countermeasure(_) => {}
                 other => checks.push(self.fails(self.sentence(other), &[])),
             }
+        }
+        // To slow down and to stop hold the vehicle alike: one line says so.
+        if refusals.iter().any(|it| matches!(it, Refusal::Countermeasure(_))) {
+            checks.push(self.fails(self.words.still_held.to_owned(), &[]));
         }
         checks.extend(self.passed_checks());
         checks

@@ -245,11 +245,16 @@ fn help(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -
     if is_held(view, node) {
         return view.words.reset_here.to_owned();
     }
-    view.help(node, state).unwrap_or_else(|| advice(view, node, state, urgency).to_owned())
+    // The words of the configuration ask for the acknowledgement that was given.
+    let is_accepted = state == State::Warning && view.snapshot.accepted.contains(&node);
+    if is_accepted && view.stage_of_advice() == Stage::Standby {
+        return view.words.nothing_to_do.to_owned();
+    }
+    view.help(node, state).unwrap_or_else(|| advice(view, state, urgency).to_owned())
 }
 
 /// The page's own advice. To take over is advised only while the vehicle drives.
-fn advice(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -> &'static str {
+fn advice(view: &View<'_>, state: State, urgency: Option<Urgency>) -> &'static str {
     let (drives, fails) = match (view.stage_of_advice(), state) {
         (_, State::Ok | State::Ignore) | (Stage::Locked, _) => return "",
         (stage, state) => (matches!(stage, Stage::Cleared | Stage::Active), state != State::Warning),
@@ -263,7 +268,6 @@ fn advice(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>)
         (true, false, true) if state == State::Unknown => view.words.wait_for_report,
         (true, false, true) => view.words.stay,
         (true, false, false) if view.snapshot.stage == Stage::Localizing => view.words.nothing_to_do,
-        (true, false, false) if view.snapshot.accepted.contains(&node) => view.words.nothing_to_do,
         (true, false, false) => view.words.acknowledge_first,
     }
 }
@@ -296,10 +300,8 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
                 .collect();
             // An operator who accepts a WARNING must read which one.
             if state == State::Warning && of_state.len() <= WARNINGS_NAMED {
-                found.extend(of_state.iter().map(|&one| FaultEntry {
-                    acknowledge: of_warnings(view, id, &[one]),
-                    ..of_module(view, one, state)
-                }));
+                let entry = |&one| acknowledgeable(view, id, &[one], of_module(view, one, state));
+                found.extend(of_state.iter().map(entry));
                 continue;
             }
             let has_time = |&module: &ModuleId| view.snapshot.module(module).1.steps.grace;
@@ -322,8 +324,10 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
                 }
             };
             let entry = if all_have_time { asking_nothing(view, entry) } else { entry };
-            let acknowledge = (state == State::Warning).then(|| of_warnings(view, id, &of_state)).flatten();
-            found.push(FaultEntry { acknowledge, ..entry });
+            found.push(match state {
+                State::Warning => acknowledgeable(view, id, &of_state, entry),
+                _ => entry,
+            });
         }
         let (_, group) = view.snapshot.group(id);
         let faulty = !matches!(group.state, State::Ok | State::Ignore);
@@ -337,12 +341,18 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
     entries.extend(found);
 }
 
-/// The first WARNING of a component that nobody has accepted.
-fn of_warnings(view: &View<'_>, group: GroupId, modules: &[ModuleId]) -> Option<AcknowledgeTarget> {
+/// The entry of WARNINGs of a component: an acknowledgement names the first that nobody has accepted. Once all are
+/// accepted, the entry is one that somebody has seen.
+fn acknowledgeable(view: &View<'_>, group: GroupId, modules: &[ModuleId], entry: FaultEntry) -> FaultEntry {
     let is_component = view.board.tiles.contains(&group);
-    let open = modules.iter().find(|&&module| !view.snapshot.accepted.contains(&NodeId::Module(module)))?;
+    let mut open =
+        modules.iter().filter(|&&module| !view.snapshot.accepted.contains(&NodeId::Module(module)));
     let aspect = if is_component { Aspect::Component(group) } else { Aspect::Stage };
-    Some(AcknowledgeTarget { id: view.snapshot.node_name(NodeId::Module(*open)).to_string(), aspect })
+    let acknowledge = open.next().map(|&module| {
+        let id = view.snapshot.node_name(NodeId::Module(module)).to_string();
+        AcknowledgeTarget { id, aspect }
+    });
+    FaultEntry { seen: acknowledge.is_none().then_some(None), acknowledge, ..entry }
 }
 
 /// Adds alarms that are over and not acknowledged: one entry for each node. If the fault of the node is

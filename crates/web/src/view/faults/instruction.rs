@@ -104,11 +104,34 @@ pub fn instruction(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     Fragment { id: "instruction".to_owned(), html }
 }
 
-/// The fault whose advice the instruction is, and the sentences of it that have no room there: no other part of
-/// the page repeats the instruction.
-pub fn told(view: &View<'_>, entries: &[FaultEntry]) -> Option<(NodeId, String)> {
+/// What the list beside the instruction has to know of it.
+pub struct Told {
+    urgency: Priority,
+    title: String,
+    node: Option<NodeId>,
+}
+
+pub fn told(view: &View<'_>, entries: &[FaultEntry]) -> Told {
     let it = of_stage(view, entries);
-    Some((it.node?, split(&it.title).1.to_owned()))
+    Told { urgency: it.urgency, title: it.title, node: it.node }
+}
+
+impl Told {
+    /// The advice that a row of the list still gives, and whether that is the rest of the instruction's own. Nobody
+    /// follows two instructions at once: while the vehicle drives, the instruction is the only advice; at a stop a row
+    /// is silent where the instruction is about something worse, or says the same.
+    pub fn left_for(&self, entry: &FaultEntry, help: String) -> (String, bool) {
+        if self.node == Some(entry.node) && !entry.over {
+            return (split(&self.title).1.to_owned(), true);
+        }
+        let is_milder = match self.urgency {
+            Priority::TakeOver | Priority::BeReady => true,
+            Priority::Act => self.node.is_some() && entry.state == State::Warning,
+            Priority::None => false,
+        };
+        let is_silent = is_milder || help == self.title;
+        (if is_silent { String::new() } else { help }, false)
+    }
 }
 
 fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
@@ -195,8 +218,11 @@ fn for_reader(view: &View<'_>, it: &Instruction, title: &str) -> String {
 /// The advice on the first fault that keeps the vehicle at its stop.
 fn at_a_stop(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     let mut faults = entries.iter().filter(|entry| !entry.over && !entry.help.is_empty());
-    let entry = faults
-        .find(|entry| entry.state != State::Warning || !view.snapshot.accepted.contains(&entry.node))?;
+    // A WARNING keeps it there where it has to be accepted before a clearance.
+    let is_open = |entry: &FaultEntry| {
+        view.stage_of_advice() == Stage::Standby && !view.snapshot.accepted.contains(&entry.node)
+    };
+    let entry = faults.find(|entry| entry.state != State::Warning || is_open(entry))?;
     Some(Instruction {
         urgency: Priority::Act,
         blocked: true,
@@ -228,6 +254,8 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     if let Some(advice) = advice {
         return advice;
     }
+    // The operator's own stop holds until the operator ends it, whatever became of a fault.
+    let stopped = view.snapshot.stop_requested();
     let title = match (request, stands) {
         (None, _) if view.snapshot.stage == Stage::Cleared => {
             return say(Priority::None, "ready", view.words.may_start);
@@ -240,11 +268,11 @@ fn driving(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
         (Some(it), false) if it.causes.is_empty() => {
             return say(Priority::None, "stop", view.words.stop_requested);
         }
-        (Some(it), true) if it.causes.is_empty() || !requests::causes_are_gone(view) => {
+        (Some(it), true) if it.causes.is_empty() || stopped || !requests::causes_are_gone(view) => {
             view.words.stopped_continue
         }
         (Some(_), true) => view.words.stopped_cause_gone,
-        (Some(_), false) if !requests::causes_are_gone(view) => view.words.continue_driving,
+        (Some(_), false) if stopped || !requests::causes_are_gone(view) => view.words.continue_driving,
         (Some(_), false) => view.words.cause_gone,
     };
     let reader = stands.then_some(view.words.operator_continues);

@@ -79,12 +79,8 @@ pub fn causes(view: &View<'_>, entries: &[FaultEntry]) -> Fragment {
     let told = instruction::told(view, entries);
     let entry = |entry: &FaultEntry| {
         let html = of_entry(view, entry);
-        let help = match &told {
-            // The instruction says the rest already.
-            Some((node, rest)) if *node == entry.node && !entry.over => (rest.clone(), true),
-            _ => (html.help, false),
-        };
-        EntryHtml { help: help.0, rest: help.1, ..html }
+        let (help, rest) = told.left_for(entry, html.help);
+        EntryHtml { help, rest, ..html }
     };
     let html = html(&CausesHtml {
         words: view.words,
