@@ -2,7 +2,7 @@
 
 use super::*;
 use telltale_engine::input::Refusal;
-use telltale_engine::model::countermeasure::Request;
+use telltale_engine::model::countermeasure::{Request, RequestKind};
 use telltale_engine::model::output::Output;
 use telltale_engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Motion, Moving};
 use telltale_engine::state::State;
@@ -188,6 +188,24 @@ fn an_error_that_is_over_keeps_its_name_while_a_warning_is_left_of_it() {
         let expect = [question, "Over: Motion sensor disturbed."];
         check(&over, Lang::En, "instruction", &expect, &["Cause gone"]);
     }
+}
+
+#[test]
+fn a_stop_of_the_operator_is_no_fault_that_is_gone() {
+    let over = asked_to_stop(Moving::No, Some(false));
+    let held = Countermeasure { by_operator: Some(SINCE), ..over.snapshot.countermeasures[0].clone() };
+    let snapshot = Snapshot { countermeasures: [held].into(), ..(*over.snapshot).clone() };
+    let stopped = Published { snapshot: snapshot.into(), ..over };
+    check(&stopped, Lang::En, "instruction", &[">Stopped. Continue?<", ">STOP pressed"], &["Cause gone"]);
+}
+
+#[test]
+fn two_requests_that_hold_the_vehicle_are_one_check() {
+    let ready = Sample::shuttle(false).published();
+    let held = [RequestKind::ManeuverStop, RequestKind::Decelerate].map(Refusal::Countermeasure);
+    let snapshot = Snapshot { clearance_refusals: held.into(), ..(*ready.snapshot).clone() };
+    let html = fragment(&Published { snapshot: snapshot.into(), ..ready }, Lang::En, "step");
+    assert_eq!(html.matches("The vehicle is still held").count(), 1, "{html}");
 }
 
 #[test]
