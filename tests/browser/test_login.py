@@ -56,6 +56,8 @@ def test_a_login_without_a_pin_says_so_in_the_pages_words(server, display, troub
     page.set_viewport_size({"width": 800, "height": 480})
     for key in [*page.locator(".digits button").all(), page.locator(".primary")]:
         expect(key).to_be_in_viewport(ratio=0.99)
+    # What is missing is said once, in words.
+    assert page.locator(".missing span:visible").evaluate("it => getComputedStyle(it, '::before').content") == "none"
     # Where there is no room for keys, the button that logs in is.
     page.set_viewport_size({"width": 640, "height": 400})
     expect(page.locator(".primary")).to_be_in_viewport(ratio=0.99)
