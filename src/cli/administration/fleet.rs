@@ -3,22 +3,19 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context as _, bail};
 use clap::Subcommand;
 
-use super::tls::{all_names, self_signed, write_private};
+use super::tls::all_names;
 use crate::cli::EXIT_NO;
 use crate::cli::print::say;
+use crate::cli::process::hub_folder::{CERTIFICATE, write_hub};
 use crate::cli::running::console;
-use crate::fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, DISK_BYTES, HubFolder, Server, make_streams};
+use crate::fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, DISK_BYTES, HubFolder, make_streams};
 use crate::fleet::identity::Identity;
 use crate::fleet::line::Hub;
 use crate::fleet::message::VehicleId;
-use crate::store::make_folder;
 
 /// The hub's certificate, which signs itself: vehicles have it as `ca`.
-const CERTIFICATE: &str = "hub.pem";
-const KEY: &str = "hub-key.pem";
 
 /// Set up the hub of a fleet, say which vehicles it admits, and run its console
 #[derive(Debug, clap::Args)]
@@ -120,22 +117,8 @@ fn hub_config(
     listen: std::net::SocketAddr,
     disk: u64,
 ) -> anyhow::Result<ExitCode> {
-    make_folder(dir).with_context(|| format!("the folder {} cannot be made", dir.display()))?;
-    let (certificate, key) = (dir.join(CERTIFICATE), dir.join(KEY));
-    let key_file = dir.join(CONSOLE_KEY_FILE);
-    for file in [&certificate, &key, &key_file, &dir.join(CONFIG_FILE)] {
-        if file.exists() {
-            bail!("{} is there already: name another folder", file.display());
-        }
-    }
     let names = all_names(names);
-    let (certificate_pem, key_pem) = self_signed(&names)?;
-    write_private(&key, &key_pem)?;
-    write_private(&certificate, &certificate_pem)?;
-    let (listen, disk_bytes) = (listen.to_string(), disk * 1_000_000_000);
-    // nats-server reads them from its working directory.
-    let (certificate, key) = (Path::new(CERTIFICATE), Path::new(KEY));
-    HubFolder::make(dir, Server { listen: &listen, certificate, key, disk_bytes })?;
+    write_hub(dir, &names, &listen.to_string(), disk * 1_000_000_000)?;
     let dir = dir.display();
     say!("made {dir}/{CONFIG_FILE}, with a certificate for {}", names.join(", "));
     say!("use  (cd {dir} && nats-server -c {CONFIG_FILE})");

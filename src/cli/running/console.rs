@@ -4,13 +4,16 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Instant;
 
 use anyhow::Context as _;
+use tokio::net::TcpListener;
 use tokio::sync::watch;
 use tokio::time::timeout_at;
 
-use super::server::metrics::MetricsFlags;
+use super::server::metrics::{MetricsFlags, MetricsListener};
 use super::server::{self, CLOSED_WITHIN, RECORDED_WITHIN};
+use crate::cli::process::hub_folder::CERTIFICATE;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::process::{data_folder, log};
 use crate::clock::Clock;
@@ -23,9 +26,6 @@ use crate::metrics;
 use crate::store::audit::{Action, Record, TELLTALE};
 use crate::store::{DemoSecrets, Store, exposed};
 use crate::web::{Tls, serve_router};
-
-/// The certificate of a hub that `telltale fleet hub-config` made, beside its keys.
-const CERTIFICATE: &str = "hub.pem";
 
 /// Run the console of a fleet: all vehicles that tell the hub, the worst first
 ///
@@ -98,32 +98,61 @@ async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
         );
     }
     let kept = kept::Store::open(&args.data, clock)?;
-    let shared = Shared::new(kept.fleet()?, clock);
-    let address = listener.local_addr().context("the listener has no address")?;
-    let origins = server::known_origins(address, tls.is_some(), &args.origins)?;
-    store.record(Record::of(Action::Start, TELLTALE), None).await;
-
-    let following = tokio::spawn(shared.clone().follow(hub, identity));
-    let (end, ended) = watch::channel(false);
-    let keeping = tokio::spawn(shared.clone().keep(kept, ended));
-    let written = shared.clone();
-    let metrics = metrics.map(|it| it.serve(Arc::new(move || metrics::console::text(&written))));
-    tracing::info!("the console is at {}", server::url(address, tls.is_some()));
-    let console = Console::new(shared, store.clone(), origins, tls.is_some());
-    let requested = serve_router(listener, tls, router(console), clock, signal.requested()).await;
-
-    following.abort();
-    if let Some(metrics) = metrics {
-        metrics.abort();
-    }
-    end.send_replace(true);
-    let recorded = store.record(Record::of(Action::End, TELLTALE), None);
-    if timeout_at((requested + RECORDED_WITHIN).into(), recorded).await != Ok(true) {
-        tracing::error!("the end is not recorded");
-    }
-    let closed = async { tokio::join!(keeping, store.close()) };
-    if timeout_at((requested + CLOSED_WITHIN).into(), closed).await.is_err() {
-        tracing::error!("the disk does not answer: what it was given last may be lost");
-    }
+    let origins = args.origins.clone();
+    let running = Running { hub, identity, store, kept, listener, tls, origins, metrics, clock };
+    running.run(&mut signal).await?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Everything that a console runs with.
+pub struct Running {
+    pub hub: Hub,
+    pub identity: Identity,
+    /// Users, sessions and the audit log.
+    pub store: Store,
+    pub kept: kept::Store,
+    pub listener: TcpListener,
+    pub tls: Option<Tls>,
+    /// Addresses by which browsers reach it, beside that of the listener.
+    pub origins: Vec<String>,
+    pub metrics: Option<MetricsListener>,
+    pub clock: Clock,
+}
+
+impl Running {
+    /// Runs it until the end is requested. Returns when that was.
+    ///
+    /// # Errors
+    /// An origin is none, or what was kept cannot be read.
+    pub async fn run(self, signal: &mut ShutdownSignal) -> anyhow::Result<Instant> {
+        let Running { hub, identity, store, kept, listener, tls, origins, metrics, clock } = self;
+        let shared = Shared::new(kept.fleet()?, clock);
+        let address = listener.local_addr().context("the listener has no address")?;
+        let origins = server::known_origins(address, tls.is_some(), &origins)?;
+        store.record(Record::of(Action::Start, TELLTALE), None).await;
+
+        let following = tokio::spawn(shared.clone().follow(hub, identity));
+        let (end, ended) = watch::channel(false);
+        let keeping = tokio::spawn(shared.clone().keep(kept, ended));
+        let written = shared.clone();
+        let metrics = metrics.map(|it| it.serve(Arc::new(move || metrics::console::text(&written))));
+        tracing::info!("the console is at {}", server::url(address, tls.is_some()));
+        let console = Console::new(shared, store.clone(), origins, tls.is_some());
+        let requested = serve_router(listener, tls, router(console), clock, signal.requested()).await;
+
+        following.abort();
+        if let Some(metrics) = metrics {
+            metrics.abort();
+        }
+        end.send_replace(true);
+        let recorded = store.record(Record::of(Action::End, TELLTALE), None);
+        if timeout_at((requested + RECORDED_WITHIN).into(), recorded).await != Ok(true) {
+            tracing::error!("the end is not recorded");
+        }
+        let closed = async { tokio::join!(keeping, store.close()) };
+        if timeout_at((requested + CLOSED_WITHIN).into(), closed).await.is_err() {
+            tracing::error!("the disk does not answer: what it was given last may be lost");
+        }
+        Ok(requested)
+    }
 }

@@ -13,7 +13,7 @@ use rusqlite::{Connection, OptionalExtension, params};
 
 use super::audit::known::Mark;
 use super::audit::{Action, COMMAND_LINE, Record};
-use super::{Caller, DEMO_USERS, Role, Store, StoreError};
+use super::{Caller, DEMO_CONSOLE_USERS, DEMO_USERS, Role, Store, StoreError};
 
 use secret::check_policy;
 
@@ -68,7 +68,16 @@ impl Store {
 
     /// Adds the users of [`DEMO_USERS`] that are missing.
     pub async fn add_demo_users(&self) -> Result<(), StoreError> {
-        for (name, role, secret) in DEMO_USERS {
+        self.add_known_users(&DEMO_USERS).await
+    }
+
+    /// The same with [`DEMO_CONSOLE_USERS`].
+    pub async fn add_demo_console_users(&self) -> Result<(), StoreError> {
+        self.add_known_users(&DEMO_CONSOLE_USERS).await
+    }
+
+    async fn add_known_users(&self, users: &[(&str, Role, &str)]) -> Result<(), StoreError> {
+        for &(name, role, secret) in users {
             match self.insert_user(name, role, secret).await {
                 Ok(()) | Err(StoreError::Exists(_)) => {}
                 Err(error) => return Err(error),

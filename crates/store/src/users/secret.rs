@@ -17,7 +17,14 @@ pub const DEMO_USERS: [(&str, Role, &str); 3] = [
     ("authority", Role::Authority, "demo-authority"),
 ];
 
-/// Whether the secrets of [`DEMO_USERS`] open a session.
+/// The same of a fleet's console.
+pub const DEMO_CONSOLE_USERS: [(&str, Role, &str); 3] = [
+    ("control", Role::ControlRoom, "demo-control"),
+    ("engineer", Role::Engineer, "demo-engineer"),
+    ("authority", Role::Authority, "demo-authority"),
+];
+
+/// Whether the secrets of [`DEMO_USERS`] and [`DEMO_CONSOLE_USERS`] open a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DemoSecrets {
     Accepted,
@@ -112,7 +119,7 @@ pub fn is_pin(secret: &str) -> bool {
 }
 
 fn is_demo(secret: &str) -> bool {
-    DEMO_USERS.iter().any(|(_, _, known)| *known == secret)
+    DEMO_USERS.iter().chain(&DEMO_CONSOLE_USERS).any(|(_, _, known)| *known == secret)
 }
 
 /// Hashes and verifies in threads of its own, one at a time in each. The threads end with the last

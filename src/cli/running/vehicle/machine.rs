@@ -15,7 +15,7 @@ use crate::sim::robot::{self, Robot};
 use crate::sim::shuttle::{self, Shuttle};
 
 /// The seed of the simulation: with the same one, each demo runs alike.
-const SEED: u64 = 1;
+pub const SEED: u64 = 1;
 
 /// A topic with its type and its quality of service.
 pub type Offer<'a> = (&'a str, &'static str, Quality);
@@ -55,13 +55,13 @@ pub enum Machine {
 }
 
 impl Machine {
-    pub fn new(kind: Kind, loaded: &Loaded, start: Timestamp) -> Machine {
+    pub fn new(kind: Kind, seed: u64, loaded: &Loaded, start: Timestamp) -> Machine {
         match kind {
             Kind::Shuttle(departure) => {
-                let shuttle = Shuttle::new(SEED, start, &loaded.model.driving.stops, departure);
+                let shuttle = Shuttle::new(seed, start, &loaded.model.driving.stops, departure);
                 Machine::Shuttle(Box::new(shuttle), ShuttleWire::of(&loaded.model))
             }
-            Kind::Robot => Machine::Robot(Box::new(Robot::new(SEED, start))),
+            Kind::Robot => Machine::Robot(Box::new(Robot::new(seed, start))),
         }
     }
 

@@ -1,5 +1,6 @@
 //! Runs a simulated machine in real time: it publishes over DDS and obeys the requests that it hears.
 
+pub(super) mod in_process;
 pub(in crate::cli) mod machine;
 mod orders;
 mod robot_wire;
@@ -17,7 +18,7 @@ use crate::msg::messages::GidSize;
 use crate::ros::{BridgeError, BridgeOptions, Publisher};
 use crate::sim::machine::STEP;
 use crate::web::FaultSwitch;
-use machine::{Kind, Machine};
+use machine::{Kind, Machine, SEED};
 use orders::Orders;
 
 /// Switches that may wait for the machine: far more than it has faults.
@@ -54,7 +55,7 @@ impl Vehicle {
         clock: Clock,
     ) -> Result<Vehicle, BridgeError> {
         let opened = clock.now();
-        let machine = Machine::new(kind, loaded, opened);
+        let machine = Machine::new(kind, SEED, loaded, opened);
         let publisher = publisher(options, &machine).await?;
         let orders = Orders::listen(options, &loaded.publishing, clock).await?;
         let (announced, options) = (Vec::new(), options.clone());

@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use super::story::{Ears, listening, masked_by, state, wall};
+use super::story::{masked_by, state, wall};
 use crate::cli::running::demo::load_config;
-use crate::cli::running::vehicle::machine::{Kind, Machine};
+use crate::cli::running::vehicle::in_process::{Ears, listening};
+use crate::cli::running::vehicle::machine::{Kind, Machine, SEED};
 use crate::config::demo_patience::patient;
 use crate::config::publishing::Publishing;
 use crate::engine::Engine;
@@ -27,8 +28,8 @@ struct Floor {
 impl Floor {
     fn new() -> Floor {
         let loaded = load_config(Kind::Robot).unwrap();
-        let machine = Machine::new(Kind::Robot, &loaded, Timestamp::ZERO);
-        let (engine, ears) = listening(&patient(loaded));
+        let machine = Machine::new(Kind::Robot, SEED, &loaded, Timestamp::ZERO);
+        let (engine, ears) = listening(&patient(loaded), Timestamp::ZERO);
         Floor { machine, engine, ears, now_ms: 0, roots: BTreeSet::new(), alarms: 0 }
     }
 
@@ -131,7 +132,7 @@ fn nothing_that_the_robot_reads_commands_it() {
     };
     assert_eq!(loaded.publishing, only);
     // Everything that the configuration reads is published by the simulation, with the type that it names.
-    let machine = Machine::new(Kind::Robot, &loaded, Timestamp::ZERO);
+    let machine = Machine::new(Kind::Robot, SEED, &loaded, Timestamp::ZERO);
     let offers = machine.offers();
     for topic in &loaded.model.watched.topics {
         let offer = offers.iter().find(|(name, ..)| *name == &*topic.topic);

@@ -1,30 +1,24 @@
 //! The shuttle and the engine, with the task of DDS between them: bytes one way, orders the other.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use crate::cli::running::demo::load_config;
+use crate::cli::running::vehicle::in_process::{Ears, know_publishers, listening, order};
 use crate::cli::running::vehicle::machine::Kind;
 use crate::cli::running::vehicle::shuttle_wire::ShuttleWire;
 use crate::config::Loaded;
 use crate::config::demo_patience::patient;
 use crate::engine::Engine;
 use crate::engine::input::{Input, OperatorAction, Place, Response};
-use crate::engine::model::monitors::{ProbeTarget, TopicSpec, WatchdogSpec};
-use crate::engine::model::sample::{Pose, Probe, PublisherReport, Sample};
-use crate::engine::model::{Limits, Model, Stage};
+use crate::engine::model::{Model, Stage};
 use crate::engine::restart::resume::Restored;
 use crate::engine::snapshot::{Reason, Snapshot};
 use crate::engine::state::State;
 use crate::engine::time::{Span, Timestamp};
-use crate::msg::cdr::Endian;
-use crate::msg::fields::{BooleanReader, Definitions, Reader};
-use crate::msg::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
-use crate::ros::DIAGNOSTICS;
-use crate::ros::Nodes;
-use crate::ros::publish::outputs::{Levels, VehicleMessage};
-use crate::sim::machine::{Departure, Order};
+use crate::ros::publish::outputs::Levels;
+use crate::sim::machine::Departure;
 use crate::sim::shuttle::{Fault, Message, Sent, Shuttle};
 
 const REPEAT: Span = Span::from_millis(50);
@@ -61,7 +55,7 @@ impl Story {
     }
 
     fn of(loaded: &Loaded) -> Story {
-        let (mut engine, ears) = listening(loaded);
+        let (mut engine, ears) = listening(loaded, Timestamp::ZERO);
         let levels = Levels::new(REPEAT, &engine.snapshot());
         let stops = &loaded.model.driving.stops;
         let mut story = Story {
@@ -236,18 +230,9 @@ impl Story {
         self.levels.repeat_at(snapshot);
         for said in self.levels.due(snapshot, now) {
             self.levels.said(said, now);
-            let order = match said {
-                VehicleMessage::Deceleration(mps2) => Order::Decelerate(mps2),
-                VehicleMessage::ManeuverStop(on) => Order::Stop(on),
-                VehicleMessage::Hold(on) => Order::Hold(on),
-                VehicleMessage::Clearance(on) => Order::Clear(on),
-                VehicleMessage::Stage(_) => continue,
-                VehicleMessage::Pose(_, pose) => {
-                    let (qz, qw) = (pose.yaw_deg.to_radians() / 2.0).sin_cos();
-                    Order::Localize(Pose { x_m: pose.x_m, y_m: pose.y_m, qz, qw, ..Pose::default() })
-                }
-            };
-            self.shuttle.obey(order);
+            if let Some(order) = order(said) {
+                self.shuttle.obey(order);
+            }
         }
     }
 
@@ -270,94 +255,6 @@ const EPOCH: Duration = Duration::from_secs(1_800_000_000);
 
 pub fn wall(at: Timestamp) -> SystemTime {
     SystemTime::UNIX_EPOCH + EPOCH + Duration::from_nanos(at.as_nanos())
-}
-
-/// An engine that knows of a publisher of each topic, and its ears.
-pub fn listening(loaded: &Loaded) -> (Engine, Ears) {
-    let mut engine = Engine::new(loaded.model.clone(), Timestamp::ZERO);
-    know_publishers(&mut engine, &loaded.model, Timestamp::ZERO);
-    (engine, Ears::of(loaded))
-}
-
-fn know_publishers(engine: &mut Engine, model: &Model, now: Timestamp) {
-    for source in model.watched.topics.iter().cloned() {
-        let news = PublisherReport { source, publishers: 1, other_type: None };
-        engine.handle(&Input::Topic(news), now);
-    }
-}
-
-/// The bridge's part: what is read of each topic.
-pub struct Ears {
-    watched: BTreeMap<Box<str>, (Arc<TopicSpec>, Reader)>,
-    /// `None`: each message is an event.
-    signals: Vec<(Box<str>, Box<str>, Option<BooleanReader>)>,
-    nodes: Nodes,
-    watchdogs: Vec<Arc<WatchdogSpec>>,
-}
-
-impl Ears {
-    fn of(loaded: &Loaded) -> Ears {
-        let definitions = Definitions::default();
-        let watched = loaded.model.watched.topics.iter().map(|spec| {
-            let reader = definitions.check(spec).unwrap_or_else(|error| panic!("{}: {error}", spec.topic));
-            (spec.topic.clone(), (spec.clone(), reader))
-        });
-        let fields = loaded.model.signals.iter().filter_map(|signal| Some((signal, signal.source.field()?)));
-        let signals = fields.map(|(signal, source)| {
-            let level = signal.present_for.is_none();
-            let reader = level.then(|| definitions.boolean(&source.type_name, &source.field).unwrap());
-            (source.topic.clone(), signal.name.clone(), reader)
-        });
-        Ears {
-            watched: watched.collect(),
-            signals: signals.collect(),
-            nodes: Nodes::new(Timestamp::ZERO),
-            watchdogs: loaded.model.watched.watchdogs.clone(),
-        }
-    }
-
-    /// The answers to watchdogs that are due, where these nodes are announced.
-    pub fn probes(&mut self, nodes: Vec<&'static str>, now: Timestamp) -> Vec<Input> {
-        let named = |name| NodeEntities { name, ..NodeEntities::default() };
-        let body = encode_nodes([1; 16], &nodes.into_iter().map(named).collect::<Vec<_>>(), GidSize::Bytes16);
-        self.nodes.announce([1; 16], &body, Endian::Little, None);
-        let due = |source: &&Arc<WatchdogSpec>| now.as_nanos().is_multiple_of(source.every.as_nanos());
-        let answer = |source: &Arc<WatchdogSpec>| {
-            let ProbeTarget::Node { name } = &source.target else { return None };
-            let outcome = self.nodes.ask(name, now);
-            Some(Input::Probe(Probe { source: source.clone(), outcome }))
-        };
-        self.watchdogs.iter().filter(due).filter_map(answer).collect()
-    }
-
-    pub fn inputs(&self, topic: &str, body: &[u8], received: SystemTime) -> Vec<Input> {
-        if topic == DIAGNOSTICS {
-            let (array, fault) = diagnostic_array(body, Endian::Little, &Limits::default());
-            assert_eq!(fault, None);
-            return vec![Input::Diagnostics(array)];
-        }
-        let mut inputs = Vec::new();
-        for (of, name, reader) in &self.signals {
-            if **of == *topic {
-                let value = reader.as_ref().is_none_or(|reader| reader.read(body, Endian::Little).unwrap());
-                inputs.push(Input::Signal { name: name.clone(), value });
-            }
-        }
-        if let Some((source, reader)) = self.watched.get(topic) {
-            let reading = reader.read(body, Endian::Little);
-            assert_eq!(reading.fault, None, "{topic}");
-            let received_wall_ns = received.duration_since(SystemTime::UNIX_EPOCH).unwrap().as_nanos() as i64;
-            let sample = Sample {
-                source: source.clone(),
-                stamp_ns: reading.stamp_ns,
-                received_wall_ns,
-                late: false,
-                values: reading.values,
-            };
-            inputs.push(Input::Sample(sample));
-        }
-        inputs
-    }
 }
 
 pub fn state(snapshot: &Snapshot, node: &str) -> State {
