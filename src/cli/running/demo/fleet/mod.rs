@@ -195,7 +195,7 @@ fn introduction(address: SocketAddr, hub: u32, members: &[Member]) -> String {
     for member in members {
         let what = match member.fate {
             Fate::Tunnels => "drives through tunnels, where its line is cut for two minutes",
-            Fate::Off => "is switched off after half a minute",
+            Fate::Off => "is switched off when it has stopped",
             Fate::Copied => "shares its key with another one",
             Fate::None => continue,
         };

@@ -19,7 +19,7 @@ use crate::fleet::vehicle::{self, NEWS_MAX, Settings, Sources};
 /// A demo that was put to sleep for longer goes on where it wakes up.
 const BEHIND_MAX: Span = Span::from_secs(3);
 
-/// From the start until a vehicle is switched off that does not stay.
+/// A vehicle that does not stay is switched off when it stands, but not before this.
 const OFF_AFTER: Span = Span::from_secs(25);
 
 /// Its goodbye takes no longer.
@@ -86,7 +86,8 @@ impl Vehicle {
             let (now, wall) = (clock.now(), clock.wall());
             let wall = |at: Timestamp| wall_at(wall, now, at);
             let passed = now.since(start);
-            if self.member.fate == Fate::Off && passed >= OFF_AFTER {
+            let stands = told.borrow().motion.speed_kmh == Some(0);
+            if self.member.fate == Fate::Off && passed >= OFF_AFTER && stands {
                 break clock.instant(now) + ENDS_WITHIN;
             }
             for (planned, on) in self.member.faults.iter().zip(&mut on) {

@@ -1,0 +1,187 @@
+"""The console of a fleet in a browser, over `telltale demo --fleet`: the worst vehicle first with its cause, and nothing old
+that looks live."""
+
+import json
+import os
+import re
+import signal
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import expect
+
+from accessible import violations
+from operating import enter, log_in, watch
+from vehicle import TELLTALE, Client, Server, own_domain, until
+
+# The simulation, and what is late or lost, live in real time.
+pytestmark = pytest.mark.timed
+
+USERS = {"control": "demo-control", "engineer": "demo-engineer", "authority": "demo-authority"}
+CONTROL = ("control", USERS["control"])
+IN_FAULT, IN_TUNNELS, SWITCHED_OFF = "shuttle-01", "shuttle-02", "robot-03"
+
+# A fault comes at least this often, a tunnel too; then a vehicle is late after 35 s and lost after 65 s.
+FAULT_MS = 260_000
+TUNNEL_MS = 320_000
+LOST_MS = 90_000
+# After a hub's restart vehicles wait for up to two minutes before they try again.
+BACK_MS = 170_000
+
+SIZES = [(1280, 800), (1920, 1080), (390, 844)]
+LOOKS = [("en", "night"), ("de", "day")]
+WIDTHS = "() => [document.documentElement.scrollWidth, innerWidth]"
+# The rows that look as if the vehicle were heard now: with the green, the amber or the red of a state.
+COLOURED = """() => [...document.querySelectorAll("#vehicles > li")].filter(row => {
+  const style = getComputedStyle(document.documentElement);
+  const probe = row.appendChild(document.createElement("i"));
+  const colours = ["ok", "bad-text", "late-text"].map(it => {
+    probe.style.color = `var(--${it})`;
+    return getComputedStyle(probe).color;
+  });
+  probe.remove();
+  return colours.includes(getComputedStyle(row.querySelector("[data-cell=state]")).color);
+}).map(row => row.id)"""
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    server = Server(tmp_path_factory.mktemp("fleet"), own_domain(), "demo")
+    server.run([TELLTALE, "demo", "--fleet", "3", "--listen", f"127.0.0.1:{server.port}"])
+    yield server
+    # A hub that lost its demo would run on.
+    hubs = server.children()
+    assert server.stop() == 0
+    until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in hubs), 10, lambda: f"the hub ends: {hubs}")
+
+
+@pytest.fixture(scope="module")
+def client(demo):
+    client = Client(demo, *CONTROL)
+    until(lambda: len(vehicles(client)) == 3, 120, lambda: f"three vehicles are heard: {vehicles(client)}")
+    return client
+
+
+@pytest.fixture
+def console(demo, client, page):
+    enter(page, demo, *CONTROL)
+    return page
+
+
+def get(client, path):
+    with client.opener.open(client.server.url + path, timeout=10) as answer:
+        return answer.read()
+
+
+def vehicles(client):
+    return json.loads(get(client, "/api/v1/vehicles"))
+
+
+def row(page, vehicle):
+    return page.locator(f"#v-{vehicle}")
+
+
+def test_programs_see_the_vehicles_of_the_demo_with_days_of_history(client):
+    found = {it["id"]: it for it in vehicles(client)}
+    assert set(found) == {IN_FAULT, IN_TUNNELS, SWITCHED_OFF}
+    assert found[IN_FAULT]["name"] == "Shuttle 1" and found[SWITCHED_OFF]["name"] == "Robot 3"
+    assert re.fullmatch("[0-9a-f]{64}", found[IN_FAULT]["config"])
+    told = lambda: json.loads(get(client, f"/api/v1/vehicles/{IN_FAULT}/history?from=2020-01-01T00:00:00Z"))
+    until(lambda: [it["kind"] for it in told()["messages"]].count("goodbye") == 4, 30, told)
+    assert told()["unknown"] == [] and told()["contradictions"] == 0
+    groups = json.loads(get(client, "/api/v1/incidents?group=cause"))
+    assert any(IN_FAULT in it["vehicles"] and it["count"] >= 4 for it in groups), groups
+
+
+@pytest.mark.parametrize("name", USERS)
+def test_each_role_logs_in_and_out(demo, client, page, trouble, name):
+    log_in(page, demo, name, "wrong words here")
+    expect(page.get_by_role("alert")).to_have_text("Name or password is wrong.")
+    trouble.expect("401")
+    enter(page, demo, name, USERS[name])
+    expect(page.locator(".user")).to_have_text(name)
+    expect(row(page, IN_FAULT)).to_be_visible()
+    page.get_by_role("button", name="Log out").click()
+    page.wait_for_url(demo.url + "/login")
+
+
+def test_no_route_acts(demo, client):
+    paths = ["/", "/overview", "/api/v1/vehicles", f"/api/v1/vehicles/{IN_FAULT}/snapshot", f"/api/v1/vehicles/{IN_FAULT}/history"]
+    paths += ["/api/v1/incidents", "/healthz", "/readyz"]
+    expected = [(method, path, 405) for path in paths for method in ("POST", "PUT", "PATCH", "DELETE")]
+    expected += [(method, "/vehicle/stop", 404) for method in ("GET", "POST", "PUT")]
+    for method, path, status in expected:
+        request = urllib.request.Request(demo.url + path, method=method, headers={"Origin": demo.url})
+        with pytest.raises(urllib.error.HTTPError) as error:
+            client.opener.open(request, timeout=10)
+        assert error.value.code == status, (method, path)
+
+
+@pytest.mark.parametrize("lang, palette", LOOKS)
+def test_the_overview_fits_and_is_accessible(demo, client, chromium, trouble, lang, palette):
+    context = chromium.new_context(locale="en-GB")
+    context.set_default_timeout(20_000)
+    cookies = {"lang": lang, "palette": palette}
+    context.add_cookies([{"name": name, "value": value, "url": demo.url} for name, value in cookies.items()])
+    page = context.new_page()
+    watch(page, trouble)
+    page.goto(demo.url + "/login")
+    assert not violations(page)
+    enter(page, demo, *CONTROL)
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        expect(row(page, IN_FAULT)).to_be_visible()
+        wide, most = page.evaluate(WIDTHS)
+        assert wide <= most, f"{wide} px wide in a window of {most}"
+        assert not violations(page), (width, lang, palette)
+    expect(page.locator("html")).to_have_attribute("lang", lang)
+    context.close()
+
+
+def test_a_vehicle_that_says_goodbye_is_off_and_grey(console):
+    off = row(console, SWITCHED_OFF)
+    expect(off).to_have_attribute("data-contact", "off", timeout=120_000)
+    expect(off).to_contain_text("Vehicle off")
+    assert f"v-{SWITCHED_OFF}" not in console.evaluate(COLOURED)
+
+
+def test_the_worst_vehicle_is_first_with_its_cause_in_words(console):
+    fault = row(console, IN_FAULT)
+    expect(fault).to_have_attribute("data-state", "error", timeout=FAULT_MS)
+    # Only one that was lost while it drove is worse.
+    first = console.locator("#vehicles > li").first
+    expect(first).to_have_attribute("data-urgency", re.compile("error|lost-driving"))
+    expect(fault.locator("[data-cell=cause] b")).to_have_text(re.compile(r"\w+ \w+"))
+    expect(fault.locator("[data-cell=cause] small").last).to_have_text("localization/tf_quality")
+    expect(console.locator("[data-count=error]")).not_to_have_attribute("data-none", "")
+
+
+def test_a_vehicle_in_a_tunnel_is_late_and_then_lost_and_comes_back(console):
+    tunnel = row(console, IN_TUNNELS)
+    expect(tunnel).to_have_attribute("data-contact", "late", timeout=TUNNEL_MS)
+    expect(tunnel).to_contain_text("Late")
+    assert f"v-{IN_TUNNELS}" not in console.evaluate(COLOURED)
+    expect(tunnel).to_have_attribute("data-contact", "lost", timeout=LOST_MS)
+    expect(tunnel).to_contain_text("Link lost")
+    expect(tunnel.locator("[data-cell=age]")).to_have_text(re.compile(r"\d+ (s|min) ago"))
+    # It drove or stood when it was lost.
+    expect(tunnel).to_have_attribute("data-urgency", re.compile("lost"))
+    expect(tunnel).to_have_attribute("data-contact", "live", timeout=BACK_MS)
+
+
+def test_without_its_hub_nothing_is_shown_as_live_and_all_comes_back(demo, console, client):
+    expect(row(console, IN_FAULT)).to_have_attribute("data-contact", "live", timeout=BACK_MS)
+    [hub] = demo.children()
+    os.kill(hub, signal.SIGKILL)
+    expect(console.locator("#fleet")).to_have_attribute("data-hub-down", "", timeout=20_000)
+    expect(console.get_by_role("alert").filter(has_text="Hub down")).to_be_visible()
+    for vehicle in (IN_FAULT, IN_TUNNELS):
+        expect(row(console, vehicle)).to_have_attribute("data-contact", "hub_down")
+    assert console.evaluate(COLOURED) == []
+    expect(console.locator("[data-count=ok] b")).to_have_text("0")
+    with urllib.request.urlopen(demo.url + "/readyz", timeout=5) as answer:
+        assert answer.status == 200
+    expect(row(console, IN_FAULT)).to_have_attribute("data-contact", "live", timeout=BACK_MS)
+    expect(console.locator("#fleet")).not_to_have_attribute("data-hub-down", "")
