@@ -80,6 +80,7 @@ pub mod common {
     pub use crate::admission::login_throttle::{Source, Throttle};
     pub use crate::admission::peer::{CameFrom, source_of};
     pub use crate::api::query::{Asked, Moment};
+    pub use crate::api::table::{Format, Table};
     pub use crate::auth::login::DEVICE_LIFE;
     pub use crate::http::guard::{
         SignedIn, admitted, bearer, device_cookie_name, has_own_origin, one_session,
@@ -88,6 +89,7 @@ pub mod common {
     pub use crate::http::plain_errors::in_words;
     pub use crate::http::respond::{FormOf, Reader, Speaks, cookie, json_answer, refusal};
     pub use crate::pages::{asset, healthz, not_found, wrong_method};
+    pub use crate::view::Home;
     pub use crate::view::page::frame::PageFrame;
 }
 

@@ -34,11 +34,28 @@ pub struct HistoryAsked {
 }
 
 /// What was read.
-struct Known {
+pub struct Known {
     history: History,
-    contradictions: usize,
-    refused: usize,
-    is_whole: bool,
+    pub contradictions: usize,
+    pub refused: usize,
+    /// The end was reached.
+    pub is_whole: bool,
+}
+
+impl Known {
+    /// The messages of a time, by the vehicle's clock.
+    pub fn messages(&self, from: i64, to: i64) -> impl Iterator<Item = &Message> {
+        self.history.messages().filter(move |message| (from..=to).contains(&message.at))
+    }
+
+    /// What is not known between the first and the last message that were read.
+    pub fn unknown(&self) -> Vec<Unknown> {
+        // What lies before the first message that was read was not asked for.
+        let first = self.history.messages().next().map(Message::mark);
+        let mut unknown = self.history.unknown();
+        unknown.retain(|it| first.is_none_or(|first| it.from > first));
+        unknown
+    }
 }
 
 /// `GET /api/v1/vehicles/ID/history?from&to`: messages in their order, by the vehicle's clock.
@@ -49,34 +66,38 @@ pub async fn get(
     Asked(asked): Asked<HistoryAsked>,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let skew_ms = {
-        let fleet = console.shared.fleet();
-        fleet.vehicle(&id).ok_or(HttpError::NotFound)?.skew_ms().unwrap_or(0)
-    };
     let wall_ms = telltale_clock::unix_ms(console.clock.wall());
     let to = asked.to.map_or(i64::MAX, |Moment(ms)| ms);
     let from = asked.from.map_or(wall_ms.min(to).saturating_sub(UNASKED_MS), |Moment(ms)| ms);
-    let logs = console.shared.logs().ok_or(HttpError::Unavailable)?;
-    let stored_from = from.saturating_sub(skew_ms.max(0)).saturating_sub(MARGIN_MS);
-    let until = console.clock.now() + READ_WITHIN;
-    let read = console.clock.by(until, read(&logs, &id, stored_from, to)).await;
-    let known = read.ok_or(HttpError::TooSlow)?.map_err(|why| {
-        tracing::warn!("a history cannot be read: {why}");
-        HttpError::Unavailable
-    })?;
-    let is_asked = |message: &&Message| (from..=to).contains(&message.at);
-    let messages: Vec<&Message> = known.history.messages().filter(is_asked).take(MESSAGES_MAX).collect();
-    // What lies before the first message that was read was not asked for.
-    let first = known.history.messages().next().map(Message::mark);
-    let follows = |it: &&Unknown| first.is_none_or(|first| it.from > first);
+    let known = known(&console, &id, from, to).await?;
+    let messages: Vec<&Message> = known.messages(from, to).take(MESSAGES_MAX).collect();
     let is_whole = known.is_whole && messages.len() < MESSAGES_MAX;
     let answer = json!({
         "vehicle": id.as_str(), "from": time(from),
         "messages": messages.iter().map(|it| row(it)).collect::<Vec<_>>(),
-        "unknown": known.history.unknown().iter().filter(follows).map(unknown).collect::<Vec<_>>(),
+        "unknown": known.unknown().iter().map(unknown).collect::<Vec<_>>(),
         "contradictions": known.contradictions, "refused": known.refused, "whole": is_whole,
     });
     Ok(json_answer(StatusCode::OK, &answer))
+}
+
+/// Reads what a vehicle told of a time by its own clock, in milliseconds since 1970.
+///
+/// # Errors
+/// There is no such vehicle, or the hub does not answer.
+pub async fn known(console: &Console, id: &VehicleId, from: i64, to: i64) -> Result<Known, HttpError> {
+    let skew_ms = {
+        let fleet = console.shared.fleet();
+        fleet.vehicle(id).ok_or(HttpError::NotFound)?.skew_ms().unwrap_or(0)
+    };
+    let logs = console.shared.logs().ok_or(HttpError::Unavailable)?;
+    let stored_from = from.saturating_sub(skew_ms.max(0)).saturating_sub(MARGIN_MS);
+    let until = console.clock.now() + READ_WITHIN;
+    let read = console.clock.by(until, read(&logs, id, stored_from, to)).await;
+    read.ok_or(HttpError::TooSlow)?.map_err(|why| {
+        tracing::warn!("a history cannot be read: {why}");
+        HttpError::Unavailable
+    })
 }
 
 async fn read(logs: &Logs, id: &VehicleId, from_ms: i64, to: i64) -> Result<Known, String> {

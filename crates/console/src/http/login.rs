@@ -7,7 +7,7 @@ use std::time::Duration;
 use askama::Template;
 use axum::extract::State;
 use axum::http::header::{RETRY_AFTER, SET_COOKIE};
-use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::http::{Extensions, HeaderMap, HeaderValue, StatusCode};
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::json;
@@ -202,7 +202,10 @@ pub async fn logout(
 ) -> Response {
     // A program's token is taken back on the command line.
     if session.kind == SessionKind::Program {
-        return refusal(&Reader::of(&"/api/".parse().unwrap_or_default(), &headers), HttpError::Forbidden);
+        return refusal(
+            &Reader::of(&"/api/".parse().unwrap_or_default(), &headers, &Extensions::new()),
+            HttpError::Forbidden,
+        );
     }
     console.store.end_at_once(&session, Record::of_session(&session, Action::Logout, source));
     let mut answer = match reader.speaks {

@@ -3,21 +3,26 @@
 mod answers;
 mod guard;
 mod history;
+mod log;
 mod login;
 mod page;
+mod row;
 #[cfg(test)]
 mod tests;
+mod vehicle;
 
 use std::sync::{Arc, Mutex};
 
-use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::http::StatusCode;
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::routing::{get, post};
+use axum::{Extension, Router};
 use telltale_clock::Clock;
 use telltale_store::Store;
-use telltale_web::common::{Throttle, asset, healthz, in_words, not_found, secure_headers, wrong_method};
+use telltale_web::common::{
+    Home, Throttle, asset, healthz, in_words, not_found, secure_headers, wrong_method,
+};
 use telltale_web::{BODY_BYTES_MAX, Origins};
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
@@ -53,6 +58,9 @@ pub fn router(console: Console) -> Router {
     Router::new()
         .route("/", get(page::get))
         .route("/overview", get(page::overview))
+        .route("/vehicles/{id}", get(vehicle::page))
+        .route("/vehicles/{id}/state", get(vehicle::state))
+        .route("/vehicles/{id}/log", get(log::log))
         .route("/login", get(login::page).post(login::login))
         .route("/logout", post(login::logout))
         .route("/api/v1/vehicles", get(answers::vehicles))
@@ -69,6 +77,7 @@ pub fn router(console: Console) -> Router {
         .layer(RequestBodyLimitLayer::new(BODY_BYTES_MAX))
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
         .layer(from_fn(in_words))
+        .layer(Extension(Home::Fleet))
         .layer(from_fn_with_state(secure, secure_headers))
         .with_state(console)
 }

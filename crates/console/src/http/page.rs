@@ -4,16 +4,13 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use telltale_clock::unix_ms;
-use telltale_engine::model::Stage;
-use telltale_engine::state::State as Shows;
-use telltale_engine::time::{Span, how_long};
 use telltale_web::common::{PageFrame, Reader, SignedIn};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, Lang, Words};
 
 use super::Console;
-use crate::state::contact::{Contact, Urgency};
-use crate::state::{Row, counts};
+use super::row::{RowHtml, shown};
+use crate::state::counts;
 
 #[derive(Template)]
 #[template(path = "console/overview.html")]
@@ -39,25 +36,6 @@ struct FleetHtml {
     rows: Vec<RowHtml>,
 }
 
-struct RowHtml {
-    id: String,
-    name: String,
-    state: &'static str,
-    contact: &'static str,
-    urgency: &'static str,
-    icon: &'static str,
-    word: String,
-    /// Of a vehicle that is not live: what it showed last.
-    last: Option<&'static str>,
-    cause: String,
-    node: String,
-    notes: Vec<String>,
-    since: String,
-    motion: String,
-    age: String,
-    version: String,
-}
-
 /// `GET /`
 pub async fn get(
     State(console): State<Console>,
@@ -76,7 +54,7 @@ pub async fn overview(State(console): State<Console>, _: SignedIn, reader: Reade
     rendered(&fleet(&console, reader.lang))
 }
 
-fn rendered(page: &impl Template) -> Response {
+pub fn rendered(page: &impl Template) -> Response {
     match page.render() {
         Ok(page) => Html(page).into_response(),
         Err(_) => HttpError::Unavailable.into_response(),
@@ -106,111 +84,5 @@ fn fleet(console: &Console, lang: Lang) -> FleetHtml {
         counts,
         off: (all.off > 0).then(|| lang.off_count(all.off)),
         rows: rows.iter().map(|row| shown(row, lang, now_ms)).collect(),
-    }
-}
-
-fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
-    let words = ConsoleWords::of(lang);
-    let state = lang.state(row.state);
-    let (word, icon) = match contact(row, words) {
-        None => (state, icon(row.state)),
-        Some(word) => (word, if row.contact == Contact::Off { "leave" } else { "unknown" }),
-    };
-    let is_old = row.contact != Contact::Live;
-    let word = match row.urgency {
-        Urgency::LostDriving => format!("{word} {}", words.drove),
-        _ => word.to_owned(),
-    };
-    let span = |ms: i64| how_long(Span::from_millis(u64::try_from(ms).unwrap_or(0)));
-    let since = |since: i64| format!("{} {}", Words::of(lang).since_for, span(now_ms.saturating_sub(since)));
-    RowHtml {
-        id: row.id.clone(),
-        name: row.name.clone(),
-        state: row.state.as_str(),
-        contact: row.contact.as_str(),
-        urgency: urgency(row.urgency),
-        icon,
-        word,
-        last: (is_old && row.stage.is_some()).then_some(state),
-        cause: row.cause.as_ref().map(|cause| cause.words.clone()).unwrap_or_default(),
-        node: row.cause.as_ref().map(|cause| cause.node.clone()).unwrap_or_default(),
-        notes: notes(row, lang),
-        // Of a vehicle that is not heard only the age of what it told is known.
-        since: row.since_ms.filter(|_| !is_old).map(since).unwrap_or_default(),
-        motion: motion(row, lang),
-        age: row.age_s.map(|age| lang.ago(&span((age * 1000.0) as i64))).unwrap_or_default(),
-        version: row.version.clone(),
-    }
-}
-
-/// The word for a vehicle that is not live.
-fn contact(row: &Row, words: &'static ConsoleWords) -> Option<&'static str> {
-    match (row.contact, row.stage) {
-        (_, None) => Some(words.never_heard),
-        (Contact::Live, _) => None,
-        (Contact::Late, _) => Some(words.late),
-        (Contact::Lost, _) => Some(words.link_lost),
-        (Contact::HubDown, _) => Some(words.hub_down),
-        // A shuttle is locked before it is switched off. A machine without stages is always active.
-        (Contact::Off, Some(Stage::Locked)) => Some(words.vehicle_off),
-        (Contact::Off, Some(Stage::Active)) if !row.drives => Some(words.vehicle_off),
-        (Contact::Off, Some(_)) => Some(words.telltale_ended),
-    }
-}
-
-const fn icon(state: Shows) -> &'static str {
-    match state {
-        Shows::Ok => "ok",
-        Shows::Warning => "warning",
-        Shows::Error => "error",
-        Shows::Ignore => "idle",
-        Shows::Unknown => "unknown",
-    }
-}
-
-const fn urgency(urgency: Urgency) -> &'static str {
-    match urgency {
-        Urgency::LostDriving => "lost-driving",
-        Urgency::Error => "error",
-        Urgency::Unacknowledged => "unacknowledged",
-        Urgency::Warning => "warning",
-        Urgency::Lost => "lost",
-        Urgency::Late => "late",
-        Urgency::NeverHeard => "never",
-        Urgency::Ok => "ok",
-        Urgency::Off => "off",
-    }
-}
-
-fn notes(row: &Row, lang: Lang) -> Vec<String> {
-    let words = ConsoleWords::of(lang);
-    let mut notes = Vec::new();
-    if row.two_vehicles {
-        notes.push(words.two_vehicles.to_owned());
-    }
-    if row.unacknowledged > 0 {
-        notes.push(format!("{} {}", row.unacknowledged, words.unacknowledged));
-    }
-    if let Some(skew_s) = row.clock_skew_s {
-        let seconds = skew_s.abs().round() as u64;
-        notes.push(if skew_s > 0.0 { lang.clock_ahead(seconds) } else { lang.clock_behind(seconds) });
-    }
-    if let Some(why) = &row.refused_why {
-        notes.push(lang.refused_messages(row.refused, why));
-    }
-    notes
-}
-
-fn motion(row: &Row, lang: Lang) -> String {
-    let Some(stage) = row.stage else { return String::new() };
-    let words = Words::of(lang);
-    let stage = match stage {
-        // Of a machine without stages.
-        Stage::Active if !row.drives => words.runs,
-        stage => lang.stage(stage, true),
-    };
-    match row.speed_kmh {
-        Some(speed) => format!("{stage} · {speed} km/h"),
-        None => stage.to_owned(),
     }
 }

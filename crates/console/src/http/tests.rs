@@ -106,9 +106,13 @@ async fn json(router: &Router, path: &str, cookie: &str) -> Value {
     serde_json::from_slice(&to_bytes(answer.into_body(), 1 << 20).await.unwrap()).unwrap()
 }
 
-const READ: [&str; 7] = [
+const READ: [&str; 11] = [
     "/",
     "/overview",
+    "/vehicles/a",
+    "/vehicles/a?log=1h",
+    "/vehicles/a/state",
+    "/vehicles/a/log?log=14d",
     "/api/v1/vehicles",
     "/api/v1/vehicles/a/snapshot",
     "/api/v1/vehicles/a/history",
@@ -250,6 +254,44 @@ async fn programs_read_the_vehicles_with_their_causes() {
     }
     let wrong = ask(&router, Method::GET, "/api/v1/incidents?group=colour", &session, "").await;
     assert_eq!(wrong.status(), StatusCode::BAD_REQUEST);
+}
+
+#[tokio::test]
+async fn a_vehicle_has_a_page_with_its_faults_and_who_waits_for_them() {
+    let (router, shared, _store) = console().await;
+    let session = cookie(&router, "authority").await;
+    let page = async |path: &str| {
+        let request = Request::get(path)
+            .header(header::HOST, "127.0.0.1:8080")
+            .header(header::COOKIE, &session)
+            .header(header::ACCEPT, "text/html");
+        let answer = router.clone().oneshot(request.body(Body::empty()).unwrap()).await.unwrap();
+        let status = answer.status();
+        let body = to_bytes(answer.into_body(), 1 << 20).await.unwrap();
+        (status, String::from_utf8(body.to_vec()).unwrap())
+    };
+    let (status, shown) = page("/vehicles/a").await;
+    assert_eq!(status, StatusCode::OK);
+    assert!(!shown.contains("<img") && shown.contains("&#60;img"), "{shown}");
+    for expected in [
+        "<b>no data</b> <small>sensors/lidar</small>",
+        "one waits for it: planning/route",
+        "The log cannot be read now",
+        "data-contact=\"live\"",
+    ] {
+        assert!(shown.contains(expected), "{expected}: {shown}");
+    }
+    assert!(!shown.contains("<form method=\"post\" action=\"/v"), "{shown}");
+    shared.fleet().line_ended("cut", shared.clock.now());
+    let (_, part) = page("/vehicles/a/state").await;
+    assert!(part.starts_with("<div id=\"state\"") && part.contains("data-contact=\"hub_down\""), "{part}");
+    assert!(part.contains("class=\"age\""), "{part}");
+    for path in ["/vehicles/b", "/vehicles/b/state", "/vehicles/B%2F", "/vehicles/b/log", "/nowhere"] {
+        let (status, shown) = page(path).await;
+        assert_eq!(status, StatusCode::NOT_FOUND, "{path}");
+        assert!(shown.contains("Back to the fleet") && !shown.contains("the vehicle"), "{path}: {shown}");
+    }
+    assert_eq!(page("/vehicles/a?log=2h").await.0, StatusCode::BAD_REQUEST);
 }
 
 #[tokio::test]

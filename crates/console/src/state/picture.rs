@@ -21,6 +21,8 @@ pub struct Picture {
     pub end: Option<Mark>,
     /// When that was made, by the vehicle's clock, in milliseconds since 1970.
     pub at_ms: Option<i64>,
+    /// The last message that people read of in the log: of an alarm, a gap, a goodbye, or another stage.
+    pub noted: Option<Mark>,
     /// Nothing is missing in it since a keyframe.
     pub is_whole: bool,
 }
@@ -36,6 +38,11 @@ pub struct Shown {
 }
 
 impl Picture {
+    /// The place of the last message that people read of in the log; empty if there is none.
+    pub fn noted_place(&self) -> String {
+        self.noted.map(|mark| format!("{}-{}", mark.epoch, mark.n)).unwrap_or_default()
+    }
+
     /// Takes the next message of the log. One that is not newer is passed over.
     pub fn take(&mut self, message: &Message) {
         let mark = message.mark();
@@ -50,6 +57,13 @@ impl Picture {
         self.is_whole &= follows;
         self.end = Some(message.end());
         self.at_ms = Some(message.at);
+        let is_noted = match &message.content {
+            Content::Keyframe(all) | Content::Delta(all) => self.stage != Some(all.stage),
+            content => matches!(content, Content::Alarm(_) | Content::Gap(_) | Content::Goodbye),
+        };
+        if is_noted {
+            self.noted = Some(mark);
+        }
         match &message.content {
             Content::Keyframe(all) => {
                 self.nodes.clear();

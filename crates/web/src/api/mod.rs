@@ -10,7 +10,7 @@ pub mod openapi;
 pub mod page;
 
 pub mod query;
-mod table;
+pub mod table;
 
 pub mod audit;
 pub mod history;

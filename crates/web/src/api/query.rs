@@ -23,7 +23,7 @@ impl<T: DeserializeOwned, S: Sync> FromRequestParts<S> for Asked<T> {
             Err(rejection) => {
                 let text = rejection.body_text();
                 let why = text.split_once("query string: ").map_or(&*text, |(_, why)| why);
-                Err(bad_query(&Reader::of(&parts.uri, &parts.headers), why))
+                Err(bad_query(&Reader::of(&parts.uri, &parts.headers, &parts.extensions), why))
             }
         }
     }

@@ -32,7 +32,7 @@ impl FromRequestParts<AppState> for PageRequest {
 
     async fn from_request_parts(parts: &mut Parts, app: &AppState) -> Result<PageRequest, HttpError> {
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
-        let reader = Reader::of(&parts.uri, &parts.headers);
+        let reader = Reader::of(&parts.uri, &parts.headers, &parts.extensions);
         // A malformed query counts as an empty one.
         let query = Query::<Vec<(String, String)>>::try_from_uri(&parts.uri);
         let query = PageQuery::of(query.map(|Query(pairs)| pairs).unwrap_or_default());

@@ -266,7 +266,7 @@ pub fn has_own_origin(own: &Origins, headers: &HeaderMap) -> bool {
 
 /// Browsers are led to the login when they ask for a page; all others get 401.
 fn not_signed_in(request: &Request) -> Response {
-    let is_page = Reader::of(request.uri(), request.headers()).speaks == Speaks::Html
+    let is_page = Reader::of(request.uri(), request.headers(), request.extensions()).speaks == Speaks::Html
         && !is_upgrade(request)
         && request.uri().path() != "/ws"
         && !request.uri().path().starts_with("/static/");

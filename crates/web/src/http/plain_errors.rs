@@ -12,7 +12,7 @@ use crate::texts::HttpError;
 
 /// Gives refusals their words. Pages and JSON pass.
 pub async fn in_words(request: Request, next: Next) -> Response {
-    let reader = Reader::of(request.uri(), request.headers());
+    let reader = Reader::of(request.uri(), request.headers(), request.extensions());
     let is_configuration = request.uri().path().ends_with("/what-if");
     let plain = next.run(request).await;
     if let Some(&trouble) = plain.extensions().get::<HttpError>() {

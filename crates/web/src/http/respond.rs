@@ -6,7 +6,7 @@ use axum::extract::rejection::FormRejection;
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::header::{ACCEPT, ACCEPT_LANGUAGE, CONTENT_TYPE, COOKIE};
 use axum::http::request::Parts;
-use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::http::{Extensions, HeaderMap, StatusCode, Uri};
 use axum::response::{Html, IntoResponse, Response};
 use axum::{Extension, Form};
 use schemars::JsonSchema;
@@ -16,7 +16,7 @@ use serde_json::Value;
 
 use crate::texts::{HttpError, Lang, Words, plain_json};
 use crate::view;
-use crate::view::{PagePart, Palette};
+use crate::view::{Home, PagePart, Palette};
 use telltale_engine::input::Refusal;
 
 /// The format that a client reads.
@@ -35,13 +35,15 @@ pub struct Reader {
     pub lang: Lang,
     pub palette: Palette,
     pub part: PagePart,
+    pub home: Home,
 }
 
 /// The header by which a page's script names the part of the answer that it needs.
 const PART: &str = "telltale-part";
 
 impl Reader {
-    pub fn of(uri: &Uri, headers: &HeaderMap) -> Reader {
+    /// `extensions` are those of the request: a server that is no vehicle's puts its [`Home`] there.
+    pub fn of(uri: &Uri, headers: &HeaderMap, extensions: &Extensions) -> Reader {
         let accepts_json = header(headers, ACCEPT.as_str())
             .is_some_and(|accept| accept.contains("application/json") && !accept.contains("text/html"));
         let speaks = if accepts_json || is_for_programs(uri.path()) { Speaks::Json } else { Speaks::Html };
@@ -52,6 +54,7 @@ impl Reader {
             lang: lang.unwrap_or_default(),
             palette: palette.unwrap_or_default(),
             part: header(headers, PART).and_then(PagePart::from_word).unwrap_or_default(),
+            home: extensions.get().copied().unwrap_or_default(),
         }
     }
 }
@@ -65,7 +68,7 @@ impl<S: Sync> FromRequestParts<S> for Reader {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, _state: &S) -> Result<Reader, Infallible> {
-        Ok(Reader::of(&parts.uri, &parts.headers))
+        Ok(Reader::of(&parts.uri, &parts.headers, &parts.extensions))
     }
 }
 
@@ -138,8 +141,8 @@ fn refusal_with(reader: &Reader, trouble: HttpError, text: &str) -> Response {
 }
 
 fn page(reader: &Reader, status: StatusCode, title: &str, text: &str) -> Response {
-    (status, Html(view::message_page(status.as_u16(), title, text, reader.lang, reader.palette)))
-        .into_response()
+    let Reader { home, lang, palette, .. } = *reader;
+    (status, Html(view::message_page(status.as_u16(), title, text, home, lang, palette))).into_response()
 }
 
 /// A form that was sent.
@@ -150,7 +153,7 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for FormOf<T> {
     type Rejection = Response;
 
     async fn from_request(request: Request, state: &S) -> Result<FormOf<T>, Response> {
-        let reader = Reader::of(request.uri(), request.headers());
+        let reader = Reader::of(request.uri(), request.headers(), request.extensions());
         let form = Form::from_request(request, state).await;
         form.map(|Form(form)| FormOf(form)).map_err(|rejection| bad_form(&reader, &rejection))
     }

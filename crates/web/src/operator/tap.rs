@@ -13,7 +13,7 @@ use crate::http::guard::SignedIn;
 use crate::http::respond::{Reader, Speaks};
 use crate::texts::{HttpError, InvalidTap, Lang};
 use crate::view::versions::Aspect;
-use crate::view::{PagePart, Palette};
+use crate::view::{Home, PagePart, Palette};
 use crate::{AppState, Live};
 use telltale_clock::wall_at;
 use telltale_engine::input::OperatorAction;
@@ -81,7 +81,7 @@ impl FromRequestParts<AppState> for Tap {
         let SignedIn(session) = SignedIn::from_request_parts(parts, app).await?;
         let app = Live::from_request_parts(parts, app).await?;
         let source = source_of(parts.extensions.get::<Peer>().copied());
-        let reader = Reader::of(&parts.uri, &parts.headers);
+        let reader = Reader::of(&parts.uri, &parts.headers, &parts.extensions);
         Ok(Tap { app, session, source, reader, arrived })
     }
 }
@@ -95,7 +95,13 @@ impl Tap {
 
     /// How the answer to a tap over the socket is written.
     pub fn socket_reader(lang: Lang) -> Reader {
-        Reader { speaks: Speaks::Json, lang, palette: Palette::default(), part: PagePart::default() }
+        Reader {
+            speaks: Speaks::Json,
+            lang,
+            palette: Palette::default(),
+            part: PagePart::default(),
+            home: Home::default(),
+        }
     }
 
     /// The conditions under which this tap counts. A tap that was delayed on its way was made while the

@@ -61,7 +61,7 @@ pub async fn get(
     SignedIn(session): SignedIn,
     mut request: Request,
 ) -> Response {
-    let reader = Reader::of(request.uri(), request.headers());
+    let reader = Reader::of(request.uri(), request.headers(), request.extensions());
     let base = format!("/replay/{id}/screen");
     let Some(open) = app.replays.of_address(&id, &session, app.clock.now()) else {
         return based(refusal(&reader, HttpError::NotFound), &base, &[]).await;

@@ -31,6 +31,49 @@ texts! {
         motion: "Stage", "Stufe";
         age: "Data", "Daten";
         version: "Version", "Version";
+        back: "Back to the fleet", "Zurück zur Flotte";
+
+        faults: "What is wrong", "Störungen";
+        no_faults: "Nothing is wrong", "Keine Störung";
+        seen: "acknowledged", "quittiert";
+        acknowledged: "Acknowledged", "Quittiert";
+        components: "Components", "Komponenten";
+        no_components: "The hub has no states of this vehicle.", "Die Zentrale hat keine Zustände dieses Fahrzeugs.";
+        not_whole: "Messages are missing, so some states below may be older. The next full picture comes within ten minutes.", "Es fehlen Nachrichten, daher können einige Zustände unten älter sein. Das nächste vollständige Bild kommt binnen zehn Minuten.";
+
+        log: "Log", "Verlauf";
+        last_hour: "1 hour", "1 Stunde";
+        last_day: "24 hours", "24 Stunden";
+        last_14_days: "14 days", "14 Tage";
+        log_empty: "Nothing happened in this time.", "In dieser Zeit ist nichts geschehen.";
+        log_unread: "The log cannot be read now: the hub does not answer.", "Der Verlauf ist gerade nicht lesbar: Die Zentrale antwortet nicht.";
+        log_cut: "There is more than is read at once: the newest is missing here. Choose a shorter time.", "Es gibt mehr, als auf einmal gelesen wird: Das Neueste fehlt hier. Einen kürzeren Zeitraum wählen.";
+        log_contradicts: "The vehicle told some of it twice, with different content. The first one counts here.", "Das Fahrzeug hat einiges zweimal gemeldet, mit verschiedenem Inhalt. Hier gilt das Erste.";
+        alarm: "Alarm", "Alarm";
+        alarm_over: "Over", "Vorbei";
+        not_known: "Not known", "Nicht bekannt";
+        gap_overflow: "the vehicle had no room for more", "das Fahrzeug hatte keinen Platz mehr";
+        gap_too_old: "they waited too long for the hub", "sie haben zu lange auf die Zentrale gewartet";
+        gap_lost: "the hub lost them", "die Zentrale hat sie verloren";
+        gap_disk: "the vehicle's disk failed", "der Speicher des Fahrzeugs hat versagt";
+        gap_too_large: "too large to be sent", "zu groß zum Senden";
+    }
+
+    text so_many_wait(count: usize) {
+        1 => "one waits for it:", "eine wartet darauf:";
+        _ => "{count} wait for it:", "{count} warten darauf:";
+    }
+
+    text so_many_more(count: usize) { "{count} more", "{count} weitere" }
+
+    text missing_messages(count: u64) {
+        1 => "one message is missing", "eine Nachricht fehlt";
+        _ => "{count} messages are missing", "{count} Nachrichten fehlen";
+    }
+
+    text unread_batches(count: usize) {
+        1 => "One part of the log cannot be read.", "Ein Teil des Verlaufs ist nicht lesbar.";
+        _ => "{count} parts of the log cannot be read.", "{count} Teile des Verlaufs sind nicht lesbar.";
     }
 
     text off_count(count: usize) { "{count} not in service", "{count} außer Dienst" }

@@ -32,7 +32,7 @@ use telltale_store::PastAlarm;
 use versions::Seen;
 
 pub use page::{
-    DemoFault, LoginContext, LoginFailure, PageContext, PagePart, Palette, RecorderState, demo_page,
+    DemoFault, Home, LoginContext, LoginFailure, PageContext, PagePart, Palette, RecorderState, demo_page,
     login_page, message_page, operator_page,
 };
 pub use permitted::permitted;

@@ -20,7 +20,7 @@ fn text_from_outside_is_text_and_nothing_else() {
         .extend(crate::developer::tests::pages(&published, &by_evil, evil).into_iter().map(|(_, html)| html));
     let fault = DemoFault { name: "fault", title: text(evil, evil), about: text(evil, evil) };
     pages.push(demo_page(&[fault], &BTreeSet::new(), &context(Lang::En, Palette::Day)));
-    pages.push(message_page(404, evil, evil, Lang::En, Palette::Day));
+    pages.push(message_page(404, evil, evil, Home::Fleet, Lang::En, Palette::Day));
     pages.push(login_page(&LoginContext {
         name: evil.to_owned(),
         names: vec![evil.to_owned()],

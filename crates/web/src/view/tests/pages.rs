@@ -83,8 +83,14 @@ fn small() -> Vec<(String, String)> {
                 file("demo"),
                 demo_page(&faults(), &BTreeSet::from(["can_loss"]), &context(lang, palette)),
             ));
-            let message =
-                message_page(404, "Nicht gefunden", "Unter dieser Adresse gibt es nichts.", lang, palette);
+            let message = message_page(
+                404,
+                "Nicht gefunden",
+                "Unter dieser Adresse gibt es nichts.",
+                Home::Vehicle,
+                lang,
+                palette,
+            );
             pages.push((file("message"), message));
         }
     }

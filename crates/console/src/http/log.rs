@@ -1,0 +1,221 @@
+//! The log of one vehicle as people read it: alarms, stages, and what is not known, the newest first.
+
+use std::collections::BTreeMap;
+
+use askama::Template;
+use axum::extract::{Path, State};
+use axum::response::Response;
+use serde::Deserialize;
+use telltale_clock::unix_ms;
+use telltale_engine::model::Stage;
+use telltale_fleet::history::Unknown;
+use telltale_fleet::message::{Alarm, Content, Epoch, GapReason, Message, VehicleId};
+use telltale_web::common::{Asked, Reader, SignedIn};
+use telltale_web::texts::console::ConsoleWords;
+use telltale_web::texts::{HttpError, ID, Lang, MESSAGE, clean};
+
+use super::Console;
+use super::history::{Known, known};
+use super::page::rendered;
+use crate::state::time;
+
+/// Lines of the page.
+const LINES_MAX: usize = 200;
+
+const HOUR_MS: i64 = 3_600_000;
+
+telltale_engine::words! {
+    /// How far back the log is read.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+    pub enum Reach {
+        #[serde(rename = "1h")]
+        Hour = "1h",
+        #[default]
+        #[serde(rename = "24h")]
+        Day = "24h",
+        /// As long as a hub keeps logs.
+        #[serde(rename = "14d")]
+        All = "14d",
+    }
+}
+
+impl Reach {
+    const fn ms(self) -> i64 {
+        match self {
+            Reach::Hour => HOUR_MS,
+            Reach::Day => 24 * HOUR_MS,
+            Reach::All => 14 * 24 * HOUR_MS,
+        }
+    }
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogAsked {
+    #[serde(default)]
+    log: Reach,
+}
+
+#[derive(Template)]
+#[template(path = "console/log.html")]
+pub struct LogHtml {
+    words: &'static ConsoleWords,
+    id: String,
+    /// The place of the last message in it.
+    noted: String,
+    reach: &'static str,
+    reaches: [(&'static str, &'static str); 3],
+    lines: Vec<LineHtml>,
+    notes: Vec<String>,
+}
+
+struct LineHtml {
+    at: String,
+    kind: &'static str,
+    word: &'static str,
+    text: String,
+    node: String,
+}
+
+/// `GET /vehicles/ID/log?log=24h`: the part of the page with the log.
+pub async fn log(
+    State(console): State<Console>,
+    _: SignedIn,
+    Path(id): Path<String>,
+    Asked(asked): Asked<LogAsked>,
+    reader: Reader,
+) -> Result<Response, HttpError> {
+    let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
+    Ok(rendered(&log_of(&console, &id, asked, reader.lang).await?))
+}
+
+pub async fn log_of(
+    console: &Console,
+    id: &VehicleId,
+    LogAsked { log }: LogAsked,
+    lang: Lang,
+) -> Result<LogHtml, HttpError> {
+    let words = ConsoleWords::of(lang);
+    let noted = {
+        let fleet = console.shared.fleet();
+        fleet.vehicle(id).ok_or(HttpError::NotFound)?.picture.noted_place()
+    };
+    let from = unix_ms(console.clock.wall()).saturating_sub(log.ms());
+    // Without its hub the console has no log, and the rest of the page all the same.
+    let (lines, notes) = match known(console, id, from, i64::MAX).await {
+        Ok(known) => (lines(&known, from, lang), remarks(&known, lang)),
+        Err(HttpError::NotFound) => return Err(HttpError::NotFound),
+        Err(_) => (Vec::new(), vec![words.log_unread.to_owned()]),
+    };
+    let reaches =
+        [(Reach::Hour, words.last_hour), (Reach::Day, words.last_day), (Reach::All, words.last_14_days)];
+    Ok(LogHtml {
+        words,
+        id: id.to_string(),
+        noted,
+        reach: log.as_str(),
+        reaches: reaches.map(|(reach, word)| (reach.as_str(), word)),
+        lines,
+        notes,
+    })
+}
+
+fn remarks(known: &Known, lang: Lang) -> Vec<String> {
+    let words = ConsoleWords::of(lang);
+    let mut remarks = Vec::new();
+    if !known.is_whole {
+        remarks.push(words.log_cut.to_owned());
+    }
+    if known.refused > 0 {
+        remarks.push(lang.unread_batches(known.refused));
+    }
+    if known.contradictions > 0 {
+        remarks.push(words.log_contradicts.to_owned());
+    }
+    remarks
+}
+
+fn lines(known: &Known, from: i64, lang: Lang) -> Vec<LineHtml> {
+    let mut unknown = known.unknown().into_iter().peekable();
+    let mut run = Run::default();
+    let mut lines = Vec::new();
+    for message in known.messages(i64::MIN, i64::MAX) {
+        while let Some(gap) = unknown.next_if(|gap| gap.from < message.mark()) {
+            lines.push((message.at, gap_line(&gap, message.at, lang)));
+        }
+        if run.epoch != Some(message.epoch) {
+            run = Run { epoch: Some(message.epoch), ..Run::default() };
+        }
+        lines.extend(run.line(message, lang).map(|line| (message.at, line)));
+    }
+    let last_ms = lines.last().map_or(from, |(at, _)| *at);
+    lines.extend(unknown.map(|gap| (last_ms, gap_line(&gap, last_ms, lang))));
+    let asked = lines.into_iter().rev().filter(|(at, _)| *at >= from);
+    asked.take(LINES_MAX).map(|(_, line)| line).collect()
+}
+
+fn gap_line(gap: &Unknown, at_ms: i64, lang: Lang) -> LineHtml {
+    let words = ConsoleWords::of(lang);
+    let why = match gap.why {
+        Some(GapReason::Overflow) => words.gap_overflow,
+        Some(GapReason::TooOld) => words.gap_too_old,
+        Some(GapReason::Lost) => words.gap_lost,
+        Some(GapReason::Disk) => words.gap_disk,
+        Some(GapReason::TooLarge) => words.gap_too_large,
+        Some(GapReason::Unknown) | None => "",
+    };
+    let count = gap.to.saturating_sub(gap.from.n).saturating_add(1);
+    let missing = lang.missing_messages(count);
+    let text = if why.is_empty() { missing } else { format!("{missing}: {why}") };
+    LineHtml { at: time(at_ms), kind: "gap", word: words.not_known, text, node: String::new() }
+}
+
+/// What is known of one run of the vehicle's program, message by message.
+#[derive(Default)]
+struct Run {
+    epoch: Option<Epoch>,
+    stage: Option<Stage>,
+    /// The open alarms by their numbers; at the end of one its node is not named again.
+    alarms: BTreeMap<u64, Alarm>,
+}
+
+impl Run {
+    fn line(&mut self, message: &Message, lang: Lang) -> Option<LineHtml> {
+        let words = ConsoleWords::of(lang);
+        let line = |kind, word, text: String, node: String| {
+            Some(LineHtml { at: time(message.at), kind, word, text, node })
+        };
+        match &message.content {
+            Content::Keyframe(all) | Content::Delta(all) => {
+                let before = self.stage.replace(all.stage);
+                let is_new = before.is_some_and(|before| before != all.stage);
+                let stage = lang.stage(all.stage, true).to_owned();
+                if is_new { line("stage", words.motion, stage, String::new()) } else { None }
+            }
+            Content::Alarm(alarm) => {
+                let before = self.alarms.remove(&alarm.number);
+                let named = if alarm.node.is_empty() { before.as_ref().unwrap_or(alarm) } else { alarm };
+                let (kind, word) = match &before {
+                    None if alarm.active => ("alarm", words.alarm),
+                    Some(before) if alarm.active && alarm.acknowledged && !before.acknowledged => {
+                        ("seen", words.acknowledged)
+                    }
+                    Some(before) if before.active && !alarm.active => ("over", words.alarm_over),
+                    Some(before) if alarm.acknowledged && !before.acknowledged => {
+                        ("seen", words.acknowledged)
+                    }
+                    _ => ("alarm", words.alarm),
+                };
+                let (text, node) = (clean(&named.words, MESSAGE), clean(&named.node, ID));
+                let is_closed = !alarm.active && alarm.acknowledged;
+                if !is_closed {
+                    self.alarms.insert(alarm.number, Alarm { node: named.node.clone(), ..alarm.clone() });
+                }
+                // One that was over before it was acknowledged is told once more.
+                if is_closed && before.is_none() { None } else { line(kind, word, text, node) }
+            }
+            Content::Goodbye => line("goodbye", words.telltale_ended, String::new(), String::new()),
+            _ => None,
+        }
+    }
+}

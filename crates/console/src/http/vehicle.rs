@@ -1,0 +1,230 @@
+//! The page of one vehicle, to read: what it shows, its faults with their causes, its components as tiles, and its log.
+
+use std::collections::BTreeMap;
+
+use askama::Template;
+use axum::extract::{Path, State};
+use axum::response::Response;
+use telltale_clock::unix_ms;
+use telltale_engine::state::State as Shows;
+use telltale_fleet::message::VehicleId;
+use telltale_web::common::{Asked, PageFrame, Reader, SignedIn};
+use telltale_web::texts::console::ConsoleWords;
+use telltale_web::texts::{HttpError, Lang, Words};
+
+use super::Console;
+use super::log::{LogAsked, LogHtml, log_of};
+use super::page::rendered;
+use super::row::{RowHtml, icon, shown};
+use crate::state::contact::Contact;
+use crate::state::picture::{Picture, Shown};
+
+/// Components of a page, and modules of one that are named; the rest is counted.
+const TILES_MAX: usize = 100;
+const MODULES_MAX: usize = 40;
+/// Faults that are named, and nodes that are named as waiting for one.
+const FAULTS_MAX: usize = 50;
+const WAITING_MAX: usize = 12;
+
+#[derive(Template)]
+#[template(path = "console/vehicle.html")]
+struct VehicleHtml {
+    frame: PageFrame,
+    words: &'static ConsoleWords,
+    user: String,
+    state: StateHtml,
+    log: LogHtml,
+}
+
+/// The part that changes each second.
+#[derive(Template)]
+#[template(path = "console/state.html")]
+struct StateHtml {
+    words: &'static ConsoleWords,
+    id: String,
+    frame_id: String,
+    hub_down: bool,
+    contact: &'static str,
+    /// The place of the last message that the log shows.
+    noted: String,
+    rows: Vec<RowHtml>,
+    faults: Vec<FaultHtml>,
+    more_faults: Option<String>,
+    tiles: Vec<TileHtml>,
+    /// Something in between was missed.
+    is_whole: bool,
+    /// Of data that are not live.
+    age: String,
+}
+
+struct FaultHtml {
+    state: &'static str,
+    icon: &'static str,
+    title: String,
+    node: String,
+    waits: String,
+    alarm: Option<&'static str>,
+}
+
+struct TileHtml {
+    name: String,
+    state: &'static str,
+    reason: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    line: String,
+    modules: Vec<ModuleHtml>,
+    more: Option<String>,
+}
+
+struct ModuleHtml {
+    name: String,
+    state: &'static str,
+    icon: &'static str,
+    word: &'static str,
+    words: String,
+}
+
+/// `GET /vehicles/ID`
+pub async fn page(
+    State(console): State<Console>,
+    SignedIn(session): SignedIn,
+    Path(id): Path<String>,
+    Asked(asked): Asked<LogAsked>,
+    reader: Reader,
+) -> Result<Response, HttpError> {
+    let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
+    let state = state_of(&console, &id, reader.lang)?;
+    let log = log_of(&console, &id, asked, reader.lang).await?;
+    let frame = PageFrame::new(reader.lang, reader.palette);
+    let (words, user) = (ConsoleWords::of(reader.lang), session.user.to_string());
+    Ok(rendered(&VehicleHtml { frame, words, user, state, log }))
+}
+
+/// `GET /vehicles/ID/state`: the part of the page that changes.
+pub async fn state(
+    State(console): State<Console>,
+    _: SignedIn,
+    Path(id): Path<String>,
+    reader: Reader,
+) -> Result<Response, HttpError> {
+    let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
+    Ok(rendered(&state_of(&console, &id, reader.lang)?))
+}
+
+fn state_of(console: &Console, id: &VehicleId, lang: Lang) -> Result<StateHtml, HttpError> {
+    let now_ms = unix_ms(console.clock.wall());
+    let fleet = console.shared.fleet();
+    let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
+    let row = fleet.row(vehicle, console.clock.now());
+    let picture = &vehicle.picture;
+    let (faults, more) = faults(picture, lang);
+    let shown = shown(&row, lang, now_ms);
+    Ok(StateHtml {
+        words: ConsoleWords::of(lang),
+        id: id.to_string(),
+        frame_id: telltale_web::assets::url(lang.as_str()),
+        hub_down: fleet.line().up_since.is_none(),
+        contact: row.contact.as_str(),
+        noted: picture.noted_place(),
+        age: if row.contact == Contact::Live { String::new() } else { shown.age.clone() },
+        rows: vec![shown],
+        faults,
+        more_faults: (more > 0).then(|| lang.so_many_more(more)),
+        tiles: tiles(picture, lang),
+        is_whole: picture.is_whole || picture.nodes.is_empty(),
+    })
+}
+
+/// The nodes that are ill themselves, the worst first, and how many more there are.
+fn faults(picture: &Picture, lang: Lang) -> (Vec<FaultHtml>, usize) {
+    let words = ConsoleWords::of(lang);
+    let mut waiting: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (name, node) in &picture.nodes {
+        if let Some(cause) = node.cause.as_deref() {
+            waiting.entry(cause).or_default().push(name);
+        }
+    }
+    let is_ill = |node: &Shown| matches!(node.state, Shows::Error | Shows::Warning | Shows::Unknown);
+    // A group shows what its modules show. It is ill itself only if others wait for it.
+    let counts = |name: &str| name.contains('/') || waiting.contains_key(name);
+    let mut ill: Vec<(&String, &Shown)> =
+        picture.nodes.iter().filter(|(name, node)| is_ill(node) && counts(name)).collect();
+    let rank = |name: &str, node: &Shown| (node.state, waiting.get(name).map_or(0, Vec::len));
+    ill.sort_by_key(|(name, node)| std::cmp::Reverse(rank(name, node)));
+    let more = ill.len().saturating_sub(FAULTS_MAX);
+    let fault = |(name, node): (&String, &Shown)| {
+        let alarm = picture.alarms.values().find(|alarm| alarm.node == *name);
+        let waits = waiting.get(name.as_str()).map_or(&[][..], Vec::as_slice);
+        let named: Vec<&str> = waits.iter().take(WAITING_MAX).copied().collect();
+        FaultHtml {
+            state: node.state.as_str(),
+            icon: icon(node.state),
+            title: if node.words.is_empty() { name.clone() } else { node.words.clone() },
+            node: name.clone(),
+            waits: if waits.is_empty() {
+                String::new()
+            } else {
+                format!("{} {}", lang.so_many_wait(waits.len()), named.join(", "))
+            },
+            alarm: alarm.map(|it| if it.acknowledged { words.seen } else { words.unacknowledged }),
+        }
+    };
+    (ill.into_iter().take(FAULTS_MAX).map(fault).collect(), more)
+}
+
+/// A tile for each component, with its modules: the name of a module begins with that of its group.
+fn tiles(picture: &Picture, lang: Lang) -> Vec<TileHtml> {
+    let mut groups: BTreeMap<&str, (Option<&Shown>, Vec<(&str, &Shown)>)> = BTreeMap::new();
+    for (name, node) in &picture.nodes {
+        match name.split_once('/') {
+            None => groups.entry(name).or_default().0 = Some(node),
+            Some((group, module)) => groups.entry(group).or_default().1.push((module, node)),
+        }
+    }
+    groups
+        .into_iter()
+        .take(TILES_MAX)
+        .map(|(name, (node, modules))| tile(name, node, modules, lang))
+        .collect()
+}
+
+fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<(&str, &Shown)>, lang: Lang) -> TileHtml {
+    let words = Words::of(lang);
+    let state = node.map_or(Shows::Unknown, |it| it.state);
+    let (reason, icon, word) = look(state, node.and_then(|it| it.cause.as_deref()), lang);
+    let ok = modules.iter().filter(|(_, it)| it.state == Shows::Ok).count();
+    let counted = modules.iter().filter(|(_, it)| it.state != Shows::Ignore).count();
+    let line = match node.and_then(|it| it.cause.clone()) {
+        Some(cause) => cause,
+        None if counted == 0 => String::new(),
+        None => format!("{ok}/{counted} {}", words.ok),
+    };
+    modules.sort_by_key(|(_, it)| std::cmp::Reverse((it.state != Shows::Ignore, it.state)));
+    let more = modules.len().saturating_sub(MODULES_MAX);
+    let module = |(name, shown): (&str, &Shown)| {
+        let (_, icon, word) = look(shown.state, shown.cause.as_deref(), lang);
+        let state = shown.state.as_str();
+        ModuleHtml { name: name.to_owned(), state, icon, word, words: shown.words.clone() }
+    };
+    TileHtml {
+        name: name.to_owned(),
+        state: state.as_str(),
+        reason,
+        icon,
+        word,
+        line,
+        modules: modules.into_iter().take(MODULES_MAX).map(module).collect(),
+        more: (more > 0).then(|| lang.so_many_more(more)),
+    }
+}
+
+/// The reason for IGNORE, the icon and the word, as on the vehicle's own page.
+fn look(state: Shows, cause: Option<&str>, lang: Lang) -> (&'static str, &'static str, &'static str) {
+    let words = Words::of(lang);
+    match (state, cause) {
+        (Shows::Ignore, Some(_)) => ("masked", "masked", words.waiting),
+        (Shows::Ignore, None) => ("not_relevant", "idle", words.not_active),
+        (state, _) => ("", icon(state), lang.state(state)),
+    }
+}
