@@ -34,7 +34,7 @@
 
   // Gives the new rows the order of those that are shown; new ones come last.
   const keepOrder = (fresh) => {
-    const rows = new Map([...fresh.querySelectorAll("#vehicles > li")].map((row) => [row.id, row]));
+    const rows = new Map([...fresh.querySelectorAll("#vehicles > li, #folded li")].map((row) => [row.id, row]));
     const target = fresh.querySelector("#vehicles");
     const known = [...list().children].map((row) => rows.get(row.id)).filter(Boolean);
     target.prepend(...known);
@@ -67,6 +67,7 @@
     if (!fresh) return;
     if (fresh.dataset.frame !== part().dataset.frame) return void location.reload();
     if (isTouched()) keepOrder(fresh);
+    for (const details of fresh.querySelectorAll("details")) details.open = !!document.getElementById(details.id)?.open;
     Idiomorph.morph(part(), fresh, { morphStyle: "outerHTML" });
   };
 

@@ -108,7 +108,7 @@ def test_each_role_logs_in_and_out(demo, client, page, trouble, name):
 
 
 def test_no_route_acts(demo, client):
-    paths = ["/", "/overview", "/api/v1/vehicles", f"/api/v1/vehicles/{IN_FAULT}/snapshot", f"/api/v1/vehicles/{IN_FAULT}/history"]
+    paths = ["/", "/overview", f"/vehicles/{IN_FAULT}", f"/vehicles/{IN_FAULT}/state", f"/vehicles/{IN_FAULT}/log", "/api/v1/vehicles", f"/api/v1/vehicles/{IN_FAULT}/snapshot", f"/api/v1/vehicles/{IN_FAULT}/history"]
     paths += ["/api/v1/incidents", "/healthz", "/readyz"]
     expected = [(method, path, 405) for path in paths for method in ("POST", "PUT", "PATCH", "DELETE")]
     expected += [(method, "/vehicle/stop", 404) for method in ("GET", "POST", "PUT")]
@@ -120,7 +120,7 @@ def test_no_route_acts(demo, client):
 
 
 @pytest.mark.parametrize("lang, palette", LOOKS)
-def test_the_overview_fits_and_is_accessible(demo, client, chromium, trouble, lang, palette):
+def test_the_pages_fit_and_are_accessible(demo, client, chromium, trouble, lang, palette):
     context = chromium.new_context(locale="en-GB")
     context.set_default_timeout(20_000)
     cookies = {"lang": lang, "palette": palette}
@@ -130,14 +130,46 @@ def test_the_overview_fits_and_is_accessible(demo, client, chromium, trouble, la
     page.goto(demo.url + "/login")
     assert not violations(page)
     enter(page, demo, *CONTROL)
-    for width, height in SIZES:
-        page.set_viewport_size({"width": width, "height": height})
-        expect(row(page, IN_FAULT)).to_be_visible()
-        wide, most = page.evaluate(WIDTHS)
-        assert wide <= most, f"{wide} px wide in a window of {most}"
-        assert not violations(page), (width, lang, palette)
+    for path, there in [("/", f"#v-{IN_FAULT}"), (f"/vehicles/{IN_FAULT}", ".tile"), ("/?q=robot", f"#v-{SWITCHED_OFF}")]:
+        page.goto(demo.url + path)
+        for width, height in SIZES:
+            page.set_viewport_size({"width": width, "height": height})
+            expect(page.locator(there).first).to_be_visible()
+            wide, most = page.evaluate(WIDTHS)
+            assert wide <= most, f"{path}: {wide} px wide in a window of {most}"
+            expect(page.locator("body")).not_to_have_attribute("data-dead", "")
+            assert not violations(page), (path, width, lang, palette)
     expect(page.locator("html")).to_have_attribute("lang", lang)
     context.close()
+
+
+def test_a_search_finds_vehicles_and_an_error_leads_back(demo, console, trouble):
+    console.get_by_role("searchbox").fill("robot")
+    console.get_by_role("searchbox").press("Enter")
+    expect(console.locator(".found")).to_contain_text("One vehicle found.")
+    expect(console.locator("#vehicles > li")).to_have_count(1)
+    expect(row(console, SWITCHED_OFF)).to_be_visible()
+    console.goto(demo.url + "/vehicles/nobody")
+    trouble.expect("404")
+    console.get_by_role("link", name="Back to the fleet").click()
+    expect(row(console, IN_FAULT)).to_be_visible()
+
+
+def test_a_vehicle_has_a_page_that_follows_it(demo, console):
+    row(console, IN_FAULT).get_by_role("link").click()
+    console.wait_for_url(f"{demo.url}/vehicles/{IN_FAULT}")
+    expect(console.locator("#log .lines li").first).to_be_visible()
+    # The drives of the last day, which were before this demo.
+    expect(console.locator("[data-kind=goodbye]").first).to_contain_text("Telltale ended")
+    expect(console.locator("#log time").last).to_have_text(re.compile(r"\d+ \w+ \d{4}, \d\d:\d\d:\d\d"))
+    fault = console.locator(".wrong li").filter(has_text="localization/tf_quality")
+    expect(fault).to_be_visible(timeout=FAULT_MS)
+    expect(fault).to_contain_text(re.compile("wait for it: .*perception"))
+    tile = console.locator(".component").filter(has=console.locator(".name", has_text="perception")).locator(".tile")
+    expect(tile).to_have_attribute("data-reason", "masked")
+    expect(tile).to_contain_text("Waiting for")
+    # Nothing was loaded again: the alarm of now comes by itself, before all that was there.
+    expect(console.locator("#log .lines li").filter(has_text="localization/tf_quality").first).to_contain_text("Alarm")
 
 
 def test_a_vehicle_that_says_goodbye_is_off_and_grey(console):

@@ -15,8 +15,6 @@ use crate::fleet::identity::Identity;
 use crate::fleet::line::Hub;
 use crate::fleet::message::VehicleId;
 
-/// The hub's certificate, which signs itself: vehicles have it as `ca`.
-
 /// Set up the hub of a fleet, say which vehicles it admits, and run its console
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example:\n  telltale fleet hub-config hub --name hub.example\n  \

@@ -8,7 +8,7 @@ use super::certificate::{self_signed, write_private};
 use crate::fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, HubFolder, Server};
 use crate::store::make_folder;
 
-/// The certificate of a hub, beside its keys.
+/// The certificate of a hub, beside its keys. It signs itself: vehicles have it as `ca`.
 pub const CERTIFICATE: &str = "hub.pem";
 const KEY: &str = "hub-key.pem";
 

@@ -4,28 +4,74 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use axum::extract::{Path, State};
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
 use telltale_engine::state::State as Shows;
 use telltale_fleet::message::VehicleId;
-use telltale_web::common::{Asked, SignedIn, json_answer};
+use telltale_web::common::{Asked, Format, SignedIn, Table, json_answer};
 use telltale_web::texts::HttpError;
 use tokio::time::timeout;
 
 use super::Console;
 use crate::state::incidents::{GroupBy, grouped};
 use crate::state::picture::{Picture, Shown};
-use crate::state::time;
+use crate::state::search::Search;
+use crate::state::{Row, time};
 
 /// For the answer of the store.
 const READY_WITHIN: Duration = Duration::from_millis(1500);
 
-/// `GET /api/v1/vehicles`: all vehicles, the worst first.
-pub async fn vehicles(State(console): State<Console>, _: SignedIn) -> Response {
-    let rows = console.shared.fleet().rows(console.clock.now());
-    json_answer(StatusCode::OK, &json!(rows))
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VehiclesAsked {
+    /// Words that all of them have.
+    #[serde(default)]
+    q: Search,
+    format: Option<Format>,
+}
+
+/// `GET /api/v1/vehicles?q&format`: all vehicles, the worst first.
+pub async fn vehicles(
+    State(console): State<Console>,
+    _: SignedIn,
+    Asked(VehiclesAsked { q, format }): Asked<VehiclesAsked>,
+    headers: HeaderMap,
+) -> Response {
+    let mut rows = console.shared.fleet().rows(console.clock.now());
+    rows.retain(|row| q.finds(row));
+    let flat: Vec<Value> = rows.iter().map(flat).collect();
+    let table = Table { name: "vehicles", columns: &COLUMNS, rows: &flat, next: None };
+    table.answer(Format::of(format, &headers), &rows)
+}
+
+/// The columns of a CSV.
+const COLUMNS: [&str; 14] = [
+    "id",
+    "name",
+    "state",
+    "contact",
+    "node",
+    "words",
+    "since",
+    "stage",
+    "speed_kmh",
+    "unacknowledged",
+    "age_s",
+    "version",
+    "config",
+    "two_vehicles",
+];
+
+/// With the parts of the cause in columns of their own.
+fn flat(row: &Row) -> Value {
+    let mut flat = json!(row);
+    if let Some(cause) = &row.cause {
+        flat["node"] = Value::from(cause.node.as_str());
+        flat["words"] = Value::from(cause.words.as_str());
+    }
+    flat
 }
 
 /// `GET /api/v1/vehicles/ID/snapshot`: with the names of a vehicle's own snapshot, and how old it is.
@@ -94,6 +140,7 @@ fn alarms(picture: &Picture) -> Vec<Value> {
 pub struct IncidentsAsked {
     #[serde(default, deserialize_with = "group")]
     group: Option<GroupBy>,
+    format: Option<Format>,
 }
 
 fn group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<GroupBy>, D::Error> {
@@ -103,14 +150,18 @@ fn group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<GroupBy>, 
     GroupBy::from_word(&word).map(Some).ok_or_else(unknown)
 }
 
-/// `GET /api/v1/incidents?group=`: the groups, the largest first; by their first causes if nothing is asked for.
+/// `GET /api/v1/incidents?group&format`: the groups, the largest first; by their first causes if nothing is asked for.
 pub async fn incidents(
     State(console): State<Console>,
     _: SignedIn,
     Asked(asked): Asked<IncidentsAsked>,
+    headers: HeaderMap,
 ) -> Response {
     let rows = console.shared.fleet().incidents();
-    json_answer(StatusCode::OK, &json!(grouped(rows, asked.group.unwrap_or(GroupBy::Cause))))
+    let groups = grouped(rows, asked.group.unwrap_or(GroupBy::Cause));
+    let columns = &["group", "count", "vehicles", "versions", "first", "last"];
+    let table = Table { name: "incidents", columns, rows: &groups, next: None };
+    table.answer(Format::of(asked.format, &headers), &groups)
 }
 
 /// `GET /readyz`: the console works, also while the hub is away.

@@ -1,6 +1,7 @@
 //! The console's pages and API. Every route but login and logout is for reading, and none reaches a vehicle.
 
 mod answers;
+mod grouped;
 mod guard;
 mod history;
 mod log;

@@ -30,17 +30,7 @@ pub struct RowHtml {
 }
 
 pub fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
-    let words = ConsoleWords::of(lang);
-    let state = lang.state(row.state);
-    let (word, icon) = match contact(row, words) {
-        None => (state, icon(row.state)),
-        Some(word) => (word, if row.contact == Contact::Off { "leave" } else { "unknown" }),
-    };
     let is_old = row.contact != Contact::Live;
-    let word = match row.urgency {
-        Urgency::LostDriving => format!("{word} {}", words.drove),
-        _ => word.to_owned(),
-    };
     let span = |ms: i64| how_long(Span::from_millis(u64::try_from(ms).unwrap_or(0)));
     let since = |since: i64| format!("{} {}", Words::of(lang).since_for, span(now_ms.saturating_sub(since)));
     RowHtml {
@@ -49,9 +39,9 @@ pub fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
         state: row.state.as_str(),
         contact: row.contact.as_str(),
         urgency: urgency(row.urgency),
-        icon,
-        word,
-        last: (is_old && row.stage.is_some()).then_some(state),
+        icon: icon_of(row),
+        word: word_of(row, lang),
+        last: (is_old && row.stage.is_some()).then(|| lang.state(row.state)),
         cause: row.cause.as_ref().map(|cause| cause.words.clone()).unwrap_or_default(),
         node: row.cause.as_ref().map(|cause| cause.node.clone()).unwrap_or_default(),
         notes: notes(row, lang),
@@ -60,6 +50,24 @@ pub fn shown(row: &Row, lang: Lang, now_ms: i64) -> RowHtml {
         motion: motion(row, lang),
         age: row.age_s.map(|age| lang.ago(&span((age * 1000.0) as i64))).unwrap_or_default(),
         version: row.version.clone(),
+    }
+}
+
+/// Its state in a word, or why that is not known now.
+pub fn word_of(row: &Row, lang: Lang) -> String {
+    let words = ConsoleWords::of(lang);
+    let word = contact(row, words).unwrap_or_else(|| lang.state(row.state));
+    match row.urgency {
+        Urgency::LostDriving => format!("{word} {}", words.drove),
+        _ => word.to_owned(),
+    }
+}
+
+pub fn icon_of(row: &Row) -> &'static str {
+    match (row.contact, row.stage) {
+        (Contact::Live, Some(_)) => icon(row.state),
+        (Contact::Off, _) => "leave",
+        _ => "unknown",
     }
 }
 

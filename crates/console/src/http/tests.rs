@@ -106,14 +106,16 @@ async fn json(router: &Router, path: &str, cookie: &str) -> Value {
     serde_json::from_slice(&to_bytes(answer.into_body(), 1 << 20).await.unwrap()).unwrap()
 }
 
-const READ: [&str; 11] = [
+const READ: [&str; 13] = [
     "/",
     "/overview",
+    "/overview?q=a",
     "/vehicles/a",
     "/vehicles/a?log=1h",
     "/vehicles/a/state",
     "/vehicles/a/log?log=14d",
     "/api/v1/vehicles",
+    "/api/v1/vehicles?format=csv",
     "/api/v1/vehicles/a/snapshot",
     "/api/v1/vehicles/a/history",
     "/api/v1/incidents",
@@ -292,6 +294,74 @@ async fn a_vehicle_has_a_page_with_its_faults_and_who_waits_for_them() {
         assert!(shown.contains("Back to the fleet") && !shown.contains("the vehicle"), "{path}: {shown}");
     }
     assert_eq!(page("/vehicles/a?log=2h").await.0, StatusCode::BAD_REQUEST);
+}
+
+/// Tells a console of more vehicles: each third one in ERROR, with one of two versions.
+fn tell_of(shared: &Shared, count: u64) {
+    for n in 1..=count {
+        let is_ill = n.is_multiple_of(3);
+        let head = Head {
+            name: format!("Nr. {n}"),
+            state: if is_ill { State::Error } else { State::Ok },
+            cause: is_ill.then(|| Cause { node: "can/bus".into(), words: "=bus, silent".into() }),
+            since: 1_780_000_000_000,
+            stage: Stage::Active,
+            drives: true,
+            speed_kmh: Some(9),
+            unacknowledged: 0,
+            version: if is_ill { "0.2.0" } else { "0.1.0" }.into(),
+            config: "c0ffee".into(),
+            last: 1,
+            ending: false,
+        };
+        let id = VehicleId::new(&format!("n{n:03}")).unwrap();
+        let epoch = Epoch { start: 1, nonce: 0 };
+        let messages = vec![Message { epoch, n: 1, at: 1_780_000_000_000, content: Content::Head(head) }];
+        let batch = Batch { id: id.clone(), key: "UA".into(), sent: 1_780_000_000_000, messages };
+        let (stored_ms, age) = (1_780_000_000_000, Span::ZERO);
+        let arrived = Arrived { stream: Stream::Head, id, batch: Ok(batch), stored_ms, age };
+        shared.fleet().take(arrived, shared.clock.now());
+    }
+}
+
+#[tokio::test]
+async fn the_overview_goes_with_the_number_of_vehicles_and_finds_some_of_them() {
+    let (router, shared, _store) = console().await;
+    let session = cookie(&router, "engineer").await;
+    let get = async |path: &str| {
+        let answer = ask(&router, Method::GET, path, &session, "").await;
+        assert_eq!(answer.status(), StatusCode::OK, "{path}");
+        String::from_utf8(to_bytes(answer.into_body(), 1 << 22).await.unwrap().to_vec()).unwrap()
+    };
+    let lines = |page: &str| page.matches("<li id=\"v-").count();
+    let few = get("/overview").await;
+    assert!(few.contains("data-size=\"few\"") && lines(&few) == 1 && !few.contains("folded"), "{few}");
+
+    tell_of(&shared, 49);
+    let some = get("/overview").await;
+    assert!(some.contains("data-size=\"some\"") && some.contains("<summary>33 OK</summary>"), "{some}");
+    let (in_full, folded) = some.split_once("<details").unwrap();
+    assert_eq!((lines(in_full), lines(folded)), (17, 33));
+    let found = get("/overview?q=BUS+0.2").await;
+    assert!(found.contains("16 vehicles found.") && !found.contains("v-n001"), "{found}");
+    assert!(found.contains("data-part=\"/overview?q=BUS%200.2\""), "{found}");
+    let hostile = get("/?q=%22%3E%3Cscript%3E").await;
+    assert!(!hostile.contains("<script>") && hostile.contains("0 vehicles found."), "{hostile}");
+
+    tell_of(&shared, 499);
+    let many = get("/overview").await;
+    assert!(many.contains("data-size=\"many\"") && lines(&many) == 10, "{many}");
+    assert_eq!(many.matches("<a href=\"/vehicles/").count(), 500 + 10 + 12 + 1);
+    assert!(many.contains("<b class=\"count\">166</b>") && many.contains("<b>only 0.2.0</b>"), "{many}");
+
+    let csv = get("/api/v1/vehicles?format=csv&q=n003").await;
+    let expected =
+        "n003,Nr. 3,error,live,can/bus,\"'=bus, silent\",2026-05-28T20:26:40.000Z,active,9,0,0.0,0.2.0,";
+    let mut rows = csv.lines();
+    assert!(rows.next().unwrap().starts_with("id,name,state,contact,node,words,"), "{csv}");
+    assert!(rows.next().unwrap().starts_with(expected) && rows.next().is_none(), "{csv}");
+    let csv = get("/api/v1/incidents?format=csv").await;
+    assert_eq!(csv, "group,count,vehicles,versions,first,last\r\n");
 }
 
 #[tokio::test]

@@ -6,6 +6,7 @@ use askama::Template;
 use axum::extract::{Path, State};
 use axum::response::Response;
 use telltale_clock::unix_ms;
+use telltale_engine::module::system::OTHER_GROUP;
 use telltale_engine::state::State as Shows;
 use telltale_fleet::message::VehicleId;
 use telltale_web::common::{Asked, PageFrame, Reader, SignedIn};
@@ -56,6 +57,9 @@ struct StateHtml {
     /// Of data that are not live.
     age: String,
 }
+
+/// The name of a module in its group, and what it shows.
+type Module<'a> = (&'a str, &'a Shown);
 
 struct FaultHtml {
     state: &'static str,
@@ -175,13 +179,15 @@ fn faults(picture: &Picture, lang: Lang) -> (Vec<FaultHtml>, usize) {
 
 /// A tile for each component, with its modules: the name of a module begins with that of its group.
 fn tiles(picture: &Picture, lang: Lang) -> Vec<TileHtml> {
-    let mut groups: BTreeMap<&str, (Option<&Shown>, Vec<(&str, &Shown)>)> = BTreeMap::new();
+    let mut groups: BTreeMap<&str, (Option<&Shown>, Vec<Module<'_>>)> = BTreeMap::new();
     for (name, node) in &picture.nodes {
         match name.split_once('/') {
             None => groups.entry(name).or_default().0 = Some(node),
             Some((group, module)) => groups.entry(group).or_default().1.push((module, node)),
         }
     }
+    // Statuses that no group takes, of which there are none.
+    groups.retain(|name, (_, modules)| *name != OTHER_GROUP || !modules.is_empty());
     groups
         .into_iter()
         .take(TILES_MAX)
@@ -189,7 +195,7 @@ fn tiles(picture: &Picture, lang: Lang) -> Vec<TileHtml> {
         .collect()
 }
 
-fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<(&str, &Shown)>, lang: Lang) -> TileHtml {
+fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<Module<'_>>, lang: Lang) -> TileHtml {
     let words = Words::of(lang);
     let state = node.map_or(Shows::Unknown, |it| it.state);
     let (reason, icon, word) = look(state, node.and_then(|it| it.cause.as_deref()), lang);
@@ -202,7 +208,7 @@ fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<(&str, &Shown)>, lang
     };
     modules.sort_by_key(|(_, it)| std::cmp::Reverse((it.state != Shows::Ignore, it.state)));
     let more = modules.len().saturating_sub(MODULES_MAX);
-    let module = |(name, shown): (&str, &Shown)| {
+    let module = |(name, shown): Module<'_>| {
         let (_, icon, word) = look(shown.state, shown.cause.as_deref(), lang);
         let state = shown.state.as_str();
         ModuleHtml { name: name.to_owned(), state, icon, word, words: shown.words.clone() }

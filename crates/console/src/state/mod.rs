@@ -4,6 +4,7 @@
 pub mod contact;
 pub mod incidents;
 pub mod picture;
+pub mod search;
 #[cfg(test)]
 mod tests;
 pub mod vehicle;

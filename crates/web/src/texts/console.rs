@@ -31,6 +31,11 @@ texts! {
         motion: "Stage", "Stufe";
         age: "Data", "Daten";
         version: "Version", "Version";
+        search: "Search vehicle, cause, version", "Fahrzeug, Ursache, Version suchen";
+        all_vehicles: "All vehicles", "Alle Fahrzeuge";
+        by_cause: "By cause", "Nach Ursache";
+        worst: "The ten worst", "Die zehn dringendsten";
+        only: "only", "nur";
         back: "Back to the fleet", "Zurück zur Flotte";
 
         faults: "What is wrong", "Störungen";
@@ -57,6 +62,11 @@ texts! {
         gap_lost: "the hub lost them", "die Zentrale hat sie verloren";
         gap_disk: "the vehicle's disk failed", "der Speicher des Fahrzeugs hat versagt";
         gap_too_large: "too large to be sent", "zu groß zum Senden";
+    }
+
+    text so_many_found(count: usize) {
+        1 => "One vehicle found.", "Ein Fahrzeug gefunden.";
+        _ => "{count} vehicles found.", "{count} Fahrzeuge gefunden.";
     }
 
     text so_many_wait(count: usize) {
