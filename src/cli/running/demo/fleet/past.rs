@@ -55,16 +55,17 @@ pub fn write(
         let mut outbox = Outbox::open(folder, Limits::default(), Seed { first, nonce }, clock.now())?;
         let fault = member.faults[index % member.faults.len()].fault;
         let drive = drives.entry(fault).or_insert_with(|| drive(member, loaded, config, fault));
-        for (at_ms, content) in drive.iter() {
-            let content = moved(content, began_ms, NUMBERS * index as u64);
-            outbox.push(began_ms + at_ms, &content, clock.now())?;
+        for (at_ms, told) in drive.iter() {
+            let told: Vec<Content> =
+                told.iter().map(|content| moved(content, began_ms, NUMBERS * index as u64)).collect();
+            outbox.push(began_ms + at_ms, &told, clock.now())?;
         }
     }
     Ok(())
 }
 
 /// What is told of a drive that began in 1970, with the milliseconds since then.
-fn drive(member: &Member, loaded: &Loaded, config: &str, fault: &str) -> Vec<(i64, Content)> {
+fn drive(member: &Member, loaded: &Loaded, config: &str, fault: &str) -> Vec<(i64, Vec<Content>)> {
     let start = Timestamp::ZERO;
     let wall = |at| wall_at(SystemTime::UNIX_EPOCH, start, at);
     let at_ms = |at| unix_ms(wall(at));
@@ -87,9 +88,11 @@ fn drive(member: &Member, loaded: &Loaded, config: &str, fault: &str) -> Vec<(i6
         } else if period.is_multiple_of(TOLD_EVERY) {
             news.extend(teller.changes(&snapshot));
         }
-        told.extend(news.into_iter().map(|content| (at_ms(vehicle.at()), content)));
+        if !news.is_empty() {
+            told.push((at_ms(vehicle.at()), news));
+        }
     }
-    told.push((at_ms(vehicle.at()), Content::Goodbye));
+    told.push((at_ms(vehicle.at()), vec![Content::Goodbye]));
     told
 }
 
