@@ -44,14 +44,15 @@ pub const VEHICLES_MAX: u32 = 50;
 /// As in a configuration that names none.
 const KBIT_S_MAX: u32 = 512;
 
-/// Its copy is switched on this long after a vehicle.
-const COPY_AFTER: Duration = Duration::from_secs(15);
+/// A copy of a vehicle is switched on when that has told of itself for a while.
+const COPY_AFTER: Duration = Duration::from_secs(30);
 
-/// From the request to end until vehicles no longer wait for the hub.
-const ENDED_WITHIN: Duration = Duration::from_millis(2000);
+/// From the request to end until vehicles no longer wait for the hub. The hub and the folder end after that.
+const ENDED_WITHIN: Duration = Duration::from_millis(1500);
 
 pub fn run(args: &Args, count: u32) -> anyhow::Result<ExitCode> {
-    log::start("error");
+    // A line that is cut is a part of the demo.
+    log::start("error,async_nats=off");
     tokio::runtime::Runtime::new()
         .context("the async runtime cannot be started")?
         .block_on(fleet(args, count))
