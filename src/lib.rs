@@ -8,6 +8,7 @@ pub use telltale_clock as clock;
 pub use telltale_config as config;
 pub use telltale_console as console;
 pub use telltale_engine as engine;
+pub use telltale_evaluate as evaluate;
 pub use telltale_fleet as fleet;
 pub mod metrics;
 pub use telltale_msg as msg;

@@ -20,7 +20,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 use administration::{audit, data, fleet, tls, user};
-use configuration::{check, diff, import, init, scenario};
+use configuration::{check, diff, evaluate, import, init, scenario};
 use print::note;
 use recordings::{history, incident, replay};
 use running::{demo, serve, sim, watch};
@@ -53,6 +53,7 @@ enum Command {
     Diff(diff::Args),
     Import(import::Args),
     Scenario(scenario::Args),
+    Evaluate(evaluate::Args),
     User(user::Args),
     History(history::Args),
     Incident(incident::Args),
@@ -94,6 +95,7 @@ pub fn main() -> ExitCode {
         Command::Diff(args) => diff::run(&args),
         Command::Import(args) => import::run(&args),
         Command::Scenario(args) => scenario::run(&args),
+        Command::Evaluate(args) => evaluate::run(&args),
         Command::User(args) => user::run(&args),
         Command::History(args) => history::run(&args),
         Command::Incident(args) => incident::run(&args),

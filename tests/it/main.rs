@@ -33,6 +33,7 @@ mod dds_down;
 mod discovered_modules;
 mod driving;
 mod evaluation;
+mod evaluation_campaign;
 mod evaluation_page;
 mod fields;
 mod first_configuration;

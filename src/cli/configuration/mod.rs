@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod diff;
+pub mod evaluate;
 mod graph;
 pub mod import;
 pub mod init;

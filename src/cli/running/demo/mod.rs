@@ -112,7 +112,7 @@ async fn demo(args: &Args, kind: Kind, loaded: Loaded) -> anyhow::Result<ExitCod
     Ok(ExitCode::SUCCESS)
 }
 
-fn load_config(kind: Kind) -> Result<Loaded, Problems> {
+pub(in crate::cli) fn load_config(kind: Kind) -> Result<Loaded, Problems> {
     match kind {
         Kind::Shuttle(_) => config::parse("config/shuttle.yaml", SHUTTLE),
         Kind::Robot => config::parse("config/robot.yaml", ROBOT),

@@ -33,10 +33,15 @@ pub fn listening(loaded: &Loaded, start: Timestamp) -> (Engine, Ears) {
 }
 
 pub fn know_publishers(engine: &mut Engine, model: &Model, now: Timestamp) {
-    for source in model.watched.topics.iter().cloned() {
-        let news = PublisherReport { source, publishers: 1, other_type: None };
-        engine.handle(&Input::Topic(news), now);
+    for news in publishers(model) {
+        engine.handle(&news, now);
     }
+}
+
+/// The news that each topic has a publisher.
+pub fn publishers(model: &Model) -> impl Iterator<Item = Input> + '_ {
+    let news = |source| PublisherReport { source, publishers: 1, other_type: None };
+    model.watched.topics.iter().cloned().map(move |source| Input::Topic(news(source)))
 }
 
 /// The bridge's part: what is read of each topic.
@@ -50,7 +55,9 @@ pub struct Ears {
 }
 
 impl Ears {
-    fn of(loaded: &Loaded, start: Timestamp) -> Ears {
+    /// # Panics
+    /// If a topic of the configuration has a field that its type has not.
+    pub fn of(loaded: &Loaded, start: Timestamp) -> Ears {
         let definitions = Definitions::default();
         let watched = loaded.model.watched.topics.iter().map(|spec| {
             let reader = definitions.check(spec).unwrap_or_else(|error| panic!("{}: {error}", spec.topic));

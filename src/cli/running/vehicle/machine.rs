@@ -6,6 +6,7 @@ use super::robot_wire;
 use super::shuttle_wire::ShuttleWire;
 use crate::config::Loaded;
 use crate::engine::input::StatusArray;
+use crate::engine::model::{Model, Stop};
 use crate::engine::time::{Span, Timestamp};
 use crate::msg::messages;
 use crate::msg::messages::encode::{self, Grid, Header};
@@ -48,7 +49,7 @@ impl Kind {
     }
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub enum Machine {
     Shuttle(Box<Shuttle>, ShuttleWire),
     Robot(Box<Robot>),
@@ -56,10 +57,15 @@ pub enum Machine {
 
 impl Machine {
     pub fn new(kind: Kind, seed: u64, loaded: &Loaded, start: Timestamp) -> Machine {
+        Machine::along(kind, seed, &loaded.model, &loaded.model.driving.stops, start)
+    }
+
+    /// A shuttle drives from one of these stops to the next.
+    pub fn along(kind: Kind, seed: u64, model: &Model, stops: &[Stop], start: Timestamp) -> Machine {
         match kind {
             Kind::Shuttle(departure) => {
-                let shuttle = Shuttle::new(seed, start, &loaded.model.driving.stops, departure);
-                Machine::Shuttle(Box::new(shuttle), ShuttleWire::of(&loaded.model))
+                let shuttle = Shuttle::new(seed, start, stops, departure);
+                Machine::Shuttle(Box::new(shuttle), ShuttleWire::of(model))
             }
             Kind::Robot => Machine::Robot(Box::new(Robot::new(seed, start))),
         }

@@ -1,6 +1,6 @@
 //! Runs a simulated machine in real time: it publishes over DDS and obeys the requests that it hears.
 
-pub(super) mod in_process;
+pub(in crate::cli) mod in_process;
 pub(in crate::cli) mod machine;
 mod orders;
 mod robot_wire;

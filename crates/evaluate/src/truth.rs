@@ -1,0 +1,85 @@
+//! Which faults were there, and when: what the modules of a broken component report by themselves, with each fault alone
+//! and with all together. The dependencies of the configuration play no part.
+
+use telltale_engine::model::{ModuleId, NodeId};
+use telltale_engine::snapshot::Snapshot;
+use telltale_engine::state::State;
+
+use super::plan::{Fault, Injection, Plan};
+use super::track::Track;
+
+/// A fault of a trial that the machine's modules could notice.
+#[derive(Debug)]
+pub struct Present {
+    /// The modules that name it.
+    pub modules: Vec<ModuleId>,
+    pub begins_ms: u64,
+    pub ends_ms: u64,
+    /// When one of them reports it first.
+    pub noticed_ms: u64,
+    /// When it begins, and when each of them begins to report something worse than before, in the run of all faults.
+    pub beginnings_ms: Vec<u64>,
+    /// In which times they report it while it is there, and would not without it.
+    pub distinct: Vec<(u64, u64)>,
+}
+
+/// Whether a state is a fault. UNKNOWN is none by itself.
+pub fn is_bad(state: State) -> bool {
+    matches!(state, State::Warning | State::Error)
+}
+
+impl Present {
+    /// The faults of a trial. `off` is a run of all faults in which nothing is masked, `alone` one with each.
+    pub fn of(plan: &Plan, faults: &[Fault], off: &Track, alone: &[Track]) -> Vec<Present> {
+        let one = |(index, injection): (usize, &Injection)| {
+            let snapshot = &off.0.first()?.1;
+            let truth = &faults[injection.fault].truth;
+            let modules = truth.iter().filter_map(|name| match snapshot.node(name) {
+                Some(NodeId::Module(id)) => Some(id),
+                _ => None,
+            });
+            let modules: Vec<ModuleId> = modules.collect();
+            let begins_ms = injection.begins_ms();
+            let reports = |track: &Track, ms: u64| reported(track.at(ms), &modules);
+            let with = alone.get(index).unwrap_or(off);
+            let noticed_ms = with.0.iter().find(|(at, it)| *at >= begins_ms && reported(it, &modules))?.0;
+            let mut times: Vec<u64> =
+                [off, with].iter().flat_map(|it| it.0.iter().map(|(at, _)| *at)).collect();
+            let others = || alone.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, it)| it);
+            times.extend(others().flat_map(|it| it.0.iter().map(|(at, _)| *at)));
+            times.sort_unstable();
+            times.dedup();
+            times.push(plan.length_ms);
+            times.extend(injection.spells.iter().flat_map(|(from, to)| [*from, *to]));
+            times.sort_unstable();
+            let is_there = |ms: u64| injection.spells.iter().any(|(from, to)| (*from..*to).contains(&ms));
+            let is_distinct = |ms: u64| {
+                is_there(ms) && reports(off, ms) && reports(with, ms) && !others().any(|it| reports(it, ms))
+            };
+            let spans = times.windows(2).filter(|span| is_distinct(span[0])).map(|span| (span[0], span[1]));
+            let distinct = spans.collect();
+            let reported = modules.iter().flat_map(|id| beginnings(off, *id));
+            let beginnings_ms = injection.spells.iter().map(|(from, _)| *from).chain(reported).collect();
+            let ends_ms = injection.ends_ms();
+            Some(Present { modules, begins_ms, ends_ms, noticed_ms, beginnings_ms, distinct })
+        };
+        plan.injections.iter().enumerate().filter_map(one).collect()
+    }
+
+    /// Whether its modules report it at this instant, as nothing else would make them.
+    pub fn is_distinct(&self, ms: u64) -> bool {
+        self.distinct.iter().any(|(from, to)| (*from..*to).contains(&ms))
+    }
+}
+
+/// When a module becomes worse.
+fn beginnings(track: &Track, id: ModuleId) -> Vec<u64> {
+    let own = |snapshot: &Snapshot| snapshot.own(NodeId::Module(id));
+    let pairs = track.0.windows(2);
+    let worse = pairs.filter(|pair| own(&pair[1].1) > own(&pair[0].1) && is_bad(own(&pair[1].1)));
+    worse.map(|pair| pair[1].0).collect()
+}
+
+fn reported(snapshot: &Snapshot, modules: &[ModuleId]) -> bool {
+    modules.iter().any(|id| snapshot.modules.get(id.0 as usize).is_some_and(|module| is_bad(module.own)))
+}

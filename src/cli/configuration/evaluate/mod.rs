@@ -1,0 +1,162 @@
+//! `telltale evaluate`: measures the diagnosis in a campaign of faults with known truth.
+
+mod machine;
+
+use std::num::NonZero;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context as _, ensure};
+use clap::ValueEnum;
+
+use crate::cli::print::{self, Lines};
+use crate::evaluate::campaign::{self, CURVE_MS, Results};
+use crate::evaluate::figures::{self, Figure, Figures};
+use crate::evaluate::report;
+use machine::named;
+
+/// The most trials of one call: some days of one core.
+const SEEDS_MAX: u64 = 1_000_000;
+
+/// Measure the diagnosis in a campaign of simulated faults whose truth is known
+///
+/// Each seed is a trial: a fault alone, two at a time, or one that spreads, comes and goes. The shipped configuration and
+/// others with drawn delays and mistakes judge it, and so do other rules of diagnosis.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  telltale evaluate --seeds 1..200\n  \
+    telltale evaluate --machine robot --seeds 1..1000 --json")]
+pub struct Args {
+    /// The machine
+    #[arg(long, value_enum, default_value_t = Word::Shuttle)]
+    machine: Word,
+    /// The first and the last seed
+    #[arg(long, value_name = "A..B", value_parser = seeds, default_value = "1..300")]
+    seeds: Range<u64>,
+    /// Print the figures as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Write the tables as Markdown and the curve as SVG into this folder
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Word {
+    Shuttle,
+    Robot,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let machine = named(args.machine.to_possible_value().as_ref().map_or("", |it| it.get_name()))?;
+    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let all = args.seeds.end - args.seeds.start;
+    let progress = |done: u64| {
+        if done.is_multiple_of(100) {
+            tracing::info!("{done} of {all} trials");
+        }
+    };
+    let results = campaign::run(&machine, args.seeds.clone(), threads, &progress);
+    ensure!(results.faults() > 0, "no module noticed any fault of these seeds: take more of them");
+    if let Some(folder) = &args.report {
+        let name = results.machine;
+        std::fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+        for (file, text) in [
+            (format!("{name}.md"), report::markdown(&results)),
+            (format!("{name}-curve.svg"), report::curve(&results)),
+        ] {
+            let path = folder.join(file);
+            std::fs::write(&path, text).with_context(|| format!("{} cannot be written", path.display()))?;
+        }
+    }
+    match args.json {
+        true => drop(print::json(&results.to_json())),
+        false => drop(print::text(&summary(&results))),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `A..B`, both included.
+fn seeds(text: &str) -> Result<Range<u64>, String> {
+    let wrong = || format!("{text} is no range of seeds: 1..300 are the first 300");
+    let (first, last) = text.split_once("..").ok_or_else(wrong)?;
+    let last = last.strip_prefix('=').unwrap_or(last);
+    let (first, last): (u64, u64) = (first.parse().map_err(|_| wrong())?, last.parse().map_err(|_| wrong())?);
+    match last.checked_sub(first) {
+        Some(more) if more < SEEDS_MAX && last < u64::MAX => Ok(first..last + 1),
+        Some(_) => Err(format!("at most {SEEDS_MAX} seeds at a time")),
+        None => Err(wrong()),
+    }
+}
+
+fn summary(results: &Results) -> String {
+    let mut lines = Lines::default();
+    let Results { machine, seeds, .. } = results;
+    lines.add(format_args!(
+        "{machine}: {} trials (seeds {} to {}), {} faults",
+        results.ours.len(),
+        seeds.start,
+        seeds.end - 1,
+        results.faults()
+    ));
+    let rules = || {
+        std::iter::once(("ours", &results.ours))
+            .chain(results.baselines.iter().map(|(it, all)| (it.name(), all)))
+    };
+    lines.add("");
+    lines.add(format_args!(
+        "{:<11}{:>12}{:>11}{:>9}{:>7}{:>9}{:>9}{:>9}{:>8}{:>10}",
+        "rule",
+        "first right",
+        "precision",
+        "recall",
+        "rank",
+        "alarms",
+        "p50 s",
+        "p95 s",
+        "hidden",
+        "hidden s"
+    ));
+    for (name, trials) in rules() {
+        let [first, precision, recall, rank, alarms, _] = figures::ratios(trials).map(value);
+        let [p50, p95] =
+            figures::times(trials).map(|it| value(Figure { value: it.value.map(|ms| ms / 1000.0), ..it }));
+        let sum = Figures::sum(trials);
+        lines.add(format_args!(
+            "{name:<11}{first:>12}{precision:>11}{recall:>9}{rank:>7}{alarms:>9}{p50:>9}{p95:>9}{:>8}{:>10.1}",
+            sum.hidden,
+            sum.hidden_ms as f64 / 1000.0
+        ));
+    }
+    let sum = Figures::sum(&results.ours);
+    lines.add("");
+    lines.add(format_args!(
+        "ours: {} wrong greens, {} wrong reactions, {} wrong instructions, {} hidden longer than a cause may explain",
+        sum.wrong_greens, sum.wrong_reactions, sum.wrong_instructions, sum.hidden_beyond_within
+    ));
+    let is_wrong = |it: &Figures| {
+        it.wrong_greens + it.wrong_reactions + it.wrong_instructions + it.hidden_beyond_within > 0
+    };
+    let wrong = seeds.clone().zip(&results.ours).filter(|(_, trial)| is_wrong(trial));
+    let wrong: Vec<String> = wrong.map(|(seed, _)| seed.to_string()).collect();
+    if !wrong.is_empty() {
+        lines.add(format_args!("in the trials of the seeds {}", wrong.join(", ")));
+    }
+    lines.add("");
+    lines.add(format_args!("{:<16}{:>8}{:>10}{:>9}", "a cause explains", "hidden", "hidden s", "alarms"));
+    for (ms, trials) in CURVE_MS.iter().zip(&results.curve) {
+        let [.., alarms, _] = figures::ratios(trials).map(value);
+        let sum = Figures::sum(trials);
+        lines.add(format_args!(
+            "{:<16}{:>8}{:>10.1}{alarms:>9}",
+            format!("{} s", *ms as f64 / 1000.0),
+            sum.hidden,
+            sum.hidden_ms as f64 / 1000.0
+        ));
+    }
+    lines.text().to_owned()
+}
+
+fn value(figure: Figure) -> String {
+    figure.value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
+}
