@@ -6,7 +6,7 @@ use std::time::Duration;
 use telltale_clock::{Clock, unix_ms};
 use telltale_fleet::identity::Identity;
 use telltale_fleet::line::{Hub, NoLine};
-use telltale_fleet::message::Batch;
+use telltale_fleet::message::{Batch, Malformed};
 use telltale_fleet::reading::{Logs, Read, Reading};
 use tokio::sync::watch;
 
@@ -76,12 +76,17 @@ impl Shared {
     }
 
     fn take(&self, read: Read) {
-        let batch = Batch::unpack(&read.packed, &read.id);
+        let now = self.clock.now();
+        let is_read = self.fleet().reads(&read.id, now);
+        let (bytes, batch) =
+            if is_read { Batch::weigh(&read.packed, &read.id) } else { (0, Err(Malformed::TooMuch)) };
         if let Err(why) = &batch {
             tracing::debug!(vehicle = %read.id, "a message is not taken: {why}");
         }
         let Read { stream, id, stored_ms, age, .. } = read;
-        self.fleet().take(Arrived { stream, id, batch, stored_ms, age }, self.clock.now());
+        let mut fleet = self.fleet();
+        fleet.take(Arrived { stream, id: id.clone(), batch, stored_ms, age }, now);
+        fleet.has_read(&id, bytes, now);
     }
 
     /// Writes what changes to the disk until `end` turns true, and once more then.

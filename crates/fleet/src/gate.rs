@@ -1,8 +1,9 @@
 //! Stands between the hub and the NATS library: TLS to the hub, and a bound for each line and each message from there.
 //!
 //! The library reads a line or a message of any length into memory, answers each `PING` from memory, and panics at some
-//! lines. It knows no connection but TCP, so it connects to a port of the loopback interface, which takes one connection
-//! and is closed. Without the key, somebody else who is faster there reaches nothing but the hub's login.
+//! lines. It knows no connection but TCP, so it connects to a port of the loopback interface, which takes one connection.
+//! Somebody else who is faster there reaches the hub's login, without the key. The port stays taken until the library
+//! has given up: it would log in to another program there.
 
 use std::io::{self, ErrorKind, Read as _};
 use std::net::Ipv4Addr;
@@ -21,8 +22,7 @@ use tokio::io::{
 };
 use tokio::io::{BufReader, split};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::watch;
-use tokio::task::AbortHandle;
+use tokio::sync::{oneshot, watch};
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
 
@@ -46,6 +46,9 @@ const TICK: Duration = Duration::from_millis(100);
 const BYTES_IN_A_TICK: usize = 64 << 10;
 const MESSAGE_COSTS: usize = 4 << 10;
 
+/// By then the library has tried to connect again, and has given up.
+const GIVEN_UP_WITHIN: Duration = Duration::from_secs(10);
+
 /// How fast the hub's messages are taken.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
@@ -60,22 +63,39 @@ pub enum Pace {
 pub struct Gate {
     port: u16,
     why: watch::Receiver<Option<String>>,
-    task: AbortHandle,
+    /// The connection ends with it.
+    _kept: oneshot::Sender<()>,
 }
 
 impl Gate {
     /// Connects to the hub, which must show a certificate that the file of certificates signs.
     pub async fn open(hub: &Hub, pace: Pace) -> io::Result<Gate> {
         let (info, secured) = connect(hub).await?;
+        Gate::before(secured, info, pace).await
+    }
+
+    /// Before a connection to a hub that has said this.
+    async fn before(
+        secured: impl AsyncRead + AsyncWrite + Send + 'static,
+        info: Vec<u8>,
+        pace: Pace,
+    ) -> io::Result<Gate> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).await?;
         let port = listener.local_addr()?.port();
         let (tell, why) = watch::channel(None);
-        let task = tokio::spawn(async move {
-            let ended = pass(listener, &info, secured, pace).await;
+        let (kept, dropped) = oneshot::channel();
+        tokio::spawn(async move {
+            let ended = tokio::select! {
+                ended = pass(&listener, &info, secured, pace) => ended,
+                _ = dropped => Ok(()),
+            };
             let why = ended.map_or_else(|error| error.to_string(), |()| "the line was cut".to_owned());
             tell.send_replace(Some(why));
+            // The library connects once more by itself, and logs in with the key. Nobody else has this port then.
+            let refuse = async { while listener.accept().await.is_ok() {} };
+            let _ = tokio::time::timeout(GIVEN_UP_WITHIN, refuse).await;
         });
-        Ok(Gate { port, why, task: task.abort_handle() })
+        Ok(Gate { port, why, _kept: kept })
     }
 
     /// Where the NATS library connects.
@@ -94,12 +114,6 @@ impl Gate {
             Ok(why) => why.clone().unwrap_or_default(),
             Err(_) => "the line was cut".into(),
         }
-    }
-}
-
-impl Drop for Gate {
-    fn drop(&mut self) {
-        self.task.abort();
     }
 }
 
@@ -146,9 +160,13 @@ fn believing(ca: &Path) -> io::Result<ClientConfig> {
 }
 
 /// Passes bytes both ways until one side ends or the hub exceeds a bound.
-async fn pass(listener: TcpListener, info: &[u8], hub: TlsStream<TcpStream>, pace: Pace) -> io::Result<()> {
+async fn pass(
+    listener: &TcpListener,
+    info: &[u8],
+    hub: impl AsyncRead + AsyncWrite,
+    pace: Pace,
+) -> io::Result<()> {
     let (client, _) = listener.accept().await?;
-    drop(listener);
     client.set_nodelay(true)?;
     let (from_client, mut to_client) = client.into_split();
     let (from_hub, to_hub) = split(hub);
@@ -293,6 +311,25 @@ mod tests {
         let pings = AtomicUsize::new(PINGS_MAX);
         outwards(&b"PONG\r\n"[..], Vec::new(), &pings).await.unwrap();
         assert_eq!(pings.into_inner(), 0);
+    }
+
+    #[tokio::test]
+    async fn nobody_takes_the_place_of_a_gate_that_is_over() {
+        let (hub, far) = tokio::io::duplex(1024);
+        let mut gate = Gate::before(hub, b"INFO {}\r\n".to_vec(), Pace::Slow).await.unwrap();
+        let address = (Ipv4Addr::LOCALHOST, gate.port);
+        let mut library = TcpStream::connect(address).await.unwrap();
+        let mut heard = [0; 9];
+        library.read_exact(&mut heard).await.unwrap();
+        assert_eq!(&heard, b"INFO {}\r\n");
+        drop(far);
+        gate.ended().await;
+        drop(gate);
+        assert_eq!(library.read(&mut heard).await.unwrap(), 0);
+        let taken = TcpListener::bind(address).await.unwrap_err();
+        assert_eq!(taken.kind(), ErrorKind::AddrInUse);
+        let mut again = TcpStream::connect(address).await.unwrap();
+        assert!(again.read(&mut heard).await.map_or(true, |count| count == 0), "it says nothing");
     }
 
     #[tokio::test(start_paused = true)]

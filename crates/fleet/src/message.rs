@@ -315,6 +315,8 @@ pub enum Malformed {
     TooMany,
     #[error("its messages are not in their order")]
     Order,
+    #[error("it comes after more than this vehicle may tell in this time, and was not read")]
+    TooMuch,
 }
 
 impl Batch {
@@ -342,7 +344,18 @@ impl Batch {
     /// # Errors
     /// Any byte of it is not as it should be.
     pub fn unpack(bytes: &[u8], id: &VehicleId) -> Result<Batch, Malformed> {
-        let text = unpacked(bytes)?;
+        Batch::read(&unpacked(bytes)?, id)
+    }
+
+    /// The same, with the bytes that it unpacked to. One that does not unpack counts as the largest.
+    pub fn weigh(bytes: &[u8], id: &VehicleId) -> (usize, Result<Batch, Malformed>) {
+        match unpacked(bytes) {
+            Ok(text) => (text.len(), Batch::read(&text, id)),
+            Err(malformed) => (UNPACKED_BYTES_MAX, Err(malformed)),
+        }
+    }
+
+    fn read(text: &str, id: &VehicleId) -> Result<Batch, Malformed> {
         let mut lines = text.split('\n');
         let first: First = line(lines.next().unwrap_or_default(), 1)?;
         if first.v != FORMAT {

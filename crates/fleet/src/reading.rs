@@ -21,7 +21,7 @@ use crate::message::VehicleId;
 pub const HEAD_STREAM: &str = "HEAD";
 
 /// Messages that are asked for at once. A subscription has room for those of both streams.
-const PULLED_AT_ONCE: usize = 256;
+const PULLED_AT_ONCE: usize = 64;
 const PULLED_BYTES: usize = 8 << 20;
 const PULL_LASTS: Duration = Duration::from_secs(20);
 
@@ -96,7 +96,7 @@ impl Reading {
         let options = connection::options(console, "console")
             .request_timeout(Some(ANSWERED_WITHIN))
             .ping_interval(Duration::from_secs(2))
-            .subscription_capacity(4 * PULLED_AT_ONCE);
+            .subscription_capacity(3 * PULLED_AT_ONCE);
         let (client, gate) = connection::open(hub, Pace::Any, options).await?;
         let inbox = client.new_inbox();
         let subscribed = client.subscribe(format!("{inbox}.*")).await;

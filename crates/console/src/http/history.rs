@@ -18,6 +18,10 @@ use crate::state::time;
 /// Messages of an answer, and batches that are read for it. The rest is asked for with the time of the last one.
 const MESSAGES_MAX: usize = 10_000;
 const BATCHES_MAX: usize = 5000;
+/// Unpacked bytes of these batches.
+const READ_BYTES_MAX: usize = 32 << 20;
+/// Histories that are read at a time. Others wait, within the time of a request.
+pub const AT_A_TIME: usize = 2;
 const READ_WITHIN: Span = Span::from_secs(8);
 
 /// Without a time to begin with: so far back.
@@ -93,8 +97,11 @@ pub async fn known(console: &Console, id: &VehicleId, from: i64, to: i64) -> Res
     let logs = console.shared.logs().ok_or(HttpError::Unavailable)?;
     let stored_from = from.saturating_sub(skew_ms.max(0)).saturating_sub(MARGIN_MS);
     let until = console.clock.now() + READ_WITHIN;
-    let read = console.clock.by(until, read(&logs, id, stored_from, to)).await;
-    read.ok_or(HttpError::TooSlow)?.map_err(|why| {
+    let read = console.clock.by(until, async {
+        let _turn = console.histories.acquire().await.map_err(|error| error.to_string())?;
+        read(&logs, id, stored_from, to).await
+    });
+    read.await.ok_or(HttpError::TooSlow)?.map_err(|why| {
         tracing::warn!("a history cannot be read: {why}");
         HttpError::Unavailable
     })
@@ -103,13 +110,15 @@ pub async fn known(console: &Console, id: &VehicleId, from: i64, to: i64) -> Res
 async fn read(logs: &Logs, id: &VehicleId, from_ms: i64, to: i64) -> Result<Known, String> {
     let mut known = Known { history: History::default(), contradictions: 0, refused: 0, is_whole: false };
     let mut from = From::Time(from_ms);
+    let mut read_bytes = 0;
     for _ in 0..BATCHES_MAX {
         let Some((number, packed)) = logs.next(id, from).await? else {
             known.is_whole = true;
             break;
         };
         from = From::After(number);
-        match Batch::unpack(&packed, id) {
+        let (bytes, batch) = Batch::weigh(&packed, id);
+        match batch {
             Ok(batch) => {
                 // What follows is later still.
                 let is_over = batch.messages.iter().all(|it| it.at > to.saturating_add(MARGIN_MS));
@@ -120,6 +129,10 @@ async fn read(logs: &Logs, id: &VehicleId, from_ms: i64, to: i64) -> Result<Know
                 }
             }
             Err(_) => known.refused += 1,
+        }
+        read_bytes += bytes;
+        if read_bytes > READ_BYTES_MAX {
+            break;
         }
     }
     Ok(known)

@@ -25,6 +25,7 @@ use telltale_web::common::{
     Home, Throttle, asset, healthz, in_words, not_found, secure_headers, wrong_method,
 };
 use telltale_web::{BODY_BYTES_MAX, Origins};
+use tokio::sync::Semaphore;
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
 
@@ -44,12 +45,15 @@ pub struct Console {
     /// Browsers connect over TLS, so cookies are marked for TLS only.
     secure: bool,
     throttle: Arc<Mutex<Throttle>>,
+    /// Whose turn it is to read a history.
+    histories: Arc<Semaphore>,
 }
 
 impl Console {
     pub fn new(shared: Shared, store: Store, origins: Origins, secure: bool) -> Console {
         let clock = shared.clock;
-        Console { shared, store, clock, origins: Arc::new(origins), secure, throttle: Arc::default() }
+        let (origins, histories) = (Arc::new(origins), Arc::new(Semaphore::new(history::AT_A_TIME)));
+        Console { shared, store, clock, origins, secure, throttle: Arc::default(), histories }
     }
 }
 

@@ -110,6 +110,21 @@ impl Fleet {
         self.line.why = why.chars().take(200).collect();
     }
 
+    /// Whether a message of this vehicle is read now: there is room for it, and it has not told too much.
+    pub fn reads(&self, id: &VehicleId, now: Timestamp) -> bool {
+        match self.vehicles.get(id) {
+            Some(vehicle) => vehicle.may_tell(now),
+            None => self.vehicles.len() < VEHICLES_MAX,
+        }
+    }
+
+    /// So many unpacked bytes of it were read.
+    pub fn has_read(&mut self, id: &VehicleId, bytes: usize, now: Timestamp) {
+        if let Some(vehicle) = self.vehicles.get_mut(id) {
+            vehicle.has_told(bytes, now);
+        }
+    }
+
     /// Takes a message. One that is not as it should be is counted at its vehicle, and changes nothing else.
     pub fn take(&mut self, arrived: Arrived, now: Timestamp) {
         let Arrived { stream, id, batch, stored_ms, age } = arrived;

@@ -397,3 +397,21 @@ fn the_log_is_read_from_a_keyframe_before_its_known_end_on() {
     assert_eq!((from(0), from(AT - 1000)), (0, AT - 901_000));
     assert_eq!(from(AT * 2), AT - 900_000, "the hub's clock was decades ahead");
 }
+
+#[test]
+fn a_vehicle_that_tells_too_much_is_not_read_for_a_while_and_the_others_are() {
+    let mut world = World::new();
+    world.head("loud", 1, 1, head(State::Ok));
+    world.head("other", 1, 1, head(State::Ok));
+    for _ in 0..8 {
+        assert!(world.fleet.reads(&id("loud"), world.now));
+        world.fleet.has_read(&id("loud"), 4 << 20, world.now);
+    }
+    assert!(!world.fleet.reads(&id("loud"), world.now));
+    assert!(world.fleet.reads(&id("other"), world.now));
+    assert!(world.fleet.reads(&id("new"), world.now));
+    let soon = world.now + Span::from_secs(1);
+    assert!(world.fleet.reads(&id("loud"), soon));
+    world.fleet.has_read(&id("loud"), 4 << 20, soon);
+    assert!(!world.fleet.reads(&id("loud"), soon));
+}

@@ -32,7 +32,14 @@ pub struct Vehicle {
     two_at: Option<Timestamp>,
     /// How many of its messages were not taken, and why the last one was not.
     pub refused: Option<(u64, Malformed)>,
+    /// The unpacked bytes of it that are read before others have their turn, and since when.
+    allowance: (u64, Timestamp),
 }
+
+/// Unpacked bytes of a vehicle that are read at once, and in each second after that. A batch that a fleet's vehicle
+/// makes takes far less; small ones that unpack to much would keep the console from hearing the others.
+pub const READ_AT_ONCE: u64 = 32 << 20;
+pub const READ_IN_A_SECOND: u64 = 2 << 20;
 
 /// A head, and when it came.
 #[derive(Debug, Clone)]
@@ -78,7 +85,23 @@ impl Vehicle {
             goodbye: None,
             two_at: None,
             refused: None,
+            allowance: (READ_AT_ONCE, Timestamp::ZERO),
         }
+    }
+
+    fn allowed(&self, now: Timestamp) -> u64 {
+        let (left, since) = self.allowance;
+        let more = now.since(since).as_millis().saturating_mul(READ_IN_A_SECOND) / 1000;
+        left.saturating_add(more).min(READ_AT_ONCE)
+    }
+
+    /// Whether more of it is read now.
+    pub fn may_tell(&self, now: Timestamp) -> bool {
+        self.allowed(now) > 0
+    }
+
+    pub fn has_told(&mut self, bytes: usize, now: Timestamp) {
+        self.allowance = (self.allowed(now).saturating_sub(bytes as u64), now);
     }
 
     /// Takes the one head of a batch from the stream of heads. Returns whether it is news.
