@@ -7,6 +7,7 @@ mod administration;
 mod api;
 mod completions;
 mod configuration;
+mod evaluate;
 pub mod fields;
 mod junit;
 mod print;
@@ -20,7 +21,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 use administration::{audit, data, fleet, tls, user};
-use configuration::{check, diff, evaluate, import, init, scenario};
+use configuration::{check, diff, import, init, scenario};
 use print::note;
 use recordings::{history, incident, replay};
 use running::{demo, serve, sim, watch};

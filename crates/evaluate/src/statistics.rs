@@ -31,7 +31,8 @@ pub fn wilson(part: u64, whole: u64) -> (f64, f64) {
     let middle = p + z * z / (2.0 * n);
     let spread = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
     let of = 1.0 + z * z / n;
-    (((middle - spread) / of).max(0.0), ((middle + spread) / of).min(1.0))
+    let low = if part == 0 { 0.0 } else { (middle - spread) / of };
+    (low, ((middle + spread) / of).min(1.0))
 }
 
 pub fn percentile(values: &mut [u64], share: f64) -> Option<f64> {

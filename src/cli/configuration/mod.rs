@@ -2,7 +2,6 @@
 
 pub mod check;
 pub mod diff;
-pub mod evaluate;
 mod graph;
 pub mod import;
 pub mod init;
