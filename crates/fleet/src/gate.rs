@@ -89,7 +89,10 @@ impl Gate {
                 ended = pass(&listener, &info, secured, pace) => ended,
                 _ = dropped => Ok(()),
             };
-            let why = ended.map_or_else(|error| error.to_string(), |()| "the line was cut".to_owned());
+            let why = match ended {
+                Err(error) if error.kind() != ErrorKind::UnexpectedEof => error.to_string(),
+                _ => "the line was cut".to_owned(),
+            };
             tell.send_replace(Some(why));
             // The library connects once more by itself, and logs in with the key. Nobody else has this port then.
             let refuse = async { while listener.accept().await.is_ok() {} };

@@ -210,12 +210,13 @@ impl Reader {
                 self.wanted = 0;
                 return Ok(None);
             }
-            Some(409) if message.description.as_deref().is_some_and(|it| it.contains("MaxBytes")) => {
+            Some(409) if message.description.as_deref().is_some_and(is_complete) => {
                 self.wanted = 0;
                 return Ok(None);
             }
             Some(status) => {
-                return Err(format!("the hub gives no more of {} ({status})", self.stream.name()));
+                let why: String = message.description.unwrap_or_default().chars().take(100).collect();
+                return Err(format!("the hub gives no more of {} ({status} {why})", self.stream.name()));
             }
             None => {}
         }
@@ -227,6 +228,11 @@ impl Reader {
         let age = Span::from_millis(age);
         Ok(Some(Read { stream: self.stream, id, packed: message.payload, sequence, stored_ms, age }))
     }
+}
+
+/// Whether nothing is wrong: all that was asked for came, or its bytes.
+fn is_complete(description: &str) -> bool {
+    ["MaxBytes", "Batch Completed"].iter().any(|it| description.contains(it))
 }
 
 /// Questions about what lies at the hub.

@@ -32,14 +32,14 @@ pub struct Vehicle {
     two_at: Option<Timestamp>,
     /// How many of its messages were not taken, and why the last one was not.
     pub refused: Option<(u64, Malformed)>,
-    /// The unpacked bytes of it that are read before others have their turn, and since when.
-    allowance: (u64, Timestamp),
+    /// The unpacked bytes of it that are read before others have their turn, and since when. Negative after a large one.
+    allowance: (i64, Timestamp),
 }
 
 /// Unpacked bytes of a vehicle that are read at once, and in each second after that. A batch that a fleet's vehicle
 /// makes takes far less; small ones that unpack to much would keep the console from hearing the others.
-pub const READ_AT_ONCE: u64 = 32 << 20;
-pub const READ_IN_A_SECOND: u64 = 2 << 20;
+const READ_AT_ONCE: i64 = 16 << 20;
+const READ_IN_A_SECOND: i64 = 2 << 20;
 
 /// A head, and when it came.
 #[derive(Debug, Clone)]
@@ -89,10 +89,10 @@ impl Vehicle {
         }
     }
 
-    fn allowed(&self, now: Timestamp) -> u64 {
+    fn allowed(&self, now: Timestamp) -> i64 {
         let (left, since) = self.allowance;
-        let more = now.since(since).as_millis().saturating_mul(READ_IN_A_SECOND) / 1000;
-        left.saturating_add(more).min(READ_AT_ONCE)
+        let passed_ms = i64::try_from(now.since(since).as_millis()).unwrap_or(i64::MAX);
+        left.saturating_add(passed_ms.saturating_mul(READ_IN_A_SECOND) / 1000).min(READ_AT_ONCE)
     }
 
     /// Whether more of it is read now.
@@ -101,7 +101,7 @@ impl Vehicle {
     }
 
     pub fn has_told(&mut self, bytes: usize, now: Timestamp) {
-        self.allowance = (self.allowed(now).saturating_sub(bytes as u64), now);
+        self.allowance = (self.allowed(now).saturating_sub_unsigned(bytes as u64), now);
     }
 
     /// Takes the one head of a batch from the stream of heads. Returns whether it is news.

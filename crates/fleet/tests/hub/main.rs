@@ -17,6 +17,7 @@ use telltale_fleet::identity::Identity;
 use telltale_fleet::line::{Line, NoLine, OwnLast, Want};
 use telltale_fleet::message::{AuditHead, Batch, Content, VehicleId};
 use telltale_fleet::outbox::{FILE_NAME, Limits, Outbox, Seed};
+use telltale_fleet::reading::Reading;
 use telltale_fleet::status::{Contact, Status};
 use tempfile::TempDir;
 use tokio::sync::{mpsc, watch};
@@ -191,6 +192,26 @@ async fn a_hub_that_goes_on_from_an_old_copy_gets_again_what_it_lost() {
     hub.console().await.history_with("a", |seen| records(seen) == [1, 2]).await;
     vehicle.tell(true, 3).await;
     hub.console().await.history_with("a", |seen| records(seen) == [1, 2, 3]).await;
+}
+
+#[tokio::test]
+async fn a_console_reads_more_than_it_asks_for_at_once_on_one_line() {
+    const BATCHES: u64 = 200;
+    let mut hub = Hub::start("many").await;
+    hub.enrol("a");
+    let id = VehicleId::new("a").unwrap();
+    let vehicle = Identity::read(&hub.key_file("a")).unwrap();
+    let line = Line::open(&hub.address(), &id, &vehicle).await.unwrap();
+    for after in 0..BATCHES {
+        let stored = line.requests().log(after, vec![0; 8]).await;
+        assert_eq!(stored, Answer::Stored(after + 1));
+    }
+    let console = Identity::read(&hub.key_file("console")).unwrap();
+    let mut reading = Reading::open(&hub.address(), &console, 0).await.unwrap();
+    for number in 1..=BATCHES {
+        let read = until("a batch", reading.next()).await.unwrap();
+        assert_eq!(read.sequence, number);
+    }
 }
 
 #[tokio::test]

@@ -63,7 +63,7 @@ pub fn start(level: &str) {
     let words = std::env::var("RUST_LOG").ok().filter(|words| !words.trim().is_empty());
     let words = words.unwrap_or_else(|| level.to_owned());
     // Later directives win, so the library's flood is let through only where it is named.
-    let filter = EnvFilter::new(format!("{},async_nats=warn,{words}", ros::LOG_FILTER));
+    let filter = EnvFilter::new(format!("{},async_nats=off,{words}", ros::LOG_FILTER));
     let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).fmt_fields(plain_fields());
     let lines = match form() {
         LogForm::Json => lines.event_format(Json(Clock::start())).boxed(),
