@@ -9,7 +9,8 @@ use crate::program::run;
 
 /// The figures of the first fifty seeds. `BLESS=1` writes them anew.
 fn small(machine: &str) {
-    let output = run(&["evaluate", "--machine", machine, "--seeds", "1..50", "--json"]);
+    // Tests beside it have limits of time.
+    let output = run(&["evaluate", "--machine", machine, "--seeds", "1..50", "--threads", "1", "--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let figures: Value = serde_json::from_slice(&output.stdout).expect("one object");
     for zero in ["wrong_greens", "wrong_reactions", "wrong_instructions"] {

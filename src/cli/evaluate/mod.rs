@@ -33,6 +33,9 @@ pub struct Args {
     /// The first and the last seed
     #[arg(long, value_name = "A..B", value_parser = seeds, default_value = "1..300")]
     seeds: Range<u64>,
+    /// Trials that run at a time [default: as many as there are cores]
+    #[arg(long, value_name = "COUNT")]
+    threads: Option<NonZero<usize>>,
     /// Print the figures as one JSON object
     #[arg(long)]
     json: bool,
@@ -49,7 +52,7 @@ enum Word {
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     let machine = named(args.machine.to_possible_value().as_ref().map_or("", |it| it.get_name()))?;
-    let threads = std::thread::available_parallelism().map_or(1, NonZero::get);
+    let threads = args.threads.or(std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
     let all = args.seeds.end - args.seeds.start;
     let progress = |done: u64| {
         if done.is_multiple_of(100) {
