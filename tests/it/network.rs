@@ -9,7 +9,8 @@ use telltale::engine::input::StatusArray;
 use telltale::ros::{BridgeOptions, Interface, Publisher};
 
 use crate::dds::{Reading, one};
-use crate::peer::{Domain, PATIENCE, Peer};
+use crate::peer::{Domain, Peer};
+use crate::publishers::found;
 
 /// A process of the other machine, which `tests/dds/cable.sh` names.
 const OTHER: &str = "TELLTALE_TEST_OTHER_MACHINE";
@@ -43,10 +44,9 @@ async fn of_the_two_machines(other: &str) {
     let blind = Reading::with(without).await;
     let mut reading = Reading::with(with.clone()).await;
     peer.wait_matched(1);
+    found(&reading, "/diagnostics", 1).await;
     peer.write(&one("first"));
     reading.status("first").await;
-    let mut discovery = reading.bridge.discovery();
-    tokio::time::timeout(PATIENCE, discovery.wait_for(is_found)).await.expect("in time").expect("it lives");
     // Longer than the lease of the peer: both go on to say that they live.
     tokio::time::sleep(Duration::from_secs(2 * LEASE_S)).await;
     peer.wait_matched(1);

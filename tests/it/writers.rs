@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::by_hand;
 use crate::dds::{Reading, one};
 use crate::peer::{Domain, Peer, Vendor};
+use crate::publishers::found;
 use telltale::config;
 use telltale::engine::Engine;
 use telltale::engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
@@ -355,6 +356,7 @@ async fn each_status_has_its_writer_and_discovery_knows_them(vendor: Vendor) {
     let mut writers = Vec::new();
     for (name, peer) in ["first", "second"].into_iter().zip(&mut peers) {
         peer.wait_matched(1);
+        found(&reading, "/diagnostics", 2).await;
         peer.write(&one(name));
         writers.push(reading.status(name).await.writer());
     }
