@@ -111,7 +111,7 @@ pub fn measured((name, of): (&'static str, Of), trials: &[Figures]) -> Figure {
     Figure { name, value, low, high }
 }
 
-/// Events of which there should be none, with Wilson's interval: the count itself says nothing where it is 0.
+/// Events that should not happen, with Wilson's interval: a count of 0 alone says nothing of their rate.
 fn counted((name, of): (&'static str, Count), sum: &Figures) -> Figure {
     let (low, high) = wilson(of(sum), sum.faults);
     let faults = sum.faults as f64;

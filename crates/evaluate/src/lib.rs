@@ -1,4 +1,4 @@
-//! A campaign of faults whose truth is known: how often and how soon a diagnosis names the broken component, how many
+//! A campaign of faults with known truth: how often and how soon a diagnosis names the broken component, how many
 //! alarms it raises, and what it hides. Other rules of diagnosis see the same histories.
 //!
 //! A [`plan`] is drawn from a seed. A [`machine::Machine`] turns it into a [`machine::History`] of inputs, which no rule

@@ -6,7 +6,7 @@ use super::random::Random;
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
     pub name: String,
-    /// The modules of the component that is broken, any of which names it.
+    /// The modules of the broken component. Each of them names it.
     pub truth: Vec<String>,
     /// It breaks what other components work with.
     pub spreads: bool,
@@ -17,7 +17,7 @@ pub struct Fault {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Class {
     Single,
-    /// Two faults, neither of which follows from the other.
+    /// Two independent faults.
     Overlapping,
     /// One whose effects spread, that comes and goes, or that shows for moments.
     Restless,
@@ -30,7 +30,7 @@ pub enum Place {
     AtAStop,
 }
 
-/// One fault and the times in which it is there, in milliseconds after the beginning of the trial.
+/// One fault and when it is there, in milliseconds after the beginning of the trial.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Injection {
     pub fault: usize,

@@ -19,7 +19,7 @@ pub struct Present {
     pub noticed_ms: u64,
     /// When it begins, and when each of them begins to report something worse than before, in the run of all faults.
     pub beginnings_ms: Vec<u64>,
-    /// In which times they report it while it is there, and would not without it.
+    /// When they report it while it is there, and would not without it.
     pub distinct: Vec<(u64, u64)>,
 }
 
@@ -29,7 +29,7 @@ pub fn is_bad(state: State) -> bool {
 }
 
 impl Present {
-    /// The faults of a trial. `off` is a run of all faults in which nothing is masked, `alone` one with each.
+    /// The faults of a trial. `off` is a run of all faults without masking, `alone` one with each.
     pub fn of(plan: &Plan, faults: &[Fault], off: &Track, alone: &[Track]) -> Vec<Present> {
         let one = |(index, injection): (usize, &Injection)| {
             let snapshot = &off.0.first()?.1;

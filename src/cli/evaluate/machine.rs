@@ -260,7 +260,7 @@ fn hear(machine: &mut Machine, ears: &mut Ears, now: Timestamp) -> Vec<Input> {
     inputs
 }
 
-/// The same statuses, of which these are ERROR.
+/// The same statuses, with these as ERROR.
 fn with_errors(array: &StatusArray, raised: &[&str]) -> StatusArray {
     let mut changed = StatusArray::default().said_by(array.writer());
     for status in array.iter() {

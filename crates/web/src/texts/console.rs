@@ -38,7 +38,7 @@ texts! {
         only: "only", "nur";
         back: "Back to the fleet", "Zurück zur Flotte";
 
-        faults: "What is wrong", "Störungen";
+        faults: "Faults", "Störungen";
         no_faults: "Nothing is wrong", "Keine Störung";
         seen: "acknowledged", "quittiert";
         acknowledged: "Acknowledged", "Quittiert";
