@@ -28,7 +28,7 @@ fn play(file: &str) -> Played {
     let loaded = config::load(config).unwrap_or_else(|problems| panic!("{problems}"));
     let model = match file.dependencies {
         true => loaded.model,
-        false => Arc::new(scenario::without_dependencies(&loaded.model)),
+        false => Arc::new(loaded.model.with_dependencies(Vec::clear)),
     };
     let scenario = file.bind(&model).unwrap_or_else(|problems| panic!("{problems}"));
     let outcome = scenario::run(model, &scenario);

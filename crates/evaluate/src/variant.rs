@@ -86,24 +86,19 @@ fn dependencies_of(parts: &mut Parts, node: NodeId) -> &mut Vec<Dependency> {
     }
 }
 
-/// The same configuration with other dependencies.
-pub fn with(model: &Model, mut change: impl FnMut(&mut Vec<Dependency>)) -> Arc<Model> {
-    let mut parts = Parts::clone(model);
-    parts.groups.iter_mut().for_each(|group| change(&mut group.depends_on));
-    parts.modules.iter_mut().for_each(|module| change(&mut module.depends_on));
-    Arc::new(Model::new(parts).expect("fewer and wider dependencies close no circle"))
-}
-
 pub fn off(model: &Model) -> Arc<Model> {
-    with(model, Vec::clear)
+    Arc::new(model.with_dependencies(Vec::clear))
 }
 
 pub fn always(model: &Model) -> Arc<Model> {
-    with(model, |all| all.iter_mut().for_each(|it| it.within = Within::Always))
+    Arc::new(model.with_dependencies(|all| all.iter_mut().for_each(|it| it.within = Within::Always)))
 }
 
 /// Each dependency without a `within` of its own explains what began within this time.
 pub fn within(model: &Model, span: Span) -> Arc<Model> {
     let is_default = |it: &&mut Dependency| it.within == Within::default();
-    with(model, |all| all.iter_mut().filter(is_default).for_each(|it| it.within = Within::Limit(span)))
+    let change = |all: &mut Vec<Dependency>| {
+        all.iter_mut().filter(is_default).for_each(|it| it.within = Within::Limit(span));
+    };
+    Arc::new(model.with_dependencies(change))
 }

@@ -201,15 +201,6 @@ pub fn run(model: Arc<Model>, scenario: &Scenario) -> Outcome {
     }
 }
 
-/// The vehicle without its dependencies, as in scenario 1 of the paper.
-pub fn without_dependencies(model: &Model) -> Model {
-    let mut parts = (**model).clone();
-    parts.groups.iter_mut().for_each(|group| group.depends_on.clear());
-    parts.modules.iter_mut().for_each(|module| module.depends_on.clear());
-    Model::new(parts)
-        .expect("groups that only contain each other have no cycle: parents stand before children")
-}
-
 type ShownNode = (State, IgnoreReason, State);
 
 struct Run {

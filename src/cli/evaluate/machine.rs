@@ -166,7 +166,7 @@ impl machine::Machine for Simulated {
                     Cause::Status(_) => {}
                 }
             }
-            let mut inputs = hear(&mut machine, &mut ears, now);
+            let mut inputs = ears.hear(&mut machine, now, wall);
             for input in &mut inputs {
                 if let Input::Diagnostics(array) = input
                     && array.iter().any(|status| raised.contains(&status.name()))
@@ -197,7 +197,7 @@ fn begin(kind: Kind, loaded: &Loaded, place: Place) -> anyhow::Result<Begun> {
             bail!("the machine stays {} and does not come to its place: {roots:?}", snapshot.stage.as_str());
         }
         now = now + STEP;
-        let mut inputs = hear(&mut machine, &mut ears, now);
+        let mut inputs = ears.hear(&mut machine, now, wall);
         let snapshot = engine.snapshot();
         if let Kind::Shuttle(_) = kind {
             let (actions, order) = operate(&snapshot, place, now);
@@ -250,14 +250,6 @@ const EPOCH: Duration = Duration::from_secs(1_795_000_000);
 
 fn wall(at: Timestamp) -> SystemTime {
     SystemTime::UNIX_EPOCH + EPOCH + Duration::from_nanos(at.as_nanos())
-}
-
-fn hear(machine: &mut Machine, ears: &mut Ears, now: Timestamp) -> Vec<Input> {
-    let sent = machine.advance(now, wall);
-    let mut inputs: Vec<Input> =
-        sent.iter().flat_map(|(topic, body)| ears.inputs(topic, body, wall(now))).collect();
-    inputs.extend(ears.probes(machine.nodes(), now));
-    inputs
 }
 
 /// The same statuses, with these as ERROR.

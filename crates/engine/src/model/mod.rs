@@ -372,6 +372,17 @@ impl Parts {
 }
 
 impl Model {
+    /// The same vehicle with changed dependencies: fewer, or with other limits.
+    ///
+    /// # Panics
+    /// If the change closes a circle.
+    pub fn with_dependencies(&self, mut change: impl FnMut(&mut Vec<Dependency>)) -> Model {
+        let mut parts = self.parts.clone();
+        parts.groups.iter_mut().for_each(|group| change(&mut group.depends_on));
+        parts.modules.iter_mut().for_each(|module| change(&mut module.depends_on));
+        Model::new(parts).expect("fewer dependencies close no circle")
+    }
+
     /// The topics whose messages are only counted: a recording needs no content of large ones, unless it
     /// names them.
     pub fn counted_topics(&self) -> impl Iterator<Item = &str> {

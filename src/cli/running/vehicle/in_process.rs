@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use super::machine::Machine;
 use crate::clock::unix_ns;
 use crate::config::Loaded;
 use crate::engine::Engine;
@@ -76,6 +77,21 @@ impl Ears {
             start,
             watchdogs: loaded.model.watched.watchdogs.clone(),
         }
+    }
+
+    /// What a diagnosis hears of a machine until now; `wall` is the wall time of an instant.
+    pub fn hear(
+        &mut self,
+        machine: &mut Machine,
+        now: Timestamp,
+        wall: impl Fn(Timestamp) -> SystemTime,
+    ) -> Vec<Input> {
+        let received = wall(now);
+        let sent = machine.advance(now, wall);
+        let mut inputs: Vec<Input> =
+            sent.iter().flat_map(|(topic, body)| self.inputs(topic, body, received)).collect();
+        inputs.extend(self.probes(machine.nodes(), now));
+        inputs
     }
 
     /// The answers to watchdogs that are due, where these nodes are announced.

@@ -99,13 +99,8 @@ impl Simulated {
     fn step(&mut self, wall: &impl Fn(Timestamp) -> SystemTime) {
         self.at = self.at + STEP;
         let now = self.at;
-        for (topic, body) in self.machine.advance(now, wall) {
-            for input in self.ears.inputs(topic, &body, wall(now)) {
-                self.engine.handle(&input, now);
-            }
-        }
-        for probe in self.ears.probes(self.machine.nodes(), now) {
-            self.engine.handle(&probe, now);
+        for input in self.ears.hear(&mut self.machine, now, wall) {
+            self.engine.handle(&input, now);
         }
         self.engine.handle(&Input::Tick, now);
     }

@@ -39,13 +39,8 @@ impl Floor {
         while self.now_ms < start_ms + within_ms {
             self.now_ms += 10;
             let now = Timestamp::from_millis(self.now_ms);
-            for (topic, body) in self.machine.advance(now, wall) {
-                for input in self.ears.inputs(topic, &body, wall(now)) {
-                    self.engine.handle(&input, now);
-                }
-            }
-            for probe in self.ears.probes(self.machine.nodes(), now) {
-                self.engine.handle(&probe, now);
+            for input in self.ears.hear(&mut self.machine, now, wall) {
+                self.engine.handle(&input, now);
             }
             self.engine.handle(&Input::Tick, now);
             let snapshot = self.snapshot();
