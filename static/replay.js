@@ -151,9 +151,8 @@
   });
 
   const play = () => ask({ play: "playing" in body.dataset ? 0 : speed.value });
-  const goAsFast = () => {
-    if ("playing" in body.dataset) ask({ play: speed.value });
-  };
+  // It may have come to its end since the last answer: a speed starts nothing.
+  const goAsFast = () => ask({ speed: speed.value });
   document.querySelector("button[name=play]").addEventListener("click", play);
   speed.addEventListener("change", goAsFast);
   for (const name of ["previous", "next"]) {

@@ -440,12 +440,15 @@ def test_a_moment_that_is_not_in_the_recording_is_not_shown_as_if_it_were(plain,
             status, kind, text = ask(path)
             assert status == 400 and kind.startswith("text/html") and "at=2026-11-25T15:44:04.5Z" in text, (path, status, text)
         # A script gets JSON, whatever it accepts.
-        for form, field in [({"play": "fast"}, "play"), ({"play": "-1"}, "play"), ({"step": "far"}, "step"), ({"at_ms": "x"}, "at_ms"), ({"other": 1}, "step")]:
+        for form, field in [({"play": "fast"}, "play"), ({"play": "-1"}, "play"), ({"speed": "0"}, "speed"), ({"step": "far"}, "step"), ({"at_ms": "x"}, "at_ms"), ({"other": 1}, "step")]:
             status, kind, text = ask("/replay/file/state", **form)
             assert status == 422 and kind == "application/json" and field in json.loads(text)["error"], (form, status, kind, text)
         assert ask("/replay/1/state", step="next")[:2] == (404, "application/json")
         status, _, text = ask("/replay/file/state", at_ms=to_ms + 60_000)
         assert status == 200 and json.loads(text)["at_ms"] == to_ms
+        # At the end another speed starts nothing, and is that of what is played next.
+        state = json.loads(ask("/replay/file/state", speed=20)[2])
+        assert (state["at_ms"], state["playing"], state["speed"]) == (to_ms, False, 20.0)
 
 
 # What leaves the window, or is cut in its own box.

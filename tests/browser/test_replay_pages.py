@@ -104,6 +104,7 @@ def test_the_screens_are_as_they_were_and_nothing_acts(server, vehicle, page, in
     at = lambda: int(page.locator("input[name=at]").input_value())
     until(lambda: at() >= told["story"]["to_ms"] - 500, 30, lambda: f"the end, {at()} of {told['story']['to_ms']}")
     expect(tile).to_have_attribute("data-state", "ok")
+    expect(page.locator("body")).not_to_have_attribute("data-playing", "")
 
     # The developer's pages are those of the same instant. An address shows its moment also while it plays.
     page.locator("select[name=speed]").select_option("0.1")

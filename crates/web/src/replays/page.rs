@@ -24,6 +24,8 @@ use crate::view::html;
 use crate::view::page::frame::PageFrame;
 use telltale_store::{Incident, Session};
 
+/// The speeds at which a replay can play.
+const SPEEDS: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 /// No address of a screen is longer.
 const SCREEN_BYTES_MAX: usize = 2000;
 
@@ -70,6 +72,8 @@ pub struct ControlForm {
     step: Option<String>,
     /// The speed; 0 pauses.
     play: Option<f64>,
+    /// Only the speed: nothing begins or ends to play.
+    speed: Option<f64>,
 }
 
 /// The recording of a replay, and the page that it leads back to.
@@ -239,11 +243,13 @@ pub async fn control(
         ControlForm { at_ms: Some(at_ms), .. } => Order::GoTo(at_ms),
         ControlForm { step: Some(step), .. } if step == "next" => Order::Step { forwards: true },
         ControlForm { step: Some(step), .. } if step == "previous" => Order::Step { forwards: false },
-        ControlForm { play: Some(speed), .. } if (0.01..=1000.0).contains(&speed) => Order::Play(speed),
+        ControlForm { play: Some(speed), .. } if SPEEDS.contains(&speed) => Order::Play(speed),
+        ControlForm { speed: Some(speed), .. } if SPEEDS.contains(&speed) => Order::Speed(speed),
         ControlForm { play: Some(0.0), .. } => Order::Pause,
         ControlForm { step: Some(_), .. } => return Ok(bad_field(&reader, "step")),
         ControlForm { play: Some(_), .. } => return Ok(bad_field(&reader, "play")),
-        _ => return Ok(bad_field(&reader, "at_ms, step, play")),
+        ControlForm { speed: Some(_), .. } => return Ok(bad_field(&reader, "speed")),
+        _ => return Ok(bad_field(&reader, "at_ms, step, play, speed")),
     };
     replay.controls.order(order);
     // Else the page would jump back to the place before.

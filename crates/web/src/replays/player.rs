@@ -33,6 +33,8 @@ pub(super) enum Order {
     },
     /// 1 is the speed of the recording.
     Play(f64),
+    /// A speed for what plays, and for what is played next.
+    Speed(f64),
     Pause,
     /// Where it is, told when the orders before are done.
     Tell(oneshot::Sender<PlayState>),
@@ -177,6 +179,10 @@ impl Thread {
                     self.go_to(self.playback.facts().from);
                 }
                 self.playing = Some((now, self.playback.at()));
+            }
+            Order::Speed(speed) => {
+                self.speed = speed;
+                self.playing = self.playing.map(|_| (now, self.playback.at()));
             }
             Order::Pause => self.playing = None,
             Order::Tell(answer) => self.asked.push(answer),
