@@ -4,14 +4,13 @@
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rusqlite::Connection;
 use telltale_clock::{Clock, unix_ms, wall_at};
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::time::{Span, Timestamp};
-use tokio::sync::{mpsc, watch};
+use tokio::sync::{mpsc, oneshot, watch};
 
 use crate::delivery::{Answer, Delivery, Last, Learned, Order, Said};
 use crate::identity::{Identity, IdentityError};
@@ -77,7 +76,8 @@ pub enum StartError {
 pub struct Fleet {
     status: watch::Receiver<Status>,
     end: watch::Sender<Option<Instant>>,
-    thread: JoinHandle<()>,
+    /// Its sender goes with the thread. Nothing joins the thread: it may hang in a locked database.
+    over: oneshot::Receiver<()>,
 }
 
 /// Starts to tell. Without a folder the outbox ends with the program. One that cannot be opened now is tried again.
@@ -120,7 +120,8 @@ pub fn start(
         connect_at: Timestamp::ZERO,
         reconnect_wait: RECONNECT_MIN,
     };
-    let thread = std::thread::Builder::new().name("fleet".into()).spawn(move || {
+    let (thread, over) = oneshot::channel();
+    std::thread::Builder::new().name("fleet".into()).spawn(move || {
         runtime.block_on(async {
             if let Some(outbox) = opened(open, &tell_status, &mut ended).await {
                 vehicle(outbox, tell_status).run(sources, ended).await;
@@ -128,8 +129,9 @@ pub fn start(
         });
         // A name server that does not answer holds up no end.
         runtime.shutdown_background();
+        drop(thread);
     })?;
-    Ok(Fleet { status, end, thread })
+    Ok(Fleet { status, end, over })
 }
 
 impl Fleet {
@@ -140,8 +142,7 @@ impl Fleet {
     /// Says goodbye, and waits until the hub has heard it, but no longer than `until`.
     pub async fn end(self, until: Instant) {
         self.end.send_replace(Some(until));
-        let joined = tokio::task::spawn_blocking(move || self.thread.join().is_ok());
-        if !tokio::time::timeout_at(until.into(), joined).await.is_ok_and(|joined| joined.unwrap_or(false)) {
+        if tokio::time::timeout_at(until.into(), self.over).await.is_err() {
             tracing::warn!("the hub of the fleet has not heard the goodbye; it waits in the outbox");
         }
     }
