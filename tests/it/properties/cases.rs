@@ -181,7 +181,12 @@ fn help(choices: &mut Choices<'_>) -> Option<Wording<Advice>> {
     let mut urgency = || [None, Some(Urgency::BeReady), Some(Urgency::TakeOver)][choices.below(3)];
     let (warning, error, unknown) = (urgency(), urgency(), urgency());
     let of = |urgency| ByStage::Always(Advice { text: Text::plain("Do it."), urgency });
-    Some(Wording { warning: of(warning), error: of(warning.max(error)), unknown: of(unknown) })
+    Some(Wording {
+        warning: of(warning),
+        error: of(warning.max(error)),
+        unknown: of(unknown),
+        ..Wording::default()
+    })
 }
 
 fn any_node(parts: &Parts, choices: &mut Choices<'_>) -> NodeId {

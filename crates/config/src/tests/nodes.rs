@@ -373,6 +373,13 @@ fn words_are_written_for_all_or_for_each_level_and_stage() {
     );
     let named = |state, stage| each.name.as_ref().unwrap().of(state, stage).map(|text| &*text.de);
     assert_eq!(named(State::Warning, Stage::Active), None);
+    assert_eq!(named(State::Ok, Stage::Active), None);
+    let working = of("name: { ok: O, error: E }").name.unwrap();
+    assert_eq!(working.of(State::Ok, Stage::Active), Some(&"O".into()));
+    check(
+        &module("help: { ok: Drive on., error: E }"),
+        &["1:57: unknown key `ok` in advice for levels (known here: warning, error, unknown)"],
+    );
     assert_eq!(named(State::Error, Stage::Standby), Some("E"));
     let advised = |state, stage| each.help.as_ref().unwrap().of(state, stage).map(|it| &*it.text.de);
     for (state, stage, words) in [

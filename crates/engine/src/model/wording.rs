@@ -6,9 +6,11 @@ use crate::state::State;
 use crate::text::{Text, words};
 use serde::{Deserialize, Serialize};
 
-/// The words of a module that is not OK: names, or [`Advice`]. The page has general words for the rest.
+/// The words of a module by its level: names, or [`Advice`]. The page has general words for the rest.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Wording<T = Text> {
+    /// The part that works, while there is no fault. There is no advice for it.
+    pub ok: ByStage<T>,
     pub warning: ByStage<T>,
     pub error: ByStage<T>,
     pub unknown: ByStage<T>,
@@ -52,11 +54,7 @@ impl From<Text> for Advice {
 impl Wording {
     /// A name without levels: it is for WARNING and ERROR. An UNKNOWN module may have no fault at all.
     pub fn name(text: Text) -> Wording {
-        Wording {
-            warning: ByStage::Always(text.clone()),
-            error: ByStage::Always(text),
-            unknown: ByStage::None,
-        }
+        Wording { warning: ByStage::Always(text.clone()), error: ByStage::Always(text), ..Wording::default() }
     }
 }
 
@@ -74,14 +72,18 @@ impl<T: PartialEq> Wording<T> {
             State::Warning => self.warning.of(stage),
             State::Error => self.error.of(stage),
             State::Unknown => self.unknown.of(stage),
-            State::Ok | State::Ignore => None,
+            State::Ok | State::Ignore => self.ok.of(stage),
         }
     }
 
     /// The levels that have words, in order.
     pub fn levels(&self) -> impl Iterator<Item = (State, &ByStage<T>)> {
-        let all =
-            [(State::Warning, &self.warning), (State::Error, &self.error), (State::Unknown, &self.unknown)];
+        let all = [
+            (State::Ok, &self.ok),
+            (State::Warning, &self.warning),
+            (State::Error, &self.error),
+            (State::Unknown, &self.unknown),
+        ];
         all.into_iter().filter(|(_, words)| **words != ByStage::None)
     }
 }

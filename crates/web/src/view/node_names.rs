@@ -126,7 +126,12 @@ impl View<'_> {
         Some(self.lang.pick(name, NAME))
     }
 
-    /// All names that the configuration gives the faults of a module, for a search.
+    /// The configuration's name for a module that works.
+    pub(super) fn name_of_part(&self, info: &ModuleInfo) -> Option<String> {
+        Some(self.lang.pick(info.name.as_ref()?.of(State::Ok, self.snapshot.stage)?, NAME))
+    }
+
+    /// All names that the configuration gives a module and its faults, for a search.
     pub fn names_of_faults(&self, info: &ModuleInfo) -> String {
         let levels = info.name.iter().flat_map(|name| name.levels());
         let names = levels.flat_map(|(_, words)| words.all()).map(|text| self.lang.pick(text, NAME));

@@ -18,6 +18,8 @@ pub(crate) trait Said: FromNode + Clone + PartialEq {
     const NAMES: [&str; 2];
     const LEVELS: MapDoc;
     const STAGES: MapDoc;
+    /// The levels that can have words.
+    const NAMED: &[&str];
 
     /// The urgency for the operator of a driving vehicle, if it is given.
     fn urgency(&self) -> Option<Urgency>;
@@ -27,6 +29,7 @@ impl Said for Text {
     const NAMES: [&str; 2] = ["wording", "stage_wording"];
     const LEVELS: MapDoc = map("levels", "words for levels");
     const STAGES: MapDoc = map("stage_words", "words for stages");
+    const NAMED: &[&str] = &["ok", "warning", "error", "unknown"];
 
     fn urgency(&self) -> Option<Urgency> {
         None
@@ -37,6 +40,7 @@ impl Said for Advice {
     const NAMES: [&str; 2] = ["advice_wording", "stage_advice"];
     const LEVELS: MapDoc = map("levels_of_advice", "advice for levels");
     const STAGES: MapDoc = map("stages_of_advice", "advice for stages");
+    const NAMED: &[&str] = &["warning", "error", "unknown"];
 
     fn urgency(&self) -> Option<Urgency> {
         self.urgency
@@ -65,10 +69,17 @@ impl<T: Said> FromNode for RawWording<T> {
             return T::from_node(node, log).map(RawWording::Text);
         }
         let mut fields = Fields::of(node, T::LEVELS.rules(|| vec![("minProperties", 1.into())]), log)?;
-        let mut level = |name: &'static str| fields.optional(name).unwrap_or(ByStage::None);
-        let wording = Wording { warning: level("warning"), error: level("error"), unknown: level("unknown") };
-        let named = ["warning", "error", "unknown"].iter().any(|level| fields.key_span(level).is_some());
-        if !named {
+        let mut level = |name: &'static str| {
+            let words = if T::NAMED.contains(&name) { fields.optional(name) } else { None };
+            words.unwrap_or(ByStage::None)
+        };
+        let wording = Wording {
+            ok: level("ok"),
+            warning: level("warning"),
+            error: level("error"),
+            unknown: level("unknown"),
+        };
+        if !T::NAMED.iter().any(|level| fields.key_span(level).is_some()) {
             let problem = Problem::at(node.span, "there are words for no level");
             fields.log.push(problem.help("write one text, or `{ warning: ..., error: ..., unknown: ... }`"));
         }

@@ -196,11 +196,14 @@ fn row(view: &View<'_>, tile: Tile, id: ModuleId, index: usize) -> ModuleRow {
     let own = own_matters(module);
     let failing = if own { module.own } else { module.state };
     let label = view.label(info);
-    let named = !matches!(failing, State::Ok | State::Ignore) && view.name_of_fault(info, failing).is_some();
+    let name = match failing {
+        State::Ok | State::Ignore => view.name_of_part(info),
+        fault => view.name_of_fault(info, fault),
+    };
     ModuleRow {
         id: clean(&info.id, ID),
-        title: if named { view.fault(id, failing) } else { label.clone() },
-        label: if named { label } else { String::new() },
+        label: if name.is_some() { label.clone() } else { String::new() },
+        title: name.unwrap_or(label),
         state: module.state.as_str(),
         reason: reason_word(module.reason.as_ref()),
         icon: icon(module.state, module.reason.as_ref()),

@@ -114,7 +114,13 @@ fn a_warning_has_no_words_of_the_error() {
     let bus = parts.modules.iter_mut().find(|module| &*module.id == "can/bus").unwrap();
     let always = |text: &str| ByStage::Always(text.into());
     bus.name = Some(
-        Wording { warning: always("Bus slow"), unknown: always("Bus unknown"), ..Wording::default() }.into(),
+        Wording {
+            ok: always("Vehicle data"),
+            warning: always("Bus slow"),
+            unknown: always("Bus unknown"),
+            ..Wording::default()
+        }
+        .into(),
     );
     let advice = ByStage::Always(Text::plain("Drive on.").into());
     bus.help = Some(Wording { warning: advice, ..Wording::default() }.into());
@@ -124,7 +130,8 @@ fn a_warning_has_no_words_of_the_error() {
     check(&of(2), Lang::En, "instruction", &["Be ready to take over.", "CAN: Error."], &["Drive on."]);
     check(&of(3), Lang::De, "causes", &["Bus unknown"], &["Drive on."]);
     check(&of(3), Lang::De, "instruction", &["Zum Übernehmen bereithalten."], &["Drive on."]);
-    check(&of(1), Lang::En, "detail-can", &["Bus slow"], &[]);
+    check(&of(1), Lang::En, "detail-can", &["Bus slow"], &["Vehicle data"]);
+    check(&of(0), Lang::En, "detail-can", &[r#"Vehicle data <span class="label">bus</span>"#], &["Bus slow"]);
 }
 
 #[test]
