@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use telltale_engine::discovery::TopicSeen;
 use telltale_engine::model::{ModuleId, NodeId};
 use telltale_engine::snapshot::{Reason, Snapshot};
+use telltale_engine::state::State;
 
 /// The rate that monitors want of one topic.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -16,6 +17,8 @@ pub struct Wanted {
     pub most_hz: Option<f64>,
     /// One of those that want a rate matters now.
     pub is_now: bool,
+    /// One of these has measured for long enough to say something.
+    pub is_judged: bool,
 }
 
 /// By the ROS names of the topics.
@@ -30,7 +33,9 @@ pub fn all_wanted(snapshot: &Snapshot) -> HashMap<&str, Wanted> {
         let is_now = !matches!(snapshot.shown(NodeId::Module(id)).1, Some(Reason::NotRelevant(_)));
         let least = [bands.warning_below, bands.error_below].into_iter().flatten().reduce(f64::max);
         let most = [bands.warning_above, bands.error_above].into_iter().flatten().reduce(f64::min);
-        all.entry(topic).or_default().want(least, most, is_now);
+        let wanted = all.entry(topic).or_default();
+        wanted.want(least, most, is_now);
+        wanted.is_judged |= is_now && snapshot.module(id).1.own != State::Unknown;
     }
     all
 }
@@ -48,12 +53,12 @@ impl Wanted {
 
     /// Fewer messages come than a monitor wants now.
     pub fn is_too_slow(&self, topic: &TopicSeen) -> bool {
-        self.is_now && self.least_hz.zip(topic.rate_hz).is_some_and(|(least, rate)| f64::from(rate) < least)
+        self.is_judged && self.least_hz.zip(topic.rate_hz).is_some_and(|(least, rate)| f64::from(rate) < least)
     }
 
     /// More messages come than a monitor wants now.
     pub fn is_too_fast(&self, topic: &TopicSeen) -> bool {
-        self.is_now && self.most_hz.zip(topic.rate_hz).is_some_and(|(most, rate)| f64::from(rate) > most)
+        self.is_judged && self.most_hz.zip(topic.rate_hz).is_some_and(|(most, rate)| f64::from(rate) > most)
     }
 
     /// `≥ 7 Hz`, `7 to 12 Hz`; `None` if no rate is wanted.
@@ -81,6 +86,8 @@ mod tests {
         wanted.want(Some(7.0), Some(20.0), true);
         wanted.want(Some(0.5), Some(15.5), true);
         wanted.want(Some(40.0), None, false);
+        assert!(!wanted.is_too_slow(&topic(Some(6.9))), "the monitors still measure");
+        wanted.is_judged = true;
         assert_eq!(wanted.in_words().as_deref(), Some("7\u{2013}15.5 Hz"));
         let is = |rate| (wanted.is_too_slow(&topic(rate)), wanted.is_too_fast(&topic(rate)));
         assert_eq!(
