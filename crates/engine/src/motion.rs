@@ -35,7 +35,8 @@ const MOVES_AFTER: Span = Span::from_millis(500);
 /// A higher speed is shown as this one.
 const SHOWN_KMH_MAX: f64 = 999.0;
 
-/// A stop that is further from the goal is not the destination.
+/// A stop that is further from the goal is not the destination, and one that is further from the vehicle is not where it
+/// stands.
 const AT_STOP_M: f64 = 10.0;
 
 /// A goal that is further away is not in the same frame as the position.
@@ -283,9 +284,7 @@ impl Engine {
         if driving.speed.is_some() && self.vehicle.stage != Stage::Active {
             self.motion.follow_parking(self.vehicle.stage == Stage::Cleared, self.now);
         }
-        // A vehicle that is not sure where it is does not know how far it is.
-        let localization = self.localization_group.map(|id| self.net.groups[id.0 as usize].node.facts.shown);
-        let trusted = localization.is_none_or(is_well);
+        let trusted = self.is_localized();
         let drives = self.vehicle.stage == Stage::Active;
         self.motion.judge_goal(driving.position.as_ref(), trusted, drives, self.now);
         let of_speed = driving.speed.as_ref().and_then(|source| self.motion.due(source, self.now));
@@ -303,13 +302,30 @@ impl Engine {
 
     /// Whether a vehicle that just said that it drives no more is between stops, because its mission component has
     /// started again: it is faster than one that arrives, or stood before for as long as an arrival takes, or nothing
-    /// is known of that, or it contradicted itself a moment ago. Without a speed nothing else tells a restart from an
-    /// arrival.
+    /// is known of that, or it contradicted itself a moment ago; or it is held, and its position shows no stop. Without a
+    /// speed nothing else tells a restart from an arrival.
     pub(super) fn is_between_stops(&self) -> bool {
-        if self.signals.drive.is_no_arrival() {
+        let is_held = self.countermeasures.moving().next().is_some();
+        if self.signals.drive.is_no_arrival() || is_held && self.is_seen_at_a_stop() == Some(false) {
             return true;
         }
         self.model.driving.speed.is_some() && (self.has_stood() || self.may_roll_fast())
+    }
+
+    /// Whether its position is near a stop. One that is old, or that Localization does not stand for, shows none. `None`:
+    /// the configuration has no position, or no stops.
+    fn is_seen_at_a_stop(&self) -> Option<bool> {
+        let driving = &self.model.driving;
+        let source = driving.position.filter(|_| !driving.stops.is_empty())?;
+        let place =
+            self.motion.position.filter(|(_, at)| self.now < *at + source.timeout && self.is_localized());
+        Some(place.is_some_and(|(place, _)| nearest_stop(&driving.stops, place).is_some()))
+    }
+
+    /// A vehicle that is not sure where it is knows no place and no distance.
+    fn is_localized(&self) -> bool {
+        let shown = self.localization_group.map(|id| self.net.groups[id.0 as usize].node.facts.shown);
+        shown.is_none_or(is_well)
     }
 
     /// Whether it has stood for longer than at an arrival.
