@@ -88,7 +88,8 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
             vehicle.last_alarm as i64,
         ])?;
     connection.execute_batch(
-        "DELETE FROM last_known_place; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes;
+        "DELETE FROM last_known_place; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes; DELETE FROM asking;
+         DELETE FROM latched;
          DELETE FROM countermeasures;",
     )?;
     if let Some(KnownPlace { pose: MapPose { x_m, y_m, yaw_deg }, driven }) = vehicle.last_known {
@@ -106,8 +107,13 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
     for node in vehicle.accepted.iter().take(ROWS_MAX) {
         insert.execute([node])?;
     }
+    let mut insert = connection.prepare_cached("INSERT OR IGNORE INTO latched VALUES (?1)")?;
+    for node in vehicle.latched.iter().take(ROWS_MAX) {
+        insert.execute([node])?;
+    }
     let mut insert = connection.prepare_cached("INSERT INTO countermeasures VALUES (?1, ?2, ?3, ?4, ?5)")?;
     let mut insert_cause = connection.prepare_cached("INSERT INTO causes VALUES (?1, ?2, ?3, ?4)")?;
+    let mut insert_asking = connection.prepare_cached("INSERT OR IGNORE INTO asking VALUES (?1, ?2)")?;
     for (number, measure) in vehicle.countermeasures.iter().enumerate() {
         let number = number as i64;
         let mps2 = if let Request::Decelerate { mps2 } = measure.request { Some(mps2) } else { None };
@@ -116,6 +122,9 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
         insert.execute(params![number, measure.request.as_str(), mps2, since_ms, stopped_ms])?;
         for (position, (node, acknowledged)) in measure.causes.iter().take(ROWS_MAX).enumerate() {
             insert_cause.execute(params![number, position as i64, node, acknowledged])?;
+        }
+        for node in measure.about.iter().take(ROWS_MAX) {
+            insert_asking.execute(params![number, node])?;
         }
     }
     Ok(())
@@ -175,12 +184,15 @@ impl Database {
             })
         })?;
         let alarms = alarms.collect::<Result<_, _>>()?;
-        let mut query =
-            connection.prepare(&format!("SELECT node FROM accepted ORDER BY node LIMIT {ROWS_MAX}"))?;
-        let accepted = query.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+        let nodes = |table| {
+            let mut query =
+                connection.prepare(&format!("SELECT node FROM {table} ORDER BY node LIMIT {ROWS_MAX}"))?;
+            query.query_map([], |row| row.get(0))?.collect::<rusqlite::Result<Vec<Box<str>>>>()
+        };
+        let (accepted, latched) = (nodes("accepted")?, nodes("latched")?);
         let countermeasures = read_measures(connection, wall)?;
         let last_known = read_last_known(connection)?;
-        Ok(Some(Restored { last_known, alarms, accepted, countermeasures, ..vehicle }))
+        Ok(Some(Restored { last_known, alarms, accepted, latched, countermeasures, ..vehicle }))
     }
 }
 
@@ -230,6 +242,9 @@ fn read_measures(
     let mut causes = connection.prepare(&format!(
         "SELECT node, acknowledged FROM causes WHERE countermeasure = ?1 ORDER BY position LIMIT {ROWS_MAX}"
     ))?;
+    let mut asking = connection.prepare(&format!(
+        "SELECT node FROM asking WHERE countermeasure = ?1 ORDER BY node LIMIT {ROWS_MAX}"
+    ))?;
     let mut rows = query.query([])?;
     let mut measures = Vec::new();
     while let Some(row) = rows.next()? {
@@ -243,8 +258,10 @@ fn read_measures(
         };
         let causes = causes.query_map([row.get::<_, i64>(0)?], |row| Ok((row.get(0)?, row.get(1)?)))?;
         let causes = causes.collect::<Result<_, _>>()?;
+        let about = asking.query_map([row.get::<_, i64>(0)?], |row| row.get(0))?.collect::<Result<_, _>>()?;
         let by_operator = row.get::<_, Option<i64>>(4)?.map(|ms| age(wall, ms));
-        measures.push(RestoredCountermeasure { request, age: age(wall, row.get(3)?), by_operator, causes });
+        let age = age(wall, row.get(3)?);
+        measures.push(RestoredCountermeasure { request, age, by_operator, causes, about });
     }
     Ok(measures)
 }
@@ -278,18 +295,21 @@ mod tests {
             alarms: vec![alarm(3, acknowledged), alarm(7, true)],
             last_alarm: 9,
             accepted: vec!["can".into(), "sensors/imu".into()],
+            latched: vec!["execution/brake".into()],
             countermeasures: vec![
                 RestoredCountermeasure {
                     request: Request::Decelerate { mps2: 1.25 },
                     age: Span::from_secs(50),
                     by_operator: None,
                     causes,
+                    about: vec!["can".into(), "sensors".into()],
                 },
                 RestoredCountermeasure {
                     request: Request::ManeuverStop,
                     age: Span::from_secs(3),
                     by_operator: Some(Span::from_secs(2)),
                     causes: Vec::new(),
+                    about: Vec::new(),
                 },
             ],
         }

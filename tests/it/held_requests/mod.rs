@@ -2,6 +2,7 @@
 //! acknowledgements.
 
 mod on_its_way;
+mod over_a_restart;
 
 use telltale::engine::Engine;
 use telltale::engine::input::{AlarmRef, Input, OperatorAction, Place, Refusal, Response, StatusArray};

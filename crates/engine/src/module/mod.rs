@@ -197,6 +197,11 @@ impl OwnState {
         self.judged(policy) == State::Error
     }
 
+    /// Latches an ERROR of an earlier run of the program, if the module still has a latch.
+    pub(super) fn latch_again(&mut self, policy: &Policy) {
+        self.latched |= policy.latch.is_some();
+    }
+
     /// Resets a latched ERROR; without effect while the module is still in ERROR.
     pub(super) fn reset(&mut self, policy: &Policy) {
         self.latched &= self.is_in_error(policy);

@@ -35,6 +35,10 @@ pub(crate) struct HeldRequest {
     pub(crate) needs_release: bool,
     /// Empty only for a stop of the operator.
     pub(crate) causes: Vec<RequestCause>,
+    /// Of a request from before: the nodes whose rules asked for it. One that waited for a cause can still fail when the
+    /// cause is over.
+    #[serde(default)]
+    pub(crate) asking: Vec<RequestCause>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -73,7 +77,16 @@ impl RequestCause {
 impl HeldRequest {
     pub(crate) fn new(request: Request, by: RequestOrigin, since: Since) -> HeldRequest {
         let Since { at: since, before } = since;
-        HeldRequest { request, by, since, before, present: true, needs_release: false, causes: Vec::new() }
+        HeldRequest {
+            request,
+            by,
+            since,
+            before,
+            present: true,
+            needs_release: false,
+            causes: Vec::new(),
+            asking: Vec::new(),
+        }
     }
 
     pub(crate) fn since(&self) -> Since {
@@ -89,12 +102,12 @@ impl HeldRequest {
         by_itself: Option<NodeId>,
     ) {
         let lies_in = |node| by_itself.is_some_and(|around| is_part_of(net, node, around));
-        for cause in &mut self.causes {
+        for cause in self.causes.iter_mut().chain(&mut self.asking) {
             let is_nobody = cause.node == net.nobody();
             cause.present =
                 !is_nobody && !lies_in(cause.node) && fails(&net.node(cause.node).facts, state(cause));
         }
-        self.present = self.causes.iter().any(|cause| cause.present);
+        self.present = self.causes.iter().chain(&self.asking).any(|cause| cause.present);
     }
 
     /// Takes the present causes; acknowledged ones stay acknowledged. A cause that is over stays until it is
@@ -159,6 +172,12 @@ impl HeldRequest {
         let acknowledged = rest.iter().all(|cause| cause.acknowledged);
         let present = rest.iter().any(|cause| cause.present);
         self.add(RequestCause::new(others, acknowledged, present));
+    }
+
+    /// The nodes whose rules ask for it, or did before.
+    pub(crate) fn about(&self) -> impl Iterator<Item = NodeId> {
+        let rule = if let RequestOrigin::Rule(_, node) = self.by { Some(node) } else { None };
+        rule.into_iter().chain(self.asking.iter().map(|it| it.node))
     }
 
     fn is_about(&self, node: NodeId) -> bool {
@@ -385,6 +404,7 @@ impl Countermeasures {
                     .find(|held| held.by == RequestOrigin::Operator)
                     .map(HeldRequest::since),
                 causes: all.causes.iter().map(cause).collect(),
+                about: of_kind().flat_map(HeldRequest::about).collect::<BTreeSet<_>>().into_iter().collect(),
                 since,
                 state: asked.state,
                 latched: of_kind().all(|held| !held.present || held.by == RequestOrigin::Operator),
@@ -405,6 +425,9 @@ impl Countermeasures {
         match self.held.iter_mut().find(same) {
             Some(known) => {
                 held.causes.iter().for_each(|cause| known.add(*cause));
+                let is_new = |it: &RequestCause| known.asking.iter().all(|other| other.node != it.node);
+                let news: Vec<RequestCause> = held.asking.into_iter().filter(is_new).collect();
+                known.asking.extend(news);
                 known.present |= held.present;
                 known.needs_release |= held.needs_release;
                 known.cut(others);

@@ -24,11 +24,10 @@ impl Countermeasures {
         let moving = self.held.iter().filter(|held| held.present && held.request.kind().moves());
         let nodes = moving.flat_map(|held| {
             let present = held.causes.iter().filter(|cause| cause.present).map(|cause| cause.node);
-            let about = match held.by {
-                RequestOrigin::Rule(_, node) if held.causes.iter().all(|cause| !cause.present) => Some(node),
-                RequestOrigin::Rule(..) | RequestOrigin::Past | RequestOrigin::Operator => None,
-            };
-            present.chain(about)
+            // Where no cause is left, it is what asked and waited for one.
+            let is_left = held.causes.iter().all(|cause| !cause.present);
+            let is_over = |node| held.asking.iter().any(|it| it.node == node && !it.present);
+            present.chain(held.about().filter(move |&node| is_left && !is_over(node)))
         });
         let mut seen = HashSet::new();
         nodes.filter(|&node| seen.insert(node)).take(CAUSES_MAX).collect()

@@ -213,7 +213,14 @@ impl Engine {
                 }
             };
             let causes = held.causes.iter().filter(still).map(cause).collect();
-            self.countermeasures.take_over(HeldRequest { by, causes, ..held.clone() }, self.net.nobody());
+            let asking = match by {
+                RequestOrigin::Past => {
+                    held.about().map(|node| cause(&RequestCause::new(node, false, true))).collect()
+                }
+                RequestOrigin::Rule(..) | RequestOrigin::Operator => Vec::new(),
+            };
+            let held = HeldRequest { by, causes, asking, ..held.clone() };
+            self.countermeasures.take_over(held, self.net.nobody());
         }
     }
 

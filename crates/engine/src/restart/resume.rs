@@ -35,6 +35,9 @@ pub struct Restored {
     pub last_alarm: u64,
     /// Modules whose WARNING is accepted.
     pub accepted: Vec<Box<str>>,
+    /// Modules whose ERROR stays until somebody resets it.
+    #[serde(default)]
+    pub latched: Vec<Box<str>>,
     pub countermeasures: Vec<RestoredCountermeasure>,
 }
 
@@ -49,6 +52,7 @@ impl Default for Restored {
             alarms: Vec::new(),
             last_alarm: 0,
             accepted: Vec::new(),
+            latched: Vec::new(),
             countermeasures: Vec::new(),
         }
     }
@@ -75,6 +79,9 @@ pub struct RestoredCountermeasure {
     pub by_operator: Option<Span>,
     /// Causes, and whether each is acknowledged.
     pub causes: Vec<(Box<str>, bool)>,
+    /// The nodes whose rules ask for it. They may fail when the causes that masked them are over.
+    #[serde(default)]
+    pub about: Vec<Box<str>>,
 }
 
 impl Snapshot {
@@ -106,6 +113,10 @@ impl Snapshot {
             alarms: self.alarms.iter().map(alarm).collect(),
             last_alarm: self.last_alarm,
             accepted: self.accepted.iter().map(|&node| name(node)).collect(),
+            latched: {
+                let latched = self.module_ids().filter(|&id| self.module(id).1.steps.latched);
+                latched.map(|id| name(NodeId::Module(id))).collect()
+            },
             countermeasures: self
                 .countermeasures
                 .iter()
@@ -114,6 +125,7 @@ impl Snapshot {
                     age: it.since.age(self.now),
                     by_operator: it.by_operator.map(|since| since.age(self.now)),
                     causes: it.causes.iter().map(|cause| (name(cause.node), cause.acknowledged)).collect(),
+                    about: it.about.iter().map(|&node| name(node)).collect(),
                 })
                 .collect(),
         }
@@ -211,6 +223,13 @@ impl Engine {
                 self.warnings.expect(id);
             }
         }
+        for name in &restored.latched {
+            if let Some(NodeId::Module(id)) = find(name) {
+                let policy = self.net.policy(id).clone();
+                self.net.modules[id.0 as usize].own.latch_again(&policy);
+                self.net.mark_module(id);
+            }
+        }
         let alarm = |it: &RestoredAlarm| {
             let raised = Timestamp::from_nanos(self.now.as_nanos().saturating_sub(it.age.as_nanos()));
             let RestoredAlarm { id, acknowledged, active, asked, .. } = *it;
@@ -246,6 +265,7 @@ impl Engine {
                 },
             };
             let mut causes: Vec<RequestCause> = measure.causes.iter().map(cause).collect();
+            let asking = measure.about.iter().map(|name| cause(&(name.clone(), false))).collect();
             let others = self.net.nobody();
             if causes.is_empty() && measure.by_operator.is_none() {
                 causes.push(RequestCause::new(others, false, true));
@@ -253,7 +273,7 @@ impl Engine {
             if !causes.is_empty() {
                 let since = Since::of_age(measure.age, self.now);
                 let held = HeldRequest::new(measure.request, RequestOrigin::Past, since);
-                self.countermeasures.take_over(HeldRequest { causes, ..held }, others);
+                self.countermeasures.take_over(HeldRequest { causes, asking, ..held }, others);
             }
         }
         // Where the vehicle was meanwhile is not known.
@@ -264,9 +284,12 @@ impl Engine {
     /// All nodes by name, with the discovered ones that the stored state refers to.
     fn find_again(&mut self, restored: &Restored) -> HashMap<Box<str>, NodeId> {
         let known: HashSet<Box<str>> = self.views.nodes().map(|(_, name)| name.into()).collect();
-        let causes = restored.countermeasures.iter().flat_map(|it| &it.causes).map(|(name, _)| name);
+        let measures = &restored.countermeasures;
+        let causes = measures.iter().flat_map(|it| &it.causes).map(|(name, _)| name);
         let alarms = restored.alarms.iter().filter(|alarm| alarm.active).map(|alarm| &alarm.node);
-        for name in causes.chain(alarms).chain(&restored.accepted).filter(|&name| !known.contains(name)) {
+        let about = measures.iter().flat_map(|it| &it.about);
+        let named = causes.chain(alarms).chain(&restored.accepted).chain(&restored.latched).chain(about);
+        for name in named.filter(|&name| !known.contains(name)) {
             self.rediscover(name);
         }
         let past = restored.alarms.iter().filter(|alarm| !alarm.active);

@@ -23,7 +23,8 @@ pub(crate) const LOCK_WAIT: Duration = Duration::from_secs(2);
 pub(crate) const OPEN_WAIT: Duration = Duration::from_millis(500);
 
 /// Step N takes schema N to N + 1. Steps are never edited after a release, only added.
-pub(super) const MIGRATIONS: &[&str] = &["
+pub(super) const MIGRATIONS: &[&str] = &[
+    "
     CREATE TABLE users (
         id INTEGER PRIMARY KEY,
         name TEXT NOT NULL UNIQUE,
@@ -149,7 +150,18 @@ pub(super) const MIGRATIONS: &[&str] = &["
         note_ms INTEGER NOT NULL DEFAULT 0
     ) STRICT;
     CREATE TABLE incident_number (one INTEGER PRIMARY KEY CHECK (one = 1), last INTEGER NOT NULL) STRICT;
-"];
+",
+    "
+    -- The nodes whose rules ask for a countermeasure.
+    CREATE TABLE asking (
+        countermeasure INTEGER NOT NULL REFERENCES countermeasures(number) ON DELETE CASCADE,
+        node TEXT NOT NULL,
+        PRIMARY KEY (countermeasure, node)
+    ) STRICT, WITHOUT ROWID;
+    -- The modules whose ERROR stays until somebody resets it.
+    CREATE TABLE latched (node TEXT PRIMARY KEY) STRICT, WITHOUT ROWID;
+",
+];
 
 /// Waits so long for another process; [`go_on`] makes the connection wait as all others do.
 pub(crate) fn open(folder: &Path, wait: Duration) -> Result<Connection, StoreError> {

@@ -150,6 +150,7 @@ mod tests {
             request,
             by_operator: None,
             causes: Arc::from([]),
+            about: Arc::from([]),
             since: Since { at: Timestamp::ZERO, before: Span::ZERO },
             state: CountermeasureState::Requested,
             latched: false,

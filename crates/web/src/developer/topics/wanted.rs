@@ -53,7 +53,8 @@ impl Wanted {
 
     /// Fewer messages come than a monitor wants now.
     pub fn is_too_slow(&self, topic: &TopicSeen) -> bool {
-        self.is_judged && self.least_hz.zip(topic.rate_hz).is_some_and(|(least, rate)| f64::from(rate) < least)
+        self.is_judged
+            && self.least_hz.zip(topic.rate_hz).is_some_and(|(least, rate)| f64::from(rate) < least)
     }
 
     /// More messages come than a monitor wants now.
