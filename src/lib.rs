@@ -10,6 +10,7 @@ pub use telltale_console as console;
 pub use telltale_engine as engine;
 pub use telltale_evaluate as evaluate;
 pub use telltale_fleet as fleet;
+pub use telltale_learn as learn;
 pub mod metrics;
 pub use telltale_msg as msg;
 pub use telltale_onboarding as onboarding;

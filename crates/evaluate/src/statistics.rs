@@ -1,4 +1,6 @@
-//! Intervals and tests: bootstrap, Wilson, McNemar, Wilcoxon's signed ranks, and Holm's correction.
+//! Intervals and tests: bootstrap, McNemar, Wilcoxon's signed ranks, and Holm's correction.
+
+pub use telltale_learn::wilson;
 
 use super::random::Random;
 
@@ -20,19 +22,6 @@ pub fn bootstrap(trials: usize, mut value: impl FnMut(&[usize]) -> Option<f64>) 
     values.sort_by(f64::total_cmp);
     let at = |share: f64| values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied();
     (at(0.025).unwrap_or(0.0), at(0.975).unwrap_or(0.0))
-}
-
-/// The interval of 95 % of a share.
-pub fn wilson(part: u64, whole: u64) -> (f64, f64) {
-    if whole == 0 {
-        return (0.0, 1.0);
-    }
-    let (n, p, z) = (whole as f64, part as f64 / whole as f64, 1.959_964);
-    let middle = p + z * z / (2.0 * n);
-    let spread = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    let of = 1.0 + z * z / n;
-    let low = if part == 0 { 0.0 } else { (middle - spread) / of };
-    (low, ((middle + spread) / of).min(1.0))
 }
 
 pub fn percentile(values: &mut [u64], share: f64) -> Option<f64> {
@@ -111,17 +100,6 @@ mod tests {
 
     fn near(one: f64, other: f64, by: f64) {
         assert!((one - other).abs() < by, "{one} {other}");
-    }
-
-    #[test]
-    fn no_event_in_a_thousand_bounds_its_rate() {
-        let (low, high) = wilson(0, 1000);
-        assert_eq!(low, 0.0);
-        near(high, 0.003_83, 1e-5);
-        // Newcombe 1998, table I: 81 of 263.
-        let (low, high) = wilson(81, 263);
-        near(low, 0.2553, 1e-4);
-        near(high, 0.3662, 1e-4);
     }
 
     #[test]
