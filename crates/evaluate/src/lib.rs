@@ -8,6 +8,7 @@
 pub mod campaign;
 pub mod figures;
 mod judge;
+pub mod learning;
 pub mod machine;
 pub mod plan;
 mod random;

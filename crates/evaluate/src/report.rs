@@ -4,6 +4,8 @@ use std::fmt::{Display, Write as _};
 
 use super::campaign::{CURVE_MS, Results};
 use super::figures::{self, Figure, Figures};
+use super::learning::{Learning, Part, Score, TRIALS};
+use super::statistics::wilson;
 
 /// The mark on the curve: how long a cause explains what begins after it, by default.
 const DEFAULT_MS: u64 = 5_000;
@@ -79,6 +81,51 @@ pub fn markdown(results: &Results) -> String {
     }
     line(&mut out, format_args!("\n![Hidden faults against alarms]({machine}-curve.svg)"));
     out
+}
+
+/// How well the dependencies are learned.
+pub fn learning(learning: &Learning) -> String {
+    let Learning { machine, seeds, .. } = learning;
+    let mut out = format!("# Dependencies learned: {machine}\n\n");
+    let (first, last) = (seeds.start, seeds.end - 1);
+    line(
+        &mut out,
+        format_args!(
+            "`telltale evaluate --machine {machine} --seeds {first}..{last} --report DIR` made this page, too. \
+             Each figure is a sum over all pasts of so many trials that the seeds give.\n"
+        ),
+    );
+    line(
+        &mut out,
+        "| Trials | Pasts | Precision, direct | or by way of others | Recall | Reversed | Of one component |\n|---|---|---|---|---|---|---|",
+    );
+    let row = |trials: &str, pasts: u64, score: &Score| {
+        let Score { learned, together, right, direct, reversed, known, found } = *score;
+        let [direct, right] = [direct, right].map(|part| share(Part { part, whole: learned }));
+        let recall = share(Part { part: found, whole: known });
+        format!("| {trials} | {pasts} | {direct} | {right} | {recall} | {reversed} | {together} |")
+    };
+    for (trials, pasts, score) in &learning.curve {
+        line(&mut out, row(&trials.to_string(), *pasts, score));
+    }
+    let drawn = row(&format!("{TRIALS}, drawn configurations"), learning.pasts_drawn, &learning.drawn);
+    line(&mut out, drawn);
+    line(&mut out, "\n| | Count |\n|---|---|");
+    for (name, part) in [
+        ("hidden dependencies that the proposals restore", learning.hidden),
+        ("causes that are doubted, and have no effect there", learning.doubted),
+        ("pasts of faults without an effect, from which anything is learned", learning.independent),
+        ("shuffled pasts from which anything is learned", learning.shuffled),
+    ] {
+        line(&mut out, format_args!("| {name} | {} of {} |", part.part, part.whole));
+    }
+    out
+}
+
+fn share(part: Part) -> String {
+    let (low, high) = wilson(part.part, part.whole);
+    let value = (part.whole > 0).then(|| part.part as f64 / part.whole as f64);
+    shown(Figure { name: "", value, low, high })
 }
 
 fn line(out: &mut String, text: impl Display) {

@@ -79,6 +79,16 @@ fn places(parts: &Parts) -> Vec<(NodeId, usize)> {
     nodes.flat_map(|node| (0..count(node)).map(move |index| (node, index))).collect()
 }
 
+/// The model without each of its dependencies in turn.
+pub fn without_each(model: &Model) -> Vec<Model> {
+    let without = |(node, index): (NodeId, usize)| {
+        let mut parts = Parts::clone(model);
+        dependencies_of(&mut parts, node).remove(index);
+        Model::new(parts).expect("fewer dependencies close no circle")
+    };
+    places(model).into_iter().map(without).collect()
+}
+
 fn dependencies_of(parts: &mut Parts, node: NodeId) -> &mut Vec<Dependency> {
     match node {
         NodeId::Group(id) => &mut parts.groups[id.0 as usize].depends_on,

@@ -6,7 +6,7 @@ use super::pairs::Learned;
 use super::{Doubt, Edge, SHARE_DOUBTED, SHARE_LEAST};
 
 /// The modules of a node: its own, and for a group all below it.
-pub(crate) fn modules_of(model: &Model, node: NodeId) -> Vec<usize> {
+pub fn modules_of(model: &Model, node: NodeId) -> Vec<usize> {
     match node {
         NodeId::Module(id) => vec![id.0 as usize],
         NodeId::Group(id) => {

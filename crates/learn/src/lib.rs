@@ -13,7 +13,7 @@ mod statistics;
 
 use telltale_engine::model::{Model, ModuleId, NodeId};
 
-pub use configured::{closure, closure_with};
+pub use configured::{closure, closure_with, modules_of};
 pub use past::{History, Stretch};
 pub use statistics::wilson;
 

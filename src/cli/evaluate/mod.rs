@@ -13,6 +13,7 @@ use clap::ValueEnum;
 use crate::cli::print::{self, Lines};
 use crate::evaluate::campaign::{self, CURVE_MS, Results};
 use crate::evaluate::figures::{self, Figure, Figures};
+use crate::evaluate::learning;
 use crate::evaluate::report;
 use machine::named;
 
@@ -39,7 +40,7 @@ pub struct Args {
     /// Print the figures as one JSON object
     #[arg(long)]
     json: bool,
-    /// Write the tables as Markdown and the curve as SVG into this folder
+    /// Write the tables as Markdown and the curve as SVG into this folder, and how well the dependencies are learned
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
 }
@@ -63,10 +64,12 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     ensure!(results.faults() > 0, "no module noticed any fault of these seeds: take more of them");
     if let Some(folder) = &args.report {
         let name = results.machine;
+        let learned = learning::measure(&machine, args.seeds.clone(), threads);
         std::fs::create_dir_all(folder).with_context(|| format!("{} cannot be made", folder.display()))?;
         for (file, text) in [
             (format!("{name}.md"), report::markdown(&results)),
             (format!("{name}-curve.svg"), report::curve(&results)),
+            (format!("{name}-learning.md"), report::learning(&learned)),
         ] {
             let path = folder.join(file);
             std::fs::write(&path, text).with_context(|| format!("{} cannot be written", path.display()))?;
