@@ -23,7 +23,7 @@ use clap::{CommandFactory as _, Parser, Subcommand};
 use administration::{audit, data, fleet, tls, user};
 use configuration::{check, diff, import, init, scenario};
 use print::note;
-use recordings::{history, incident, replay};
+use recordings::{history, incident, learn, replay};
 use running::{demo, serve, sim, watch};
 
 use crate::ros;
@@ -59,6 +59,7 @@ enum Command {
     History(history::Args),
     Incident(incident::Args),
     Replay(replay::Args),
+    Learn(learn::Args),
     Audit(audit::Args),
     Api(api::Args),
     Data(data::Args),
@@ -101,6 +102,7 @@ pub fn main() -> ExitCode {
         Command::History(args) => history::run(&args),
         Command::Incident(args) => incident::run(&args),
         Command::Replay(args) => replay::run(&args),
+        Command::Learn(args) => learn::run(&args),
         Command::Audit(args) => audit::run(&args),
         Command::Api(args) => api::run(&args),
         Command::Data(args) => data::run(&args),

@@ -47,6 +47,7 @@ mod hostile;
 mod imports;
 mod incidents;
 mod learned_types;
+mod learning;
 mod live;
 mod memory;
 mod misspelt_names;

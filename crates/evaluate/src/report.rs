@@ -92,12 +92,13 @@ pub fn learning(learning: &Learning) -> String {
         &mut out,
         format_args!(
             "`telltale evaluate --machine {machine} --seeds {first}..{last} --report DIR` made this page, too. \
-             Each figure is a sum over all pasts of so many trials that the seeds give.\n"
+             Each share is that of all pasts of so many trials that the seeds give, with its interval of 95 % as if every \
+             edge were a sample of its own.\n"
         ),
     );
     line(
         &mut out,
-        "| Trials | Pasts | Precision, direct | or by way of others | Recall | Reversed | Of one component |\n|---|---|---|---|---|---|---|",
+        "| Trials | Pasts | Precision, direct | Precision, transitive | Recall | Reversed | Of one component |\n|---|---|---|---|---|---|---|",
     );
     let row = |trials: &str, pasts: u64, score: &Score| {
         let Score { learned, together, right, direct, reversed, known, found } = *score;

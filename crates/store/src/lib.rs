@@ -37,7 +37,7 @@ pub use history::{
     HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, Minute, MinuteSums, NodeFigures,
     NodePast, NodeStatistics, Past, PastAlarm, PastEvent, Period, Resolution, SavedHistory, Statistics,
     Stretch, Trend, TrendPoint, TrendQuery, ValueTrend, VersionStatistics, between_failures_ms,
-    history_damage, how_long_ms, past_in, per_100_km, repair_history, statistics_in, way,
+    history_damage, how_long_ms, past_in, per_100_km, repair_history, reported_in, statistics_in, way,
 };
 pub use incidents::{
     Forgotten, INCIDENTS_PAGE_MAX, Incident, IncidentFilter, IncidentRecords, Incidents, Logged, Note,

@@ -166,3 +166,37 @@ fn summary(results: &Results) -> String {
 fn value(figure: Figure) -> String {
     figure.value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluate::learning::{Effects, Past};
+    use crate::evaluate::machine::Machine as _;
+    use crate::learn::learn;
+
+    /// What a hundred trials teach, and what the same trials teach when their times are shuffled.
+    fn learned(name: &str) {
+        let machine = named(name).expect("its configuration is right");
+        let past = Past::of(&machine, 0, 1..101, None, 1);
+        let effects = Effects::of(&machine);
+        let score = effects.score(&learn(&past.part(0..100), machine.model()).learned);
+        assert!(score.right == score.learned && score.reversed == 0, "{score:?}");
+        assert!(score.direct * 10 >= score.learned * 9, "{score:?}");
+        assert!(score.found * 5 >= score.known * 4 && score.known > 0, "{score:?}");
+        let shuffled = learn(&past.shuffled(1), machine.model());
+        assert_eq!((shuffled.learned, shuffled.undecided), (vec![], vec![]));
+        let without = Past::of(&machine, 0, 1..101, Some(&effects.without()), 1);
+        let nothing = learn(&without.part(0..100), machine.model());
+        assert_eq!((nothing.learned, nothing.undecided), (vec![], vec![]));
+    }
+
+    #[test]
+    fn the_shuttle_s_dependencies_are_learned_from_a_hundred_trials() {
+        learned("shuttle");
+    }
+
+    #[test]
+    fn the_robot_s_dependencies_are_learned_from_a_hundred_trials() {
+        learned("robot");
+    }
+}

@@ -2,4 +2,5 @@
 
 pub mod history;
 pub mod incident;
+pub mod learn;
 pub mod replay;

@@ -91,7 +91,7 @@ fn block_end(text: &str, item: usize, dash: usize) -> usize {
 }
 
 /// The end of the last token in brackets before the closing one, without a comma.
-fn last_token(text: &str, open: usize) -> Option<usize> {
+pub fn last_token(text: &str, open: usize) -> Option<usize> {
     let (mut depth, mut last, mut quote, mut before) = (0_usize, open, None, ' ');
     let mut letters = text[open..].char_indices().peekable();
     while let Some((offset, letter)) = letters.next() {

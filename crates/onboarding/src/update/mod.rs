@@ -2,6 +2,7 @@
 //! the groups to which they belong, and as new groups. Pure: the text that people wrote stays byte for byte, and each
 //! addition says when it was heard.
 
+pub mod dependencies;
 mod home;
 mod insert;
 mod new;

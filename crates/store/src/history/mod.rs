@@ -39,6 +39,7 @@ use super::database::files::{odd_beside, put_aside, put_odd_aside};
 use super::database::foreign;
 use super::private_file::make_private_file;
 use telltale_clock::Clock;
+use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
 use telltale_engine::view::record::Record;
 use trends::TrendWriter;
@@ -103,6 +104,15 @@ pub fn past_in(folder: &Path, query: &HistoryQuery) -> Result<Past, StoreError> 
 /// If there is none in `folder`, or it cannot be read.
 pub fn statistics_in(folder: &Path, from_ms: i64, to_ms: i64) -> Result<Statistics, StoreError> {
     Ok(statistics::statistics(&opened_in(folder)?, from_ms, to_ms)?)
+}
+
+/// What each of these nodes reported by itself in a history that another process may write: IGNORE while it was not
+/// relevant, and its own state while it was masked.
+///
+/// # Errors
+/// If there is none in `folder`, or it cannot be read.
+pub fn reported_in(folder: &Path, nodes: &[String]) -> Result<Vec<Vec<Period<State>>>, StoreError> {
+    Ok(read::reported(&opened_in(folder)?, nodes)?)
 }
 
 fn opened_in(folder: &Path) -> Result<Connection, StoreError> {

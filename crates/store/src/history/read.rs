@@ -90,7 +90,7 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
     let mut past = Past { nodes: Vec::with_capacity(query.nodes.len()), ..Past::default() };
     let starts = starts(connection, query)?;
     for name in &query.nodes {
-        let rows = shown(connection, name, query)?;
+        let rows = shown(connection, name, query, STRETCHES_MAX as i64)?;
         past.cut |= rows.len() >= STRETCHES_MAX;
         past.nodes.push(NodePast { name: name.clone(), stretches: stretches(rows, &starts, query) });
     }
@@ -106,6 +106,25 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
     past.events = events(connection, query)?;
     past.cut |= past.events.len() >= EVENTS_MAX;
     Ok(past)
+}
+
+/// What each of these nodes reported by itself, as long as it was relevant, in the whole history. Bounded by its rows.
+pub(super) fn reported(
+    connection: &Connection,
+    nodes: &[String],
+) -> rusqlite::Result<Vec<Vec<Period<State>>>> {
+    let Some(to_ms) = alive_ms(connection)? else { return Ok(vec![Vec::new(); nodes.len()]) };
+    let query = HistoryQuery { nodes: Vec::new(), signals: Vec::new(), from_ms: 0, to_ms };
+    let starts = starts(connection, &query)?;
+    let of_node = |name: &String| {
+        let rows = lasting(shown(connection, name, &query, -1)?, &starts, &query);
+        let periods = rows.into_iter().map(|(from_ms, to_ms, shown)| {
+            let is_relevant = shown.state != State::Ignore || shown.cause.is_some();
+            Period { from_ms, to_ms, value: if is_relevant { shown.own } else { State::Ignore } }
+        });
+        Ok(periods.collect())
+    };
+    nodes.iter().map(of_node).collect()
 }
 
 /// The stages in their order. Between two there may be a gap in which nothing was recorded.
@@ -194,7 +213,12 @@ fn starts(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<Vec
 }
 
 /// The state of a node when the span began, and its transitions in it.
-fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite::Result<Vec<Dated<Shown>>> {
+fn shown(
+    connection: &Connection,
+    name: &str,
+    query: &HistoryQuery,
+    limit: i64,
+) -> rusqlite::Result<Vec<Dated<Shown>>> {
     const COLUMNS: &str = "SELECT records.id, at_ms, state, own, cause.name, said, silent_ms FROM records
         LEFT JOIN nodes AS cause ON cause.id = other
         WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
@@ -208,7 +232,7 @@ fn shown(connection: &Connection, name: &str, query: &HistoryQuery) -> rusqlite:
         };
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
-    dated(connection, COLUMNS, &[&name], (query, STRETCHES_MAX as i64), shown)
+    dated(connection, COLUMNS, &[&name], (query, limit), shown)
 }
 
 /// The stage or a signal when the span began, and its changes in it.

@@ -1,0 +1,138 @@
+//! `telltale learn`: proposes changes of the dependencies from what failed with what in the history.
+
+mod told;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context as _, bail};
+
+use crate::cli::EXIT_NO;
+use crate::cli::fields;
+use crate::cli::print::{self, note};
+use crate::cli::process::data_folder::DataFolder;
+use crate::config::{self, Loaded};
+use crate::engine::model::NodeId;
+use crate::learn::{History, Proposals, Stretch, learn};
+use crate::msg::fields::Definitions;
+use crate::onboarding::update::dependencies::{Edit, edit};
+use crate::record::folder;
+use crate::replay::Recording;
+use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, reported_in};
+
+/// Every module is compared with every other one.
+const MODULES_MAX: usize = 1_000;
+
+/// Propose dependencies from what failed with what in the history
+///
+/// It looks for modules that fail whenever another one fails, and for dependencies whose cause fails without an effect. Each
+/// proposal has its counterexamples beside it. It reads the data folder and changes nothing, also while `serve` writes.
+/// A proposal is never in force by itself: `-o` writes the configuration with all proposals, to read it, `check` it, and try
+/// it on kept incidents with `replay --what-if`.
+///
+/// Exit codes: 0; 1 where nothing is recorded.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:\n  telltale learn --data /var/lib/telltale\n  \
+    telltale learn --data /var/lib/telltale --config shuttle.yaml -o proposed.yaml\n  \
+    telltale replay --data /var/lib/telltale --what-if proposed.yaml")]
+pub struct Args {
+    #[command(flatten)]
+    data: DataFolder,
+    /// The configuration that the proposals are for [default: the one in the newest recording of an incident]
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Write the configuration with the proposals into this file
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    if let Some(output) = args.output.as_deref().filter(|output| output.exists()) {
+        bail!("{} exists already: name another file", output.display());
+    }
+    let folder = args.data.path()?;
+    let incidents = incidents(&folder)?;
+    let loaded = match &args.config {
+        Some(path) => {
+            let definitions = |loaded: &Loaded| Definitions::default().with(&loaded.message_folders);
+            fields::whole(config::examine(path), definitions)?
+        }
+        None => recorded(&folder, &incidents)?,
+    };
+    if loaded.model.modules.len() > MODULES_MAX {
+        bail!(
+            "at most {MODULES_MAX} modules can be compared, and the configuration has {}",
+            loaded.model.modules.len()
+        );
+    }
+    let names: Vec<String> = loaded.model.modules.iter().map(|module| module.id.to_string()).collect();
+    let reported = reported_in(&folder, &names).context("the history cannot be read")?;
+    if reported.iter().all(Vec::is_empty) {
+        note!("telltale: the history has nothing of the modules of this configuration");
+        return Ok(ExitCode::from(EXIT_NO));
+    }
+    let stretches = reported.into_iter().map(|periods| {
+        let stretch =
+            periods.into_iter().map(|it| Stretch { from_ms: it.from_ms, to_ms: it.to_ms, own: it.value });
+        stretch.collect()
+    });
+    let history = History { modules: stretches.collect() };
+    let proposals = learn(&history, &loaded.model);
+    print::text(told::told(&loaded.model, &history, &proposals, &incidents).text());
+    if let Some(output) = &args.output {
+        write(output, &loaded, &proposals)?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// All incidents, the newest first.
+fn incidents(folder: &Path) -> anyhow::Result<Vec<Incident>> {
+    let incidents = Incidents::open(folder)?;
+    let mut all: Vec<Incident> = Vec::new();
+    loop {
+        let before = all.last().map(|incident| incident.summary.id);
+        let page = incidents.list(&IncidentFilter { before, ..IncidentFilter::default() })?;
+        let is_last = page.len() < INCIDENTS_PAGE_MAX as usize;
+        all.extend(page);
+        if is_last {
+            return Ok(all);
+        }
+    }
+}
+
+/// The configuration in the newest recording that has one.
+fn recorded(folder: &Path, incidents: &[Incident]) -> anyhow::Result<Loaded> {
+    let recordings = folder::folder_in(folder);
+    let paths = incidents.iter().filter_map(|it| folder::path_of(&recordings, &it.summary.recording.file));
+    let mut opened = paths.filter_map(|path| Recording::open(&path).ok());
+    let loaded = opened.find_map(|recording| recording.facts().recorded().ok());
+    loaded.context("no incident is recorded that has a configuration: name one with --config")
+}
+
+/// Writes the configuration with the proposals, if it means these and nothing else.
+fn write(output: &Path, loaded: &Loaded, proposals: &Proposals) -> anyhow::Result<()> {
+    let model = &loaded.model;
+    let name = |node| model.node_name(node).to_owned();
+    let add = proposals.add.iter().map(|index| &proposals.learned[*index]).map(|edge| Edit::Add {
+        node: name(NodeId::Module(edge.dependent)),
+        on: name(NodeId::Module(edge.cause)),
+    });
+    let replace = proposals.doubted.iter().map(|doubt| Edit::Replace {
+        node: name(doubt.node),
+        index: doubt.index,
+        on: doubt.remains.iter().map(|it| name(NodeId::Module(*it))).collect(),
+    });
+    let edits: Vec<Edit> = add.chain(replace).collect();
+    if edits.is_empty() {
+        note!("Nothing is proposed, so nothing is written.");
+        return Ok(());
+    }
+    let edited = edit(loaded, &edits);
+    for node in &edited.left {
+        note!("Not written, to be changed by hand: the dependencies of {node}.");
+    }
+    std::fs::write(output, &edited.text)
+        .with_context(|| format!("{} cannot be written", output.display()))?;
+    note!("Written to {}. `telltale check` accepts it.", output.display());
+    Ok(())
+}

@@ -1,0 +1,110 @@
+//! The proposals as text, each with its evidence.
+
+use std::time::{Duration, SystemTime};
+
+use crate::cli::print::Lines;
+use crate::engine::model::{Dependency, DependsOn, Model, ModuleId, NodeId};
+use crate::engine::state::State;
+use crate::learn::{Edge, Evidence, History, Proposals, Stretch, modules_of};
+use crate::store::Incident;
+
+/// Times that are printed of each proposal.
+const TIMES: usize = 3;
+
+pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: &[Incident]) -> Lines {
+    let mut lines = Lines::default();
+    let name = |id: ModuleId| model.node_name(NodeId::Module(id));
+    let times = |of: &[i64]| {
+        let all = of.iter().take(TIMES).map(|at_ms| time(*at_ms, incidents));
+        let more = of.len().checked_sub(TIMES).filter(|more| *more > 0);
+        all.chain(more.map(|more| format!("{more} more"))).collect::<Vec<_>>().join(", ")
+    };
+    let shown = |lines: &mut Lines, evidence: &Evidence| {
+        let (examples, counterexamples) = (&evidence.examples, &evidence.counterexamples);
+        for (what, of) in [("together", examples), ("counterexamples", counterexamples)] {
+            if !of.is_empty() {
+                lines.add(format_args!("    {what}: {}", times(of)));
+            }
+        }
+    };
+    for Edge { cause, dependent, evidence } in proposals.add.iter().map(|index| &proposals.learned[*index]) {
+        lines.add(format_args!("add: {} depends on {}", name(*dependent), name(*cause)));
+        let (_, low, high) = evidence.share();
+        lines.add(format_args!(
+            "    it failed in {} of {} failures ({:.0} % to {:.0} %), {:.0} times as often as by chance (p {:.0e})",
+            evidence.examples.len(),
+            evidence.failures(),
+            low * 100.0,
+            high * 100.0,
+            evidence.lift(),
+            evidence.p
+        ));
+        let mut delays = evidence.delays_ms.clone();
+        delays.sort_unstable();
+        if let [first, .., last] = &delays[..] {
+            let seconds = |ms: &i64| *ms as f64 / 1000.0;
+            lines.add(format_args!("    noticed {:.1} s to {:.1} s after it", seconds(first), seconds(last)));
+        }
+        shown(&mut lines, evidence);
+    }
+    for doubt in &proposals.doubted {
+        let on = dependencies(model, doubt.node).get(doubt.index).map(|it| &it.on);
+        let on =
+            on.map_or(&[][..], DependsOn::nodes).iter().map(|it| model.node_name(*it)).collect::<Vec<_>>();
+        let (node, on) = (model.node_name(doubt.node), on.join(", "));
+        match doubt.remains.iter().map(|it| name(*it)).collect::<Vec<_>>().join(", ") {
+            remains if remains.is_empty() => lines.add(format_args!("remove: {node} depends on {on}")),
+            remains => lines.add(format_args!("narrow: {node} depends on {on}, to {remains}")),
+        }
+        for Edge { cause, dependent, evidence } in &doubt.edges {
+            let others = modules_of(model, doubt.node).len() - 1;
+            let others = if others > 0 { ", and no other module there failed more often" } else { "" };
+            lines.add(format_args!(
+                "    {} failed {} times, and {} in {} of them{others}",
+                name(*cause),
+                evidence.failures(),
+                name(*dependent),
+                evidence.examples.len()
+            ));
+            shown(&mut lines, evidence);
+        }
+    }
+    for (one, other) in &proposals.undecided {
+        lines.add(format_args!(
+            "undecided: {} and {} fail together; the order is not known",
+            name(*one),
+            name(*other)
+        ));
+    }
+    let is_failing = |stretches: &&Vec<_>| stretches.iter().any(|it: &Stretch| it.own > State::Ok);
+    lines.add(format_args!(
+        "{} to add, {} to remove or narrow; {} of {} dependencies that the history shows are configured; {} of {} modules ever failed",
+        proposals.add.len(),
+        proposals.doubted.len(),
+        proposals.learned.len() - proposals.add.len(),
+        proposals.learned.len(),
+        history.modules.iter().filter(is_failing).count(),
+        history.modules.len()
+    ));
+    lines
+}
+
+fn dependencies(model: &Model, node: NodeId) -> &[Dependency] {
+    match node {
+        NodeId::Group(id) => &model.groups[id.0 as usize].depends_on,
+        NodeId::Module(id) => &model.modules[id.0 as usize].depends_on,
+    }
+}
+
+/// An instant in UTC, with the incident then.
+fn time(at_ms: i64, incidents: &[Incident]) -> String {
+    let at = SystemTime::UNIX_EPOCH + Duration::from_millis(u64::try_from(at_ms).unwrap_or(0));
+    let at = humantime::format_rfc3339_millis(at);
+    let is_then = |it: &&Incident| {
+        it.summary.since_ms <= at_ms && it.summary.until_ms.is_none_or(|until_ms| at_ms <= until_ms)
+    };
+    match incidents.iter().find(is_then) {
+        Some(incident) => format!("{at} (incident {})", incident.summary.id),
+        None => at.to_string(),
+    }
+}

@@ -1,0 +1,103 @@
+//! `telltale learn` on a data folder: what it proposes, and that `check` accepts what it writes.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use telltale::clock::Clock;
+use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::view::record::{Record, Recorded};
+use telltale::store::{DemoSecrets, History, Store};
+
+use crate::folder::TestFolder;
+use crate::program::{run, said};
+
+const CONFIG: &str = "\
+vehicle: { id: v, name: V, stages: none }
+groups:
+  - id: sensors
+    modules:
+      - { id: lidar, status: lidar }
+      - { id: camera, status: camera }
+  - id: perception
+    modules:
+      - id: objects
+        status: objects
+        depends_on: [sensors/camera]
+";
+
+/// A history of twenty failures of the camera, which nothing follows, and of ten of the lidar, half a second before the
+/// objects fail.
+async fn past(data: &Path) {
+    let (clock, hand) = Clock::standing();
+    Store::open(data, clock, DemoSecrets::Refused).unwrap().close().await;
+    let (history, queue) = History::open(data, clock).unwrap();
+    let shown = |at_ms: u64, node: &str, own: State| Record {
+        at: Timestamp::from_millis(at_ms),
+        what: Recorded::Shown { node: Arc::from(node), state: own, own, cause: None, said: None },
+    };
+    let mut records = vec![Record { at: Timestamp::ZERO, what: Recorded::Started { anew: false } }];
+    records
+        .extend(["sensors/lidar", "sensors/camera", "perception/objects"].map(|it| shown(0, it, State::Ok)));
+    for minute in 1..=30 {
+        let at = minute * 60_000;
+        let failing: &[(&str, u64)] = match minute % 3 {
+            0 => &[("sensors/lidar", 0), ("perception/objects", 500)],
+            _ => &[("sensors/camera", 0)],
+        };
+        for (after, own) in [(0, State::Error), (10_000, State::Ok)] {
+            records.extend(failing.iter().map(|(node, late)| shown(at + late + after, node, own)));
+        }
+    }
+    hand.advance(Span::from_secs(3600));
+    queue.send(records).unwrap();
+    drop(queue);
+    history.written().await;
+}
+
+#[tokio::test]
+async fn a_history_gives_proposals_that_check_accepts() {
+    let data = TestFolder::new("learn");
+    past(&data).await;
+    let [config, output] = ["config.yaml", "proposed.yaml"].map(|name| data.join(name));
+    std::fs::write(&config, CONFIG).unwrap();
+    let [data, config, output] = [&*data, &*config, &*output].map(|it| it.to_str().unwrap());
+    let learned = run(["learn", "--data", data, "--config", config, "-o", output]);
+    let (out, err, code) = said(&learned);
+    assert_eq!(code, Some(0), "{out}{err}");
+    for line in [
+        "add: perception/objects depends on sensors/lidar\n    it failed in 10 of 10 failures (72 % to 100 %), ",
+        "    noticed 0.5 s to 0.5 s after it\n    together: ",
+        "remove: perception/objects depends on sensors/camera\n    sensors/camera failed 20 times, and perception/objects \
+         in 0 of them\n    counterexamples: ",
+        "1 to add, 1 to remove or narrow; 0 of 1 dependencies that the history shows are configured; 3 of 3 modules",
+    ] {
+        assert!(out.contains(line), "{line}\n{out}");
+    }
+    let written = std::fs::read_to_string(output).unwrap();
+    assert_eq!(written, CONFIG.replace("[sensors/camera]", "[sensors/lidar]"));
+    assert_eq!(said(&run(["check", output])).2, Some(0));
+    // What is written is not written over, and what is done is not proposed again.
+    let (_, err, code) = said(&run(["learn", "--data", data, "--config", config, "-o", output]));
+    assert!(code == Some(2) && err.contains("exists already"), "{err}");
+    let (out, ..) = said(&run(["learn", "--data", data, "--config", output]));
+    assert!(out.starts_with("0 to add, 0 to remove or narrow; 1 of 1 dependencies"), "{out}");
+    // Without a recording nobody knows the configuration.
+    let (_, err, code) = said(&run(["learn", "--data", data]));
+    assert!(code == Some(2) && err.contains("--config"), "{err}");
+}
+
+#[tokio::test]
+async fn nothing_recorded_is_no_answer() {
+    let data = TestFolder::new("learn-nothing");
+    past(&data).await;
+    let config = data.join("config.yaml");
+    std::fs::write(
+        &config,
+        CONFIG.replace("lidar", "radar").replace("camera", "eye").replace("objects", "things"),
+    )
+    .unwrap();
+    let [data, config] = [&*data, &*config].map(|it| it.to_str().unwrap());
+    let (_, err, code) = said(&run(["learn", "--data", data, "--config", config]));
+    assert!(code == Some(1) && err.contains("nothing of the modules"), "{err}");
+}
