@@ -102,8 +102,8 @@ impl Module {
         self.since(from_ms).first().filter(|failure| failure.from_ms <= to_ms)
     }
 
-    /// How probable it is that a time from `before` to `after` an instant has the beginning of a failure, wherever the
-    /// instant lies while the module is judged.
+    /// The share of instants near which a failure begins, from `before` to `after` the instant, among those and the ones
+    /// near which the module is well all the time.
     pub fn chance(&self, before_ms: i64, after_ms: i64) -> f64 {
         let mut covered = 0;
         let mut until = i64::MIN;
@@ -112,9 +112,8 @@ impl Module {
             covered += (to - from.max(until)).max(0);
             until = to;
         }
-        let failing: i64 = self.failures.iter().map(|it| it.to_ms - it.from_ms).sum();
-        let judged = failing + self.well.iter().map(|(from, to)| to - from).sum::<i64>();
-        (covered as f64 / judged.max(1) as f64).min(1.0)
+        let well = self.well.iter().map(|(from, to)| (to - from - before_ms - after_ms).max(0)).sum::<i64>();
+        covered as f64 / (covered + well).max(1) as f64
     }
 }
 
@@ -160,9 +159,8 @@ mod tests {
             (200, 220, State::Error),
             (220, 1_000, State::Ok),
         ]));
-        // From 50 to 110 and from 150 to 210.
-        assert!((module.chance(10, 50) - 0.12).abs() < 1e-9, "{}", module.chance(10, 50));
-        // From -900 to 210.
+        // From 50 to 110 and from 150 to 210; well from 10 to 50, from 120 to 150, and from 230 to 950.
+        assert!((module.chance(10, 50) - 120.0 / 910.0).abs() < 1e-9, "{}", module.chance(10, 50));
         assert_eq!(module.chance(10, 1_000), 1.0);
     }
 }

@@ -75,6 +75,23 @@ fn said(node: &str, state: State, message: &str, silent_s: Option<u64>) -> Recor
 }
 
 #[test]
+fn what_a_node_reported_is_known_behind_a_mask_and_while_it_was_relevant() {
+    let mut disk = Disk::new(ROWS_MAX);
+    disk.write(0, &[Recorded::Started { anew: false }, said("a", State::Ok, "", None)]);
+    disk.write(100, &[shown("a", State::Ignore, Some("b"))]);
+    disk.write(200, &[shown("a", State::Ignore, None)]);
+    disk.write(300, &[shown("a", State::Error, None)]);
+    // The program was alive, and is not known to be since.
+    disk.write(400, &[]);
+    let reported = read::reported(&disk.connection, &["a".to_owned(), "b".to_owned()]).unwrap();
+    let period = |it: &Period<State>| (it.from_ms - START_MS, it.to_ms - START_MS, it.value);
+    let expected =
+        [(0, 100, State::Ok), (100, 200, State::Error), (200, 300, State::Ignore), (300, 400, State::Error)];
+    assert_eq!(reported[0].iter().map(period).collect::<Vec<_>>(), expected);
+    assert_eq!(reported[1], []);
+}
+
+#[test]
 fn what_a_node_showed_is_known_for_any_span() {
     let mut disk = Disk::new(ROWS_MAX);
     disk.write(
