@@ -76,14 +76,15 @@ impl Past {
         History { modules: (0..self.model.modules.len()).map(module).collect() }
     }
 
-    /// All trials without a gap, and the past of each module turned by a time of its own: nothing fails because something
-    /// else does.
+    /// All trials without a gap, and the past of each module turned by a time of its own, far from that of every other:
+    /// nothing fails because something else does.
     pub fn shuffled(&self, seed: u64) -> History {
         let length = |trial: &Vec<Vec<Stretch>>| trial[0].last().map_or(0, |it| it.to_ms) + WELL_BEFORE_MS;
         let whole: i64 = self.trials.iter().map(length).sum();
+        let apart = whole / self.model.modules.len().max(1) as i64;
         let mut random = Random::new(seed, 5);
         let mut module = |module: usize| {
-            let by = random.below(whole as usize) as i64;
+            let by = apart * module as i64 + random.below((apart / 2).max(1) as usize) as i64;
             let mut zero = by;
             let mut turned: Vec<Stretch> = Vec::new();
             for trial in &self.trials {

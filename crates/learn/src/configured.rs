@@ -34,10 +34,20 @@ fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, usize, &DependsO
 
 /// By cause and dependent: whether the configuration lets a module wait for another one, directly or by way of others.
 pub fn closure(model: &Model) -> Vec<Vec<bool>> {
+    closure_without(model, &[])
+}
+
+/// The same if the doubted dependencies are only what remains of them.
+fn closure_without(model: &Model, doubted: &[Doubt]) -> Vec<Vec<bool>> {
     let count = model.modules.len();
     let mut waits = vec![vec![false; count]; count];
-    for (node, _, on) in dependencies(model) {
-        for cause in on.nodes().iter().flat_map(|it| modules_of(model, *it)) {
+    for (node, index, on) in dependencies(model) {
+        let doubt = doubted.iter().find(|it| it.node == node && it.index == index);
+        let causes: Vec<usize> = match doubt {
+            Some(doubt) => doubt.remains.iter().map(|it| it.0 as usize).collect(),
+            None => on.nodes().iter().flat_map(|it| modules_of(model, *it)).collect(),
+        };
+        for cause in causes {
             modules_of(model, node).into_iter().for_each(|dependent| waits[cause][dependent] = true);
         }
     }
@@ -47,7 +57,7 @@ pub fn closure(model: &Model) -> Vec<Vec<bool>> {
 
 /// The same with learned edges that close no circle.
 pub fn closure_with(model: &Model, learned: &[Edge]) -> Vec<Vec<bool>> {
-    with(model, learned).0
+    with(closure(model), learned).0
 }
 
 fn close(waits: &mut [Vec<bool>]) {
@@ -59,14 +69,13 @@ fn close(waits: &mut [Vec<bool>]) {
     }
 }
 
-/// Positions of learned edges that the configuration lacks. Of those that would close a circle, the ones with the fewest
-/// examples are left out.
-pub(crate) fn missing(model: &Model, learned: &[Edge]) -> Vec<usize> {
-    with(model, learned).1
+/// Positions of learned edges that the configuration lacks, without what is doubted of it. Of those that would close a
+/// circle, the ones with the fewest examples are left out.
+pub(crate) fn missing(model: &Model, doubted: &[Doubt], learned: &[Edge]) -> Vec<usize> {
+    with(closure_without(model, doubted), learned).1
 }
 
-fn with(model: &Model, learned: &[Edge]) -> (Vec<Vec<bool>>, Vec<usize>) {
-    let mut waits = closure(model);
+fn with(mut waits: Vec<Vec<bool>>, learned: &[Edge]) -> (Vec<Vec<bool>>, Vec<usize>) {
     let mut order: Vec<usize> = (0..learned.len()).collect();
     order.sort_by_key(|index| std::cmp::Reverse(learned[*index].evidence.examples.len()));
     let mut missing = Vec::new();

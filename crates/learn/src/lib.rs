@@ -86,7 +86,8 @@ pub struct Doubt {
 pub struct Proposals {
     /// All edges that the past supports and that follow from no others of them, configured or not.
     pub learned: Vec<Edge>,
-    /// Positions of those that the configuration lacks, directly and by way of others, and that close no circle.
+    /// Positions of those that the configuration lacks, directly and by way of others, once the doubted
+    /// ones are gone, and that close no circle.
     pub add: Vec<usize>,
     pub doubted: Vec<Doubt>,
     /// Modules that fail together, and nothing says which one is the cause.
@@ -96,8 +97,8 @@ pub struct Proposals {
 /// Learns from the past of a model's modules.
 pub fn learn(history: &History, model: &Model) -> Proposals {
     let learned = pairs::learn(history, model);
-    let add = configured::missing(model, &learned.direct);
     let doubted = configured::doubted(model, &learned);
+    let add = configured::missing(model, &doubted, &learned.direct);
     Proposals { add, doubted, undecided: learned.undecided, learned: learned.direct }
 }
 

@@ -156,6 +156,13 @@ fn a_dependency_without_effect_is_doubted_and_a_group_is_narrowed() {
 }
 
 #[test]
+fn what_a_doubted_dependency_did_for_others_is_added() {
+    let trials = times(16, &[(0, 0), (2, 300)]);
+    let found = learn(&history(3, &trials), &model(parts(3, &[(0, 1), (1, 2)])));
+    assert_eq!((of(&found), &found.add[..], found.doubted.len()), (vec![(0, 2)], &[0][..], 1));
+}
+
+#[test]
 fn an_edge_that_closes_a_circle_is_no_proposal() {
     let trials = [times(10, &[(0, 0), (1, 300)]), times(5, &[(1, 0)])].concat();
     let found = learn(&history(2, &trials), &model(parts(2, &[(1, 0)])));
