@@ -174,29 +174,29 @@ mod tests {
     use crate::evaluate::machine::Machine as _;
     use crate::learn::learn;
 
-    /// What a hundred trials teach, and what the same trials teach when their times are shuffled.
+    /// What two hundred trials teach, and what the same trials teach when their times are shuffled.
     fn learned(name: &str) {
         let machine = named(name).expect("its configuration is right");
-        let past = Past::of(&machine, 0, 1..101, None, 1);
+        let past = Past::of(&machine, 0, 1..201, None, 1);
         let effects = Effects::of(&machine);
-        let score = effects.score(&learn(&past.part(0..100), machine.model()).learned);
+        let score = effects.score(&learn(&past.part(0..200), machine.model()).learned);
         assert!(score.right == score.learned && score.reversed == 0, "{score:?}");
         assert!(score.direct * 10 >= score.learned * 9, "{score:?}");
         assert!(score.found * 5 >= score.known * 4 && score.known > 0, "{score:?}");
         let shuffled = learn(&past.shuffled(1), machine.model());
         assert_eq!((shuffled.learned, shuffled.undecided), (vec![], vec![]));
-        let without = Past::of(&machine, 0, 1..101, Some(&effects.without()), 1);
-        let nothing = learn(&without.part(0..100), machine.model());
+        let without = Past::of(&machine, 0, 1..201, Some(&effects.without()), 1);
+        let nothing = learn(&without.part(0..200), machine.model());
         assert_eq!((nothing.learned, nothing.undecided), (vec![], vec![]));
     }
 
     #[test]
-    fn the_shuttle_s_dependencies_are_learned_from_a_hundred_trials() {
+    fn the_shuttle_s_dependencies_are_learned_from_two_hundred_trials() {
         learned("shuttle");
     }
 
     #[test]
-    fn the_robot_s_dependencies_are_learned_from_a_hundred_trials() {
+    fn the_robot_s_dependencies_are_learned_from_two_hundred_trials() {
         learned("robot");
     }
 }
