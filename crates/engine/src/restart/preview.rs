@@ -63,7 +63,7 @@ impl Engine {
                 after.alarms =
                     after.alarms.iter().filter(|it| !(it.active && is_its(it.node))).cloned().collect();
             }
-            // These change nothing that is stored; and a stop does not wait for the disk.
+            // These change nothing else that is stored; and a stop does not wait for the disk.
             OperatorAction::AskClearance { .. }
             | OperatorAction::AskRelease { .. }
             | OperatorAction::Reset { .. }
@@ -72,7 +72,12 @@ impl Engine {
         }
         (after.operator, after.stage, after.localization) =
             (vehicle.operator, vehicle.stage, vehicle.localization);
-        Ok(Preview { seq: after.seq, vehicle: after.to_restore() })
+        let mut stored = after.to_restore();
+        // The latch ends with the action.
+        if let OperatorAction::Reset { module } = action {
+            stored.latched.retain(|latched| latched != module);
+        }
+        Ok(Preview { seq: after.seq, vehicle: stored })
     }
 
     /// The stage and the requests. The list is replaced whenever it changes.
