@@ -446,7 +446,7 @@ def test_a_moment_that_is_not_in_the_recording_is_not_shown_as_if_it_were(plain,
         assert ask("/replay/1/state", step="next")[:2] == (404, "application/json")
         status, _, text = ask("/replay/file/state", at_ms=to_ms + 60_000)
         assert status == 200 and json.loads(text)["at_ms"] == to_ms
-        # At the end another speed starts nothing, and is that of what is played next.
+        # At the end another speed starts nothing. The next play has it.
         state = json.loads(ask("/replay/file/state", speed=20)[2])
         assert (state["at_ms"], state["playing"], state["speed"]) == (to_ms, False, 20.0)
 

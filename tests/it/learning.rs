@@ -1,4 +1,4 @@
-//! `telltale learn` on a data folder: what it proposes, and that `check` accepts what it writes.
+//! `telltale learn` on a data folder: its proposals, and that `check` accepts the file that it writes.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -77,7 +77,7 @@ async fn a_history_gives_proposals_that_check_accepts() {
     let written = std::fs::read_to_string(output).unwrap();
     assert_eq!(written, CONFIG.replace("[sensors/camera]", "[sensors/lidar]"));
     assert_eq!(said(&run(["check", output])).2, Some(0));
-    // What is written is not written over, and what is done is not proposed again.
+    // An existing file is not overwritten, and a proposal that was taken is not made again.
     let (_, err, code) = said(&run(["learn", "--data", data, "--config", config, "-o", output]));
     assert!(code == Some(2) && err.contains("exists already"), "{err}");
     let (out, ..) = said(&run(["learn", "--data", data, "--config", output]));

@@ -413,7 +413,7 @@ pub struct Countermeasure {
     pub by_operator: Option<Since>,
     /// The root causes, at most 64; ended ones stay until they are acknowledged.
     pub causes: Arc<[CountermeasureCause]>,
-    /// The nodes whose rules ask for it. One that waits for a cause can still fail when the cause is over.
+    /// The nodes that ask for it by a rule. A node that waits for a cause can still fail when the cause is over.
     pub about: Arc<[NodeId]>,
     pub since: Since,
     pub state: CountermeasureState,

@@ -114,7 +114,7 @@ fn stretches(model: &Model, track: &Track, length_ms: u64) -> Vec<Vec<Stretch>> 
     let of_module = |index: usize| {
         let mut all: Vec<Stretch> = Vec::new();
         for (ms, snapshot) in &track.0 {
-            // Nothing is masked, so IGNORE is what is not relevant.
+            // Nothing is masked, so IGNORE means not relevant.
             let own = snapshot.shown(NodeId::Module(ModuleId(index as u32))).0;
             let from_ms = *ms as i64;
             match all.last_mut() {
@@ -284,14 +284,14 @@ pub struct Learning {
     /// With drawn configurations, each from a past of [`TRIALS`].
     pub drawn: Score,
     pub pasts_drawn: u64,
-    /// Dependencies without which the configuration lacks an effect that there is, hidden one at a time, and those whose
-    /// effects the proposals restore.
+    /// Dependencies that were hidden, one at a time, where the configuration then lacks an effect; and how many the
+    /// proposals restore.
     pub hidden: Part,
-    /// Proposals to remove or narrow a shipped dependency, from all trials, and those whose cause has no effect there.
+    /// Proposals to remove or narrow a shipped dependency, from all trials; and how many are right.
     pub doubted: Part,
-    /// Pasts in which nothing fails because of something else, and those from which anything is learned: faults without
-    /// an effect, and modules whose times are turned against each other.
+    /// Pasts with faults that have no effect; and how many of them taught anything.
     pub independent: Part,
+    /// The same for pasts with the times of each module shifted against those of the others.
     pub shuffled: Part,
 }
 

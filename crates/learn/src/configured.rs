@@ -21,7 +21,7 @@ fn ancestors(model: &Model, group: GroupId) -> impl Iterator<Item = GroupId> {
     std::iter::successors(Some(group), |id| model.groups[id.0 as usize].parent)
 }
 
-/// Each dependency: the node that has it, its position there, and what it names.
+/// Each dependency: its node, its position there, and the nodes that it names.
 fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, usize, &DependsOn)> {
     NodeId::all(model.groups.len(), model.modules.len()).flat_map(|node| {
         let all = match node {
@@ -69,8 +69,8 @@ fn close(waits: &mut [Vec<bool>]) {
     }
 }
 
-/// Positions of learned edges that the configuration lacks, without what is doubted of it. Of those that would close a
-/// circle, the ones with the fewest examples are left out.
+/// Positions of the learned edges that the configuration lacks once the doubted dependencies are gone. If several edges
+/// close a circle, those with the fewest examples are left out.
 pub(crate) fn missing(model: &Model, doubted: &[Doubt], learned: &[Edge]) -> Vec<usize> {
     with(closure_without(model, doubted), learned).1
 }
@@ -91,8 +91,8 @@ fn with(mut waits: Vec<Vec<bool>>, learned: &[Edge]) -> (Vec<Vec<bool>>, Vec<usi
     (waits, missing)
 }
 
-/// Configured dependencies on a module, or on modules of a group, whose failures had no effect. What is redundant by
-/// itself (`any_of`) is not judged: a single failure is to have no effect there.
+/// Configured dependencies without effect: the module, or some modules of the group, failed, and nothing failed with
+/// them. A set of redundant nodes (`any_of`) is not judged, because a single failure there has no effect by design.
 pub(crate) fn doubted(model: &Model, learned: &Learned) -> Vec<Doubt> {
     let mut all = Vec::new();
     for (node, index, on) in dependencies(model) {

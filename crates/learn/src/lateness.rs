@@ -14,7 +14,7 @@ pub(crate) fn lateness(model: &Model, module: &ModuleSpec, first: State) -> (i64
     let policy = &module.policy;
     let (least, most) = match (&module.monitor, first) {
         (ModuleMonitor::Other(spec), _) => of_monitor(model, spec, first, policy.timeout),
-        // A component says at once what it finds.
+        // A component reports its fault at once.
         (ModuleMonitor::SelfState(_), State::Unknown) => of_silence(policy.timeout),
         (ModuleMonitor::SelfState(_), _) => (0, 0),
     };
@@ -78,7 +78,7 @@ fn topics(module: &ModuleSpec) -> Vec<TopicId> {
     topics
 }
 
-/// Whether `one` measures nothing but whether messages arrive, and `other` needs what is in them.
+/// Whether `one` only counts the messages of a topic, and `other` reads their content.
 pub(crate) fn feeds(one: &ModuleSpec, other: &ModuleSpec) -> bool {
     let rate = |module: &ModuleSpec| match module.monitor.other() {
         Some(MonitorSpec::Frequency { topic, .. }) => Some(*topic),

@@ -1,7 +1,7 @@
 //! Learns from the past which module fails when another one fails, and proposes changes of the dependencies.
 //!
-//! A proposal to add `cause -> dependent` needs failures of the cause that nothing else explains, in which the dependent
-//! failed too, more often than by chance and without many counterexamples. Which of two comes first follows from the
+//! A proposal to add `cause -> dependent` needs failures of the cause that nothing else explains. The dependent has to fail
+//! with them more often than by chance, and with few counterexamples. Which of two comes first follows from the
 //! counterexamples of the other direction, from what the monitors read, and from when the faults began: each
 //! monitor notices late, by a time that its configuration bounds. Nothing here reads a clock or a file.
 
@@ -49,7 +49,7 @@ impl Evidence {
         (self.examples.len() + self.counterexamples.len()) as u64
     }
 
-    /// The share of the cause's failures in which the dependent failed, with its interval of 95 %.
+    /// How often the dependent failed with the cause: the share of the cause's failures, and its interval of 95 %.
     pub fn share(&self) -> (f64, f64, f64) {
         let (part, whole) = (self.examples.len() as u64, self.failures());
         let (low, high) = wilson(part, whole);

@@ -152,7 +152,7 @@ impl Pairs<'_> {
         all
     }
 
-    /// Which of two comes first, for those of which one has enough failures.
+    /// The order of each pair of modules, if one of the two has enough failures.
     fn orders(&self, evidence: &[Vec<Evidence>]) -> Vec<Vec<Option<Order>>> {
         let count = evidence.len();
         let of = |one: usize, other: usize| {

@@ -40,7 +40,7 @@ impl Failure {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Module {
     pub failures: Vec<Failure>,
-    /// Spans in which it was well.
+    /// From when to when it was well.
     well: Vec<(i64, i64)>,
 }
 
@@ -142,7 +142,7 @@ mod tests {
         assert_eq!(
             module.failures,
             [Failure { from_ms: 50, to_ms: 6_000, first: Warning, blocks: true }],
-            "neither the beginning, nor what became relevant, nor what is behind a gap"
+            "a failure at the beginning, after IGNORE or after a gap does not count"
         );
         assert!(module.failures[0].is_long());
         assert!(module.is_well(10, 50) && !module.is_well(5, 50) && !module.is_well(6_500, 7_500));

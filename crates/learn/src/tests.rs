@@ -1,4 +1,4 @@
-//! What is learned from made-up pasts.
+//! Tests of the learner with made-up pasts.
 
 use telltale_engine::model::monitors::{Bands, MonitorSpec, TopicId};
 use telltale_engine::model::{
@@ -80,7 +80,7 @@ fn a_chain_gives_its_links_and_no_edge_from_end_to_end() {
     assert_eq!(evidence.examples[1], 70_000, "the notice of the cause");
     assert_eq!(evidence.delays_ms, [300; 10]);
     assert!(evidence.lift() > 3.0 && evidence.p < 1e-3);
-    // What is configured is no proposal, and is not doubted.
+    // A configured dependency is neither proposed nor doubted.
     let found = learn(&history(3, &trials), &model(parts(3, &[(0, 1), (1, 2)])));
     assert_eq!((of(&found), found.add, found.doubted), (vec![(0, 1), (1, 2)], vec![], vec![]));
 }

@@ -89,8 +89,7 @@ pub(super) fn write(connection: &Connection, memory: &VehicleMemory) -> Result<(
         ])?;
     connection.execute_batch(
         "DELETE FROM last_known_place; DELETE FROM alarms; DELETE FROM accepted; DELETE FROM causes; DELETE FROM asking;
-         DELETE FROM latched;
-         DELETE FROM countermeasures;",
+         DELETE FROM latched; DELETE FROM countermeasures;",
     )?;
     if let Some(KnownPlace { pose: MapPose { x_m, y_m, yaw_deg }, driven }) = vehicle.last_known {
         let mut insert =

@@ -1,4 +1,4 @@
-//! What a restart of Telltale keeps: what was masked when a request was made, and latches.
+//! A restart of Telltale keeps the nodes that asked for a request, also masked ones, and latches.
 
 use super::*;
 

@@ -35,8 +35,8 @@ pub(crate) struct HeldRequest {
     pub(crate) needs_release: bool,
     /// Empty only for a stop of the operator.
     pub(crate) causes: Vec<RequestCause>,
-    /// Of a request from before: the nodes whose rules asked for it. One that waited for a cause can still fail when the
-    /// cause is over.
+    /// For a request from before: the nodes that asked for it by a rule. A node that waited for a cause can still fail
+    /// when the cause is over.
     #[serde(default)]
     pub(crate) asking: Vec<RequestCause>,
 }
@@ -174,7 +174,7 @@ impl HeldRequest {
         self.add(RequestCause::new(others, acknowledged, present));
     }
 
-    /// The nodes whose rules ask for it, or did before.
+    /// The nodes that ask for it by a rule, or did before.
     pub(crate) fn about(&self) -> impl Iterator<Item = NodeId> {
         let rule = if let RequestOrigin::Rule(_, node) = self.by { Some(node) } else { None };
         rule.into_iter().chain(self.asking.iter().map(|it| it.node))

@@ -35,7 +35,7 @@ pub struct Restored {
     pub last_alarm: u64,
     /// Modules whose WARNING is accepted.
     pub accepted: Vec<Box<str>>,
-    /// Modules whose ERROR stays until somebody resets it.
+    /// Modules with a latched ERROR, which stays until somebody resets it.
     #[serde(default)]
     pub latched: Vec<Box<str>>,
     pub countermeasures: Vec<RestoredCountermeasure>,
@@ -79,7 +79,7 @@ pub struct RestoredCountermeasure {
     pub by_operator: Option<Span>,
     /// Causes, and whether each is acknowledged.
     pub causes: Vec<(Box<str>, bool)>,
-    /// The nodes whose rules ask for it. They may fail when the causes that masked them are over.
+    /// The nodes that ask for it by a rule. They may still fail when the causes that masked them are over.
     #[serde(default)]
     pub about: Vec<Box<str>>,
 }

@@ -33,7 +33,7 @@ pub(super) enum Order {
     },
     /// 1 is the speed of the recording.
     Play(f64),
-    /// A speed for what plays, and for what is played next.
+    /// Sets the speed. It neither starts nor pauses the replay.
     Speed(f64),
     Pause,
     /// Where it is, told when the orders before are done.
