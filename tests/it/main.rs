@@ -46,6 +46,7 @@ mod held_requests;
 mod hostile;
 mod imports;
 mod incidents;
+mod late_reports;
 mod learned_types;
 mod learning;
 mod live;

@@ -327,18 +327,29 @@ impl Engine {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
             let report = WriterReport { writer: array.writer(), state: status.state(), at: self.now };
+            let before = if array.late().is_zero() { Vec::new() } else { self.received_by(index) };
             if self.restricts(index) || !self.names.routes[index as usize].writer_reports.take_alone(report) {
                 self.take_disputed(index, status, report, number);
-                continue;
+            } else {
+                let mut position = 0;
+                while let Some(module) = self.names.routes[index as usize].module(position) {
+                    self.take_status(module, status, report.writer);
+                    position += 1;
+                }
             }
-            let mut position = 0;
-            while let Some(module) = self.names.routes[index as usize].module(position) {
-                self.take_status(module, status, report.writer);
-                position += 1;
+            for (module, before) in before {
+                self.net.report_was_late(module, array.late(), before, self.now);
             }
         }
         self.touched = touched;
         self.take_keys(array, number);
+    }
+
+    /// The modules of a name, and when each was heard last.
+    fn received_by(&self, route: u32) -> Vec<(ModuleId, Option<Timestamp>)> {
+        let route = &self.names.routes[route as usize];
+        let modules = (0..).map_while(|position| route.module(position));
+        modules.map(|id| (id, self.net.modules[id.0 as usize].own.received())).collect()
     }
 
     /// Whether a known name may feed further modules, or is to be held against someone.

@@ -13,6 +13,7 @@ pub use super::discovery::{NodeOf, WriterId, WriterList};
 use super::model::sample::{Probe, PublisherReport, Sample};
 use super::state::State;
 use super::text::Text;
+use super::time::Span;
 
 /// One input of the engine. Only [`Engine::handle`](super::Engine::handle) takes inputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -160,6 +161,7 @@ pub struct StatusArray {
     statuses: Vec<StatusSpans>,
     values: Vec<(Range<u32>, Range<u32>)>,
     writer: WriterId,
+    late: Span,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -178,6 +180,7 @@ impl StatusArray {
             statuses: Vec::with_capacity(statuses),
             values: Vec::new(),
             writer: WriterId::default(),
+            late: Span::ZERO,
         }
     }
 
@@ -188,6 +191,15 @@ impl StatusArray {
 
     pub fn writer(&self) -> WriterId {
         self.writer
+    }
+
+    /// The same array, received so much later than usual. It counts from when it should have come.
+    pub fn received_late(self, late: Span) -> StatusArray {
+        StatusArray { late, ..self }
+    }
+
+    pub fn late(&self) -> Span {
+        self.late
     }
 
     /// Appends a status; the values pushed next belong to it.
@@ -241,7 +253,7 @@ impl StatusArray {
             out.push_status(status.level(), &name, status.message(), status.hardware_id());
             status.values().for_each(|(key, value)| out.push_value(key, value));
         }
-        out.said_by(self.writer)
+        out.said_by(self.writer).received_late(self.late)
     }
 
     /// Keeps the first `count` statuses.

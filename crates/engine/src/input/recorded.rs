@@ -3,11 +3,15 @@
 use serde::{Deserialize, Serialize};
 
 use crate::discovery::WriterId;
+use crate::time::Span;
 
 #[derive(Serialize, Deserialize)]
 pub(super) struct StatusArray {
     writer: WriterId,
     statuses: Vec<Status>,
+    /// How much later than usual it was received, in nanoseconds.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    late_ns: Span,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -30,17 +34,22 @@ impl From<super::StatusArray> for StatusArray {
             hardware_id: it.hardware_id().to_owned(),
             values: it.values().map(|(key, value)| (key.to_owned(), value.to_owned())).collect(),
         };
-        StatusArray { writer: array.writer, statuses: array.iter().map(of).collect() }
+        StatusArray { writer: array.writer, statuses: array.iter().map(of).collect(), late_ns: array.late }
     }
 }
 
 impl From<StatusArray> for super::StatusArray {
     fn from(recorded: StatusArray) -> super::StatusArray {
-        let mut array = super::StatusArray::default().said_by(recorded.writer);
+        let mut array =
+            super::StatusArray::default().said_by(recorded.writer).received_late(recorded.late_ns);
         for Status { level, name, message, hardware_id, values } in recorded.statuses {
             array.push_status(level, &name, &message, &hardware_id);
             values.iter().for_each(|(key, value)| array.push_value(key, value));
         }
         array
     }
+}
+
+fn is_zero(late: &Span) -> bool {
+    late.is_zero()
 }

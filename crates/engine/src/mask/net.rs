@@ -22,7 +22,7 @@ use crate::module::system::SystemCheck;
 use crate::signals::Signals;
 use crate::snapshot::NotRelevant;
 use crate::state::{State, Tally};
-use crate::time::Timestamp;
+use crate::time::{Span, Timestamp};
 
 /// A node whose facts changed in an evaluation, with the facts before and after.
 #[derive(Debug, Clone, Copy)]
@@ -126,6 +126,20 @@ impl Net {
         let policy = self.policy(id).clone();
         self.modules[id.0 as usize].own.report(state, &policy, now);
         true
+    }
+
+    /// The report that was taken just now came so late. It counts from when it should have come: one that is older than
+    /// the timeout ends no silence.
+    pub(crate) fn report_was_late(
+        &mut self,
+        id: ModuleId,
+        late: Span,
+        before: Option<Timestamp>,
+        now: Timestamp,
+    ) {
+        let policy = self.policy(id).clone();
+        self.modules[id.0 as usize].own.backdate(&policy, late, before, now);
+        self.mark_module(id);
     }
 
     /// The state as which a report of the module counts.

@@ -103,6 +103,20 @@ impl OwnState {
         self.judge(policy, now);
     }
 
+    /// Its report came later than it should have, and `before` was the last one: the silence counts from then.
+    pub(super) fn backdate(
+        &mut self,
+        policy: &Policy,
+        late: Span,
+        before: Option<Timestamp>,
+        now: Timestamp,
+    ) {
+        if self.received == Some(now) {
+            let late = late.min(policy.timeout).as_nanos();
+            self.received = before.max(Some(Timestamp::from_nanos(now.as_nanos().saturating_sub(late))));
+        }
+    }
+
     /// Takes a new judgement of the received values, by time or by discovery: it ends no silence. By the clock
     /// even a module without reports is judged.
     pub(super) fn revise(

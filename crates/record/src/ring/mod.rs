@@ -184,7 +184,8 @@ impl Ring {
     /// Takes the next input of the engine.
     pub fn push_input(&mut self, Stamped { input, received, message }: Stamped) {
         let taken = match (input, &message) {
-            (Input::Diagnostics(_), Some(_)) => Taken::Statuses,
+            // The message alone does not say how late it was.
+            (Input::Diagnostics(array), Some(_)) if array.late().is_zero() => Taken::Statuses,
             (input, _) => Taken::Input(Arc::new(input)),
         };
         self.push(Entry { at: received, taken, message });

@@ -1,6 +1,7 @@
 //! Reading topics: their publishers, their readers, and losses and faults on the way.
 
 pub(super) mod clock_step;
+pub(super) mod delays;
 pub(super) mod keeping;
 pub(super) mod learning;
 pub(super) mod publishers;

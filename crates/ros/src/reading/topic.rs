@@ -9,6 +9,7 @@ use std::time::UNIX_EPOCH;
 use bytes::Bytes;
 use tokio::sync::{mpsc, watch};
 
+use super::delays::Delays;
 use super::keeping::Kept;
 use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
@@ -55,6 +56,7 @@ pub struct TopicContext {
 #[derive(Debug)]
 pub struct Memory {
     writers: Writers,
+    delays: Delays,
     troubles: Troubles,
     retention: Retention,
     /// The last message of a publisher that keeps it for late readers, because a new configuration counts
@@ -71,8 +73,8 @@ impl Memory {
             (false, Some(_)) => Retention::of_recorded_messages(),
             (false, None) => Retention::new(),
         };
-        let (writers, troubles) = Default::default();
-        Memory { writers, troubles, retention, last_value: None, heard: None }
+        let (writers, delays, troubles) = Default::default();
+        Memory { writers, delays, troubles, retention, last_value: None, heard: None }
     }
 
     /// When the last message of its type came.
@@ -231,7 +233,8 @@ impl Topic {
         }
         let Some(message) = self.memory.last_value.take() else { return Ok(()) };
         if self.memory.writers.keeps_last_value(&message.writer, &self.subscription.dds_type) {
-            self.hand_over(&message, PublicationTime::Kept, self.around.clock.now()).await?;
+            let kept = (PublicationTime::Kept, Span::ZERO);
+            self.hand_over(&message, kept, self.around.clock.now()).await?;
             self.memory.last_value = Some(message);
         }
         Ok(())
@@ -278,7 +281,9 @@ impl Topic {
                 let is_it =
                     |it: &mut Arc<Message>| (it.writer, it.sequence) == (sample.writer, sample.sequence);
                 return match self.forgotten.take_if(is_it) {
-                    Some(message) => self.hand_over(&message, PublicationTime::Kept, received).await,
+                    Some(message) => {
+                        self.hand_over(&message, (PublicationTime::Kept, Span::ZERO), received).await
+                    }
                     None => Ok(()),
                 };
             }
@@ -292,6 +297,7 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
+        let late = self.memory.delays.take(&sample.writer, sample.source, received);
         self.forgotten = None;
         self.trial.note_data(received);
         self.memory.heard = Some(received);
@@ -323,14 +329,14 @@ impl Topic {
             Published::Before if keeps => PublicationTime::Kept,
             Published::Before => PublicationTime::Past,
         };
-        self.hand_over(&message, when, received).await
+        self.hand_over(&message, (when, late), received).await
     }
 
     /// Sends the inputs that a message means.
     async fn hand_over(
         &mut self,
         message: &Arc<Message>,
-        when: PublicationTime,
+        (when, late): (PublicationTime, Span),
         received: Timestamp,
     ) -> Result<(), End> {
         let Message { body, writer, .. } = &**message;
@@ -338,6 +344,13 @@ impl Topic {
         let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
         let received_message = Received { body, writer: *writer, wall_ns, when };
         let (mut inputs, wrong) = self.subscription.decode_by(received_message, &self.around.ros_clock);
+        if !late.is_zero() {
+            for input in &mut inputs {
+                if let Input::Diagnostics(array) = input {
+                    *array = std::mem::take(array).received_late(late);
+                }
+            }
+        }
         let bytes = message.len();
         if let Some(wrong) = wrong {
             let text = || match (&wrong, body) {

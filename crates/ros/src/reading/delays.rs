@@ -1,0 +1,147 @@
+//! How much later than usual a message comes: it was lost at first and sent again, or waited in a queue.
+
+use std::collections::BTreeMap;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use telltale_engine::time::{Span, Timestamp};
+use telltale_msg::sample_bytes::Guid;
+
+/// Writers that are known at once. The one that was heard least lately makes room.
+const WRITERS_MAX: usize = 1024;
+/// A message comes as usual if it takes no longer than this beyond the fastest one.
+const USUAL_NS: i128 = 1_000_000_000;
+/// Clocks that are not set run apart by less than one part in so many.
+const DRIFT: i128 = 1000;
+/// If all messages of this time come late, that is usual from then on: the writer's clock was set, or the way is longer.
+const ACCEPTED_NS: i128 = 30_000_000_000;
+
+/// The delays of one topic's writers.
+#[derive(Debug, Default)]
+pub struct Delays {
+    writers: BTreeMap<Guid, Delay>,
+}
+
+/// Times are nanoseconds. An offset is the difference of our clock, which is never set, from the writer's.
+#[derive(Debug, Clone, Copy)]
+struct Delay {
+    /// The offset of the fastest message, and when it came.
+    least: i128,
+    at: i128,
+    /// When the last one was published.
+    source: i128,
+    /// Since when all of them come late, and the offset of the fastest of these.
+    late: Option<(i128, i128)>,
+}
+
+impl Delays {
+    /// Takes a message in the order of its writer. Returns how much later than usual it was received; nothing of a writer
+    /// that gives no source stamps.
+    pub fn take(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> Span {
+        let Some(source) = source.and_then(|it| it.duration_since(UNIX_EPOCH).ok()) else {
+            return Span::ZERO;
+        };
+        let (source, now) = (source.as_nanos() as i128, i128::from(now.as_nanos()));
+        if self.writers.len() >= WRITERS_MAX && !self.writers.contains_key(writer) {
+            let oldest = self.writers.iter().min_by_key(|(_, delay)| delay.at).map(|(guid, _)| *guid);
+            oldest.map(|guid| self.writers.remove(&guid));
+        }
+        let first = Delay { least: now - source, at: now, source, late: None };
+        let late = self.writers.entry(*writer).or_insert(first).take(source, now);
+        Span::from_nanos(u64::try_from(late).unwrap_or(u64::MAX))
+    }
+}
+
+impl Delay {
+    fn take(&mut self, source: i128, now: i128) -> i128 {
+        // A stamp that stays the same is none.
+        if source == self.source {
+            return 0;
+        }
+        let offset = now - source;
+        // Its clock was set back: messages of one writer come in order.
+        let is_set = source < std::mem::replace(&mut self.source, source);
+        let usual = self.least + (now - self.at) / DRIFT;
+        if is_set || offset <= usual + USUAL_NS {
+            if is_set || offset <= usual {
+                (self.least, self.at) = (offset, now);
+            }
+            self.late = None;
+            return 0;
+        }
+        let (since, least) = self.late.unwrap_or((now, offset));
+        let least = least.min(offset);
+        self.late = Some((since, least));
+        if now - since >= ACCEPTED_NS {
+            (self.least, self.at, self.late) = (least, now, None);
+        }
+        offset - usual
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    const A: Guid = [1; 16];
+
+    /// When each message was published by its writer's clock and received by ours, and how late it is; in milliseconds.
+    fn check(messages: &[(u64, u64, u64)]) {
+        let mut delays = Delays::default();
+        for &(source, received, late) in messages {
+            let source = Some(UNIX_EPOCH + Duration::from_millis(source));
+            let told = delays.take(&A, source, Timestamp::from_millis(received));
+            // Clocks may run apart by a thousandth.
+            let range = late.saturating_sub(50)..=late;
+            assert!(range.contains(&told.as_millis()), "at {received}: {told:?}, not {late} ms");
+        }
+    }
+
+    #[test]
+    fn what_was_lost_at_first_or_waited_is_late_whatever_the_clocks_say() {
+        for clock in [0_u64, 5_000, 1_780_000_000_000] {
+            let sent = |ms: u64| clock + ms;
+            check(&[
+                (sent(0), 10_010, 0),
+                (sent(200), 10_205, 0),
+                (sent(400), 10_600, 0),
+                // Nothing gets through for eight seconds.
+                (sent(600), 18_605, 8_000),
+                (sent(800), 18_605, 7_800),
+                (sent(8_600), 18_605, 0),
+            ]);
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_set_and_a_longer_way_are_usual_after_a_while() {
+        // Back by ten seconds, which is seen at once.
+        check(&[(20_000, 1_000, 0), (21_000, 2_000, 0), (12_000, 3_000, 0), (13_000, 4_000, 0)]);
+        // Ahead by ten seconds.
+        check(&[(20_000, 1_000, 0), (31_000, 2_000, 0), (32_000, 3_000, 0), (32_500, 6_500, 3_000)]);
+        // One that stands says nothing.
+        check(&[(20_000, 1_000, 0), (20_000, 9_000, 0), (20_000, 90_000, 0)]);
+        // From now on each message takes two seconds.
+        let slow: Vec<(u64, u64, u64)> =
+            (1..60).map(|s| (s * 1000, s * 1000 + 2000, if s <= 31 { 2000 } else { 0 })).collect();
+        check(&[&[(0, 0, 0)], &slow[..]].concat());
+    }
+
+    #[test]
+    fn clocks_that_run_apart_make_nothing_late() {
+        // Ours runs by half a thousandth faster, for two hours.
+        check(&(0..7200).map(|s| (s * 1000, s * 1000 + s / 2, 0)).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_writer_without_a_stamp_is_never_late_and_the_writers_are_bounded() {
+        let mut delays = Delays::default();
+        assert_eq!(delays.take(&A, None, Timestamp::from_millis(1)), Span::ZERO);
+        for number in 0..3000_u32 {
+            let mut guid = A;
+            guid[..4].copy_from_slice(&number.to_be_bytes());
+            delays.take(&guid, Some(UNIX_EPOCH), Timestamp::from_millis(number.into()));
+        }
+        assert_eq!(delays.writers.len(), WRITERS_MAX);
+    }
+}

@@ -1,0 +1,55 @@
+//! Statuses that were lost at first, or waited in a queue, count from when they should have come.
+
+use telltale::engine::Engine;
+use telltale::engine::input::Input;
+use telltale::engine::state::State;
+use telltale::engine::time::{Span, Timestamp};
+
+use crate::by_hand::{model, said};
+
+const CONFIG: &str = "
+vehicle: { stages: none }
+groups:
+  - { id: g, modules: [{ id: m, status: m, timeout: 2s }] }
+";
+
+/// Takes a report that came so many milliseconds late, and what the module shows then.
+fn late(engine: &mut Engine, level: u8, late_ms: u64, now_ms: u64) -> State {
+    let Input::Diagnostics(array) = said(&[("m", level)]) else { unreachable!("it is an array") };
+    let input = Input::Diagnostics(array.received_late(Span::from_millis(late_ms)));
+    engine.handle(&input, Timestamp::from_millis(now_ms));
+    shown(engine)
+}
+
+fn at(engine: &mut Engine, now_ms: u64) -> State {
+    engine.handle(&Input::Tick, Timestamp::from_millis(now_ms));
+    shown(engine)
+}
+
+fn shown(engine: &mut Engine) -> State {
+    let snapshot = engine.snapshot();
+    snapshot.shown(snapshot.node("g/m").unwrap()).0
+}
+
+#[test]
+fn a_report_that_is_older_than_the_timeout_ends_no_silence_but_its_error_counts() {
+    let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+    assert_eq!(late(&mut engine, 0, 0, 0), State::Ok);
+    assert_eq!(at(&mut engine, 3000), State::Unknown);
+    for now_ms in [8000, 8001, 8400] {
+        assert_eq!(late(&mut engine, 0, 5000, now_ms), State::Unknown, "at {now_ms}");
+    }
+    assert_eq!(late(&mut engine, 2, 5000, 9000), State::Error);
+    assert_eq!(at(&mut engine, 9500), State::Error, "what is worse than a silence stays");
+    // One that is younger ends it, for the rest of the timeout.
+    assert_eq!(late(&mut engine, 0, 1500, 10_000), State::Ok);
+    assert_eq!([10_499, 10_501].map(|ms| at(&mut engine, ms)), [State::Ok, State::Unknown]);
+}
+
+#[test]
+fn a_late_report_takes_nothing_from_one_that_came_in_time() {
+    let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+    assert_eq!(late(&mut engine, 0, 0, 1000), State::Ok);
+    assert_eq!(late(&mut engine, 0, 5000, 1100), State::Ok);
+    assert_eq!([2999, 3001].map(|ms| at(&mut engine, ms)), [State::Ok, State::Unknown]);
+}
