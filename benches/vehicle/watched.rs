@@ -73,6 +73,7 @@ pub fn message(topics: &[Arc<TopicSpec>], number: u64) -> (Input, Timestamp) {
         stamp_ns: Some(1 + now.as_nanos() as i64),
         received_wall_ns: 20_000_001 + now.as_nanos() as i64,
         late: false,
+        delay: Span::ZERO,
         values: [FieldValue::Number(seconds.sin() * 0.4), FieldValue::Pose(pose)].into(),
     };
     (Input::Sample(sample), now)

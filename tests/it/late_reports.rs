@@ -2,6 +2,7 @@
 
 use telltale::engine::Engine;
 use telltale::engine::input::Input;
+use telltale::engine::model::sample::{FieldValue, Sample};
 use telltale::engine::state::State;
 use telltale::engine::time::{Span, Timestamp};
 
@@ -52,4 +53,40 @@ fn a_late_report_takes_nothing_from_one_that_came_in_time() {
     assert_eq!(late(&mut engine, 0, 0, 1000), State::Ok);
     assert_eq!(late(&mut engine, 0, 5000, 1100), State::Ok);
     assert_eq!([2999, 3001].map(|ms| at(&mut engine, ms)), [State::Ok, State::Unknown]);
+}
+
+const MONITORS: &str = "
+vehicle: { stages: none }
+groups:
+  - id: g
+    modules:
+      - { id: level, timeout: 2s, monitor: { value: { topic: /fuel, type: std_msgs/msg/Float64, field: data, error_below: 10 } } }
+      - { id: rate, monitor: { frequency: { topic: /fuel, type: std_msgs/msg/Float64, window: 1s, error_below: 3 } } }
+      - { id: key, timeout: 2s, monitor: { value: { status: m, key: volt, error_below: 10 } } }
+";
+
+#[test]
+fn values_rates_and_keys_of_late_messages_are_as_old_as_they_are() {
+    let model = model(MONITORS);
+    let mut engine = Engine::new(model.clone(), Timestamp::ZERO);
+    let source = model.watched.topics[0].clone();
+    let mut hear = |late_ms: u64, now_ms: u64| {
+        let (delay, values) = (Span::from_millis(late_ms), [FieldValue::Number(50.0)].into());
+        let source = source.clone();
+        let sample = Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, delay, values };
+        let Input::Diagnostics(mut array) = said(&[("m", 0)]) else { unreachable!("it is an array") };
+        array.push_value("volt", "12");
+        for input in [Input::Sample(sample), Input::Diagnostics(array.received_late(delay))] {
+            engine.handle(&input, Timestamp::from_millis(now_ms));
+        }
+        let snapshot = engine.snapshot();
+        ["level", "rate", "key"].map(|id| snapshot.shown(snapshot.node(&format!("g/{id}")).unwrap()).0)
+    };
+    let in_time: Vec<_> = (0..20).map(|at| hear(0, at * 200)).collect();
+    assert_eq!(in_time.last(), Some(&[State::Ok; 3]));
+    // The last ones of a node that has hung since 4 s; all come again at 10 s.
+    for at in 0..5 {
+        let states = hear(6000 - at * 200, 10_000 + at);
+        assert!(states.iter().all(|state| *state != State::Ok), "{states:?}");
+    }
 }

@@ -104,6 +104,7 @@ fn inputs() -> Vec<Input> {
         stamp_ns,
         received_wall_ns: Sample::NO_CLOCK,
         late: false,
+        delay: Span::ZERO,
         values: values.clone().into(),
     };
     let targets = [

@@ -43,6 +43,7 @@ fn hear(vehicle: &mut Vehicle, topic: &str, x_m: f64) {
         stamp_ns: None,
         received_wall_ns: 0,
         late: false,
+        delay: Span::ZERO,
         values,
     }));
 }

@@ -10,7 +10,7 @@ use super::model::sample::{Probe, PublisherReport, Sample};
 use super::model::{ModuleId, NodeId};
 use super::monitor::feeds::{Judgement, Purpose};
 use super::state::State;
-use super::time::Timestamp;
+use super::time::{Span, Timestamp};
 use super::timers::TimerKey;
 
 /// An input for monitors.
@@ -30,16 +30,16 @@ impl Engine {
             return false;
         }
         let mut judge = std::mem::take(&mut self.watching.judge);
-        let (mut sampled, mut heard) = (None, true);
+        let (mut sampled, mut heard) = (None, Some(Span::ZERO));
         let taken = match received {
             Received::Sample(sample) => {
                 self.counters.samples += 1;
                 let topic = self.watching.take_sample(sample, self.now, &mut judge);
-                sampled = topic.map(|topic| (topic, sample));
+                (sampled, heard) = (topic.map(|topic| (topic, sample)), Some(sample.delay));
                 topic.map(|_| ())
             }
             Received::Topic(news) => {
-                heard = false;
+                heard = None;
                 self.watching.take_news(news, self.now, &mut judge)
             }
             Received::Probe(probe) => self.watching.take_probe(probe, self.now, &mut judge),
@@ -62,16 +62,17 @@ impl Engine {
         let mut judge = std::mem::take(&mut self.watching.judge);
         let (names, held_back, limits) = (&self.names, &self.held_back, &self.model.limits);
         let counts = |name: &str| names.counts(name, number) && !held_back.contains(name);
-        self.watching.take_keys(array, counts, limits, self.now, &mut judge);
+        self.watching.take_keys(array, counts, limits, self.now - array.late(), &mut judge);
         for index in judge.drain(..) {
-            self.judge_monitor(index, true);
+            self.judge_monitor(index, Some(array.late()));
         }
         self.watching.judge = judge;
     }
 
-    /// Judges a monitor after an input (`heard`) or after time has passed. Returns whether that changed
-    /// anything.
-    pub(super) fn judge_monitor(&mut self, index: u32, heard: bool) -> bool {
+    /// Judges a monitor after an input, `late` if it came that much later than usual, or after time has passed.
+    /// Returns whether that changed anything.
+    pub(super) fn judge_monitor(&mut self, index: u32, late: Option<Span>) -> bool {
+        let heard = late.is_some();
         let id = match self.watching.watches[index as usize].purpose {
             Purpose::Module(id) => id,
             Purpose::Signal(signal) => return heard && self.judge_condition(index, signal),
@@ -86,12 +87,16 @@ impl Engine {
         if let Some(due) = due {
             self.timers.arm(TimerKey::Monitor(index), due);
         }
+        let before = self.net.modules[id.0 as usize].own.received();
         let moved = match state {
             Some(state) if heard => self.net.report(id, state, self.now),
             Some(state) if changed => self.net.revise(id, state, by_the_clock, self.now),
             None if changed => self.net.forget(id, self.now),
             Some(_) | None => false,
         };
+        if let Some(late) = late.filter(|late| !late.is_zero()) {
+            self.net.report_was_late(id, late, before, self.now);
+        }
         if moved {
             self.net.mark_module(id);
         }
@@ -109,7 +114,7 @@ impl Engine {
         for &id in &turned {
             let relevant = self.net.modules[id.0 as usize].node.facts.relevant;
             if let Some(index) = self.watching.turn(id, relevant, self.now) {
-                self.judge_monitor(index, false);
+                self.judge_monitor(index, None);
             }
         }
         !turned.is_empty()
@@ -135,7 +140,7 @@ impl Engine {
             begun = true;
             for (id, index) in recovered {
                 self.net.give_time(id, self.now);
-                self.judge_monitor(index, false);
+                self.judge_monitor(index, None);
             }
         }
         if begun {
@@ -152,7 +157,7 @@ impl Engine {
             // The counting module is a member itself.
             let found = members.saturating_sub(nested + 1) as u32;
             if self.watching.set_count(watch, found, self.now) {
-                changed |= self.judge_monitor(watch, false);
+                changed |= self.judge_monitor(watch, None);
             }
         }
         changed
@@ -161,7 +166,7 @@ impl Engine {
     /// Continues the monitors from before a reload, once their modules exist.
     pub(super) fn resume_monitors(&mut self) {
         for index in 0..self.watching.watches.len() as u32 {
-            self.judge_monitor(index, false);
+            self.judge_monitor(index, None);
         }
     }
 }

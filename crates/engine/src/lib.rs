@@ -288,7 +288,7 @@ impl Engine {
             }
             TimerKey::Motion | TimerKey::Shelves => {}
             TimerKey::Monitor(index) => {
-                self.judge_monitor(index, false);
+                self.judge_monitor(index, None);
             }
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);

@@ -258,11 +258,12 @@ impl Engine {
     /// Takes the speed, the position and the goal from a message. Returns whether that changed the motion.
     pub(super) fn take_motion(&mut self, topic: TopicId, sample: &Sample) -> bool {
         let driving = &self.model.driving;
-        // The age of a late speed is not known.
-        if let Some(source) = driving.speed.as_ref().filter(|it| it.value.topic == topic && !sample.late) {
+        // The age of a late speed is not known, and one from before a loss says nothing of now.
+        let is_timed = !sample.late && sample.delay.is_zero();
+        if let Some(source) = driving.speed.as_ref().filter(|it| it.value.topic == topic && is_timed) {
             self.motion.take_speed(source, &sample.values[source.value.field as usize], self.now);
         }
-        if let Some(source) = driving.position.filter(|it| it.value.topic == topic && !sample.late) {
+        if let Some(source) = driving.position.filter(|it| it.value.topic == topic && is_timed) {
             self.motion.take_position(&sample.values[source.value.field as usize], self.now);
         }
         if let Some(goal) = driving.goal.filter(|it| it.topic == topic) {

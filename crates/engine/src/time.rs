@@ -105,8 +105,17 @@ impl Span {
         self.0 as f64 / 1e9
     }
 
-    pub const fn is_zero(self) -> bool {
+    pub const fn is_zero(&self) -> bool {
         self.0 == 0
+    }
+}
+
+/// The start, at the earliest.
+impl Sub<Span> for Timestamp {
+    type Output = Timestamp;
+
+    fn sub(self, span: Span) -> Timestamp {
+        Timestamp::from_nanos(self.as_nanos().saturating_sub(span.0))
     }
 }
 
@@ -129,7 +138,7 @@ pub struct Since {
 impl Since {
     /// Something that has lasted for `age` at `now`.
     pub fn of_age(age: Span, now: Timestamp) -> Since {
-        let at = Timestamp::from_nanos(now.as_nanos().saturating_sub(age.as_nanos()));
+        let at = now - age;
         Since { at, before: age - now.since(at) }
     }
 

@@ -8,7 +8,7 @@ use telltale_engine::discovery::{Discovery, Endpoint, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
 use telltale_engine::model::monitors::TopicSpec;
 use telltale_engine::model::sample::Sample;
-use telltale_engine::time::Timestamp;
+use telltale_engine::time::{Span, Timestamp};
 
 const END: Timestamp = Timestamp::from_millis(10_000);
 const SCAN: &str = "sensor_msgs/msg/LaserScan";
@@ -52,7 +52,14 @@ impl Robot {
             let received_wall_ns = 1_700_000_000_000_000_000;
             let stamp_ns = Some(received_wall_ns - 20_000_000);
             let values = Box::default();
-            let sample = Sample { source: source.clone(), stamp_ns, received_wall_ns, late: false, values };
+            let sample = Sample {
+                source: source.clone(),
+                stamp_ns,
+                received_wall_ns,
+                late: false,
+                delay: Span::ZERO,
+                values,
+            };
             self.seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
         }
         self.node(node)

@@ -360,8 +360,7 @@ impl State {
     }
 
     fn open(&mut self, open: Open) {
-        let before =
-            |span: Span| Timestamp::from_nanos(open.since.as_nanos().saturating_sub(span.as_nanos()));
+        let before = |span: Span| open.since - span;
         let margins = self.settings.margins;
         let found = self.ring.keyframe_before(before(self.settings.past()));
         let Some((begin, at)) = found.filter(|_| self.jobs.len() < WAITING_MAX) else {

@@ -181,6 +181,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             stamp_ns: None,
             received_wall_ns: 0,
             late: false,
+            delay: Span::ZERO,
             values: [].into(),
         }),
         _ => {
@@ -194,7 +195,14 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             let values = [number, pose(choices), positions(choices), content, transforms(choices, wall)];
             let stamp_ns = (!choices.one_in(8)).then_some(wall - age_ms * 1_000_000);
             let values = values.into();
-            Input::Sample(Sample { source, stamp_ns, received_wall_ns: wall, late: false, values })
+            Input::Sample(Sample {
+                source,
+                stamp_ns,
+                received_wall_ns: wall,
+                late: false,
+                delay: Span::ZERO,
+                values,
+            })
         }
     }
 }

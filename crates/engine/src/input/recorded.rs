@@ -10,7 +10,7 @@ pub(super) struct StatusArray {
     writer: WriterId,
     statuses: Vec<Status>,
     /// How much later than usual it was received, in nanoseconds.
-    #[serde(default, skip_serializing_if = "is_zero")]
+    #[serde(default, skip_serializing_if = "Span::is_zero")]
     late_ns: Span,
 }
 
@@ -48,8 +48,4 @@ impl From<StatusArray> for super::StatusArray {
         }
         array
     }
-}
-
-fn is_zero(late: &Span) -> bool {
-    late.is_zero()
 }

@@ -23,6 +23,9 @@ pub struct Sample {
     /// It was published before Telltale listened, and arrived later: its value holds, but it is neither counted
     /// nor timed.
     pub late: bool,
+    /// How much later than usual it was received: it was lost at first, or waited. It counts from when it should have come.
+    #[serde(rename = "late_ns", default, skip_serializing_if = "Span::is_zero")]
+    pub delay: Span,
     /// By position in [`TopicSpec::fields`].
     pub values: Box<[FieldValue]>,
 }

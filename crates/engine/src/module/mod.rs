@@ -112,8 +112,7 @@ impl OwnState {
         now: Timestamp,
     ) {
         if self.received == Some(now) {
-            let late = late.min(policy.timeout).as_nanos();
-            self.received = before.max(Some(Timestamp::from_nanos(now.as_nanos().saturating_sub(late))));
+            self.received = before.max(Some(now - late.min(policy.timeout)));
         }
     }
 

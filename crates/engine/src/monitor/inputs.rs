@@ -93,15 +93,16 @@ impl Inputs {
         Ok(())
     }
 
-    /// Returns whether the value changed.
-    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, now: Timestamp) -> bool {
+    /// Returns whether the value changed. One that came late takes no time from the one before.
+    pub(super) fn take(&mut self, slot: usize, value: &FieldValue, at: Timestamp) -> bool {
+        let at = self.latest[slot].as_ref().map_or(at, |(before, _)| at.max(*before));
         match &mut self.latest[slot] {
             Some((received, known)) if known == value => {
-                *received = now;
+                *received = at;
                 false
             }
             known => {
-                *known = Some((now, value.clone()));
+                *known = Some((at, value.clone()));
                 true
             }
         }

@@ -134,7 +134,9 @@ impl MonitorKind for Tf {
         self.links.iter().all(|link| link.moving.is_none_or(|moving| moving.is_new))
     }
 
-    fn take_field(&mut self, slot: usize, value: &FieldValue, sample: &Sample, now: Timestamp) {
+    fn take_field(&mut self, slot: usize, value: &FieldValue, sample: &Sample, at: Timestamp) {
+        // Its age is that of its stamp.
+        let now = at + sample.delay;
         let (link, fixed) = (&mut self.links[slot / 2], slot % 2 == 1);
         match value {
             FieldValue::Transforms(list) => {

@@ -74,8 +74,9 @@ impl Window {
         self.high.clear();
     }
 
-    /// Takes a message with a value; a monitor that only counts gives 0.
-    pub(super) fn push(&mut self, value: f64, now: Timestamp) {
+    /// Takes a message with a value; a monitor that only counts gives 0. One that came late counts after those before it.
+    pub(super) fn push(&mut self, value: f64, at: Timestamp) {
+        let now = self.buckets.back().map_or(at, |last| at.max(last.start));
         self.advance(now);
         let width = Span::from_nanos(self.span.as_nanos() / BUCKETS);
         let start = match self.buckets.back_mut() {

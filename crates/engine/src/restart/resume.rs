@@ -231,7 +231,7 @@ impl Engine {
             }
         }
         let alarm = |it: &RestoredAlarm| {
-            let raised = Timestamp::from_nanos(self.now.as_nanos().saturating_sub(it.age.as_nanos()));
+            let raised = self.now - it.age;
             let RestoredAlarm { id, acknowledged, active, asked, .. } = *it;
             let ended = Some(self.now).filter(|_| !active);
             Some(Alarm {

@@ -421,6 +421,7 @@ impl WatchedFields {
             stamp_ns: reading.stamp_ns,
             received_wall_ns: received.wall_ns,
             late: received.when != PublicationTime::Now,
+            delay: Span::ZERO,
             values: reading.values,
         }
     }
@@ -428,7 +429,14 @@ impl WatchedFields {
     /// The sample of a message that only shows that it came.
     fn past(&self, received_wall_ns: i64) -> Sample {
         let values = vec![FieldValue::Absent; self.spec.fields.len()].into();
-        Sample { source: self.spec.clone(), stamp_ns: None, received_wall_ns, late: true, values }
+        Sample {
+            source: self.spec.clone(),
+            stamp_ns: None,
+            received_wall_ns,
+            late: true,
+            delay: Span::ZERO,
+            values,
+        }
     }
 }
 

@@ -346,8 +346,10 @@ impl Topic {
         let (mut inputs, wrong) = self.subscription.decode_by(received_message, &self.around.ros_clock);
         if !late.is_zero() {
             for input in &mut inputs {
-                if let Input::Diagnostics(array) = input {
-                    *array = std::mem::take(array).received_late(late);
+                match input {
+                    Input::Diagnostics(array) => *array = std::mem::take(array).received_late(late),
+                    Input::Sample(sample) => sample.delay = late,
+                    _ => {}
                 }
             }
         }

@@ -13,7 +13,7 @@ use crate::engine::input::Input;
 use crate::engine::model::monitors::{ProbeTarget, TopicSpec, WatchdogSpec};
 use crate::engine::model::sample::{Pose, Probe, PublisherReport, Sample};
 use crate::engine::model::{Limits, Model};
-use crate::engine::time::Timestamp;
+use crate::engine::time::{Span, Timestamp};
 use crate::msg::cdr::Endian;
 use crate::msg::fields::{BooleanReader, Definitions, Reader};
 use crate::msg::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
@@ -136,6 +136,7 @@ impl Ears {
                 stamp_ns: reading.stamp_ns,
                 received_wall_ns,
                 late: false,
+                delay: Span::ZERO,
                 values: reading.values,
             };
             inputs.push(Input::Sample(sample));

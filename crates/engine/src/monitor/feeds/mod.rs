@@ -265,7 +265,7 @@ impl Watching {
         judge: &mut Vec<u32>,
     ) -> Option<TopicId> {
         let id = self.topic(&sample.source)?;
-        let topic = &mut self.topics[id.0 as usize];
+        let (topic, at) = (&mut self.topics[id.0 as usize], now - sample.delay);
         if sample.values.len() != topic.spec.fields.len() {
             return None;
         }
@@ -283,13 +283,13 @@ impl Watching {
                 }
                 None => {
                     watch.found(slot, now);
-                    watch.monitor.take_message(slot, sample, now);
+                    watch.monitor.take_message(slot, sample, at);
                 }
                 Some(FieldValue::Absent) if !is_found => continue,
                 Some(FieldValue::Absent) => {}
                 Some(value) => {
                     watch.found(slot, now);
-                    watch.monitor.take_field(slot, value, sample, now);
+                    watch.monitor.take_field(slot, value, sample, at);
                 }
             }
             watch.pending = true;

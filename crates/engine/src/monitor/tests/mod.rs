@@ -115,7 +115,14 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     let none = || FieldValue::Unreadable("the message ends early".into());
     let whole = |topic: usize, stamp_ns, values: [FieldValue; 3]| {
         let source = watched.topics[topic].clone();
-        Input::Sample(Sample { source, stamp_ns, received_wall_ns, late: false, values: values.into() })
+        Input::Sample(Sample {
+            source,
+            stamp_ns,
+            received_wall_ns,
+            late: false,
+            delay: Span::ZERO,
+            values: values.into(),
+        })
     };
     let sample = |topic: usize, stamp_ns, [number, pose]: [FieldValue; 2]| {
         whole(topic, stamp_ns, [number, pose, none()])
@@ -137,7 +144,7 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
         Do::Late(age_ms) => {
             let Input::Sample(old) = input(watched, at_ms, &Do::Age(age_ms)) else { unreachable!() };
             let values = [FieldValue::Number(1.0), none(), none()].into();
-            Input::Sample(Sample { late: true, values, ..old })
+            Input::Sample(Sample { late: true, delay: Span::ZERO, values, ..old })
         }
         Do::Stamp(stamp) => sample(0, stamp, [none(), none()]),
         Do::NoClock => {
