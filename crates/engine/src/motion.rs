@@ -303,11 +303,10 @@ impl Engine {
 
     /// Whether a vehicle that just said that it drives no more is between stops, because its mission component has
     /// started again: it is faster than one that arrives, or stood before for as long as an arrival takes, or nothing
-    /// is known of that, or it contradicted itself a moment ago; or it is held, and its position shows no stop. Without a
+    /// is known of that, or it contradicted itself a moment ago, or its position shows no stop. Without a
     /// speed nothing else tells a restart from an arrival.
     pub(super) fn is_between_stops(&self) -> bool {
-        let is_held = self.countermeasures.moving().next().is_some();
-        if self.signals.drive.is_no_arrival() || is_held && self.is_seen_at_a_stop() == Some(false) {
+        if self.signals.drive.is_no_arrival() || self.is_seen_at_a_stop() == Some(false) {
             return true;
         }
         self.model.driving.speed.is_some() && (self.has_stood() || self.may_roll_fast())
