@@ -90,3 +90,16 @@ fn values_rates_and_keys_of_late_messages_are_as_old_as_they_are() {
         assert!(states.iter().all(|state| *state != State::Ok), "{states:?}");
     }
 }
+
+#[test]
+fn a_late_report_gives_a_silence_no_time_to_rise_again() {
+    let config = CONFIG.replace("timeout: 2s", "timeout: 2s, stale: error, raise_after: 3s");
+    let mut engine = Engine::new(model(&config), Timestamp::ZERO);
+    late(&mut engine, 0, 0, 0);
+    assert_eq!(at(&mut engine, 6000), State::Error);
+    assert_eq!(late(&mut engine, 0, 5000, 8000), State::Error);
+    assert_eq!([8100, 12_000].map(|ms| at(&mut engine, ms)), [State::Error; 2]);
+    // The first one that is heard at all.
+    let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+    assert_eq!(late(&mut engine, 0, 5000, 10_000), State::Unknown);
+}

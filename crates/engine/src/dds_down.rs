@@ -42,7 +42,7 @@ impl Engine {
                 && self.watching.hears_dds(id)
             {
                 self.watching.begin_anew(index, self.now + DISCOVERY, self.now);
-                self.judge_monitor(index, None);
+                self.judge_monitor(index, false);
             }
         }
     }

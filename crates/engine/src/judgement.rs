@@ -30,16 +30,17 @@ impl Engine {
             return false;
         }
         let mut judge = std::mem::take(&mut self.watching.judge);
-        let (mut sampled, mut heard) = (None, Some(Span::ZERO));
+        let (mut sampled, mut heard) = (None, true);
         let taken = match received {
             Received::Sample(sample) => {
                 self.counters.samples += 1;
                 let topic = self.watching.take_sample(sample, self.now, &mut judge);
-                (sampled, heard) = (topic.map(|topic| (topic, sample)), Some(sample.delay));
+                sampled = topic.map(|topic| (topic, sample));
+                self.net.late = sample.delay;
                 topic.map(|_| ())
             }
             Received::Topic(news) => {
-                heard = None;
+                heard = false;
                 self.watching.take_news(news, self.now, &mut judge)
             }
             Received::Probe(probe) => self.watching.take_probe(probe, self.now, &mut judge),
@@ -49,6 +50,7 @@ impl Engine {
         for &index in &judge {
             changed |= self.judge_monitor(index, heard);
         }
+        self.net.late = Span::ZERO;
         if let Some((topic, sample)) = sampled {
             changed |= self.take_motion(topic, sample);
         }
@@ -64,15 +66,14 @@ impl Engine {
         let counts = |name: &str| names.counts(name, number) && !held_back.contains(name);
         self.watching.take_keys(array, counts, limits, self.now - array.late(), &mut judge);
         for index in judge.drain(..) {
-            self.judge_monitor(index, Some(array.late()));
+            self.judge_monitor(index, true);
         }
         self.watching.judge = judge;
     }
 
-    /// Judges a monitor after an input, `late` if it came that much later than usual, or after time has passed.
-    /// Returns whether that changed anything.
-    pub(super) fn judge_monitor(&mut self, index: u32, late: Option<Span>) -> bool {
-        let heard = late.is_some();
+    /// Judges a monitor after an input (`heard`) or after time has passed. Returns whether that changed
+    /// anything.
+    pub(super) fn judge_monitor(&mut self, index: u32, heard: bool) -> bool {
         let id = match self.watching.watches[index as usize].purpose {
             Purpose::Module(id) => id,
             Purpose::Signal(signal) => return heard && self.judge_condition(index, signal),
@@ -87,16 +88,12 @@ impl Engine {
         if let Some(due) = due {
             self.timers.arm(TimerKey::Monitor(index), due);
         }
-        let before = self.net.modules[id.0 as usize].own.received();
         let moved = match state {
             Some(state) if heard => self.net.report(id, state, self.now),
             Some(state) if changed => self.net.revise(id, state, by_the_clock, self.now),
             None if changed => self.net.forget(id, self.now),
             Some(_) | None => false,
         };
-        if let Some(late) = late.filter(|late| !late.is_zero()) {
-            self.net.report_was_late(id, late, before, self.now);
-        }
         if moved {
             self.net.mark_module(id);
         }
@@ -114,7 +111,7 @@ impl Engine {
         for &id in &turned {
             let relevant = self.net.modules[id.0 as usize].node.facts.relevant;
             if let Some(index) = self.watching.turn(id, relevant, self.now) {
-                self.judge_monitor(index, None);
+                self.judge_monitor(index, false);
             }
         }
         !turned.is_empty()
@@ -140,7 +137,7 @@ impl Engine {
             begun = true;
             for (id, index) in recovered {
                 self.net.give_time(id, self.now);
-                self.judge_monitor(index, None);
+                self.judge_monitor(index, false);
             }
         }
         if begun {
@@ -157,7 +154,7 @@ impl Engine {
             // The counting module is a member itself.
             let found = members.saturating_sub(nested + 1) as u32;
             if self.watching.set_count(watch, found, self.now) {
-                changed |= self.judge_monitor(watch, None);
+                changed |= self.judge_monitor(watch, false);
             }
         }
         changed
@@ -166,7 +163,7 @@ impl Engine {
     /// Continues the monitors from before a reload, once their modules exist.
     pub(super) fn resume_monitors(&mut self) {
         for index in 0..self.watching.watches.len() as u32 {
-            self.judge_monitor(index, None);
+            self.judge_monitor(index, false);
         }
     }
 }

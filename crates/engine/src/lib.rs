@@ -63,7 +63,7 @@ use stage::advance::{VehicleFaults, localization_group};
 use stage::machine::Vehicle;
 use state::State;
 use text::Text;
-use time::Timestamp;
+use time::{Span, Timestamp};
 use timers::{TimerKey, Timers};
 use view::views::Views;
 
@@ -180,7 +180,11 @@ impl Engine {
         self.advance(now);
         let mut response = Response::Done;
         match input {
-            Input::Diagnostics(array) => self.take_array(array),
+            Input::Diagnostics(array) => {
+                self.net.late = array.late();
+                self.take_array(array);
+                self.net.late = Span::ZERO;
+            }
             Input::Writers(list) => self.take_writers(list),
             Input::Signal { name, value } => self.take_signal(name, *value),
             Input::Reception(trouble) => self.take_trouble(trouble),
@@ -288,7 +292,7 @@ impl Engine {
             }
             TimerKey::Motion | TimerKey::Shelves => {}
             TimerKey::Monitor(index) => {
-                self.judge_monitor(index, None);
+                self.judge_monitor(index, false);
             }
             TimerKey::Signal(index) => {
                 let changed = self.signals.refresh(index as usize, self.now);
@@ -327,29 +331,18 @@ impl Engine {
             let route = &self.names.routes[index as usize];
             let status = array.get(route.position as usize);
             let report = WriterReport { writer: array.writer(), state: status.state(), at: self.now };
-            let before = if array.late().is_zero() { Vec::new() } else { self.received_by(index) };
             if self.restricts(index) || !self.names.routes[index as usize].writer_reports.take_alone(report) {
                 self.take_disputed(index, status, report, number);
-            } else {
-                let mut position = 0;
-                while let Some(module) = self.names.routes[index as usize].module(position) {
-                    self.take_status(module, status, report.writer);
-                    position += 1;
-                }
+                continue;
             }
-            for (module, before) in before {
-                self.net.report_was_late(module, array.late(), before, self.now);
+            let mut position = 0;
+            while let Some(module) = self.names.routes[index as usize].module(position) {
+                self.take_status(module, status, report.writer);
+                position += 1;
             }
         }
         self.touched = touched;
         self.take_keys(array, number);
-    }
-
-    /// The modules of a name, and when each was heard last.
-    fn received_by(&self, route: u32) -> Vec<(ModuleId, Option<Timestamp>)> {
-        let route = &self.names.routes[route as usize];
-        let modules = (0..).map_while(|position| route.module(position));
-        modules.map(|id| (id, self.net.modules[id.0 as usize].own.received())).collect()
     }
 
     /// Whether a known name may feed further modules, or is to be held against someone.

@@ -65,6 +65,7 @@ impl Net {
             rearm: _,
             blocked_errors: _,
             beginnings: _,
+            late: _,
         } = self;
         let (fixed, made) = modules.split_at(self.fixed());
         KeptNet {

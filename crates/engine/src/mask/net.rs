@@ -73,6 +73,8 @@ pub(crate) struct Net {
     pub(crate) blocked_errors: BTreeSet<ModuleId>,
     /// Beginnings of causes that are known in this evaluation.
     pub(super) beginnings: Beginnings,
+    /// How much later than usual the input came that is taken now: its reports count from when it should have come.
+    pub(crate) late: Span,
 }
 
 impl Net {
@@ -99,6 +101,7 @@ impl Net {
             rearm: Vec::new(),
             blocked_errors: BTreeSet::new(),
             beginnings: Beginnings::default(),
+            late: Span::ZERO,
             model: model.clone(),
         };
         for group in &model.groups {
@@ -120,26 +123,12 @@ impl Net {
     /// Takes a report of a module. Returns whether its own state may have changed.
     pub(crate) fn report(&mut self, id: ModuleId, state: State, now: Timestamp) -> bool {
         let state = self.counted(id, state);
-        if self.modules[id.0 as usize].own.repeats(state, now) {
+        if self.modules[id.0 as usize].own.repeats(state, self.late, now) {
             return false;
         }
         let policy = self.policy(id).clone();
-        self.modules[id.0 as usize].own.report(state, &policy, now);
+        self.modules[id.0 as usize].own.report(state, &policy, self.late, now);
         true
-    }
-
-    /// The report that was taken just now came so late. It counts from when it should have come: one that is older than
-    /// the timeout ends no silence.
-    pub(crate) fn report_was_late(
-        &mut self,
-        id: ModuleId,
-        late: Span,
-        before: Option<Timestamp>,
-        now: Timestamp,
-    ) {
-        let policy = self.policy(id).clone();
-        self.modules[id.0 as usize].own.backdate(&policy, late, before, now);
-        self.mark_module(id);
     }
 
     /// The state as which a report of the module counts.

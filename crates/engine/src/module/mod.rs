@@ -81,39 +81,29 @@ impl OwnState {
 
     /// Whether a report repeats the last one of a module that is not silent: then only its age changes. All
     /// other reports are for [`OwnState::report`].
-    pub(super) fn repeats(&mut self, state: State, now: Timestamp) -> bool {
+    pub(super) fn repeats(&mut self, state: State, late: Span, now: Timestamp) -> bool {
         let repeats = self.reported == Some(state) && self.heard() && !self.cut_off;
         if repeats {
-            self.received = Some(now);
+            self.received = self.received.max(Some(now - late));
         }
         repeats
     }
 
-    /// Takes a report that is not a repetition.
-    pub(super) fn report(&mut self, state: State, policy: &Policy, now: Timestamp) {
+    /// Takes a report that is not a repetition. One that came so late that the timeout is over ends no silence.
+    pub(super) fn report(&mut self, state: State, policy: &Policy, late: Span, now: Timestamp) {
         self.cut_off = false;
-        self.received = Some(now);
-        if let Some(mut repeated) = self.repeated.take() {
-            repeated.step(policy, now);
-            self.debounce = *repeated;
+        let at = self.received.max(Some(now - late.min(policy.timeout))).unwrap_or(now);
+        (self.reported, self.received, self.silent) = (Some(state), Some(at), now >= at + policy.timeout);
+        if self.silent {
+            self.debounce.take(state.max(policy.stale), policy, now);
+        } else {
+            if let Some(mut repeated) = self.repeated.take() {
+                repeated.step(policy, now);
+                self.debounce = *repeated;
+            }
+            self.debounce.take(state, policy, now);
         }
-        self.reported = Some(state);
-        self.silent = false;
-        self.debounce.take(state, policy, now);
         self.judge(policy, now);
-    }
-
-    /// Its report came later than it should have, and `before` was the last one: the silence counts from then.
-    pub(super) fn backdate(
-        &mut self,
-        policy: &Policy,
-        late: Span,
-        before: Option<Timestamp>,
-        now: Timestamp,
-    ) {
-        if self.received == Some(now) {
-            self.received = before.max(Some(now - late.min(policy.timeout)));
-        }
     }
 
     /// Takes a new judgement of the received values, by time or by discovery: it ends no silence. By the clock

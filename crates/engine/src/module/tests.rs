@@ -16,7 +16,7 @@ fn check(policy: &Policy, reports: &[(u64, State)], expect: &[(u64, State)]) {
     for &(at, state) in expect {
         while let Some(&&(when, report)) = reports.peek().filter(|(when, _)| *when <= at) {
             module.advance(policy, Timestamp::from_millis(when));
-            module.report(report, policy, Timestamp::from_millis(when));
+            module.report(report, policy, Span::ZERO, Timestamp::from_millis(when));
             reports.next();
         }
         let now = Timestamp::from_millis(at);
@@ -48,7 +48,7 @@ fn never_heard_is_unknown_for_one_timeout_then_stale() {
 fn a_silent_module_has_grace_each_time_it_becomes_relevant() {
     let policy = Policy { stale: Error, ..policy() };
     let mut module = OwnState::new(false, Timestamp::ZERO);
-    module.report(Ok, &policy, at(0));
+    module.report(Ok, &policy, Span::ZERO, at(0));
     module.advance(&policy, at(5000));
     assert_eq!(module.state(&policy), Unknown, "while it is not relevant");
     module.set_relevant(true, &policy, at(5000));
@@ -79,13 +79,13 @@ fn an_error_that_lasted_is_latched_until_reset() {
     let policy = Policy { latch: Some(Span::from_millis(100)), ..policy() };
     let mut module = OwnState::new(false, Timestamp::ZERO);
     module.set_relevant(true, &policy, at(0));
-    module.report(Error, &policy, at(0));
+    module.report(Error, &policy, Span::ZERO, at(0));
     module.advance(&policy, at(99));
     assert!(!module.latched());
     module.advance(&policy, at(100));
     module.reset(&policy);
     assert!(module.latched() && module.is_in_error(&policy));
-    module.report(Ok, &policy, at(150));
+    module.report(Ok, &policy, Span::ZERO, at(150));
     module.advance(&policy, at(150));
     assert_eq!(module.state(&policy), Error);
     module.reset(&policy);
@@ -102,8 +102,8 @@ fn deadlines_are_met_whatever_the_steps() {
         ..policy()
     };
     let mut jumping = OwnState::new(false, Timestamp::ZERO);
-    jumping.report(Ok, &policy, Timestamp::ZERO);
-    jumping.report(Error, &policy, Timestamp::from_millis(10));
+    jumping.report(Ok, &policy, Span::ZERO, Timestamp::ZERO);
+    jumping.report(Error, &policy, Span::ZERO, Timestamp::from_millis(10));
     let mut stepping = jumping.clone();
     let end = Timestamp::from_millis(3000);
     let mut now = Timestamp::from_millis(10);
@@ -128,7 +128,7 @@ const fn at(millis: u64) -> Timestamp {
 fn a_silence_latches_only_once_its_grace_is_over() {
     let policy = silent_error();
     let mut module = OwnState::new(false, Timestamp::ZERO);
-    module.report(Ok, &policy, at(0));
+    module.report(Ok, &policy, Span::ZERO, at(0));
     module.advance(&policy, at(9000));
     assert_eq!((module.latched(), module.state(&policy)), (false, Unknown), "not relevant");
     module.set_relevant(true, &policy, at(9000));
@@ -137,7 +137,7 @@ fn a_silence_latches_only_once_its_grace_is_over() {
     assert_eq!((module.latched(), module.state(&policy)), (false, Error));
     assert_eq!(module.due(&policy, at(10_000)), Some(at(10_500)));
     let mut heard = module.clone();
-    heard.report(Ok, &policy, at(10_400));
+    heard.report(Ok, &policy, Span::ZERO, at(10_400));
     heard.advance(&policy, at(20_000));
     heard.set_relevant(false, &policy, at(20_000));
     assert_eq!((heard.latched(), heard.state(&policy)), (true, Error), "silent again, and out of its grace");
@@ -145,7 +145,7 @@ fn a_silence_latches_only_once_its_grace_is_over() {
     assert!(module.latched());
     // In one leap it comes to the same.
     let mut leaping = OwnState::new(false, Timestamp::ZERO);
-    leaping.report(Ok, &policy, at(0));
+    leaping.report(Ok, &policy, Span::ZERO, at(0));
     leaping.set_relevant(true, &policy, at(9000));
     leaping.advance(&policy, at(10_499));
     assert!(!leaping.latched());
@@ -157,23 +157,23 @@ fn a_silence_latches_only_once_its_grace_is_over() {
 fn an_error_that_is_heard_latches_relevant_or_not_and_in_the_instant_in_which_it_ends() {
     let policy = silent_error();
     let mut module = OwnState::new(false, Timestamp::ZERO);
-    module.report(Error, &policy, at(0));
+    module.report(Error, &policy, Span::ZERO, at(0));
     let mut short = module.clone();
     module.advance(&policy, at(500));
     assert!(module.latched());
     short.advance(&policy, at(499));
-    short.report(Ok, &policy, at(499));
+    short.report(Ok, &policy, Span::ZERO, at(499));
     short.advance(&policy, at(5000));
     assert!(!short.latched());
     // It becomes irrelevant, or silent in its grace, in the instant in which it has lasted long enough.
     let lasting = Policy { latch: Some(Span::from_secs(1)), ..policy };
     let mut module = OwnState::new(false, Timestamp::ZERO);
-    module.report(Error, &lasting, at(0));
+    module.report(Error, &lasting, Span::ZERO, at(0));
     module.advance(&lasting, at(1000));
     assert!(module.latched() && module.silent());
     let longer = Policy { latch: Some(Span::from_millis(1001)), ..lasting };
     let mut module = OwnState::new(false, Timestamp::ZERO);
-    module.report(Error, &longer, at(0));
+    module.report(Error, &longer, Span::ZERO, at(0));
     module.advance(&longer, at(9000));
     assert!(!module.latched(), "then its silence is in its grace");
 }
@@ -185,7 +185,7 @@ fn what_never_reported_does_not_latch_and_a_reset_judges_after_the_grace() {
     module.set_relevant(true, &policy, at(0));
     module.advance(&policy, at(60_000));
     assert_eq!((module.latched(), module.state(&policy)), (false, Error));
-    module.report(Error, &policy, at(60_000));
+    module.report(Error, &policy, Span::ZERO, at(60_000));
     module.advance(&policy, at(61_500));
     assert!(module.latched() && module.is_in_error(&policy), "a silence out of its grace refuses it");
     module.reset(&policy);
@@ -205,7 +205,7 @@ fn what_is_silent_for_too_long_is_as_if_it_had_never_reported() {
     let latching = Policy { latch: Some(Span::from_secs(1)), ..policy.clone() };
     check(&latching, &[(0, Error)], &[(9000, Error)]);
     let mut module = OwnState::new(false, Timestamp::ZERO);
-    module.report(Error, &policy, at(0));
+    module.report(Error, &policy, Span::ZERO, at(0));
     module.advance(&policy, at(2000));
     assert_eq!(module.due(&policy, at(2000)), Some(at(5000)));
     assert!(!module.lapsed(&policy, at(60_000)), "it is declared");
@@ -218,17 +218,17 @@ fn a_silence_in_its_grace_holds_nothing_up() {
     let policy = Policy { stale: Error, clear_after: Span::from_millis(500), ..policy() };
     let at = Timestamp::from_millis;
     let mut module = OwnState::new(false, Timestamp::ZERO);
-    module.report(Ok, &policy, at(0));
+    module.report(Ok, &policy, Span::ZERO, at(0));
     for ms in [3000, 4000] {
         module.advance(&policy, at(ms));
     }
     module.set_relevant(true, &policy, at(4000));
-    module.report(Ok, &policy, at(4100));
+    module.report(Ok, &policy, Span::ZERO, at(4100));
     assert_eq!(module.state(&policy), Ok);
     // A silence that counted does.
     module.advance(&policy, at(6200));
     assert_eq!(module.state(&policy), Error);
-    module.report(Ok, &policy, at(6300));
+    module.report(Ok, &policy, Span::ZERO, at(6300));
     assert_eq!(module.state(&policy), Error);
     module.advance(&policy, at(6800));
     assert_eq!(module.state(&policy), Ok);
@@ -251,8 +251,8 @@ fn a_silence_in_its_grace_is_as_if_the_last_report_had_been_repeated() {
             now = now + Span::from_millis(steps * 600);
             for (it, policy) in [(&mut module, &silent), (&mut repeating, &heard)] {
                 it.advance(policy, now);
-                if !it.repeats(report, now) {
-                    it.report(report, policy, now);
+                if !it.repeats(report, Span::ZERO, now) {
+                    it.report(report, policy, Span::ZERO, now);
                 }
             }
             prop_assert_eq!(module.state(&silent), repeating.state(&heard), "at {:?}", now);
@@ -265,13 +265,13 @@ fn what_counted_of_a_silence_leaves_its_trace() {
     let policy = Policy { stale: Error, clear_after: Span::from_secs(3), ..policy() };
     let mut module = OwnState::new(false, Timestamp::ZERO);
     module.set_relevant(true, &policy, at(0));
-    module.report(Ok, &policy, at(0));
+    module.report(Ok, &policy, Span::ZERO, at(0));
     module.advance(&policy, at(4000));
     assert_eq!(module.state(&policy), Error, "silent out of its grace");
     // From now on it is excused, and counts as repeating its OK.
     module.set_relevant(false, &policy, at(4000));
     module.advance(&policy, at(6000));
-    module.report(Ok, &policy, at(6000));
+    module.report(Ok, &policy, Span::ZERO, at(6000));
     assert_eq!(module.state(&policy), Error);
     module.advance(&policy, at(7000));
     assert_eq!(module.state(&policy), Ok, "three seconds after it last counted");
