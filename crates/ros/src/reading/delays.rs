@@ -10,9 +10,13 @@ use telltale_msg::sample_bytes::Guid;
 const WRITERS_MAX: usize = 1024;
 /// A message comes as usual if it takes no longer than this beyond the fastest one.
 const USUAL_NS: i128 = 1_000_000_000;
-/// Clocks that are not set run apart by less than one part in so many: chrony slews by at most a twelfth.
-const DRIFT: i128 = 10;
-/// If all messages of this time come late, that is usual from then on: the writer's clock was set, or the way is longer.
+/// A clock that is slewed runs apart by less than one part in so many (chrony: a twelfth), by up to this time in all.
+const SLEW: i128 = 10;
+const SLEWED_NS: i128 = 10_000_000_000;
+/// Another one by less than one part in so many.
+const DRIFT: i128 = 1000;
+/// If all messages of this time come late, and alike, that is usual from then on: the writer's clock was set, or the way is
+/// longer. A backlog comes late by less and less, or more and more.
 const ACCEPTED_NS: i128 = 30_000_000_000;
 
 /// The delays of one topic's writers.
@@ -24,13 +28,15 @@ pub struct Delays {
 /// Times are nanoseconds. An offset is the difference of our clock, which is never set, from the writer's.
 #[derive(Debug, Clone, Copy)]
 struct Delay {
-    /// The offset of the fastest message, and when it came.
+    /// The offset of the fastest message of late, and when it came.
     least: i128,
     at: i128,
+    /// The same, of long.
+    fastest: (i128, i128),
     /// When the last one was published.
     source: i128,
-    /// Since when all of them come late, and the offset of the fastest of these.
-    late: Option<(i128, i128)>,
+    /// Since when all of them come late and alike, with the least and the largest offset.
+    late: Option<(i128, i128, i128)>,
 }
 
 impl Delays {
@@ -45,13 +51,17 @@ impl Delays {
             let oldest = self.writers.iter().min_by_key(|(_, delay)| delay.at).map(|(guid, _)| *guid);
             oldest.map(|guid| self.writers.remove(&guid));
         }
-        let first = Delay { least: now - source, at: now, source, late: None };
+        let first = Delay::of(now - source, now, source);
         let late = self.writers.entry(*writer).or_insert(first).take(source, now);
         Span::from_nanos(u64::try_from(late).unwrap_or(u64::MAX))
     }
 }
 
 impl Delay {
+    fn of(offset: i128, now: i128, source: i128) -> Delay {
+        Delay { least: offset, at: now, fastest: (offset, now), source, late: None }
+    }
+
     fn take(&mut self, source: i128, now: i128) -> i128 {
         // A stamp that stays the same is none.
         if source == self.source {
@@ -60,19 +70,30 @@ impl Delay {
         let offset = now - source;
         // Its clock was set back: messages of one writer come in order.
         let is_set = source < std::mem::replace(&mut self.source, source);
-        let usual = self.least + (now - self.at) / DRIFT;
-        if is_set || offset <= usual + USUAL_NS {
-            if is_set || offset <= usual {
+        if is_set {
+            *self = Delay::of(offset, now, source);
+            return 0;
+        }
+        let drifted = self.fastest.0 + (now - self.fastest.1) / DRIFT;
+        if offset <= drifted {
+            self.fastest = (offset, now);
+        }
+        let usual = (self.least + (now - self.at) / SLEW).min(drifted + SLEWED_NS);
+        if offset <= usual + USUAL_NS {
+            if offset <= usual {
                 (self.least, self.at) = (offset, now);
             }
             self.late = None;
             return 0;
         }
-        let (since, least) = self.late.unwrap_or((now, offset));
-        let least = least.min(offset);
-        self.late = Some((since, least));
-        if now - since >= ACCEPTED_NS {
-            (self.least, self.at, self.late) = (least, now, None);
+        let (since, least, most) = self.late.unwrap_or((now, offset, offset));
+        let (least, most) = (least.min(offset), most.max(offset));
+        if most - least > USUAL_NS {
+            self.late = Some((now, offset, offset));
+        } else if now - since >= ACCEPTED_NS {
+            *self = Delay::of(least, now, source);
+        } else {
+            self.late = Some((since, least, most));
         }
         offset - usual
     }
@@ -125,6 +146,29 @@ mod tests {
         let slow: Vec<(u64, u64, u64)> =
             (1..60).map(|s| (s * 1000, s * 1000 + 10_000, if s <= 31 { 10_000 } else { 0 })).collect();
         check(&[&[(0, 0, 0)], &slow[..]].concat());
+    }
+
+    #[test]
+    fn a_backlog_never_becomes_usual() {
+        // Of a loss of 40 s messages come again over 60 s, always faster than they were sent, or ever slower.
+        check(
+            &[
+                &[(0, 0, 0)],
+                &(1..90).map(|s| (s * 500, 40_000 + s * 400, 40_000 - s * 100)).collect::<Vec<_>>()[..],
+            ]
+            .concat(),
+        );
+        let mut delays = Delays::default();
+        let mut take = |s: u64| {
+            let sent = UNIX_EPOCH + Duration::from_millis(s * 1000);
+            delays.take(&A, Some(sent), Timestamp::from_millis(s * 1000 + s * 90))
+        };
+        let late: Vec<Span> = (0..600).map(&mut take).collect();
+        assert!(
+            late[..100].iter().all(|it| it.is_zero()) && late[599] > Span::from_secs(30),
+            "{:?}",
+            late[599]
+        );
     }
 
     #[test]
