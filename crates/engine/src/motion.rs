@@ -72,6 +72,8 @@ pub(super) struct MotionState {
     /// Since when no message has said that it is slow.
     moved_since: Option<Timestamp>,
     parking: Parking,
+    /// It is in standby and, as far as its position shows, at no stop.
+    astray: bool,
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
     /// The last place of the vehicle, in metres.
@@ -129,6 +131,10 @@ impl MotionState {
     /// Whether it is known to stand at a stop, or rolls out there. Without a speed nothing shows that it was moved.
     pub(super) fn is_parked(&self) -> bool {
         self.parking != Parking::No
+    }
+
+    pub(super) fn is_astray(&self) -> bool {
+        self.astray
     }
 
     /// A vehicle that is not to drive and moves all the same is at its stop no more. With a clearance it may set off while its
@@ -285,6 +291,10 @@ impl Engine {
         if driving.speed.is_some() && self.vehicle.stage != Stage::Active {
             self.motion.follow_parking(self.vehicle.stage == Stage::Cleared, self.now);
         }
+        let is_astray = self.vehicle.stage == Stage::Standby
+            && !self.motion.is_parked()
+            && self.is_seen_at_a_stop() == Some(false);
+        self.vehicle_changed |= std::mem::replace(&mut self.motion.astray, is_astray) != is_astray;
         let trusted = self.is_localized();
         let drives = self.vehicle.stage == Stage::Active;
         self.motion.judge_goal(driving.position.as_ref(), trusted, drives, self.now);

@@ -67,8 +67,9 @@ pub struct Snapshot {
     pub hold: Option<bool>,
     /// The number of the operator's last STOP; 0 if there was none in this run of the program.
     pub last_stop: u64,
-    /// Nothing tells whether a vehicle with stages drives: no word on `active`, and no source of its speed.
-    pub drive_unknown: bool,
+    /// A vehicle with stages may set off though nothing says that it drives: there is no word on `active` and no source of its
+    /// speed, or it is somewhere between stops.
+    pub may_set_off: bool,
     /// The reasons against a clearance now, without those that only the display and the store know.
     pub clearance_refusals: Arc<[Refusal]>,
     /// Every check of a release that fails now, but for display and store. Empty: a release is offered.
@@ -170,7 +171,7 @@ impl Snapshot {
 
     /// Whether the vehicle moves, or may: it is cleared or drives by itself, or is not known to stand.
     pub fn may_move(&self) -> bool {
-        may_move(self.stage, self.motion, self.drive_unknown)
+        may_move(self.stage, self.motion, self.may_set_off)
     }
 
     /// The strongest countermeasure: the operator has to know it first.
@@ -539,8 +540,8 @@ pub struct Motion {
 
 /// Whether a vehicle moves, or may: it is cleared or drives by itself, or is not known to stand. The page offers STOP by
 /// this, and the engine takes it.
-pub(crate) fn may_move(stage: Stage, motion: Motion, drive_unknown: bool) -> bool {
-    matches!(stage, Stage::Cleared | Stage::Active) || motion.may_move() || drive_unknown
+pub(crate) fn may_move(stage: Stage, motion: Motion, may_set_off: bool) -> bool {
+    matches!(stage, Stage::Cleared | Stage::Active) || motion.may_move() || may_set_off
 }
 
 impl Motion {

@@ -47,7 +47,7 @@ pub(crate) struct VehicleView {
     pub(crate) clearance: bool,
     pub(crate) hold: Option<bool>,
     pub(crate) last_stop: u64,
-    pub(crate) drive_unknown: bool,
+    pub(crate) may_set_off: bool,
     pub(crate) clearance_refusals: Arc<[Refusal]>,
     pub(crate) release_refusals: Arc<[Refusal]>,
     pub(crate) unreached: Arc<[(Output, Unreached)]>,
@@ -173,11 +173,11 @@ impl Engine {
             && !self.motion.shown().may_move()
     }
 
-    /// Whether nothing tells if a vehicle with stages drives: no word on `active`, and no source of its speed.
-    pub(crate) fn is_drive_unknown(&self) -> bool {
-        self.vehicle.model == StageModel::Shuttle
-            && self.says_it_drives().is_none()
-            && self.model.driving.speed.is_none()
+    /// Whether a vehicle with stages may set off though nothing says that it drives: there is no word on `active` and no source
+    /// of its speed, or it is somewhere between stops.
+    pub(crate) fn may_set_off(&self) -> bool {
+        let is_silent = self.says_it_drives().is_none() && self.model.driving.speed.is_none();
+        self.vehicle.model == StageModel::Shuttle && (is_silent || self.motion.is_astray())
     }
 
     fn follow_localization(&mut self) {
@@ -275,7 +275,7 @@ impl Engine {
             clearance: self.vehicle.stage == Stage::Cleared,
             hold: self.countermeasures.hold(),
             last_stop: self.countermeasures.last_stop,
-            drive_unknown: self.is_drive_unknown(),
+            may_set_off: self.may_set_off(),
             clearance_refusals: self.clearance_refusals().into(),
             release_refusals: self.release_refusals().into(),
             unreached: self.unreached().into(),

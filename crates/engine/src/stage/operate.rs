@@ -92,7 +92,7 @@ impl Engine {
             }
             OperatorAction::RequestStop => {
                 self.need_operator()?;
-                if !may_move(self.vehicle.stage, self.motion.shown(), self.is_drive_unknown()) {
+                if !may_move(self.vehicle.stage, self.motion.shown(), self.may_set_off()) {
                     return Err(vec![Refusal::NotDriving]);
                 }
                 // Without a reader the request is still made: it is sent as soon as there is one.

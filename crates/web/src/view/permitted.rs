@@ -48,7 +48,7 @@ pub fn permitted(published: &Published) -> Published {
         clearance: snapshot.clearance,
         hold: snapshot.hold,
         last_stop: snapshot.last_stop,
-        drive_unknown: snapshot.drive_unknown,
+        may_set_off: snapshot.may_set_off,
         clearance_refusals: Arc::new([]),
         release_refusals: Arc::new([]),
         unreached: Arc::new([]),

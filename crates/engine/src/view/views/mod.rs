@@ -130,7 +130,7 @@ impl Views {
             clearance: self.vehicle.clearance,
             hold: self.vehicle.hold,
             last_stop: self.vehicle.last_stop,
-            drive_unknown: self.vehicle.drive_unknown,
+            may_set_off: self.vehicle.may_set_off,
             clearance_refusals: self.vehicle.clearance_refusals.clone(),
             release_refusals: self.vehicle.release_refusals.clone(),
             unreached: self.vehicle.unreached.clone(),
