@@ -1,13 +1,14 @@
-//! What the console keeps over a restart: the vehicles with their last heads, their incidents, and how far the log is known.
+//! What the console keeps over a restart: the vehicles with their last heads, their incidents, the heads of their audit
+//! logs, and how far the log is known.
 
 use std::path::Path;
 
-use rusqlite::{Connection, params};
+use rusqlite::{Connection, OpenFlags, params};
 use serde::de::DeserializeOwned;
 use telltale_clock::{Clock, unix_ms};
 use telltale_engine::time::{Since, Span};
 use telltale_fleet::message::{Incident, VehicleId};
-use telltale_store::{make_folder, make_private_file};
+use telltale_store::{Head, make_folder, make_private_file};
 
 use crate::state::incidents::INCIDENTS_MAX;
 use crate::state::vehicle::Vehicle;
@@ -24,12 +25,31 @@ const SCHEMA: &str = "
         incident TEXT NOT NULL,
         PRIMARY KEY (vehicle, number)
     ) STRICT, WITHOUT ROWID;
+    CREATE TABLE IF NOT EXISTS audit_heads (
+        told INTEGER PRIMARY KEY,
+        vehicle TEXT NOT NULL,
+        record INTEGER NOT NULL,
+        head TEXT NOT NULL,
+        stored_ms INTEGER NOT NULL,
+        UNIQUE (vehicle, record, head)
+    ) STRICT;
     CREATE TABLE IF NOT EXISTS reading (
         one INTEGER PRIMARY KEY CHECK (one = 1),
         log_ms INTEGER NOT NULL,
         last_up_ms INTEGER NOT NULL
     ) STRICT;
 ";
+
+/// Heads of the audit log of one vehicle; beyond it the oldest go.
+pub const AUDIT_HEADS_MAX: usize = 20_000;
+
+/// A head of a vehicle's audit log, as the vehicle told it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ToldHead {
+    pub head: Head,
+    /// When the hub took it first, in milliseconds since 1970.
+    pub stored_ms: i64,
+}
 
 /// Why it cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -38,6 +58,8 @@ pub enum KeptError {
     File { path: std::path::PathBuf, reason: std::io::Error },
     #[error("what the console keeps: {0}")]
     Disk(#[from] rusqlite::Error),
+    #[error("no console has kept anything in {}", .0.display())]
+    NoConsole(std::path::PathBuf),
 }
 
 #[derive(Debug)]
@@ -126,6 +148,24 @@ impl Store {
         Ok(Fleet::new(vehicles, log_ms, Since::of_age(up_age, now)))
     }
 
+    /// The heads of a vehicle's audit log in the order in which they were told, from the data folder of a console that may run.
+    ///
+    /// # Errors
+    /// There is no such folder, or its disk does not answer.
+    pub fn audit_heads(folder: &Path, id: &VehicleId) -> Result<Vec<ToldHead>, KeptError> {
+        let path = folder.join(FILE_NAME);
+        if !path.exists() {
+            return Err(KeptError::NoConsole(folder.to_owned()));
+        }
+        let connection = Connection::open_with_flags(&path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        let sql = "SELECT head, stored_ms FROM audit_heads WHERE vehicle = ?1 ORDER BY told";
+        let mut query = connection.prepare(sql)?;
+        let rows = query.query_map([id.as_str()], |row| Ok((row.get::<_, String>(0)?, row.get(1)?)))?;
+        let rows: Vec<(String, i64)> = rows.collect::<Result<_, _>>()?;
+        let told = |(head, stored_ms): (String, i64)| Some(ToldHead { head: Head::parse(&head)?, stored_ms });
+        Ok(rows.into_iter().filter_map(told).collect())
+    }
+
     fn rows<T: DeserializeOwned>(&self, sql: &str) -> Result<Vec<(VehicleId, T)>, KeptError> {
         self.rows_of(sql, &[])
     }
@@ -159,6 +199,17 @@ impl Store {
             let sql = "DELETE FROM incidents WHERE vehicle = ?1 AND number NOT IN (
                            SELECT number FROM incidents WHERE vehicle = ?1 ORDER BY number DESC LIMIT ?2)";
             transaction.prepare_cached(sql)?.execute(params![id, INCIDENTS_MAX as i64])?;
+        }
+        for (id, head, stored_ms) in &changes.unwritten.heads {
+            let record = i64::try_from(head.number).unwrap_or(i64::MAX);
+            let sql = "INSERT OR IGNORE INTO audit_heads (vehicle, record, head, stored_ms) VALUES (?1, ?2, ?3, ?4)";
+            let values = params![id.as_str(), record, head.to_string(), stored_ms];
+            if transaction.prepare_cached(sql)?.execute(values)? > 0 {
+                let sql =
+                    "DELETE FROM audit_heads WHERE told = (SELECT told FROM audit_heads WHERE vehicle = ?1
+                           ORDER BY told DESC LIMIT 1 OFFSET ?2)";
+                transaction.prepare_cached(sql)?.execute(params![id.as_str(), AUDIT_HEADS_MAX as i64])?;
+            }
         }
         let sql = "INSERT INTO reading VALUES (1, ?1, ?2)
                    ON CONFLICT (one) DO UPDATE SET log_ms = ?1, last_up_ms = ?2";

@@ -69,7 +69,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
 }
 
-fn verify(folder: &Path, heads: &[Head], key: Option<&Path>) -> anyhow::Result<ExitCode> {
+/// Says whether the log in a data folder is as it was written and holds these heads.
+pub fn verify(folder: &Path, heads: &[Head], key: Option<&Path>) -> anyhow::Result<ExitCode> {
     let verdict = verify_audit_in(folder, heads, key).context("the audit log cannot be verified")?;
     let code = match &verdict.breach {
         None if !verdict.foreign.is_empty() => {

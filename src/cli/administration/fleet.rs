@@ -3,17 +3,22 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::bail;
 use clap::Subcommand;
 
+use super::audit;
 use super::tls::all_names;
 use crate::cli::EXIT_NO;
 use crate::cli::print::say;
 use crate::cli::process::hub_folder::{CERTIFICATE, write_hub};
 use crate::cli::running::console;
+use crate::console::kept::{self, ToldHead};
+use crate::console::state::time;
 use crate::fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, DISK_BYTES, HubFolder, make_streams};
 use crate::fleet::identity::Identity;
 use crate::fleet::line::Hub;
 use crate::fleet::message::VehicleId;
+use crate::store::Head;
 
 /// Set up the hub of a fleet, say which vehicles it admits, and run its console
 #[derive(Debug, clap::Args)]
@@ -68,6 +73,23 @@ enum Command {
         #[command(flatten)]
         folder: Folder,
     },
+    /// Say whether the audit log of a vehicle is the one that it told the console of; exit code 1 if not
+    ///
+    /// A console keeps the heads of each vehicle's audit log as they were told, and a vehicle cannot change them there. They
+    /// alone show a log that was shortened or told twice; with `--audit` each of them is looked up in the log itself.
+    Verify {
+        #[arg(value_parser = id)]
+        id: VehicleId,
+        /// The data folder of the console
+        #[arg(long, value_name = "DIR")]
+        data: PathBuf,
+        /// The data folder of the vehicle, or a copy
+        #[arg(long, value_name = "DIR")]
+        audit: Option<PathBuf>,
+        /// A copy of the vehicle's key that was kept elsewhere [default: audit.key in its folder]
+        #[arg(long, value_name = "FILE", requires = "audit")]
+        key: Option<PathBuf>,
+    },
     /// List the vehicles that are admitted, with their public keys
     List {
         #[command(flatten)]
@@ -100,6 +122,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
             let _ = std::fs::remove_file(key_file(&folder.dir, id));
             reload(&hub, &folder.dir)
         }
+        Command::Verify { id, data, audit, key } => verify(id, data, audit.as_deref(), key.as_deref()),
         Command::List { folder } => {
             for (id, key) in HubFolder::open(&folder.dir)?.vehicles() {
                 say!("{id}  {key}");
@@ -134,6 +157,38 @@ fn streams(dir: &Path, hub: &str, disk: u64) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+fn verify(id: &VehicleId, data: &Path, audit: Option<&Path>, key: Option<&Path>) -> anyhow::Result<ExitCode> {
+    let told = kept::Store::audit_heads(data, id)?;
+    let (Some(first), Some(last)) = (told.first(), told.last()) else {
+        bail!(
+            "the console in {} was told of no audit log of {id}: look at the id and the folder",
+            data.display()
+        );
+    };
+    let at = |head: &ToldHead| time(head.stored_ms);
+    let back: Vec<_> = told.windows(2).filter(|pair| pair[1].head.number <= pair[0].head.number).collect();
+    for pair in &back {
+        say!(
+            "BAD   told record {} at {}, after record {}",
+            pair[1].head.number,
+            at(&pair[1]),
+            pair[0].head.number
+        );
+    }
+    if !back.is_empty() {
+        say!("      {id} was given an older copy of its audit log, or another one");
+    }
+    say!("told  {} heads of {id}, from {} to {}", told.len(), at(first), at(last));
+    say!("last  {}", last.head);
+    let Some(audit) = audit else {
+        say!("      give the vehicle's data folder with --audit to look them up in its log");
+        return Ok(if back.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(EXIT_NO) });
+    };
+    let heads: Vec<Head> = told.iter().map(|it| it.head).collect();
+    let looked_up = audit::verify(audit, &heads, key)?;
+    Ok(if back.is_empty() { looked_up } else { ExitCode::from(EXIT_NO) })
+}
+
 fn key_file(dir: &Path, id: &VehicleId) -> PathBuf {
     dir.join(format!("{id}.nk"))
 }
@@ -164,5 +219,61 @@ fn reload(hub: &HubFolder, dir: &Path) -> anyhow::Result<ExitCode> {
             say!("nats-server cannot be told ({error}): send it a SIGHUP");
             Ok(ExitCode::from(EXIT_NO))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::console::state::Arrived;
+    use crate::engine::time::Span;
+    use crate::fleet::message::{AuditHead, Batch, Content, Epoch, Message};
+    use crate::fleet::reading::Stream;
+    use crate::store::audit::{Action, Record, TELLTALE, verify_audit_in};
+    use crate::store::{DemoSecrets, Store};
+
+    /// A vehicle with so many records in its audit log, and the head.
+    async fn vehicle(records: usize) -> (tempfile::TempDir, Head) {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::open(folder.path(), Clock::start(), DemoSecrets::Refused).unwrap();
+        for _ in 0..records {
+            store.record(Record::of(Action::Start, TELLTALE), None).await;
+        }
+        store.close().await;
+        let head = verify_audit_in(folder.path(), &[], None).unwrap().head;
+        (folder, head)
+    }
+
+    #[tokio::test]
+    async fn a_vehicle_that_writes_its_audit_log_anew_is_found_by_the_heads_that_it_told() {
+        let (kept, forged) = (vehicle(3).await, vehicle(4).await);
+        let console = tempfile::tempdir().unwrap();
+        let id = VehicleId::new("a").unwrap();
+        let verdict = |audit: Option<&Path>| verify(&id, console.path(), audit, None).ok();
+        assert_eq!(verdict(None), None, "there is no console");
+        let mut store = kept::Store::open(console.path(), Clock::start()).unwrap();
+        assert_eq!(verdict(None), None, "nothing was told");
+        let mut fleet = store.fleet().unwrap();
+        let mut tell = |n: u64, record: u64, hash: &str| {
+            let content = Content::AuditHead(AuditHead { record, hash: hash.to_owned() });
+            let messages = vec![Message { epoch: Epoch { start: 1, nonce: 0 }, n, at: 0, content }];
+            let batch = Ok(Batch { id: id.clone(), key: String::new(), sent: 0, messages });
+            let arrived =
+                Arrived { stream: Stream::Log, id: id.clone(), batch, stored_ms: 0, age: Span::ZERO };
+            fleet.take(arrived, Clock::start().now());
+            store.write(&kept::Changes::of(&mut fleet, &Clock::start())).unwrap();
+        };
+        tell(1, kept.1.number, &kept.1.hash.to_string());
+        tell(1, kept.1.number, &kept.1.hash.to_string());
+        tell(2, 9, "no hash");
+        assert_eq!(kept::Store::audit_heads(console.path(), &id).unwrap().len(), 1);
+        for audit in [None, Some(kept.0.path())] {
+            assert_eq!(verdict(audit), Some(ExitCode::SUCCESS));
+        }
+        assert_eq!(verdict(Some(forged.0.path())), Some(ExitCode::from(EXIT_NO)));
+        // It tells of the new log, with fewer records.
+        tell(3, 1, &forged.1.hash.to_string());
+        assert_eq!(verdict(None), Some(ExitCode::from(EXIT_NO)));
     }
 }

@@ -281,7 +281,7 @@ impl Fixture {
     /// The vehicle starts or stops to drive by itself, and the engine knows.
     pub async fn drive(&self, active: bool) {
         self.input(Input::Signal { name: "active".into(), value: active }).await;
-        let known = |it: &Snapshot| (it.stage == Stage::Active) == active && !it.drive_unknown;
+        let known = |it: &Snapshot| (it.stage == Stage::Active) == active && !it.may_set_off;
         self.until(known).await;
     }
 

@@ -19,6 +19,7 @@ use telltale_engine::time::{Since, Span, Timestamp};
 use telltale_fleet::hub::VEHICLES_MAX;
 use telltale_fleet::message::{Batch, Cause, Content, Malformed, VehicleId};
 use telltale_fleet::reading::Stream;
+use telltale_store::Head;
 
 use contact::{Contact, Counts, Judged, Line, Urgency};
 use incidents::IncidentRow;
@@ -26,6 +27,9 @@ use vehicle::{Times, Vehicle};
 
 /// The log is read again from this long before its known end, so that a keyframe of each vehicle is in it.
 const OVERLAP_MS: i64 = 15 * 60_000;
+
+/// Heads of audit logs that wait for the disk.
+const HEADS_WAIT_MAX: usize = 10_000;
 
 /// All vehicles.
 #[derive(Debug)]
@@ -44,6 +48,8 @@ pub struct Fleet {
 pub struct Unwritten {
     pub vehicles: BTreeSet<VehicleId>,
     pub incidents: BTreeSet<(VehicleId, u64)>,
+    /// Of the vehicles' audit logs, as they were told, with the hub's time in milliseconds since 1970.
+    pub heads: Vec<(VehicleId, Head, i64)>,
 }
 
 /// A message from the hub, unpacked.
@@ -145,6 +151,13 @@ impl Fleet {
             }
             (Stream::Log, Ok(batch)) => {
                 for message in &batch.messages {
+                    if let Content::AuditHead(head) = &message.content {
+                        let head = Head::parse(&format!("{}:{}", head.record, head.hash));
+                        match head.filter(|_| self.unwritten.heads.len() < HEADS_WAIT_MAX) {
+                            Some(head) => self.unwritten.heads.push((id.clone(), head, stored_ms)),
+                            None => self.refused += 1,
+                        }
+                    }
                     if let Some(number) = vehicle.take(message) {
                         self.unwritten.incidents.insert((id.clone(), number));
                     }
@@ -186,6 +199,9 @@ impl Fleet {
     pub fn put_back(&mut self, unwritten: Unwritten) {
         self.unwritten.vehicles.extend(unwritten.vehicles);
         self.unwritten.incidents.extend(unwritten.incidents);
+        let newer = std::mem::replace(&mut self.unwritten.heads, unwritten.heads);
+        self.unwritten.heads.extend(newer);
+        self.unwritten.heads.truncate(HEADS_WAIT_MAX);
     }
 
     /// All vehicles, the worst first.

@@ -156,6 +156,7 @@ pub(crate) struct Verifier {
 impl Verifier {
     pub(crate) fn new(mut known: Vec<Head>, key: Option<Key>) -> Verifier {
         known.retain(|head| head.number > 0);
+        known.sort_by_key(|head| head.number);
         Verifier {
             known,
             key,
@@ -216,9 +217,8 @@ impl Verifier {
             };
             self.breach(BreachKind::Changed, number, number, &entry.content(), what.to_owned());
         }
-        if let Some(known) = self.known.iter().find(|known| known.number == entry.number)
-            && known.hash != entry.hash
-        {
+        let other = self.noted(entry.number).iter().copied().find(|known| known.hash != entry.hash);
+        if let Some(known) = other {
             let (number, what) = (entry.number, format!("is another one than was noted: {known}"));
             self.against.get_or_insert(Breach { number, to: number, what });
         }
@@ -227,6 +227,13 @@ impl Verifier {
 
     fn is_as_written(&self, entry: &Entry, previous: Hash) -> bool {
         self.key.is_some() && entry.sealed(self.key.as_ref(), previous) == entry.hash
+    }
+
+    /// The heads that were noted of a record.
+    fn noted(&self, number: u64) -> &[Head] {
+        let from = self.known.partition_point(|known| known.number < number);
+        let to = self.known.partition_point(|known| known.number <= number);
+        &self.known[from..to]
     }
 
     /// Judges what an intact record says about the chain.
@@ -242,7 +249,7 @@ impl Verifier {
         }
         if entry.action == Action::HeadMissing.as_str() {
             // A head that was noted elsewhere may prove that nothing was cut off there.
-            if self.known.iter().any(|known| known.number == number - 1) {
+            if !self.noted(number - 1).is_empty() {
                 self.witness(BreachKind::Found, number, number, &entry.content());
             } else {
                 let what = format!(
