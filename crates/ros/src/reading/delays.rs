@@ -13,6 +13,8 @@ const USUAL_NS: i128 = 1_000_000_000;
 /// A clock that is slewed runs apart by less than one part in so many (chrony: a twelfth), by up to this time in all.
 const SLEW: i128 = 10;
 const SLEWED_NS: i128 = 10_000_000_000;
+/// Of the time since the last message that was not late, so much counts for that.
+const SLEWS_FOR_NS: i128 = 10_000_000_000;
 /// Another one by less than one part in so many.
 const DRIFT: i128 = 1000;
 /// If all messages of this time come late, and alike, that is usual from then on: the writer's clock was set, or the way is
@@ -78,7 +80,7 @@ impl Delay {
         if offset <= drifted {
             self.fastest = (offset, now);
         }
-        let usual = (self.least + (now - self.at) / SLEW).min(drifted + SLEWED_NS);
+        let usual = (self.least + (now - self.at).min(SLEWS_FOR_NS) / SLEW).min(drifted + SLEWED_NS);
         if offset <= usual + USUAL_NS {
             if offset <= usual {
                 (self.least, self.at) = (offset, now);
