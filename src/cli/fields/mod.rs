@@ -133,7 +133,7 @@ impl Kinds<'_> {
         for (id, module) in (0..).map(ModuleId).zip(&self.model.modules) {
             let Some(monitor) = module.monitor.other() else { continue };
             let mut problems = match monitor {
-                MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning } } => {
+                MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning }, .. } => {
                     let wanted = [("error_unless", error), ("warning_unless", warning)];
                     wanted
                         .iter()

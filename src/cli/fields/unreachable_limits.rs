@@ -18,7 +18,7 @@ impl Kinds<'_> {
             found.push((text, "correct the limit, or name another field".to_owned()));
         };
         match monitor {
-            MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => {
+            MonitorSpec::Value { source, rule: ValueRule::Bands(bands), .. } => {
                 let Bands { warning_below, error_below, warning_above, error_above, unmeasurable: _ } =
                     *bands;
                 let limits =
@@ -27,7 +27,7 @@ impl Kinds<'_> {
                     limit.into_iter().for_each(|limit| look(source, self.path(source), sign, limit));
                 }
             }
-            MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning } } => {
+            MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning }, .. } => {
                 for wanted in [error, warning].into_iter().flatten() {
                     if let FieldValue::Number(wanted) = wanted {
                         look(source, self.path(source), "==", *wanted);

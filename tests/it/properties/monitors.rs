@@ -92,7 +92,9 @@ fn monitor(choices: &mut Choices<'_>) -> MonitorSpec {
                 };
                 MonitorSpec::Frozen { source, limits: FrozenLimits { time: above, repeats } }
             }
-            (source, bands) => MonitorSpec::Value { source, rule: ValueRule::Bands(bands) },
+            (source, bands) => {
+                MonitorSpec::Value { source, rule: ValueRule::Bands(bands), may_be_empty: false }
+            }
         },
         3 => MonitorSpec::Watchdog {
             watchdog: WatchdogId(0),
@@ -315,7 +317,7 @@ impl History<'_> {
                 let later = History { seen: &self.seen[of_module.last_begin..], ..*self };
                 beside(&[*topic], later.latency(*topic, *window, bands))
             }
-            MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => {
+            MonitorSpec::Value { source, rule: ValueRule::Bands(bands), .. } => {
                 let value =
                     self.last(source).map(|(_, value)| value.map_or(State::Unknown, |it| judge(bands, it)));
                 beside(&topics(&[source]), value)

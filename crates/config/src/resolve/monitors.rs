@@ -29,9 +29,11 @@ pub(crate) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> 
             let topic = topics.watch(topic, true, log);
             MonitorSpec::Latency { topic, window: *window, bands: *bands }
         }
-        Monitor::Value { source: from, rule } => {
-            MonitorSpec::Value { source: source(from, topics, log), rule: rule.clone() }
-        }
+        Monitor::Value { source: from, rule, may_be_empty } => MonitorSpec::Value {
+            source: source(from, topics, log),
+            rule: rule.clone(),
+            may_be_empty: *may_be_empty,
+        },
         Monitor::Frozen { source: from, limits } => {
             MonitorSpec::Frozen { source: source(from, topics, log), limits: *limits }
         }

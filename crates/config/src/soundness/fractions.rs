@@ -28,7 +28,7 @@ fn percent(model: &Model, monitor: &MonitorSpec) -> Option<(Box<str>, f64)> {
         Some((field.into(), limits.iter().copied().find(|limit| limit.abs() > 1.0)?))
     };
     match monitor {
-        MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning } } => {
+        MonitorSpec::Value { source, rule: ValueRule::Unless { error, warning }, .. } => {
             let number = |value: &FieldValue| match value {
                 FieldValue::Number(value) => Some(*value),
                 _ => None,

@@ -94,56 +94,28 @@ pub enum ModuleMonitor {
 #[derive(Debug, Clone, PartialEq)]
 pub enum MonitorSpec {
     /// The level in the status of a domain-specific module elsewhere, which has a class of its own.
-    External {
-        status: Arc<str>,
-        class: Class,
-    },
+    External { status: Arc<str>, class: Class },
     /// Messages per second; bands in Hz.
-    Frequency {
-        topic: TopicId,
-        window: Span,
-        bands: Bands,
-    },
+    Frequency { topic: TopicId, window: Span, bands: Bands },
     /// Receipt minus header stamp, the worst in the window; bands in seconds.
-    Latency {
-        topic: TopicId,
-        window: Span,
-        bands: Bands,
-    },
+    Latency { topic: TopicId, window: Span, bands: Bands },
     Value {
         source: ValueSource,
         rule: ValueRule,
+        /// Its messages are events: the last one counts until the next one, and none at all is OK while somebody
+        /// publishes the topic.
+        may_be_empty: bool,
     },
     /// How long, and how many messages in a row, a value may stay the same.
-    Frozen {
-        source: ValueSource,
-        limits: FrozenLimits,
-    },
+    Frozen { source: ValueSource, limits: FrozenLimits },
     /// This many misses in a row make an ERROR; bands on the response time, in seconds.
-    Watchdog {
-        watchdog: WatchdogId,
-        misses: u32,
-        bands: Bands,
-    },
+    Watchdog { watchdog: WatchdogId, misses: u32, bands: Bands },
     /// Bands on what is measured of a [`Resource`].
-    System {
-        watchdog: WatchdogId,
-        bands: Bands,
-    },
+    System { watchdog: WatchdogId, bands: Bands },
     /// Bands on the output rate divided by the input rate.
-    RateRatio {
-        input: TopicId,
-        output: TopicId,
-        window: Span,
-        bands: Bands,
-    },
+    RateRatio { input: TopicId, output: TopicId, window: Span, bands: Bands },
     /// Bands on `later` minus `earlier`.
-    Sequence {
-        earlier: ValueSource,
-        later: ValueSource,
-        max_gap: Span,
-        bands: Bands,
-    },
+    Sequence { earlier: ValueSource, later: ValueSource, max_gap: Span, bands: Bands },
     Agreement {
         a: ValueSource,
         b: ValueSource,
@@ -154,9 +126,7 @@ pub enum MonitorSpec {
         rule: AgreementRule,
     },
     /// Always this state.
-    Constant {
-        state: State,
-    },
+    Constant { state: State },
     /// The number of modules in its group, other than itself and without those of nested groups.
     Count {
         wanted: u32,
@@ -349,7 +319,7 @@ impl MonitorSpec {
                 About { by_the_clock: true, memory: *window, ..of("frequency", META) }
             }
             Of::Latency { window, .. } => About { memory: *window, ..of("latency", META) },
-            Of::Value { .. } => of("value", CONTENT),
+            Of::Value { may_be_empty, .. } => About { by_the_clock: *may_be_empty, ..of("value", CONTENT) },
             Of::Frozen { limits, .. } => About { memory: limits.longest(), ..of("frozen", CONTENT) },
             Of::Watchdog { watchdog, misses, .. } => About {
                 by_the_clock: true,
@@ -382,8 +352,8 @@ impl MonitorSpec {
     /// The sources whose values are judged in their own unit, with the limits of these values if there are any.
     pub fn measured(&self) -> (Vec<&ValueSource>, Option<&Bands>) {
         match self {
-            MonitorSpec::Value { source, rule: ValueRule::Bands(bands) } => (vec![source], Some(bands)),
-            MonitorSpec::Value { source, rule: ValueRule::Unless { .. } } => (vec![source], None),
+            MonitorSpec::Value { source, rule: ValueRule::Bands(bands), .. } => (vec![source], Some(bands)),
+            MonitorSpec::Value { source, rule: ValueRule::Unless { .. }, .. } => (vec![source], None),
             MonitorSpec::Sequence { earlier: a, later: b, bands, .. }
             | MonitorSpec::Agreement { a, b, rule: AgreementRule::Number(bands), .. } => {
                 (vec![a, b], Some(bands))

@@ -108,6 +108,11 @@ impl Inputs {
         }
     }
 
+    /// As if nothing had come.
+    pub(super) fn forget(&mut self, slot: usize) {
+        self.latest[slot] = None;
+    }
+
     pub(super) fn len(&self) -> usize {
         self.latest.len()
     }

@@ -88,6 +88,9 @@ trait MonitorKind: Sized {
         false
     }
 
+    /// The topic of this slot has a publisher again after all had left: earlier messages are from another one.
+    fn returned(&mut self, _slot: usize) {}
+
     /// A message came that was published before Telltale listened. Present ones may be delayed too, so the
     /// first window begins after it. Returns whether the next judgement moved back.
     fn late(&mut self, _now: Timestamp) -> bool {
@@ -184,7 +187,9 @@ impl Monitor {
                 Monitor::Frequency(Frequency::new(*window, *bands))
             }
             MonitorSpec::Latency { window, bands, .. } => Monitor::Latency(Latency::new(*window, *bands)),
-            MonitorSpec::Value { source, rule } => Monitor::Value(Value::new(one(source), rule.clone())),
+            MonitorSpec::Value { source, rule, may_be_empty } => {
+                Monitor::Value(Value::new(one(source), rule.clone(), *may_be_empty))
+            }
             MonitorSpec::Frozen { source, limits } => Monitor::Frozen(Frozen::new(one(source), *limits)),
             MonitorSpec::Watchdog { watchdog, misses, bands } => {
                 let spec = &watched.watchdogs[watchdog.0 as usize];
@@ -250,6 +255,10 @@ impl Monitor {
 
     pub(super) fn found(&mut self, slot: usize, now: Timestamp) -> bool {
         machine!(self, machine => machine.found(slot, now))
+    }
+
+    pub(super) fn returned(&mut self, slot: usize) {
+        machine!(self, machine => machine.returned(slot))
     }
 
     pub(super) fn late(&mut self, now: Timestamp) -> bool {

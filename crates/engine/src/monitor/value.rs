@@ -1,7 +1,7 @@
 //! One field of a topic, or one KeyValue of a status.
 
 use super::MonitorKind;
-use super::inputs::{InputFault, Inputs, UnusableInput};
+use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, numeral_in, quoted};
 use crate::files::KeyframeError;
 use crate::model::monitors::ValueRule;
@@ -18,18 +18,49 @@ pub(crate) struct Value {
     inputs: Inputs,
     #[serde(skip)]
     rule: ValueRule,
+    /// Its messages are events, and none at all is OK.
+    #[serde(skip)]
+    may_be_empty: bool,
+    /// If it may be empty: the time since which its module is relevant. In the future while publishers are still being searched.
+    #[serde(default)]
+    since: Option<Timestamp>,
 }
 
 impl Value {
-    pub(super) fn new(inputs: Inputs, rule: ValueRule) -> Value {
-        Value { inputs, rule }
+    pub(super) fn new(inputs: Inputs, rule: ValueRule, may_be_empty: bool) -> Value {
+        Value { inputs, rule, may_be_empty, since: None }
     }
 }
 
 impl MonitorKind for Value {
     fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
-        let Value { inputs, rule: _ } = kept;
+        let Value { inputs, rule: _, may_be_empty: _, since } = kept;
+        self.since = since;
         self.inputs.resume(inputs)
+    }
+
+    /// The last event still counts.
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        self.since = (relevant && self.may_be_empty).then_some(now);
+    }
+
+    fn search(&mut self, until: Timestamp) {
+        self.since = self.since.map(|since| since.max(until));
+    }
+
+    fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
+        let searching = self.since.is_some_and(|since| since > now);
+        if searching {
+            self.since = Some(now);
+        }
+        searching
+    }
+
+    /// What an action was asked for before its server was started again is over.
+    fn returned(&mut self, slot: usize) {
+        if self.may_be_empty {
+            self.inputs.forget(slot);
+        }
     }
 
     /// Whether texts are compared, so that "12" is a text too.
@@ -43,7 +74,10 @@ impl MonitorKind for Value {
     }
 
     fn judge(&mut self, now: Timestamp) -> Option<State> {
-        self.inputs.any().then(|| match (self.look(now), &self.rule) {
+        if !self.inputs.any() {
+            return self.since.filter(|&since| since <= now).map(|_| State::Ok);
+        }
+        Some(match (self.look(now), &self.rule) {
             (Ok((_, state)), _) => state,
             (Err(unusable), ValueRule::Bands(bands)) if unusable.fault == InputFault::NotANumber => {
                 bands.unmeasurable()
@@ -52,9 +86,14 @@ impl MonitorKind for Value {
         })
     }
 
+    fn due(&self, now: Timestamp) -> Option<Timestamp> {
+        self.since.filter(|&since| since > now)
+    }
+
     fn words(&self, now: Timestamp) -> Words {
         if !self.inputs.any() {
-            return Words::default();
+            let is_empty = self.may_be_empty.then(|| Words::plain(nothing_yet(self.inputs.label(0))));
+            return is_empty.unwrap_or_default();
         }
         self.measured(now).unwrap_or_else(|unusable| Words::plain(self.inputs.say(unusable)))
     }

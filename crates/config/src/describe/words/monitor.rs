@@ -31,7 +31,10 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
             let of = self::topic(model, *topic);
             format!("the latency of {of} over {}: {}", span(*window), limits(bands, " s"))
         }
-        MonitorSpec::Value { source, rule } => format!("{}: {}", value(model, source), self::rule(rule)),
+        MonitorSpec::Value { source, rule, may_be_empty } => {
+            let empty = if *may_be_empty { ", OK before the first message" } else { "" };
+            format!("{}: {}{empty}", value(model, source), self::rule(rule))
+        }
         MonitorSpec::Frozen { source, limits: FrozenLimits { time, repeats } } => {
             let parts =
                 [("the same for a time", time, " s"), ("the same again and again", repeats, " repetitions")];

@@ -76,6 +76,7 @@ pub(crate) enum Monitor {
     Value {
         source: Source,
         rule: ValueRule,
+        may_be_empty: bool,
     },
     Frozen {
         source: Source,
@@ -218,6 +219,12 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut source = Source::of(&mut fields, false);
     let mut bands = bands(&mut fields, Unit::Number);
     bands.unmeasurable = bands::unmeasurable(&mut fields, NAN);
+    let empty = fields.choice(EMPTY, "state", &[State::Ok, State::Unknown].map(|it| (it.as_str(), it)));
+    let may_be_empty = empty == Some(State::Ok);
+    if let (true, Some(Source::Key { .. }), Some(at)) = (may_be_empty, &source, fields.key_span("empty")) {
+        let problem = Problem::at(at, "`empty` is for a topic whose messages are events");
+        fields.log.push(problem.help("a status is said again and again; `stale` says what its silence is"));
+    }
     let error: Option<Spanned<Literal>> =
         fields.optional(key("error_unless").about(
             "Any other value is an ERROR. A number may be called as in the definition of its message.",
@@ -257,10 +264,14 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
         Some(_) => ValueRule::Unless { error: value(error), warning: value(warning) },
         None => ValueRule::Bands(bands),
     };
-    Some(Monitor::Value { source: source?, rule })
+    Some(Monitor::Value { source: source?, rule, may_be_empty })
 }
 
 const NAN: KeyDoc = key("nan").about("The state of a value that is not a number: unknown, if it is missing.");
+
+const EMPTY: KeyDoc = key("empty").about(
+    "The state while somebody publishes the topic and nothing came: unknown, if it is missing. With `ok` messages are events: the last one counts until the next one or until all publishers have left, and `timeout` has no effect.",
+);
 
 /// `true`, `3`, `armed`; in quotes it is a text.
 #[derive(Debug, PartialEq)]

@@ -65,6 +65,10 @@ fn every_kind_reaches_the_model_with_its_defaults() {
         "'a key' of the status 's': warning unless 'true', error unless true",
     );
     means("value: { status: s, key: k, error_unless: -3 }", "'k' of the status 's': error unless -3");
+    means(
+        &format!("value: {{ {TOPIC}, field: x, error_above: 5, empty: ok }}"),
+        "x of /t (a/msg/B): error above 5, OK before the first message",
+    );
     means("watchdog: { icmp: lidar }", "an echo from lidar every 1s: error after 3 misses");
     means(
         "watchdog: { tcp: '[fe80::1]:80', every: 200ms, misses: 1 }",
@@ -336,10 +340,16 @@ fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
         &["45: this WARNING is always an ERROR (remove one of the two)"],
     );
     wrong(
+        "value: { status: s, key: k, error_above: 1, empty: ok }",
+        &[
+            "45: `empty` is for a topic whose messages are events (a status is said again and again; `stale` says what its silence is)",
+        ],
+    );
+    wrong(
         &format!("value: {{ {TOPIC}, pose: p, error_above: 1 }}"),
         &[
             "8: a value monitor needs `field` (add `field: ...`)",
-            "36: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, unit, warning_below, error_below, warning_above, error_above, nan, error_unless, warning_unless)",
+            "36: unknown key `pose` in a value monitor (known here: topic, type, field, status, key, unit, warning_below, error_below, warning_above, error_above, nan, empty, error_unless, warning_unless)",
         ],
     );
 }

@@ -310,12 +310,16 @@ impl Watching {
         let id = self.topic(&news.source)?;
         let topic = &mut self.topics[id.0 as usize];
         topic.left |= news.publishers == 0;
+        let returned = topic.left && news.publishers > 0;
         topic.news = Some(Publishers { publishers: news.publishers, other_type: news.other_type.clone() });
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
         for reader in &topic.readers {
             let watch = &mut self.watches[reader.watch as usize];
             watch.found(reader.slot as usize, now);
+            if returned {
+                watch.monitor.returned(reader.slot as usize);
+            }
             watch.pending = true;
         }
         Some(())

@@ -143,7 +143,10 @@ fn a_value_that_is_no_number_is_unknown_or_what_the_configuration_says() {
         let (value, other) = (field(A, 0), field(B, 0));
         let steps =
             [(0, Do::Number(0, 1.0), Ok, ""), (10, Do::Number(0, f64::NAN), state, "/a x is not a number")];
-        check(MonitorSpec::Value { source: value.clone(), rule: ValueRule::Bands(bands) }, &steps);
+        check(
+            MonitorSpec::Value { source: value.clone(), rule: ValueRule::Bands(bands), may_be_empty: false },
+            &steps,
+        );
         let max_gap = millis(1000);
         check(
             MonitorSpec::Sequence { earlier: value, later: other, max_gap, bands },
@@ -162,7 +165,11 @@ fn a_value_that_is_no_number_is_unknown_or_what_the_configuration_says() {
 
 #[test]
 fn values_are_judged_by_bands_or_compared() {
-    let number = |bands| MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(bands) };
+    let number = |bands| MonitorSpec::Value {
+        source: field(A, 0),
+        rule: ValueRule::Bands(bands),
+        may_be_empty: false,
+    };
     let unreadable = FieldValue::Unreadable("the message ends early".into());
     check(
         number(at_most(80.0, 90.0)),
@@ -193,7 +200,7 @@ fn values_are_judged_by_bands_or_compared() {
     let rule = ValueRule::Unless { error: None, warning: Some(text("idle")) };
     let said = |value: FieldValue| Do::Value(0, value);
     check(
-        MonitorSpec::Value { source: field(A, 0), rule },
+        MonitorSpec::Value { source: field(A, 0), rule, may_be_empty: false },
         &[
             (0, said(text("idle")), Ok, "\"idle\""),
             (10, said(text("busy")), Warning, "\"busy\", \"idle\" wanted"),
@@ -202,7 +209,7 @@ fn values_are_judged_by_bands_or_compared() {
     );
     let rule = ValueRule::Unless { error: Some(FieldValue::Bool(true)), warning: None };
     check(
-        MonitorSpec::Value { source: field(A, 0), rule },
+        MonitorSpec::Value { source: field(A, 0), rule, may_be_empty: false },
         &[
             (0, said(FieldValue::Bool(true)), Ok, "true"),
             (10, said(FieldValue::Bool(false)), Error, "false, true wanted"),
@@ -217,7 +224,7 @@ fn values_are_judged_by_bands_or_compared() {
 fn key_values_of_a_status_are_values() {
     let rule = ValueRule::Bands(at_most(80.0, 90.0));
     check(
-        MonitorSpec::Value { source: key("cpu", "temperature"), rule },
+        MonitorSpec::Value { source: key("cpu", "temperature"), rule, may_be_empty: false },
         &[
             (0, Do::Status("cpu", 2, &[("load", "1"), ("temperature", " 12.5 ")]), Ok, "12.5"),
             (10, Do::Status("cpu", 0, &[("temperature", "95")]), Error, "95, at most 80 wanted"),
@@ -234,7 +241,7 @@ fn key_values_of_a_status_are_values() {
     );
     let rule = ValueRule::Unless { error: Some(FieldValue::Text("12".into())), warning: None };
     check(
-        MonitorSpec::Value { source: key("cpu", "firmware"), rule },
+        MonitorSpec::Value { source: key("cpu", "firmware"), rule, may_be_empty: false },
         &[
             (0, Do::Status("cpu", 0, &[("firmware", "12")]), Ok, ""),
             (10, Do::Status("cpu", 0, &[("firmware", "13")]), Error, "\"13\", \"12\" wanted"),
@@ -312,6 +319,27 @@ fn a_watchdog_judges_how_long_an_answer_takes() {
             (1000, repeated(2), Warning, "announced 2 times"),
             (2000, repeated(4), Error, "announced 4 times"),
             (3000, announced, Ok, "is running"),
+        ],
+    );
+}
+
+#[test]
+fn the_last_event_counts_until_the_next_one_and_none_is_ok_while_somebody_publishes() {
+    use Do::{Nothing, Number, Publishers};
+    let rule = ValueRule::Bands(at_most(4.0, 5.0));
+    let events = MonitorSpec::Value { source: field(A, 0), rule, may_be_empty: true };
+    check(
+        events,
+        &[
+            (0, Nothing, Unknown, "nothing came yet of /a x; nobody publishes /a"),
+            (500, Publishers(0, 1), Ok, "nothing came yet of /a x"),
+            (9000, Nothing, Ok, "nothing came yet of /a x"),
+            (9500, Number(0, 6.0), Error, "6, at most 4 wanted"),
+            (900_000, Nothing, Error, "6, at most 4 wanted"),
+            (900_500, Publishers(0, 0), Error, "6, at most 4 wanted; nobody publishes /a"),
+            (901_000, Publishers(0, 1), Ok, "nothing came yet of /a x"),
+            (902_000, Number(0, 2.0), Ok, "2, at most 4"),
+            (903_000, Publishers(0, 0), Unknown, "2, at most 4 wanted; nobody publishes /a"),
         ],
     );
 }
