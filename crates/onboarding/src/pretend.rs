@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use crate::init::Observations;
+use crate::init::{Observations, more_fields};
 use crate::live::Heard;
 use telltale_engine::discovery::{Discovery, Endpoint, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
 use telltale_engine::model::monitors::TopicSpec;
-use telltale_engine::model::sample::Sample;
+use telltale_engine::model::sample::{FieldValue, Fingerprint, Sample};
 use telltale_engine::time::{Span, Timestamp};
 
 const END: Timestamp = Timestamp::from_millis(10_000);
@@ -59,6 +59,40 @@ impl Robot {
                 late: false,
                 delay: Span::ZERO,
                 values,
+            };
+            self.seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
+        }
+        self.node(node)
+    }
+
+    /// A node that publishes messages with this value so often, beginning with one that was kept for us. `None`: nothing
+    /// but that one.
+    pub fn tells(
+        mut self,
+        node: &str,
+        (topic, type_name): (&str, &str),
+        period_ms: Option<u64>,
+        value: Option<FieldValue>,
+    ) -> Robot {
+        let endpoint = Robot::endpoint(node, type_name);
+        self.topic(topic).publishers.push(endpoint);
+        let source = Arc::new(TopicSpec {
+            topic: topic.into(),
+            type_name: type_name.into(),
+            stamp: false,
+            fields: more_fields(type_name).collect(),
+        });
+        let later = period_ms.into_iter().flat_map(|period_ms| (0..10_000).step_by(period_ms as usize));
+        let all = std::iter::once((0, true)).chain(later.map(|at_ms| (at_ms, false)));
+        for (at_ms, late) in all.filter(|_| value.is_some()) {
+            let content = FieldValue::Content(Fingerprint(at_ms.into()));
+            let sample = Sample {
+                source: source.clone(),
+                stamp_ns: None,
+                received_wall_ns: 0,
+                late,
+                delay: Span::ZERO,
+                values: std::iter::once(content).chain(value.clone()).collect(),
             };
             self.seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
         }

@@ -10,6 +10,7 @@ use super::observations::{
 use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
 use super::rhythm::{Steady, at_least_ms};
+use super::values::{self, Meaning};
 use telltale_config::soundness::KILLED_NODE;
 use telltale_engine::discovery::TopicSeen;
 use telltale_engine::pace::RateLimits;
@@ -95,6 +96,13 @@ pub enum ModuleKind {
         type_name: String,
         warning_ms: u64,
     },
+    Value {
+        topic: String,
+        type_name: String,
+        meaning: Meaning,
+        /// `None`: its messages are events.
+        timeout_ms: Option<u64>,
+    },
     Node {
         name: String,
         /// Whether it is a lifecycle node, which must be active.
@@ -109,7 +117,7 @@ impl ModuleKind {
             ModuleKind::Rate { limits, .. } => limits.window_s,
             ModuleKind::Node { has_lifecycle: true, .. } => NODE_EVERY_S * NODE_MISSES,
             ModuleKind::Node { .. } => KILLED_NODE.as_millis() / 1000 + NODE_EVERY_S * NODE_MISSES,
-            ModuleKind::Status { .. } | ModuleKind::Age { .. } => 0,
+            ModuleKind::Status { .. } | ModuleKind::Age { .. } | ModuleKind::Value { .. } => 0,
         }
     }
 }
@@ -175,7 +183,9 @@ impl Draft {
     pub fn types(&self) -> BTreeSet<(&str, bool)> {
         let modules = self.groups.iter().flat_map(|group| &group.modules);
         let measured = modules.filter_map(|module| match &module.kind {
-            ModuleKind::Rate { type_name, .. } => Some((type_name.as_str(), false)),
+            ModuleKind::Rate { type_name, .. } | ModuleKind::Value { type_name, .. } => {
+                Some((type_name.as_str(), false))
+            }
             ModuleKind::Age { type_name, .. } => Some((type_name.as_str(), true)),
             ModuleKind::Status { .. } | ModuleKind::Node { .. } => None,
         });
@@ -267,12 +277,11 @@ fn group(
         }
     }
     for topic in &parts.topics {
-        match (measured_type(topic), seen.topics.get(&*topic.name)) {
-            (Some(type_name), Some(messages)) => {
-                measure(&mut group, topic, (type_name, messages), end, &mut taken);
+        match measured_type(topic) {
+            Some(type_name) => {
+                judge(&mut group, topic, (type_name, seen.topics.get(&*topic.name)), end, &mut taken);
             }
-            (Some(type_name), None) => remark(&mut group, topic, type_name, "no message was received"),
-            (None, _) => {
+            None => {
                 let types = topic.types().join(", ");
                 remark(
                     &mut group,
@@ -383,22 +392,57 @@ fn transforms(messages: &Messages, end: Timestamp) -> Vec<Transform> {
     messages.frames.iter().map(|(child, frame)| (&**child, frame)).filter_map(of).take(LINES_MAX).collect()
 }
 
-/// The monitors that the messages of a topic permit.
+/// The monitors of a topic: of its rate and age, and of its content where that has a known meaning.
+fn judge(
+    group: &mut Group,
+    topic: &TopicSeen,
+    (type_name, messages): (&str, Option<&Messages>),
+    end: Timestamp,
+    taken: &mut BTreeSet<String>,
+) {
+    let meaning = Meaning::of(&topic.name, type_name);
+    let value = meaning.map(|meaning| values::propose(meaning, messages, end));
+    let timely = messages.filter(|it| it.rhythm.count > 0 && meaning != Some(Meaning::Goal));
+    match (timely.and_then(|it| it.rhythm.steady(end)), timely) {
+        (Some(steady), Some(messages)) => measure(group, topic, (type_name, messages), steady, end, taken),
+        _ if value.is_some() => {}
+        (_, None) => remark(group, topic, type_name, "no message was received"),
+        (_, Some(messages)) => {
+            let why = match messages.rhythm.count {
+                1 => "one message, no rhythm".to_owned(),
+                count => format!("{count} messages, no steady rhythm"),
+            };
+            remark(group, topic, type_name, &why);
+        }
+    }
+    let value = match value {
+        Some(Ok(_)) if group.modules.len() >= MODULES_MAX => {
+            return remark(group, topic, type_name, "the group has enough modules");
+        }
+        Some(Ok(value)) => value,
+        Some(Err(why)) => return remark(group, topic, type_name, &why),
+        None => return,
+    };
+    let (of_topic, type_name) = (topic.name.clone(), type_name.to_owned());
+    let (meaning, timeout_ms) = (value.meaning, value.timeout_ms);
+    group.modules.push(Module {
+        id: names::id(&meaning.words(&topic.name), "value", taken),
+        kind: ModuleKind::Value { topic: of_topic, type_name, meaning, timeout_ms },
+        about: value.about,
+        nodes: topic.publishers.iter().filter_map(|it| it.node.clone()).collect(),
+        proposals: Vec::new(),
+    });
+}
+
+/// The monitors of the rate and the age of a topic that comes steadily.
 fn measure(
     group: &mut Group,
     topic: &TopicSeen,
     (type_name, messages): (&str, &Messages),
+    steady: Steady,
     end: Timestamp,
     taken: &mut BTreeSet<String>,
 ) {
-    let count = messages.rhythm.count;
-    let Some(steady) = messages.rhythm.steady(end) else {
-        let why = match count {
-            1 => "one message, no rhythm".to_owned(),
-            _ => format!("{count} messages, no steady rhythm"),
-        };
-        return remark(group, topic, type_name, &why);
-    };
     if group.modules.len() >= MODULES_MAX {
         return remark(group, topic, type_name, "the group has enough modules");
     }

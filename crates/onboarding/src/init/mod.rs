@@ -12,6 +12,7 @@ pub(crate) mod observations;
 pub(crate) mod passing;
 pub(crate) mod proposals;
 mod rhythm;
+pub(crate) mod values;
 pub(crate) mod yaml;
 
 pub use draft::{Draft, Group, ModuleKind, draft};

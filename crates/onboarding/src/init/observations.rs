@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::names::{is_full_name, is_tool, is_type};
 use super::rhythm::Rhythm;
+use super::values;
 use telltale_engine::discovery::{Discovery, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId};
 use telltale_engine::model::monitors::{DIAGNOSTIC_ARRAY, DIAGNOSTICS, FieldKind, FieldSpec, TF_MESSAGE};
@@ -67,6 +68,8 @@ pub struct Messages {
     content: Option<Fingerprint>,
     /// Messages with the same content as the one before them.
     pub repeated: u64,
+    /// The last value of a field that is read because of its meaning.
+    pub value: Option<FieldValue>,
     /// The child frames of transforms.
     pub frames: BTreeMap<Box<str>, Frame>,
 }
@@ -84,7 +87,8 @@ pub struct Frame {
 pub fn more_fields(type_name: &str) -> impl Iterator<Item = FieldSpec> {
     let count = if type_name == TF_MESSAGE { TRANSFORMS_MAX } else { 0 };
     let of = |at: usize| ["header.frame_id", "child_frame_id"].map(|name| format!("transforms[{at}].{name}"));
-    (0..count).flat_map(of).map(|path| FieldSpec::new(path, FieldKind::Scalar))
+    let paths = (0..count).flat_map(of).chain(values::field(type_name).map(str::to_owned));
+    paths.map(|path| FieldSpec::new(path, FieldKind::Scalar))
 }
 
 impl Messages {
@@ -160,10 +164,17 @@ impl Observations {
 
     fn measure(&mut self, sample: &Sample, at: Timestamp) {
         let topic = &sample.source.topic;
-        if sample.late || self.topics.len() >= 2 * TOPICS_MAX && !self.topics.contains_key(topic) {
+        if self.topics.len() >= 2 * TOPICS_MAX && !self.topics.contains_key(topic) {
             return;
         }
         let messages = self.topics.entry(topic.clone()).or_default();
+        if values::field(&sample.source.type_name).is_some() {
+            messages.value = sample.values.get(1).filter(|value| **value != FieldValue::Absent).cloned();
+        }
+        // What was kept for those who come late has a value and no time.
+        if sample.late {
+            return;
+        }
         messages.rhythm.beat(at);
         let content = match sample.values[..] {
             [FieldValue::Content(content), ..] => Some(content),
@@ -208,10 +219,11 @@ fn is_frame(name: &str) -> bool {
     (1..=NAME_BYTES_MAX).contains(&name.len()) && !name.starts_with('/') && name.bytes().all(is_plain)
 }
 
-/// Whether a topic connects components, rather than to serve ROS itself.
+/// Whether a topic connects components, rather than to serve ROS itself. The status of an action does.
 pub fn is_of_components(topic: &TopicSeen) -> bool {
     let name = &*topic.name;
-    let is_hidden = name.split('/').any(|part| part.starts_with('_')) || name.starts_with("/telltale/");
+    let shown = values::action(name).unwrap_or(name);
+    let is_hidden = shown.split('/').any(|part| part.starts_with('_')) || name.starts_with("/telltale/");
     is_full_name(name) && !is_hidden && !INFRASTRUCTURE.contains(&name)
 }
 

@@ -8,6 +8,7 @@ use super::draft::{Group, ModuleKind};
 use super::grouping::Grouping;
 use super::names::comment;
 use super::observations::{Observations, is_of_components};
+use super::values::{self, Meaning};
 use telltale_engine::discovery::{Endpoint, TopicSeen};
 
 /// Reasons that are given for one dependency.
@@ -45,7 +46,8 @@ type OfParticipant<'a> = BTreeMap<&'a str, BTreeSet<&'a str>>;
 
 /// Adds what the graph suggests to the modules of the groups with these keys; returns the order of the groups.
 pub fn propose(groups: &mut [Group], keys: &[&str], seen: &Observations, grouping: &Grouping) -> Vec<usize> {
-    let topics = || seen.discovery.topics.iter().filter(|topic| is_of_components(topic));
+    let is_of_data = |topic: &&TopicSeen| is_of_components(topic) && values::action(&topic.name).is_none();
+    let topics = || seen.discovery.topics.iter().filter(is_of_data);
     let mut of_participant = OfParticipant::new();
     for it in topics().flat_map(|topic| topic.publishers.iter().chain(&topic.subscribers)) {
         if let Some((node, _)) = it.node.as_ref().and_then(|node| grouping.of_node.get_key_value(node)) {
@@ -160,10 +162,13 @@ fn by_group<'a>(
 }
 
 /// The modules that wait for what these nodes receive: their statuses and what they publish. Whether a node runs
-/// does not depend on it.
+/// does not depend on it, and neither does a charge or an emergency stop.
 fn waiting<'a>(group: &'a Group, nodes: &'a BTreeSet<&str>) -> impl Iterator<Item = usize> + 'a {
     let modules = group.modules.iter().enumerate();
-    let waits = |module: &super::draft::Module| !matches!(module.kind, ModuleKind::Node { .. });
+    let waits = |module: &super::draft::Module| match &module.kind {
+        ModuleKind::Value { meaning, .. } => *meaning == Meaning::Goal,
+        kind => !matches!(kind, ModuleKind::Node { .. }),
+    };
     let of_them = |it: &super::draft::Module| it.nodes.iter().any(|node| nodes.contains(&**node));
     modules.filter(move |(_, it)| waits(it) && of_them(it)).map(|(place, _)| place)
 }
@@ -178,7 +183,7 @@ fn concerned(group: &Group, topic: &TopicSeen, publishers: &BTreeSet<&str>) -> V
     };
     let judging = targets(&|kind, _| match kind {
         ModuleKind::Rate { topic: of, .. } | ModuleKind::Age { topic: of, .. } => *of == topic.name,
-        ModuleKind::Status { .. } | ModuleKind::Node { .. } => false,
+        ModuleKind::Status { .. } | ModuleKind::Value { .. } | ModuleKind::Node { .. } => false,
     });
     let running = || targets(&|kind, nodes| matches!(kind, ModuleKind::Node { .. }) && of_publishers(nodes));
     let saying = || targets(&|kind, nodes| matches!(kind, ModuleKind::Status { .. }) && of_publishers(nodes));

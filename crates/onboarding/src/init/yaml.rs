@@ -232,6 +232,13 @@ fn keys(kind: &ModuleKind) -> Vec<String> {
             duration(*warning_ms),
             duration(2 * warning_ms)
         )],
+        ModuleKind::Value { topic, type_name, meaning, timeout_ms } => {
+            let (rule, empty) = (meaning.rule(), if timeout_ms.is_none() { ", empty: ok" } else { "" });
+            let monitor =
+                format!("monitor: {{ value: {{ topic: {topic}, type: {type_name}, {rule}{empty} }} }}");
+            let timeout = timeout_ms.map(|timeout_ms| format!("timeout: {}", duration(timeout_ms)));
+            std::iter::once(monitor).chain(timeout).collect()
+        }
         ModuleKind::Node { name, has_lifecycle } => {
             let target = if *has_lifecycle { "lifecycle" } else { "node" };
             vec![format!(

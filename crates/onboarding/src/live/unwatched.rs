@@ -71,7 +71,11 @@ impl Unwatched {
         let proposed = heard.draft.groups.iter().flat_map(|group| &group.modules);
         for module in proposed {
             match &module.kind {
-                ModuleKind::Rate { topic, .. } | ModuleKind::Age { topic, .. } if !reads(model, topic) => {
+                ModuleKind::Rate { topic, .. }
+                | ModuleKind::Age { topic, .. }
+                | ModuleKind::Value { topic, .. }
+                    if !reads(model, topic) =>
+                {
                     found.topics.insert(topic.clone());
                 }
                 ModuleKind::Node { name, .. } if !is_noticed(model, heard, &taken, name) => {
@@ -80,6 +84,7 @@ impl Unwatched {
                 ModuleKind::Status { .. }
                 | ModuleKind::Rate { .. }
                 | ModuleKind::Age { .. }
+                | ModuleKind::Value { .. }
                 | ModuleKind::Node { .. } => {}
             }
         }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use crate::init::draft::{Draft, Module, ModuleKind};
-use telltale_engine::model::monitors::{MonitorSpec, ProbeTarget, TopicId};
+use telltale_engine::model::monitors::{MonitorSpec, ProbeTarget, TopicId, ValueSource};
 use telltale_engine::model::{GroupId, Model, ModuleSpec, same_topic};
 
 pub struct Homes<'m> {
@@ -80,6 +80,9 @@ fn watching<'m>(model: &'m Model, kind: &'m ModuleKind) -> impl Iterator<Item = 
         (ModuleKind::Rate { topic, .. }, Some(MonitorSpec::Frequency { topic: id, .. }))
         | (ModuleKind::Age { topic, .. }, Some(MonitorSpec::Latency { topic: id, .. })) => {
             topic_is(id, topic)
+        }
+        (ModuleKind::Value { topic, .. }, Some(MonitorSpec::Value { source, .. })) => {
+            matches!(source, ValueSource::Field { topic: id, .. } if topic_is(id, topic))
         }
         (ModuleKind::Node { name, .. }, Some(MonitorSpec::Watchdog { watchdog, .. })) => {
             match &model.watched.watchdogs[watchdog.0 as usize].target {

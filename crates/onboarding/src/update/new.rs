@@ -42,7 +42,9 @@ impl New {
             ModuleKind::Status { name, .. } => {
                 unwatched.statuses.contains(name) || unwatched.forgotten.contains(name)
             }
-            ModuleKind::Rate { topic, type_name, .. } | ModuleKind::Age { topic, type_name, .. } => {
+            ModuleKind::Rate { topic, type_name, .. }
+            | ModuleKind::Age { topic, type_name, .. }
+            | ModuleKind::Value { topic, type_name, .. } => {
                 let (is_unwatched, known) = (unwatched.topics.contains(topic), is_known(type_name));
                 if is_unwatched && !known {
                     unknown.insert(format!("{} of {}", names::comment(type_name), names::comment(topic)));

@@ -43,8 +43,9 @@ const QUEUE: usize = 4096;
 /// Look at a running ROS 2 system and write a first configuration.
 ///
 /// It listens for a while and changes nothing. The file has a group for each namespace or node, the statuses that were
-/// heard, and monitors of the rates and ages that were measured, each with its evidence as a comment. Which part
-/// depends on which is a guess from the graph of publishers and subscribers, and a comment too.
+/// heard, and monitors of the rates and ages that were measured, of batteries, emergency stops and actions, each with its
+/// evidence as a comment. Which part depends on which is a guess from the graph of publishers and subscribers, and a
+/// comment too.
 ///
 /// Every topic is read meanwhile, large ones too: over a slow network that takes its share of it. Let the robot do
 /// what it usually does; what rests is not measured.
