@@ -81,6 +81,8 @@ pub enum FindingKind {
     LateCause { late: NodeId, after: Span, limit: Span, dependency: usize },
     /// Less urgent faults hide a more urgent one, however late it comes.
     HidesUrgent(Behind),
+    /// The window of a rate holds so few messages at its limit that one more or less passes it; and the shortest that does not.
+    ShortWindow { window: Span, limit: f64, least: Span },
     /// The condition uses no input: its result is constant.
     Constant { text: Box<str>, holds: bool },
 }

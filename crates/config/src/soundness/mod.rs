@@ -18,6 +18,7 @@ mod shared;
 mod silence;
 pub mod situation;
 pub mod urgency;
+mod windows;
 mod words;
 
 use std::collections::BTreeSet;
@@ -64,6 +65,7 @@ pub fn look(model: &Model) -> Soundness {
     look.findings.extend(alike::look(model));
     look.findings.extend(shared::look(&look.judge));
     look.findings.extend(late::look(model));
+    look.findings.extend(windows::look(model));
     look.findings.extend(urgency::look(model));
     if model.stages == StageModel::Shuttle {
         let no_stop = model.driving.unpublished.contains(&Output::ManeuverStop);

@@ -161,6 +161,14 @@ pub fn problem(model: &Model, places: &Places, finding: &Finding) -> Problem {
             let help = format!("write `within: {after}` or more here, or let `{late}` be noticed earlier");
             return Problem::at(dependency(*index), message).help(help).as_warning();
         }
+        FindingKind::ShortWindow { window, limit, least } => {
+            let message = format!(
+                "the window of `{name}`, {}, holds fewer than two messages at its limit of {limit} Hz: each message that comes a little early or late may raise or end an alarm",
+                span(*window)
+            );
+            let help = format!("write `window: {}` or more", span(*least));
+            return Problem::at(place.id, message).help(help).as_warning();
+        }
         FindingKind::HidesUrgent(behind) => {
             let (message, help) = behind_words(model, behind);
             return Problem::at(dependency(behind.dependency), message).help(help).as_warning();

@@ -330,6 +330,42 @@ fn a_limit_in_percent_of_a_fraction_is_told() {
 }
 
 #[test]
+fn a_window_that_is_too_short_for_its_limit_is_told_with_one_that_is_not() {
+    let of = |keys: &str| {
+        format!(
+            "groups: [{{ id: a, modules: [{{ id: m, monitor: {{ frequency: {{ topic: /b, type: std_msgs/msg/Bool, {keys} }} }} }}] }}]\n"
+        )
+    };
+    let said = |window: &str, limit: &str, least: &str| {
+        format!(
+            "1:35: the window of `a/m`, {window}, holds fewer than two messages at its limit of {limit} Hz: each message that comes a little early or late may raise or end an alarm (write `window: {least}` or more)"
+        )
+    };
+    for (keys, [window, limit, least]) in [
+        ("window: 100ms, warning_below: 7, error_below: 4", ["100ms", "7", "300ms"]),
+        ("window: 200ms, error_below: 9.5", ["200ms", "9.5", "300ms"]),
+        ("window: 1ms, error_below: 100", ["1ms", "100", "20ms"]),
+        ("error_below: 0.3", ["2s", "0.3", "6s 700ms"]),
+        ("error_below: 0.1", ["2s", "0.1", "20s"]),
+        ("window: 100ms, warning_above: 12, error_above: 15", ["100ms", "12", "200ms"]),
+    ] {
+        check(&of(keys), &[&said(window, limit, least)]);
+    }
+    for keys in [
+        "window: 300ms, warning_below: 7, error_below: 4",
+        "window: 2s, warning_below: 7, error_below: 0.1",
+        // Any message at all, and none.
+        "window: 2s, error_below: 0.5",
+        "window: 100ms, error_below: 10",
+        "error_above: 0",
+        // No window that may be written is long enough.
+        "error_below: 0.003",
+    ] {
+        check(&of(keys), &[]);
+    }
+}
+
+#[test]
 fn a_pattern_of_file_names_is_told() {
     let regex = |regex: &str| format!("(write `regex: '{regex}'`, or leave it if statuses are called so)");
     let name = "(name the status as it is called; `match` in a group takes several)";
