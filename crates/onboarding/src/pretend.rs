@@ -85,7 +85,7 @@ impl Robot {
         let later = period_ms.into_iter().flat_map(|period_ms| (0..10_000).step_by(period_ms as usize));
         let all = std::iter::once((0, true)).chain(later.map(|at_ms| (at_ms, false)));
         for (at_ms, late) in all.filter(|_| value.is_some()) {
-            let content = FieldValue::Content(Fingerprint(at_ms.into()));
+            let content = FieldValue::Content(Fingerprint(at_ms));
             let sample = Sample {
                 source: source.clone(),
                 stamp_ns: None,
