@@ -443,13 +443,7 @@ async fn the_file_of_a_foreign_robot_passes_check_and_shows_it_ok() {
     let cloud = json!({"raw": format!("00010000{}", "00".repeat(1_500_000)), "times": 3});
     let clouds = "pub --topic rt/points --type sensor_msgs::msg::dds_::PointCloud2_";
     peers.push((Peer::start(&domain, clouds), vec![cloud]));
-    peers.push((Peer::start(&domain, "pub --topic rt/driving --type Bool"), vec![json!({"bool": true})]));
     peers.push((Peer::start(&domain, "pub --topic rt/e_stop --type Bool"), vec![json!({"bool": false})]));
-    // All numbers are zero, but for a percentage of 0.75; all texts are empty.
-    let (stamp, numbers, empty) = ("00".repeat(8), "00".repeat(24), "0100000000000000");
-    let charge = format!("00010000{stamp}{empty}{numbers}0000403f{}{empty}{empty}", "00".repeat(12));
-    let battery = "pub --topic rt/battery --type sensor_msgs::msg::dds_::BatteryState_";
-    peers.push((Peer::start(&domain, battery), vec![json!({"raw": charge})]));
     // Nobody has asked for anything yet.
     let goals = "--durability transient_local pub --topic rt/go/_action/status --type action_msgs::msg::dds_::GoalStatusArray_";
     peers.push((Peer::start(&domain, goals), Vec::new()));
@@ -463,9 +457,8 @@ async fn the_file_of_a_foreign_robot_passes_check_and_shows_it_ok() {
         "status: '/arm/joint_1'",
         "node: /gripper",
         "topic: /base/odom, type: nav_msgs/msg/Odometry",
-        "topic: /driving, type: std_msgs/msg/Bool",
+        "frequency: { topic: /e_stop, type: std_msgs/msg/Bool",
         "value: { topic: /e_stop, type: std_msgs/msg/Bool, field: data, error_unless: false }",
-        "value: { topic: /battery, type: sensor_msgs/msg/BatteryState, field: percentage,",
         "- { id: go_goal, monitor: { value: { topic: /go/_action/status,",
         "topic: /points, type: sensor_msgs/msg/PointCloud2",
     ];
