@@ -329,6 +329,7 @@ impl Net {
         let own = module.own.state(policy);
         module.own.onset.follow(own, now);
         let grace = module.own.in_grace();
+        let waits_for_reset = module.own.latched() && !module.own.is_in_error(policy);
         let known = module.own.known();
         let blocked = module.node.blocking > 0 || around_blocked;
         if relevant && blocked && own == State::Error {
@@ -347,7 +348,7 @@ impl Net {
         module.node.not_relevant = not_relevant;
         let before = std::mem::replace(
             &mut module.node.facts,
-            NodeFacts { relevant, blocked, masked, shown, own, grace, second, ..UNSEEN },
+            NodeFacts { relevant, blocked, masked, shown, own, grace, waits_for_reset, second, ..UNSEEN },
         );
         if heard && module.own.received().is_none() {
             self.forgotten.push(id);

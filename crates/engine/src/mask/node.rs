@@ -24,6 +24,8 @@ pub(crate) struct NodeFacts {
     pub(crate) own: State,
     /// It has no report, or is silent, and still has time to report.
     pub(crate) grace: bool,
+    /// Its fault is over, and its ERROR stays until somebody resets it.
+    pub(crate) waits_for_reset: bool,
     /// A blocked module that shows ERROR because no cause explains it; a group that contains one.
     pub(crate) second: bool,
     pub(crate) only_dropped: OnlyDropped,
@@ -163,6 +165,7 @@ pub(crate) const UNSEEN: NodeFacts = NodeFacts {
     shown: State::Ignore,
     own: State::Unknown,
     grace: false,
+    waits_for_reset: false,
     second: false,
     only_dropped: OnlyDropped { shown: false, own: false },
 };

@@ -152,9 +152,10 @@ impl Engine {
     /// The urgency of a node's own state: the configured one; else an ERROR or UNKNOWN asks to be ready, and a fault after
     /// which the vehicle can only slow down asks to take over.
     fn asks_for(&self, node: NodeId) -> Option<Urgency> {
-        let own = self.net.node(node).facts.own;
+        let facts = &self.net.node(node).facts;
+        let own = facts.own;
         let advised = match node {
-            NodeId::Module(id) if !self.only_waits_for_reset(id) => {
+            NodeId::Module(id) if !facts.waits_for_reset => {
                 self.views.help(id).and_then(|help| help.of(own, self.vehicle.stage)?.urgency)
             }
             NodeId::Module(_) | NodeId::Group(_) => None,
@@ -166,12 +167,6 @@ impl Engine {
             State::Error if self.slows(node) => Some(Urgency::TakeOver),
             State::Unknown | State::Error => Some(Urgency::BeReady),
         }
-    }
-
-    /// Its fault is over, and its ERROR stays until somebody resets it.
-    fn only_waits_for_reset(&self, id: ModuleId) -> bool {
-        let own = &self.net.modules[id.0 as usize].own;
-        own.latched() && !own.is_in_error(self.net.policy(id))
     }
 
     /// Whether the vehicle is asked to slow down because of this node: it is named as a cause, or would be if nothing
