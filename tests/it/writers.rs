@@ -120,6 +120,22 @@ groups:
 }
 
 #[test]
+fn a_name_that_a_reload_leaves_to_another_node_counts_once_that_says_it() {
+    let own = "- { id: own, match: [{ namespace: /cameras, writers: [/driver] }] }";
+    let text = |groups: &str| format!("vehicle: {{ stages: none }}\ngroups:\n{groups}\n");
+    let model = |text: &str| config::parse("test", text).unwrap().model;
+    let both = model(&text(&format!("- {{ id: all, match: [{{ namespace: /cameras }}] }}\n{own}")));
+    let named = vec![(1, named("/driver")), (2, named("/stranger"))];
+    let mut vehicle = Vehicle { engine: Engine::new(both, Timestamp::ZERO), named };
+    vehicle.list(0, &[]);
+    vehicle.say(0, 2, OK, "/cameras/left");
+    vehicle.engine.reload(model(&text(own)), Timestamp::from_millis(10));
+    assert_eq!(vehicle.snapshot(10).node("own//cameras/left"), None);
+    vehicle.say(20, 1, ERROR, "/cameras/left");
+    assert_eq!(vehicle.own(20, "own//cameras/left"), State::Error);
+}
+
+#[test]
 fn a_stranger_does_not_change_how_many_names_are_past_the_limit() {
     let one = Some("1 status with a new name dropped: limits.discovered_modules is 1".to_owned());
     assert_eq!(dropped_names(&["driver", "driver"]), one);

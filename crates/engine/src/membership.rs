@@ -98,7 +98,7 @@ impl Engine {
         if known.is_none() && claim.places.is_empty() {
             if !claim.dropped_by.is_empty() {
                 self.counters.dropped_names += 1;
-            } else if !heard.is_held_back() {
+            } else if !heard.is_held_back() && left_out.is_empty() {
                 self.names.drop_name(name);
             }
             return None;
