@@ -169,7 +169,7 @@ mod tests {
         Some(FieldValue::Number(value))
     }
 
-    /// The file, of which `check` warns of nothing.
+    /// The written file, if `check` warns of nothing in it.
     fn written(robot: Robot) -> String {
         let text = text(&robot.heard().draft, true);
         let loaded = telltale_config::parse("draft", &text).unwrap_or_else(|it| panic!("{it}\n{text}"));

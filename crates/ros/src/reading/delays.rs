@@ -6,19 +6,20 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use telltale_engine::time::{Span, Timestamp};
 use telltale_msg::sample_bytes::Guid;
 
-/// Writers that are known at once. The one that was heard least lately makes room.
+/// Writers that are known at once. The one that was heard longest ago makes room.
 const WRITERS_MAX: usize = 1024;
 /// A message comes as usual if it takes no longer than this beyond the fastest one.
 const USUAL_NS: i128 = 1_000_000_000;
-/// A clock that is slewed runs apart by less than one part in so many (chrony: a twelfth), by up to this time in all.
+/// A clock that is slewed runs faster or slower than ours by less than one part in so many (chrony: a twelfth), and by no
+/// more than this time in all.
 const SLEW: i128 = 10;
 const SLEWED_NS: i128 = 10_000_000_000;
-/// Of the time since the last message that was not late, so much counts for that.
+/// After a silence, no more than this time of it is taken for slewing.
 const SLEWS_FOR_NS: i128 = 10_000_000_000;
-/// Another one by less than one part in so many.
+/// A clock that is not slewed runs faster or slower than ours by less than one part in so many.
 const DRIFT: i128 = 1000;
-/// If all messages of this time come late, and alike, that is usual from then on: the writer's clock was set, or the way is
-/// longer. A backlog comes late by less and less, or more and more.
+/// If all messages of this time come late by the same, that is usual from then on: the writer's clock was set, or the network
+/// is slower. The messages of a backlog come late by less and less, or by more and more.
 const ACCEPTED_NS: i128 = 30_000_000_000;
 
 /// The delays of one topic's writers.
@@ -30,14 +31,15 @@ pub struct Delays {
 /// Times are nanoseconds. An offset is the difference of our clock, which is never set, from the writer's.
 #[derive(Debug, Clone, Copy)]
 struct Delay {
-    /// The offset of the fastest message of late, and when it came.
+    /// The offset of the fastest message, which follows a slewed clock, and when it came.
     least: i128,
     at: i128,
-    /// The same, of long.
+    /// The offset of the fastest message, which follows no slewed clock, and when it came.
     fastest: (i128, i128),
-    /// When the last one was published.
+    /// When the last one was published, and when it came.
     source: i128,
-    /// Since when all of them come late and alike, with the least and the largest offset.
+    heard: i128,
+    /// Since when all messages come late by the same, with the least and the largest offset.
     late: Option<(i128, i128, i128)>,
 }
 
@@ -50,7 +52,7 @@ impl Delays {
         };
         let (source, now) = (source.as_nanos() as i128, i128::from(now.as_nanos()));
         if self.writers.len() >= WRITERS_MAX && !self.writers.contains_key(writer) {
-            let oldest = self.writers.iter().min_by_key(|(_, delay)| delay.at).map(|(guid, _)| *guid);
+            let oldest = self.writers.iter().min_by_key(|(_, delay)| delay.heard).map(|(guid, _)| *guid);
             oldest.map(|guid| self.writers.remove(&guid));
         }
         let first = Delay::of(now - source, now, source);
@@ -61,10 +63,11 @@ impl Delays {
 
 impl Delay {
     fn of(offset: i128, now: i128, source: i128) -> Delay {
-        Delay { least: offset, at: now, fastest: (offset, now), source, late: None }
+        Delay { least: offset, at: now, fastest: (offset, now), source, heard: now, late: None }
     }
 
     fn take(&mut self, source: i128, now: i128) -> i128 {
+        self.heard = now;
         // A stamp that stays the same is none.
         if source == self.source {
             return 0;
@@ -152,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_backlog_never_becomes_usual() {
-        // Of a loss of 40 s messages come again over 60 s, always faster than they were sent, or ever slower.
+        // What was lost for 40 s comes again within 36 s.
         check(
             &[
                 &[(0, 0, 0)],
