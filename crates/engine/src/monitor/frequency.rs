@@ -1,8 +1,8 @@
 //! The rate of messages, also judged by the clock: no message is 0 Hz.
 
-use super::MonitorKind;
 use super::window::{Recovery, Window};
 use super::words::{Words, measuring, not_measured};
+use super::{MonitorKind, end_search};
 use crate::files::KeyframeError;
 use crate::model::monitors::Bands;
 use crate::model::sample::Sample;
@@ -56,11 +56,7 @@ impl MonitorKind for Frequency {
 
     /// A publisher was found. Returns whether that ends a search.
     fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
-        let searching = self.since.is_some_and(|since| since > now);
-        if searching {
-            self.since = Some(now);
-        }
-        searching
+        end_search(&mut self.since, now)
     }
 
     /// A late message came, which is not counted. Returns whether the first window starts again.

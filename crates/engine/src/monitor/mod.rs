@@ -137,6 +137,15 @@ trait MonitorKind: Sized {
     fn words(&self, now: Timestamp) -> Words;
 }
 
+/// A publisher was found: what begins after a search begins now. Returns whether that ends the search.
+fn end_search(since: &mut Option<Timestamp>, now: Timestamp) -> bool {
+    let searching = since.is_some_and(|since| since > now);
+    if searching {
+        *since = Some(now);
+    }
+    searching
+}
+
 macro_rules! kinds {
     ($($kind:ident),*) => {
         /// One monitor over time, of any kind.

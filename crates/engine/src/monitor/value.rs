@@ -1,8 +1,8 @@
 //! One field of a topic, or one KeyValue of a status.
 
-use super::MonitorKind;
 use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, numeral_in, quoted};
+use super::{MonitorKind, end_search};
 use crate::files::KeyframeError;
 use crate::model::monitors::ValueRule;
 use crate::model::quantity::{Quantity, number};
@@ -49,11 +49,7 @@ impl MonitorKind for Value {
     }
 
     fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
-        let searching = self.since.is_some_and(|since| since > now);
-        if searching {
-            self.since = Some(now);
-        }
-        searching
+        end_search(&mut self.since, now)
     }
 
     /// What an action was asked for before its server was started again is over.
