@@ -73,12 +73,12 @@ pub fn message(topics: &[Arc<TopicSpec>], number: u64) -> (Input, Timestamp) {
     let seconds = now.as_nanos() as f64 / 1e9;
     let pose = Pose { x_m: 5.0 * seconds, qw: 1.0, ..Pose::default() };
     let sample = Sample {
-        source: topics[number as usize % topics.len()].clone(),
         stamp_ns: Some(1 + now.as_nanos() as i64),
         received_wall_ns: 20_000_001 + now.as_nanos() as i64,
-        late: false,
-        delay: Span::ZERO,
-        values: [FieldValue::Number(seconds.sin() * 0.4), FieldValue::Pose(pose)].into(),
+        ..Sample::of(
+            topics[number as usize % topics.len()].clone(),
+            [FieldValue::Number(seconds.sin() * 0.4), FieldValue::Pose(pose)].into(),
+        )
     };
     (Input::Sample(sample), now)
 }

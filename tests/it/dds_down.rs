@@ -76,14 +76,7 @@ impl Vehicle {
             self.pass(100);
             let source = self.topic("/scan");
             let values: Box<[FieldValue]> = vec![FieldValue::Absent; source.fields.len()].into();
-            let sample = Sample {
-                source,
-                stamp_ns: None,
-                received_wall_ns: 0,
-                late: false,
-                delay: Span::ZERO,
-                values,
-            };
+            let sample = Sample::of(source, values);
             self.take(&Input::Sample(sample));
             self.probe(ProbeOutcome::Announced);
         }

@@ -56,14 +56,7 @@ fn messages(seen: &mut Observations, name: &str, period_ms: u64, age_ms: i64) {
         let received_wall_ns = 1_700_000_000_000_000_000;
         let stamp_ns = Some(received_wall_ns - age_ms * 1_000_000);
         let values = Box::default();
-        let sample = Sample {
-            source: source.clone(),
-            stamp_ns,
-            received_wall_ns,
-            late: false,
-            delay: Span::ZERO,
-            values,
-        };
+        let sample = Sample { stamp_ns, received_wall_ns, ..Sample::of(source.clone(), values) };
         seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
     }
 }

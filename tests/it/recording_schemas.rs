@@ -100,12 +100,9 @@ fn inputs() -> Vec<Input> {
         FieldValue::Unreadable("it ends early".into()),
     ];
     let sample = |stamp_ns| Sample {
-        source: topic.clone(),
         stamp_ns,
         received_wall_ns: Sample::NO_CLOCK,
-        late: false,
-        delay: Span::ZERO,
-        values: values.clone().into(),
+        ..Sample::of(topic.clone(), values.clone().into())
     };
     let targets = [
         ProbeTarget::Icmp { host: "10.0.0.1".into() },

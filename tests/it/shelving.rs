@@ -32,8 +32,7 @@ fn standing() -> Vehicle {
 fn speed(vehicle: &mut Vehicle, mps: f64) {
     let source = vehicle.model.watched.topics[0].clone();
     let values = [FieldValue::Number(mps)].into();
-    let sample =
-        Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, delay: Span::ZERO, values };
+    let sample = Sample::of(source, values);
     vehicle.input(&Input::Sample(sample));
 }
 

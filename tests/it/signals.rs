@@ -3,7 +3,7 @@
 use telltale::engine::input::Input;
 use telltale::engine::model::Stage;
 use telltale::engine::model::sample::{FieldValue, Sample};
-use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::time::Timestamp;
 
 use crate::by_hand::Vehicle;
 
@@ -27,8 +27,7 @@ impl Vehicle {
         self.now = Timestamp::from_millis(at_ms);
         let source = self.model.watched.topics.iter().find(|spec| *spec.topic == *topic).unwrap().clone();
         let values = [value].into();
-        let sample =
-            Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, delay: Span::ZERO, values };
+        let sample = Sample::of(source, values);
         self.engine.handle(&Input::Sample(sample), self.now);
     }
 

@@ -38,14 +38,7 @@ fn hear(vehicle: &mut Vehicle, topic: &str, x_m: f64) {
         _ => FieldValue::Absent,
     });
     let values = values.collect();
-    vehicle.input(&Input::Sample(Sample {
-        source,
-        stamp_ns: None,
-        received_wall_ns: 0,
-        late: false,
-        delay: Span::ZERO,
-        values,
-    }));
+    vehicle.input(&Input::Sample(Sample::of(source, values)));
 }
 
 /// Goes on for so many seconds at this speed, from this place. Returns where it is then.

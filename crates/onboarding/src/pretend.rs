@@ -8,7 +8,7 @@ use telltale_engine::discovery::{Discovery, Endpoint, TopicSeen};
 use telltale_engine::input::{Input, NodeOf, StatusArray, WriterId, WriterList};
 use telltale_engine::model::monitors::TopicSpec;
 use telltale_engine::model::sample::{FieldValue, Fingerprint, Sample};
-use telltale_engine::time::{Span, Timestamp};
+use telltale_engine::time::Timestamp;
 
 const END: Timestamp = Timestamp::from_millis(10_000);
 const SCAN: &str = "sensor_msgs/msg/LaserScan";
@@ -52,14 +52,7 @@ impl Robot {
             let received_wall_ns = 1_700_000_000_000_000_000;
             let stamp_ns = Some(received_wall_ns - 20_000_000);
             let values = Box::default();
-            let sample = Sample {
-                source: source.clone(),
-                stamp_ns,
-                received_wall_ns,
-                late: false,
-                delay: Span::ZERO,
-                values,
-            };
+            let sample = Sample { stamp_ns, received_wall_ns, ..Sample::of(source.clone(), values) };
             self.seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
         }
         self.node(node)
@@ -87,12 +80,8 @@ impl Robot {
         for (at_ms, late) in all.filter(|_| value.is_some()) {
             let content = FieldValue::Content(Fingerprint(at_ms));
             let sample = Sample {
-                source: source.clone(),
-                stamp_ns: None,
-                received_wall_ns: 0,
                 late,
-                delay: Span::ZERO,
-                values: std::iter::once(content).chain(value.clone()).collect(),
+                ..Sample::of(source.clone(), std::iter::once(content).chain(value.clone()).collect())
             };
             self.seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
         }

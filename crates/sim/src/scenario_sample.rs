@@ -364,14 +364,7 @@ pub(super) fn sample(raw: &RawSample, model: &Model, log: &mut Log) -> Option<In
         log.push(problem.help("remove it, or add a latency monitor"));
     }
     let source = source.clone();
-    Some(Input::Sample(Sample {
-        source,
-        stamp_ns: None,
-        received_wall_ns: 0,
-        late: false,
-        delay: time::Span::ZERO,
-        values,
-    }))
+    Some(Input::Sample(Sample::of(source, values)))
 }
 
 /// Those of one frame. Their stamps come with the step.

@@ -9,7 +9,7 @@ use telltale::engine::input::{
 use telltale::engine::model::monitors::TopicSpec;
 use telltale::engine::model::output::Output;
 use telltale::engine::model::sample::{FieldValue, Sample};
-use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::time::Timestamp;
 
 use super::cases::{Choices, history};
 use super::{config, numbers};
@@ -107,14 +107,7 @@ fn sample(number: f64) -> Input {
     let source = TopicSpec { topic: "/a".into(), type_name: "".into(), stamp: true, fields: Vec::new() };
     let values = [FieldValue::Number(number)].into();
     let (stamp_ns, received_wall_ns) = (Some(-5), Sample::NO_CLOCK);
-    Input::Sample(Sample {
-        source: Arc::new(source),
-        stamp_ns,
-        received_wall_ns,
-        late: true,
-        delay: Span::ZERO,
-        values,
-    })
+    Input::Sample(Sample { stamp_ns, received_wall_ns, late: true, ..Sample::of(Arc::new(source), values) })
 }
 
 #[test]

@@ -178,14 +178,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
                 _ => ProbeOutcome::Impossible("no permission".into()),
             },
         }),
-        2 => Input::Sample(Sample {
-            source,
-            stamp_ns: None,
-            received_wall_ns: 0,
-            late: false,
-            delay: Span::ZERO,
-            values: [].into(),
-        }),
+        2 => Input::Sample(Sample::of(source, [].into())),
         _ => {
             let wall = 1_000_000_000_000_000_000;
             let age_ms = [0, 50, 100, 150, 200, 300, -60, 4_000_000][choices.below(8)];
@@ -197,14 +190,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             let values = [number, pose(choices), positions(choices), content, transforms(choices, wall)];
             let stamp_ns = (!choices.one_in(8)).then_some(wall - age_ms * 1_000_000);
             let values = values.into();
-            Input::Sample(Sample {
-                source,
-                stamp_ns,
-                received_wall_ns: wall,
-                late: false,
-                delay: Span::ZERO,
-                values,
-            })
+            Input::Sample(Sample { stamp_ns, received_wall_ns: wall, ..Sample::of(source, values) })
         }
     }
 }

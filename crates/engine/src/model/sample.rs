@@ -31,6 +31,11 @@ pub struct Sample {
 }
 
 impl Sample {
+    /// One that came in time, without a stamp.
+    pub fn of(source: Arc<TopicSpec>, values: Box<[FieldValue]>) -> Sample {
+        Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, delay: Span::ZERO, values }
+    }
+
     /// Replaces an unknown time.
     pub const NO_CLOCK: i64 = i64::MIN;
 

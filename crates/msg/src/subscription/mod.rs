@@ -417,26 +417,17 @@ impl WatchedFields {
             *wrong = Some(NoValue::Fault(fault));
         }
         Sample {
-            source: self.spec.clone(),
             stamp_ns: reading.stamp_ns,
             received_wall_ns: received.wall_ns,
             late: received.when != PublicationTime::Now,
-            delay: Span::ZERO,
-            values: reading.values,
+            ..Sample::of(self.spec.clone(), reading.values)
         }
     }
 
     /// The sample of a message that only shows that it came.
     fn past(&self, received_wall_ns: i64) -> Sample {
         let values = vec![FieldValue::Absent; self.spec.fields.len()].into();
-        Sample {
-            source: self.spec.clone(),
-            stamp_ns: None,
-            received_wall_ns,
-            late: true,
-            delay: Span::ZERO,
-            values,
-        }
+        Sample { received_wall_ns, late: true, ..Sample::of(self.spec.clone(), values) }
     }
 }
 

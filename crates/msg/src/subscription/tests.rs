@@ -117,14 +117,7 @@ fn a_signal_and_monitors_share_one_topic() {
     let signal = Input::Signal { name: "dense".into(), value: true };
     let sample = |stamp_ns, late, value| {
         let source = all[1].watched().unwrap().clone();
-        Input::Sample(Sample {
-            source,
-            stamp_ns,
-            received_wall_ns: 7,
-            late,
-            delay: Span::ZERO,
-            values: [value].into(),
-        })
+        Input::Sample(Sample { stamp_ns, received_wall_ns: 7, late, ..Sample::of(source, [value].into()) })
     };
     let of_now = |late| sample(Some(0), late, FieldValue::Number(3.0));
     assert_eq!(decode(PublicationTime::Now), (vec![signal.clone(), of_now(false)], None));

@@ -276,14 +276,7 @@ mod tests {
             let mut values: Vec<FieldValue> = std::iter::once(content).chain(names).collect();
             values.resize(source.fields.len(), FieldValue::Unreadable("there is none".into()));
             let (source, values) = (source.clone(), values.into());
-            let sample = Sample {
-                source,
-                stamp_ns: None,
-                received_wall_ns: 0,
-                late: false,
-                delay: telltale_engine::time::Span::ZERO,
-                values,
-            };
+            let sample = Sample::of(source, values);
             seen.take(&Input::Sample(sample), Timestamp::from_millis(100 * tenth));
         }
         assert_eq!(seen.topics["/tf"].frames.len(), FRAMES_MAX);

@@ -268,8 +268,7 @@ mod tests {
 
     fn sample(source: &Arc<TopicSpec>, value: FieldValue) -> Sample {
         let values = std::iter::repeat_n(value, source.fields.len()).collect();
-        let (source, delay) = (source.clone(), Span::ZERO);
-        Sample { source, stamp_ns: None, received_wall_ns: 0, late: false, delay, values }
+        Sample::of(source.clone(), values)
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::engine::input::Input;
 use crate::engine::model::monitors::TopicSpec;
 use crate::engine::model::sample::Sample;
 use crate::engine::model::{Dependency, Limits, Model, NodeId};
-use crate::engine::time::{Span, Timestamp};
+use crate::engine::time::Timestamp;
 use crate::msg::cdr::Endian;
 use crate::msg::fields::Definitions;
 use crate::msg::messages;
@@ -79,7 +79,7 @@ fn discovery(machine: &Machine) -> Discovery {
 fn message_of(topic: &str) -> Sample {
     let source = TopicSpec { topic: topic.into(), type_name: "".into(), stamp: false, fields: Vec::new() };
     let (stamp_ns, received_wall_ns, values) = (None, Sample::NO_CLOCK, [].into());
-    Sample { source: Arc::new(source), stamp_ns, received_wall_ns, late: false, delay: Span::ZERO, values }
+    Sample { stamp_ns, received_wall_ns, ..Sample::of(Arc::new(source), values) }
 }
 
 /// The dependencies between groups that a configuration has, or between modules in them.
@@ -191,14 +191,7 @@ fn the_file_names_the_folders_with_its_types() {
         let source = Arc::new(spec);
         for at_ms in (0..HEARD_MS).step_by(100) {
             let (stamp_ns, received_wall_ns, values) = (Some(1_000_000), 2_000_000, [].into());
-            let sample = Sample {
-                source: source.clone(),
-                stamp_ns,
-                received_wall_ns,
-                late: false,
-                delay: Span::ZERO,
-                values,
-            };
+            let sample = Sample { stamp_ns, received_wall_ns, ..Sample::of(source.clone(), values) };
             seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
         }
     }

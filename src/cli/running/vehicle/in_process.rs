@@ -13,7 +13,7 @@ use crate::engine::input::Input;
 use crate::engine::model::monitors::{ProbeTarget, TopicSpec, WatchdogSpec};
 use crate::engine::model::sample::{Pose, Probe, PublisherReport, Sample};
 use crate::engine::model::{Limits, Model};
-use crate::engine::time::{Span, Timestamp};
+use crate::engine::time::Timestamp;
 use crate::msg::cdr::Endian;
 use crate::msg::fields::{BooleanReader, Definitions, Reader};
 use crate::msg::messages::{GidSize, NodeEntities, diagnostic_array, encode_nodes};
@@ -132,12 +132,9 @@ impl Ears {
             assert_eq!(reading.fault, None, "{topic}");
             let received_wall_ns = unix_ns(received) as i64;
             let sample = Sample {
-                source: source.clone(),
                 stamp_ns: reading.stamp_ns,
                 received_wall_ns,
-                late: false,
-                delay: Span::ZERO,
-                values: reading.values,
+                ..Sample::of(source.clone(), reading.values)
             };
             inputs.push(Input::Sample(sample));
         }

@@ -115,14 +115,7 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     let none = || FieldValue::Unreadable("the message ends early".into());
     let whole = |topic: usize, stamp_ns, values: [FieldValue; 3]| {
         let source = watched.topics[topic].clone();
-        Input::Sample(Sample {
-            source,
-            stamp_ns,
-            received_wall_ns,
-            late: false,
-            delay: Span::ZERO,
-            values: values.into(),
-        })
+        Input::Sample(Sample { stamp_ns, received_wall_ns, ..Sample::of(source, values.into()) })
     };
     let sample = |topic: usize, stamp_ns, [number, pose]: [FieldValue; 2]| {
         whole(topic, stamp_ns, [number, pose, none()])

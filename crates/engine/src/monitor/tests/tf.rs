@@ -40,14 +40,7 @@ fn message(model: &Model, topic: usize, at_ms: u64, [odom, base]: [&[&str]; 2], 
         if parents.is_empty() { FieldValue::Absent } else { FieldValue::Transforms(all.collect()) }
     };
     let source = model.watched.topics[topic].clone();
-    Sample {
-        source,
-        stamp_ns: None,
-        received_wall_ns,
-        late: false,
-        delay: Span::ZERO,
-        values: [of(odom), of(base)].into(),
-    }
+    Sample { received_wall_ns, ..Sample::of(source, [of(odom), of(base)].into()) }
 }
 
 struct Chain {

@@ -113,12 +113,10 @@ fn measured_values_have_the_units_of_their_messages() {
     let values = [FieldValue::Number(0.1746)].into();
     let (stamp_ns, received_wall_ns, late) = (None, 0, false);
     sample.input(&Input::Sample(Message {
-        source: battery,
         stamp_ns,
         received_wall_ns,
         late,
-        delay: Span::ZERO,
-        values,
+        ..Message::of(battery, values)
     }));
     let low = sample.pass(1).published();
     check(
