@@ -29,7 +29,6 @@
   // The moment with which the shown one is compared.
   let remembered = null;
   let isMoved = false;
-  let pending = null;
 
   for (const link of document.querySelectorAll(".lanes a")) link.target = "screen";
 
@@ -110,28 +109,38 @@
     keep();
   };
 
-  // One request at a time; a newer order aborts the older one's answer.
-  const ask = async (order) => {
-    if (!order && pending) return;
-    // Another moment is shown now.
-    if (order) document.getElementById("beyond")?.remove();
-    pending?.abort();
-    const abort = new AbortController();
-    pending = abort;
-    const limit = setTimeout(() => abort.abort(), ANSWER_MS);
+  // One request at a time: an order that is given before the last one's answer waits for it.
+  const WAITING = 8;
+  const orders = [];
+  let isAsking = false;
+  const send = async (order) => {
     const options = order ? { method: "POST", body: new URLSearchParams(order) } : {};
     const headers = { Accept: "application/json", ...(order ? {} : { "Telltale-Renewal": "1" }) };
     try {
-      const answer = await fetch(address, { ...options, headers, cache: "no-store", signal: abort.signal });
+      const answer = await fetch(address, { ...options, headers, cache: "no-store", signal: AbortSignal.timeout(ANSWER_MS) });
       if (answer.status === 404 || answer.status === 401) return void location.reload();
-      take(await answer.json());
+      const state = await answer.json();
       lost.hidden = true;
+      // What the next order does is shown already.
+      if (orders.length === 0) take(state);
     } catch {
-      if (pending === abort) lost.hidden = false;
-    } finally {
-      clearTimeout(limit);
-      if (pending === abort) pending = null;
+      lost.hidden = false;
     }
+  };
+  const ask = async (order) => {
+    if (order) {
+      // Another moment is shown now.
+      document.getElementById("beyond")?.remove();
+      // The last place, speed and pause count; steps add up, until a place is given.
+      const overtaken = (kind) => kind in order ? kind !== "step" : kind === "step" && "at_ms" in order;
+      orders.splice(0, orders.length, ...orders.filter((other) => !Object.keys(other).some(overtaken)));
+      if (orders.length < WAITING) orders.push(order);
+    }
+    if (isAsking) return;
+    isAsking = true;
+    do await send(orders.shift());
+    while (orders.length > 0);
+    isAsking = false;
   };
 
   const goTo = (at) => {

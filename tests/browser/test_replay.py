@@ -494,6 +494,14 @@ def test_everything_of_a_replay_is_in_sight_at_all_sizes(tmp_path, plain, config
 
 
 def test_a_replay_is_moved_by_keys(plain, config, page):
+    # A slow network: keys are pressed before the last one's order has left.
+    page.add_init_script("""
+        const quick = window.fetch;
+        window.fetch = async (address, options) => {
+          if (options?.method === "POST") await new Promise((resolve) => setTimeout(resolve, 300));
+          return quick(address, options);
+        };
+    """)
     with shown(plain, config) as (url, name, password):
         log_in(page, SimpleNamespace(url=url), name, password)
         page.wait_for_url(f"{url}/replay/file")
