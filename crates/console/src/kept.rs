@@ -33,6 +33,7 @@ const SCHEMA: &str = "
         stored_ms INTEGER NOT NULL,
         UNIQUE (vehicle, record, head)
     ) STRICT;
+    CREATE INDEX IF NOT EXISTS audit_heads_of ON audit_heads (vehicle, told);
     CREATE TABLE IF NOT EXISTS reading (
         one INTEGER PRIMARY KEY CHECK (one = 1),
         log_ms INTEGER NOT NULL,
@@ -40,7 +41,8 @@ const SCHEMA: &str = "
     ) STRICT;
 ";
 
-/// Heads of the audit log of one vehicle; beyond it the oldest go.
+/// Heads of the audit log of one vehicle. Of those before the newer half one in 64 stays, so that many new ones do not push out
+/// all old ones; beyond the bound the oldest go.
 pub const AUDIT_HEADS_MAX: usize = 20_000;
 
 /// A head of a vehicle's audit log, as the vehicle told it.
@@ -200,16 +202,23 @@ impl Store {
                            SELECT number FROM incidents WHERE vehicle = ?1 ORDER BY number DESC LIMIT ?2)";
             transaction.prepare_cached(sql)?.execute(params![id, INCIDENTS_MAX as i64])?;
         }
-        for (id, head, stored_ms) in &changes.unwritten.heads {
-            let record = i64::try_from(head.number).unwrap_or(i64::MAX);
-            let sql = "INSERT OR IGNORE INTO audit_heads (vehicle, record, head, stored_ms) VALUES (?1, ?2, ?3, ?4)";
-            let values = params![id.as_str(), record, head.to_string(), stored_ms];
-            if transaction.prepare_cached(sql)?.execute(values)? > 0 {
-                let sql =
-                    "DELETE FROM audit_heads WHERE told = (SELECT told FROM audit_heads WHERE vehicle = ?1
-                           ORDER BY told DESC LIMIT 1 OFFSET ?2)";
-                transaction.prepare_cached(sql)?.execute(params![id.as_str(), AUDIT_HEADS_MAX as i64])?;
+        for (id, heads) in &changes.unwritten.heads {
+            for (head, stored_ms) in heads {
+                let record = i64::try_from(head.number).unwrap_or(i64::MAX);
+                let sql = "INSERT OR IGNORE INTO audit_heads (vehicle, record, head, stored_ms) VALUES (?1, ?2, ?3, ?4)";
+                let values = params![id.as_str(), record, head.to_string(), stored_ms];
+                transaction.prepare_cached(sql)?.execute(values)?;
             }
+            let beyond = |newest: usize, which: &str| -> Result<(), KeptError> {
+                let sql = format!(
+                    "DELETE FROM audit_heads WHERE vehicle = ?1 {which} AND told <= (
+                         SELECT told FROM audit_heads WHERE vehicle = ?1 ORDER BY told DESC LIMIT 1 OFFSET ?2)"
+                );
+                transaction.prepare_cached(&sql)?.execute(params![id.as_str(), newest as i64])?;
+                Ok(())
+            };
+            beyond(AUDIT_HEADS_MAX / 2, "AND told % 64 <> 0")?;
+            beyond(AUDIT_HEADS_MAX, "")?;
         }
         let sql = "INSERT INTO reading VALUES (1, ?1, ?2)
                    ON CONFLICT (one) DO UPDATE SET log_ms = ?1, last_up_ms = ?2";
@@ -291,5 +300,28 @@ mod tests {
         assert!(rows[0].age_s.is_some_and(|age| (3599.0..3601.0).contains(&age)), "{:?}", rows[0].age_s);
         let numbers: Vec<u64> = again.incidents().iter().map(|it| it.number).collect();
         assert_eq!((numbers.len(), numbers[0]), (INCIDENTS_MAX, 6));
+    }
+
+    #[test]
+    fn many_heads_of_one_vehicle_push_out_no_others_and_not_all_of_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let (clock, _hand) = Clock::standing();
+        let mut store = Store::open(folder.path(), clock.clone()).unwrap();
+        let mut fleet = store.fleet().unwrap();
+        let [a, b] = ["a", "b"].map(|id| VehicleId::new(id).unwrap());
+        let head = |number: usize| telltale_store::Head::parse(&format!("{number}:{number:064x}")).unwrap();
+        for heads in [0..10, 10..15_000] {
+            let mut changes = Changes::of(&mut fleet, &clock);
+            changes.unwritten.heads.insert(a.clone(), heads.map(|number| (head(number + 1), 0)).collect());
+            changes.unwritten.heads.insert(b.clone(), vec![(head(7), 0)]);
+            store.write(&changes).unwrap();
+        }
+        drop(store);
+        let kept = |id| Store::audit_heads(folder.path(), id).unwrap();
+        assert_eq!(kept(&b).len(), 1);
+        let numbers: Vec<u64> = kept(&a).iter().map(|told| told.head.number).collect();
+        let old = numbers.iter().filter(|&&number| number <= 5_000).count();
+        assert_eq!((numbers.len() - old, numbers.last()), (10_000, Some(&15_000)));
+        assert!((77..=79).contains(&old), "{old}");
     }
 }

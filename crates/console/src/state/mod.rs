@@ -28,8 +28,8 @@ use vehicle::{Times, Vehicle};
 /// The log is read again from this long before its known end, so that a keyframe of each vehicle is in it.
 const OVERLAP_MS: i64 = 15 * 60_000;
 
-/// Heads of audit logs that wait for the disk.
-const HEADS_WAIT_MAX: usize = 10_000;
+/// Heads of a vehicle's audit log that wait for the disk. The newest stands for all before it.
+const HEADS_WAIT_MAX: usize = 8;
 
 /// All vehicles.
 #[derive(Debug)]
@@ -49,7 +49,15 @@ pub struct Unwritten {
     pub vehicles: BTreeSet<VehicleId>,
     pub incidents: BTreeSet<(VehicleId, u64)>,
     /// Of the vehicles' audit logs, as they were told, with the hub's time in milliseconds since 1970.
-    pub heads: Vec<(VehicleId, Head, i64)>,
+    pub heads: BTreeMap<VehicleId, Vec<(Head, i64)>>,
+}
+
+impl Unwritten {
+    fn add_head(&mut self, id: VehicleId, head: (Head, i64)) {
+        let heads = self.heads.entry(id).or_default();
+        heads.truncate(HEADS_WAIT_MAX - 1);
+        heads.push(head);
+    }
 }
 
 /// A message from the hub, unpacked.
@@ -150,13 +158,10 @@ impl Fleet {
                 }
             }
             (Stream::Log, Ok(batch)) => {
+                let mut last_head = None;
                 for message in &batch.messages {
                     if let Content::AuditHead(head) = &message.content {
-                        let head = Head::parse(&format!("{}:{}", head.record, head.hash));
-                        match head.filter(|_| self.unwritten.heads.len() < HEADS_WAIT_MAX) {
-                            Some(head) => self.unwritten.heads.push((id.clone(), head, stored_ms)),
-                            None => self.refused += 1,
-                        }
+                        last_head = Head::parse(&format!("{}:{}", head.record, head.hash)).or(last_head);
                     }
                     if let Some(number) = vehicle.take(message) {
                         self.unwritten.incidents.insert((id.clone(), number));
@@ -164,6 +169,9 @@ impl Fleet {
                     if message.content == Content::Goodbye {
                         self.unwritten.vehicles.insert(id.clone());
                     }
+                }
+                if let Some(head) = last_head {
+                    self.unwritten.add_head(id, (head, stored_ms));
                 }
             }
             (_, refused) => {
@@ -200,8 +208,9 @@ impl Fleet {
         self.unwritten.vehicles.extend(unwritten.vehicles);
         self.unwritten.incidents.extend(unwritten.incidents);
         let newer = std::mem::replace(&mut self.unwritten.heads, unwritten.heads);
-        self.unwritten.heads.extend(newer);
-        self.unwritten.heads.truncate(HEADS_WAIT_MAX);
+        for (id, heads) in newer {
+            heads.into_iter().for_each(|head| self.unwritten.add_head(id.clone(), head));
+        }
     }
 
     /// All vehicles, the worst first.

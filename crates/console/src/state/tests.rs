@@ -5,8 +5,8 @@ use telltale_engine::state::State;
 use telltale_engine::time::{Since, Span, Timestamp};
 use telltale_fleet::hub::VEHICLES_MAX;
 use telltale_fleet::message::{
-    Alarm, Batch, Cause, Content, Epoch, Gap, GapReason, Head, Incident, Keyframe, Malformed, Message, Node,
-    VehicleId,
+    Alarm, AuditHead, Batch, Cause, Content, Epoch, Gap, GapReason, Head, Incident, Keyframe, Malformed,
+    Message, Node, VehicleId,
 };
 use telltale_fleet::reading::Stream;
 
@@ -247,6 +247,34 @@ fn what_is_hostile_is_counted_at_its_vehicle_and_changes_nothing_else() {
     assert_eq!((world.row("bad").refused, world.row("bad").state), (12, State::Ok));
     assert_eq!(format!("{:?}", world.row("good")), before);
     assert_eq!(world.fleet.refused, 12);
+}
+
+#[test]
+fn a_vehicle_that_tells_many_heads_of_its_audit_log_takes_no_place_of_others() {
+    let mut world = World::new();
+    let told = |from: u64| {
+        let of = |number| {
+            let head = AuditHead { record: number, hash: format!("{number:064x}") };
+            message(1, number, Content::AuditHead(head))
+        };
+        (from..from + 4000).map(of).collect::<Vec<_>>()
+    };
+    for batch in 0..20 {
+        world.tell(Stream::Log, "many", told(1 + batch * 4000));
+    }
+    world.tell(Stream::Log, "one", told(1)[..1].to_vec());
+    let waiting = world.fleet.take_unwritten();
+    let numbers = |id: &str| -> Vec<u64> {
+        waiting.heads[&VehicleId::new(id).unwrap()].iter().map(|(head, _)| head.number).collect()
+    };
+    let first = |batch: u64| batch * 4000;
+    assert_eq!(numbers("many"), [1, 2, 3, 4, 5, 6, 7, 20].map(first));
+    assert_eq!(numbers("one"), [1]);
+    // The disk did not take them.
+    world.tell(Stream::Log, "many", told(90_001));
+    world.fleet.put_back(waiting);
+    let waiting = world.fleet.take_unwritten();
+    assert_eq!(waiting.heads[&VehicleId::new("many").unwrap()].last().map(|it| it.0.number), Some(94_000));
 }
 
 #[test]
