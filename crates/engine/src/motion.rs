@@ -72,7 +72,7 @@ pub(super) struct MotionState {
     /// Since when no message has said that it is slow.
     moved_since: Option<Timestamp>,
     parking: Parking,
-    /// It is in standby and, as far as its position shows, at no stop.
+    /// It came to standby and is, as far as its position shows, at no stop.
     astray: bool,
     /// The place of the last goal, in metres.
     goal: Option<(f64, f64)>,
@@ -291,9 +291,13 @@ impl Engine {
         if driving.speed.is_some() && self.vehicle.stage != Stage::Active {
             self.motion.follow_parking(self.vehicle.stage == Stage::Cleared, self.now);
         }
-        let is_astray = self.vehicle.stage == Stage::Standby
-            && !self.motion.is_parked()
-            && self.is_seen_at_a_stop() == Some(false);
+        let is_astray = match self.vehicle.stage {
+            _ if self.motion.is_parked() => false,
+            Stage::Standby => self.is_seen_at_a_stop() == Some(false),
+            // Before it is localized its position shows nothing.
+            Stage::Locked | Stage::Localizing => self.motion.astray,
+            Stage::Cleared | Stage::Active => false,
+        };
         self.vehicle_changed |= std::mem::replace(&mut self.motion.astray, is_astray) != is_astray;
         let trusted = self.is_localized();
         let drives = self.vehicle.stage == Stage::Active;
@@ -324,7 +328,7 @@ impl Engine {
 
     /// Whether its position is near a stop. One that is old, or that Localization does not stand for, shows none. `None`:
     /// the configuration has no position, or no stops.
-    fn is_seen_at_a_stop(&self) -> Option<bool> {
+    pub(super) fn is_seen_at_a_stop(&self) -> Option<bool> {
         let driving = &self.model.driving;
         let source = driving.position.filter(|_| !driving.stops.is_empty())?;
         let place =

@@ -70,7 +70,12 @@ impl Engine {
         if to == Stage::Active {
             self.motion.set_off();
         }
-        if event == StageEvent::Localized || from == Stage::Active && !self.is_between_stops() {
+        let is_at_a_stop = match from {
+            Stage::Active => !self.is_between_stops(),
+            // The operator chose a stop; the vehicle may be far from it.
+            _ => event == StageEvent::Localized && self.is_seen_at_a_stop() != Some(false),
+        };
+        if is_at_a_stop {
             self.motion.park(self.now);
         }
         if from == Stage::Active {
