@@ -46,7 +46,12 @@ impl Vehicle {
         let mut vehicle = Vehicle { engine, model, now: Timestamp::ZERO };
         for topic in ["/scan", "/dead"] {
             let source = vehicle.topic(topic);
-            vehicle.take(&Input::Topic(PublisherReport { source, publishers: 1, other_type: None }));
+            vehicle.take(&Input::Topic(PublisherReport {
+                source,
+                publishers: 1,
+                other_type: None,
+                transient_local: false,
+            }));
         }
         vehicle.report();
         vehicle.run(3000);

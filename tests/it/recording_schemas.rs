@@ -171,11 +171,17 @@ fn inputs() -> Vec<Input> {
         Input::Signal { name: "active".into(), value: true },
         Input::Sample(sample(None)),
         Input::Sample(sample(Some(-5))),
-        Input::Topic(PublisherReport { source: topic.clone(), publishers: 1, other_type: None }),
+        Input::Topic(PublisherReport {
+            source: topic.clone(),
+            publishers: 1,
+            other_type: None,
+            transient_local: false,
+        }),
         Input::Topic(PublisherReport {
             source: topic.clone(),
             publishers: 0,
             other_type: Some("a/msg/B".into()),
+            transient_local: true,
         }),
         Input::Output(OutputReport { error: Some("no reader".into()), ..report(Output::Stage) }),
         Input::Aggregator { other: None },

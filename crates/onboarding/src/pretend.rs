@@ -68,7 +68,7 @@ impl Robot {
         value: Option<FieldValue>,
     ) -> Robot {
         let endpoint = Robot::endpoint(node, type_name);
-        self.topic(topic).publishers.push(endpoint);
+        self.topic(topic).publishers.push(Endpoint { reliable: true, transient_local: true, ..endpoint });
         let source = Arc::new(TopicSpec {
             topic: topic.into(),
             type_name: type_name.into(),
@@ -86,6 +86,12 @@ impl Robot {
             self.seen.take(&Input::Sample(sample), Timestamp::from_millis(at_ms));
         }
         self.node(node)
+    }
+
+    /// The publishers of this topic keep nothing for late readers.
+    pub fn volatile(mut self, topic: &str) -> Robot {
+        self.topic(topic).publishers.iter_mut().for_each(|it| it.transient_local = false);
+        self
     }
 
     pub fn listens(mut self, node: &str, topic: &str) -> Robot {

@@ -165,6 +165,7 @@ impl Bridge {
                     source: spec.clone(),
                     publishers: u32::from(is_its_type),
                     other_type: (!is_its_type).then(|| (*channel.type_name).into()),
+                    transient_local: false,
                 })
             }));
         }

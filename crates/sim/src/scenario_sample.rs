@@ -155,20 +155,22 @@ fn pose(node: &Node, log: &mut Log) -> Option<Pose> {
     Some(Pose { x_m: x, y_m: y, z_m: z, qx, qy, qz, qw })
 }
 
-/// `{ topic: /t, count: 0, type: std_msgs/msg/String }`: the publishers of a topic.
+/// `{ topic: /t, count: 0, type: std_msgs/msg/String, transient_local: true }`: the publishers of a topic.
 #[derive(Debug)]
 pub(super) struct RawPublishers {
     topic: Spanned<String>,
     count: u32,
     other_type: Option<String>,
+    transient_local: bool,
 }
 
 impl FromNode for RawPublishers {
     fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
         let mut fields = Fields::of(node, "the publishers of a topic", log)?;
         let (topic, count) = (fields.required("topic"), fields.or_default::<u64>("count"));
-        let other_type = fields.optional("type");
-        Some(RawPublishers { topic: topic?, count: u32::try_from(count).unwrap_or(u32::MAX), other_type })
+        let (other_type, transient_local) = (fields.optional("type"), fields.or_default("transient_local"));
+        let count = u32::try_from(count).unwrap_or(u32::MAX);
+        Some(RawPublishers { topic: topic?, count, other_type, transient_local })
     }
 }
 
@@ -402,7 +404,8 @@ fn are_read(source: &TopicSpec) -> String {
 pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> Option<Input> {
     let source = topic(&raw.topic, model, log)?.clone();
     let other_type = raw.other_type.as_deref().map(Into::into);
-    Some(Input::Topic(PublisherReport { source, publishers: raw.count, other_type }))
+    let (publishers, transient_local) = (raw.count, raw.transient_local);
+    Some(Input::Topic(PublisherReport { source, publishers, other_type, transient_local }))
 }
 
 /// One for each watchdog with this target.

@@ -169,6 +169,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             source,
             publishers: choices.below(2) as u32,
             other_type: choices.one_in(4).then(|| "other/msg/Type".into()),
+            transient_local: choices.one_in(2),
         }),
         1 => Input::Probe(Probe {
             source: watchdog(),

@@ -218,6 +218,9 @@ pub struct PublisherReport {
     pub publishers: u32,
     /// Another type under which the topic is published: `package/msg/Name`.
     pub other_type: Option<Box<str>>,
+    /// Whether all of them keep their last messages for late readers.
+    #[serde(default)]
+    pub transient_local: bool,
 }
 
 /// The result of a probe.

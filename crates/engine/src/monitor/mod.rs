@@ -89,7 +89,11 @@ trait MonitorKind: Sized {
     }
 
     /// The topic of this slot has a publisher again after all had left: earlier messages are from another one.
-    fn returned(&mut self, _slot: usize) {}
+    fn returned(&mut self, _slot: usize, _now: Timestamp) {}
+
+    /// Discovery reported: whether all publishers of the topic of this slot keep their last message for late readers;
+    /// `None` if there are none.
+    fn publishers(&mut self, _slot: usize, _transient_local: Option<bool>, _now: Timestamp) {}
 
     /// A message came that was published before Telltale listened. Present ones may be delayed too, so the
     /// first window begins after it. Returns whether the next judgement moved back.
@@ -266,8 +270,12 @@ impl Monitor {
         machine!(self, machine => machine.found(slot, now))
     }
 
-    pub(super) fn returned(&mut self, slot: usize) {
-        machine!(self, machine => machine.returned(slot))
+    pub(super) fn publishers(&mut self, slot: usize, transient_local: Option<bool>, now: Timestamp) {
+        machine!(self, machine => machine.publishers(slot, transient_local, now))
+    }
+
+    pub(super) fn returned(&mut self, slot: usize, now: Timestamp) {
+        machine!(self, machine => machine.returned(slot, now))
     }
 
     pub(super) fn late(&mut self, now: Timestamp) -> bool {

@@ -10,8 +10,11 @@ use crate::model::sample::FieldValue;
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
-use crate::time::Timestamp;
+use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
+
+/// A reader is there for all messages a second after the discovery of a writer; lost ones are sent again.
+const TOLD: Span = Span::from_secs(10);
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Value {
@@ -24,18 +27,33 @@ pub(crate) struct Value {
     /// If it may be empty: the time since which its module is relevant. In the future while publishers are still being searched.
     #[serde(default)]
     since: Option<Timestamp>,
+    /// If it may be empty: who publishes it.
+    #[serde(default)]
+    publishers: Publishers,
+}
+
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Publishers {
+    /// Or not known yet.
+    #[default]
+    Nobody,
+    /// One of them keeps no message for late readers: an event may have passed.
+    Volatile,
+    /// Since this instant they would tell the last event, if there was any.
+    TransientLocal(Timestamp),
 }
 
 impl Value {
     pub(super) fn new(inputs: Inputs, rule: ValueRule, may_be_empty: bool) -> Value {
-        Value { inputs, rule, may_be_empty, since: None }
+        Value { inputs, rule, may_be_empty, since: None, publishers: Publishers::Nobody }
     }
 }
 
 impl MonitorKind for Value {
     fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
-        let Value { inputs, rule: _, may_be_empty: _, since } = kept;
-        self.since = since;
+        let Value { inputs, rule: _, may_be_empty: _, since, publishers } = kept;
+        (self.since, self.publishers) = (since, publishers);
         self.inputs.resume(inputs)
     }
 
@@ -46,17 +64,31 @@ impl MonitorKind for Value {
 
     fn search(&mut self, until: Timestamp) {
         self.since = self.since.map(|since| since.max(until));
+        if let Publishers::TransientLocal(since) = &mut self.publishers {
+            *since = until.max(*since);
+        }
     }
 
     fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
         end_search(&mut self.since, now)
     }
 
-    /// What an action was asked for before its server was started again is over.
-    fn returned(&mut self, slot: usize) {
-        if self.may_be_empty {
+    /// A publisher that was started again may not have said that a goal is over, or that a switch was let go. A fault ends
+    /// by its word alone.
+    fn returned(&mut self, slot: usize, now: Timestamp) {
+        if self.may_be_empty && !matches!(self.judge(now), Some(State::Warning | State::Error)) {
             self.inputs.forget(slot);
+            self.publishers = Publishers::Nobody;
         }
+    }
+
+    fn publishers(&mut self, _slot: usize, transient_local: Option<bool>, now: Timestamp) {
+        self.publishers = match (transient_local, self.publishers) {
+            (None, _) => Publishers::Nobody,
+            (Some(false), _) => Publishers::Volatile,
+            (Some(true), Publishers::TransientLocal(since)) => Publishers::TransientLocal(since),
+            (Some(true), _) => Publishers::TransientLocal(now),
+        };
     }
 
     /// Whether texts are compared, so that "12" is a text too.
@@ -71,7 +103,7 @@ impl MonitorKind for Value {
 
     fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {
-            return self.since.filter(|&since| since <= now).map(|_| State::Ok);
+            return self.empty_since().filter(|&since| since <= now).map(|_| State::Ok);
         }
         Some(match (self.look(now), &self.rule) {
             (Ok((_, state)), _) => state,
@@ -83,19 +115,35 @@ impl MonitorKind for Value {
     }
 
     fn due(&self, now: Timestamp) -> Option<Timestamp> {
-        self.since.filter(|&since| since > now)
+        self.empty_since().filter(|&since| since > now && !self.inputs.any())
     }
 
     fn words(&self, now: Timestamp) -> Words {
         if !self.inputs.any() {
-            let is_empty = self.may_be_empty.then(|| Words::plain(nothing_yet(self.inputs.label(0))));
-            return is_empty.unwrap_or_default();
+            return match self.publishers {
+                _ if !self.may_be_empty => Words::default(),
+                Publishers::Volatile => Words::plain(say!(
+                    "nothing came yet of {topic}, and its publisher keeps nothing for late readers (volatile)",
+                    "noch nichts empfangen von {topic}, und der Sender bewahrt für später Kommende nichts auf (volatile)",
+                    topic = self.inputs.label(0)
+                )),
+                _ => Words::plain(nothing_yet(self.inputs.label(0))),
+            };
         }
         self.measured(now).unwrap_or_else(|unusable| Words::plain(self.inputs.say(unusable)))
     }
 }
 
 impl Value {
+    /// Since when it is known that there was no event, or will be.
+    fn empty_since(&self) -> Option<Timestamp> {
+        match self.publishers {
+            Publishers::Nobody => self.since,
+            Publishers::Volatile => None,
+            Publishers::TransientLocal(since) => Some(self.since?.max(since + TOLD)),
+        }
+    }
+
     fn measured(&self, now: Timestamp) -> Result<Words, UnusableInput> {
         Ok(match &self.rule {
             ValueRule::Bands(bands) => {

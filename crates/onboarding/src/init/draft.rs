@@ -12,7 +12,7 @@ use super::proposals::{Proposal, propose};
 use super::rhythm::{Steady, at_least_ms};
 use super::values::{self, Meaning};
 use telltale_config::soundness::KILLED_NODE;
-use telltale_engine::discovery::TopicSeen;
+use telltale_engine::discovery::{Endpoint, TopicSeen};
 use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
 
@@ -401,7 +401,9 @@ fn judge(
     taken: &mut BTreeSet<String>,
 ) {
     let meaning = Meaning::of(&topic.name, type_name);
-    let value = meaning.map(|meaning| values::propose(meaning, messages, end));
+    let keeps = |it: &Endpoint| it.reliable && it.transient_local;
+    let is_kept = !topic.publishers.is_empty() && topic.publishers.iter().all(keeps);
+    let value = meaning.map(|meaning| values::propose(meaning, messages, is_kept, end));
     let timely = messages.filter(|it| it.rhythm.count > 0 && meaning != Some(Meaning::Goal));
     match (timely.and_then(|it| it.rhythm.steady(end)), timely) {
         (Some(steady), Some(messages)) => measure(group, topic, (type_name, messages), steady, end, taken),

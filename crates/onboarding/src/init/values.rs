@@ -86,8 +86,14 @@ fn says_stop(topic: &str) -> bool {
     !is_other && (words.iter().any(is_one) || words.windows(2).any(are_two))
 }
 
-/// The monitor of a topic with this meaning, or the reason why there is none.
-pub fn propose(meaning: Meaning, messages: Option<&Messages>, end: Timestamp) -> Result<Value, String> {
+/// The monitor of a topic with this meaning, or the reason why there is none. `is_kept`: its publishers tell a late reader
+/// their last message.
+pub fn propose(
+    meaning: Meaning,
+    messages: Option<&Messages>,
+    is_kept: bool,
+    end: Timestamp,
+) -> Result<Value, String> {
     let last = messages.and_then(|messages| messages.value.as_ref());
     let (about, timeout_ms) = match (meaning, last) {
         (Meaning::Goal, last) => (goal(last), None),
@@ -116,6 +122,11 @@ pub fn propose(meaning: Meaning, messages: Option<&Messages>, end: Timestamp) ->
         }
         (Meaning::Charge | Meaning::Stop, Some(_)) => return Err("its value cannot be read".to_owned()),
     };
+    if timeout_ms.is_none() && !is_kept {
+        return Err("it comes seldom, and its publisher keeps no message for a Telltale that starts later: publish it \
+                    reliable and transient local, or several times a second"
+            .to_owned());
+    }
     Ok(Value { meaning, timeout_ms, about })
 }
 
@@ -231,7 +242,12 @@ mod tests {
             let now = Timestamp::from_millis(at_ms);
             for source in &model.watched.topics {
                 if at_ms == 500 {
-                    let report = PublisherReport { source: source.clone(), publishers: 1, other_type: None };
+                    let report = PublisherReport {
+                        source: source.clone(),
+                        publishers: 1,
+                        other_type: None,
+                        transient_local: true,
+                    };
                     engine.handle(&Input::Topic(report), now);
                 }
                 let value = match &*source.topic {
@@ -269,6 +285,15 @@ mod tests {
     fn sample(source: &Arc<TopicSpec>, value: FieldValue) -> Sample {
         let values = std::iter::repeat_n(value, source.fields.len()).collect();
         Sample::of(source.clone(), values)
+    }
+
+    #[test]
+    fn a_switch_that_comes_seldom_is_judged_only_if_its_publisher_would_tell_a_late_reader() {
+        let switch = ("/e_stop", SWITCH);
+        let robot = Robot::default().tells("/panel", switch, None, Some(FieldValue::Bool(false)));
+        let text = written(robot.volatile("/e_stop"));
+        has(&text, &["/e_stop (std_msgs/msg/Bool): it comes seldom, and its publisher keeps no message"]);
+        assert!(!text.contains("{ id: e_stop,"), "{text}");
     }
 
     #[test]

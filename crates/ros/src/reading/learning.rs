@@ -267,7 +267,12 @@ fn say(
     let names: Vec<&str> = found.iter().copied().collect();
     let news = untyped.subscription.watched().map(|source| {
         let other_type = (!names.is_empty()).then(|| names.join(", ").into());
-        Input::Topic(PublisherReport { source: source.clone(), publishers: 0, other_type })
+        Input::Topic(PublisherReport {
+            source: source.clone(),
+            publishers: 0,
+            other_type,
+            transient_local: false,
+        })
     });
     let said: Vec<Input> = trouble.into_iter().chain(news).collect();
     let Ok(room) = inputs.try_reserve_many(said.len()) else { return false };

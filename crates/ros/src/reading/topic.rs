@@ -125,7 +125,7 @@ pub struct Topic {
     /// Until then discovery may not have found everybody.
     searching_until: Timestamp,
     /// The publishers and the other type that were reported last.
-    said: Option<(u32, Option<Box<str>>)>,
+    said: Option<(u32, Option<Box<str>>, bool)>,
     /// It was reported that last values are not asked for.
     told_of_mix: bool,
     trial: Arc<Trial>,
@@ -425,11 +425,12 @@ impl Topic {
         let Some(source) = self.subscription.watched().filter(|_| !self.trial.is_quiet()) else {
             return Ok(());
         };
-        let (publishers, other) = self.memory.writers.publishers(&self.subscription.dds_type);
+        let (publishers, other, transient_local) =
+            self.memory.writers.publishers(&self.subscription.dds_type);
         let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
         let now = self.around.clock.now();
         let found = publishers > 0 || other_type.is_some();
-        let news = (publishers, other_type);
+        let news = (publishers, other_type, transient_local);
         if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
             return Ok(());
         }
@@ -437,7 +438,8 @@ impl Topic {
             self.searching_until = now + SEARCHED_AGAIN;
             return Ok(());
         }
-        let input = PublisherReport { source: source.clone(), publishers, other_type: news.1.clone() };
+        let (source, other_type) = (source.clone(), news.1.clone());
+        let input = PublisherReport { source, publishers, other_type, transient_local };
         self.said = Some(news);
         self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
     }

@@ -270,7 +270,7 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
 const NAN: KeyDoc = key("nan").about("The state of a value that is not a number: unknown, if it is missing.");
 
 const EMPTY: KeyDoc = key("empty").about(
-    "The state while somebody publishes the topic and nothing came: unknown, if it is missing. With `ok` messages are events: the last one counts until the next one or until all publishers have left, and `timeout` has no effect.",
+    "The state while somebody publishes the topic and nothing came: unknown, if it is missing. With `ok` messages are events: the last one counts until the next one or, if it tells no fault, until all publishers have left, and `timeout` has no effect. It is OK ten seconds after the publishers were found, and only if all of them are reliable and transient local: others do not tell what they said before.",
 );
 
 /// `true`, `3`, `armed`; in quotes it is a text.

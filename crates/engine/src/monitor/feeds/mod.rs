@@ -111,6 +111,15 @@ struct WatchedTopic {
 struct Publishers {
     publishers: u32,
     other_type: Option<Box<str>>,
+    #[serde(default)]
+    transient_local: bool,
+}
+
+impl Publishers {
+    /// Whether they keep their last message for late readers, if there are any.
+    fn kept(&self) -> Option<bool> {
+        (self.publishers > 0).then_some(self.transient_local)
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -311,15 +320,18 @@ impl Watching {
         let topic = &mut self.topics[id.0 as usize];
         topic.left |= news.publishers == 0;
         let returned = topic.left && news.publishers > 0;
-        topic.news = Some(Publishers { publishers: news.publishers, other_type: news.other_type.clone() });
+        let PublisherReport { source: _, publishers, other_type, transient_local } = news.clone();
+        let news = topic.news.insert(Publishers { publishers, other_type, transient_local });
+        let kept = news.kept();
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
         for reader in &topic.readers {
             let watch = &mut self.watches[reader.watch as usize];
             watch.found(reader.slot as usize, now);
             if returned {
-                watch.monitor.returned(reader.slot as usize);
+                watch.monitor.returned(reader.slot as usize, now);
             }
+            watch.monitor.publishers(reader.slot as usize, kept, now);
             watch.pending = true;
         }
         Some(())

@@ -66,7 +66,9 @@ impl Watching {
                 // A monitor that judges by the clock does not wait for discovery: until a publisher is found
                 // there is none.
                 None => (*by_the_clock && !topic.heard).then_some(TopicFault::NoPublisher(id)),
-                Some(Publishers { publishers: 0, other_type: Some(_) }) => Some(TopicFault::WrongType(id)),
+                Some(Publishers { publishers: 0, other_type: Some(_), .. }) => {
+                    Some(TopicFault::WrongType(id))
+                }
                 Some(Publishers { publishers: 0, .. }) => Some(TopicFault::NoPublisher(id)),
                 Some(_) => (topic.left && !by_the_clock).then_some(TopicFault::NoMessageYet(id)),
             }

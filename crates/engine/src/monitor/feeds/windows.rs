@@ -31,6 +31,11 @@ impl Watching {
         let watch = &mut self.watches[index as usize];
         watch.running = relevant;
         watch.monitor.set_relevant(relevant, now);
+        for (slot, id) in watch.topics.iter().enumerate() {
+            if let Some(news) = &self.topics[id.0 as usize].news {
+                watch.monitor.publishers(slot, news.kept(), now);
+            }
+        }
         self.go_on_searching(index, now);
         Some(index)
     }

@@ -324,22 +324,32 @@ fn a_watchdog_judges_how_long_an_answer_takes() {
 }
 
 #[test]
-fn the_last_event_counts_until_the_next_one_and_none_is_ok_while_somebody_publishes() {
-    use Do::{Nothing, Number, Publishers};
+fn the_last_event_counts_until_the_next_one_and_none_is_ok_where_a_late_reader_would_be_told() {
+    use Do::{KeepingPublishers, Nothing, Number, Publishers};
     let rule = ValueRule::Bands(at_most(4.0, 5.0));
     let events = MonitorSpec::Value { source: field(A, 0), rule, may_be_empty: true };
     check(
         events,
         &[
             (0, Nothing, Unknown, "nothing came yet of /a x; nobody publishes /a"),
-            (500, Publishers(0, 1), Ok, "nothing came yet of /a x"),
-            (9000, Nothing, Ok, "nothing came yet of /a x"),
-            (9500, Number(0, 6.0), Error, "6, at most 4 wanted"),
+            (
+                500,
+                Publishers(0, 1),
+                Unknown,
+                "nothing came yet of /a x, and its publisher keeps nothing for late readers (volatile)",
+            ),
+            (90_000, KeepingPublishers(0, 1), Unknown, "nothing came yet of /a x"),
+            (99_999, Nothing, Unknown, "nothing came yet of /a x"),
+            (100_000, Nothing, Ok, "nothing came yet of /a x"),
+            (500_000, Number(0, 6.0), Error, "6, at most 4 wanted"),
             (900_000, Nothing, Error, "6, at most 4 wanted"),
             (900_500, Publishers(0, 0), Error, "6, at most 4 wanted; nobody publishes /a"),
-            (901_000, Publishers(0, 1), Ok, "nothing came yet of /a x"),
-            (902_000, Number(0, 2.0), Ok, "2, at most 4"),
-            (903_000, Publishers(0, 0), Unknown, "2, at most 4 wanted; nobody publishes /a"),
+            (901_000, KeepingPublishers(0, 1), Error, "6, at most 4 wanted"),
+            (911_000, Nothing, Error, "6, at most 4 wanted"),
+            (912_000, Number(0, 2.0), Ok, "2, at most 4"),
+            (913_000, Publishers(0, 0), Unknown, "2, at most 4 wanted; nobody publishes /a"),
+            (914_000, KeepingPublishers(0, 1), Unknown, "nothing came yet of /a x"),
+            (924_000, Nothing, Ok, "nothing came yet of /a x"),
         ],
     );
 }

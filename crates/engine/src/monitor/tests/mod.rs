@@ -43,6 +43,8 @@ pub(super) enum Do {
     /// A stamp that there is no time to compare with.
     NoClock,
     Publishers(usize, u32),
+    /// Transient local.
+    KeepingPublishers(usize, u32),
     OtherType(usize),
     Probe(ProbeOutcome),
     /// A status with these KeyValues.
@@ -120,9 +122,10 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     let sample = |topic: usize, stamp_ns, [number, pose]: [FieldValue; 2]| {
         whole(topic, stamp_ns, [number, pose, none()])
     };
-    let news = |topic: usize, publishers, other_type: Option<&str>| {
+    let news = |topic: usize, publishers, other_type: Option<&str>, transient_local| {
         let source = watched.topics[topic].clone();
-        Input::Topic(PublisherReport { source, publishers, other_type: other_type.map(Into::into) })
+        let other_type = other_type.map(Into::into);
+        Input::Topic(PublisherReport { source, publishers, other_type, transient_local })
     };
     match what.clone() {
         Do::Nothing => Input::Tick,
@@ -144,8 +147,9 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
             let Input::Sample(sample) = input(watched, at_ms, &Do::Age(0)) else { unreachable!() };
             Input::Sample(Sample { received_wall_ns: Sample::NO_CLOCK, ..sample })
         }
-        Do::Publishers(topic, publishers) => news(topic, publishers, None),
-        Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type")),
+        Do::Publishers(topic, publishers) => news(topic, publishers, None, false),
+        Do::KeepingPublishers(topic, publishers) => news(topic, publishers, None, true),
+        Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type"), false),
         Do::Probe(outcome) => Input::Probe(Probe { source: watched.watchdogs[0].clone(), outcome }),
         Do::Status(name, level, values) => {
             let mut array = StatusArray::default();
