@@ -94,6 +94,7 @@ pub enum Keeping {
 #[derive(Debug, Clone)]
 struct Signal {
     name: Box<str>,
+    timeout: Option<Span>,
     meaning: Meaning,
 }
 
@@ -153,9 +154,11 @@ impl Plan {
         let fields = model.signals.iter().filter_map(|spec| Some((spec, spec.source.field()?)));
         for (spec, source) in fields.filter(|(_, source)| !source.type_name.is_empty()) {
             let meaning = meaning(spec, source, definitions)?;
-            subscribe(&mut all, &source.topic, &source.type_name, &model.limits)?
-                .signals
-                .push(Signal { name: spec.name.clone(), meaning });
+            subscribe(&mut all, &source.topic, &source.type_name, &model.limits)?.signals.push(Signal {
+                name: spec.name.clone(),
+                timeout: spec.timeout,
+                meaning,
+            });
         }
         for spec in model.watched.topics.iter().filter(|spec| !spec.type_name.is_empty()) {
             let subscription = subscribe(&mut all, &spec.topic, &spec.type_name, &model.limits)?;
@@ -343,6 +346,13 @@ impl Subscription {
             }
         }
         (inputs, wrong.or(of_clock.map(NoValue::Fault)))
+    }
+
+    /// Whether an input is the value of a signal that was unknown again, by its timeout, when it came this late.
+    pub fn is_over(&self, input: &Input, late: Span) -> bool {
+        let Input::Signal { name, .. } = input else { return false };
+        let mut levels = self.signals.iter().filter(|it| matches!(it.meaning, Meaning::Level(_)));
+        levels.any(|it| it.name == *name && it.timeout.is_some_and(|timeout| late >= timeout))
     }
 
     fn decode_readable(

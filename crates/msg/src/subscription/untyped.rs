@@ -83,7 +83,9 @@ impl Subscription {
             let Some(source) = spec.source.field() else { continue };
             let source = FieldSource { type_name: type_name.into(), ..source.clone() };
             match meaning(spec, &source, &untyped.definitions) {
-                Ok(meaning) => learned.signals.push(Signal { name: spec.name.clone(), meaning }),
+                Ok(meaning) => {
+                    learned.signals.push(Signal { name: spec.name.clone(), timeout: spec.timeout, meaning })
+                }
                 Err(why) => {
                     missing.push(why.to_string());
                     refused = Some(why);

@@ -1,6 +1,7 @@
 //! How much later than usual a message comes: it was lost at first and sent again, or waited in a queue.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use telltale_engine::time::{Span, Timestamp};
@@ -21,6 +22,10 @@ const DRIFT: i128 = 1000;
 /// If all messages of this time come late by the same, that is usual from then on: the writer's clock was set, or the network
 /// is slower. The messages of a backlog come late by less and less, or by more and more.
 const ACCEPTED_NS: i128 = 30_000_000_000;
+/// Until a message came in time, the clocks of both sides tell how old it is. They may disagree: if all messages of this time
+/// are as old as the first one, or nearly, that is the clocks.
+const FIRST_NS: i128 = 5_000_000_000;
+const FIRST_ALIKE_NS: i128 = 500_000_000;
 
 /// The delays of one topic's writers.
 #[derive(Debug, Default)]
@@ -41,29 +46,60 @@ struct Delay {
     heard: i128,
     /// Since when all messages come late by the same, with the least and the largest offset.
     late: Option<(i128, i128, i128)>,
+    /// No message came in time yet: what is usual follows from the clocks.
+    unproven: bool,
 }
 
 impl Delays {
-    /// Takes a message in the order of its writer. Returns how much later than usual it was received; nothing of a writer
-    /// that gives no source stamps.
-    pub fn take(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> Span {
-        let Some(source) = source.and_then(|it| it.duration_since(UNIX_EPOCH).ok()) else {
+    /// Takes a message in the order of its writer, at an instant of both our clocks. Returns how much later than usual it was
+    /// received; nothing of a writer that gives no source stamps.
+    pub fn take(
+        &mut self,
+        writer: &Guid,
+        source: Option<SystemTime>,
+        (now, wall): (Timestamp, SystemTime),
+    ) -> Span {
+        let nanos = |it: SystemTime| it.duration_since(UNIX_EPOCH).ok().map(|it| it.as_nanos() as i128);
+        let (Some(source), Some(wall)) = (source.and_then(nanos), nanos(wall)) else {
             return Span::ZERO;
         };
-        let (source, now) = (source.as_nanos() as i128, i128::from(now.as_nanos()));
+        let now = i128::from(now.as_nanos());
         if self.writers.len() >= WRITERS_MAX && !self.writers.contains_key(writer) {
             let oldest = self.writers.iter().min_by_key(|(_, delay)| delay.heard).map(|(guid, _)| *guid);
             oldest.map(|guid| self.writers.remove(&guid));
         }
-        let first = Delay::of(now - source, now, source);
-        let late = self.writers.entry(*writer).or_insert(first).take(source, now);
+        let late = match self.writers.entry(*writer) {
+            Entry::Occupied(known) => known.into_mut().take(source, now),
+            Entry::Vacant(free) => {
+                let first = free.insert(Delay::first(source, now, wall));
+                now - source - first.least
+            }
+        };
         Span::from_nanos(u64::try_from(late).unwrap_or(u64::MAX))
     }
 }
 
 impl Delay {
     fn of(offset: i128, now: i128, source: i128) -> Delay {
-        Delay { least: offset, at: now, fastest: (offset, now), source, heard: now, late: None }
+        Delay {
+            least: offset,
+            at: now,
+            fastest: (offset, now),
+            source,
+            heard: now,
+            late: None,
+            unproven: false,
+        }
+    }
+
+    /// A first message that is older than usual by the clocks of both sides.
+    fn first(source: i128, now: i128, wall: i128) -> Delay {
+        let (offset, agreeing) = (now - source, now - wall);
+        if offset <= agreeing + USUAL_NS {
+            return Delay::of(offset, now, source);
+        }
+        let late = Some((now, offset, offset));
+        Delay { late, unproven: true, ..Delay::of(agreeing, now, source) }
     }
 
     fn take(&mut self, source: i128, now: i128) -> i128 {
@@ -88,15 +124,18 @@ impl Delay {
             if offset <= usual {
                 (self.least, self.at) = (offset, now);
             }
-            self.late = None;
+            (self.late, self.unproven) = (None, false);
             return 0;
         }
+        let (alike, long_enough) =
+            if self.unproven { (FIRST_ALIKE_NS, FIRST_NS) } else { (USUAL_NS, ACCEPTED_NS) };
         let (since, least, most) = self.late.unwrap_or((now, offset, offset));
         let (least, most) = (least.min(offset), most.max(offset));
-        if most - least > USUAL_NS {
+        if most - least > alike {
             self.late = Some((now, offset, offset));
-        } else if now - since >= ACCEPTED_NS {
+        } else if now - since >= long_enough {
             *self = Delay::of(least, now, source);
+            return 0;
         } else {
             self.late = Some((since, least, most));
         }
@@ -111,21 +150,35 @@ mod tests {
 
     const A: Guid = [1; 16];
 
+    /// Our wall clock at the zero of the other one.
+    const WALL_MS: u64 = 1_780_000_000_000;
+
+    fn take(delays: &mut Delays, source_ms: u64, received_ms: u64) -> Span {
+        let wall = |ms: u64| UNIX_EPOCH + Duration::from_millis(ms);
+        let now = (Timestamp::from_millis(received_ms), wall(WALL_MS + received_ms));
+        delays.take(&A, Some(wall(source_ms)), now)
+    }
+
     /// When each message was published by its writer's clock and received by ours, and how late it is; in milliseconds.
     fn check(messages: &[(u64, u64, u64)]) {
         let mut delays = Delays::default();
         for &(source, received, late) in messages {
-            let source = Some(UNIX_EPOCH + Duration::from_millis(source));
-            let told = delays.take(&A, source, Timestamp::from_millis(received));
+            let told = take(&mut delays, source, received);
             // Clocks may run apart by a tenth.
             let range = late / 2..=late;
             assert!(range.contains(&told.as_millis()), "at {received}: {told:?}, not {late} ms");
         }
     }
 
+    /// The same by a clock that agrees with ours.
+    fn check_agreeing(messages: &[(u64, u64, u64)]) {
+        let agreeing = |&(source, received, late)| (WALL_MS + source, received, late);
+        check(&messages.iter().map(agreeing).collect::<Vec<_>>());
+    }
+
     #[test]
     fn what_was_lost_at_first_or_waited_is_late_whatever_the_clocks_say() {
-        for clock in [0_u64, 5_000, 1_780_000_000_000] {
+        for clock in [WALL_MS + 10_000, WALL_MS + 9_200, WALL_MS + 300_000, 2 * WALL_MS] {
             let sent = |ms: u64| clock + ms;
             check(&[
                 (sent(0), 10_010, 0),
@@ -142,21 +195,45 @@ mod tests {
     #[test]
     fn a_clock_that_is_set_and_a_longer_way_are_usual_after_a_while() {
         // Back by ten seconds, which is seen at once.
-        check(&[(20_000, 1_000, 0), (21_000, 2_000, 0), (12_000, 3_000, 0), (13_000, 4_000, 0)]);
+        check_agreeing(&[(20_000, 1_000, 0), (21_000, 2_000, 0), (12_000, 3_000, 0), (13_000, 4_000, 0)]);
         // Ahead by ten seconds.
-        check(&[(20_000, 1_000, 0), (31_000, 2_000, 0), (32_000, 3_000, 0), (32_500, 6_500, 3_000)]);
+        check_agreeing(&[(20_000, 1_000, 0), (31_000, 2_000, 0), (32_000, 3_000, 0), (32_500, 6_500, 3_000)]);
         // One that stands says nothing.
-        check(&[(20_000, 1_000, 0), (20_000, 9_000, 0), (20_000, 90_000, 0)]);
+        check_agreeing(&[(20_000, 1_000, 0), (20_000, 9_000, 0), (20_000, 90_000, 0)]);
         // From now on each message takes ten seconds.
         let slow: Vec<(u64, u64, u64)> =
-            (1..60).map(|s| (s * 1000, s * 1000 + 10_000, if s <= 31 { 10_000 } else { 0 })).collect();
-        check(&[&[(0, 0, 0)], &slow[..]].concat());
+            (1..60).map(|s| (s * 1000, s * 1000 + 10_000, if s <= 30 { 10_000 } else { 0 })).collect();
+        check_agreeing(&[&[(0, 0, 0)], &slow[..]].concat());
+    }
+
+    #[test]
+    fn a_first_message_is_as_old_as_the_clocks_say_until_they_are_known_to_disagree() {
+        // Told again to a Telltale that has just started: its writer hangs since.
+        check_agreeing(&[(3_000, 9_300, 6_300), (3_200, 9_300, 6_100)]);
+        // And its writer goes on.
+        check_agreeing(&[
+            (3_000, 9_300, 6_300),
+            (3_200, 9_300, 6_100),
+            (9_295, 9_300, 0),
+            (9_500, 11_700, 2_200),
+        ]);
+        // The writer's clock is seven seconds behind, or has no date.
+        for clock in [WALL_MS - 7_000, 0] {
+            let age = WALL_MS - clock;
+            let late = |ms: u64| if ms < 5_000 { age } else { 0 };
+            check(
+                &(0..60).map(|step| (clock + step * 200, step * 200, late(step * 200))).collect::<Vec<_>>(),
+            );
+            check(&[(clock, 0, age), (clock + 10_000, 10_000, 0), (clock + 20_000, 23_000, 3_000)]);
+        }
+        // It is ahead.
+        check(&[(WALL_MS + 7_000, 0, 0), (WALL_MS + 7_200, 200, 0), (WALL_MS + 7_400, 3_400, 3_000)]);
     }
 
     #[test]
     fn a_backlog_never_becomes_usual() {
         // What was lost for 40 s comes again within 36 s.
-        check(
+        check_agreeing(
             &[
                 &[(0, 0, 0)],
                 &(1..90).map(|s| (s * 500, 40_000 + s * 400, 40_000 - s * 100)).collect::<Vec<_>>()[..],
@@ -164,11 +241,8 @@ mod tests {
             .concat(),
         );
         let mut delays = Delays::default();
-        let mut take = |s: u64| {
-            let sent = UNIX_EPOCH + Duration::from_millis(s * 1000);
-            delays.take(&A, Some(sent), Timestamp::from_millis(s * 1000 + s * 90))
-        };
-        let late: Vec<Span> = (0..600).map(&mut take).collect();
+        let late: Vec<Span> =
+            (0..600).map(|s| take(&mut delays, WALL_MS + s * 1000, s * 1000 + s * 90)).collect();
         assert!(
             late[..100].iter().all(|it| it.is_zero()) && late[599] > Span::from_secs(30),
             "{:?}",
@@ -179,18 +253,18 @@ mod tests {
     #[test]
     fn clocks_that_run_apart_make_nothing_late() {
         // Its clock is slewed by ten seconds, a twelfth slower than ours, and faster.
-        check(&(0..120).map(|s| (s * 1000, s * 1000 + s * 1000 / 12, 0)).collect::<Vec<_>>());
-        check(&(0..120).map(|s| (s * 1000 + s * 1000 / 12, s * 1000, 0)).collect::<Vec<_>>());
+        check_agreeing(&(0..120).map(|s| (s * 1000, s * 1000 + s * 1000 / 12, 0)).collect::<Vec<_>>());
+        check_agreeing(&(0..120).map(|s| (s * 1000 + s * 1000 / 12, s * 1000, 0)).collect::<Vec<_>>());
     }
 
     #[test]
     fn a_writer_without_a_stamp_is_never_late_and_the_writers_are_bounded() {
         let mut delays = Delays::default();
-        assert_eq!(delays.take(&A, None, Timestamp::from_millis(1)), Span::ZERO);
+        assert_eq!(delays.take(&A, None, (Timestamp::from_millis(1), UNIX_EPOCH)), Span::ZERO);
         for number in 0..3000_u32 {
             let mut guid = A;
             guid[..4].copy_from_slice(&number.to_be_bytes());
-            delays.take(&guid, Some(UNIX_EPOCH), Timestamp::from_millis(number.into()));
+            delays.take(&guid, Some(UNIX_EPOCH), (Timestamp::from_millis(number.into()), UNIX_EPOCH));
         }
         assert_eq!(delays.writers.len(), WRITERS_MAX);
     }

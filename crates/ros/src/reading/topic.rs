@@ -61,9 +61,16 @@ pub struct Memory {
     retention: Retention,
     /// The last message of a publisher that keeps it for late readers, because a new configuration counts
     /// as one.
-    last_value: Option<Arc<Message>>,
+    last_value: Option<LastValue>,
     /// When its last message came.
     heard: Option<Timestamp>,
+}
+
+#[derive(Debug, Clone)]
+struct LastValue {
+    message: Arc<Message>,
+    /// When it should have come.
+    at: Timestamp,
 }
 
 impl Memory {
@@ -136,7 +143,7 @@ pub struct Topic {
     unknown: BTreeSet<Guid>,
     /// The last value that the participant before this one heard. Its publisher repeats it; the engine forgot it when
     /// that participant ended.
-    forgotten: Option<Arc<Message>>,
+    forgotten: Option<LastValue>,
     /// Of a topic that is only recorded: when the next message may be.
     recorded_from: Timestamp,
     /// Of another one: what is recorded whole.
@@ -231,11 +238,11 @@ impl Topic {
         if !self.subscription.wants_last_value() {
             return Ok(());
         }
-        let Some(message) = self.memory.last_value.take() else { return Ok(()) };
-        if self.memory.writers.keeps_last_value(&message.writer, &self.subscription.dds_type) {
-            let kept = (PublicationTime::Kept, Span::ZERO);
-            self.hand_over(&message, kept, self.around.clock.now()).await?;
-            self.memory.last_value = Some(message);
+        let Some(last) = self.memory.last_value.take() else { return Ok(()) };
+        if self.memory.writers.keeps_last_value(&last.message.writer, &self.subscription.dds_type) {
+            let now = self.around.clock.now();
+            self.hand_over(&last.message, (PublicationTime::Kept, now.since(last.at)), now).await?;
+            self.memory.last_value = Some(last);
         }
         Ok(())
     }
@@ -278,11 +285,12 @@ impl Topic {
         }
         match verdict {
             Verdict::Skip => {
-                let is_it =
-                    |it: &mut Arc<Message>| (it.writer, it.sequence) == (sample.writer, sample.sequence);
+                let is_it = |LastValue { message, .. }: &mut LastValue| {
+                    (message.writer, message.sequence) == (sample.writer, sample.sequence)
+                };
                 return match self.forgotten.take_if(is_it) {
-                    Some(message) => {
-                        self.hand_over(&message, (PublicationTime::Kept, Span::ZERO), received).await
+                    Some(LastValue { message, at }) => {
+                        self.hand_over(&message, (PublicationTime::Kept, received.since(at)), received).await
                     }
                     None => Ok(()),
                 };
@@ -297,7 +305,8 @@ impl Topic {
                 format!("{lost} missing before number {} of a publisher", sample.sequence)
             }),
         }
-        let late = self.memory.delays.take(&sample.writer, sample.source, received);
+        let wall = self.around.clock.wall();
+        let late = self.memory.delays.take(&sample.writer, sample.source, (received, wall));
         self.forgotten = None;
         self.trial.note_data(received);
         self.memory.heard = Some(received);
@@ -314,14 +323,15 @@ impl Topic {
             writer: sample.writer,
             sequence: sample.sequence,
             source: sample.source,
-            received: self.around.clock.wall(),
+            received: wall,
             body: sample.body,
             left_out: 0,
             kept: keeps,
         });
         if keeps {
             let small = message.body.is_ok() && message.len() <= KEPT_BYTES_MAX;
-            self.memory.last_value = small.then(|| message.clone());
+            self.memory.last_value =
+                small.then(|| LastValue { message: message.clone(), at: received - late });
         }
         let when = match published {
             Published::Now => PublicationTime::Now,
@@ -345,6 +355,7 @@ impl Topic {
         let received_message = Received { body, writer: *writer, wall_ns, when };
         let (mut inputs, wrong) = self.subscription.decode_by(received_message, &self.around.ros_clock);
         if !late.is_zero() {
+            inputs.retain(|input| !self.subscription.is_over(input, late));
             for input in &mut inputs {
                 match input {
                     Input::Diagnostics(array) => *array = std::mem::take(array).received_late(late),
