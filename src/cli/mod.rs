@@ -10,6 +10,7 @@ mod configuration;
 mod evaluate;
 pub mod fields;
 mod junit;
+mod moment;
 mod print;
 mod process;
 mod recordings;

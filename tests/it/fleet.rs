@@ -1,4 +1,4 @@
-//! The commands of a fleet's hub, without a hub that runs: `crates/fleet/tests/hub` has one.
+//! The commands of a fleet's hub, without a hub that runs: `fleet_export.rs` and `crates/fleet/tests/hub` have one.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;

@@ -38,6 +38,7 @@ mod evaluation_page;
 mod fields;
 mod first_configuration;
 mod fleet;
+mod fleet_export;
 mod folder;
 mod freeze_frames;
 mod goals;

@@ -2,6 +2,7 @@
 //! vehicle: no message is ever sent to one.
 
 pub mod follow;
+pub mod history;
 pub mod http;
 pub mod kept;
 pub mod state;

@@ -209,18 +209,26 @@ pub(crate) async fn make_heads(client: &Client) -> Result<(), HubError> {
 
 /// Makes a stream. One that is there stays as it is.
 async fn make(client: &Client, name: &str, stream: &serde_json::Value) -> Result<(), HubError> {
-    let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
-    let ask = async |subject: String, body: String| {
-        let answer = client.request(subject, body.into()).await.map_err(|error| line(&error))?;
-        serde_json::from_slice::<Answer>(&answer.payload).map_err(|error| line(&error))
-    };
-    if ask(format!("$JS.API.STREAM.INFO.{name}"), String::new()).await?.error.is_none() {
+    if has(client, name).await? {
         return Ok(());
     }
-    match ask(format!("$JS.API.STREAM.CREATE.{name}"), stream.to_string()).await?.error {
+    match ask(client, format!("$JS.API.STREAM.CREATE.{name}"), stream.to_string()).await? {
         Some(fault) => Err(HubError::Line(format!("the stream {name}: {}", fault.description))),
         None => Ok(()),
     }
+}
+
+/// Whether a stream is there.
+pub(crate) async fn has(client: &Client, name: &str) -> Result<bool, HubError> {
+    Ok(ask(client, format!("$JS.API.STREAM.INFO.{name}"), String::new()).await?.is_none())
+}
+
+/// Asks JetStream, and returns what is wrong.
+async fn ask(client: &Client, subject: String, body: String) -> Result<Option<Fault>, HubError> {
+    let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
+    let answer = client.request(subject, body.into()).await.map_err(|error| line(&error))?;
+    let answer: Answer = serde_json::from_slice(&answer.payload).map_err(|error| line(&error))?;
+    Ok(answer.error)
 }
 
 /// An answer of JetStream.

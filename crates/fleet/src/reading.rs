@@ -1,18 +1,20 @@
 //! The console's line to the hub: it reads the streams of heads and logs, and sends nothing to a vehicle. Requests of
 //! JetStream are plain requests, as on the vehicle's line, and each answer is read with bounds.
 
+use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use async_nats::{Client, Message, Subscriber};
+use async_nats::{Client, ConnectOptions, Event, Message, ServerError, Subscriber};
 use bytes::Bytes;
 use futures_util::StreamExt as _;
 use serde::Deserialize;
 use telltale_engine::time::Span;
+use tokio::sync::watch;
 use tokio::time::timeout;
 
 use crate::connection;
 use crate::gate::{Gate, Pace};
-use crate::hub::make_heads;
+use crate::hub::{has, make_heads};
 use crate::identity::Identity;
 use crate::line::{Hub, LOG_STREAM, NoLine, Subjects};
 use crate::message::VehicleId;
@@ -93,10 +95,7 @@ impl Reading {
     /// # Errors
     /// The hub is not reached, does not admit this console, or has no streams.
     pub async fn open(hub: &Hub, console: &Identity, log_from_ms: i64) -> Result<Reading, NoLine> {
-        let options = connection::options(console, "console")
-            .request_timeout(Some(ANSWERED_WITHIN))
-            .ping_interval(Duration::from_secs(2))
-            .subscription_capacity(3 * PULLED_AT_ONCE);
+        let options = options(console).subscription_capacity(3 * PULLED_AT_ONCE);
         let (client, gate) = connection::open(hub, Pace::Any, options).await?;
         let inbox = client.new_inbox();
         let subscribed = client.subscribe(format!("{inbox}.*")).await;
@@ -118,7 +117,7 @@ impl Reading {
 
     /// A handle for questions, which may outlive the line.
     pub fn logs(&self) -> Logs {
-        Logs { client: self.client.clone() }
+        Logs { client: self.client.clone(), _gate: None }
     }
 
     /// The next message. What nobody can have sent as a vehicle is passed over.
@@ -239,6 +238,18 @@ fn is_complete(description: &str) -> bool {
 #[derive(Debug, Clone)]
 pub struct Logs {
     client: Client,
+    /// The line, where it is there for these questions alone.
+    _gate: Option<Arc<Gate>>,
+}
+
+/// A message of a log.
+#[derive(Debug)]
+pub struct Found {
+    /// Its number in the stream of all logs.
+    pub number: u64,
+    /// When the hub took it, by its clock, in milliseconds since 1970, if it says so.
+    pub stored_ms: Option<i64>,
+    pub packed: Bytes,
 }
 
 /// Where the next message of a log is looked for.
@@ -246,16 +257,43 @@ pub struct Logs {
 pub enum From {
     /// Taken by the hub at this time or later, in milliseconds since 1970.
     Time(i64),
-    /// After this message.
+    /// After the message with this number.
     After(u64),
 }
 
 impl Logs {
-    /// The next message of a vehicle's log with its number; `None` at the end.
+    /// A line for questions alone.
+    ///
+    /// # Errors
+    /// The hub is not reached, does not let this identity read logs, or has none.
+    pub async fn open(hub: &Hub, console: &Identity) -> Result<Logs, NoLine> {
+        let (refuse, mut refused) = watch::channel(false);
+        let options = options(console).event_callback(move |event| {
+            if matches!(event, Event::ServerError(ServerError::Other(why)) if is_refusal(&why)) {
+                refuse.send_replace(true);
+            }
+            std::future::ready(())
+        });
+        let (client, gate) = connection::open(hub, Pace::Any, options).await?;
+        // A key of a vehicle is admitted, and may not ask.
+        let has_logs = tokio::select! {
+            Ok(_) = refused.wait_for(|is_refused| *is_refused) => return Err(NoLine::Refused),
+            asked = has(&client, LOG_STREAM) => asked,
+        };
+        match has_logs {
+            Ok(true) => Ok(Logs { client, _gate: Some(Arc::new(gate)) }),
+            Ok(false) => {
+                Err(NoLine::Unreachable("it has no logs: `telltale fleet streams` makes them".into()))
+            }
+            Err(error) => Err(NoLine::Unreachable(error.to_string())),
+        }
+    }
+
+    /// The next message of a vehicle's log; `None` at the end.
     ///
     /// # Errors
     /// The hub does not answer.
-    pub async fn next(&self, id: &VehicleId, from: From) -> Result<Option<(u64, Bytes)>, String> {
+    pub async fn next(&self, id: &VehicleId, from: From) -> Result<Option<Found>, String> {
         let subject = Subjects::of(id).log;
         let wanted = match from {
             From::Time(ms) => {
@@ -263,8 +301,20 @@ impl Logs {
                 let at = humantime::format_rfc3339_millis(at).to_string();
                 serde_json::json!({ "start_time": at, "next_by_subj": subject })
             }
-            From::After(sequence) => serde_json::json!({ "seq": sequence + 1, "next_by_subj": subject }),
+            From::After(number) => serde_json::json!({ "seq": number + 1, "next_by_subj": subject }),
         };
+        self.get(&wanted).await
+    }
+
+    /// The last message of a vehicle's log; `None` if there is no log of it.
+    ///
+    /// # Errors
+    /// The hub does not answer.
+    pub async fn last(&self, id: &VehicleId) -> Result<Option<Found>, String> {
+        self.get(&serde_json::json!({ "last_by_subj": Subjects::of(id).log })).await
+    }
+
+    async fn get(&self, wanted: &serde_json::Value) -> Result<Option<Found>, String> {
         let asked =
             self.client.request(format!("$JS.API.DIRECT.GET.{LOG_STREAM}"), wanted.to_string().into());
         let found = asked.await.map_err(|error| error.to_string())?;
@@ -273,10 +323,22 @@ impl Logs {
             Some(status) => return Err(format!("status {status}")),
             None => {}
         }
-        let number = found.headers.as_ref().and_then(|it| it.get("Nats-Sequence"));
-        let number = number.and_then(|it| it.as_str().parse().ok()).ok_or("an answer without a number")?;
-        Ok(Some((number, found.payload)))
+        let header = |name: &str| Some(found.headers.as_ref()?.get(name)?.as_str());
+        let number =
+            header("Nats-Sequence").and_then(|it| it.parse().ok()).ok_or("an answer without a number")?;
+        let stored = header("Nats-Time-Stamp").and_then(|it| humantime::parse_rfc3339(it).ok());
+        Ok(Some(Found { number, stored_ms: stored.map(unix_ms), packed: found.payload }))
     }
+}
+
+fn options(console: &Identity) -> ConnectOptions {
+    connection::options(console, "console")
+        .request_timeout(Some(ANSWERED_WITHIN))
+        .ping_interval(Duration::from_secs(2))
+}
+
+fn is_refusal(why: &str) -> bool {
+    why.to_ascii_lowercase().contains("permissions violation")
 }
 
 fn nanos(time: Duration) -> u64 {

@@ -1,9 +1,11 @@
 //! The process around a command: its log, its place in the DDS network, the signals that end it, the lock on its data
-//! folder, and the folders and certificates that commands make.
+//! folder, the line to a hub, and the files, folders and certificates that commands make.
 
 pub mod certificate;
 pub mod data_folder;
 pub mod dds;
+pub mod hub_flags;
 pub mod hub_folder;
 pub mod log;
+pub mod new_file;
 pub mod shutdown_signal;

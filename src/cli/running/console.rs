@@ -1,7 +1,7 @@
 //! `telltale fleet serve`: runs the console of a fleet.
 
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,7 +13,7 @@ use tokio::time::timeout_at;
 
 use super::server::metrics::{MetricsFlags, MetricsListener};
 use super::server::{self, CLOSED_WITHIN, RECORDED_WITHIN};
-use crate::cli::process::hub_folder::CERTIFICATE;
+use crate::cli::process::hub_flags::HubFlags;
 use crate::cli::process::shutdown_signal::ShutdownSignal;
 use crate::cli::process::{data_folder, log};
 use crate::clock::Clock;
@@ -35,15 +35,8 @@ use crate::web::{Tls, serve_router};
 #[command(after_help = "Example:\n  telltale user add anna --role control_room --data console\n  \
     telltale fleet serve --hub tls://hub.example:4222 --credentials hub/console.nk --data console")]
 pub struct Args {
-    /// The address of the hub
-    #[arg(long, value_name = "URL")]
-    hub: String,
-    /// The key for consoles that `telltale fleet hub-config` made; only its owner may read it
-    #[arg(long, value_name = "FILE")]
-    credentials: PathBuf,
-    /// The certificates that sign the hub's certificate [default: hub.pem beside the key]
-    #[arg(long, value_name = "FILE")]
-    ca: Option<PathBuf>,
+    #[command(flatten)]
+    hub: HubFlags,
     /// The folder of users, sessions, the audit log, and the last states of all vehicles
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
@@ -74,10 +67,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
 async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
     let mut signal = ShutdownSignal::listen()?;
     let clock = Clock::start();
-    let identity = Identity::read(&args.credentials)?;
-    let beside = args.credentials.parent().unwrap_or(Path::new("")).join(CERTIFICATE);
-    let hub = Hub { url: args.hub.clone(), ca: args.ca.clone().unwrap_or(beside) };
-    std::fs::File::open(&hub.ca).with_context(|| format!("the hub's certificate {}", hub.ca.display()))?;
+    let (hub, identity) = args.hub.read()?;
     let tls = match (&args.tls_cert, &args.tls_key) {
         (Some(certificate), Some(key)) => Some(Tls::load(certificate, key)?),
         _ => None,

@@ -15,8 +15,9 @@ use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, ID, Lang, MESSAGE, clean};
 
 use super::Console;
-use super::history::{Known, known};
+use super::history::known;
 use super::page::rendered;
+use crate::history::{Known, Part};
 use crate::state::time;
 
 /// Lines of the page.
@@ -136,20 +137,25 @@ fn remarks(known: &Known, lang: Lang) -> Vec<String> {
 }
 
 fn lines(known: &Known, from: i64, lang: Lang) -> Vec<LineHtml> {
-    let mut unknown = known.unknown().into_iter().peekable();
+    let mut missing = Vec::new();
     let mut run = Run::default();
     let mut lines = Vec::new();
-    for message in known.messages(i64::MIN, i64::MAX) {
-        while let Some(gap) = unknown.next_if(|gap| gap.from < message.mark()) {
-            lines.push((message.at, gap_line(&gap, message.at, lang)));
-        }
+    for part in known.parts(i64::MIN, i64::MAX) {
+        let message = match part {
+            Part::Message(message) => message,
+            Part::Missing(gap) => {
+                missing.push(gap);
+                continue;
+            }
+        };
+        lines.extend(missing.drain(..).map(|gap| (message.at, gap_line(&gap, message.at, lang))));
         if run.epoch != Some(message.epoch) {
             run = Run { epoch: Some(message.epoch), ..Run::default() };
         }
         lines.extend(run.line(message, lang).map(|line| (message.at, line)));
     }
     let last_ms = lines.last().map_or(from, |(at, _)| *at);
-    lines.extend(unknown.map(|gap| (last_ms, gap_line(&gap, last_ms, lang))));
+    lines.extend(missing.iter().map(|gap| (last_ms, gap_line(gap, last_ms, lang))));
     let asked = lines.into_iter().rev().filter(|(at, _)| *at >= from);
     asked.take(LINES_MAX).map(|(_, line)| line).collect()
 }

@@ -1,7 +1,7 @@
 //! `telltale incident export`: copies a recording, or writes a report of an incident.
 
 use std::fs::File;
-use std::io::{self, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -9,6 +9,7 @@ use anyhow::Context as _;
 
 use super::{EXIT_NO, now_ms};
 use crate::cli::print::{note, say};
+use crate::cli::process::new_file::create;
 use crate::record::folder;
 use crate::record::proof::{Expected, Proof, compare};
 use crate::record::retention::size;
@@ -28,13 +29,6 @@ pub struct Args {
     /// Write the report here, and copy the recording only with --output; no file there is overwritten
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-}
-
-/// What a file is, and the flag that names another one.
-#[derive(Clone, Copy)]
-enum Kind {
-    Recording,
-    Report,
 }
 
 pub fn run(data: &Path, args: &Args) -> anyhow::Result<ExitCode> {
@@ -64,7 +58,7 @@ fn write_report(
     let path = folder::file_in(&recordings, &incident.summary.recording.file);
     let proof = path.map_or(Proof::None, |path| compare(&path, expected, u64::MAX));
     let document = report(Lang::En, incident, (&told, &proof), now_ms());
-    let mut to = create(output, Kind::Report)?;
+    let mut to = create(output, "the report cannot be written to", "--report")?;
     to.write_all(document.as_bytes())
         .and_then(|()| to.sync_all())
         .with_context(|| format!("the report cannot be written to {}", output.display()))?;
@@ -93,7 +87,7 @@ fn write_report(
 /// Copies the recording. Returns whether it is as it was recorded.
 fn copy(data: &Path, incident: &Incident, expected: &Expected, output: &Path) -> anyhow::Result<bool> {
     let Some((path, mut from)) = open_recording(data, incident) else { return Ok(false) };
-    let mut to = create(output, Kind::Recording)?;
+    let mut to = create(output, "the recording cannot be copied to", "--output")?;
     let (bytes, hash) = copy_hashed(&mut from, &mut to)
         .and_then(|copied| to.sync_all().map(|()| copied))
         .with_context(|| format!("{} cannot be copied to {}", path.display(), output.display()))?;
@@ -113,23 +107,6 @@ fn tell_open(incident: &Incident) {
         let id = incident.summary.id;
         note!("telltale: incident {id} is not finished: this is what is written of it by now");
     }
-}
-
-/// Creates a file where none is.
-fn create(output: &Path, kind: Kind) -> anyhow::Result<File> {
-    File::options().write(true).create_new(true).open(output).map_err(|error| {
-        let (what, flag) = match kind {
-            Kind::Recording => ("the recording cannot be copied to", "--output"),
-            Kind::Report => ("the report cannot be written to", "--report"),
-        };
-        let what = format!("{what} {}", output.display());
-        match error.kind() {
-            io::ErrorKind::AlreadyExists => {
-                anyhow::anyhow!("{what}: there is a file already. Name another one with {flag}")
-            }
-            _ => anyhow::Error::new(error).context(what),
-        }
-    })
 }
 
 /// Opens the recording of an incident, and says so if there is none.

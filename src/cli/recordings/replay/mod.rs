@@ -17,6 +17,7 @@ use humantime::format_rfc3339_millis;
 use self::text::Text;
 use crate::cli::EXIT_NO;
 use crate::cli::fields::{self, DefinitionFlags};
+use crate::cli::moment::{Moment, moment};
 use crate::cli::print::{self, note, say};
 use crate::cli::running::server;
 use crate::clock::Clock;
@@ -110,14 +111,6 @@ pub struct Args {
     definitions: DefinitionFlags,
 }
 
-/// A moment of a recording.
-#[derive(Debug, Clone, Copy)]
-enum Moment {
-    /// After the first instant that is shown.
-    After(Duration),
-    Wall(SystemTime),
-}
-
 impl Moment {
     fn at(self, facts: &Facts) -> Timestamp {
         match self {
@@ -137,13 +130,6 @@ impl Moment {
             Moment::Wall(wall) => wall,
         }
     }
-}
-
-fn moment(text: &str) -> Result<Moment, String> {
-    let after = || humantime::parse_duration(text).map(Moment::After).ok();
-    let seconds = || text.parse().ok().and_then(|s| Duration::try_from_secs_f64(s).ok()).map(Moment::After);
-    let wall = || humantime::parse_rfc3339_weak(text).map(Moment::Wall).ok();
-    after().or_else(seconds).or_else(wall).ok_or_else(|| "write `12s` or `2026-11-20T12:00:00Z`".to_owned())
 }
 
 fn speed(text: &str) -> Result<f64, String> {

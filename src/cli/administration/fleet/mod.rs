@@ -1,5 +1,7 @@
 //! `telltale fleet`: the hub of a fleet, the vehicles that it admits, and its console.
 
+mod export;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -34,6 +36,7 @@ pub struct Args {
 #[derive(Debug, Subcommand)]
 enum Command {
     Serve(Box<console::Args>),
+    Export(export::Args),
     /// Write the configuration of nats-server 2.14 or later into a new folder, with a certificate and a key for consoles
     HubConfig {
         /// The folder
@@ -111,6 +114,7 @@ fn id(text: &str) -> Result<VehicleId, String> {
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match &args.command {
         Command::Serve(args) => console::run(args),
+        Command::Export(args) => export::run(args),
         Command::HubConfig { dir, names, listen, disk } => hub_config(dir, names, *listen, *disk),
         Command::Streams { folder, hub, disk } => streams(&folder.dir, hub, *disk),
         Command::Enrol { id, folder } => enrol(id, &folder.dir),
