@@ -1,0 +1,109 @@
+"""The fleet keeps the heads of a vehicle's audit log: over a real hub, `telltale fleet verify` finds a log that was put back,
+which the vehicle's own files do not show."""
+
+import os
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from programs import Program
+from vehicle import STARTUP_S, TELLTALE, Server, free_port, own_domain, until
+
+# The vehicle looks for new records every 30 s.
+pytestmark = pytest.mark.timed
+
+ID = "shuttle-03"
+NATS = os.environ.get("TELLTALE_NATS_SERVER") or "nats-server"
+CONFIG = """vehicle: {{ id: shuttle-03, stages: none }}
+fleet: {{ hub: '{url}', credentials: {hub}/shuttle-03.nk, ca: {hub}/hub.pem }}
+groups:
+  - {{ id: sensors, modules: [{{ id: lidar, status: lidar, timeout: 1h }}] }}
+"""
+# What holds the audit log, with its head and its key. The outbox to the fleet stays.
+LOG = ("telltale.db", "telltale.db-wal", "telltale.db-shm", "audit.head", "audit.key")
+TOLD_S = 60
+
+
+def telltale(*words):
+    done = subprocess.run([TELLTALE, *map(str, words)], capture_output=True, text=True, timeout=60)
+    return done.stdout + done.stderr, done.returncode
+
+
+@pytest.fixture
+def hub(tmp_path):
+    folder, url = tmp_path / "hub", f"tls://127.0.0.1:{free_port()}"
+    for words in (["hub-config", folder, "--listen", url.removeprefix("tls://"), "--disk", 1], ["enrol", ID, "--dir", folder]):
+        said, code = telltale("fleet", *words)
+        assert code == 0, said
+    server = Program("env", "-C", folder, NATS, "-c", "nats-server.conf", log=tmp_path / "hub.log")
+    streams = lambda: telltale("fleet", "streams", "--dir", folder, "--hub", url, "--disk", 1)
+    until(lambda: streams()[1] == 0, STARTUP_S, lambda: f"the hub starts: {streams()}")
+    yield folder, url
+    server.kill()
+
+
+@pytest.fixture
+def console(hub, tmp_path):
+    """The data folder of a console that runs."""
+    folder, url = hub
+    data = tmp_path / "console"
+    data.mkdir()
+    server = Server(data, own_domain(), "console")
+    words = [TELLTALE, "fleet", "serve", "--hub", url, "--credentials", folder / "console.nk", "--data", data]
+    server.run([*words, "--listen", f"127.0.0.1:{server.port}"])
+    yield data
+    assert server.stop() == 0, server.read_log()
+
+
+def drive(data, config, console, is_told):
+    """Lets the vehicle drive until the console was told what is waited for."""
+    server = Server(data, own_domain(), config=config).start()
+    try:
+        until(is_told, TOLD_S, lambda: f"the console is told: {verify(console)}\n{server.read_log()}")
+    finally:
+        assert server.stop() == 0, server.read_log()
+
+
+def verify(console, *words):
+    return telltale("fleet", "verify", ID, "--data", console, *words)
+
+
+def last(console):
+    """The number of the last head that the console was told."""
+    found = re.search(r"^last  (\d+):", verify(console)[0], re.MULTILINE)
+    return int(found[1]) if found else 0
+
+
+def test_an_audit_log_that_was_put_back_is_found(hub, console, tmp_path):
+    folder, url = hub
+    data, old = tmp_path / "vehicle", tmp_path / "old"
+    data.mkdir()
+    config = tmp_path / "vehicle.yaml"
+    config.write_text(CONFIG.format(url=url, hub=folder))
+    drive(data, config, console, lambda: last(console) > 0)
+    shutil.copytree(data, old)
+    records = int(telltale("audit", "verify", "--data", old)[0].split()[1])
+    drive(data, config, console, lambda: last(console) > records)
+    said, code = verify(console, "--audit", data)
+    assert code == 0 and "ok " in said and "BAD" not in said, said
+    said, code = verify(console)
+    assert code == 0 and "give the vehicle's data folder with --audit" in said, said
+
+    # The last drive is forgotten. Nothing in the vehicle shows it.
+    for name in LOG:
+        (data / name).unlink(missing_ok=True)
+        if (old / name).exists():
+            shutil.copy2(old / name, data / name)
+    said, code = telltale("audit", "verify", "--data", data)
+    assert code == 0 and said.startswith("ok"), said
+    said, code = verify(console, "--audit", data)
+    assert code == 1 and "BAD" in said, said
+    said, code = verify(console, "--audit", data, "--key", old / "audit.key")
+    assert code == 1 and "BAD" in said, said
+
+    # It drives on: what it tells now contradicts what it told, also without its log.
+    drive(data, config, console, lambda: verify(console)[1] == 1)
+    said, _ = verify(console)
+    assert "BAD   told record" in said and "an older copy of its audit log" in said, said
