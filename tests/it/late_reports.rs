@@ -48,6 +48,18 @@ fn a_report_that_is_older_than_the_timeout_ends_no_silence_but_its_error_counts(
 }
 
 #[test]
+fn a_report_from_before_the_start_of_the_program_ends_no_silence() {
+    let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
+    for now_ms in [1000, 1100] {
+        assert_eq!(late(&mut engine, 0, 9000, now_ms), State::Unknown, "at {now_ms}");
+    }
+    assert_eq!(late(&mut engine, 1, 9000, 1200), State::Unknown);
+    assert_eq!(late(&mut engine, 0, 0, 1300), State::Ok);
+    // And takes nothing from a report that came in time.
+    assert_eq!(late(&mut engine, 1, 9000, 1400), State::Warning);
+}
+
+#[test]
 fn a_late_report_takes_nothing_from_one_that_came_in_time() {
     let mut engine = Engine::new(model(CONFIG), Timestamp::ZERO);
     assert_eq!(late(&mut engine, 0, 0, 1000), State::Ok);

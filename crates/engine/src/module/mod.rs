@@ -93,7 +93,10 @@ impl OwnState {
     pub(super) fn report(&mut self, state: State, policy: &Policy, late: Span, now: Timestamp) {
         self.cut_off = false;
         let at = self.received.max(Some(now - late.min(policy.timeout))).unwrap_or(now);
-        (self.reported, self.received, self.silent) = (Some(state), Some(at), now >= at + policy.timeout);
+        // Time begins with the program, so `at` may be later than the report.
+        let heard = !self.silent && self.received.is_some_and(|before| now < before + policy.timeout);
+        let is_over = now >= at + policy.timeout || late >= policy.timeout && !heard;
+        (self.reported, self.received, self.silent) = (Some(state), Some(at), is_over);
         if self.silent {
             self.debounce.take(state.max(policy.stale), policy, now);
         } else {
