@@ -134,7 +134,7 @@ fn localization(world: &mut World, out: &mut StatusArray) {
     let (level, message) = match world.localizer.matches(world.now_ms()) {
         _ if scan_age_ms > 250 => (ERROR, format!("No scan for {}", seconds(scan_age_ms))),
         Match::NoPosition => (WARN, "Waits to be told where it is".to_owned()),
-        Match::Searches => (WARN, "Looks for the position that it was given".to_owned()),
+        Match::Searches => (OK, "Looks for the position that it was given".to_owned()),
         Match::FitsNowhere => (ERROR, "Scan does not fit the map where it was told to be".to_owned()),
         Match::Found if jumps => (WARN, "Scan fits the map badly".to_owned()),
         Match::Found => (OK, "Scan fits the map".to_owned()),

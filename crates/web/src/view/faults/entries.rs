@@ -4,7 +4,7 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
 
 use telltale_engine::model::wording::Urgency;
-use telltale_engine::model::{GroupId, ModuleId, NodeId, Stage};
+use telltale_engine::model::{GroupId, LOCALIZATION_GROUP, ModuleId, NodeId, Stage};
 use telltale_engine::snapshot::{Alarm, Reason, RootCause, Shelved};
 use telltale_engine::state::State;
 use telltale_engine::time::{Span, Timestamp};
@@ -142,7 +142,7 @@ fn of_root(view: &View<'_>, root: &RootCause) -> FaultEntry {
         NodeId::Module(id) => of_module(view, id, state),
         NodeId::Group(id) => of_group(view, id, state, view.no_member(id)),
     };
-    let entry = if root.grace { asking_nothing(view, entry) } else { entry };
+    let entry = if root.grace || has_time(view, root.node) { asking_nothing(entry) } else { entry };
     let alarm = view.snapshot.alarms.iter().find(|alarm| alarm.active && alarm.node == root.node);
     let target = alarm.filter(|alarm| !alarm.acknowledged);
     FaultEntry {
@@ -220,15 +220,29 @@ fn plain(
     }
 }
 
-/// The entry of what still has time to report. Before the first drive and while the vehicle drives it asks nobody for
-/// anything: each departure makes components relevant that have to be heard first.
-fn asking_nothing(view: &View<'_>, entry: FaultEntry) -> FaultEntry {
-    match view.stage_of_advice() {
-        Stage::Localizing | Stage::Cleared | Stage::Active => {
-            FaultEntry { help: String::new(), urgency: None, ..entry }
-        }
-        Stage::Locked | Stage::Standby => entry,
-    }
+/// The entry of what still has time to report. It asks nobody for anything: each change of the stage makes components
+/// relevant that have to be heard first.
+fn asking_nothing(entry: FaultEntry) -> FaultEntry {
+    FaultEntry { help: String::new(), urgency: None, ..entry }
+}
+
+/// Whether an UNKNOWN is no fault yet: nothing was heard since the module became relevant, or the localization has
+/// nothing to measure while it looks for the position that it was given.
+fn has_time(view: &View<'_>, node: NodeId) -> bool {
+    let NodeId::Module(id) = node else { return false };
+    let module = view.snapshot.module(id).1;
+    let localization = view.snapshot.localization;
+    let searches =
+        view.snapshot.stage == Stage::Localizing && localization.given.is_some() && !localization.late;
+    let says_so = !module.silent && module.steps.reported == Some(State::Unknown);
+    module.own == State::Unknown
+        && (module.steps.grace || (searches && says_so && is_of_localization(view, node)))
+}
+
+/// Whether it stands behind the tile of the localization.
+pub fn is_of_localization(view: &View<'_>, node: NodeId) -> bool {
+    let localization = view.snapshot.node(LOCALIZATION_GROUP).and_then(|it| view.board.tile_of(it));
+    localization.is_some() && view.board.tile_of(node) == localization
 }
 
 /// The title of a fault, and its place. Without a configured name the title names the component, and the
@@ -304,8 +318,7 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
                 found.extend(of_state.iter().map(entry));
                 continue;
             }
-            let has_time = |&module: &ModuleId| view.snapshot.module(module).1.steps.grace;
-            let all_have_time = state == State::Unknown && of_state.iter().all(has_time);
+            let all_have_time = of_state.iter().all(|&module| has_time(view, NodeId::Module(module)));
             let entry = match *of_state {
                 [] => continue,
                 [one] => of_module(view, one, state),
@@ -323,7 +336,7 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
                     }
                 }
             };
-            let entry = if all_have_time { asking_nothing(view, entry) } else { entry };
+            let entry = if all_have_time { asking_nothing(entry) } else { entry };
             found.push(match state {
                 State::Warning => acknowledgeable(view, id, &of_state, entry),
                 _ => entry,

@@ -2,7 +2,7 @@
 
 use askama::Template;
 
-use super::entries::FaultEntry;
+use super::entries::{FaultEntry, is_of_localization};
 use crate::view::node_names::icon;
 use crate::view::{Fragment, View, html, requests};
 use telltale_engine::input::Refusal;
@@ -144,21 +144,14 @@ fn of_stage(view: &View<'_>, entries: &[FaultEntry]) -> Instruction {
     };
     match snapshot.stage {
         Stage::Locked => Instruction::default(),
-        Stage::Localizing if is_wrong_stop(view) => {
-            let of_localization = |entry: &&FaultEntry| {
-                let tile = view.board.tile_of(entry.node);
-                tile.is_some()
-                    && tile == snapshot.node(LOCALIZATION_GROUP).and_then(|it| view.board.tile_of(it))
-            };
-            Instruction {
-                blocked: true,
-                reader: Some(view.words.operator_chooses),
-                line: wrong_stop(view),
-                // Its own advice is this one, or gives way to it.
-                node: entries.iter().find(of_localization).map(|entry| entry.node),
-                ..act("stage-localizing", view.words.choose_again)
-            }
-        }
+        Stage::Localizing if is_wrong_stop(view) => Instruction {
+            blocked: true,
+            reader: Some(view.words.operator_chooses),
+            line: wrong_stop(view),
+            // Its own advice is this one, or gives way to it.
+            node: entries.iter().map(|entry| entry.node).find(|&node| is_of_localization(view, node)),
+            ..act("stage-localizing", view.words.choose_again)
+        },
         Stage::Localizing if snapshot.localization.given.is_some() => at_a_stop(view, entries)
             .unwrap_or_else(|| Instruction {
                 urgency: Priority::None,

@@ -116,6 +116,53 @@ fn the_way_from_the_login_to_the_drive_has_one_step_at_a_time() {
 }
 
 #[test]
+fn what_still_has_time_to_report_calls_nobody_at_a_stop() {
+    const NEW: &str = "planning/planner_submitted";
+    let mut parts = parts();
+    parts.groups[6].when = Some(When { stages: vec![Stage::Standby], ..When::default() });
+    let standing = || Sample::of(parts.clone()).silence(NEW).unlock().pass(3).localize("depot");
+    let entered = (1..20).map(|seconds| standing().pass(seconds));
+    let mut entered = entered.map(Sample::published);
+    let new = entered.find(|it| it.snapshot.stage == Stage::Standby).expect("it is localized");
+    check(&new, Lang::En, "tile-planning", &[r#"data-state="unknown""#], &[]);
+    check(
+        &new,
+        Lang::En,
+        "instruction",
+        &[r#"data-urgency="none""#, "Wait."],
+        &["data-blocked", "control room"],
+    );
+    check(&new, Lang::En, "causes", &[r#"data-node="planning/"#], &["control room"]);
+    let late = entered.nth(4).expect("time passes");
+    check(&late, Lang::En, "instruction", &[r#"data-urgency="act""#, "Wait for its report."], &[]);
+}
+
+#[test]
+fn a_localization_that_measures_nothing_yet_calls_nobody_until_it_is_late() {
+    let searching = || {
+        let sample =
+            Sample::of(parts()).unlock().pass(3).report("localization/tf_quality", 3, "no jump yet", &[]);
+        sample.localize("depot")
+    };
+    let new = searching().pass(2).published();
+    check(&new, Lang::En, "tile-localization", &[r#"data-state="unknown""#], &[]);
+    check(
+        &new,
+        Lang::En,
+        "instruction",
+        &[r#"data-urgency="none""#],
+        &["data-blocked", "Wait for its report"],
+    );
+    let late = searching().pass(12).published();
+    check(&late, Lang::En, "instruction", &[r#"data-urgency="act""#, "Wait for its report."], &[]);
+    let other = searching().report("sensors/imu", 3, "no rate", &[]).pass(2).published();
+    check(&other, Lang::En, "instruction", &[r#"data-urgency="act""#, "Wait for its report."], &[]);
+    let silent =
+        Sample::of(parts()).unlock().pass(5).localize("depot").pass(1).silence("localization/tf_quality");
+    check(&silent.pass(4).published(), Lang::En, "instruction", &[r#"data-urgency="act""#], &[]);
+}
+
+#[test]
 fn each_fault_has_its_own_acknowledgement() {
     let fault = jump().pass(4);
     let number = r#"/alarms/1/acknowledge"#;
