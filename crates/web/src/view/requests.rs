@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 
 use telltale_engine::model::NodeId;
-use telltale_engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Moving};
+use telltale_engine::snapshot::{Countermeasure, CountermeasureCause, CountermeasureState, Moving, Reason};
 use telltale_engine::state::State;
 
 use crate::view::View;
@@ -127,23 +127,32 @@ pub fn progress(view: &View<'_>, it: &Countermeasure) -> &'static str {
     }
 }
 
-/// The causes of requests: the first by its name, the others counted; `Over: LiDAR data missing` if none is left.
+/// The causes of requests: the first by its name, the others that are still there counted, as the list of faults shows
+/// them; `Over: LiDAR data missing` if none is left.
 fn because(view: &View<'_>, requests: &[&Countermeasure]) -> String {
-    let mut statuses: HashSet<&str> = HashSet::new();
-    // One status in several components is one cause.
-    let mut is_first =
-        |node: NodeId| view.snapshot.status_of(node).is_none_or(|status| statuses.insert(status));
+    let (mut nodes, mut statuses) = (HashSet::new(), HashSet::new());
+    // A cause of two requests is one, and so is one status in several components.
+    let mut is_first = |node: NodeId| {
+        let status = view.snapshot.status_of(node);
+        nodes.insert(node) && status.is_none_or(|status| statuses.insert(status))
+    };
     let mut all: Vec<(&Countermeasure, &CountermeasureCause)> =
         requests.iter().flat_map(|it| it.causes.iter().map(|cause| (*it, cause))).collect();
     // What is still there is named before what is over.
     all.sort_by_key(|(_, cause)| !cause.present);
     all.retain(|(_, cause)| is_first(cause.node));
     let Some((&(it, first), others)) = all.split_first() else { return String::new() };
-    let causes = match (fault(view, it, first), others) {
-        (first, []) => first,
-        (first, others) => format!("{first}, {}", view.lang.and_more_faults(others.len())),
+    let name = fault(view, it, first);
+    if !first.present {
+        return format!("{}: {name}", view.words.over);
+    }
+    let is_masked = |cause: &CountermeasureCause| {
+        matches!(view.snapshot.shown(cause.node).1, Some(Reason::Masked { .. }))
     };
-    if first.present { causes } else { format!("{}: {causes}", view.words.over) }
+    match others.iter().filter(|(_, cause)| cause.present && !is_masked(cause)).count() {
+        0 => name,
+        others => format!("{name} ({})", view.lang.and_more_faults(others)),
+    }
 }
 
 /// The fault that a cause has, or had: a WARNING that is left of it is another one. After a restart nothing is heard of

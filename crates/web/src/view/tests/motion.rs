@@ -154,6 +154,33 @@ fn a_vehicle_that_was_stopped_and_stands_is_asked_whether_it_goes_on() {
 }
 
 #[test]
+fn only_causes_that_the_list_shows_are_counted() {
+    let held = asked_to_stop(Moving::No, Some(true));
+    let with = |first: bool, other: bool| {
+        let mut measure = held.snapshot.countermeasures[0].clone();
+        let node = held.snapshot.node("can/bus").expect("it is there");
+        let first = CountermeasureCause { present: first, ..measure.causes[0] };
+        measure.causes = [first, CountermeasureCause { node, present: other, ..first }].into();
+        let snapshot = Snapshot { countermeasures: [measure].into(), ..(*held.snapshot).clone() };
+        Published { snapshot: snapshot.into(), ..held.clone() }
+    };
+    let of =
+        |first, other, lang, expect: &str| check(&with(first, other), lang, "instruction", &[expect], &[]);
+    // A component has no status of its own by which the same cause of two requests would be known.
+    let mut slowed = held.snapshot.countermeasures[0].clone();
+    let node = held.snapshot.node("can").expect("it is there");
+    slowed.causes = [CountermeasureCause { node, ..slowed.causes[0] }].into();
+    let stopped = Countermeasure { request: Request::Decelerate { mps2: 1.0 }, ..slowed.clone() };
+    let snapshot = Snapshot { countermeasures: [slowed, stopped].into(), ..(*held.snapshot).clone() };
+    let both = Published { snapshot: snapshot.into(), ..held.clone() };
+    check(&both, Lang::En, "instruction", &["</span>. CAN.<"], &["more"]);
+    of(true, true, Lang::En, ". Motion sensor disturbed (and 1 more).<");
+    of(true, true, Lang::De, ". Bewegungssensor gestört (und 1 weitere Störung).<");
+    of(true, false, Lang::En, ". Motion sensor disturbed.<");
+    of(false, false, Lang::De, ". Vorbei: Bewegungssensor gestört.<");
+}
+
+#[test]
 fn a_vehicle_that_stands_does_not_respond_any_more_it_is_held() {
     let there = |moving| asked_to_stop(moving, Some(true));
     check(&there(Moving::No), Lang::En, "step", &[">Held until the cause is gone<"], &["responds"]);
