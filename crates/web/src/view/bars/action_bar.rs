@@ -107,7 +107,8 @@ fn of_stage(view: &View<'_>) -> NextStep {
             NextStep::Watch { icon: "ready", title: view.lang.runs(snapshot), text: condition(view) }
         }
         Stage::Active if view.has_stages() && snapshot.operator.is_none() => {
-            NextStep::Watch { icon: "drive", title: view.words.drives, text: condition(view) }
+            let Drive { icon, title, .. } = drive(view);
+            NextStep::Watch { icon, title, text: condition(view) }
         }
         Stage::Cleared | Stage::Active => NextStep::Drive(drive(view)),
     }
@@ -146,10 +147,12 @@ fn drive(view: &View<'_>) -> Drive {
         }
         Some(progress) if snapshot.stop_requested() => ("stop", progress, String::new()),
         Some(progress) => ("slow", progress, String::new()),
+        // The line of the motion says that it stands.
+        None if stands => ("idle", "", String::new()),
         None => ("drive", view.words.drives, String::new()),
     };
     let text = unreached.map_or(text, str::to_owned);
-    let way = stop_away(view).filter(|_| icon == "drive" && text.is_empty());
+    let way = stop_away(view).filter(|_| request.is_none() && !cleared && text.is_empty());
     Drive { release, withdraw: cleared, icon, title, text, way }
 }
 

@@ -181,6 +181,21 @@ fn only_causes_that_the_list_shows_are_counted() {
 }
 
 #[test]
+fn a_vehicle_that_stands_is_not_said_to_be_on_its_way() {
+    let watched = |published: Published| {
+        let snapshot = Snapshot { operator: None, ..(*published.snapshot).clone() };
+        Published { snapshot: snapshot.into(), ..published }
+    };
+    let on_its_way = ["On the way", "#i-drive"];
+    for seen in [|it| it, watched as fn(Published) -> Published] {
+        check(&seen(moved(Sample::shuttle(true), Moving::Yes, 18)), Lang::En, "step", &on_its_way, &[]);
+        check(&seen(moved(Sample::shuttle(true), Moving::No, 0)), Lang::En, "step", &[], &on_its_way);
+        let held = seen(asked_to_stop(Moving::No, Some(true)));
+        check(&held, Lang::En, "step", &["Held until the cause is gone"], &on_its_way);
+    }
+}
+
+#[test]
 fn a_vehicle_that_stands_does_not_respond_any_more_it_is_held() {
     let there = |moving| asked_to_stop(moving, Some(true));
     check(&there(Moving::No), Lang::En, "step", &[">Held until the cause is gone<"], &["responds"]);
