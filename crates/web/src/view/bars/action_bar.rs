@@ -63,6 +63,8 @@ enum NextStep {
 
 struct Drive {
     release: bool,
+    /// The vehicle still moves: to let it go on is not the step that is wanted next.
+    rolls: bool,
     withdraw: bool,
     icon: &'static str,
     title: &'static str,
@@ -153,7 +155,8 @@ fn drive(view: &View<'_>) -> Drive {
     };
     let text = unreached.map_or(text, str::to_owned);
     let way = stop_away(view).filter(|_| request.is_none() && !cleared && text.is_empty());
-    Drive { release, withdraw: cleared, icon, title, text, way }
+    let rolls = snapshot.motion.moving == Moving::Yes;
+    Drive { release, rolls, withdraw: cleared, icon, title, text, way }
 }
 
 /// How far the next stop is, and in how many minutes the vehicle is there, as far as both are known.

@@ -196,6 +196,14 @@ fn a_vehicle_that_stands_is_not_said_to_be_on_its_way() {
 }
 
 #[test]
+fn to_let_the_vehicle_go_on_is_no_first_step_while_it_still_moves() {
+    for (moving, look) in [(Moving::Yes, "side"), (Moving::No, "primary")] {
+        let button = format!(r#"class="{look}" name="release""#);
+        check(&asked_to_stop(moving, None), Lang::En, "step", &[&button], &[]);
+    }
+}
+
+#[test]
 fn a_vehicle_that_stands_does_not_respond_any_more_it_is_held() {
     let there = |moving| asked_to_stop(moving, Some(true));
     check(&there(Moving::No), Lang::En, "step", &[">Held until the cause is gone<"], &["responds"]);
