@@ -37,7 +37,7 @@ ANSWERED = {
     "Telltale": "Telltale is in error. Mend the cause first.",
     **{name: "Localization, Perception, Prediction: wait for Sensors" for name in ("Localization", "Perception", "Prediction")},
     **{name: f"{name} has a warning. Acknowledge it first." for name in WARNINGS},
-    "goal": "No goal is set. Wait for one.",
+    "goal": "No destination is set. Wait for one.",
     "countermeasure": "The vehicle is being slowed down. Release it when the cause is gone.",
     "unheard": "No vehicle hears a request to slow down. Call the control room.",
 }

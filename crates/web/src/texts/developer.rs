@@ -324,7 +324,7 @@ texts! {
         "login" => "login", "Anmeldung";
         "logout" => "logout", "Abmeldung";
         "session ended" => "session ended", "Sitzung beendet";
-        "hand-over" => "hand-over", "Übernahme";
+        "hand-over" => "hand-over", "Ablösung";
         "request" => "request", "Anfrage";
         "localize" => "localize", "Positionsangabe";
         "clearance asked" => "clearance asked", "Freigabe angefragt";

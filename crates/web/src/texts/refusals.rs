@@ -36,19 +36,19 @@ texts! {
         Refusal::WrongStage(Stage::Active) => "The vehicle drives. Wait until it has arrived.", "Das Fahrzeug fährt. Ankunft abwarten.";
         Refusal::NoStages => "This machine is neither localized nor cleared.", "Diese Maschine wird weder lokalisiert noch freigegeben.";
         Refusal::LogoutWhileActive => "The vehicle drives. Log out after it has arrived.", "Das Fahrzeug fährt. Erst nach der Ankunft abmelden.";
-        Refusal::ShutdownWhileActive => "The vehicle drives. Shut down after it has arrived.", "Das Fahrzeug fährt. Erst nach der Ankunft herunterfahren.";
+        Refusal::ShutdownWhileActive => "The vehicle drives. Lock the display after it has arrived.", "Das Fahrzeug fährt. Anzeige erst nach der Ankunft sperren.";
         Refusal::PoseNotFinite => "The position is no number. Enter it again.", "Die Position ist keine Zahl. Neu eingeben.";
         Refusal::NotLocalized => "The position is not confirmed yet. Wait, or give it again.", "Die Position ist noch nicht bestätigt. Warten oder neu angeben.";
-        Refusal::NoGoal => "No goal is set. Wait for one.", "Kein Ziel gesetzt. Auf ein Ziel warten.";
+        Refusal::NoGoal => "No destination is set. Wait for one.", "Kein Ziel gesetzt. Auf ein Ziel warten.";
         Refusal::Countermeasure(RequestKind::Notify) => "A warning is on the screen.", "Eine Warnung wird angezeigt.";
         Refusal::Countermeasure(RequestKind::ManeuverStop) => "A stop is requested. Release the vehicle when its cause is gone.", "Ein Anhalten ist angefordert. Fahrzeug freigeben, wenn die Störung vorbei ist.";
-        Refusal::Countermeasure(RequestKind::Decelerate) => "The vehicle is being slowed down. Release it when the cause is gone.", "Das Fahrzeug wird verzögert. Freigeben, wenn die Störung vorbei ist.";
-        Refusal::NobodyListens(RequestKind::Decelerate) => "No vehicle hears a request to slow down. Call the control room.", "Kein Fahrzeug hört, wenn es abbremsen soll. Leitstelle rufen.";
-        Refusal::NobodyListens(_) => "No vehicle hears a request to stop. Call the control room.", "Kein Fahrzeug hört, wenn es anhalten soll. Leitstelle rufen.";
+        Refusal::Countermeasure(RequestKind::Decelerate) => "The vehicle is being slowed down. Release it when the cause is gone.", "Das Fahrzeug wird abgebremst. Freigeben, wenn die Störung vorbei ist.";
+        Refusal::NobodyListens(RequestKind::Decelerate) => "No vehicle hears a request to slow down. Call the control room.", "Kein Fahrzeug empfängt die Anforderung abzubremsen. Leitstelle rufen.";
+        Refusal::NobodyListens(_) => "No vehicle hears a request to stop. Call the control room.", "Kein Fahrzeug empfängt die Anforderung anzuhalten. Leitstelle rufen.";
         Refusal::StopNotPublished => "The vehicle cannot be stopped from here. Take over and stop it.", "Von hier lässt sich das Fahrzeug nicht anhalten. Übernehmen und anhalten.";
         Refusal::DisplayNotLive => "The display is not up to date. Wait for it, then try again.", "Die Anzeige ist nicht aktuell. Warten, dann erneut versuchen.";
         Refusal::StorageNotWritable => "Nothing can be recorded. Call the control room.", "Es kann nichts aufgezeichnet werden. Leitstelle rufen.";
-        Refusal::StoppedSince => "STOP was tapped in the meantime, so this was not done. Look again.", "Inzwischen wurde STOP getippt, daher nicht ausgeführt. Neu hinsehen.";
+        Refusal::StoppedSince => "STOP was tapped in the meantime, so this was not done. Look again.", "Inzwischen wurde STOP gedrückt, daher nicht ausgeführt. Neu hinsehen.";
         Refusal::NothingToRelease => "Nothing keeps the vehicle from driving on.", "Nichts hindert das Fahrzeug am Weiterfahren.";
     }
 
@@ -57,8 +57,8 @@ texts! {
         InvalidTap::SessionEnded => "Log in first.", "Bitte zuerst anmelden.";
         InvalidTap::NotInCharge => "Somebody else leads the vehicle. Log in again to take their place.", "Jemand anderes führt das Fahrzeug. Zum Ablösen neu anmelden.";
         InvalidTap::Stale => "Things have changed since this was shown. Look again.", "Die Lage hat sich seit der Anzeige geändert. Neu hinsehen.";
-        InvalidTap::ForOperator => "While the vehicle is cleared or drives, this is for its operator at the page.", "Während das Fahrzeug freigegeben ist oder fährt, ist das Sache des Bedieners an der Anzeige.";
-        InvalidTap::StoppedSince => "STOP was tapped in the meantime, so this was not done. Look again.", "Inzwischen wurde STOP getippt, daher nicht ausgeführt. Neu hinsehen.";
+        InvalidTap::ForOperator => "While the vehicle is cleared or drives, this is for its operator at the page.", "Während das Fahrzeug freigegeben ist oder fährt, ist das Sache der Fahrbegleitung an der Anzeige.";
+        InvalidTap::StoppedSince => "STOP was tapped in the meantime, so this was not done. Look again.", "Inzwischen wurde STOP gedrückt, daher nicht ausgeführt. Neu hinsehen.";
         InvalidTap::Late => "This waited too long and was not done. Look again.", "Das hat zu lange gewartet und wurde nicht ausgeführt. Neu hinsehen.";
         InvalidTap::NotPending => "Nothing waits for this confirmation. Begin again.", "Auf diese Bestätigung wartet nichts. Bitte neu beginnen.";
         InvalidTap::ConfirmedLate => "The confirmation came later than 10 s. Begin again.", "Die Bestätigung kam später als 10 s. Bitte neu beginnen.";
