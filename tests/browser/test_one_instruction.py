@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 
 from operating import acknowledge_all, expect_standing, expect_tile, log_in, step, touch_context, watch
 from sizes import SIZES, SMALL
-from vehicle import OPERATOR, Client
+from vehicle import OPERATOR, Client, until
 
 LIDAR, SENSOR, BUS, BATTERY = "velodyne_packet_alive", "imu: status", "can: bus", "can: battery"
 
@@ -99,6 +99,41 @@ def test_what_is_over_is_acknowledged_by_a_button_that_is_whole(vehicle, shown, 
         seen = look(shown, width, height)
         assert seen["cut"] == [] and seen["under"] == [], (width, height, seen)
         assert len(seen["components"]) + seen["counted"] == 2, (width, height, seen)
+
+
+# What lies over the acknowledgements of the entries in sight.
+OVER = """() => [...document.querySelectorAll("#causes .tick")].filter(it => it.getClientRects().length).flatMap(it => {
+  const { left, top, width, height } = it.getBoundingClientRect();
+  const found = [0.2, 0.8].map(at => document.elementFromPoint(left + width / 2, top + at * height));
+  return found.filter(over => !it.contains(over)).map(over => over.outerHTML.slice(0, 200));
+})"""
+
+
+def test_a_fault_and_its_acknowledgement_are_whole_beside_the_step_that_lets_the_vehicle_go_on(server, vehicle, shown, trouble):
+    drive(shown, vehicle)
+    vehicle.set(BATTERY, 1, "18 %")
+    vehicle.set(LIDAR, 2, "silent")
+    Client(server, *OPERATOR).stop()
+    expect(shown.locator("#causes [data-node='sensors/velodyne_packet_alive']")).to_be_visible()
+    vehicle.set(LIDAR, 0)
+    expect(shown.locator("#causes [data-past]")).to_have_count(1)
+    expect(step(shown, "release")).to_be_visible()
+    windows = SIZES + [(800, 480)]
+    for size in windows:
+        seen = look(shown, *size)
+        assert seen["components"][0] == "can" and seen["cut"] == [] and seen["under"] == [], (size, seen)
+        expect(shown.locator("#causes [data-node='can/battery'] .tick")).to_be_visible()
+        # For a moment after a change no button takes a tap.
+        until(lambda: shown.evaluate(OVER) == [], 10, lambda: (size, shown.evaluate(OVER)))
+    # The question lasts ten seconds.
+    step(shown, "release").tap()
+    expect(shown.locator("#confirm [name=confirm]")).to_be_visible()
+    for size in windows:
+        seen = look(shown, *size)
+        assert seen["components"][:1] == ["can"] and seen["cut"] == [] and seen["under"] == [], (size, seen)
+        expect(shown.locator("#causes [data-node='can/battery'] .title")).to_be_visible()
+        for name in ("confirm", "cancel"):
+            expect(shown.locator(f"#confirm [name={name}]")).to_be_in_viewport(ratio=0.99)
 
 
 def test_the_board_stays_where_it_is_when_an_alarm_comes(vehicle, shown, trouble):
