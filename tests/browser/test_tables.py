@@ -149,6 +149,10 @@ def test_on_a_phone_nothing_lies_beside_the_window(server, vehicle, developer, t
     for path, sheet in sheets[:2]:
         visit(page, server, path)
         assert page.locator(sheet).evaluate("it => it.scrollWidth - it.clientWidth") == 0, path
+    # In a large one, with larger type, a time of day is whole.
+    page.set_viewport_size({"width": 1920, "height": 1080})
+    visit(page, server, "/developer")
+    assert page.locator("#modules td:has(time)").evaluate_all("all => all.filter(it => it.scrollWidth > it.clientWidth).length") == 0
     page.set_viewport_size({"width": 390, "height": 844})
     visit(page, server, "/developer")
     expect(row(page, CAUSE).locator(".own")).to_be_hidden()
