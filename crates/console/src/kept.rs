@@ -306,7 +306,7 @@ mod tests {
     fn many_heads_of_one_vehicle_push_out_no_others_and_not_all_of_its_own() {
         let folder = tempfile::tempdir().unwrap();
         let (clock, _hand) = Clock::standing();
-        let mut store = Store::open(folder.path(), clock.clone()).unwrap();
+        let mut store = Store::open(folder.path(), clock).unwrap();
         let mut fleet = store.fleet().unwrap();
         let [a, b] = ["a", "b"].map(|id| VehicleId::new(id).unwrap());
         let head = |number: usize| telltale_store::Head::parse(&format!("{number}:{number:064x}")).unwrap();

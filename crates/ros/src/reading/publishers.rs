@@ -315,7 +315,7 @@ mod tests {
             [(A, offer("theirs", true, false)), (B, offer(OURS, true, false))].into();
         assert_eq!(writers.update(offers.clone(), OURS, START), ["theirs"]);
         assert_eq!(writers.update(offers, OURS, START), [""; 0]);
-        assert_eq!(writers.publishers(OURS), (1, Some("theirs"), true));
+        assert_eq!(writers.publishers(OURS), (1, Some("theirs"), false));
         assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS), Verdict::WrongType);
         assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS), Verdict::Take { lost: 0 });
     }

@@ -9,6 +9,7 @@ use telltale_engine::input::StatusArray;
 const OK: u8 = 0;
 const WARN: u8 = 1;
 const ERROR: u8 = 2;
+const STALE: u8 = 3;
 
 /// The age of the vehicle's feedback at which its users give up: later than the bus itself is found dead.
 const FEEDBACK_AGE_MS_MAX: u64 = 450;
@@ -134,7 +135,7 @@ fn localization(world: &mut World, out: &mut StatusArray) {
     let (level, message) = match world.localizer.matches(world.now_ms()) {
         _ if scan_age_ms > 250 => (ERROR, format!("No scan for {}", seconds(scan_age_ms))),
         Match::NoPosition => (WARN, "Waits to be told where it is".to_owned()),
-        Match::Searches => (OK, "Looks for the position that it was given".to_owned()),
+        Match::Searches => (STALE, "Looks for the position that it was given".to_owned()),
         Match::FitsNowhere => (ERROR, "Scan does not fit the map where it was told to be".to_owned()),
         Match::Found if jumps => (WARN, "Scan fits the map badly".to_owned()),
         Match::Found => (OK, "Scan fits the map".to_owned()),
