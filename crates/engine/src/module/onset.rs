@@ -19,6 +19,9 @@ pub(crate) struct Onset {
     well_since: Option<Timestamp>,
     /// Whether it was in ERROR when it last became relevant, and was not well since.
     was_error: bool,
+    /// It has reported since the start of the program, if only to be forgotten since.
+    #[serde(default)]
+    reported: bool,
     /// Only modules that had a fault have it.
     fault: Option<Box<Fault>>,
 }
@@ -49,7 +52,7 @@ pub(crate) fn is_well(state: State) -> bool {
 
 impl Onset {
     pub(crate) fn new(made: Timestamp) -> Onset {
-        Onset { made, well_since: None, was_error: false, fault: None }
+        Onset { made, well_since: None, was_error: false, reported: false, fault: None }
     }
 
     /// Takes the own state at an instant; an unchanged one changes nothing.
@@ -112,9 +115,9 @@ impl Onset {
         fault.shown.max(shown) > limit
     }
 
-    /// Takes what the module shows. `known`: it has reported since the start of the program; until then, a time from
-    /// before the start stays.
+    /// Takes what the module shows. Until it is `known` by a report, a time from before the start of the program stays.
     pub(crate) fn note_shown(&mut self, own: State, shown: State, known: bool, now: Timestamp) {
+        self.reported |= known;
         match (own, shown) {
             (State::Error, State::Error) => {
                 self.fault.get_or_insert_default().shown_since.get_or_insert(now);
@@ -124,7 +127,7 @@ impl Onset {
                 if own == State::Error {
                     let shown = fault.shown_since.take().map_or(Span::ZERO, |since| now.since(since));
                     fault.shown = fault.shown.max(shown);
-                } else if known {
+                } else if self.reported {
                     (fault.shown_since, fault.shown) = (None, Span::ZERO);
                 }
             }
