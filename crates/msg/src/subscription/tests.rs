@@ -50,6 +50,23 @@ fn topics_are_read_once_with_their_wire_names() {
 }
 
 #[test]
+fn the_value_of_a_signal_that_comes_later_than_its_timeout_is_over() {
+    let timeout = Some(Span::from_secs(2));
+    let all = read(vec![
+        SignalSpec { timeout, ..signal("arm_on", "/a", BOOL, None) },
+        signal("docked", "/a", BOOL, None),
+    ])
+    .unwrap();
+    let is_over = |name: &str, late_ms: u64| {
+        let input = Input::Signal { name: name.into(), value: false };
+        all[1].is_over(&input, Span::from_millis(late_ms))
+    };
+    assert_eq!([0, 1999, 2000, 9000].map(|ms| is_over("arm_on", ms)), [false, false, true, true]);
+    assert!(!is_over("docked", 9000), "without a timeout it is never too old");
+    assert!(!all[1].is_over(&Input::Tick, Span::from_secs(9)));
+}
+
+#[test]
 fn messages_become_inputs() {
     let all = read(vec![
         signal("active", "/a", BOOL, None),
