@@ -58,7 +58,7 @@ def console(hub, tmp_path):
 
 
 def drive(data, config, console, is_told):
-    """Lets the vehicle drive until the console was told what is waited for."""
+    """Lets the vehicle drive until the console has the expected heads."""
     server = Server(data, own_domain(), config=config).start()
     try:
         until(is_told, TOLD_S, lambda: f"the console is told: {verify(console)}\n{server.read_log()}")
@@ -103,7 +103,7 @@ def test_an_audit_log_that_was_put_back_is_found(hub, console, tmp_path):
     said, code = verify(console, "--audit", data, "--key", old / "audit.key")
     assert code == 1 and "BAD" in said, said
 
-    # It drives on: what it tells now contradicts what it told, also without its log.
+    # It drives on: its new heads contradict its old ones, also without its log.
     drive(data, config, console, lambda: verify(console)[1] == 1)
     said, _ = verify(console)
     assert "BAD   told record" in said and "an older copy of its audit log" in said, said

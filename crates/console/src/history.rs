@@ -1,4 +1,4 @@
-//! What one vehicle told of a time, read from the log that lies at the hub. The console's pages and API, and
+//! The messages of one vehicle from a span of time, read from its log at the hub. The console's pages and API, and
 //! `telltale fleet export`, read it here.
 
 use serde_json::{Value, json};
@@ -17,13 +17,13 @@ const READ_BYTES_MAX: usize = 32 << 20;
 /// A message may have been made this long before the hub took it and still be in a batch with later ones.
 const MARGIN_MS: i64 = 15 * 60_000;
 
-/// What was read.
+/// The messages that were read, and their gaps.
 #[derive(Debug, Default)]
 pub struct Known {
     history: History,
     /// The number of the first message of the hub that was read.
     first: Option<u64>,
-    /// Nothing lies at the hub from before what was read.
+    /// The hub has no older messages.
     is_from_oldest: bool,
     pub contradictions: usize,
     pub refused: usize,
@@ -31,7 +31,7 @@ pub struct Known {
     pub is_whole: bool,
 }
 
-/// A part of what was read.
+/// A message, or a gap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Part<'a> {
     Message(&'a Message),
@@ -63,7 +63,7 @@ impl Known {
         self.is_from_oldest = self.first == Some(number);
     }
 
-    /// The messages of a time, by the vehicle's clock, with what is missing among them, in their order.
+    /// The messages of a time, by the vehicle's clock, and their gaps, in order.
     pub fn parts(&self, from: i64, to: i64) -> Vec<Part<'_>> {
         let mut missing = self.unknown().into_iter().peekable();
         let mut parts = Vec::new();
@@ -101,7 +101,7 @@ impl Known {
         Told { parts, is_whole: self.is_whole && last.is_none() }
     }
 
-    /// What is not known of what was asked for: before the first message that was read, what the vehicle declared.
+    /// The gaps. Of those before the first message that was read, only the ones that the vehicle declared.
     fn unknown(&self) -> Vec<Unknown> {
         let first = self.history.messages().next().map(Message::mark);
         let mut unknown = self.history.unknown();
@@ -112,7 +112,7 @@ impl Known {
     }
 }
 
-/// Reads what a vehicle told of a time by its own clock, in milliseconds since 1970. That clock is ahead of the hub's by
+/// Reads the messages of a vehicle from a time by its own clock, in milliseconds since 1970. That clock is ahead of the hub's by
 /// so many milliseconds.
 ///
 /// # Errors
@@ -174,7 +174,7 @@ mod tests {
 
     const SECOND: i64 = 1000;
 
-    /// What was read of messages with these numbers, each made in the second of its number. Some are gaps up to a number.
+    /// Messages with these numbers, each made in the second of its number. Some are gaps up to a number.
     fn known(parts: &[(u64, Option<u64>)]) -> Known {
         let message = |&(n, gap): &(u64, Option<u64>)| {
             let content =
@@ -245,7 +245,7 @@ mod tests {
         }
         let told = known.told(0, i64::MAX);
         assert!(!told.is_whole);
-        assert_eq!(told.parts.len(), 2 * MESSAGES_MAX - 1, "what is missing between them is not counted");
+        assert_eq!(told.parts.len(), 2 * MESSAGES_MAX - 1, "gaps are not counted");
         assert!(matches!(told.parts.last(), Some(Part::Message(_))));
         assert!(known.told(0, 1000 * SECOND).is_whole);
     }

@@ -223,7 +223,7 @@ pub(crate) async fn has(client: &Client, name: &str) -> Result<bool, HubError> {
     Ok(ask(client, format!("$JS.API.STREAM.INFO.{name}"), String::new()).await?.is_none())
 }
 
-/// Asks JetStream, and returns what is wrong.
+/// Asks JetStream, and returns its error.
 async fn ask(client: &Client, subject: String, body: String) -> Result<Option<Fault>, HubError> {
     let line = |error: &dyn std::fmt::Display| HubError::Line(error.to_string());
     let answer = client.request(subject, body.into()).await.map_err(|error| line(&error))?;

@@ -1,4 +1,4 @@
-//! The history of one vehicle for programs, and who may read one when.
+//! The API of one vehicle's history, and the bounds on histories that are read at a time.
 
 use axum::extract::{Path, State};
 use axum::http::StatusCode;

@@ -27,7 +27,7 @@ pub(crate) struct Value {
     /// If it may be empty: the time since which its module is relevant. In the future while publishers are still being searched.
     #[serde(default)]
     since: Option<Timestamp>,
-    /// If it may be empty: who publishes it.
+    /// If it may be empty: its publishers.
     #[serde(default)]
     publishers: Publishers,
 }

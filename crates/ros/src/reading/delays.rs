@@ -46,7 +46,7 @@ struct Delay {
     heard: i128,
     /// Since when all messages come late by the same, with the least and the largest offset.
     late: Option<(i128, i128, i128)>,
-    /// No message came in time yet: what is usual follows from the clocks.
+    /// No message came in time yet: the clocks tell the usual delay.
     unproven: bool,
 }
 

@@ -24,7 +24,7 @@ use crate::yaml::plain;
 /// Write what a vehicle told the hub, as lines of JSON; exit code 1 if there is more than is read at once
 ///
 /// Each line is a message as in the API of the console, in the vehicle's order: `epoch`, `n`, `at` (UTC, by the vehicle's
-/// clock), `kind` and what it tells. A line of the kind `gap` stands for the messages from `n` up to `to`, which are not
+/// clock), `kind` and its content. A line of the kind `gap` stands for the messages from `n` up to `to`, which are not
 /// known; `why` is null where the vehicle says nothing of them. How many messages there are, and how many are
 /// missing, is said on standard error.
 ///
@@ -60,7 +60,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     match &args.output {
         Some(output) => write(output, &told)?,
         None => {
-            // A reader who has had enough is no error.
+            // A reader that ends early is no error.
             told.parts.iter().all(|part| print::json(&line(part)));
         }
     }
@@ -148,7 +148,7 @@ fn write(output: &Path, told: &Told<'_>) -> anyhow::Result<()> {
         .with_context(|| format!("{what} {}", output.display()))
 }
 
-/// Says what was written, and what is missing.
+/// Says how many messages were written, and how many are missing.
 fn report(id: &VehicleId, kept: &Kept, told: &Told<'_>) {
     let Kept { known, from, oldest, .. } = kept;
     let times: Vec<i64> = told.parts.iter().filter_map(|part| part.at()).collect();

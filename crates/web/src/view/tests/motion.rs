@@ -166,7 +166,7 @@ fn only_causes_that_the_list_shows_are_counted() {
     };
     let of =
         |first, other, lang, expect: &str| check(&with(first, other), lang, "instruction", &[expect], &[]);
-    // A component has no status of its own by which the same cause of two requests would be known.
+    // Two requests have the same component as their cause; it has no status of its own.
     let mut slowed = held.snapshot.countermeasures[0].clone();
     let node = held.snapshot.node("can").expect("it is there");
     slowed.causes = [CountermeasureCause { node, ..slowed.causes[0] }].into();
