@@ -15,11 +15,17 @@ pub fn earliest() -> SystemTime {
     UNIX_EPOCH + Duration::from_secs(EARLIEST_UNIX_S)
 }
 
-/// The monotonic clock of receipt, counted from the start of the process, and the wall clock for times that
-/// people read. Copies agree.
+/// The monotonic time at which the process starts: an instant before it has a time of its own, and a message that is
+/// handed over late keeps its age.
+const BEFORE_START: Span = Span::from_secs(24 * 3600);
+
+/// The monotonic clock of receipt, counted from a day before the start of the process, and the wall clock for
+/// times that people read. Copies agree.
 #[derive(Debug, Clone, Copy)]
 pub struct Clock {
     start: Instant,
+    /// Its time at `start`: [`BEFORE_START`], and zero for a test's clock.
+    at_start: Span,
     /// The offset by which it was set ahead, in nanoseconds; only a test's clock has one.
     ahead: Option<&'static Ahead>,
     /// It moves only when it is set ahead.
@@ -52,13 +58,13 @@ impl ClockHand {
 impl Clock {
     #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn start() -> Clock {
-        Clock { start: Instant::now(), ahead: None, stands: false }
+        Clock { start: Instant::now(), at_start: BEFORE_START, ahead: None, stands: false }
     }
 
     /// A clock that can be set ahead, for tests. Its offset lives as long as the process.
     pub fn with_hand() -> (Clock, ClockHand) {
         let ahead: &'static Ahead = Box::leak(Box::default());
-        (Clock { ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
+        (Clock { at_start: Span::ZERO, ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
     }
 
     /// A clock that moves only when it is set ahead.
@@ -71,7 +77,7 @@ impl Clock {
     pub fn now(&self) -> Timestamp {
         let elapsed = if self.stands { Duration::ZERO } else { self.start.elapsed() };
         let elapsed = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);
-        Timestamp::from_nanos(elapsed.saturating_add(self.ahead()))
+        Timestamp::from_nanos(elapsed.saturating_add(self.at_start.as_nanos()).saturating_add(self.ahead()))
     }
 
     /// The present wall time. It may be stepped at any time: for display only.
@@ -85,7 +91,8 @@ impl Clock {
 
     /// The monotonic instant as a tokio instant.
     pub fn instant(&self, at: Timestamp) -> Instant {
-        self.start + Duration::from_nanos(at.as_nanos().saturating_sub(self.ahead()))
+        let before = self.at_start.as_nanos() + self.ahead();
+        self.start + Duration::from_nanos(at.as_nanos().saturating_sub(before))
     }
 
     /// The result of a future, unless it comes after `until`.
