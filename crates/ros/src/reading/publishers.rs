@@ -84,7 +84,8 @@ struct Known {
     since_wall: SystemTime,
     /// It was heard before, through an earlier reader.
     heard: bool,
-    /// A reliable reader hears it.
+    /// A reliable reader hears it, and what it hears is as new as what others hear: it begins with what the writer
+    /// keeps for readers that were killed.
     reliably: bool,
     /// When its first message was received, and when that was published by its source stamp.
     first: Option<(Timestamp, Option<SystemTime>)>,
@@ -226,13 +227,20 @@ impl Writers {
         self.known.values_mut().for_each(|known| known.reliably = false);
     }
 
+    /// Whether a reliable reader has not yet received all that a best-effort one has.
+    pub fn is_catching_up(&self, dds_type: &str) -> bool {
+        let mut ours = self.known.iter().filter(|(_, known)| known.offer.type_name == dds_type);
+        ours.any(|(guid, known)| known.offer.reliable && !known.reliably && self.last.contains_key(guid))
+    }
+
     /// Judges one sample.
     pub fn judge(&mut self, writer: &Guid, sequence: i64, via: Via, dds_type: &str) -> Verdict {
         if let Some(Known { offer, reliably, .. }) = self.known.get_mut(writer) {
             if offer.type_name != dds_type {
                 return Verdict::WrongType;
             }
-            *reliably |= via != Via::BestEffort;
+            let last = self.last.get(writer);
+            *reliably |= via != Via::BestEffort && last.is_none_or(|last| sequence >= *last);
             // A best-effort reader hands samples over in the order of arrival: one of them would overtake a
             // repair.
             if *reliably && via == Via::BestEffort {
@@ -306,6 +314,25 @@ mod tests {
         writers.heard_by_best_effort_alone();
         assert_eq!(writers.judge(&A, 9, Via::BestEffort, OURS), Verdict::Take { lost: 1 });
         assert_eq!(writers.judge(&B, 7, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
+    }
+
+    #[test]
+    fn a_reliable_reader_counts_once_it_has_received_what_a_writer_kept_for_killed_ones() {
+        let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
+        assert!(!writers.is_catching_up(OURS), "nothing was heard");
+        assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&B, 100, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
+        for old in 1..100 {
+            assert_eq!(writers.judge(&A, old, Via::Reliable, OURS), Verdict::Skip);
+        }
+        assert!(writers.is_catching_up(OURS));
+        assert_eq!(writers.judge(&A, 101, Via::BestEffort, OURS), Verdict::Take { lost: 0 });
+        assert_eq!(writers.judge(&A, 100, Via::Reliable, OURS), Verdict::Skip);
+        assert!(writers.is_catching_up(OURS));
+        assert_eq!(writers.judge(&A, 101, Via::Reliable, OURS), Verdict::Skip);
+        assert!(!writers.is_catching_up(OURS));
+        assert_eq!(writers.judge(&A, 103, Via::BestEffort, OURS), Verdict::Skip, "102 may still be repaired");
+        assert_eq!(writers.judge(&A, 102, Via::Reliable, OURS), Verdict::Take { lost: 0 });
     }
 
     #[test]

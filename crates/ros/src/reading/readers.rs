@@ -28,8 +28,10 @@ const RETAINED_BYTES: usize = 64 << 20;
 /// can only grow.
 const RETAINED_BYTES_MAX: usize = 2 * RETAINED_BYTES;
 
-/// A replaced reader stays until the writers surely know the new one, so that nothing is lost.
+/// A replaced reader stays until the writers surely know the new one, so that nothing is lost; and for some time more
+/// while the new one still receives what is older: a writer that keeps 1,000 messages needs 25 s for them.
 const OVERLAP: Span = Span::from_secs(2);
+const OVERLAP_MAX: Span = Span::from_secs(60);
 
 /// One received message.
 #[derive(Debug)]
@@ -50,6 +52,8 @@ pub struct Readers {
     readers: Vec<Reader>,
     /// The kinds of the current readers, and since when they are these.
     fitting: (Fitting, Timestamp),
+    /// When it is looked whether the replaced ones can end.
+    overlap_ends: Timestamp,
 }
 
 /// The kinds of readers that a topic needs, of which one or two exist at once.
@@ -66,14 +70,16 @@ impl Readers {
     ) -> Readers {
         let (topic, type_name) = (subscription.dds_topic.clone(), subscription.dds_type.clone());
         let fitting: (Fitting, Timestamp) = (&[], now);
-        Readers { participant, topic, type_name, depth, readers: Vec::with_capacity(2), fitting }
+        let readers = Vec::with_capacity(2);
+        Readers { participant, topic, type_name, depth, readers, fitting, overlap_ends: now }
     }
 
-    /// Makes the readers that fit, and ends the others once the new ones had time to be found. To be called
-    /// now and then. Returns whether the readers changed.
-    pub fn follow(&mut self, fitting: Fitting, now: Timestamp) -> bool {
+    /// Makes the readers that fit, and ends the others once the new ones had time to be found and are not catching up.
+    /// To be called now and then. Returns whether the readers changed.
+    pub fn follow(&mut self, fitting: Fitting, is_catching_up: bool, now: Timestamp) -> bool {
         if self.fitting.0 != fitting {
             self.fitting = (fitting, now);
+            self.overlap_ends = now + OVERLAP;
         }
         let before = self.readers.len();
         for &via in fitting {
@@ -82,8 +88,12 @@ impl Readers {
             }
         }
         let is_new = self.readers.len() != before;
-        if !is_new && now.since(self.fitting.1) >= OVERLAP {
-            self.readers.retain(|known| fitting.contains(&known.via()));
+        if !is_new && now >= self.overlap_ends {
+            if is_catching_up && now.since(self.fitting.1) < OVERLAP_MAX {
+                self.overlap_ends = now + OVERLAP;
+            } else {
+                self.readers.retain(|known| fitting.contains(&known.via()));
+            }
         }
         is_new || self.readers.len() != before
     }
@@ -93,9 +103,9 @@ impl Readers {
         (!self.readers.is_empty()).then_some(self.fitting.0)
     }
 
-    /// When the replaced readers are to end.
+    /// When to ask again whether the replaced readers can end.
     pub fn overlap_ends(&self) -> Option<Timestamp> {
-        (self.readers.len() > self.fitting.0.len()).then(|| self.fitting.1 + OVERLAP)
+        (self.readers.len() > self.fitting.0.len()).then_some(self.overlap_ends)
     }
 
     /// Whether one of them is reliable, so that lost samples are sent again.

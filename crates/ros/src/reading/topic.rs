@@ -469,7 +469,8 @@ impl Topic {
         // While there is no publisher, the readers do not change.
         let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
         let Some(fitting) = fitting.or_else(|| self.readers.fitting()) else { return };
-        if self.readers.follow(fitting, now.0) && !self.readers.any_reliable() {
+        let is_catching_up = self.memory.writers.is_catching_up(dds_type);
+        if self.readers.follow(fitting, is_catching_up, now.0) && !self.readers.any_reliable() {
             self.memory.writers.heard_by_best_effort_alone();
         }
         if wants_last_value && self.memory.writers.leaves_last_value(fitting, dds_type, now.0) {
