@@ -380,7 +380,7 @@ impl Engine {
         self.motion.driven_m = old.motion.driven_m;
         // Without stages it may have driven since.
         if before.stages == StageModel::Shuttle {
-            self.motion.parking = old.motion.parking;
+            (self.motion.parking, self.motion.astray) = (old.motion.parking, old.motion.astray);
         }
         if let Some((source, _)) = speed {
             (self.motion.speed, self.motion.shown) = (old.motion.speed, old.motion.shown);

@@ -14,6 +14,10 @@ use telltale_msg::sample_bytes::Guid;
 /// Bytes of a GUID that name the participant (RTPS 2.5, 9.3.1).
 pub const PREFIX: usize = 12;
 
+/// The kind of an entity in the last byte of its GUID, and a reader with a key (RTPS 2.5, 9.3.1.2).
+const ENTITY_KIND: u8 = 0x0f;
+const READER_WITH_KEY: u8 = 0x07;
+
 /// The prefix of the topics on which participants hear themselves; no ROS topic begins so.
 const ECHO_TOPIC_PREFIX: &str = "telltale_alive/";
 
@@ -42,7 +46,10 @@ pub fn all(participant: &DomainParticipant) -> BTreeMap<Guid, Found> {
     let readers = participant.discovered_readers().into_iter().map(|found| {
         let data = found.subscription_topic_data;
         let qos = data.qos();
-        let takes = Quality::ALL.map(|quality| qos::offered(quality).compliance_failure_wrt(&qos).is_none());
+        // A reader of a type with a key is none of our types.
+        let is_keyed = data.key().to_bytes()[15] & ENTITY_KIND == READER_WITH_KEY;
+        let fits = |quality| !is_keyed && qos::offered(quality).compliance_failure_wrt(&qos).is_none();
+        let takes = Quality::ALL.map(fits);
         Found {
             guid: data.key().to_bytes(),
             writes: false,
