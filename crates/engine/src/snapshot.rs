@@ -169,6 +169,14 @@ impl Snapshot {
         }
     }
 
+    /// Whether the vehicle is under way: cleared, or driving by itself, or moving, or between stops. Where nothing tells its
+    /// motion, only the stage counts.
+    pub fn is_under_way(&self) -> bool {
+        let moves = self.motion.moving == Moving::Yes || self.may_set_off;
+        let by_stage = matches!(self.stage, Stage::Cleared | Stage::Active);
+        self.has_stages() && (by_stage || self.motion.has_source && moves)
+    }
+
     /// Whether the vehicle moves, or may: it is cleared or drives by itself, or is not known to stand.
     pub fn may_move(&self) -> bool {
         may_move(self.stage, self.motion, self.may_set_off)

@@ -9,7 +9,6 @@ use super::operator::not_done::NotDone;
 use super::view;
 use crate::texts::{HttpError, InvalidTap, Lang};
 use telltale_engine::input::{AlarmRef, OperatorAction};
-use telltale_engine::model::Stage;
 use telltale_engine::model::service::Service;
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::state::State;
@@ -156,8 +155,7 @@ impl ServiceRequest {
     /// Whether this is for the operator alone now, who hears and sees the alarms of a vehicle that drives or may
     /// start to.
     fn is_for_operator(&self, snapshot: &Snapshot) -> bool {
-        let is_underway = matches!(snapshot.stage, Stage::Cleared | Stage::Active);
-        is_underway && snapshot.has_stages() && !self.while_driving
+        snapshot.is_under_way() && !self.while_driving
     }
 }
 

@@ -1,11 +1,17 @@
 //! Expired sessions: they end with their sockets, whatever the disk does, and over restarts.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::StatusCode;
 use rusqlite::Connection;
 use telltale::clock::{Clock, ClockHand};
+use telltale::engine::input::Input;
 use telltale::engine::model::Stage;
+use telltale::engine::model::monitors::{FieldKind, FieldSpec, TopicId, TopicSpec};
+use telltale::engine::model::motion::{SpeedSource, WatchedField};
+use telltale::engine::model::sample::{FieldValue, Sample};
+use telltale::engine::snapshot::Moving;
 use telltale::engine::time::Span;
 use telltale::store::audit::Entry;
 use telltale::web::DEVELOPER_IDLE_MAX;
@@ -177,6 +183,43 @@ async fn an_operator_who_drives_stays_in_charge_over_a_restart() {
         server.fixture.until(|snapshot| snapshot.stage == Stage::Locked).await;
         assert_eq!(status(&server.fixture, &operator).await, StatusCode::UNAUTHORIZED);
     }
+}
+
+#[tokio::test]
+async fn an_operators_session_outlasts_its_time_while_the_vehicle_moves_in_any_stage() {
+    let (clock, hand) = Clock::with_hand();
+    let topic = Arc::new(TopicSpec {
+        topic: "/speed".into(),
+        type_name: "std_msgs/msg/Float64".into(),
+        stamp: false,
+        fields: vec![FieldSpec::new("data", FieldKind::Scalar)],
+    });
+    let fixture = Fixture::changed_by(clock, |parts| {
+        parts.watched.topics.push(topic.clone());
+        let value = WatchedField { topic: TopicId(0), field: 0 };
+        parts.driving.speed = Some(SpeedSource { value, timeout: hours(48), standing_below_mps: 0.3 });
+    })
+    .await;
+    let speed = |mps| Input::Sample(Sample::of(topic.clone(), [FieldValue::Number(mps)].into()));
+    let store = fixture.store.clone();
+    let server = Server::with(fixture, store).await;
+    let fixture = &server.fixture;
+    let operator = fixture.cookie_of("operator").await;
+    let mut page = server.connect("/ws", &operator).await;
+    fixture.drive(true).await;
+    fixture.input(speed(5.0)).await;
+    hand.advance(hours(13));
+    // Its mission component was started again between stops.
+    fixture.input(Input::Signal { name: "active".into(), value: false }).await;
+    fixture.until(|it| it.stage == Stage::Standby && it.motion.moving == Moving::Yes).await;
+    lives(&mut page).await;
+    assert_eq!(fixture.get("/api/v1/snapshot", Some(&operator)).await.status, StatusCode::OK);
+    // Nobody leaves it meanwhile.
+    assert_eq!(fixture.post("/logout", Some(&operator), "").await.status, StatusCode::CONFLICT);
+    fixture.input(speed(0.0)).await;
+    hand.advance(Span::from_secs(1));
+    fixture.input(speed(0.0)).await;
+    ends(&mut page, "operator").await;
 }
 
 #[tokio::test]

@@ -133,7 +133,11 @@ impl Fixture {
 
     /// With another configuration.
     pub async fn changed(change: impl FnOnce(&mut Parts)) -> Fixture {
-        let clock = Clock::start();
+        Fixture::changed_by(Clock::start(), change).await
+    }
+
+    /// The same with this clock.
+    pub async fn changed_by(clock: Clock, change: impl FnOnce(&mut Parts)) -> Fixture {
         let store = Store::in_memory(clock, DemoSecrets::Accepted).unwrap();
         let mut parts = Parts::clone(&model());
         change(&mut parts);

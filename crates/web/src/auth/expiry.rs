@@ -41,20 +41,20 @@ impl AppState {
         self.store.session(token).filter(|session| !self.has_expired(session))
     }
 
-    /// Whether a session has expired. While the vehicle drives, its operator's session does not.
+    /// Whether a session has expired. That of a vehicle's operator does not while it is under way: the page has STOP.
     pub fn has_expired(&self, session: &Session) -> bool {
         if has_idled_out(session, self.clock.now()) {
             return true;
         }
-        session.expires <= self.clock.now() && !self.drives(session)
+        session.expires <= self.clock.now() && !self.is_under_way(session)
     }
 
-    /// Whether this is a session of the operator of a vehicle that drives now. A recording says nothing about
-    /// the sessions of its readers.
-    fn drives(&self, session: &Session) -> bool {
+    /// Whether this is a session of the operator of a vehicle that is under way. A recording says nothing about the
+    /// sessions of its readers.
+    fn is_under_way(&self, session: &Session) -> bool {
         let Source::Live(link) = &self.source else { return false };
         let published = link.snapshots.borrow();
-        published.snapshot.drives() && is_in_charge(session, &published.snapshot)
+        published.snapshot.is_under_way() && is_in_charge(session, &published.snapshot)
     }
 
     /// Why a session that has expired did so.

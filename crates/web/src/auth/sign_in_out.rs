@@ -14,6 +14,7 @@ use crate::admission::peer::place_of;
 use crate::engine_link::NoAnswer;
 use crate::texts::SessionEnd;
 use telltale_engine::input::{OperatorAction, Refusal, Response as Answer};
+use telltale_engine::snapshot::Moving;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
@@ -144,7 +145,7 @@ impl LoginAttempt {
             return Err(NotOpened::OtherOperator(other.to_owned()));
         }
         let snapshot = app.published().snapshot;
-        let drives = snapshot.drives();
+        let drives = snapshot.is_under_way();
         let takes = role == Role::Operator && snapshot.operator.as_deref() != Some(name);
         if takes && drives && app.caller(self.source) != Caller::Vehicle {
             let why = "the vehicle drives, and this is none of its displays";
@@ -212,7 +213,8 @@ impl LoginAttempt {
     fn is_refused_logout(&self, app: &Live) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
         let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
-        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.drives();
+        let moves = snapshot.drives() || snapshot.motion.moving == Moving::Yes;
+        let is_refused = leaves && self.user.role() != Role::Operator && moves;
         is_refused.then_some(Refusal::LogoutWhileActive)
     }
 
