@@ -92,9 +92,7 @@ fn monitor(choices: &mut Choices<'_>) -> MonitorSpec {
                 };
                 MonitorSpec::Frozen { source, limits: FrozenLimits { time: above, repeats } }
             }
-            (source, bands) => {
-                MonitorSpec::Value { source, rule: ValueRule::Bands(bands), may_be_empty: false }
-            }
+            (source, bands) => MonitorSpec::Value { source, rule: ValueRule::Bands(bands), empty: None },
         },
         3 => MonitorSpec::Watchdog {
             watchdog: WatchdogId(0),

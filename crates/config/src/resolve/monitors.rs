@@ -29,11 +29,9 @@ pub(crate) fn resolve(monitor: &Monitor, topics: &mut Topics, log: &mut Log) -> 
             let topic = topics.watch(topic, true, log);
             MonitorSpec::Latency { topic, window: *window, bands: *bands }
         }
-        Monitor::Value { source: from, rule, may_be_empty } => MonitorSpec::Value {
-            source: source(from, topics, log),
-            rule: rule.clone(),
-            may_be_empty: *may_be_empty,
-        },
+        Monitor::Value { source: from, rule, empty } => {
+            MonitorSpec::Value { source: source(from, topics, log), rule: rule.clone(), empty: *empty }
+        }
         Monitor::Frozen { source: from, limits } => {
             MonitorSpec::Frozen { source: source(from, topics, log), limits: *limits }
         }

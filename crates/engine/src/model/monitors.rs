@@ -102,9 +102,8 @@ pub enum MonitorSpec {
     Value {
         source: ValueSource,
         rule: ValueRule,
-        /// Its messages are events: the last one counts until the next one, and none at all is OK while somebody
-        /// publishes the topic.
-        may_be_empty: bool,
+        /// Its messages are events: the last one counts until the next one, and before the first one this state.
+        empty: Option<State>,
     },
     /// How long, and how many messages in a row, a value may stay the same.
     Frozen { source: ValueSource, limits: FrozenLimits },
@@ -319,7 +318,7 @@ impl MonitorSpec {
                 About { by_the_clock: true, memory: *window, ..of("frequency", META) }
             }
             Of::Latency { window, .. } => About { memory: *window, ..of("latency", META) },
-            Of::Value { may_be_empty, .. } => About { by_the_clock: *may_be_empty, ..of("value", CONTENT) },
+            Of::Value { empty, .. } => About { by_the_clock: empty.is_some(), ..of("value", CONTENT) },
             Of::Frozen { limits, .. } => About { memory: limits.longest(), ..of("frozen", CONTENT) },
             Of::Watchdog { watchdog, misses, .. } => About {
                 by_the_clock: true,

@@ -200,8 +200,8 @@ impl Monitor {
                 Monitor::Frequency(Frequency::new(*window, *bands))
             }
             MonitorSpec::Latency { window, bands, .. } => Monitor::Latency(Latency::new(*window, *bands)),
-            MonitorSpec::Value { source, rule, may_be_empty } => {
-                Monitor::Value(Value::new(one(source), rule.clone(), *may_be_empty))
+            MonitorSpec::Value { source, rule, empty } => {
+                Monitor::Value(Value::new(one(source), rule.clone(), *empty))
             }
             MonitorSpec::Frozen { source, limits } => Monitor::Frozen(Frozen::new(one(source), *limits)),
             MonitorSpec::Watchdog { watchdog, misses, bands } => {
@@ -239,6 +239,13 @@ impl Monitor {
     pub(super) fn follow(&mut self, policy: &Policy) {
         if let Monitor::Tf(tf) = self {
             tf.follow(policy);
+        }
+    }
+
+    /// Its module was in a fault before a restart.
+    pub(super) fn has_failed(&mut self) {
+        if let Monitor::Value(value) = self {
+            value.has_failed();
         }
     }
 

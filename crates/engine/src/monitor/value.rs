@@ -1,8 +1,8 @@
 //! One field of a topic, or one KeyValue of a status.
 
+use super::MonitorKind;
 use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, numeral_in, quoted};
-use super::{MonitorKind, end_search};
 use crate::files::KeyframeError;
 use crate::model::monitors::ValueRule;
 use crate::model::quantity::{Quantity, number};
@@ -13,23 +13,22 @@ use crate::text::say;
 use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
-/// A reader is there for all messages a second after the discovery of a writer; lost ones are sent again.
-const TOLD: Span = Span::from_secs(10);
+/// Within this time after the discovery of a publisher its last message is here, also if most packets are lost for half of it.
+const TOLD: Span = Span::from_secs(60);
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Value {
     inputs: Inputs,
     #[serde(skip)]
     rule: ValueRule,
-    /// Its messages are events, and none at all is OK.
+    /// Its messages are events, and before the first one this is its state.
     #[serde(skip)]
-    may_be_empty: bool,
-    /// If it may be empty: the time since which its module is relevant. In the future while publishers are still being searched.
-    #[serde(default)]
-    since: Option<Timestamp>,
-    /// If it may be empty: its publishers.
+    empty: Option<State>,
     #[serde(default)]
     publishers: Publishers,
+    /// It told a fault before a restart, and nothing since: a fault ends by its word alone.
+    #[serde(default)]
+    failed: bool,
 }
 
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
@@ -45,38 +44,33 @@ enum Publishers {
 }
 
 impl Value {
-    pub(super) fn new(inputs: Inputs, rule: ValueRule, may_be_empty: bool) -> Value {
-        Value { inputs, rule, may_be_empty, since: None, publishers: Publishers::Nobody }
+    pub(super) fn new(inputs: Inputs, rule: ValueRule, empty: Option<State>) -> Value {
+        Value { inputs, rule, empty, publishers: Publishers::Nobody, failed: false }
+    }
+
+    /// Its module was in a fault before a restart.
+    pub(super) fn has_failed(&mut self) {
+        self.failed = true;
     }
 }
 
 impl MonitorKind for Value {
     fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
-        let Value { inputs, rule: _, may_be_empty: _, since, publishers } = kept;
-        (self.since, self.publishers) = (since, publishers);
+        let Value { inputs, rule: _, empty: _, publishers, failed } = kept;
+        (self.publishers, self.failed) = (publishers, failed);
         self.inputs.resume(inputs)
     }
 
-    /// The last event still counts.
-    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
-        self.since = (relevant && self.may_be_empty).then_some(now);
-    }
-
     fn search(&mut self, until: Timestamp) {
-        self.since = self.since.map(|since| since.max(until));
         if let Publishers::TransientLocal(since) = &mut self.publishers {
             *since = until.max(*since);
         }
     }
 
-    fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
-        end_search(&mut self.since, now)
-    }
-
     /// A publisher that was started again may not have said that a goal is over, or that a switch was let go. A fault ends
     /// by its word alone.
     fn returned(&mut self, slot: usize, now: Timestamp) {
-        if self.may_be_empty && !matches!(self.judge(now), Some(State::Warning | State::Error)) {
+        if self.empty.is_some() && !matches!(self.judge(now), Some(State::Warning | State::Error)) {
             self.inputs.forget(slot);
             self.publishers = Publishers::Nobody;
         }
@@ -98,12 +92,13 @@ impl MonitorKind for Value {
     }
 
     fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
+        self.failed = false;
         self.inputs.take(slot, value, now);
     }
 
     fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {
-            return self.empty_since().filter(|&since| since <= now).map(|_| State::Ok);
+            return self.empty_from().filter(|&from| from <= now).map(|_| State::Ok);
         }
         Some(match (self.look(now), &self.rule) {
             (Ok((_, state)), _) => state,
@@ -115,13 +110,13 @@ impl MonitorKind for Value {
     }
 
     fn due(&self, now: Timestamp) -> Option<Timestamp> {
-        self.empty_since().filter(|&since| since > now && !self.inputs.any())
+        self.empty_from().filter(|&from| from > now && !self.inputs.any())
     }
 
     fn words(&self, now: Timestamp) -> Words {
         if !self.inputs.any() {
             return match self.publishers {
-                _ if !self.may_be_empty => Words::default(),
+                _ if self.empty.is_none() => Words::default(),
                 Publishers::Volatile => Words::plain(say!(
                     "nothing came yet of {topic}, and its publisher keeps nothing for late readers (volatile)",
                     "noch nichts empfangen von {topic}, und der Sender bewahrt für später Kommende nichts auf (volatile)",
@@ -135,12 +130,13 @@ impl MonitorKind for Value {
 }
 
 impl Value {
-    /// Since when it is known that there was no event, or will be.
-    fn empty_since(&self) -> Option<Timestamp> {
+    /// From when it is known that there was no event.
+    fn empty_from(&self) -> Option<Timestamp> {
         match self.publishers {
-            Publishers::Nobody => self.since,
-            Publishers::Volatile => None,
-            Publishers::TransientLocal(since) => Some(self.since?.max(since + TOLD)),
+            Publishers::TransientLocal(since) if self.empty == Some(State::Ok) && !self.failed => {
+                Some(since + TOLD)
+            }
+            _ => None,
         }
     }
 

@@ -250,6 +250,7 @@ impl Engine {
         for alarm in self.alarms.list().iter().filter(|alarm| alarm.active) {
             if let NodeId::Module(id) = alarm.node {
                 self.net.modules[id.0 as usize].own.onset.restore_shown(alarm.raised);
+                self.watching.has_failed(id);
             }
         }
         for measure in &restored.countermeasures {
@@ -274,6 +275,12 @@ impl Engine {
                 let since = Since::of_age(measure.age, self.now);
                 let held = HeldRequest::new(measure.request, RequestOrigin::Past, since);
                 self.countermeasures.take_over(HeldRequest { causes, asking, ..held }, others);
+            }
+        }
+        for cause in self.countermeasures.held.iter().flat_map(|held| held.causes.iter().chain(&held.asking))
+        {
+            if let NodeId::Module(id) = cause.node {
+                self.watching.has_failed(id);
             }
         }
         // Where the vehicle was meanwhile is not known.

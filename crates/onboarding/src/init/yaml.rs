@@ -233,7 +233,12 @@ fn keys(kind: &ModuleKind) -> Vec<String> {
             duration(2 * warning_ms)
         )],
         ModuleKind::Value { topic, type_name, meaning, timeout_ms } => {
-            let (rule, empty) = (meaning.rule(), if timeout_ms.is_none() { ", empty: ok" } else { "" });
+            let empty = match (timeout_ms, meaning) {
+                (Some(_), _) => "",
+                (None, super::values::Meaning::Goal) => ", empty: ok",
+                (None, _) => ", empty: unknown",
+            };
+            let rule = meaning.rule();
             let monitor =
                 format!("monitor: {{ value: {{ topic: {topic}, type: {type_name}, {rule}{empty} }} }}");
             let timeout = timeout_ms.map(|timeout_ms| format!("timeout: {}", duration(timeout_ms)));

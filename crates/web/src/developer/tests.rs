@@ -237,7 +237,7 @@ fn techniques_are_of_components_or_of_data_streams() {
         MonitorSpec::Frequency { topic, window, bands },
         MonitorSpec::Latency { topic, window, bands },
         MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 1, bands: Bands::default() },
-        MonitorSpec::Value { source: key("k"), rule: ValueRule::Bands(bands), may_be_empty: false },
+        MonitorSpec::Value { source: key("k"), rule: ValueRule::Bands(bands), empty: None },
         MonitorSpec::RateRatio { input: topic, output: topic, window, bands },
         MonitorSpec::External { status: status(), class: class("contextual", "content", Some("sequential")) },
         MonitorSpec::Sequence { earlier: key("k"), later: key("l"), max_gap: window, bands },

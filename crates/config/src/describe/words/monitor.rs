@@ -31,8 +31,8 @@ fn other(model: &Model, spec: &MonitorSpec) -> String {
             let of = self::topic(model, *topic);
             format!("the latency of {of} over {}: {}", span(*window), limits(bands, " s"))
         }
-        MonitorSpec::Value { source, rule, may_be_empty } => {
-            let empty = if *may_be_empty { ", OK before the first message" } else { "" };
+        MonitorSpec::Value { source, rule, empty } => {
+            let empty = empty.map(|it| format!(", {it} before the first message")).unwrap_or_default();
             format!("{}: {}{empty}", value(model, source), self::rule(rule))
         }
         MonitorSpec::Frozen { source, limits: FrozenLimits { time, repeats } } => {

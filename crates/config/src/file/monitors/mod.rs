@@ -76,7 +76,7 @@ pub(crate) enum Monitor {
     Value {
         source: Source,
         rule: ValueRule,
-        may_be_empty: bool,
+        empty: Option<State>,
     },
     Frozen {
         source: Source,
@@ -220,10 +220,20 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
     let mut bands = bands(&mut fields, Unit::Number);
     bands.unmeasurable = bands::unmeasurable(&mut fields, NAN);
     let empty = fields.choice(EMPTY, "state", &[State::Ok, State::Unknown].map(|it| (it.as_str(), it)));
-    let may_be_empty = empty == Some(State::Ok);
-    if let (true, Some(Source::Key { .. }), Some(at)) = (may_be_empty, &source, fields.key_span("empty")) {
-        let problem = Problem::at(at, "`empty` is for a topic whose messages are events");
-        fields.log.push(problem.help("a status is said again and again; `stale` says what its silence is"));
+    match (empty, &source, fields.key_span("empty")) {
+        (Some(_), Some(Source::Key { .. }), Some(at)) => {
+            let problem = Problem::at(at, "`empty` is for a topic whose messages are events");
+            fields
+                .log
+                .push(problem.help("a status is said again and again; `stale` says what its silence is"));
+        }
+        (Some(State::Ok), Some(Source::Field { topic, .. }), Some(at)) if !topic.is_of(GOALS) => {
+            let problem = Problem::at(at, format!("`empty: ok` is for the goals of an action ({GOALS})"));
+            fields.log.push(
+                problem.help("write `empty: unknown`: nobody knows the state before the first message"),
+            );
+        }
+        _ => {}
     }
     let error: Option<Spanned<Literal>> =
         fields.optional(key("error_unless").about(
@@ -264,13 +274,16 @@ fn single(node: &Node, log: &mut Log) -> Option<Monitor> {
         Some(_) => ValueRule::Unless { error: value(error), warning: value(warning) },
         None => ValueRule::Bands(bands),
     };
-    Some(Monitor::Value { source: source?, rule, may_be_empty })
+    Some(Monitor::Value { source: source?, rule, empty })
 }
 
 const NAN: KeyDoc = key("nan").about("The state of a value that is not a number: unknown, if it is missing.");
 
+/// An action without a goal has nothing to say.
+const GOALS: &str = "action_msgs/msg/GoalStatusArray";
+
 const EMPTY: KeyDoc = key("empty").about(
-    "The state while somebody publishes the topic and nothing came: unknown, if it is missing. With `ok` messages are events: the last one counts until the next one or, if it tells no fault, until all publishers have left, and `timeout` has no effect. It is OK ten seconds after the publishers were found, and only if all of them are reliable and transient local: others do not tell what they said before.",
+    "Messages are events: the last one counts until the next one or, if it tells no fault, until all publishers have left, and `timeout` has no effect. The value is the state while somebody publishes the topic and nothing came. `ok` is for the goals of an action (action_msgs/msg/GoalStatusArray) alone: OK a minute after the publishers were found, if all of them are reliable and transient local, because others do not tell what they said before.",
 );
 
 /// `true`, `3`, `armed`; in quotes it is a text.

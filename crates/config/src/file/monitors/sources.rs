@@ -30,6 +30,10 @@ impl Topic {
         let (name, type_name) = (fields.required(TOPIC), fields.optional(TYPE));
         Some(Topic { name: name?, type_name })
     }
+
+    pub fn is_of(&self, type_name: &str) -> bool {
+        self.type_name.as_ref().is_some_and(|it| it.value == type_name)
+    }
 }
 
 impl FromNode for Topic {

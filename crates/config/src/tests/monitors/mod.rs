@@ -66,8 +66,8 @@ fn every_kind_reaches_the_model_with_its_defaults() {
     );
     means("value: { status: s, key: k, error_unless: -3 }", "'k' of the status 's': error unless -3");
     means(
-        &format!("value: {{ {TOPIC}, field: x, error_above: 5, empty: ok }}"),
-        "x of /t (a/msg/B): error above 5, OK before the first message",
+        &format!("value: {{ {TOPIC}, field: x, error_above: 5, empty: unknown }}"),
+        "x of /t (a/msg/B): error above 5, unknown before the first message",
     );
     means("watchdog: { icmp: lidar }", "an echo from lidar every 1s: error after 3 misses");
     means(
@@ -343,6 +343,12 @@ fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
         "value: { status: s, key: k, error_above: 1, empty: ok }",
         &[
             "45: `empty` is for a topic whose messages are events (a status is said again and again; `stale` says what its silence is)",
+        ],
+    );
+    wrong(
+        &format!("value: {{ {TOPIC}, field: x, error_above: 1, empty: ok }}"),
+        &[
+            "72: `empty: ok` is for the goals of an action (action_msgs/msg/GoalStatusArray) (write `empty: unknown`: nobody knows the state before the first message)",
         ],
     );
     wrong(

@@ -40,6 +40,13 @@ impl Watching {
         Some(index)
     }
 
+    /// A module was in a fault before a restart.
+    pub(crate) fn has_failed(&mut self, id: ModuleId) {
+        if let Some(index) = self.of_module.get(id.0 as usize).copied().flatten() {
+            self.watches[index as usize].monitor.has_failed();
+        }
+    }
+
     /// Follows whether a module with this own state is blocked. The window of one that was well when that began and
     /// is no longer blocked begins anew, if its monitor has one: the gap in which it waited makes it no cause, nor
     /// does an ERROR from there that is still to be cleared. While it is well even with the gap, it is judged on.

@@ -35,15 +35,11 @@ fn each_kind() -> Vec<(MonitorSpec, Policy)> {
     let kinds = vec![
         MonitorSpec::Frequency { topic: A, window, bands: at_least(8.0, 5.0) },
         MonitorSpec::Latency { topic: A, window, bands: at_most(0.05, 0.1) },
+        MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)), empty: None },
         MonitorSpec::Value {
             source: field(A, 0),
             rule: ValueRule::Bands(at_most(1.5, 2.0)),
-            may_be_empty: false,
-        },
-        MonitorSpec::Value {
-            source: field(A, 0),
-            rule: ValueRule::Bands(at_most(1.5, 2.0)),
-            may_be_empty: true,
+            empty: Some(State::Ok),
         },
         MonitorSpec::Frozen {
             source: field(A, 1),
@@ -188,11 +184,8 @@ fn where_the_stage_makes_it_matter_data_that_flows_or_begins_with_it_is_no_fault
 #[test]
 fn what_was_unknown_before_it_mattered_calls_nobody_while_it_is_given_time() {
     let latency = MonitorSpec::Latency { topic: A, window: millis(WINDOW_MS), bands: at_most(0.05, 0.1) };
-    let value = MonitorSpec::Value {
-        source: field(A, 0),
-        rule: ValueRule::Bands(at_most(1.5, 2.0)),
-        may_be_empty: false,
-    };
+    let value =
+        MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)), empty: None };
     let mut parts = parts(vec![(latency, Policy::default()), (value, Policy::default())]);
     parts.stages = StageModel::Shuttle;
     // The nodes that wait for it make it a root cause also while it is given time.
@@ -233,11 +226,7 @@ fn what_is_from_before_our_time_is_neither_counted_nor_timed_and_the_first_windo
         &burst.clone().chain(age).collect::<Vec<_>>(),
     );
     check(
-        MonitorSpec::Value {
-            source: field(A, 0),
-            rule: ValueRule::Bands(at_most(1.5, 2.0)),
-            may_be_empty: false,
-        },
+        MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(at_most(1.5, 2.0)), empty: None },
         &[(300, Late(9000), Ok, "1, at most 1.5")],
     );
 }

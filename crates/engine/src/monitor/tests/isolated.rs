@@ -144,7 +144,7 @@ fn a_value_that_is_no_number_is_unknown_or_what_the_configuration_says() {
         let steps =
             [(0, Do::Number(0, 1.0), Ok, ""), (10, Do::Number(0, f64::NAN), state, "/a x is not a number")];
         check(
-            MonitorSpec::Value { source: value.clone(), rule: ValueRule::Bands(bands), may_be_empty: false },
+            MonitorSpec::Value { source: value.clone(), rule: ValueRule::Bands(bands), empty: None },
             &steps,
         );
         let max_gap = millis(1000);
@@ -165,11 +165,8 @@ fn a_value_that_is_no_number_is_unknown_or_what_the_configuration_says() {
 
 #[test]
 fn values_are_judged_by_bands_or_compared() {
-    let number = |bands| MonitorSpec::Value {
-        source: field(A, 0),
-        rule: ValueRule::Bands(bands),
-        may_be_empty: false,
-    };
+    let number =
+        |bands| MonitorSpec::Value { source: field(A, 0), rule: ValueRule::Bands(bands), empty: None };
     let unreadable = FieldValue::Unreadable("the message ends early".into());
     check(
         number(at_most(80.0, 90.0)),
@@ -200,7 +197,7 @@ fn values_are_judged_by_bands_or_compared() {
     let rule = ValueRule::Unless { error: None, warning: Some(text("idle")) };
     let said = |value: FieldValue| Do::Value(0, value);
     check(
-        MonitorSpec::Value { source: field(A, 0), rule, may_be_empty: false },
+        MonitorSpec::Value { source: field(A, 0), rule, empty: None },
         &[
             (0, said(text("idle")), Ok, "\"idle\""),
             (10, said(text("busy")), Warning, "\"busy\", \"idle\" wanted"),
@@ -209,7 +206,7 @@ fn values_are_judged_by_bands_or_compared() {
     );
     let rule = ValueRule::Unless { error: Some(FieldValue::Bool(true)), warning: None };
     check(
-        MonitorSpec::Value { source: field(A, 0), rule, may_be_empty: false },
+        MonitorSpec::Value { source: field(A, 0), rule, empty: None },
         &[
             (0, said(FieldValue::Bool(true)), Ok, "true"),
             (10, said(FieldValue::Bool(false)), Error, "false, true wanted"),
@@ -224,7 +221,7 @@ fn values_are_judged_by_bands_or_compared() {
 fn key_values_of_a_status_are_values() {
     let rule = ValueRule::Bands(at_most(80.0, 90.0));
     check(
-        MonitorSpec::Value { source: key("cpu", "temperature"), rule, may_be_empty: false },
+        MonitorSpec::Value { source: key("cpu", "temperature"), rule, empty: None },
         &[
             (0, Do::Status("cpu", 2, &[("load", "1"), ("temperature", " 12.5 ")]), Ok, "12.5"),
             (10, Do::Status("cpu", 0, &[("temperature", "95")]), Error, "95, at most 80 wanted"),
@@ -241,7 +238,7 @@ fn key_values_of_a_status_are_values() {
     );
     let rule = ValueRule::Unless { error: Some(FieldValue::Text("12".into())), warning: None };
     check(
-        MonitorSpec::Value { source: key("cpu", "firmware"), rule, may_be_empty: false },
+        MonitorSpec::Value { source: key("cpu", "firmware"), rule, empty: None },
         &[
             (0, Do::Status("cpu", 0, &[("firmware", "12")]), Ok, ""),
             (10, Do::Status("cpu", 0, &[("firmware", "13")]), Error, "\"13\", \"12\" wanted"),
@@ -327,7 +324,7 @@ fn a_watchdog_judges_how_long_an_answer_takes() {
 fn the_last_event_counts_until_the_next_one_and_none_is_ok_where_a_late_reader_would_be_told() {
     use Do::{KeepingPublishers, Nothing, Number, Publishers};
     let rule = ValueRule::Bands(at_most(4.0, 5.0));
-    let events = MonitorSpec::Value { source: field(A, 0), rule, may_be_empty: true };
+    let events = MonitorSpec::Value { source: field(A, 0), rule, empty: Some(State::Ok) };
     check(
         events,
         &[

@@ -10,7 +10,7 @@ use crate::model::monitors::ValueRule;
 use crate::restart::resume::{Restored, RestoredAlarm};
 
 fn value(source: ValueSource) -> MonitorSpec {
-    MonitorSpec::Value { source, rule: ValueRule::Bands(at_most(80.0, 90.0)), may_be_empty: false }
+    MonitorSpec::Value { source, rule: ValueRule::Bands(at_most(80.0, 90.0)), empty: None }
 }
 
 fn frequency() -> MonitorSpec {

@@ -108,7 +108,7 @@ fn measured_values_have_the_units_of_their_messages() {
     let source = ValueSource::Field { topic: TopicId(0), field: 0 };
     let bands = Bands { warning_below: Some(0.2), ..Bands::default() };
     let module = parts.modules.iter_mut().find(|module| &*module.id == "can/battery").expect("it is there");
-    module.monitor = MonitorSpec::Value { source, rule: ValueRule::Bands(bands), may_be_empty: false }.into();
+    module.monitor = MonitorSpec::Value { source, rule: ValueRule::Bands(bands), empty: None }.into();
     let mut sample = Sample::of(parts).login().pass(5);
     let values = [FieldValue::Number(0.1746)].into();
     let (stamp_ns, received_wall_ns, late) = (None, 0, false);
