@@ -244,7 +244,7 @@ mod tests {
             let seldom = |s: u64, late: u64| (clock + s * 1000, s * 1000, late);
             check(&[seldom(0, age), seldom(10, age), seldom(20, 0), (clock + 30_000, 33_000, 3_000)]);
             // Of nine messages one is lost at first, and comes after 0.8 s together with the next ones.
-            let way = |step: u64| if step % 9 == 0 { 0 } else { 900 - step % 9 * 100 };
+            let way = |step: u64| if step.is_multiple_of(9) { 0 } else { 900 - step % 9 * 100 };
             let lossy = (0..100).map(|step| (clock + step * 100, step * 100 + way(step)));
             let mut delays = Delays::default();
             let late: Vec<Span> =
