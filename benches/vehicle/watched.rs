@@ -49,7 +49,7 @@ fn monitor(index: usize) -> MonitorSpec {
         2 => MonitorSpec::Value {
             source: field(index / 5, 0),
             rule: ValueRule::Bands(at_most),
-            may_be_empty: false,
+            empty: None,
         },
         3 => MonitorSpec::RateRatio {
             input: topic(index / 5),

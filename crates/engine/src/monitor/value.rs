@@ -13,8 +13,8 @@ use crate::text::say;
 use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
-/// Within this time after the discovery of a publisher its last message is here, also if most packets are lost for half of it.
-const TOLD: Span = Span::from_secs(60);
+/// A reader is there for all messages a second after the discovery of a writer; lost ones are sent again.
+const TOLD: Span = Span::from_secs(10);
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Value {
