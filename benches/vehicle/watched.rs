@@ -46,11 +46,7 @@ fn monitor(index: usize) -> MonitorSpec {
     match index % 5 {
         0 => MonitorSpec::Frequency { topic: topic(index / 5), window, bands: at_least },
         1 => MonitorSpec::Latency { topic: topic(index / 5), window, bands: at_most },
-        2 => MonitorSpec::Value {
-            source: field(index / 5, 0),
-            rule: ValueRule::Bands(at_most),
-            empty: None,
-        },
+        2 => MonitorSpec::Value { source: field(index / 5, 0), rule: ValueRule::Bands(at_most), empty: None },
         3 => MonitorSpec::RateRatio {
             input: topic(index / 5),
             output: topic(index / 5 + 1),

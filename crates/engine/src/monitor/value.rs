@@ -1,8 +1,8 @@
 //! One field of a topic, or one KeyValue of a status.
 
-use super::MonitorKind;
 use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, numeral_in, quoted};
+use super::{MonitorKind, end_search};
 use crate::files::KeyframeError;
 use crate::model::monitors::ValueRule;
 use crate::model::quantity::{Quantity, number};
@@ -24,6 +24,10 @@ pub(crate) struct Value {
     /// Its messages are events, and before the first one this is its state.
     #[serde(skip)]
     empty: Option<State>,
+    /// Of events: the time since which its module is relevant. In the future while publishers are still being searched.
+    #[serde(default)]
+    since: Option<Timestamp>,
+    /// Of events: their publishers.
     #[serde(default)]
     publishers: Publishers,
     /// It told a fault before a restart, and nothing since: a fault ends by its word alone.
@@ -45,7 +49,7 @@ enum Publishers {
 
 impl Value {
     pub(super) fn new(inputs: Inputs, rule: ValueRule, empty: Option<State>) -> Value {
-        Value { inputs, rule, empty, publishers: Publishers::Nobody, failed: false }
+        Value { inputs, rule, empty, since: None, publishers: Publishers::Nobody, failed: false }
     }
 
     /// Its module was in a fault before a restart.
@@ -56,15 +60,25 @@ impl Value {
 
 impl MonitorKind for Value {
     fn resume(&mut self, kept: Value) -> Result<(), KeyframeError> {
-        let Value { inputs, rule: _, empty: _, publishers, failed } = kept;
-        (self.publishers, self.failed) = (publishers, failed);
+        let Value { inputs, rule: _, empty: _, since, publishers, failed } = kept;
+        (self.since, self.publishers, self.failed) = (since, publishers, failed);
         self.inputs.resume(inputs)
     }
 
+    /// The last event still counts.
+    fn set_relevant(&mut self, relevant: bool, now: Timestamp) {
+        self.since = (relevant && self.empty.is_some()).then_some(now);
+    }
+
     fn search(&mut self, until: Timestamp) {
+        self.since = self.since.map(|since| since.max(until));
         if let Publishers::TransientLocal(since) = &mut self.publishers {
             *since = until.max(*since);
         }
+    }
+
+    fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
+        end_search(&mut self.since, now)
     }
 
     /// A publisher that was started again may not have said that a goal is over, or that a switch was let go. A fault ends
@@ -130,13 +144,15 @@ impl MonitorKind for Value {
 }
 
 impl Value {
-    /// From when it is known that there was no event.
+    /// From when it is known that there was no event. That there is no publisher is judged beside it.
     fn empty_from(&self) -> Option<Timestamp> {
         match self.publishers {
-            Publishers::TransientLocal(since) if self.empty == Some(State::Ok) && !self.failed => {
-                Some(since + TOLD)
+            _ if self.failed => None,
+            Publishers::Nobody => self.since,
+            Publishers::TransientLocal(since) if self.empty == Some(State::Ok) => {
+                Some(self.since?.max(since + TOLD))
             }
-            _ => None,
+            Publishers::TransientLocal(_) | Publishers::Volatile => None,
         }
     }
 

@@ -349,4 +349,38 @@ fn the_last_event_counts_until_the_next_one_and_none_is_ok_where_a_late_reader_w
             (924_000, Nothing, Ok, "nothing came yet of /a x"),
         ],
     );
+    // Of a switch nobody knows it.
+    let rule = ValueRule::Bands(at_most(4.0, 5.0));
+    let events = MonitorSpec::Value { source: field(A, 0), rule, empty: Some(State::Unknown) };
+    check(
+        events,
+        &[
+            (0, Nothing, Unknown, "nobody publishes /a"),
+            (500, KeepingPublishers(0, 1), Unknown, "nothing came yet of /a x"),
+            (500_000, Nothing, Unknown, "nothing came yet of /a x"),
+            (500_100, Number(0, 2.0), Ok, "2, at most 4"),
+            (900_000, Nothing, Ok, "2, at most 4"),
+        ],
+    );
+}
+
+#[test]
+fn a_fault_that_an_event_told_before_a_restart_ends_by_another_event_alone() {
+    let rule = ValueRule::Bands(at_most(4.0, 5.0));
+    let events = MonitorSpec::Value { source: field(A, 0), rule, empty: Some(State::Ok) };
+    let (mut engine, model) = start(events, Policy::default());
+    feed(&mut engine, &model, 1000, &Do::KeepingPublishers(0, 1));
+    feed(&mut engine, &model, 2000, &Do::Number(0, 6.0));
+    let restored = engine.snapshot().to_restore();
+    assert!(restored.alarms[0].active);
+    let mut engine = Engine::resume(model.clone(), &restored, Timestamp::ZERO);
+    // What it said last is lost.
+    feed(&mut engine, &model, 1000, &Do::KeepingPublishers(0, 1));
+    for (at_ms, what, state, active) in
+        [(60_000, Do::Nothing, State::Unknown, true), (61_000, Do::Number(0, 2.0), State::Ok, false)]
+    {
+        feed(&mut engine, &model, at_ms, &what);
+        let snapshot = engine.snapshot();
+        assert_eq!((own(&snapshot, 0).0, snapshot.alarms[0].active), (state, active), "at {at_ms}");
+    }
 }
