@@ -131,7 +131,7 @@ fn all_that_came_by_dds_is_unknown_at_once_and_until_it_is_heard_again() {
     assert_eq!(vehicle.states(), down, "what is in ERROR stays so, and the host is asked without DDS");
     let snapshot = vehicle.engine.snapshot();
     assert_eq!(shown(&snapshot, "telltale/dds"), Error);
-    for (name, last) in [("fine", "said so"), ("rate", "9 Hz, at least 5 wanted")] {
+    for (name, last) in [("fine", "said so"), ("rate", "9 Hz, at least 5 Hz wanted")] {
         let said = says(&snapshot, &format!("parts/{name}"));
         let why = "nothing received since the connection to the vehicle (DDS) failed";
         assert_eq!(said, format!("{why}; last: {last}"));

@@ -155,7 +155,7 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
     let mut cases = vec![
         (speed("3.5"), ("speed", Good, "3.5")),
         (speed("NaN"), ("speed", Unknown, "/speed twist.linear.x is not a number")),
-        (speed("9.5"), ("speed", Warning, "9.5 m/s, at most 9 wanted")),
+        (speed("9.5"), ("speed", Warning, "9.5 m/s, at most 9 m/s wanted")),
         (speed("Infinity"), ("speed", Unknown, "is infinite")),
         (speed("13"), ("speed", Error, "13")),
         (speed("-Infinity"), ("speed", Unknown, "is infinite")),
@@ -163,7 +163,7 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
         (speed("1e300"), ("speed", Error, "")),
         (cut, ("speed", Unknown, "cannot be read")),
         // Text that is not UTF-8 in another field does not affect the number.
-        (json!({"raw": bad_text}).to_string(), ("speed", Good, "0 m/s, at most 9 wanted")),
+        (json!({"raw": bad_text}).to_string(), ("speed", Good, "0 m/s, at most 9 m/s wanted")),
     ];
     // Cyclone writes the encapsulation itself, and something after it.
     if matches!(vendor, Vendor::FastDds) {
@@ -193,8 +193,8 @@ async fn whatever_is_wrong_with_a_message_is_said(vendor: Vendor) {
     for (header, state, words) in [
         (watching.header(0), Good, "s late"),
         (watching.header(60), Unknown, "in the future: set the clocks"),
-        (watching.header(-20), Warning, "at most 10 wanted"),
-        (watching.header(-40), Error, "at most 10 wanted"),
+        (watching.header(-20), Warning, "at most 10 s wanted"),
+        (watching.header(-40), Error, "at most 10 s wanted"),
         (watching.header(-1_000_000), Unknown, "from another clock"),
         (json!({}), Unknown, "the stamp was not set"),
         (json!({"stamp": {"sec": -2_000_000_000}}), Unknown, "from another clock"),
@@ -222,12 +222,12 @@ async fn a_flood_a_crash_and_another_type_are_said(vendor: Vendor) {
     let mut peer = Peer::start(&domain, &format!("--lease-s 2 {SPEED}"));
     watching.shows_for(&mut peer, &speed("3"), ("speed", Good, "3")).await;
     let flood = json!({"message": "TwistStamped", "times": 10_000});
-    watching.shows_for(&mut peer, &flood.to_string(), ("rate", Warning, "Hz, 1 to 1000 wanted")).await;
-    watching.shows("rate", Error, "0 Hz, 1 to 1000 wanted").await;
+    watching.shows_for(&mut peer, &flood.to_string(), ("rate", Warning, "Hz, 1 to 1000 Hz wanted")).await;
+    watching.shows("rate", Error, "0 Hz, 1 to 1000 Hz wanted").await;
     // It is gone without a goodbye.
     peer.kill();
     watching.shows("speed", Unknown, "nobody publishes /speed").await;
-    watching.shows("rate", Error, "0 Hz, 1 to 1000 wanted; nobody publishes /speed").await;
+    watching.shows("rate", Error, "0 Hz, 1 to 1000 Hz wanted; nobody publishes /speed").await;
     let mut other = Peer::start(&domain, "pub --topic rt/speed --type String");
     let words = "/speed has type std_msgs/msg/String, configuration says geometry_msgs/msg/TwistStamped";
     watching.shows("speed", Unknown, words).await;

@@ -8,7 +8,7 @@ use crate::files::{KeyframeError, count};
 use crate::model::monitors::{Bands, FrozenLimits};
 use crate::model::sample::FieldValue;
 use crate::state::State;
-use crate::text::say;
+use crate::text::{Text, say};
 use crate::time::Timestamp;
 use serde::{Deserialize, Serialize};
 
@@ -110,9 +110,9 @@ impl MonitorKind for Frozen {
         let (seconds, number) = (run.seconds(), f64::from(run.repeats));
         let of_number = *time == Bands::default() || self.by_number(run) > self.by_time(run);
         let message = if of_number {
-            repeats.say(number, say!("repetitions in a row", "Wiederholungen in Folge"))
+            repeats.say_of(number, Text::default(), say!("repetitions in a row", "Wiederholungen in Folge"))
         } else {
-            time.say(seconds, say!("s unchanged", "s unverändert"))
+            time.say_of(seconds, "s".into(), say!("unchanged", "unverändert"))
         };
         let limits = if of_number { repeats } else { time };
         let measured = if of_number { ("repeats", number) } else { ("unchanged_s", seconds) };

@@ -96,7 +96,7 @@ impl MonitorKind for Latency {
             .extremes()
             .map(|(min, max)| if self.bands.judge(min) > self.bands.judge(max) { min } else { max });
         let values = worst.map_or(Vec::new(), |worst| self.bands.values("latency_s", worst));
-        let late = worst.map(|worst| self.bands.say(worst, say!("s late", "s Verspätung")));
+        let late = worst.map(|worst| self.bands.say_of(worst, "s".into(), say!("late", "Verspätung")));
         let is_doubt = self.doubted() >= worst.map(|worst| self.bands.judge(worst));
         let message = match (self.doubt, late) {
             (Some((_, doubt)), _) if is_doubt => doubt.say(),

@@ -8,7 +8,7 @@ use crate::model::monitors::Bands;
 use crate::model::quantity::number;
 use crate::model::sample::Sample;
 use crate::state::State;
-use crate::text::say;
+use crate::text::{Text, say};
 use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -141,8 +141,8 @@ impl MonitorKind for RateRatio {
         values.extend(rates);
         let is_one = (ratio - 1.0).abs() < 0.0005;
         let one = say!("output per input", "Ausgabe je Eingabe");
-        let unit = if is_one { one } else { say!("outputs per input", "Ausgaben je Eingabe") };
-        Words { message: self.bands.say(ratio, unit), values }
+        let what = if is_one { one } else { say!("outputs per input", "Ausgaben je Eingabe") };
+        Words { message: self.bands.say_of(ratio, Text::default(), what), values }
     }
 }
 

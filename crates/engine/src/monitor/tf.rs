@@ -320,7 +320,7 @@ impl Link {
                 say!("{label} is older than {limit}", "{label} älter als {limit}", label, limit)
             }
             Some(moving) => {
-                let age = bands.say(moving.age(now).as_secs_f64(), say!("s old", "s alt"));
+                let age = bands.say_of(moving.age(now).as_secs_f64(), "s".into(), say!("old", "alt"));
                 say!("{label}: {age}", "{label}: {age}", label, age)
             }
             None => say!("{label}: static", "{label}: statisch", label),

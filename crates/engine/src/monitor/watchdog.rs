@@ -6,7 +6,7 @@ use crate::files::KeyframeError;
 use crate::model::monitors::{Bands, ProbeTarget, ProcessMeasure, Resource, WatchdogSpec};
 use crate::model::sample::ProbeOutcome;
 use crate::state::State;
-use crate::text::say;
+use crate::text::{Text, say};
 use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
@@ -203,18 +203,18 @@ impl MonitorKind for Watchdog {
 
 impl Watchdog {
     fn measured(&self, value: f64) -> Words {
-        let (name, unit) = match &self.resource {
-            Some(Resource::Cpu) => ("cpu_percent", say!("% of the processor", "% des Prozessors")),
-            Some(Resource::Memory) => ("memory_percent", say!("% of the memory", "% des Speichers")),
-            Some(Resource::Disk { .. }) => ("disk_percent", say!("% of the disk", "% der Platte")),
-            Some(Resource::Temperature { .. }) => ("celsius", "°C".into()),
+        let (name, unit, what) = match &self.resource {
+            Some(Resource::Cpu) => ("cpu_percent", "%", say!("of the processor", "des Prozessors")),
+            Some(Resource::Memory) => ("memory_percent", "%", say!("of the memory", "des Speichers")),
+            Some(Resource::Disk { .. }) => ("disk_percent", "%", say!("of the disk", "der Platte")),
+            Some(Resource::Temperature { .. }) => ("celsius", "°C", Text::default()),
             Some(Resource::Process { measure: Some(ProcessMeasure::Cpu), .. }) => {
-                ("cpu_percent", say!("% of a core", "% eines Kerns"))
+                ("cpu_percent", "%", say!("of a core", "eines Kerns"))
             }
-            Some(Resource::Process { .. }) => ("memory_mb", "MB".into()),
-            None => ("measured", "".into()),
+            Some(Resource::Process { .. }) => ("memory_mb", "MB", Text::default()),
+            None => ("measured", "", Text::default()),
         };
-        Words { message: self.bands.say(value, unit), values: self.bands.values(name, value) }
+        Words { message: self.bands.say_of(value, unit.into(), what), values: self.bands.values(name, value) }
     }
 
     fn late_at(&self) -> Option<Timestamp> {

@@ -67,36 +67,40 @@ impl Bands {
         self.unmeasurable.unwrap_or(State::Unknown)
     }
 
-    /// A value with its unit as people read it: 0.17 of a battery is `17 %, at least 20 wanted`.
+    /// A value with its unit as people read it: 0.17 of a battery is `17 %, at least 20 % wanted`.
     pub(super) fn say_in(&self, value: f64, quantity: Option<&Quantity>) -> Text {
         match quantity {
             Some(Quantity { unit, factor }) => self.scaled(*factor).say(value * factor, Text::plain(unit)),
-            None => self.say(value, "".into()),
+            None => self.say(value, Text::default()),
         }
     }
 
-    /// `4.2 Hz, at least 9 wanted`.
+    /// `4.2 Hz, at least 9 Hz wanted`.
     pub(super) fn say(&self, value: f64, unit: Text) -> Text {
+        self.say_of(value, unit, Text::default())
+    }
+
+    /// `0.7 s late, at most 0.5 s wanted`: with words that follow the value and its unit.
+    pub(super) fn say_of(&self, value: f64, unit: Text, what: Text) -> Text {
         let lower = self.warning_below.or(self.error_below);
         let upper = self.warning_above.or(self.error_above);
         let limits = [self.warning_below, self.error_below, self.warning_above, self.error_above];
-        let value = numeral(measured(value, &limits));
-        let value =
-            if unit.en.is_empty() { value } else { say!("{value} {unit}", "{value} {unit}", value, unit) };
-        let lower = lower.map(|limit| numeral(number(limit)));
-        let upper = upper.map(|limit| numeral(number(limit)));
+        let value = beside(beside(numeral(measured(value, &limits)), &unit), &what);
+        let with_unit = |limit: f64| beside(numeral(number(limit)), &unit);
         match (lower, upper) {
             (Some(lower), Some(upper)) => say!(
                 "{value}, {lower} to {upper} wanted",
                 "{value}, erwartet {lower} bis {upper}",
                 value,
-                lower,
-                upper
+                lower = numeral(number(lower)),
+                upper = with_unit(upper)
             ),
             (Some(lower), None) => {
+                let lower = with_unit(lower);
                 say!("{value}, at least {lower} wanted", "{value}, erwartet mindestens {lower}", value, lower)
             }
             (None, Some(upper)) => {
+                let upper = with_unit(upper);
                 say!("{value}, at most {upper} wanted", "{value}, erwartet höchstens {upper}", value, upper)
             }
             (None, None) => value,
@@ -132,6 +136,15 @@ fn measured(value: f64, limits: &[Option<f64>]) -> String {
     };
     let texts = (least..=9).map(|digits| rounded(value, digits));
     texts.into_iter().find(|text| !like_a_limit(text)).unwrap_or_else(|| rounded(value, 17))
+}
+
+/// A text and the words after it, if there are any.
+fn beside(text: Text, words: &Text) -> Text {
+    if words.en.is_empty() {
+        text
+    } else {
+        say!("{text} {words}", "{text} {words}", text, words = words.clone())
+    }
 }
 
 /// A number with the decimal separator of each language.
@@ -222,15 +235,19 @@ mod tests {
         let at_least = Bands { warning_below: Some(9.0), ..Bands::default() };
         let both = Bands { warning_above: Some(0.2), error_below: Some(-0.1), ..Bands::default() };
         for (bands, value, text) in [
-            (at_least, 4.2, "4.2 Hz, at least 9 wanted"),
-            (at_least, 8.9996, "8.9996 Hz, at least 9 wanted"),
-            (at_least, 9.0, "9 Hz, at least 9 wanted"),
-            (at_least, 20_000.0, "20000 Hz, at least 9 wanted"),
-            (at_least, 0.0, "0 Hz, at least 9 wanted"),
-            (at_least, 1.0 / 3.0, "0.33 Hz, at least 9 wanted"),
-            (Bands { warning_above: Some(1.15), ..Bands::default() }, 0.0735, "0.07 Hz, at most 1.15 wanted"),
-            (both, 1e-9, "1e-9 Hz, -0.1 to 0.2 wanted"),
-            (both, 1e300, "1.00e300 Hz, -0.1 to 0.2 wanted"),
+            (at_least, 4.2, "4.2 Hz, at least 9 Hz wanted"),
+            (at_least, 8.9996, "8.9996 Hz, at least 9 Hz wanted"),
+            (at_least, 9.0, "9 Hz, at least 9 Hz wanted"),
+            (at_least, 20_000.0, "20000 Hz, at least 9 Hz wanted"),
+            (at_least, 0.0, "0 Hz, at least 9 Hz wanted"),
+            (at_least, 1.0 / 3.0, "0.33 Hz, at least 9 Hz wanted"),
+            (
+                Bands { warning_above: Some(1.15), ..Bands::default() },
+                0.0735,
+                "0.07 Hz, at most 1.15 Hz wanted",
+            ),
+            (both, 1e-9, "1e-9 Hz, -0.1 to 0.2 Hz wanted"),
+            (both, 1e300, "1.00e300 Hz, -0.1 to 0.2 Hz wanted"),
         ] {
             assert_eq!(&*bands.say(value, "Hz".into()).en, text);
         }

@@ -146,8 +146,8 @@ fn poses_agree_in_place_and_in_rotation() {
         &[
             (0, Do::Pose(0, pose(0.0, 179.0)), Unknown, ""),
             (10, Do::Pose(1, pose(0.5, -178.0)), Ok, ""),
-            (20, Do::Pose(1, pose(0.6, 179.0)), Warning, "they differ by 0.6 m, at most 0.5 wanted"),
-            (30, Do::Pose(1, pose(0.0, -160.0)), Error, "21 deg, at most 5 wanted"),
+            (20, Do::Pose(1, pose(0.6, 179.0)), Warning, "they differ by 0.6 m, at most 0.5 m wanted"),
+            (30, Do::Pose(1, pose(0.0, -160.0)), Error, "21 deg, at most 5 deg wanted"),
             (40, Do::Pose(1, Pose::default()), Unknown, "b (/b pose) has a rotation of length zero"),
             (300, Do::Pose(1, nan), Unknown, ""),
             (310, Do::Pose(1, pose(0.0, 179.0)), Ok, ""),
@@ -192,7 +192,7 @@ fn a_localization_is_judged_against_odometry_by_its_motion() {
     // A jump of 1.2 m at three seconds shows with the first pose after it, and for one second.
     let jump = |at| drive(at, if at >= 3000 { 1.2 } else { 0.0 });
     check_every(monitor(), 20, 2980, jump, &[(2980, Do::Nothing, Ok, "")]);
-    check_every(monitor(), 20, 3000, jump, &[(3000, Do::Nothing, Error, "1.2 m, at most 0.5 wanted")]);
+    check_every(monitor(), 20, 3000, jump, &[(3000, Do::Nothing, Error, "1.2 m, at most 0.5 m wanted")]);
     check_every(monitor(), 20, 3880, jump, &[(3880, Do::Nothing, Error, "1.2 m")]);
     check_every(monitor(), 20, 4000, jump, &[(4000, Do::Nothing, Ok, "")]);
     // Odometry ends.
@@ -299,7 +299,7 @@ fn lists_agree_in_number_and_in_where_their_objects_are() {
                 400,
                 Do::Objects(0, objects(&[(1.0, 1.6)])),
                 Warning,
-                "apart by up to 0.6 m, at most 0.5 wanted",
+                "apart by up to 0.6 m, at most 0.5 m wanted",
             ),
             (500, Do::Objects(0, objects(&[(1.0, 3.1)])), Error, "apart by up to 2.1 m"),
             (

@@ -17,8 +17,8 @@ fn frequency_is_judged_from_one_window_on_whether_the_topic_exists_or_not() {
         &[
             (0, Do::Nothing, Unknown, "measuring for 2 s"),
             (1999, Do::Nothing, Unknown, "measuring"),
-            (2000, Do::Nothing, Error, "0 Hz, at least 9 wanted"),
-            (60_000, Do::Publishers(0, 0), Error, "0 Hz, at least 9 wanted; nobody publishes /a"),
+            (2000, Do::Nothing, Error, "0 Hz, at least 9 Hz wanted"),
+            (60_000, Do::Publishers(0, 0), Error, "0 Hz, at least 9 Hz wanted; nobody publishes /a"),
             (61_000, Do::OtherType(0), Error, "/a has type other/msg/Type, configuration says test/msg/Both"),
         ],
     );
@@ -26,12 +26,12 @@ fn frequency_is_judged_from_one_window_on_whether_the_topic_exists_or_not() {
 
 #[test]
 fn silence_is_ok_only_where_somebody_could_speak_and_no_least_rate_is_asked_for() {
-    let unheard = (2000, Do::Nothing, Unknown, "0 Hz, at most 10 wanted; nobody publishes /a");
+    let unheard = (2000, Do::Nothing, Unknown, "0 Hz, at most 10 Hz wanted; nobody publishes /a");
     for (step, after) in [
         (Do::Nothing, unheard.clone()),
         (Do::Publishers(0, 0), unheard),
-        (Do::Publishers(0, 1), (2000, Do::Nothing, Ok, "0 Hz, at most 10 wanted")),
-        (Do::Number(0, 1.0), (2000, Do::Nothing, Ok, "0 Hz, at most 10 wanted")),
+        (Do::Publishers(0, 1), (2000, Do::Nothing, Ok, "0 Hz, at most 10 Hz wanted")),
+        (Do::Number(0, 1.0), (2000, Do::Nothing, Ok, "0 Hz, at most 10 Hz wanted")),
     ] {
         check(frequency(at_most(10.0, 20.0)), &[(0, step, Unknown, "measuring for 2 s"), after]);
     }
@@ -47,11 +47,11 @@ fn frequency_reports_by_the_clock() {
         4000,
         tenth,
         &[
-            (4000, Do::Nothing, Ok, "Hz, at least 9 wanted"),
+            (4000, Do::Nothing, Ok, "Hz, at least 9 Hz wanted"),
             (4299, Do::Nothing, Ok, ""),
             (4300, Do::Nothing, Warning, "8.5 Hz"),
             (5099, Do::Nothing, Warning, ""),
-            (5100, Do::Nothing, Error, "4.5 Hz, at least 9 wanted"),
+            (5100, Do::Nothing, Error, "4.5 Hz, at least 9 Hz wanted"),
             (9000, Do::Nothing, Error, "0 Hz"),
         ],
     );
@@ -91,7 +91,7 @@ fn latency_is_the_worst_of_the_window_and_a_doubtful_stamp_is_never_ok() {
     check(
         latency.clone(),
         &[
-            (0, Do::Age(200), Ok, "0.2 s late, at most 0.2 wanted"),
+            (0, Do::Age(200), Ok, "0.2 s late, at most 0.2 s wanted"),
             (100, Do::Age(300), Warning, "0.3 s late"),
             (200, Do::Age(600), Error, "0.6 s late"),
             (300, Do::Age(10), Error, "0.6 s late"),
@@ -287,11 +287,11 @@ fn a_watchdog_judges_how_long_an_answer_takes() {
         MonitorSpec::Watchdog { watchdog: WatchdogId(0), misses: 2, bands },
         &[
             (0, Do::Nothing, Unknown, "not asked yet"),
-            (100, after(3), Ok, "answers after 3 ms, at most 10 wanted"),
+            (100, after(3), Ok, "answers after 3 ms, at most 10 ms wanted"),
             (200, after(10), Ok, ""),
-            (300, after(12), Warning, "answers after 12 ms, at most 10 wanted"),
+            (300, after(12), Warning, "answers after 12 ms, at most 10 ms wanted"),
             (400, after(50), Warning, ""),
-            (500, after(51), Error, "answers after 51 ms, at most 10 wanted"),
+            (500, after(51), Error, "answers after 51 ms, at most 10 ms wanted"),
             // One miss alone does not say that it is well again.
             (760, missed(), Error, ""),
             (770, after(4), Ok, ""),

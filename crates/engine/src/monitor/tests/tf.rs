@@ -82,7 +82,7 @@ fn a_chain_is_as_old_as_its_oldest_transform() {
     tf.pass(260);
     tf.is(State::Unknown, "nothing came yet of odom -> base");
     tf.hear(MOVING, 270, [&[], &["odom"]], 50);
-    tf.is(State::Ok, "map -> odom: 0.17 s old, at most 0.3 wanted");
+    tf.is(State::Ok, "map -> odom: 0.17 s old, at most 0.3 s wanted");
     tf.pass(400);
     tf.is(State::Ok, "");
     tf.pass(401);

@@ -217,7 +217,7 @@ fn after_a_reload_a_monitor_that_means_the_same_goes_on() {
     let snapshot = engine.snapshot();
     assert_eq!((own(&snapshot, 0).0, snapshot.counters.dropped_samples), (State::Warning, 5));
     engine.handle(&Input::Tick, Timestamp::from_millis(3000));
-    assert_eq!(own(&engine.snapshot(), 0), (Error, "0 Hz, at least 9 wanted"));
+    assert_eq!(own(&engine.snapshot(), 0), (Error, "0 Hz, at least 9 Hz wanted"));
 }
 
 #[test]

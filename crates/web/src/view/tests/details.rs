@@ -123,14 +123,14 @@ fn measured_values_have_the_units_of_their_messages() {
         &low,
         Lang::En,
         "detail-can",
-        &["17.5 %, at least 20 wanted"],
+        &["17.5 %, at least 20 % wanted"],
         &["0.17", "<span>value</span> 17.5 %"],
     );
     check(
         &low,
         Lang::De,
         "detail-can",
-        &["17,5 %, erwartet mindestens 20"],
+        &["17,5 %, erwartet mindestens 20 %"],
         &["0.17", "0,17", "<span>Wert</span>"],
     );
 }
