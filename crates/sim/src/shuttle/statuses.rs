@@ -134,7 +134,7 @@ fn localization(world: &mut World, out: &mut StatusArray) {
     let score = if jumps { 0.55 } else { world.measured(0.93, 0.02) };
     let (level, message) = match world.localizer.matches(world.now_ms()) {
         _ if scan_age_ms > 250 => (ERROR, format!("No scan for {}", seconds(scan_age_ms))),
-        Match::NoPosition => (WARN, "Waits to be told where it is".to_owned()),
+        Match::NoPosition => (STALE, "Waits to be told where it is".to_owned()),
         Match::Searches => (STALE, "Looks for the position that it was given".to_owned()),
         Match::FitsNowhere => (ERROR, "Scan does not fit the map where it was told to be".to_owned()),
         Match::Found if jumps => (WARN, "Scan fits the map badly".to_owned()),
