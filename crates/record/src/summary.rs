@@ -60,14 +60,19 @@ impl Summary {
         self.triggers.len() as u64 + self.more_triggers
     }
 
-    /// The nodes that it is about: the roots, and modules that showed a WARNING. The roots are known later than
-    /// the alarms: until then the nodes with alarms take their place. Without a new fault that was shown, it is about those
-    /// that were hidden.
+    /// The nodes that it is about: the roots, and modules that showed a WARNING which no root explained later. The roots
+    /// are known later than the alarms: until then the nodes with alarms take their place. Without a new fault that was
+    /// shown, it is about those that were hidden.
     pub fn causes(&self) -> Vec<&str> {
         let mut causes: Vec<&str> = self.roots.iter().map(String::as_str).collect();
         let is_shown = self.triggers.iter().any(|trigger| trigger.kind == kind::ROOT);
+        let is_explained = |node: &str| {
+            let mut hidden = self.triggers.iter().filter(|it| it.kind == kind::OWN_ERROR);
+            !self.roots.is_empty() && hidden.any(|it| it.what == node)
+        };
         let shown = self.triggers.iter().filter(|trigger| match &*trigger.kind {
-            kind::ROOT => trigger.alarm.is_none() || self.roots.is_empty(),
+            kind::ROOT if trigger.alarm.is_none() => !is_explained(&trigger.what),
+            kind::ROOT => self.roots.is_empty(),
             kind::OWN_ERROR => !is_shown,
             _ => false,
         });
@@ -183,5 +188,9 @@ mod tests {
         assert_eq!(summary.causes(), ["gnss/fix", "base/brake"]);
         summary.triggers.push(trigger(kind::ROOT, "gnss/fix", Some(3)));
         assert_eq!(summary.causes(), ["gnss/fix"]);
+        // The brake warned before its error was explained, the battery has nothing to do with it.
+        summary.triggers.push(trigger(kind::ROOT, "base/brake", None));
+        summary.triggers.push(trigger(kind::ROOT, "base/battery", None));
+        assert_eq!(summary.causes(), ["gnss/fix", "base/battery"]);
     }
 }

@@ -13,10 +13,11 @@ texts! {
         length: "Length", "Dauer";
         size: "Size", "Größe";
         lasts: "is being recorded", "wird aufgezeichnet";
-        none: "Nothing has been recorded yet. A WARNING, an ERROR, a request to the vehicle, an end of autonomous driving on the way, or a mark is recorded by itself, with what came before it.", "Noch ist nichts aufgezeichnet. Eine WARNING, ein ERROR, eine Anforderung an das Fahrzeug, ein Ende des autonomen Fahrens unterwegs oder eine Markierung wird von selbst aufgezeichnet, samt der Zeit davor.";
+        none: "Nothing has been recorded yet. A WARNING, an ERROR, a request to the vehicle, an end of autonomous driving on the way, or a mark is recorded by itself, with what came before it.", "Noch ist nichts aufgezeichnet. Eine Warnung, ein Fehler, eine Anforderung an das Fahrzeug, ein Ende des autonomen Fahrens unterwegs oder eine Markierung wird von selbst aufgezeichnet, samt der Zeit davor.";
         off: "Nothing is recorded: the configuration has `recording: false`. Remove that and start Telltale again.", "Nichts wird aufgezeichnet: In der Konfiguration steht `recording: false`. Entfernen Sie das und starten Sie Telltale neu.";
         fault: "Nothing can be recorded", "Nichts kann aufgezeichnet werden";
         marked: "marked", "markiert";
+        and: " and ", " und ";
         kept: "kept", "aufbewahrt";
         storm: "storm", "Störungsflut";
         interrupted: "interrupted", "unterbrochen";
@@ -88,7 +89,7 @@ texts! {
         numbers_pending: "The numbers are still being found. Make the report again in a moment to have them in it.", "Die Zahlen werden noch ermittelt. Erstellen Sie den Bericht gleich noch einmal, dann stehen sie darin.";
         only_known: "What follows is what the database knows.", "Was folgt, weiß die Datenbank.";
         not_shown: "not shown here: the recording has all of it", "hier nicht gezeigt: Die Aufzeichnung enthält alles";
-        look_attributed: "Error that is owed to a cause", "Fehler, einer Ursache geschuldet";
+        look_attributed: "Error that is owed to a cause", "Fehler als Folge einer Ursache";
         look_masked: "Ignored, because its cause is shown", "Ignoriert, weil die Ursache gezeigt ist";
         look_not_relevant: "Ignored, because it does not matter then", "Ignoriert, weil es dann nicht zählt";
         first_trigger: "First trigger", "Erster Anlass";

@@ -31,10 +31,11 @@ pub fn told(view: &View<'_>, summary: &Summary) -> Told {
     let mut asked: Vec<&str> = of(kind::COUNTERMEASURE).map(|trigger| &*trigger.what).collect();
     asked.sort_unstable();
     asked.dedup();
-    parts.extend(asked.into_iter().map(|request| match lang.asked_to(request) {
-        Some(words) => lang.was_asked_to(words),
-        None => lang.was_asked_to(&clean(request, NAME)),
-    }));
+    let asked: Vec<String> = asked
+        .into_iter()
+        .map(|request| lang.asked_to(request).map_or_else(|| clean(request, NAME), str::to_owned))
+        .collect();
+    parts.extend((!asked.is_empty()).then(|| lang.was_asked_to(&asked.join(IncidentWords::of(lang).and))));
     let ended = of(kind::LOST_ACTIVE).next().map(|_| IncidentWords::of(lang).ended_on_the_way.to_owned());
     parts.extend(ended);
     let mut by: Vec<String> = of(kind::MARK).map(|mark| clean(&mark.what, NAME)).collect();
@@ -104,6 +105,7 @@ mod tests {
             trigger(kind::ROOT, "sensors/imu"),
             trigger(kind::ROOT, "localization/tf_quality"),
             trigger(kind::COUNTERMEASURE, "decelerate"),
+            trigger(kind::COUNTERMEASURE, "maneuver_stop"),
             trigger(kind::COUNTERMEASURE, "decelerate"),
             trigger(kind::LOST_ACTIVE, "standby"),
         ];
@@ -111,11 +113,11 @@ mod tests {
         for (lang, expect) in [
             (
                 Lang::En,
-                "Position jumped (Localization) and 1 more; the vehicle was asked to slow down; autonomous driving ended on the way.",
+                "Position jumped (Localization) and 1 more; the vehicle was asked to slow down and stop safely; autonomous driving ended on the way.",
             ),
             (
                 Lang::De,
-                "Position ist gesprungen (Lokalisierung) und 1 weitere Störung; das Fahrzeug sollte abbremsen; das autonome Fahren endete unterwegs.",
+                "Position ist gesprungen (Lokalisierung) und 1 weitere Störung; das Fahrzeug sollte abbremsen und sicher anhalten; das autonome Fahren endete unterwegs.",
             ),
         ] {
             assert_eq!(told(lang, &jumped, &freeze), ("error", lang.state(State::Error), expect.to_owned()));
