@@ -90,6 +90,17 @@ def test_in_a_small_window_what_to_do_and_stop_are_in_sight_and_each_component_h
             # A masked row names the component that it waits for.
             if tile.get_attribute("data-reason") == "masked":
                 expect(tile.locator(".line")).to_be_visible()
+        # Motion, instruction and STOP stay in sight beside the sheet of a component.
+        page.locator("#tile-sensors").tap()
+        expect(page.locator("#panel-sensors")).to_be_visible()
+        page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        sheet = page.locator("#panel-sensors").bounding_box()
+        for part in ("#motion", "#instruction", "#step button[name=stop]"):
+            if (width, height) == (390, 844) and part != "#step button[name=stop]":
+                continue
+            box = page.locator(part).bounding_box()
+            assert box["y"] >= 0 and (box["y"] + box["height"] <= sheet["y"] + 1 or box["y"] >= sheet["y"] + sheet["height"] - 1), (part, box, sheet)
+        page.keyboard.press("Escape")
 
 
 def test_to_continue_and_its_question_are_whole_beside_stop_in_a_small_window(server, vehicle, german, trouble):
@@ -124,7 +135,23 @@ def test_how_far_the_next_stop_is_has_room_in_every_window_or_is_left_out(server
     for width, height in (*SIZES, *SMALL):
         page.set_viewport_size({"width": width, "height": height})
         assert page.evaluate(HAS_ROOM), (width, height)
+        if (width, height) == (800, 480):
+            expect(page.locator("#step .way")).to_be_visible()
         page.wait_for_function("() => { const it = document.getElementById('motion'); return it.scrollWidth <= it.clientWidth + 1; }", timeout=5000)
+
+
+def test_a_warning_keeps_its_count_and_its_icon(server, vehicle, german, trouble):
+    page, client = german
+    vehicle.drive(True)
+    until(lambda: client.snapshot()["stage"] == "active", 20, client.snapshot)
+    vehicle.set("can: battery", 1, "18 %")
+    page.goto(server.url + "/")
+    expect(page.locator("#tile-can[data-state=warning]")).to_be_visible()
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        assert not faults(page), f"{width}x{height}: {faults(page)}"
+        for part in (".state", ".line", ".icon"):
+            expect(page.locator(f"#tile-can {part}")).to_be_visible()
 
 
 # Inside which words a line of the faults' titles ends, without a hyphen of theirs.

@@ -175,7 +175,7 @@ texts! {
         just_changed: "Not sent: the button has just changed.", "Nicht gesendet: Die Taste hat gerade gewechselt.";
         dismiss: "Close", "Schließen";
         all_checks: "Checks before the clearance", "Prüfungen vor der Freigabe";
-        open_checks: "open", "offen";
+        open_checks: "to settle", "zu klären";
         all_causes: "All faults", "Alle Störungen";
         last_alarms: "Last alarms", "Letzte Alarme";
         no_alarms: "No alarm yet.", "Noch kein Alarm.";
@@ -213,6 +213,7 @@ texts! {
         cause_gone: "Cause gone. Continue?", "Störung vorbei. Weiterfahren?";
         continue_driving: "Continue?", "Weiterfahren?";
         held: "Held", "Gehalten";
+        until_gone: "until the cause is gone", "bis die Störung vorbei ist";
         since: "since", "seit";
         not_heard_again: "not heard again yet", "noch nicht wieder gehört";
         held_back: "Held until the cause is gone", "Gehalten, bis die Störung vorbei ist";
@@ -300,7 +301,7 @@ texts! {
     text stop_away(far: &str) { "About {far} to go", "Noch etwa {far}" }
 
     /// The same with the minutes of a drive there.
-    text stop_away_in(far: &str, min: u32) { "About {far}, {min} min to go", "Noch etwa {far}, {min} min" }
+    text stop_away_in(far: &str, min: u32) { "About {far}, {min}\u{a0}min to go", "Noch etwa {far}, {min}\u{a0}min" }
 
     /// `1 in maintenance`: modules whose faults call nobody for now.
     text so_many_shelved(count: usize) { "{count} in maintenance", "{count} in Wartung" }

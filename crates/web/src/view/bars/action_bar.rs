@@ -145,7 +145,7 @@ fn drive(view: &View<'_>) -> Drive {
         // The instruction asks, and the button beside it answers.
         Some(_) if release && stands => ("idle", "", String::new()),
         Some(_) if stands && request.is_some_and(requests::is_engaged) => {
-            ("idle", view.words.held_back, String::new())
+            ("idle", view.words.held, view.words.until_gone.to_owned())
         }
         Some(progress) if snapshot.stop_requested() => ("stop", progress, String::new()),
         Some(progress) => ("slow", progress, String::new()),
@@ -164,7 +164,7 @@ fn stop_away(view: &View<'_>) -> Option<String> {
     let motion = view.snapshot.motion;
     let metres = motion.goal_m.filter(|&m| m > 0 && motion.destination.is_some())?;
     let (factor, unit) = if metres < 1000 { (1.0, "m") } else { (0.001, "km") };
-    let far = view.lang.quantity(&metres.to_string(), factor, unit);
+    let far = view.lang.quantity(&metres.to_string(), factor, unit).replace(' ', "\u{a0}");
     Some(match motion.goal_min {
         Some(min) => view.lang.stop_away_in(&far, min),
         None => view.lang.stop_away(&far),

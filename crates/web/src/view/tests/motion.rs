@@ -85,10 +85,10 @@ fn on_the_way_it_is_said_how_far_the_stop_is_and_how_long_it_takes_as_far_as_tha
         let there = if expect.contains("><") { (vec![], vec!["text way"]) } else { (vec![&*expect], vec![]) };
         check(&Published { snapshot: snapshot.into(), ..driving }, lang, "step", &there.0, &there.1);
     };
-    away(Lang::En, Some(240), None, "About 240 m to go");
-    away(Lang::De, Some(240), Some(2), "Noch etwa 240 m, 2 min");
-    away(Lang::De, Some(1200), Some(4), "Noch etwa 1,2 km, 4 min");
-    away(Lang::En, Some(1200), Some(4), "About 1.2 km, 4 min to go");
+    away(Lang::En, Some(240), None, "About 240\u{a0}m to go");
+    away(Lang::De, Some(240), Some(2), "Noch etwa 240\u{a0}m, 2\u{a0}min");
+    away(Lang::De, Some(1200), Some(4), "Noch etwa 1,2\u{a0}km, 4\u{a0}min");
+    away(Lang::En, Some(1200), Some(4), "About 1.2\u{a0}km, 4\u{a0}min to go");
     away(Lang::En, None, None, "");
     away(Lang::En, Some(0), None, "");
 }
@@ -191,7 +191,7 @@ fn a_vehicle_that_stands_is_not_said_to_be_on_its_way() {
         check(&seen(moved(Sample::shuttle(true), Moving::Yes, 18)), Lang::En, "step", &on_its_way, &[]);
         check(&seen(moved(Sample::shuttle(true), Moving::No, 0)), Lang::En, "step", &[], &on_its_way);
         let held = seen(asked_to_stop(Moving::No, Some(true)));
-        check(&held, Lang::En, "step", &["Held until the cause is gone"], &on_its_way);
+        check(&held, Lang::En, "step", &[">Held<"], &on_its_way);
     }
 }
 
@@ -206,8 +206,8 @@ fn to_let_the_vehicle_go_on_is_no_first_step_while_it_still_moves() {
 #[test]
 fn a_vehicle_that_stands_does_not_respond_any_more_it_is_held() {
     let there = |moving| asked_to_stop(moving, Some(true));
-    check(&there(Moving::No), Lang::En, "step", &[">Held until the cause is gone<"], &["responds"]);
-    check(&there(Moving::Yes), Lang::En, "step", &[">The vehicle responds<"], &["Held until"]);
+    check(&there(Moving::No), Lang::En, "step", &[">Held<", ">until the cause is gone<"], &["responds"]);
+    check(&there(Moving::Yes), Lang::En, "step", &[">The vehicle responds<"], &["Held", "until the cause"]);
 }
 
 #[test]

@@ -92,7 +92,7 @@ fn a_rise_calls_again_though_all_is_acknowledged() {
 #[test]
 fn a_component_that_waits_says_how_many_faults_it_has_itself() {
     let both = behind(jumped()).published();
-    let expect = [r#"data-own="1""#, r#"aria-label="1 fault of its own""#, ">1</b>"];
+    let expect = [r#"data-own="1""#, r#"aria-label="1 fault of its own""#, ">+1</b>"];
     check(&both, Lang::En, "tile-planning", &expect, &[]);
     check(&both, Lang::De, "tile-planning", &["1 eigene Störung"], &[]);
     check(&both, Lang::En, "detail-planning", &["1 fault of its own"], &[]);
