@@ -13,7 +13,7 @@ use telltale_store::StoreError;
 use super::pager::ROWS_MAX;
 use super::request::PageRequest;
 use telltale_runtime::Published;
-use telltale_store::audit::Entry;
+use telltale_store::audit::{Action, Entry};
 use telltale_store::{Acknowledged, Verdict};
 
 use crate::view::page::frame::PageFrame;
@@ -110,7 +110,7 @@ pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> S
         role: clean(word(&entry.role, context.lang), NAME),
         source: clean(word(&entry.source, context.lang), NAME),
         action: clean(word(&entry.action, context.lang), NAME),
-        target: clean(&entry.target, MESSAGE),
+        target: clean(&target(&entry.action, &entry.target, context.lang), MESSAGE),
         outcome: clean(&outcome(&entry.outcome, context.lang), MESSAGE),
         refused: entry.was_refused(),
     });
@@ -128,6 +128,19 @@ pub fn page(published: &Published, page: &AuditPage, context: &PageContext) -> S
 /// A word of the log in the reader's language; an unknown one stays as it was written.
 fn word(written: &str, lang: Lang) -> &str {
     lang.of_audit(written).unwrap_or(written)
+}
+
+/// What Telltale itself wrote of a countermeasure: `decelerate: requested, because of NODES`. The rest stays as it was written.
+fn target(action: &str, written: &str, lang: Lang) -> String {
+    let parts = written.split_once(": ").filter(|_| action == Action::Countermeasure.as_str());
+    let Some((request, rest)) = parts else { return written.to_owned() };
+    let (how, because) =
+        rest.split_once(", because of ").map_or((rest, None), |(how, names)| (how, Some(names)));
+    let operator = word("the operator", lang);
+    let because = because
+        .map(|names| lang.because_of(&names.replacen("the operator", operator, 1)))
+        .unwrap_or_default();
+    format!("{}: {}{because}", word(request, lang), word(how, lang))
 }
 
 /// Why something was refused stays as it was written.
@@ -156,7 +169,7 @@ fn verdict(verdict: &Verdict, lang: Lang) -> String {
 mod tests {
     use super::*;
     use telltale_store::Role;
-    use telltale_store::audit::{Action, COMMAND_LINE};
+    use telltale_store::audit::COMMAND_LINE;
 
     #[test]
     fn what_a_record_says_by_itself_has_german_words() {
@@ -167,5 +180,10 @@ mod tests {
             assert!(word(written, Lang::De) != written, "{written}");
         }
         assert_eq!(outcome("refused: why", Lang::De), "abgelehnt: why");
+        let written = "maneuver_stop: requested, because of the operator, sensors/lidar";
+        assert_eq!(target("countermeasure", written, Lang::En), written);
+        let german = "Sicher anhalten: verlangt, wegen Fahrbegleitung, sensors/lidar";
+        assert_eq!(target("countermeasure", written, Lang::De), german);
+        assert_eq!(target("demo fault", "notify: true", Lang::De), "notify: true");
     }
 }

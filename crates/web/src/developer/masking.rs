@@ -26,7 +26,6 @@ const RENEW_MS: u32 = 1000;
 
 struct HiddenRow {
     node: NodeLink,
-    is_group: bool,
     by: Vec<NodeLink>,
     more: usize,
     because: String,
@@ -149,7 +148,6 @@ fn row(view: &View<'_>, hidden: &Hidden) -> HiddenRow {
     };
     HiddenRow {
         node: NodeLink::of(view, hidden.node),
-        is_group: matches!(hidden.node, NodeId::Group(_)),
         by: by.iter().take(NAMED).map(|&node| NodeLink::of(view, node)).collect(),
         more: by.len().saturating_sub(NAMED),
         because,

@@ -24,6 +24,7 @@ pub mod why;
 use telltale_engine::model::{NodeId, Stage};
 use telltale_engine::snapshot::{ModuleView, Shelved};
 use telltale_record::story::Limit;
+use telltale_store::Role;
 
 pub use audit::AuditPage;
 pub use page_query::{PageQuery, address};
@@ -139,6 +140,8 @@ pub(crate) struct DevFrame {
     pub(crate) overall: &'static str,
     pub(crate) overall_word: &'static str,
     pub(crate) user: String,
+    /// The reader may read everything and change nothing.
+    pub(crate) looks_only: bool,
     pub(crate) locked: bool,
     pub(crate) at: String,
     pub(crate) seq: u64,
@@ -196,6 +199,7 @@ impl DevFrame {
             overall: snapshot.overall.as_str(),
             overall_word: view.lang.state(snapshot.overall),
             user: clean(&context.user, NAME),
+            looks_only: context.role == Role::Authority,
             locked: snapshot.stage == Stage::Locked && !context.replay,
             at: view.wall(snapshot.now),
             seq: snapshot.seq,

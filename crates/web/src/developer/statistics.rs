@@ -5,6 +5,7 @@ use axum::extract::State;
 use axum::response::Html;
 
 use super::request::PageRequest;
+use super::timeline::percent;
 use super::{DevFrame, Page, why_address};
 use crate::AppState;
 use crate::texts::{DevWords, Lang, NAME, clean};
@@ -21,10 +22,20 @@ const DAYS_PLAIN: u64 = 7;
 /// Nodes of the table.
 const ROWS: usize = 200;
 
+/// A figure with its name.
+struct Figure {
+    name: &'static str,
+    text: String,
+    /// Its part of a whole, in percent of the width.
+    share: Option<String>,
+}
+
 struct NodeRow {
     name: String,
     address: String,
     alarms: u64,
+    /// Its alarms in relation to those of the node that has most.
+    share: String,
     figures: NodeFigures,
     chatters: bool,
 }
@@ -38,8 +49,7 @@ struct StatisticsHtml {
     days: Vec<(u64, &'static str, bool)>,
     /// Why there is nothing.
     trouble: Option<&'static str>,
-    /// Its name and its figure.
-    figures: Vec<(&'static str, String)>,
+    figures: Vec<Figure>,
     rows: Vec<NodeRow>,
     /// Enough is recorded for a rate.
     has_rate: bool,
@@ -96,7 +106,7 @@ pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<Stri
     }))
 }
 
-fn figures(view: &View<'_>, words: &'static DevWords, found: &Statistics) -> Vec<(&'static str, String)> {
+fn figures(view: &View<'_>, words: &'static DevWords, found: &Statistics) -> Vec<Figure> {
     let lang = view.lang;
     let mut figures = vec![
         (words.recorded_time, how_long_ms(found.recorded_ms)),
@@ -107,12 +117,13 @@ fn figures(view: &View<'_>, words: &'static DevWords, found: &Statistics) -> Vec
     figures.extend((!rate.is_empty()).then(|| (words.alarms_per_hour, lang.quantity(&rate, 1.0, ""))));
     figures.extend(found.driven_m.map(|metres| (words.driven, lang.quantity(&way(metres), 1.0, ""))));
     figures.extend(found.to_acknowledge_ms.map(|ms| (words.to_acknowledge, how_long_ms(ms))));
-    let stages = found.shares().filter(|_| view.has_stages());
-    figures.extend(stages.map(|(stage, _, share)| (lang.stage(stage, true), share)));
-    if found.lost > 0 {
-        figures.push((words.history_lost, found.lost.to_string()));
-    }
-    figures
+    figures.extend((found.lost > 0).then(|| (words.history_lost, found.lost.to_string())));
+    let plain = figures.into_iter().map(|(name, text)| Figure { name, text, share: None });
+    let stages = found.shares().filter(|_| view.has_stages()).map(|(stage, ms, text)| {
+        let share = Some(percent(100.0 * ms as f64 / found.recorded_ms as f64));
+        Figure { name: lang.stage(stage, true), text, share }
+    });
+    plain.chain(stages).collect()
 }
 
 fn version_row(lang: Lang, found: &VersionStatistics) -> VersionRow {
@@ -121,20 +132,24 @@ fn version_row(lang: Lang, found: &VersionStatistics) -> VersionRow {
         recorded: how_long_ms(found.recorded_ms),
         way: found.driven_m.map(|metres| lang.quantity(&way(metres), 1.0, "")).unwrap_or_default(),
         alarms: found.alarms,
-        between: found.between_alarms_ms().map_or_else(String::new, how_long_ms),
+        between: found.between_alarms_ms().filter(|_| found.alarms > 1).map_or_else(String::new, how_long_ms),
     }
 }
 
 fn rows(lang: Lang, found: &Statistics) -> Vec<NodeRow> {
+    let most = found.nodes.iter().map(|node| node.alarms).max().unwrap_or(1).max(1);
     let row = |node: &NodeStatistics| NodeRow {
         name: clean(&node.node, 2 * NAME),
         address: why_address(&node.node),
         alarms: node.alarms,
+        share: percent(100.0 * node.alarms as f64 / most as f64),
         figures: {
             let figures = found.figures(node);
             NodeFigures {
                 an_hour: lang.quantity(&figures.an_hour, 1.0, ""),
                 on_100_km: lang.quantity(&figures.on_100_km, 1.0, ""),
+                // One failure says nothing of the time between two.
+                between: if node.alarms < 2 { String::new() } else { figures.between },
                 ..figures
             }
         },

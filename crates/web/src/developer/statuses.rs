@@ -220,7 +220,7 @@ impl<'a> StatusFilter<'a> {
             || holds(&report.hardware_id)
             || report.values.iter().any(|(key, value)| holds(key) || holds(value))
             || [module.state, module.own].iter().any(|state| holds(view.lang.state(*state)))
-            || holds(&class(info))
+            || holds(&class(DevWords::of(view.lang), info))
             || module.received.is_none() && holds(DevWords::of(view.lang).never)
             || (module.silent || module.why_unknown().is_some()) && holds(&view.message_text(module))
             || module.reason.is_some() && holds(&view.reason(NodeId::Module(id), module.reason.as_ref()))
@@ -392,16 +392,25 @@ fn row(
         },
         silent: module.silent,
         shelved: view.snapshot.shelved(id).is_some(),
-        class: class(info),
+        class: class(DevWords::of(view.lang), info),
         message: view.message_text(module),
         values: report_values(module, VALUES, VALUE, past),
         more_values: measured(module).count().saturating_sub(VALUES),
     }
 }
 
-pub(super) fn class(info: &ModuleInfo) -> String {
+pub(super) fn class(words: &DevWords, info: &ModuleInfo) -> String {
     let class = [Some(info.class.location), Some(info.class.information), info.class.flow];
-    class.into_iter().flatten().collect::<Vec<_>>().join(" ")
+    let word = |part| match part {
+        "isolated" => words.isolated,
+        "contextual" => words.contextual,
+        "content" => words.content,
+        "meta" => words.meta,
+        "sequential" => words.sequential,
+        "parallel" => words.parallel,
+        other => other,
+    };
+    class.into_iter().flatten().map(word).collect::<Vec<_>>().join(", ")
 }
 
 pub(super) fn age(view: &View<'_>, then: Timestamp) -> String {

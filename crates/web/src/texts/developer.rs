@@ -37,7 +37,7 @@ texts! {
         no_alarm: "No alarm in this time.", "Kein Alarm in dieser Zeit.";
         nothing_recorded: "Nothing is recorded in this time.", "In dieser Zeit ist nichts aufgezeichnet.";
         shelved: "Shelved", "In Wartung";
-        drawn_with: "Draw with it", "Dazu zeichnen";
+        drawn_with: "Compare with", "Vergleichen mit";
         own_scale: "own scale", "eigene Skala";
         shelve: "Shelve", "In Wartung nehmen";
         shelve_about: "Its faults raise no alarm for so long, while the vehicle stands. All else stays as it is.", "So lange lösen seine Fehler keinen Alarm aus, solange das Fahrzeug steht. Alles andere bleibt, wie es ist.";
@@ -87,7 +87,7 @@ texts! {
         abnormal: "Not OK", "Nicht OK";
         apply: "Apply", "Anwenden";
         shown: "Shown", "Gezeigt";
-        own: "Own", "Eigener";
+        own: "Own", "Selbst";
         module: "Module", "Modul";
         since: "Since", "Seit";
         age: "Age", "Alter";
@@ -137,7 +137,7 @@ texts! {
         because: "Because", "Weil";
         nothing_masked: "Nothing is masked now.", "Zurzeit ist nichts maskiert.";
         nothing_irrelevant: "Everything matters now.", "Zurzeit ist alles wichtig.";
-        behind: "in ERROR behind", "dahinter in ERROR";
+        behind: "with an error of their own", "mit eigenem Fehler";
 
         isolated: "Isolated", "Isoliert";
         contextual: "Contextual", "Kontextuell";
@@ -201,7 +201,7 @@ texts! {
         ev_reloaded: "configuration replaced", "Konfiguration ersetzt";
         ev_started: "Telltale started", "Telltale gestartet";
         cause: "Cause", "Ursache";
-        attributed: "owed to the cause", "der Ursache geschuldet";
+        attributed: "owed to the cause", "Folge der Ursache";
 
         topic_type: "Type", "Typ";
         publishers: "Publishers", "Publisher";
@@ -230,7 +230,7 @@ texts! {
         made_room: "made room for newer ones: raise `recording.memory`", "wichen neueren: `recording.memory` erhöhen";
         published_twice: "Published by another too", "Auch von anderen veröffentlicht";
         nodes: "ROS nodes", "ROS-Knoten";
-        participants: "other participants", "andere Teilnehmer";
+        participants: "Other participants", "Andere Teilnehmer";
         topics_then: "Up to the instant that is shown. A recording holds messages: who published and subscribed then is not known.", "Bis zum gezeigten Augenblick. Eine Aufzeichnung enthält Nachrichten: Wer dann veröffentlicht und abonniert hat, ist nicht bekannt.";
         rate_over: "Over the last 5 s", "Über die letzten 5 s";
         messages: "Messages", "Nachrichten";
@@ -365,7 +365,17 @@ texts! {
         "data repaired" => "data repaired", "Datenbank repariert";
         "data restored" => "data restored", "Sicherung eingespielt";
         "head missing" => "head missing", "Kettenende fehlt";
+        "decelerate" => "decelerate", "Abbremsen";
+        "maneuver_stop" => "maneuver_stop", "Sicher anhalten";
+        "notify" => "notify", "Melden";
+        "requested" => "requested", "verlangt";
+        "engaged" => "engaged", "wirkt";
+        "unconfirmed" => "unconfirmed", "unbestätigt";
+        "ended" => "ended", "beendet";
+        "the operator" => "the operator", "Fahrbegleitung";
     }
+
+    text because_of(names: &str) { ", because of {names}", ", wegen {names}" }
 
     text refused_because(why: &str) { "refused: {why}", "abgelehnt: {why}" }
 

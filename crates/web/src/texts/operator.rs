@@ -52,6 +52,7 @@ texts! {
         operator: "Operator", "Fahrbegleitung";
         logged_in: "Logged in", "Angemeldet";
         nobody: "No operator", "Keine Fahrbegleitung";
+        looks_only: "View only", "Nur Ansicht";
         to_day: "Switch to day colours", "Zu Tagfarben wechseln";
         to_night: "Switch to night colours", "Zu Nachtfarben wechseln";
         other_language: "Auf Deutsch umschalten", "Switch to English";

@@ -341,7 +341,7 @@ fn events(view: &View<'_>, words: &'static DevWords, past: &Past) -> Vec<Row> {
     past.events.iter().rev().take(EVENTS).map(event).collect()
 }
 
-fn percent(share: f64) -> String {
+pub(super) fn percent(share: f64) -> String {
     format!("{share:.2}%")
 }
 

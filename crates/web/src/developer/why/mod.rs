@@ -329,7 +329,7 @@ pub fn page(
             let facts = [
                 (it.status, info.status.as_deref().unwrap_or_default()),
                 (it.monitor, info.kind),
-                (it.class, &super::statuses::class(info)),
+                (it.class, &super::statuses::class(it, info)),
                 (it.hardware, &module.report.hardware_id),
             ];
             let said = facts.into_iter().filter(|(_, text)| !text.is_empty());
