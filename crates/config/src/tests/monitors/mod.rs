@@ -348,7 +348,7 @@ fn a_value_comes_from_one_place_and_is_judged_in_one_way() {
     wrong(
         &format!("value: {{ {TOPIC}, field: x, error_above: 1, empty: ok }}"),
         &[
-            "72: `empty: ok` is for the goals of an action (action_msgs/msg/GoalStatusArray) (write `empty: unknown`: nobody knows the state before the first message)",
+            "62: `empty: ok` is for the goals of an action (action_msgs/msg/GoalStatusArray) (write `empty: unknown`: nobody knows the state before the first message)",
         ],
     );
     wrong(
