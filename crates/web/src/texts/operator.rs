@@ -176,7 +176,7 @@ texts! {
         just_changed: "Not sent: the button has just changed.", "Nicht gesendet: Die Taste hat gerade gewechselt.";
         dismiss: "Close", "Schließen";
         all_checks: "Checks before the clearance", "Prüfungen vor der Freigabe";
-        open_checks: "to settle", "zu klären";
+        open_checks: "to check", "prüfen";
         all_causes: "All faults", "Alle Störungen";
         last_alarms: "Last alarms", "Letzte Alarme";
         no_alarms: "No alarm yet.", "Noch kein Alarm.";
