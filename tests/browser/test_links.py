@@ -311,8 +311,8 @@ def test_strips_have_a_legend(server, vehicle, developer, trouble):
     for path in ("/developer/timeline", "/developer/why?node=sensors"):
         visit(page, server, path)
         looks = page.locator(".looks > span")
-        expect(looks).to_have_count(8)
-        for word in ("OK", "Warning", "Error", "Unknown", "because its cause is shown", "does not matter then"):
+        expect(looks).to_have_count(9)
+        for word in ("OK", "Warning", "Error", "Unknown", "because its cause is shown", "does not matter then", "no record"):
             expect(page.locator(".looks")).to_contain_text(word)
         for look in looks.locator("rect.bar").all():
             assert look.bounding_box()["width"] > 20

@@ -137,6 +137,9 @@ class Socket:
             if length > 125:
                 length = int.from_bytes(self.reader.read(2 if length == 126 else 8), "big")
             payload = self.reader.read(length)
+            if head[0] & 0x0F == 9:
+                # A client that answers no ping is taken for one that does not read.
+                self.socket.sendall(b"\x8a\x80\0\0\0\0")
             if head[0] & 0x0F == 8:
                 self.code = int.from_bytes(payload[:2], "big")
                 break
