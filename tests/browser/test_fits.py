@@ -116,7 +116,7 @@ def test_to_continue_and_its_question_are_whole_beside_stop_in_a_small_window(se
 HAS_ROOM = """() => {
   const place = document.querySelector("#step .next > span");
   const way = place.querySelector(".way") ?? place.appendChild(Object.assign(document.createElement("span"), { className: "text way" }));
-  way.textContent = "Noch etwa 99,9 km, 60 min";
+  way.textContent = "Noch etwa 99,9\u00a0km, 60\u00a0min";
   const [text, box] = [way, way.closest(".next")].map(it => it.getBoundingClientRect());
   const lines = document.createRange();
   lines.selectNodeContents(way);

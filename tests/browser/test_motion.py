@@ -45,7 +45,7 @@ def test_words_and_numbers_say_what_the_shuttle_does(chromium, shuttle, trouble)
     fast = re.compile(r"^Driving · (1[0-9]|2[0-9])\skm/h · to Main Station$")
     expect(motion).to_have_text(fast, timeout=DEPARTURE_MS)
     way = page.locator("#step .way")
-    expect(way).to_have_text(re.compile(r"^About \d+ m to go$"))
+    expect(way).to_have_text(re.compile(r"^About \d+\sm to go$"))
     assert client.snapshot()["motion"]["destination"] == "station"
     # A stop is said as long as the vehicle moves, and no longer.
     client.stop()
