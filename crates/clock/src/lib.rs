@@ -15,17 +15,14 @@ pub fn earliest() -> SystemTime {
     UNIX_EPOCH + Duration::from_secs(EARLIEST_UNIX_S)
 }
 
-/// The monotonic time at which the process starts: an instant before it has a time of its own, and a message that is
-/// handed over late keeps its age.
-const BEFORE_START: Span = Span::from_secs(24 * 3600);
+/// The monotonic time at which the process starts, so that a message from before has a time and keeps its age.
+const AT_START: Duration = Duration::from_secs(24 * 3600);
 
 /// The monotonic clock of receipt, counted from a day before the start of the process, and the wall clock for
 /// times that people read. Copies agree.
 #[derive(Debug, Clone, Copy)]
 pub struct Clock {
     start: Instant,
-    /// Its time at `start`: [`BEFORE_START`], and zero for a test's clock.
-    at_start: Span,
     /// The offset by which it was set ahead, in nanoseconds; only a test's clock has one.
     ahead: Option<&'static Ahead>,
     /// It moves only when it is set ahead.
@@ -56,15 +53,19 @@ impl ClockHand {
 }
 
 impl Clock {
-    #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
     pub fn start() -> Clock {
-        Clock { start: Instant::now(), at_start: BEFORE_START, ahead: None, stands: false }
+        Clock::since(AT_START)
+    }
+
+    #[expect(clippy::disallowed_methods, reason = "the one clock of the process")]
+    fn since(before: Duration) -> Clock {
+        Clock { start: Instant::now() - before, ahead: None, stands: false }
     }
 
     /// A clock that can be set ahead, for tests. Its offset lives as long as the process.
     pub fn with_hand() -> (Clock, ClockHand) {
         let ahead: &'static Ahead = Box::leak(Box::default());
-        (Clock { at_start: Span::ZERO, ahead: Some(ahead), ..Clock::start() }, ClockHand(ahead))
+        (Clock { ahead: Some(ahead), ..Clock::since(Duration::ZERO) }, ClockHand(ahead))
     }
 
     /// A clock that moves only when it is set ahead.
@@ -77,7 +78,7 @@ impl Clock {
     pub fn now(&self) -> Timestamp {
         let elapsed = if self.stands { Duration::ZERO } else { self.start.elapsed() };
         let elapsed = u64::try_from(elapsed.as_nanos()).unwrap_or(u64::MAX);
-        Timestamp::from_nanos(elapsed.saturating_add(self.at_start.as_nanos()).saturating_add(self.ahead()))
+        Timestamp::from_nanos(elapsed.saturating_add(self.ahead()))
     }
 
     /// The present wall time. It may be stepped at any time: for display only.
@@ -91,8 +92,7 @@ impl Clock {
 
     /// The monotonic instant as a tokio instant.
     pub fn instant(&self, at: Timestamp) -> Instant {
-        let before = self.at_start.as_nanos() + self.ahead();
-        self.start + Duration::from_nanos(at.as_nanos().saturating_sub(before))
+        self.start + Duration::from_nanos(at.as_nanos().saturating_sub(self.ahead()))
     }
 
     /// The result of a future, unless it comes after `until`.
