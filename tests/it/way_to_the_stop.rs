@@ -1,6 +1,6 @@
 //! How far the next stop is, and how long the drive to it takes.
 
-use telltale::engine::input::Input;
+use telltale::engine::input::{Input, OperatorAction};
 use telltale::engine::model::Stage;
 use telltale::engine::model::monitors::FieldKind;
 use telltale::engine::model::sample::{FieldValue, Pose, Sample};
@@ -116,4 +116,20 @@ fn the_time_follows_from_how_much_nearer_the_stop_came_in_a_minute() {
     vehicle.pass(Span::from_secs(2));
     drive(&mut vehicle, 305.0, 5.0, 59);
     assert_eq!(shown(&mut vehicle).1, None);
+}
+
+#[test]
+fn a_reload_keeps_that_the_vehicle_stands_between_stops() {
+    let mut vehicle = driving();
+    vehicle.report(&[("match", 0)]);
+    hear(&mut vehicle, "/pose", 400.0);
+    vehicle.signal("active", false);
+    hear(&mut vehicle, "/pose", 400.0);
+    assert!(vehicle.look().may_set_off);
+    // The next operator localizes it.
+    vehicle.does(OperatorAction::Logout);
+    vehicle.does(OperatorAction::Login { name: "anna".into() });
+    assert_eq!((vehicle.look().stage, vehicle.look().may_set_off), (Stage::Localizing, true));
+    vehicle.reload(&CONFIG.replace("timeout: 2s", "timeout: 3s"));
+    assert!(vehicle.look().may_set_off);
 }

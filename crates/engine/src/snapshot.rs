@@ -177,6 +177,11 @@ impl Snapshot {
         self.has_stages() && (by_stage || self.motion.has_source && moves)
     }
 
+    /// Whether the vehicle drives by itself, or moves in another stage: its operator does not leave it.
+    pub fn moves(&self) -> bool {
+        self.has_stages() && moves(self.stage, self.motion)
+    }
+
     /// Whether the vehicle moves, or may: it is cleared or drives by itself, or is not known to stand.
     pub fn may_move(&self) -> bool {
         may_move(self.stage, self.motion, self.may_set_off)
@@ -550,6 +555,10 @@ pub struct Motion {
 /// this, and the engine takes it.
 pub(crate) fn may_move(stage: Stage, motion: Motion, may_set_off: bool) -> bool {
     matches!(stage, Stage::Cleared | Stage::Active) || motion.may_move() || may_set_off
+}
+
+pub(crate) fn moves(stage: Stage, motion: Motion) -> bool {
+    stage == Stage::Active || motion.moving == Moving::Yes
 }
 
 impl Motion {

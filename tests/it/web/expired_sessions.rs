@@ -1,6 +1,5 @@
 //! Expired sessions: they end with their sockets, whatever the disk does, and over restarts.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::StatusCode;
@@ -8,9 +7,6 @@ use rusqlite::Connection;
 use telltale::clock::{Clock, ClockHand};
 use telltale::engine::input::Input;
 use telltale::engine::model::Stage;
-use telltale::engine::model::monitors::{FieldKind, FieldSpec, TopicId, TopicSpec};
-use telltale::engine::model::motion::{SpeedSource, WatchedField};
-use telltale::engine::model::sample::{FieldValue, Sample};
 use telltale::engine::snapshot::Moving;
 use telltale::engine::time::Span;
 use telltale::store::audit::Entry;
@@ -188,19 +184,7 @@ async fn an_operator_who_drives_stays_in_charge_over_a_restart() {
 #[tokio::test]
 async fn an_operators_session_outlasts_its_time_while_the_vehicle_moves_in_any_stage() {
     let (clock, hand) = Clock::with_hand();
-    let topic = Arc::new(TopicSpec {
-        topic: "/speed".into(),
-        type_name: "std_msgs/msg/Float64".into(),
-        stamp: false,
-        fields: vec![FieldSpec::new("data", FieldKind::Scalar)],
-    });
-    let fixture = Fixture::changed_by(clock, |parts| {
-        parts.watched.topics.push(topic.clone());
-        let value = WatchedField { topic: TopicId(0), field: 0 };
-        parts.driving.speed = Some(SpeedSource { value, timeout: hours(48), standing_below_mps: 0.3 });
-    })
-    .await;
-    let speed = |mps| Input::Sample(Sample::of(topic.clone(), [FieldValue::Number(mps)].into()));
+    let (fixture, speed) = Fixture::with_speed(clock).await;
     let store = fixture.store.clone();
     let server = Server::with(fixture, store).await;
     let fixture = &server.fixture;

@@ -9,7 +9,10 @@ use axum::http::{HeaderMap, Method, Request, StatusCode};
 use telltale::clock::{Clock, ClockHand};
 use telltale::engine::input::{Input, ListenerReport, StatusArray};
 use telltale::engine::model::filter::Filter;
+use telltale::engine::model::monitors::{FieldKind, FieldSpec, TopicId, TopicSpec};
+use telltale::engine::model::motion::{SpeedSource, WatchedField};
 use telltale::engine::model::output::Output;
+use telltale::engine::model::sample::{FieldValue, Sample};
 use telltale::engine::model::{
     Dependency, DependsOn, Driving, FieldSource, GroupId, GroupSpec, Match, Model, ModuleMonitor, ModuleSpec,
     NodeId, Parts, SignalSource, SignalSpec, Stage, StageModel, Stop, When, Within,
@@ -131,13 +134,32 @@ impl Fixture {
         Fixture::changed(|parts| parts.stages = StageModel::None).await
     }
 
+    /// With a source of the speed, which stays for two days, and its messages.
+    pub async fn with_speed(clock: Clock) -> (Fixture, impl Fn(f64) -> Input) {
+        let topic = Arc::new(TopicSpec {
+            topic: "/speed".into(),
+            type_name: "std_msgs/msg/Float64".into(),
+            stamp: false,
+            fields: vec![FieldSpec::new("data", FieldKind::Scalar)],
+        });
+        let fixture = Fixture::changed_by(clock, |parts| {
+            parts.watched.topics.push(topic.clone());
+            let value = WatchedField { topic: TopicId(0), field: 0 };
+            let timeout = Span::from_secs(48 * 3600);
+            parts.driving.speed = Some(SpeedSource { value, timeout, standing_below_mps: 0.3 });
+        })
+        .await;
+        let speed = move |mps| Input::Sample(Sample::of(topic.clone(), [FieldValue::Number(mps)].into()));
+        (fixture, speed)
+    }
+
     /// With another configuration.
     pub async fn changed(change: impl FnOnce(&mut Parts)) -> Fixture {
         Fixture::changed_by(Clock::start(), change).await
     }
 
     /// The same with this clock.
-    pub async fn changed_by(clock: Clock, change: impl FnOnce(&mut Parts)) -> Fixture {
+    async fn changed_by(clock: Clock, change: impl FnOnce(&mut Parts)) -> Fixture {
         let store = Store::in_memory(clock, DemoSecrets::Accepted).unwrap();
         let mut parts = Parts::clone(&model());
         change(&mut parts);

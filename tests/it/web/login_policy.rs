@@ -5,8 +5,10 @@ use std::net::SocketAddr;
 
 use axum::http::header::{AUTHORIZATION, COOKIE, ORIGIN};
 use axum::http::{Method, StatusCode};
+use telltale::clock::Clock;
+use telltale::engine::input::Input;
 use telltale::engine::model::Stage;
-use telltale::engine::snapshot::Snapshot;
+use telltale::engine::snapshot::{Moving, Snapshot};
 use telltale::engine::time::Span;
 use telltale::store::Role;
 use telltale::web::{DEVELOPER_IDLE_MAX, Enrolled, Peer, Proxies, VehicleDisplay};
@@ -285,6 +287,28 @@ async fn while_it_drives_operators_change_at_its_displays_alone() {
     assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
     fixture.drive(false).await;
     assert_eq!(log_in_from(&fixture, "10.0.0.9", form).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn while_it_moves_in_standby_nobody_takes_it_over_from_elsewhere() {
+    let (clock, _hand) = Clock::with_hand();
+    let (fixture, speed) = Fixture::with_speed(clock).await;
+    fixture.store.add_user("bert", Role::Operator, "a long password").await.unwrap();
+    let driver = fixture.cookie_of("operator").await;
+    fixture.drive(true).await;
+    fixture.input(speed(5.0)).await;
+    // Its mission component was started again between stops.
+    fixture.input(Input::Signal { name: "active".into(), value: false }).await;
+    fixture.until(|it| it.stage == Stage::Standby && it.motion.moving == Moving::Yes).await;
+    let form = "name=bert&secret=a+long+password&take_over=1";
+    let far = log_in_from(&fixture, "10.0.0.9", form).await;
+    assert_eq!((far.status, far.cookie()), (StatusCode::CONFLICT, None), "{}", far.body);
+    let near = log_in_from(&fixture, "127.0.0.1", form).await;
+    assert_eq!(near.status, StatusCode::OK, "{}", near.body);
+    assert!(fixture.app.hand_overs.is_announced());
+    let developer = form_request("/login", Some(&driver), "name=developer&secret=demo-developer");
+    assert_eq!(fixture.send(developer).await.status, StatusCode::CONFLICT, "in the operator's browser");
+    assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
 }
 
 #[tokio::test]

@@ -11,7 +11,7 @@ use crate::model::countermeasure::RequestKind;
 use crate::model::{GroupId, ModuleId, NodeId, Stage, StageModel};
 use crate::module::system::SystemCheck;
 use crate::react::held::{Acknowledged, Whereabouts};
-use crate::snapshot::{MapPose, Moving, Unreached, may_move};
+use crate::snapshot::{MapPose, Unreached, may_move, moves};
 use crate::state::State;
 use crate::time::{Since, Span};
 
@@ -138,8 +138,7 @@ impl Engine {
     }
 
     fn may_leave(&self, refusal: Refusal) -> Result<(), Vec<Refusal>> {
-        let moves = self.vehicle.stage == Stage::Active || self.motion.shown().moving == Moving::Yes;
-        if moves && self.vehicle.model == StageModel::Shuttle {
+        if moves(self.vehicle.stage, self.motion.shown()) && self.vehicle.model == StageModel::Shuttle {
             return Err(vec![refusal]);
         }
         Ok(())

@@ -14,7 +14,6 @@ use crate::admission::peer::place_of;
 use crate::engine_link::NoAnswer;
 use crate::texts::SessionEnd;
 use telltale_engine::input::{OperatorAction, Refusal, Response as Answer};
-use telltale_engine::snapshot::Moving;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
@@ -213,8 +212,7 @@ impl LoginAttempt {
     fn is_refused_logout(&self, app: &Live) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
         let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
-        let moves = snapshot.drives() || snapshot.motion.moving == Moving::Yes;
-        let is_refused = leaves && self.user.role() != Role::Operator && moves;
+        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.moves();
         is_refused.then_some(Refusal::LogoutWhileActive)
     }
 
