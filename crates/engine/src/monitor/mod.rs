@@ -242,13 +242,6 @@ impl Monitor {
         }
     }
 
-    /// Its module was in a fault before a restart.
-    pub(super) fn has_failed(&mut self) {
-        if let Monitor::Value(value) = self {
-            value.has_failed();
-        }
-    }
-
     pub(super) fn wants_words(&self, slot: usize) -> bool {
         machine!(self, machine => machine.wants_words(slot))
     }

@@ -141,8 +141,8 @@ impl MonitorKind for RateRatio {
         values.extend(rates);
         let is_one = (ratio - 1.0).abs() < 0.0005;
         let one = say!("output per input", "Ausgabe je Eingabe");
-        let what = if is_one { one } else { say!("outputs per input", "Ausgaben je Eingabe") };
-        Words { message: self.bands.say_of(ratio, Text::default(), what), values }
+        let words = if is_one { one } else { say!("outputs per input", "Ausgaben je Eingabe") };
+        Words { message: self.bands.say_of(ratio, Text::default(), words), values }
     }
 }
 

@@ -30,7 +30,7 @@ pub(crate) struct Value {
     /// Of events: their publishers.
     #[serde(default)]
     publishers: Publishers,
-    /// It told a fault before a restart, and nothing since: a fault ends by its word alone.
+    /// The topic told a fault before a restart, and nothing since: a fault ends by another message alone.
     #[serde(default)]
     failed: bool,
 }
@@ -53,7 +53,7 @@ impl Value {
     }
 
     /// Its module was in a fault before a restart.
-    pub(super) fn has_failed(&mut self) {
+    pub(super) fn note_failed(&mut self) {
         self.failed = true;
     }
 }

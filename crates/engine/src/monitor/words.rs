@@ -81,11 +81,11 @@ impl Bands {
     }
 
     /// `0.7 s late, at most 0.5 s wanted`: with words that follow the value and its unit.
-    pub(super) fn say_of(&self, value: f64, unit: Text, what: Text) -> Text {
+    pub(super) fn say_of(&self, value: f64, unit: Text, words: Text) -> Text {
         let lower = self.warning_below.or(self.error_below);
         let upper = self.warning_above.or(self.error_above);
         let limits = [self.warning_below, self.error_below, self.warning_above, self.error_above];
-        let value = beside(beside(numeral(measured(value, &limits)), &unit), &what);
+        let value = beside(beside(numeral(measured(value, &limits)), &unit), &words);
         let with_unit = |limit: f64| beside(numeral(number(limit)), &unit);
         match (lower, upper) {
             (Some(lower), Some(upper)) => say!(

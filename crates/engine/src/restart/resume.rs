@@ -250,7 +250,7 @@ impl Engine {
         for alarm in self.alarms.list().iter().filter(|alarm| alarm.active) {
             if let NodeId::Module(id) = alarm.node {
                 self.net.modules[id.0 as usize].own.onset.restore_shown(alarm.raised);
-                self.watching.has_failed(id);
+                self.watching.note_failed(id);
             }
         }
         for measure in &restored.countermeasures {
@@ -280,7 +280,7 @@ impl Engine {
         for cause in self.countermeasures.held.iter().flat_map(|held| held.causes.iter().chain(&held.asking))
         {
             if let NodeId::Module(id) = cause.node {
-                self.watching.has_failed(id);
+                self.watching.note_failed(id);
             }
         }
         // Where the vehicle was meanwhile is not known.

@@ -7,6 +7,7 @@ use super::names::{comment, is_full_name, scalar};
 use super::passing::Passing;
 use super::proposals::{Proposal, Target};
 use super::rhythm::duration;
+use super::values::Meaning;
 use telltale_engine::model::Within;
 use telltale_engine::time::Span;
 
@@ -235,7 +236,7 @@ fn keys(kind: &ModuleKind) -> Vec<String> {
         ModuleKind::Value { topic, type_name, meaning, timeout_ms } => {
             let empty = match (timeout_ms, meaning) {
                 (Some(_), _) => "",
-                (None, super::values::Meaning::Goal) => ", empty: ok",
+                (None, Meaning::Goal) => ", empty: ok",
                 (None, _) => ", empty: unknown",
             };
             let rule = meaning.rule();

@@ -84,8 +84,7 @@ struct Known {
     since_wall: SystemTime,
     /// It was heard before, through an earlier reader.
     heard: bool,
-    /// A reliable reader hears it, and what it hears is as new as what others hear: it begins with what the writer
-    /// keeps for readers that were killed.
+    /// A reliable reader hears it, and has received the older messages that the writer keeps for readers that were killed.
     reliably: bool,
     /// When its first message was received, and when that was published by its source stamp.
     first: Option<(Timestamp, Option<SystemTime>)>,
@@ -317,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reliable_reader_counts_once_it_has_received_what_a_writer_kept_for_killed_ones() {
+    fn a_reliable_reader_counts_once_it_has_received_the_messages_kept_for_killed_ones() {
         let mut writers = writers(&[(A, offer(OURS, true, false)), (B, offer(OURS, false, false))]);
         assert!(!writers.is_catching_up(OURS), "nothing was heard");
         assert_eq!(writers.judge(&A, 100, Via::BestEffort, OURS), Verdict::Take { lost: 0 });

@@ -29,7 +29,7 @@ const RETAINED_BYTES: usize = 64 << 20;
 const RETAINED_BYTES_MAX: usize = 2 * RETAINED_BYTES;
 
 /// A replaced reader stays until the writers surely know the new one, so that nothing is lost; and for some time more
-/// while the new one still receives what is older: a writer that keeps 1,000 messages needs 25 s for them.
+/// while the new one still receives older messages: a writer that keeps 1,000 of them needs 25 s.
 const OVERLAP: Span = Span::from_secs(2);
 const OVERLAP_MAX: Span = Span::from_secs(60);
 

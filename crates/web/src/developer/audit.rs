@@ -130,7 +130,7 @@ fn word(written: &str, lang: Lang) -> &str {
     lang.of_audit(written).unwrap_or(written)
 }
 
-/// What Telltale itself wrote of a countermeasure: `decelerate: requested, because of NODES`. The rest stays as it was written.
+/// Telltale's own words of a countermeasure, `decelerate: requested, because of NODES`, in this language. All others stay as they are.
 fn target(action: &str, written: &str, lang: Lang) -> String {
     let parts = written.split_once(": ").filter(|_| action == Action::Countermeasure.as_str());
     let Some((request, rest)) = parts else { return written.to_owned() };

@@ -31,6 +31,7 @@ impl Topic {
         Some(Topic { name: name?, type_name })
     }
 
+    /// Whether the configuration names this type.
     pub fn is_of(&self, type_name: &str) -> bool {
         self.type_name.as_ref().is_some_and(|it| it.value == type_name)
     }

@@ -1,5 +1,6 @@
 //! Starts the measurements of monitors, and starts them again where what came before does not count.
 
+use crate::monitor::Monitor;
 use serde::{Deserialize, Serialize};
 
 use super::{TopicId, Watching};
@@ -40,10 +41,12 @@ impl Watching {
         Some(index)
     }
 
-    /// A module was in a fault before a restart.
-    pub(crate) fn has_failed(&mut self, id: ModuleId) {
-        if let Some(index) = self.of_module.get(id.0 as usize).copied().flatten() {
-            self.watches[index as usize].monitor.has_failed();
+    /// A module was in a fault before a restart. Only a monitor of events would forget it.
+    pub(crate) fn note_failed(&mut self, id: ModuleId) {
+        if let Some(index) = self.of_module.get(id.0 as usize).copied().flatten()
+            && let Monitor::Value(value) = &mut self.watches[index as usize].monitor
+        {
+            value.note_failed();
         }
     }
 

@@ -374,7 +374,7 @@ fn a_fault_that_an_event_told_before_a_restart_ends_by_another_event_alone() {
     let restored = engine.snapshot().to_restore();
     assert!(restored.alarms[0].active);
     let mut engine = Engine::resume(model.clone(), &restored, Timestamp::ZERO);
-    // What it said last is lost.
+    // Its last message is lost.
     feed(&mut engine, &model, 1000, &Do::KeepingPublishers(0, 1));
     for (at_ms, what, state, active) in
         [(60_000, Do::Nothing, State::Unknown, true), (61_000, Do::Number(0, 2.0), State::Ok, false)]
