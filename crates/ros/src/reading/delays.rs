@@ -11,6 +11,8 @@ use telltale_msg::sample_bytes::Guid;
 const WRITERS_MAX: usize = 1024;
 /// A message comes as usual if it takes no longer than this beyond the fastest one.
 const USUAL_NS: i128 = 1_000_000_000;
+/// The stamps of messages that several threads of one writer publish go back by less than this.
+const SWAPPED_NS: i128 = 1_000_000_000;
 /// A clock that is slewed runs faster or slower than ours by less than one part in so many (chrony: a twelfth), and by no
 /// more than this time in all.
 const SLEW: i128 = 10;
@@ -77,7 +79,7 @@ impl Delays {
             oldest.map(|guid| self.writers.remove(&guid));
         }
         let late = match self.writers.entry(*writer) {
-            Entry::Occupied(known) => known.into_mut().take(source, now),
+            Entry::Occupied(known) => known.into_mut().take(source, now, wall),
             Entry::Vacant(free) => {
                 let first = free.insert(Delay::first(source, now, wall));
                 now - source - first.least
@@ -110,19 +112,20 @@ impl Delay {
         Delay { unproven, ..Delay::of(agreeing, now, source) }
     }
 
-    fn take(&mut self, source: i128, now: i128) -> i128 {
+    fn take(&mut self, source: i128, now: i128, wall: i128) -> i128 {
         self.heard = now;
         // A stamp that stays the same is none.
         if source == self.source {
             return 0;
         }
         let offset = now - source;
-        // Its clock was set back: messages of one writer come in order.
-        let is_set = source < std::mem::replace(&mut self.source, source);
-        if is_set {
-            *self = Delay::of(offset, now, source);
-            return 0;
+        // Messages of one writer come in order. Of two threads one may take its stamp first and write last.
+        if source + SWAPPED_NS < self.source {
+            // Its clock was set back.
+            *self = Delay::first(source, now, wall);
+            return offset - self.least;
         }
+        self.source = self.source.max(source);
         let drifted = self.fastest.0 + (now - self.fastest.1) / DRIFT;
         if offset <= drifted {
             self.fastest = (offset, now);
@@ -209,6 +212,22 @@ mod tests {
                 (sent(8_600), 18_605, 0),
             ]);
         }
+    }
+
+    #[test]
+    fn stamps_that_go_back_a_little_hide_no_backlog() {
+        // Two threads of one writer, and nothing gets through for eight seconds.
+        check_agreeing(&[
+            (0, 10, 0),
+            (200, 205, 0),
+            (596, 8_605, 8_009),
+            (592, 8_605, 8_013),
+            (800, 8_605, 7_805),
+            (796, 8_605, 7_809),
+            (8_600, 8_605, 0),
+        ]);
+        // Its clock is set back meanwhile.
+        check_agreeing(&[(20_000, 20_010, 0), (17_000, 25_005, 8_005), (17_200, 25_005, 7_805)]);
     }
 
     #[test]
