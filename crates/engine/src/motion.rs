@@ -293,10 +293,9 @@ impl Engine {
         }
         let is_astray = match self.vehicle.stage {
             _ if self.motion.is_parked() => false,
-            Stage::Standby => self.is_seen_at_a_stop() == Some(false),
             // Before it is localized its position shows nothing.
             Stage::Locked | Stage::Localizing => self.motion.astray,
-            Stage::Cleared | Stage::Active => false,
+            Stage::Standby | Stage::Cleared | Stage::Active => self.is_seen_at_a_stop() == Some(false),
         };
         self.vehicle_changed |= std::mem::replace(&mut self.motion.astray, is_astray) != is_astray;
         let trusted = self.is_localized();

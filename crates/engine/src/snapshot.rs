@@ -169,12 +169,12 @@ impl Snapshot {
         }
     }
 
-    /// Whether the vehicle is under way: cleared, or driving by itself, or moving, or between stops. Where nothing tells its
-    /// motion, only the stage counts.
+    /// Whether the vehicle is under way, or may be: cleared, or driving by itself, or not known to stand, or between stops.
+    /// Where nothing tells its motion, only the stage counts.
     pub fn is_under_way(&self) -> bool {
-        let moves = self.motion.moving == Moving::Yes || self.may_set_off;
         let by_stage = matches!(self.stage, Stage::Cleared | Stage::Active);
-        self.has_stages() && (by_stage || self.motion.has_source && moves)
+        let may_set_off = self.motion.has_source && self.may_set_off;
+        self.has_stages() && (by_stage || self.motion.may_move() || may_set_off)
     }
 
     /// Whether the vehicle drives by itself, or moves in another stage: its operator does not leave it.

@@ -198,6 +198,12 @@ async fn an_operators_session_outlasts_its_time_while_the_vehicle_moves_in_any_s
     fixture.until(|it| it.stage == Stage::Standby && it.motion.moving == Moving::Yes).await;
     lives(&mut page).await;
     assert_eq!(fixture.get("/api/v1/snapshot", Some(&operator)).await.status, StatusCode::OK);
+    // Nor does it end while the speed is old: nothing says that it stands.
+    hand.advance(hours(48));
+    fixture.until(|it| it.motion.moving == Moving::Unknown).await;
+    lives(&mut page).await;
+    fixture.input(speed(5.0)).await;
+    fixture.until(|it| it.motion.moving == Moving::Yes).await;
     // Nobody leaves it meanwhile.
     assert_eq!(fixture.post("/logout", Some(&operator), "").await.status, StatusCode::CONFLICT);
     fixture.input(speed(0.0)).await;

@@ -136,6 +136,14 @@ impl Fixture {
 
     /// With a source of the speed, which stays for two days, and its messages.
     pub async fn with_speed(clock: Clock) -> (Fixture, impl Fn(f64) -> Input) {
+        Fixture::with_speed_and(clock, |_| ()).await
+    }
+
+    /// The same with another configuration.
+    pub async fn with_speed_and(
+        clock: Clock,
+        change: impl FnOnce(&mut Parts),
+    ) -> (Fixture, impl Fn(f64) -> Input) {
         let topic = Arc::new(TopicSpec {
             topic: "/speed".into(),
             type_name: "std_msgs/msg/Float64".into(),
@@ -147,6 +155,7 @@ impl Fixture {
             let value = WatchedField { topic: TopicId(0), field: 0 };
             let timeout = Span::from_secs(48 * 3600);
             parts.driving.speed = Some(SpeedSource { value, timeout, standing_below_mps: 0.3 });
+            change(parts);
         })
         .await;
         let speed = move |mps| Input::Sample(Sample::of(topic.clone(), [FieldValue::Number(mps)].into()));

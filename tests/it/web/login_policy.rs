@@ -8,6 +8,8 @@ use axum::http::{Method, StatusCode};
 use telltale::clock::Clock;
 use telltale::engine::input::Input;
 use telltale::engine::model::Stage;
+use telltale::engine::model::monitors::TopicId;
+use telltale::engine::model::motion::{PositionSource, WatchedField};
 use telltale::engine::snapshot::{Moving, Snapshot};
 use telltale::engine::time::Span;
 use telltale::store::Role;
@@ -309,6 +311,36 @@ async fn while_it_moves_in_standby_nobody_takes_it_over_from_elsewhere() {
     let developer = form_request("/login", Some(&driver), "name=developer&secret=demo-developer");
     assert_eq!(fixture.send(developer).await.status, StatusCode::CONFLICT, "in the operator's browser");
     assert_eq!(fixture.get("/", Some(&driver)).await.status, StatusCode::OK);
+}
+
+#[tokio::test]
+async fn between_stops_the_place_is_kept_for_its_operator_and_an_empty_one_is_open_to_all() {
+    let (clock, hand) = Clock::with_hand();
+    let (fixture, speed) = Fixture::with_speed_and(clock, |parts| {
+        // Nothing tells that it is at one of its stops.
+        let value = WatchedField { topic: TopicId(0), field: 0 };
+        parts.driving.position = Some(PositionSource { value, timeout: Span::from_secs(1) });
+        assert!(!parts.driving.stops.is_empty());
+    })
+    .await;
+    fixture.store.add_user("bert", Role::Operator, "a long password").await.unwrap();
+    let driver = fixture.cookie_of("operator").await;
+    fixture.input(Input::Signal { name: "active".into(), value: true }).await;
+    fixture.until(|it| it.stage == Stage::Active).await;
+    fixture.input(speed(5.0)).await;
+    fixture.input(Input::Signal { name: "active".into(), value: false }).await;
+    fixture.until(|it| it.stage == Stage::Standby && it.motion.moving == Moving::Yes).await;
+    fixture.input(speed(0.0)).await;
+    hand.advance(Span::from_secs(2));
+    fixture.input(speed(0.0)).await;
+    fixture.until(|it| it.motion.moving == Moving::No && it.may_set_off).await;
+    let form = "name=bert&secret=a+long+password&take_over=1";
+    assert_eq!(log_in_from(&fixture, "10.0.0.9", form).await.status, StatusCode::CONFLICT);
+    let left = fixture.post("/logout", Some(&driver), "").await;
+    assert_eq!(left.status, StatusCode::SEE_OTHER, "{}", left.body);
+    fixture.until(|it| it.operator.is_none() && it.may_set_off).await;
+    assert_eq!(log_in_from(&fixture, "10.0.0.9", form).await.status, StatusCode::OK);
+    fixture.until(|it| it.operator.as_deref() == Some("bert")).await;
 }
 
 #[tokio::test]

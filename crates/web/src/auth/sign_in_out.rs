@@ -14,6 +14,7 @@ use crate::admission::peer::place_of;
 use crate::engine_link::NoAnswer;
 use crate::texts::SessionEnd;
 use telltale_engine::input::{OperatorAction, Refusal, Response as Answer};
+use telltale_engine::model::Stage;
 use telltale_engine::time::{Span, Timestamp};
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Caller, Entering, Role, Session, StoreError, Token, VehicleMemory, Verified, Written};
@@ -145,8 +146,13 @@ impl LoginAttempt {
         }
         let snapshot = app.published().snapshot;
         let drives = snapshot.is_under_way();
-        let takes = role == Role::Operator && snapshot.operator.as_deref() != Some(name);
-        if takes && drives && app.caller(self.source) != Caller::Vehicle {
+        // Who is in charge keeps the place between stops too. An empty place is refused only while the vehicle moves: else
+        // nobody could release or stop it.
+        let is_kept = match snapshot.operator.as_deref() {
+            Some(other) => other != name && drives,
+            None => snapshot.moves(),
+        };
+        if role == Role::Operator && is_kept && app.caller(self.source) != Caller::Vehicle {
             let why = "the vehicle drives, and this is none of its displays";
             app.store.record(self.record(Action::Login).refused(why), None).await;
             return Err(NotOpened::Drives);
@@ -212,7 +218,9 @@ impl LoginAttempt {
     fn is_refused_logout(&self, app: &Live) -> Option<Refusal> {
         let snapshot = app.published().snapshot;
         let leaves = self.before.as_ref().is_some_and(|before| is_in_charge(before, &snapshot));
-        let is_refused = leaves && self.user.role() != Role::Operator && snapshot.moves();
+        // It would end the session at once, and the clearance a moment later.
+        let may_drive = snapshot.moves() || snapshot.stage == Stage::Cleared;
+        let is_refused = leaves && self.user.role() != Role::Operator && may_drive;
         is_refused.then_some(Refusal::LogoutWhileActive)
     }
 
