@@ -51,6 +51,7 @@ impl Vehicle {
                 publishers: 1,
                 other_type: None,
                 transient_local: false,
+                best_effort: false,
             }));
         }
         vehicle.report();

@@ -166,6 +166,7 @@ impl Bridge {
                     publishers: u32::from(is_its_type),
                     other_type: (!is_its_type).then(|| (*channel.type_name).into()),
                     transient_local: false,
+                    best_effort: false,
                 })
             }));
         }

@@ -155,13 +155,14 @@ fn pose(node: &Node, log: &mut Log) -> Option<Pose> {
     Some(Pose { x_m: x, y_m: y, z_m: z, qx, qy, qz, qw })
 }
 
-/// `{ topic: /t, count: 0, type: std_msgs/msg/String, transient_local: true }`: the publishers of a topic.
+/// `{ topic: /t, count: 0, type: std_msgs/msg/String, transient_local: true, best_effort: true }`: the publishers of a topic.
 #[derive(Debug)]
 pub(super) struct RawPublishers {
     topic: Spanned<String>,
     count: u32,
     other_type: Option<String>,
     transient_local: bool,
+    best_effort: bool,
 }
 
 impl FromNode for RawPublishers {
@@ -169,8 +170,9 @@ impl FromNode for RawPublishers {
         let mut fields = Fields::of(node, "the publishers of a topic", log)?;
         let (topic, count) = (fields.required("topic"), fields.or_default::<u64>("count"));
         let (other_type, transient_local) = (fields.optional("type"), fields.or_default("transient_local"));
+        let best_effort = fields.or_default("best_effort");
         let count = u32::try_from(count).unwrap_or(u32::MAX);
-        Some(RawPublishers { topic: topic?, count, other_type, transient_local })
+        Some(RawPublishers { topic: topic?, count, other_type, transient_local, best_effort })
     }
 }
 
@@ -404,8 +406,8 @@ fn are_read(source: &TopicSpec) -> String {
 pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> Option<Input> {
     let source = topic(&raw.topic, model, log)?.clone();
     let other_type = raw.other_type.as_deref().map(Into::into);
-    let (publishers, transient_local) = (raw.count, raw.transient_local);
-    Some(Input::Topic(PublisherReport { source, publishers, other_type, transient_local }))
+    let (publishers, transient_local, best_effort) = (raw.count, raw.transient_local, raw.best_effort);
+    Some(Input::Topic(PublisherReport { source, publishers, other_type, transient_local, best_effort }))
 }
 
 /// One for each watchdog with this target.

@@ -168,6 +168,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             publishers: choices.below(2) as u32,
             other_type: choices.one_in(4).then(|| "other/msg/Type".into()),
             transient_local: choices.one_in(2),
+            best_effort: choices.one_in(4),
         }),
         1 => Input::Probe(Probe {
             source: watchdog(),

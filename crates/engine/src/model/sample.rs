@@ -221,6 +221,9 @@ pub struct PublisherReport {
     /// Whether all of them keep their last messages for late readers.
     #[serde(default)]
     pub transient_local: bool,
+    /// Whether one of them sends what is lost no second time.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub best_effort: bool,
 }
 
 /// The result of a probe.

@@ -32,6 +32,7 @@ use agreement::Agreement;
 use constant::Constant;
 use count::Count;
 use expression::Expression;
+use feeds::Keeping;
 use frequency::Frequency;
 use frozen::Frozen;
 use inputs::Inputs;
@@ -91,9 +92,8 @@ trait MonitorKind: Sized {
     /// The topic of this slot has a publisher again after all had left: earlier messages are from another one.
     fn returned(&mut self, _slot: usize, _now: Timestamp) {}
 
-    /// Discovery reported: whether all publishers of the topic of this slot keep their last message for late readers;
-    /// `None` if there are none.
-    fn publishers(&mut self, _slot: usize, _transient_local: Option<bool>, _now: Timestamp) {}
+    /// Discovery reported the publishers of the topic of this slot; `None` if there are none.
+    fn publishers(&mut self, _slot: usize, _keeping: Option<Keeping>, _now: Timestamp) {}
 
     /// A message came that was published before Telltale listened. Present ones may be delayed too, so the
     /// first window begins after it. Returns whether the next judgement moved back.
@@ -105,6 +105,11 @@ trait MonitorKind: Sized {
     fn take_message(&mut self, _slot: usize, _sample: &Sample, _now: Timestamp) {}
 
     fn take_value(&mut self, _slot: usize, _value: &FieldValue, _now: Timestamp) {}
+
+    /// Whether its messages are events: it judges itself how old they are.
+    fn has_events(&self) -> bool {
+        false
+    }
 
     /// The value of a field of this message.
     fn take_field(&mut self, slot: usize, value: &FieldValue, _sample: &Sample, now: Timestamp) {
@@ -270,8 +275,8 @@ impl Monitor {
         machine!(self, machine => machine.found(slot, now))
     }
 
-    pub(super) fn publishers(&mut self, slot: usize, transient_local: Option<bool>, now: Timestamp) {
-        machine!(self, machine => machine.publishers(slot, transient_local, now))
+    pub(super) fn publishers(&mut self, slot: usize, keeping: Option<Keeping>, now: Timestamp) {
+        machine!(self, machine => machine.publishers(slot, keeping, now))
     }
 
     pub(super) fn returned(&mut self, slot: usize, now: Timestamp) {
@@ -292,6 +297,10 @@ impl Monitor {
 
     pub(super) fn take_field(&mut self, slot: usize, value: &FieldValue, sample: &Sample, now: Timestamp) {
         machine!(self, machine => machine.take_field(slot, value, sample, now))
+    }
+
+    pub(super) fn has_events(&self) -> bool {
+        machine!(self, machine => machine.has_events())
     }
 
     pub(super) fn needs_publisher(&self, slot: usize) -> bool {

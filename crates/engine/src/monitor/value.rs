@@ -1,12 +1,13 @@
 //! One field of a topic, or one KeyValue of a status.
 
+use super::feeds::{Keeping, TOGETHER};
 use super::inputs::{InputFault, Inputs, UnusableInput, nothing_yet};
 use super::words::{Words, numeral_in, quoted};
 use super::{MonitorKind, end_search};
 use crate::files::KeyframeError;
 use crate::model::monitors::ValueRule;
 use crate::model::quantity::{Quantity, number};
-use crate::model::sample::FieldValue;
+use crate::model::sample::{FieldValue, Sample};
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
@@ -30,9 +31,9 @@ pub(crate) struct Value {
     /// Of events: their publishers.
     #[serde(default)]
     publishers: Publishers,
-    /// The topic told a fault before a restart, and nothing since: a fault ends by another message alone.
+    /// When the topic told a fault before a restart, if it told nothing later: a fault ends by another message alone.
     #[serde(default)]
-    failed: bool,
+    failed: Option<Timestamp>,
 }
 
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
@@ -41,6 +42,8 @@ enum Publishers {
     /// Or not known yet.
     #[default]
     Nobody,
+    /// One of them sends a lost message no second time: an event may be missed.
+    BestEffort,
     /// One of them keeps no message for late readers: an event may have passed.
     Volatile,
     /// Since this instant they would tell the last event, if there was any.
@@ -49,12 +52,15 @@ enum Publishers {
 
 impl Value {
     pub(super) fn new(inputs: Inputs, rule: ValueRule, empty: Option<State>) -> Value {
-        Value { inputs, rule, empty, since: None, publishers: Publishers::Nobody, failed: false }
+        Value { inputs, rule, empty, since: None, publishers: Publishers::Nobody, failed: None }
     }
 
-    /// Its module was in a fault before a restart.
-    pub(super) fn note_failed(&mut self) {
-        self.failed = true;
+    /// Its module was in a fault before a restart, since this instant. An action's server tells of its last goal if it has
+    /// one.
+    pub(super) fn note_failed(&mut self, since: Timestamp) {
+        if self.empty != Some(State::Ok) {
+            self.failed = self.failed.max(Some(since));
+        }
     }
 }
 
@@ -77,25 +83,31 @@ impl MonitorKind for Value {
         }
     }
 
+    fn has_events(&self) -> bool {
+        self.empty.is_some()
+    }
+
     fn found(&mut self, _slot: usize, now: Timestamp) -> bool {
         end_search(&mut self.since, now)
     }
 
-    /// A publisher that was started again may not have said that a goal is over, or that a switch was let go. A fault ends
-    /// by its word alone.
+    /// A publisher that was started again may not have said that a switch was let go: a fault ends by its word alone. An
+    /// action's server that was started again has no goal.
     fn returned(&mut self, slot: usize, now: Timestamp) {
-        if self.empty.is_some() && !matches!(self.judge(now), Some(State::Warning | State::Error)) {
+        let fails = || matches!(self.last(now), Some(State::Warning | State::Error));
+        if self.empty == Some(State::Ok) || self.empty.is_some() && !fails() {
             self.inputs.forget(slot);
             self.publishers = Publishers::Nobody;
         }
     }
 
-    fn publishers(&mut self, _slot: usize, transient_local: Option<bool>, now: Timestamp) {
-        self.publishers = match (transient_local, self.publishers) {
+    fn publishers(&mut self, _slot: usize, keeping: Option<Keeping>, now: Timestamp) {
+        self.publishers = match (keeping, self.publishers) {
             (None, _) => Publishers::Nobody,
-            (Some(false), _) => Publishers::Volatile,
-            (Some(true), Publishers::TransientLocal(since)) => Publishers::TransientLocal(since),
-            (Some(true), _) => Publishers::TransientLocal(now),
+            (Some(Keeping::BestEffort), _) => Publishers::BestEffort,
+            (Some(Keeping::Volatile), _) => Publishers::Volatile,
+            (Some(Keeping::TransientLocal), known @ Publishers::TransientLocal(_)) => known,
+            (Some(Keeping::TransientLocal), _) => Publishers::TransientLocal(now),
         };
     }
 
@@ -106,21 +118,29 @@ impl MonitorKind for Value {
     }
 
     fn take_value(&mut self, slot: usize, value: &FieldValue, now: Timestamp) {
-        self.failed = false;
+        self.failed = None;
         self.inputs.take(slot, value, now);
+    }
+
+    /// An event that was told before the one that counts ends no fault: one publisher's word may come first, and an older
+    /// one of another publisher, which was lost or kept for late readers, after it.
+    fn take_field(&mut self, slot: usize, value: &FieldValue, _sample: &Sample, at: Timestamp) {
+        let last = self.failed.max(self.inputs.received(slot));
+        let is_older = self.empty.is_some() && last.is_some_and(|last| at + TOGETHER < last);
+        let before = is_older.then(|| self.clone());
+        self.take_value(slot, value, at);
+        if let Some(before) = before
+            && self.last(at) < Some(before.last(at).unwrap_or(State::Unknown))
+        {
+            *self = before;
+        }
     }
 
     fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {
             return self.empty_from().filter(|&from| from <= now).map(|_| State::Ok);
         }
-        Some(match (self.look(now), &self.rule) {
-            (Ok((_, state)), _) => state,
-            (Err(unusable), ValueRule::Bands(bands)) if unusable.fault == InputFault::NotANumber => {
-                bands.unmeasurable()
-            }
-            (Err(_), _) => State::Unknown,
-        })
+        self.last(now).map(|state| if self.may_miss() { state.max(State::Unknown) } else { state })
     }
 
     fn due(&self, now: Timestamp) -> Option<Timestamp> {
@@ -128,6 +148,13 @@ impl MonitorKind for Value {
     }
 
     fn words(&self, now: Timestamp) -> Words {
+        if self.may_miss() && self.last(now) != Some(State::Error) {
+            return Words::plain(say!(
+                "a publisher of {topic} is best effort: a change may be lost",
+                "ein Sender von {topic} sendet „best effort“: eine Änderung kann verloren gehen",
+                topic = self.inputs.label(0)
+            ));
+        }
         if !self.inputs.any() {
             return match self.publishers {
                 _ if self.empty.is_none() => Words::default(),
@@ -144,15 +171,34 @@ impl MonitorKind for Value {
 }
 
 impl Value {
+    /// The state by the last value, if there is one.
+    fn last(&self, now: Timestamp) -> Option<State> {
+        if !self.inputs.any() {
+            return None;
+        }
+        Some(match (self.look(now), &self.rule) {
+            (Ok((_, state)), _) => state,
+            (Err(unusable), ValueRule::Bands(bands)) if unusable.fault == InputFault::NotANumber => {
+                bands.unmeasurable()
+            }
+            (Err(_), _) => State::Unknown,
+        })
+    }
+
+    /// Whether an event may be lost.
+    fn may_miss(&self) -> bool {
+        self.empty.is_some() && matches!(self.publishers, Publishers::BestEffort)
+    }
+
     /// From when it is known that there was no event. That there is no publisher is judged beside it.
     fn empty_from(&self) -> Option<Timestamp> {
         match self.publishers {
-            _ if self.failed => None,
+            _ if self.failed.is_some() => None,
             Publishers::Nobody => self.since,
             Publishers::TransientLocal(since) if self.empty == Some(State::Ok) => {
                 Some(self.since?.max(since + TOLD))
             }
-            Publishers::TransientLocal(_) | Publishers::Volatile => None,
+            Publishers::TransientLocal(_) | Publishers::Volatile | Publishers::BestEffort => None,
         }
     }
 

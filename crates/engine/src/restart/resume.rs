@@ -250,7 +250,7 @@ impl Engine {
         for alarm in self.alarms.list().iter().filter(|alarm| alarm.active) {
             if let NodeId::Module(id) = alarm.node {
                 self.net.modules[id.0 as usize].own.onset.restore_shown(alarm.raised);
-                self.watching.note_failed(id);
+                self.watching.note_failed(id, alarm.raised);
             }
         }
         for measure in &restored.countermeasures {
@@ -277,10 +277,11 @@ impl Engine {
                 self.countermeasures.take_over(HeldRequest { causes, asking, ..held }, others);
             }
         }
-        for cause in self.countermeasures.held.iter().flat_map(|held| held.causes.iter().chain(&held.asking))
-        {
-            if let NodeId::Module(id) = cause.node {
-                self.watching.note_failed(id);
+        for held in &self.countermeasures.held {
+            for cause in held.causes.iter().chain(&held.asking) {
+                if let NodeId::Module(id) = cause.node {
+                    self.watching.note_failed(id, held.since);
+                }
             }
         }
         // Where the vehicle was meanwhile is not known.

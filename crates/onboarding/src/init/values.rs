@@ -247,6 +247,7 @@ mod tests {
                         publishers: 1,
                         other_type: None,
                         transient_local: true,
+                        best_effort: false,
                     };
                     engine.handle(&Input::Topic(report), now);
                 }

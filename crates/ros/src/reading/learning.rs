@@ -272,6 +272,7 @@ fn say(
             publishers: 0,
             other_type,
             transient_local: false,
+            best_effort: false,
         })
     });
     let said: Vec<Input> = trouble.into_iter().chain(news).collect();

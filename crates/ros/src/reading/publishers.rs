@@ -137,14 +137,15 @@ impl Writers {
         self.known.get(writer).map(|known| &*known.offer.type_name)
     }
 
-    /// The number of writers of our type, another type that is offered, and whether all writers of our type keep their
-    /// last messages for readers that come later.
-    pub fn publishers(&self, dds_type: &str) -> (u32, Option<&str>, bool) {
+    /// The number of writers of our type, and another type that is offered; whether all writers of our type keep their
+    /// last messages for readers that come later, and whether one of them is best effort.
+    pub fn publishers(&self, dds_type: &str) -> (u32, Option<&str>, bool, bool) {
         let offers = || self.known.values().map(|known| &known.offer);
         let ours = || offers().filter(|offer| offer.type_name == dds_type);
         let other = offers().map(|offer| &*offer.type_name).find(|theirs| *theirs != dds_type);
         let count = u32::try_from(ours().count()).unwrap_or(u32::MAX);
-        (count, other, count > 0 && ours().all(Offer::keeps_last_value))
+        let best_effort = ours().any(|offer| !offer.reliable);
+        (count, other, count > 0 && ours().all(Offer::keeps_last_value), best_effort)
     }
 
     /// Whether a writer of our type keeps its last message for readers that come later.
@@ -341,7 +342,7 @@ mod tests {
             [(A, offer("theirs", true, false)), (B, offer(OURS, true, false))].into();
         assert_eq!(writers.update(offers.clone(), OURS, START), ["theirs"]);
         assert_eq!(writers.update(offers, OURS, START), [""; 0]);
-        assert_eq!(writers.publishers(OURS), (1, Some("theirs"), false));
+        assert_eq!(writers.publishers(OURS), (1, Some("theirs"), false, false));
         assert_eq!(writers.judge(&A, 1, Via::Reliable, OURS), Verdict::WrongType);
         assert_eq!(writers.judge(&B, 1, Via::Reliable, OURS), Verdict::Take { lost: 0 });
     }

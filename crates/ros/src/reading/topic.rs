@@ -132,7 +132,7 @@ pub struct Topic {
     /// Until then discovery may not have found everybody.
     searching_until: Timestamp,
     /// The publishers and the other type that were reported last.
-    said: Option<(u32, Option<Box<str>>, bool)>,
+    said: Option<PublisherReport>,
     /// It was reported that last values are not asked for.
     told_of_mix: bool,
     trial: Arc<Trial>,
@@ -330,8 +330,12 @@ impl Topic {
         });
         if keeps {
             let small = message.body.is_ok() && message.len() <= KEPT_BYTES_MAX;
-            self.memory.last_value =
-                small.then(|| LastValue { message: message.clone(), at: received - late });
+            let at = received - late;
+            // The kept messages of several publishers come in any order.
+            let is_newer = |last: &LastValue| last.message.writer == sample.writer || last.at <= at;
+            if self.memory.last_value.as_ref().is_none_or(is_newer) {
+                self.memory.last_value = small.then(|| LastValue { message: message.clone(), at });
+            }
         }
         let when = match published {
             Published::Now => PublicationTime::Now,
@@ -436,12 +440,13 @@ impl Topic {
         let Some(source) = self.subscription.watched().filter(|_| !self.trial.is_quiet()) else {
             return Ok(());
         };
-        let (publishers, other, transient_local) =
+        let (publishers, other, transient_local, best_effort) =
             self.memory.writers.publishers(&self.subscription.dds_type);
         let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
         let now = self.around.clock.now();
         let found = publishers > 0 || other_type.is_some();
-        let news = (publishers, other_type, transient_local);
+        let source = source.clone();
+        let news = PublisherReport { source, publishers, other_type, transient_local, best_effort };
         if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
             return Ok(());
         }
@@ -449,10 +454,8 @@ impl Topic {
             self.searching_until = now + SEARCHED_AGAIN;
             return Ok(());
         }
-        let (source, other_type) = (source.clone(), news.1.clone());
-        let input = PublisherReport { source, publishers, other_type, transient_local };
-        self.said = Some(news);
-        self.outbox.send(Stamped::new(Input::Topic(input), now), 0).await
+        self.said = Some(news.clone());
+        self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await
     }
 
     /// Takes the present writers, and chooses the readers that fit them.

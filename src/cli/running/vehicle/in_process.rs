@@ -41,7 +41,13 @@ pub fn know_publishers(engine: &mut Engine, model: &Model, now: Timestamp) {
 
 /// The news that each topic has a publisher.
 pub fn publishers(model: &Model) -> impl Iterator<Item = Input> + '_ {
-    let news = |source| PublisherReport { source, publishers: 1, other_type: None, transient_local: false };
+    let news = |source| PublisherReport {
+        source,
+        publishers: 1,
+        other_type: None,
+        transient_local: false,
+        best_effort: false,
+    };
     model.watched.topics.iter().cloned().map(move |source| Input::Topic(news(source)))
 }
 

@@ -283,7 +283,7 @@ const NAN: KeyDoc = key("nan").about("The state of a value that is not a number:
 const GOALS: &str = "action_msgs/msg/GoalStatusArray";
 
 const EMPTY: KeyDoc = key("empty").about(
-    "Messages are events: the last one counts until the next one or, if it tells no fault, until all publishers have left, and `timeout` has no effect. The value is the state while somebody publishes the topic and nothing came. `ok` is for the goals of an action (action_msgs/msg/GoalStatusArray) alone: OK ten seconds after the publishers were found, if all of them are reliable and transient local, because others keep no message for late readers.",
+    "Messages are events: the last one counts until the next one or, if it tells no fault, until all publishers have left, and `timeout` has no effect. The value is the state while somebody publishes the topic and nothing came. `ok` is for the goals of an action (action_msgs/msg/GoalStatusArray) alone: OK ten seconds after the publishers were found, if all of them are reliable and transient local, because others keep no message for late readers. With a best-effort publisher the state is UNKNOWN at best: a change may be lost.",
 );
 
 /// `true`, `3`, `armed`; in quotes it is a text.

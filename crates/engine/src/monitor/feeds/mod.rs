@@ -15,7 +15,7 @@ use crate::model::sample::{FieldValue, Probe, PublisherReport, Sample};
 use crate::model::{Model, ModuleId, Policy};
 use crate::signals::SignalSample;
 use crate::state::State;
-use crate::time::Timestamp;
+use crate::time::{Span, Timestamp};
 use topic_fault::Judged;
 use windows::Blocked;
 
@@ -103,9 +103,15 @@ struct WatchedTopic {
     heard: bool,
     /// Its publishers left, and no message came since.
     left: bool,
+    /// When its newest message was published.
+    #[serde(default)]
+    newest: Option<Timestamp>,
     /// Before the first report of discovery: the time until which it may not have found every publisher.
     searched_until: Option<Timestamp>,
 }
+
+/// The times of publication are known to this.
+pub(super) const TOGETHER: Span = Span::from_secs(1);
 
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Publishers {
@@ -113,12 +119,27 @@ struct Publishers {
     other_type: Option<Box<str>>,
     #[serde(default)]
     transient_local: bool,
+    #[serde(default)]
+    best_effort: bool,
+}
+
+/// What publishers do for a reader that lost a message, or comes later.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Keeping {
+    /// Nothing: one of them is best effort.
+    BestEffort,
+    Volatile,
+    TransientLocal,
 }
 
 impl Publishers {
-    /// Whether they keep their last message for late readers, if there are any.
-    fn kept(&self) -> Option<bool> {
-        (self.publishers > 0).then_some(self.transient_local)
+    /// Nothing is known without publishers.
+    fn keeping(&self) -> Option<Keeping> {
+        (self.publishers > 0).then_some(match (self.best_effort, self.transient_local) {
+            (true, _) => Keeping::BestEffort,
+            (false, true) => Keeping::TransientLocal,
+            (false, false) => Keeping::Volatile,
+        })
     }
 }
 
@@ -281,6 +302,9 @@ impl Watching {
         // Then somebody publishes it, whatever the message is about.
         let is_found = (topic.heard, topic.left) != (true, false);
         (topic.heard, topic.left) = (true, false);
+        // The kept messages of several publishers come in any order.
+        let is_older = sample.late && topic.newest.is_some_and(|newest| at + TOGETHER < newest);
+        topic.newest = topic.newest.max(Some(at));
         for reader in &topic.readers {
             let (watch, slot) = (&mut self.watches[reader.watch as usize], reader.slot as usize);
             match reader.field.map(|field| &sample.values[field as usize]) {
@@ -294,6 +318,7 @@ impl Watching {
                     watch.found(slot, now);
                     watch.monitor.take_message(slot, sample, at);
                 }
+                Some(_) if is_older && !watch.monitor.has_events() => continue,
                 Some(FieldValue::Absent) if !is_found => continue,
                 Some(FieldValue::Absent) => {}
                 Some(value) => {
@@ -320,9 +345,10 @@ impl Watching {
         let topic = &mut self.topics[id.0 as usize];
         topic.left |= news.publishers == 0;
         let returned = topic.left && news.publishers > 0;
-        let PublisherReport { source: _, publishers, other_type, transient_local } = news.clone();
-        let news = topic.news.insert(Publishers { publishers, other_type, transient_local });
-        let kept = news.kept();
+        let PublisherReport { source: _, publishers, other_type, transient_local, best_effort } =
+            news.clone();
+        let news = topic.news.insert(Publishers { publishers, other_type, transient_local, best_effort });
+        let keeping = news.keeping();
         judge.extend(topic.readers.iter().map(|reader| reader.watch));
         judge.dedup();
         for reader in &topic.readers {
@@ -331,7 +357,7 @@ impl Watching {
             if returned {
                 watch.monitor.returned(reader.slot as usize, now);
             }
-            watch.monitor.publishers(reader.slot as usize, kept, now);
+            watch.monitor.publishers(reader.slot as usize, keeping, now);
             watch.pending = true;
         }
         Some(())

@@ -34,19 +34,19 @@ impl Watching {
         watch.monitor.set_relevant(relevant, now);
         for (slot, id) in watch.topics.iter().enumerate() {
             if let Some(news) = &self.topics[id.0 as usize].news {
-                watch.monitor.publishers(slot, news.kept(), now);
+                watch.monitor.publishers(slot, news.keeping(), now);
             }
         }
         self.go_on_searching(index, now);
         Some(index)
     }
 
-    /// A module was in a fault before a restart. Only a monitor of events would forget it.
-    pub(crate) fn note_failed(&mut self, id: ModuleId) {
+    /// A module was in a fault before a restart, since this instant. Only a monitor of events would forget it.
+    pub(crate) fn note_failed(&mut self, id: ModuleId, since: Timestamp) {
         if let Some(index) = self.of_module.get(id.0 as usize).copied().flatten()
             && let Monitor::Value(value) = &mut self.watches[index as usize].monitor
         {
-            value.note_failed();
+            value.note_failed(since);
         }
     }
 

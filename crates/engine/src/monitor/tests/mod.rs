@@ -40,9 +40,13 @@ pub(super) enum Do {
     Late(i64),
     /// A message on topic A with this stamp.
     Stamp(Option<i64>),
+    /// A number on topic A that was published so many milliseconds earlier, and kept for late readers.
+    Older(f64, u64),
     /// A stamp that there is no time to compare with.
     NoClock,
     Publishers(usize, u32),
+    /// A best-effort one.
+    LossyPublisher(usize),
     /// Transient local.
     KeepingPublishers(usize, u32),
     OtherType(usize),
@@ -122,10 +126,10 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     let sample = |topic: usize, stamp_ns, [number, pose]: [FieldValue; 2]| {
         whole(topic, stamp_ns, [number, pose, none()])
     };
-    let news = |topic: usize, publishers, other_type: Option<&str>, transient_local| {
+    let news = |topic: usize, publishers, other_type: Option<&str>, (transient_local, best_effort)| {
         let source = watched.topics[topic].clone();
         let other_type = other_type.map(Into::into);
-        Input::Topic(PublisherReport { source, publishers, other_type, transient_local })
+        Input::Topic(PublisherReport { source, publishers, other_type, transient_local, best_effort })
     };
     match what.clone() {
         Do::Nothing => Input::Tick,
@@ -142,14 +146,19 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
             let values = [FieldValue::Number(1.0), none(), none()].into();
             Input::Sample(Sample { late: true, delay: Span::ZERO, values, ..old })
         }
+        Do::Older(value, ms) => {
+            let Input::Sample(number) = input(watched, at_ms, &Do::Number(0, value)) else { unreachable!() };
+            Input::Sample(Sample { late: true, delay: millis(ms), ..number })
+        }
         Do::Stamp(stamp) => sample(0, stamp, [none(), none()]),
         Do::NoClock => {
             let Input::Sample(sample) = input(watched, at_ms, &Do::Age(0)) else { unreachable!() };
             Input::Sample(Sample { received_wall_ns: Sample::NO_CLOCK, ..sample })
         }
-        Do::Publishers(topic, publishers) => news(topic, publishers, None, false),
-        Do::KeepingPublishers(topic, publishers) => news(topic, publishers, None, true),
-        Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type"), false),
+        Do::Publishers(topic, publishers) => news(topic, publishers, None, (false, false)),
+        Do::KeepingPublishers(topic, publishers) => news(topic, publishers, None, (true, false)),
+        Do::LossyPublisher(topic) => news(topic, 1, None, (false, true)),
+        Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type"), (false, false)),
         Do::Probe(outcome) => Input::Probe(Probe { source: watched.watchdogs[0].clone(), outcome }),
         Do::Status(name, level, values) => {
             let mut array = StatusArray::default();
