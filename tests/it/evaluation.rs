@@ -95,6 +95,7 @@ fn a_history_is_drawn_as_it_was() {
         said: (state == State::Error)
             .then(|| Said::of("no \u{202e}data", Some(Span::from_secs(2))))
             .flatten(),
+        began: None,
     };
     let records = [
         (0, Recorded::Started { anew: false }),

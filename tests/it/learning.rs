@@ -34,7 +34,14 @@ async fn past(data: &Path) {
     let (history, queue) = History::open(data, clock).unwrap();
     let shown = |at_ms: u64, node: &str, own: State| Record {
         at: Timestamp::from_millis(at_ms),
-        what: Recorded::Shown { node: Arc::from(node), state: own, own, cause: None, said: None },
+        what: Recorded::Shown {
+            node: Arc::from(node),
+            state: own,
+            own,
+            cause: None,
+            said: None,
+            began: None,
+        },
     };
     let mut records = vec![Record { at: Timestamp::ZERO, what: Recorded::Started { anew: false } }];
     records

@@ -242,6 +242,7 @@ fn changes() -> Vec<Change<'static>> {
         own: "error".into(),
         masked_by: masked_by.map(Into::into),
         message: message.map(Into::into),
+        began_ms: message.map(|_| 1_763_640_000_000),
     };
     let trigger = |alarm, note: &'static str| Change::Trigger {
         of: "root".into(),

@@ -32,6 +32,9 @@ pub enum EventKind {
         cause: Option<NodeId>,
         /// The message of a module.
         said: Option<Said>,
+        /// When the fault of a module began that is noticed now, if it is estimated to have begun earlier.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        began: Option<Timestamp>,
     },
     Stage {
         from: Stage,

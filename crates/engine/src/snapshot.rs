@@ -326,6 +326,8 @@ pub struct ModuleView {
     pub state: State,
     pub own: State,
     pub since: Timestamp,
+    /// When its present fault began, if it is estimated to have begun before its notice.
+    pub began: Option<Timestamp>,
     /// The time of its last status; `None` if there was none.
     pub received: Option<Timestamp>,
     /// No report came within its timeout.

@@ -1,7 +1,7 @@
-//! How late a monitor notices, as its configuration bounds it, and what monitors read.
+//! How late a module notices, in milliseconds, and what monitors read.
 
 use telltale_engine::model::monitors::{MonitorSpec, TopicId, ValueSource};
-use telltale_engine::model::{Model, ModuleMonitor, ModuleSpec};
+use telltale_engine::model::{Model, ModuleSpec};
 use telltale_engine::state::State;
 use telltale_engine::time::Span;
 
@@ -11,52 +11,14 @@ fn ms(span: Span) -> i64 {
 
 /// The least and the most time from a fault to its notice, if the notice begins with this state.
 pub(crate) fn lateness(model: &Model, module: &ModuleSpec, first: State) -> (i64, i64) {
-    let policy = &module.policy;
-    let (least, most) = match (&module.monitor, first) {
-        (ModuleMonitor::Other(spec), _) => of_monitor(model, spec, first, policy.timeout),
-        // A component reports its fault at once.
-        (ModuleMonitor::SelfState(_), State::Unknown) => of_silence(policy.timeout),
-        (ModuleMonitor::SelfState(_), _) => (0, 0),
-    };
-    let is_stale = first == policy.stale && first != State::Unknown;
-    let most = if is_stale { most.max(ms(policy.timeout)) } else { most };
-    (least + ms(policy.raise_after), most + ms(policy.raise_after))
-}
-
-/// Silence is noticed when it has lasted this long, and begins with the last message. The fault may come up to a period
-/// later, which the configuration does not say: at most half of the time that is waited, else it would be noticed for nothing.
-fn of_silence(waits: Span) -> (i64, i64) {
-    (ms(waits) / 2, ms(waits))
+    let lateness = model.lateness(module, first);
+    (ms(lateness.least), ms(lateness.most))
 }
 
 /// The most time from a fault to its notice.
 pub(crate) fn latest(model: &Model, module: &ModuleSpec) -> i64 {
     let states = [State::Warning, State::Unknown, State::Error];
     states.into_iter().map(|first| lateness(model, module, first).1).max().unwrap_or(0)
-}
-
-fn of_monitor(model: &Model, spec: &MonitorSpec, first: State, timeout: Span) -> (i64, i64) {
-    let silent = first == State::Unknown;
-    match spec {
-        MonitorSpec::Watchdog { watchdog, misses, .. } => {
-            let every = model.watched.watchdogs.get(watchdog.0 as usize).map_or(0, |it| ms(it.every));
-            (every * i64::from(*misses), every * i64::from(misses + 1))
-        }
-        MonitorSpec::Agreement { max_age, .. }
-        | MonitorSpec::Expression { max_age, .. }
-        | MonitorSpec::Sequence { max_gap: max_age, .. }
-            if silent =>
-        {
-            of_silence(*max_age)
-        }
-        _ if silent => of_silence(timeout),
-        MonitorSpec::Frequency { window, .. }
-        | MonitorSpec::Latency { window, .. }
-        | MonitorSpec::RateRatio { window, .. } => (0, ms(*window)),
-        MonitorSpec::Agreement { motion_over, .. } => (0, motion_over.map_or(0, ms)),
-        MonitorSpec::Frozen { limits, .. } => (0, ms(limits.longest())),
-        _ => (0, 0),
-    }
 }
 
 /// The topics that a module reads.

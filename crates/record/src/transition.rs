@@ -31,6 +31,9 @@ pub enum Change<'a> {
         masked_by: Option<Cow<'a, str>>,
         #[serde(skip_serializing_if = "Option::is_none")]
         message: Option<Cow<'a, str>>,
+        /// When the fault began that is noticed now, if it is estimated to have begun earlier.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        began_ms: Option<i64>,
     },
     Stage {
         stage: Cow<'a, str>,
@@ -91,12 +94,13 @@ impl Transition<'_> {
     pub fn of(record: &Record, at_ms: i64) -> Transition<'_> {
         let change = match &record.what {
             Recorded::Started { anew } => Change::Started { reloaded: *anew },
-            Recorded::Shown { node, state, own, cause, said } => Change::Shown {
+            Recorded::Shown { node, state, own, cause, said, began } => Change::Shown {
                 node: (**node).into(),
                 shown: state.as_str().into(),
                 own: own.as_str().into(),
                 masked_by: cause.as_deref().map(Cow::Borrowed),
                 message: said.as_ref().map(|said| said.words()),
+                began_ms: began.map(|began| at_ms - record.at.since(began).as_millis() as i64),
             },
             Recorded::Stage(stage) => Change::Stage { stage: stage.as_str().into() },
             Recorded::Signal { name, value } => Change::Signal { signal: (**name).into(), value: *value },

@@ -30,7 +30,7 @@ pub(super) fn changes(before: &Snapshot, after: &Snapshot) -> Vec<Event> {
                 NodeId::Module(id) => after.module(id).1.said(after.now),
                 NodeId::Group(_) => None,
             };
-            found.push(EventKind::Shown { node, from, to, own, cause, said });
+            found.push(EventKind::Shown { node, from, to, own, cause, said, began: None });
         }
     }
     let gone = known.into_keys().filter(|name| after.node(name).is_none());

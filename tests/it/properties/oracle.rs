@@ -4,14 +4,15 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+use telltale::engine::model::lateness::Notice;
 use telltale::engine::model::{
-    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Other, Stage, When, Within,
+    Combine, Dependency, DependsOn, GroupId, Model, ModuleId, NodeId, Other, Policy, Stage, When, Within,
 };
 use telltale::engine::snapshot::Snapshot;
 use telltale::engine::state::State;
-use telltale::engine::time::{Span, Timestamp};
+use telltale::engine::time::Span;
 
-use super::times::Times;
+use super::times::{Begun, Times};
 
 pub struct Oracle<'a> {
     model: &'a Model,
@@ -269,17 +270,45 @@ impl<'a> Oracle<'a> {
             for target in targets(dependency) {
                 self.failing_upstream(target, dependency.masks_unknown, &mut causes);
             }
-            let effect = times.as_effect(limit);
+            let effect = times.as_effect(limit, &self.late(id, limit));
             causes.into_iter().any(|(cause, masks_unknown)| {
                 let begun = match cause {
-                    NodeId::Module(id) => self.times.of(self.snapshot, id).as_cause(masks_unknown),
+                    NodeId::Module(id) => {
+                        let late = self.late(id, limit);
+                        self.times.of(self.snapshot, id).as_cause(masks_unknown, &late)
+                    }
                     NodeId::Group(id) => self.times.of_group(id),
                 };
-                begun.iter().any(|&cause| effect.iter().any(|&effect| apart(cause, effect) <= limit))
+                begun.iter().any(|&cause| effect.iter().any(|&effect| is_near(cause, effect, limit)))
             })
         });
         self.explained.insert(node, explained);
         explained
+    }
+
+    /// How long before its notice a fault of this module began, if that is known.
+    fn late(&self, id: ModuleId, limit: Span) -> impl Fn(Notice) -> Option<Span> + use<'a> {
+        let model = self.model;
+        let policy = self.policy(id);
+        move |notice| {
+            let monitor = model.modules.get(id.0 as usize).map(|spec| &spec.monitor);
+            model.lateness_of(monitor, policy, notice).known(limit)
+        }
+    }
+
+    /// Of a discovered module: that of the first entry that takes its status.
+    fn policy(&self, id: ModuleId) -> &'a Policy {
+        let model = self.model;
+        if let Some(spec) = model.modules.get(id.0 as usize) {
+            return &spec.policy;
+        }
+        let info = &self.snapshot.layout.modules[id.0 as usize];
+        let Some(status) = &info.status else { return &model.discovered };
+        let of_group = match model.groups.get(info.group.0 as usize) {
+            Some(group) => group.filters.iter().find(|it| it.takes(status)).and_then(|it| it.policy.as_ref()),
+            None => model.unclaimed.policy.as_ref(),
+        };
+        of_group.unwrap_or(&model.discovered)
     }
 
     /// The failing modules and failing groups without members on the paths upstream through a node, each with
@@ -457,6 +486,8 @@ fn targets(dependency: &Dependency) -> Vec<NodeId> {
     }
 }
 
-fn apart(one: Timestamp, other: Timestamp) -> Span {
-    one.since(other).max(other.since(one))
+/// Estimates are compared where both have one, and notices otherwise.
+fn is_near((noticed, began): Begun, (other_noticed, other_began): Begun, limit: Span) -> bool {
+    let (one, other) = began.zip(other_began).unwrap_or((noticed, other_noticed));
+    one.since(other).max(other.since(one)) <= limit
 }

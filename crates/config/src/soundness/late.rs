@@ -1,20 +1,14 @@
 //! Finds modules whose ERROR may come later than a dependency's `within`: their symptoms would count as second faults.
 
 use super::{Finding, FindingKind};
-use telltale_engine::model::monitors::ProbeTarget;
-use telltale_engine::model::{Model, ModuleId, ModuleSpec, MonitorSpec, NodeId, Within};
+use telltale_engine::model::{Model, ModuleId, NodeId, Within};
 use telltale_engine::state::State;
-use telltale_engine::time::Span;
-
-/// A ROS 2 node that was killed counts as running for so long: three leases of its participant (10 s each with Cyclone
-/// DDS, 20 s with Fast DDS), and up to 4 s until discovery lets go of it.
-pub const KILLED_NODE: Span = Span::from_secs(34);
 
 /// One finding for a module: the dependency with the shortest limit.
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();
     for (id, module) in (0..).map(ModuleId).zip(&model.modules) {
-        let after = noticed_after(model, module);
+        let after = model.lateness(module, State::Error).most;
         let near = dependencies(model)
             .filter(|(holder, index)| concerns(model, id, (*holder, *index)))
             .filter_map(|(holder, index)| match model.depends_on(holder)[index].within {
@@ -28,49 +22,6 @@ pub(super) fn look(model: &Model) -> Vec<Finding> {
         }
     }
     found
-}
-
-/// The longest time from a fault to the ERROR of this module, as far as the configuration tells.
-fn noticed_after(model: &Model, module: &ModuleSpec) -> Span {
-    let judged = match module.monitor.other() {
-        Some(MonitorSpec::Frequency { window, .. } | MonitorSpec::RateRatio { window, .. }) => *window,
-        Some(MonitorSpec::Watchdog { watchdog, misses, .. }) => {
-            let spec = &model.watched.watchdogs[watchdog.0 as usize];
-            let rounds = Span::from_nanos(spec.every.as_nanos().saturating_mul(u64::from(*misses)));
-            match spec.target {
-                ProbeTarget::Node { .. } | ProbeTarget::Service { .. } => sum(KILLED_NODE, rounds),
-                ProbeTarget::Icmp { .. }
-                | ProbeTarget::Lifecycle { .. }
-                | ProbeTarget::Tcp { .. }
-                | ProbeTarget::Qos { .. }
-                | ProbeTarget::System(_) => rounds,
-            }
-        }
-        Some(MonitorSpec::System { watchdog, .. }) => model.watched.watchdogs[watchdog.0 as usize].every,
-        Some(MonitorSpec::Frozen { limits, .. }) => limits.longest(),
-        Some(MonitorSpec::Tf { bands, .. }) => {
-            Span::from_nanos((bands.error_above.or(bands.warning_above).unwrap_or_default() * 1e9) as u64)
-        }
-        Some(
-            MonitorSpec::External { .. }
-            | MonitorSpec::Latency { .. }
-            | MonitorSpec::Value { .. }
-            | MonitorSpec::Sequence { .. }
-            | MonitorSpec::Agreement { .. }
-            | MonitorSpec::Constant { .. }
-            | MonitorSpec::Count { .. }
-            | MonitorSpec::Expression { .. },
-        )
-        | None => Span::ZERO,
-    };
-    let by_the_clock = module.monitor.by_the_clock();
-    let silent = module.policy.stale == State::Error && !by_the_clock;
-    let silence = if silent { module.policy.timeout } else { Span::ZERO };
-    sum(judged.max(silence), module.policy.raise_after)
-}
-
-fn sum(one: Span, other: Span) -> Span {
-    Span::from_nanos(one.as_nanos().saturating_add(other.as_nanos()))
 }
 
 /// Each dependency by its holder and its index.

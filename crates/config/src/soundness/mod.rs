@@ -33,7 +33,6 @@ use telltale_engine::model::{
 use telltale_engine::state::State;
 
 pub use finding::{Example, Finding, FindingKind, NoEffect, Soundness};
-pub use late::KILLED_NODE;
 pub use words::behind;
 pub(super) use words::problem;
 

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use super::causes::{IdHash, Vertex, end, for_each_hop, for_each_way};
 use super::net::Net;
 use super::node::NodeFacts;
+use super::rules::{self, Beginning};
+use crate::model::lateness::{Lateness, Notice};
 use crate::model::{ModuleId, NodeId, Within};
 use crate::state::State;
 use crate::time::{Span, Timestamp};
@@ -15,7 +17,7 @@ use crate::time::{Span, Timestamp};
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Beginnings {
     /// By holder and index of the dependency.
-    known: HashMap<(NodeId, u32), Arc<[Timestamp]>, IdHash>,
+    known: HashMap<(NodeId, u32), Arc<rules::Beginnings>, IdHash>,
     /// Something changed on which explanations depend: all blocked modules in ERROR are visited again.
     moved: bool,
 }
@@ -72,15 +74,16 @@ impl Net {
             Within::Always => return true,
             Within::Limit(limit) => limit,
         };
-        let onset = &self.modules[id.0 as usize].own.onset;
-        if onset.was_shown_for(within, now) {
+        let own = &self.modules[id.0 as usize].own;
+        if own.onset.was_shown_for(within, now) {
             return false;
         }
-        let effect = onset.as_effect(limit);
+        let late = |notice| self.lateness(id, notice).known(limit);
+        let effect = own.onset.as_effect(own.relevant_since(), limit, &late);
         let causes = match self.beginnings.known.get(&need) {
             Some(known) => known.clone(),
             None => {
-                let found: Arc<[Timestamp]> = self.causes_behind(need).into();
+                let found = Arc::new(self.causes_behind(need, limit));
                 self.beginnings.known.insert(need, found.clone());
                 found
             }
@@ -88,9 +91,23 @@ impl Net {
         within.explains(effect.into_iter().flatten(), &causes)
     }
 
+    /// How late this module noticed a fault.
+    fn lateness(&self, id: ModuleId, notice: Notice) -> Lateness {
+        let of_monitor = self.model.modules.get(id.0 as usize).map(|spec| &spec.monitor);
+        self.model.lateness_of(of_monitor, self.policy(id), notice)
+    }
+
+    /// When the present fault of this module began, if it is estimated to have begun before its notice. The estimate is
+    /// as good as the default limit of a dependency needs.
+    pub(crate) fn began(&self, id: ModuleId) -> Option<Timestamp> {
+        let Within::Limit(limit) = Within::default() else { return None };
+        let own = &self.modules[id.0 as usize].own;
+        own.onset.began(own.relevant_since(), &|notice| self.lateness(id, notice).known(limit))
+    }
+
     /// When the failing modules, and failing groups without members, on the paths upstream through a dependency
-    /// began to fail; sorted.
-    fn causes_behind(&self, (holder, index): (NodeId, u32)) -> Vec<Timestamp> {
+    /// began to fail.
+    fn causes_behind(&self, (holder, index): (NodeId, u32), limit: Span) -> rules::Beginnings {
         let need = &self.node(holder).needs[index as usize];
         let mut found = Vec::new();
         let mut seen = HashSet::new();
@@ -102,18 +119,16 @@ impl Net {
             if !seen.insert((vertex, masks_unknown)) {
                 continue;
             }
-            found.extend(self.began(vertex, masks_unknown).into_iter().flatten());
+            found.extend(self.cause_began(vertex, masks_unknown, limit).into_iter().flatten());
             if end(self, vertex).is_none() {
                 for_each_hop(self, vertex, |hop, through| open.push((hop, through.unwrap_or(masks_unknown))));
             }
         }
-        found.sort_unstable();
-        found.dedup();
-        found
+        found.into_iter().collect()
     }
 
     /// When a cause began. An UNKNOWN explains only the nodes that it masks directly.
-    fn began(&self, vertex: Vertex, masks_unknown: bool) -> [Option<Timestamp>; 3] {
+    fn cause_began(&self, vertex: Vertex, masks_unknown: bool, limit: Span) -> [Option<Beginning>; 3] {
         match vertex {
             Vertex::Module(id) => {
                 let module = &self.modules[id.0 as usize];
@@ -121,7 +136,8 @@ impl Net {
                 let fails = facts.relevant
                     && (facts.own == State::Error || facts.own == State::Unknown && !facts.blocked);
                 let since = module.own.relevant_since();
-                if fails { module.own.onset.as_cause(since, masks_unknown) } else { [None; 3] }
+                let late = |notice| self.lateness(id, notice).known(limit);
+                if fails { module.own.onset.as_cause(since, masks_unknown, &late) } else { [None; 3] }
             }
             Vertex::Failing(id) => {
                 let group = &self.groups[id.0 as usize];
@@ -130,7 +146,8 @@ impl Net {
                 }
                 let stood =
                     group.relevant_since.filter(|&since| group.well_until.is_none_or(|it| it <= since));
-                [None, group.well_until, stood]
+                let at_once = |noticed| Beginning { noticed, began: Some(noticed) };
+                [None, group.well_until.map(at_once), stood.map(at_once)]
             }
             Vertex::Blocked(_) | Vertex::Beyond(_) | Vertex::Hidden(_) => [None; 3],
         }

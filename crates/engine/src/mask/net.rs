@@ -327,7 +327,8 @@ impl Net {
         module.own.advance(policy, now);
         module.own.set_relevant(relevant, policy, now);
         let own = module.own.state(policy);
-        module.own.onset.follow(own, now);
+        let notice = module.own.notice(policy);
+        module.own.onset.follow(notice, now);
         let grace = module.own.in_grace();
         let waits_for_reset = module.own.latched() && !module.own.is_in_error(policy);
         let known = module.own.known();

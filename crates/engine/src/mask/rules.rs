@@ -6,7 +6,7 @@
 
 use crate::model::{Combine, Dependency, DependsOn, NodeId, Stage, When, Within};
 use crate::state::{State, Tally};
-use crate::time::Timestamp;
+use crate::time::{Span, Timestamp};
 
 /// The facts of a node that the rules use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -66,17 +66,60 @@ impl Dependency {
     }
 }
 
+/// A beginning of a fault: its notice, and the instant that is estimated for the fault itself, if the lateness of the
+/// module is known well enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Beginning {
+    pub noticed: Timestamp,
+    pub began: Option<Timestamp>,
+}
+
+/// The beginnings of several faults, as they are compared with those of another one. Each list is sorted.
+#[derive(Debug, Clone, Default)]
+pub struct Beginnings {
+    /// The notices of all.
+    noticed: Vec<Timestamp>,
+    /// The estimated instants.
+    began: Vec<Timestamp>,
+    /// The notices of those without an estimate.
+    vague: Vec<Timestamp>,
+}
+
+impl FromIterator<Beginning> for Beginnings {
+    fn from_iter<I: IntoIterator<Item = Beginning>>(all: I) -> Beginnings {
+        let mut found = Beginnings::default();
+        for Beginning { noticed, began } in all {
+            found.noticed.push(noticed);
+            match began {
+                Some(began) => found.began.push(began),
+                None => found.vague.push(noticed),
+            }
+        }
+        for list in [&mut found.noticed, &mut found.began, &mut found.vague] {
+            list.sort_unstable();
+            list.dedup();
+        }
+        found
+    }
+}
+
 impl Within {
-    /// Whether a fault that began at one of the instants `effect` may follow from one that began at one of the
-    /// instants `cause`, which are sorted.
-    pub fn explains(self, effect: impl IntoIterator<Item = Timestamp>, cause: &[Timestamp]) -> bool {
+    /// Whether a fault with one of the beginnings `effect` may follow from one with the beginnings `causes`. Estimates are
+    /// compared with estimates, and notices where the one or the other has no estimate.
+    pub fn explains(self, effect: impl IntoIterator<Item = Beginning>, causes: &Beginnings) -> bool {
         let Within::Limit(limit) = self else { return true };
-        effect.into_iter().any(|at| {
-            let after = cause.partition_point(|&begun| begun < at);
-            let near = |begun: &Timestamp| begun.since(at).max(at.since(*begun)) <= limit;
-            cause.get(after).is_some_and(near) || after.checked_sub(1).is_some_and(|it| near(&cause[it]))
+        effect.into_iter().any(|Beginning { noticed, began }| match began {
+            Some(began) => is_near(&causes.began, began, limit) || is_near(&causes.vague, noticed, limit),
+            None => is_near(&causes.noticed, noticed, limit),
         })
     }
+}
+
+/// Whether one of the sorted instants is at most `limit` away from this one.
+fn is_near(sorted: &[Timestamp], at: Timestamp, limit: Span) -> bool {
+    let after = sorted.partition_point(|&other| other < at);
+    let near = |other: &Timestamp| other.since(at).max(at.since(*other)) <= limit;
+    sorted.get(after).is_some_and(near) || after.checked_sub(1).is_some_and(|it| near(&sorted[it]))
 }
 
 /// Whether a module is masked. One in ERROR is masked only while a cause explains it: otherwise it is a second
@@ -181,10 +224,14 @@ mod tests {
         assert!(set.blocks(|_| failed) && !set.blocks(only_first));
     }
 
+    /// Of a notice in milliseconds, and of an estimate.
+    fn begun((noticed, began): (u64, Option<u64>)) -> Beginning {
+        Beginning { noticed: Timestamp::from_millis(noticed), began: began.map(Timestamp::from_millis) }
+    }
+
     #[test]
     fn a_cause_explains_what_began_near_it_the_limit_included() {
-        let at = |ms: &[u64]| ms.iter().map(|&ms| Timestamp::from_millis(ms)).collect::<Vec<_>>();
-        let limit = Within::Limit(crate::time::Span::from_millis(5));
+        let limit = Within::Limit(Span::from_millis(5));
         for (effect, cause, expected) in [
             (&[10][..], &[5][..], true),
             (&[10], &[4], false),
@@ -195,8 +242,28 @@ mod tests {
             (&[10, 40], &[1, 36], true),
             (&[10], &[], false),
         ] {
-            assert_eq!(limit.explains(at(effect), &at(cause)), expected, "{effect:?} {cause:?}");
-            assert!(Within::Always.explains(at(effect), &at(cause)));
+            for is_known in [false, true] {
+                let all = |ms: &'static [u64]| ms.iter().map(move |&ms| begun((ms, is_known.then_some(ms))));
+                let causes = all(cause).collect();
+                assert_eq!(limit.explains(all(effect), &causes), expected, "{effect:?} {cause:?}");
+                assert!(Within::Always.explains(all(effect), &causes));
+            }
+        }
+    }
+
+    #[test]
+    fn estimated_beginnings_count_in_place_of_notices_where_both_have_them() {
+        let limit = Within::Limit(Span::from_millis(5));
+        for (effect, cause, expected) in [
+            // Noticed late, and begun together.
+            ((20, Some(10)), (10, Some(10)), true),
+            ((20, None), (10, Some(10)), false),
+            // Noticed together, and begun apart.
+            ((20, Some(10)), (20, Some(20)), false),
+            ((20, Some(10)), (20, None), true),
+        ] {
+            let causes = [begun(cause)].into_iter().collect();
+            assert_eq!(limit.explains([begun(effect)], &causes), expected, "{effect:?} {cause:?}");
         }
     }
 

@@ -3,6 +3,7 @@
 
 pub mod countermeasure;
 pub mod filter;
+pub mod lateness;
 pub mod monitors;
 pub mod motion;
 mod nodes;

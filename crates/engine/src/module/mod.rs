@@ -1,6 +1,7 @@
 //! A module's own state, from its reports to the state that counts: reported, silent, debounced, latched.
 
 use super::model::Policy;
+use super::model::lateness::Notice;
 use super::snapshot::Steps;
 use super::state::State;
 use super::time::{Span, Timestamp};
@@ -218,6 +219,11 @@ impl OwnState {
         if self.latched { State::Error } else { self.judged(policy) }
     }
 
+    /// The own state, and whether the module is silent.
+    pub(super) fn notice(&self, policy: &Policy) -> Notice {
+        Notice { state: self.state(policy), silent: self.silent }
+    }
+
     /// The state after debounce and grace.
     fn judged(&self, policy: &Policy) -> State {
         let state = if self.grace { State::Unknown } else { self.debounce.state.unwrap_or(policy.stale) };
@@ -266,7 +272,7 @@ impl OwnState {
     fn judge_before(&mut self, policy: &Policy, at: Timestamp, now: Timestamp) {
         self.judge(policy, at);
         if at < now {
-            self.onset.follow(self.state(policy), at);
+            self.onset.follow(self.notice(policy), at);
         }
     }
 

@@ -3,7 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::mask::rules::Beginning;
 use crate::model::Within;
+use crate::model::lateness::Notice;
 use crate::state::State;
 use crate::time::{Span, Timestamp};
 
@@ -30,6 +32,9 @@ pub(crate) struct Onset {
 struct Fault {
     /// Since when it is in ERROR, if it is.
     error: Option<Timestamp>,
+    /// That was by its silence.
+    #[serde(default)]
+    by_silence: bool,
     /// When it was well, the latest last. One that is followed by a longer one is forgotten.
     well: Vec<Well>,
     /// Since when this ERROR is shown, if it is. After a restart, since its alarm was raised.
@@ -43,7 +48,17 @@ struct Fault {
 struct Well {
     until: Timestamp,
     lasted: Span,
+    /// How the fault that followed was noticed.
+    #[serde(default = "unheard")]
+    then: Notice,
 }
+
+fn unheard() -> Notice {
+    Notice { state: State::Error, silent: false }
+}
+
+/// How long before its notice a fault began, if that is known.
+type Late<'a> = &'a dyn Fn(Notice) -> Option<Span>;
 
 /// OK and WARNING: the module does its work.
 pub(crate) fn is_well(state: State) -> bool {
@@ -55,8 +70,9 @@ impl Onset {
         Onset { made, well_since: None, was_error: false, reported: false, fault: None }
     }
 
-    /// Takes the own state at an instant; an unchanged one changes nothing.
-    pub(crate) fn follow(&mut self, state: State, at: Timestamp) {
+    /// Takes the own state at an instant, and whether the module is silent; an unchanged state changes nothing.
+    pub(crate) fn follow(&mut self, notice: Notice, at: Timestamp) {
+        let Notice { state, silent } = notice;
         if is_well(state) {
             self.well_since.get_or_insert(at);
             self.was_error = false;
@@ -72,10 +88,13 @@ impl Onset {
             if fault.well.len() == WELL_MAX {
                 fault.well.remove(0);
             }
-            fault.well.push(Well { until: at, lasted });
+            fault.well.push(Well { until: at, lasted, then: notice });
         }
         if state == State::Error {
-            self.fault.get_or_insert_default().error.get_or_insert(at);
+            let fault = self.fault.get_or_insert_default();
+            if fault.error.is_none() {
+                (fault.error, fault.by_silence) = (Some(at), silent);
+            }
         } else if let Some(fault) = &mut self.fault {
             fault.error = None;
         }
@@ -88,10 +107,27 @@ impl Onset {
 
     /// The beginnings of this ERROR as the effect of a cause: when it became ERROR, and when the module was last well for
     /// longer than the limit.
-    pub(crate) fn as_effect(&self, limit: Span) -> [Option<Timestamp>; 2] {
+    pub(crate) fn as_effect(
+        &self,
+        relevant_since: Option<Timestamp>,
+        limit: Span,
+        late: Late<'_>,
+    ) -> [Option<Beginning>; 2] {
         let fault = self.fault.as_deref();
+        let error = self.error(relevant_since, late);
         let well = fault.and_then(|fault| fault.well.iter().rev().find(|well| well.lasted > limit));
-        [fault.and_then(|fault| fault.error), Some(well.map_or(self.made, |well| well.until))]
+        let left = match well {
+            Some(well) => self.beginning(well.until, relevant_since, late(well.then)),
+            None => Beginning { noticed: self.made, began: Some(self.made) },
+        };
+        [error, Some(left)]
+    }
+
+    /// The beginning of the present ERROR.
+    fn error(&self, relevant_since: Option<Timestamp>, late: Late<'_>) -> Option<Beginning> {
+        let fault = self.fault.as_deref()?;
+        let notice = Notice { state: State::Error, silent: fault.by_silence };
+        Some(self.beginning(fault.error?, relevant_since, late(notice)))
     }
 
     /// The beginnings of this fault as the cause of others: when it became ERROR, when the module was last well at all,
@@ -100,12 +136,39 @@ impl Onset {
         &self,
         relevant_since: Option<Timestamp>,
         masks_unknown: bool,
-    ) -> [Option<Timestamp>; 3] {
+        late: Late<'_>,
+    ) -> [Option<Beginning>; 3] {
         let fault = self.fault.as_deref();
-        let error = fault.and_then(|fault| fault.error);
-        let well = fault.and_then(|fault| fault.well.last()).map(|well| well.until);
-        let stood = relevant_since.filter(|&since| well.is_none_or(|until| until <= since));
-        [error, well, stood.filter(|_| masks_unknown || self.was_error)]
+        let well = fault.and_then(|fault| fault.well.last());
+        let stood = relevant_since.filter(|&since| well.is_none_or(|well| well.until <= since));
+        [
+            self.error(relevant_since, late),
+            well.map(|well| self.beginning(well.until, relevant_since, late(well.then))),
+            stood
+                .filter(|_| masks_unknown || self.was_error)
+                .map(|noticed| Beginning { noticed, began: Some(noticed) }),
+        ]
+    }
+
+    /// When the present fault began, if it is estimated to have begun before its notice.
+    pub(crate) fn began(&self, relevant_since: Option<Timestamp>, late: Late<'_>) -> Option<Timestamp> {
+        let left = self.fault.as_deref()?.well.last().filter(|_| self.well_since.is_none())?;
+        self.beginning(left.until, relevant_since, late(left.then)).began.filter(|&began| began < left.until)
+    }
+
+    /// A fault begins neither before the module was well nor before it was relevant.
+    fn beginning(
+        &self,
+        noticed: Timestamp,
+        relevant_since: Option<Timestamp>,
+        late: Option<Span>,
+    ) -> Beginning {
+        let wells = self.fault.as_deref().map_or(&[][..], |fault| &fault.well);
+        let well = wells.iter().rev().find(|well| well.until <= noticed).map(|well| well.until - well.lasted);
+        let floors = [Some(self.made), well, relevant_since].into_iter().flatten();
+        let earliest = floors.filter(|&at| at <= noticed).max();
+        let began = late.map(|late| earliest.map_or(noticed - late, |at| at.max(noticed - late)));
+        Beginning { noticed, began }
     }
 
     /// Whether this ERROR was shown for so long that a dependency with this limit masks it no more.

@@ -35,6 +35,8 @@ pub enum Recorded {
         own: State,
         cause: Option<Arc<str>>,
         said: Option<Said>,
+        /// When the fault began that is noticed now, if it is estimated to have begun earlier.
+        began: Option<Timestamp>,
     },
     Stage(Stage),
     Signal {
@@ -110,8 +112,8 @@ impl Record {
         let name = |node: NodeId| snapshot.node_name(node).clone();
         let Event { at, what } = event;
         let what = match what {
-            EventKind::Shown { node, to, own, cause, said, .. } => {
-                Recorded::Shown { node: name(node), state: to, own, cause: cause.map(name), said }
+            EventKind::Shown { node, to, own, cause, said, began, .. } => {
+                Recorded::Shown { node: name(node), state: to, own, cause: cause.map(name), said, began }
             }
             EventKind::Stage { to, .. } => Recorded::Stage(to),
             EventKind::Signal { index, value } => {
@@ -149,7 +151,7 @@ impl Record {
                 NodeId::Group(_) => None,
             };
             let (name, own) = (snapshot.node_name(node).clone(), snapshot.own(node));
-            Recorded::Shown { node: name, state, own, cause, said }
+            Recorded::Shown { node: name, state, own, cause, said, began: None }
         };
         let all = first.chain(snapshot.signals.iter().map(signal));
         let all = all.chain(snapshot.nodes().map(shown));
@@ -163,17 +165,28 @@ impl Engine {
         for Change { node, before, after } in changes {
             if (before.shown, before.own, before.masked) != (after.shown, after.own, after.masked) {
                 let cause = self.views.masked_by(*node).first().copied();
-                self.keep_shown(*node, (before.shown, after.shown), after.own, cause);
+                let began = match *node {
+                    NodeId::Module(id) if before.own != after.own => self.net.began(id),
+                    NodeId::Module(_) | NodeId::Group(_) => None,
+                };
+                self.keep_shown(*node, (before.shown, after.shown), after.own, cause, began);
             }
         }
         for ChangedCause { node, own, cause } in blamed {
-            self.keep_shown(node, (State::Ignore, State::Ignore), own, cause);
+            self.keep_shown(node, (State::Ignore, State::Ignore), own, cause, None);
         }
     }
 
-    fn keep_shown(&mut self, node: NodeId, (from, to): (State, State), own: State, cause: Option<NodeId>) {
+    fn keep_shown(
+        &mut self,
+        node: NodeId,
+        (from, to): (State, State),
+        own: State,
+        cause: Option<NodeId>,
+        began: Option<Timestamp>,
+    ) {
         let said = self.said(node);
-        self.events.push(self.now, EventKind::Shown { node, from, to, own, cause, said });
+        self.events.push(self.now, EventKind::Shown { node, from, to, own, cause, said, began });
     }
 
     /// The present message of a module. Its view may not have the latest time of receipt yet.

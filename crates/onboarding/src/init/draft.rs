@@ -11,8 +11,8 @@ use super::passing::{self, Passing};
 use super::proposals::{Proposal, propose};
 use super::rhythm::{Steady, at_least_ms};
 use super::values::{self, Meaning};
-use telltale_config::soundness::KILLED_NODE;
 use telltale_engine::discovery::{Endpoint, TopicSeen};
+use telltale_engine::model::lateness::KILLED_NODE;
 use telltale_engine::pace::RateLimits;
 use telltale_engine::time::Timestamp;
 

@@ -38,7 +38,7 @@ pub struct Story {
     /// The first and the last instant that is shown.
     pub from_ms: i64,
     pub to_ms: i64,
-    /// Oldest first.
+    /// Oldest first; a fault stands where it began.
     pub moments: Vec<Moment>,
     pub more_moments: u64,
     pub strips: Vec<NodeStrip>,
@@ -114,7 +114,7 @@ pub fn known(summary: &Summary) -> Story {
     let alarm = |trigger: &TriggerLine| {
         let frozen = summary.freeze.iter().find(|frozen| frozen.node == trigger.what);
         let (state, message) = frozen.map(|it| (it.state.clone(), it.message.clone())).unwrap_or_default();
-        let what = Happened::Fails { node: trigger.what.clone(), state, message };
+        let what = Happened::Fails { node: trigger.what.clone(), state, message, began_ms: None };
         Moment { at_ms: trigger.at_ms, what }
     };
     let alarms = summary.triggers.iter().filter(|trigger| trigger.kind == kind::ROOT).map(alarm);
@@ -243,7 +243,7 @@ impl<'a> Heard<'a> {
         });
         moments.extend(end_ms.map(|at_ms| Moment { at_ms, what: Happened::Interrupted }));
         // Of one instant first what the operator did, last what followed from the changes.
-        moments.sort_by_key(|moment| moment.at_ms);
+        moments.sort_by_key(Moment::began_ms);
         let more = moments.len().saturating_sub(MOMENTS_MAX) as u64;
         moments.truncate(MOMENTS_MAX);
         let (strips, more_periods) = strips(&self.changes, summary, (from_ms, to_ms));
@@ -305,7 +305,7 @@ fn happened(changes: &[Transition<'_>], summary: &Summary, from_ms: i64) -> Vec<
         let (at_ms, is_told) = (*at_ms, *at_ms >= from_ms);
         let mut tell = |what| moments.push(Moment { at_ms, what });
         match change {
-            Change::Shown { node, shown, masked_by, message, .. } => {
+            Change::Shown { node, shown, masked_by, message, began_ms, .. } => {
                 let cause = masked_by.as_deref();
                 let was_ignored = before.get(&**node).is_some_and(|(shown, _)| *shown == "ignore");
                 if was_ignored && given_time.contains(&index) && !has_alarm(node) {
@@ -322,7 +322,8 @@ fn happened(changes: &[Transition<'_>], summary: &Summary, from_ms: i64) -> Vec<
                     (Some(by), _) => add(&mut moments, at_ms, Some(by), node),
                     (None, state) if is_module(node) && is_fault(state) && last_shown != Some(state) => {
                         let message = message.as_deref().unwrap_or_default().to_owned();
-                        tell(Happened::Fails { node: node.to_string(), state: state.to_owned(), message });
+                        let (node, state) = (node.to_string(), state.to_owned());
+                        tell(Happened::Fails { node, state, message, began_ms: *began_ms });
                     }
                     (None, "ok") if is_module(node) && last_shown.is_some_and(is_fault) => {
                         add(&mut moments, at_ms, None, node);

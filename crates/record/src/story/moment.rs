@@ -3,12 +3,22 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
-/// One thing that happened.
+/// One thing that happened, and when it was noticed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Moment {
     pub at_ms: i64,
     #[serde(flatten)]
     pub what: Happened,
+}
+
+impl Moment {
+    /// The time by which a story is in order: a fault stands where it began.
+    pub fn began_ms(&self) -> i64 {
+        match self.what {
+            Happened::Fails { began_ms: Some(began_ms), .. } => began_ms,
+            _ => self.at_ms,
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
@@ -19,6 +29,9 @@ pub enum Happened {
         node: String,
         state: String,
         message: String,
+        /// When the fault began, if it is estimated to have begun before its notice.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        began_ms: Option<i64>,
     },
     /// A module is in ERROR itself, which a fault that is shown hides.
     FailsBehind {

@@ -75,7 +75,7 @@ pub fn strips(
     let (mut room, mut left_out) = (PERIODS_MAX, 0);
     let strip = |node: &str| {
         let states = changes.iter().filter_map(|change| match &change.change {
-            Change::Shown { node: of, shown, own, masked_by, message } if of == node => Some(Period {
+            Change::Shown { node: of, shown, own, masked_by, message, .. } if of == node => Some(Period {
                 from_ms: change.at_ms,
                 to_ms,
                 state: shown.to_string(),

@@ -10,6 +10,7 @@ fn shown(at_ms: i64, node: &str, shown: &str, masked_by: Option<&str>) -> Transi
         own: shown.to_owned().into(),
         masked_by: masked_by.map(|it| it.to_owned().into()),
         message: Some("no packets".into()),
+        began_ms: None,
     };
     Transition { at_ms, change }
 }
@@ -42,6 +43,28 @@ fn summary() -> Summary {
         recording: Recording { pre_roll_s: 30.0, ..Recording::default() },
         ..Summary::default()
     }
+}
+
+#[test]
+fn a_fault_stands_where_it_is_estimated_to_have_begun() {
+    let late = |at_ms, began_ms, node: &str| {
+        let mut late = shown(at_ms, node, "error", None);
+        let Change::Shown { began_ms: began, .. } = &mut late.change else { unreachable!("it is shown") };
+        *began = began_ms;
+        late
+    };
+    let changes = vec![
+        late(39_000, None, "sensors/lidar"),
+        late(40_000, None, "perception/lanes"),
+        late(41_000, Some(39_500), "sensors/camera"),
+    ];
+    let story = Heard { changes, ..Heard::default() }.tell(&summary());
+    let told = story.moments.iter().filter_map(|moment| match &moment.what {
+        Happened::Fails { node, .. } => Some((&**node, moment.at_ms)),
+        _ => None,
+    });
+    let expected = [("sensors/lidar", 39_000), ("sensors/camera", 41_000), ("perception/lanes", 40_000)];
+    assert_eq!(told.collect::<Vec<_>>(), expected);
 }
 
 #[test]
@@ -101,6 +124,7 @@ fn a_fault_is_told_with_what_it_hides_and_what_is_done_about_it() {
                 node: "sensors/lidar".into(),
                 state: "error".into(),
                 message: "no packets".into(),
+                began_ms: None,
             },
         ),
         (
@@ -194,7 +218,12 @@ fn without_its_file_an_incident_is_known_by_its_triggers() {
     assert_eq!((story.from_ms, story.to_ms, story.more_moments), (10_000, 50_000, 7));
     let told: Vec<Happened> = story.moments.into_iter().map(|it| it.what).collect();
     let expected = [
-        Happened::Fails { node: "sensors/lidar".into(), state: "error".into(), message: "no packets".into() },
+        Happened::Fails {
+            node: "sensors/lidar".into(),
+            state: "error".into(),
+            message: "no packets".into(),
+            began_ms: None,
+        },
         Happened::Request { request: "decelerate".into() },
         Happened::Mark { by: "anna".into(), note: "rain".into() },
     ];

@@ -162,7 +162,7 @@ impl Writer {
     fn row<'a>(&'a mut self, transaction: &Transaction<'_>, what: &'a Recorded) -> rusqlite::Result<Row<'a>> {
         let mut id = |name: &str| self.name(transaction, name);
         Ok(match what {
-            Recorded::Shown { node, state, own, cause, said } => Row {
+            Recorded::Shown { node, state, own, cause, said, began: _ } => Row {
                 kind: SHOWN,
                 node: Some(id(node)?),
                 state: Some(*state as i64),

@@ -90,6 +90,7 @@ texts! {
         own: "Own", "Selbst";
         module: "Module", "Modul";
         since: "Since", "Seit";
+        began: "began about", "begann etwa";
         age: "Age", "Alter";
         message: "Message", "Meldung";
         values: "Values", "Werte";

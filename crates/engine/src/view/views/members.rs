@@ -146,6 +146,7 @@ fn unheard(since: Timestamp) -> ModuleView {
         state: State::Ignore,
         own: State::Unknown,
         since,
+        began: None,
         received: None,
         silent: false,
         steps: Steps::default(),

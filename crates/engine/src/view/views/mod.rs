@@ -310,6 +310,7 @@ impl Views {
                 since(view.state, view.reason.as_ref(), facts.shown, reason.as_ref(), view.since, now);
             (view.state, view.own, view.reason) = (facts.shown, facts.own, reason);
             (view.silent, view.steps) = (silent, steps);
+            view.began = net.began(id);
         }
     }
 

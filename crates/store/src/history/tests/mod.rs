@@ -65,13 +65,13 @@ impl Disk {
 
 fn shown(node: &str, state: State, cause: Option<&str>) -> Recorded {
     let cause = cause.map(Into::into);
-    Recorded::Shown { node: node.into(), state, own: State::Error, cause, said: None }
+    Recorded::Shown { node: node.into(), state, own: State::Error, cause, said: None, began: None }
 }
 
 /// A node that is shown without a cause, with this message.
 fn said(node: &str, state: State, message: &str, silent_s: Option<u64>) -> Recorded {
     let said = Said::of(message, silent_s.map(Span::from_secs));
-    Recorded::Shown { node: node.into(), state, own: state, cause: None, said }
+    Recorded::Shown { node: node.into(), state, own: state, cause: None, said, began: None }
 }
 
 #[test]

@@ -294,21 +294,31 @@ fn row(lang: Lang, moment: &Moment, since_ms: i64) -> MomentRow {
         Happened::Recovers { .. } => "ok".to_owned(),
         _ => String::new(),
     };
-    let at = wall_time(moment.at_ms);
+    let began_ms = moment.began_ms();
+    let at = wall_time(began_ms);
+    let late = tenths(moment.at_ms, began_ms);
+    let text = sentence(lang, &moment.what);
     MomentRow {
         clock: at[11..21].to_owned(),
         at,
-        after: after(moment.at_ms, since_ms),
+        after: after(began_ms, since_ms),
         state: clean(&state, NAME),
-        text: sentence(lang, &moment.what),
+        text: if late > 0 {
+            lang.noticed_later(&text, &lang.quantity(&format!("{:.1}", late as f64 / 10.0), 1.0, "s"))
+        } else {
+            text
+        },
     }
 }
 
 /// Seconds after the first trigger.
 fn after(at_ms: i64, since_ms: i64) -> String {
-    // Whole tenths, so that nothing is "-0.0".
-    let tenths = (at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64;
-    format!("{:+.1} s", tenths as f64 / 10.0)
+    format!("{:+.1} s", tenths(at_ms, since_ms) as f64 / 10.0)
+}
+
+/// Whole tenths of a second, so that nothing is "-0.0".
+fn tenths(at_ms: i64, since_ms: i64) -> i64 {
+    (at_ms.saturating_sub(since_ms) as f64 / 100.0).round() as i64
 }
 
 fn stage_bar(painter: &Painter, period: &Period) -> Option<String> {

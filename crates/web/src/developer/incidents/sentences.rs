@@ -31,7 +31,7 @@ pub(super) fn sentence(lang: Lang, what: &Happened) -> String {
     };
     let of_deed = |action: &str| lang.deed(action).unwrap_or(action).to_owned();
     let (of, other) = match what {
-        Happened::Fails { node, state, message } => {
+        Happened::Fails { node, state, message, .. } => {
             (name(node), state_word(lang, state).to_owned() + &quoted(message, ", "))
         }
         Happened::FailsBehind { node } => (name(node), lang.state(State::Error).to_owned()),

@@ -87,6 +87,8 @@ struct WhyHtml {
     state: &'static str,
     word: &'static str,
     since: String,
+    /// When its present fault is estimated to have begun; empty if at its notice.
+    began: String,
     message: String,
     /// A word and what stands beside it.
     facts: Vec<(&'static str, String)>,
@@ -274,6 +276,7 @@ pub fn page(
         state: state.as_str(),
         word: view.lang.state(state),
         since: String::new(),
+        began: String::new(),
         message: String::new(),
         facts: Vec::new(),
         steps: steps.collect(),
@@ -324,6 +327,7 @@ pub fn page(
         NodeId::Module(id) => {
             let (info, module) = snapshot.module(id);
             page.since = view.wall(module.since);
+            page.began = module.began.map(|began| view.wall(began)).unwrap_or_default();
             page.message = view.message_text(module);
             let it = page.dev.words;
             let facts = [

@@ -156,6 +156,10 @@ pub(super) struct ModuleHead<'a> {
 /// A module after its `age_ms`.
 #[derive(Serialize, JsonSchema)]
 pub(super) struct ModuleTail<'a> {
+    /// When its present fault began, if it is estimated to have begun before its notice.
+    #[schemars(with = "Option<String>")]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    began: Option<Wall>,
     /// To the tenth of a second; `age_ms` is finer.
     #[serde(skip_serializing_if = "Option::is_none")]
     silent_s: Option<f64>,
@@ -311,6 +315,7 @@ impl<'a> Context<'a> {
             message,
         };
         let tail = ModuleTail {
+            began: view.began.map(|began| self.wall(began)),
             silent_s: view.silent_for(now).map(|silent| (silent.as_millis() / 100) as f64 / 10.0),
             reason: view.reason.as_ref().map(|reason| self.why(reason)),
             class: Class {

@@ -57,7 +57,8 @@ fn incident(name: &str) -> Incident {
 fn story(name: &str, periods: i64) -> Story {
     let from_ms = 1_699_999_970_000;
     let moment = |at_ms, what| Moment { at_ms, what };
-    let fails = Happened::Fails { node: name.into(), state: "error".into(), message: name.into() };
+    let fails =
+        Happened::Fails { node: name.into(), state: "error".into(), message: name.into(), began_ms: None };
     let period = |index: i64, state: &str, by: Option<&str>| Period {
         from_ms: from_ms + index * 10,
         to_ms: from_ms + index * 10 + 10,
