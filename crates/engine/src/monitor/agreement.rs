@@ -119,6 +119,9 @@ impl MonitorKind for Agreement {
             }
         }
     }
+    fn told(&self, slot: usize) -> Option<Timestamp> {
+        self.inputs.told(slot)
+    }
 
     fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {

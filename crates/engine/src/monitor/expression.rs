@@ -74,6 +74,9 @@ impl MonitorKind for Expression {
             self.answer = None;
         }
     }
+    fn told(&self, slot: usize) -> Option<Timestamp> {
+        self.inputs.told(slot)
+    }
 
     fn judge(&mut self, now: Timestamp) -> Option<State> {
         if !self.inputs.any() {

@@ -139,6 +139,11 @@ impl Inputs {
         self.latest[slot].as_ref().map(|(received, _)| *received)
     }
 
+    /// When the last value was published, if its message had one.
+    pub(super) fn told(&self, slot: usize) -> Option<Timestamp> {
+        self.last(slot).filter(|&value| *value != FieldValue::Absent).and_then(|_| self.received(slot))
+    }
+
     /// The last value of any kind.
     pub(super) fn last(&self, slot: usize) -> Option<&FieldValue> {
         self.latest[slot].as_ref().map(|(_, value)| value)

@@ -106,9 +106,9 @@ trait MonitorKind: Sized {
 
     fn take_value(&mut self, _slot: usize, _value: &FieldValue, _now: Timestamp) {}
 
-    /// Whether its messages are events: it judges itself how old they are.
-    fn has_events(&self) -> bool {
-        false
+    /// When the value of this slot was published, if an older one says nothing more.
+    fn told(&self, _slot: usize) -> Option<Timestamp> {
+        None
     }
 
     /// The value of a field of this message.
@@ -299,8 +299,8 @@ impl Monitor {
         machine!(self, machine => machine.take_field(slot, value, sample, now))
     }
 
-    pub(super) fn has_events(&self) -> bool {
-        machine!(self, machine => machine.has_events())
+    pub(super) fn told(&self, slot: usize) -> Option<Timestamp> {
+        machine!(self, machine => machine.told(slot))
     }
 
     pub(super) fn needs_publisher(&self, slot: usize) -> bool {

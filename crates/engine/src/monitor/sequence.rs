@@ -62,6 +62,9 @@ impl MonitorKind for Sequence {
             self.pair = Some(Pair { earlier, later: self.inputs.number(Sequence::LATER, now), gap });
         }
     }
+    fn told(&self, slot: usize) -> Option<Timestamp> {
+        self.inputs.told(slot)
+    }
 
     fn judge(&mut self, _now: Timestamp) -> Option<State> {
         self.inputs.any().then(|| match self.difference() {

@@ -83,8 +83,9 @@ impl MonitorKind for Value {
         }
     }
 
-    fn has_events(&self) -> bool {
-        self.empty.is_some()
+    /// Of events it judges itself.
+    fn told(&self, slot: usize) -> Option<Timestamp> {
+        self.inputs.told(slot).filter(|_| self.empty.is_none())
     }
 
     fn found(&mut self, _slot: usize, now: Timestamp) -> bool {

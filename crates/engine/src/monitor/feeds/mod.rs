@@ -103,9 +103,6 @@ struct WatchedTopic {
     heard: bool,
     /// Its publishers left, and no message came since.
     left: bool,
-    /// When its newest message was published.
-    #[serde(default)]
-    newest: Option<Timestamp>,
     /// Before the first report of discovery: the time until which it may not have found every publisher.
     searched_until: Option<Timestamp>,
 }
@@ -302,9 +299,6 @@ impl Watching {
         // Then somebody publishes it, whatever the message is about.
         let is_found = (topic.heard, topic.left) != (true, false);
         (topic.heard, topic.left) = (true, false);
-        // The kept messages of several publishers come in any order.
-        let is_older = sample.late && topic.newest.is_some_and(|newest| at + TOGETHER < newest);
-        topic.newest = topic.newest.max(Some(at));
         for reader in &topic.readers {
             let (watch, slot) = (&mut self.watches[reader.watch as usize], reader.slot as usize);
             match reader.field.map(|field| &sample.values[field as usize]) {
@@ -318,7 +312,12 @@ impl Watching {
                     watch.found(slot, now);
                     watch.monitor.take_message(slot, sample, at);
                 }
-                Some(_) if is_older && !watch.monitor.has_events() => continue,
+                // The kept messages of several publishers come in any order.
+                Some(_)
+                    if sample.late && watch.monitor.told(slot).is_some_and(|last| at + TOGETHER < last) =>
+                {
+                    continue;
+                }
                 Some(FieldValue::Absent) if !is_found => continue,
                 Some(FieldValue::Absent) => {}
                 Some(value) => {

@@ -100,6 +100,18 @@ fn a_chain_is_as_old_as_its_oldest_transform() {
     tf.is(State::Unknown, "another clock");
 }
 
+/// Each publisher of a static transform keeps its own, whichever comes first.
+#[test]
+fn an_older_kept_message_tells_of_another_transform() {
+    let mut tf = Chain::new();
+    for (at_ms, parents, age_s) in [(60_000, [&["map"][..], &[]], 1), (60_010, [&[], &["odom"][..]], 40)] {
+        let kept = message(&tf.model, FIXED, at_ms, parents, 0);
+        let kept = Sample { late: true, delay: Span::from_secs(age_s), ..kept };
+        tf.engine.handle(&Input::Sample(kept), Timestamp::from_millis(at_ms));
+    }
+    tf.is(State::Ok, "map -> odom: static");
+}
+
 #[test]
 fn a_static_transform_has_no_age() {
     let mut tf = Chain::new();
