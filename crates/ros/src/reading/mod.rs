@@ -3,6 +3,7 @@
 pub(super) mod clock_step;
 pub(super) mod delays;
 pub(super) mod keeping;
+mod last_values;
 pub(super) mod learning;
 pub(super) mod publishers;
 pub(super) mod readers;

@@ -11,6 +11,7 @@ use tokio::sync::{mpsc, watch};
 
 use super::delays::Delays;
 use super::keeping::Kept;
+use super::last_values::{LastValue, LastValues};
 use super::publishers::{Offer, Published, Verdict, Writers};
 use super::readers::{Advice, Readers, Retention, Sample};
 use super::trouble::Troubles;
@@ -37,9 +38,6 @@ const DISCOVERY: Span = Span::from_secs(5);
 /// While some that live are not found yet, it is looked again after this time.
 const SEARCHED_AGAIN: Span = Span::from_secs(1);
 
-/// A larger last value is not kept for monitors that are configured later.
-const KEPT_BYTES_MAX: usize = 64 << 10;
-
 /// State shared by all topics of a participant.
 #[derive(Clone)]
 pub struct TopicContext {
@@ -59,18 +57,9 @@ pub struct Memory {
     delays: Delays,
     troubles: Troubles,
     retention: Retention,
-    /// The last message of a publisher that keeps it for late readers, because a new configuration counts
-    /// as one.
-    last_value: Option<LastValue>,
+    last_values: LastValues,
     /// When its last message came.
     heard: Option<Timestamp>,
-}
-
-#[derive(Debug, Clone)]
-struct LastValue {
-    message: Arc<Message>,
-    /// When it should have come.
-    at: Timestamp,
 }
 
 impl Memory {
@@ -81,7 +70,7 @@ impl Memory {
             (false, None) => Retention::new(),
         };
         let (writers, delays, troubles) = Default::default();
-        Memory { writers, delays, troubles, retention, last_value: None, heard: None }
+        Memory { writers, delays, troubles, retention, last_values: LastValues::default(), heard: None }
     }
 
     /// When the last message of its type came.
@@ -141,9 +130,9 @@ pub struct Topic {
     memory: Memory,
     outbox: Outbox,
     unknown: BTreeSet<Guid>,
-    /// The last value that the participant before this one heard. Its publisher repeats it; the engine forgot it when
-    /// that participant ended.
-    forgotten: Option<LastValue>,
+    /// The last values that the participant before this one heard. Their publishers repeat them; the engine forgot them
+    /// when that participant ended.
+    forgotten: LastValues,
     /// Of a topic that is only recorded: when the next message may be.
     recorded_from: Timestamp,
     /// Of another one: what is recorded whole.
@@ -164,7 +153,7 @@ impl Topic {
         let depth = memory.retention.depth();
         let readers = Readers::new(around.participant.clone(), &subscription, depth, around.clock.now());
         let outbox = Outbox::new(around.inputs.clone(), around.stop.clone());
-        let forgotten = memory.last_value.clone();
+        let forgotten = memory.last_values.clone();
         let topic = Topic {
             subscription,
             searching_until: around.clock.now() + DISCOVERY,
@@ -228,7 +217,7 @@ impl Topic {
         }
     }
 
-    /// Reads by another configuration from now on. It gets the last value as a late joiner does, and the
+    /// Reads by another configuration from now on. It gets the last values as a late joiner does, and the
     /// publishers are reported again.
     async fn follow_configuration(&mut self, next: Arc<Subscription>) -> Result<(), End> {
         self.subscription = next;
@@ -238,11 +227,10 @@ impl Topic {
         if !self.subscription.wants_last_value() {
             return Ok(());
         }
-        let Some(last) = self.memory.last_value.take() else { return Ok(()) };
-        if self.memory.writers.keeps_last_value(&last.message.writer, &self.subscription.dds_type) {
+        let (writers, dds_type) = (&self.memory.writers, &self.subscription.dds_type);
+        for last in self.memory.last_values.of(|writer| writers.keeps_last_value(writer, dds_type)) {
             let now = self.around.clock.now();
             self.hand_over(&last.message, (PublicationTime::Kept, now.since(last.at)), now).await?;
-            self.memory.last_value = Some(last);
         }
         Ok(())
     }
@@ -285,10 +273,7 @@ impl Topic {
         }
         match verdict {
             Verdict::Skip => {
-                let is_it = |LastValue { message, .. }: &mut LastValue| {
-                    (message.writer, message.sequence) == (sample.writer, sample.sequence)
-                };
-                return match self.forgotten.take_if(is_it) {
+                return match self.forgotten.remove(&sample.writer, sample.sequence) {
                     Some(LastValue { message, at }) => {
                         self.hand_over(&message, (PublicationTime::Kept, received.since(at)), received).await
                     }
@@ -307,7 +292,7 @@ impl Topic {
         }
         let wall = self.around.clock.wall();
         let late = self.memory.delays.take(&sample.writer, sample.source, (received, wall));
-        self.forgotten = None;
+        self.forgotten.forget(&sample.writer);
         self.trial.note_data(received);
         self.memory.heard = Some(received);
         if let Some(every) = self.subscription.recorded_every() {
@@ -329,13 +314,7 @@ impl Topic {
             kept: keeps,
         });
         if keeps {
-            let small = message.body.is_ok() && message.len() <= KEPT_BYTES_MAX;
-            let at = received - late;
-            // The kept messages of several publishers come in any order.
-            let is_newer = |last: &LastValue| last.message.writer == sample.writer || last.at <= at;
-            if self.memory.last_value.as_ref().is_none_or(is_newer) {
-                self.memory.last_value = small.then(|| LastValue { message: message.clone(), at });
-            }
+            self.memory.last_values.take(&message, received - late);
         }
         let when = match published {
             Published::Now => PublicationTime::Now,
