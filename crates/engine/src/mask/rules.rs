@@ -4,6 +4,7 @@
 //! Each rule is a function of one instant. The engine applies it to the nodes that changed; the check of a
 //! configuration applies it to a whole vehicle in every situation.
 
+use crate::model::lateness::Beginning;
 use crate::model::{Combine, Dependency, DependsOn, NodeId, Stage, When, Within};
 use crate::state::{State, Tally};
 use crate::time::{Span, Timestamp};
@@ -64,14 +65,6 @@ impl Dependency {
         let blocks = |&node: &NodeId| standing(node).blocks(self.is_any_of(), self.masks_unknown);
         self.targets().iter().all(blocks)
     }
-}
-
-/// A beginning of a fault: its notice, and the instant that is estimated for the fault itself, if the lateness of the
-/// module is known well enough.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Beginning {
-    pub noticed: Timestamp,
-    pub began: Option<Timestamp>,
 }
 
 /// The beginnings of several faults, as they are compared with those of another one. Each list is sorted.

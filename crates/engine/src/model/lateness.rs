@@ -3,7 +3,7 @@
 use super::monitors::{MonitorSpec, ProbeTarget};
 use super::{Model, ModuleMonitor, ModuleSpec, Policy};
 use crate::state::State;
-use crate::time::Span;
+use crate::time::{Span, Timestamp};
 use serde::{Deserialize, Serialize};
 
 /// A ROS 2 node that was killed counts as running for so long: three leases of its participant (10 s each with Cyclone
@@ -15,6 +15,14 @@ pub const KILLED_NODE: Span = Span::from_secs(34);
 pub struct Notice {
     pub state: State,
     pub silent: bool,
+}
+
+/// A beginning of a fault: its notice, and the instant that is estimated for the fault itself, if the lateness of the
+/// module is known well enough.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Beginning {
+    pub noticed: Timestamp,
+    pub began: Option<Timestamp>,
 }
 
 /// The least and the most time from a fault to its notice.

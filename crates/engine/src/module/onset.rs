@@ -3,9 +3,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::mask::rules::Beginning;
 use crate::model::Within;
-use crate::model::lateness::Notice;
+use crate::model::lateness::{Beginning, Notice};
 use crate::state::State;
 use crate::time::{Span, Timestamp};
 
