@@ -20,6 +20,9 @@ const BATCH_FOR: Span = Span::from_secs(4);
 /// A slow line has batches of this size all the same.
 const BATCH_BYTES_MIN: usize = 4096;
 
+/// A piece of a recording that the hub did not take is sent again after this time.
+const PIECE_AGAIN: Span = Span::from_secs(30);
+
 /// What to do next.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
@@ -101,6 +104,8 @@ pub struct Delivery {
     wait: Span,
     /// Nothing is sent before this.
     not_before: Timestamp,
+    /// No piece of a recording is sent before this: all else has the line first.
+    pieces_from: Timestamp,
 }
 
 impl Delivery {
@@ -113,6 +118,7 @@ impl Delivery {
             state: State::Away,
             wait: WAIT_MIN,
             not_before: Timestamp::ZERO,
+            pieces_from: Timestamp::ZERO,
         }
     }
 
@@ -161,8 +167,27 @@ impl Delivery {
 
     /// So much went over the line.
     pub fn used(&mut self, bytes: usize, now: Timestamp) {
-        let nanos = bytes as u64 * 8 * 1_000_000 / u64::from(self.kbit_s_max);
-        self.not_before = self.not_before.max(now) + Span::from_nanos(nanos);
+        self.not_before = self.not_before.max(now) + self.lasts(bytes);
+        self.sends_piece(bytes, now);
+    }
+
+    /// A piece of a recording is on its way. It holds up other pieces, and no batch.
+    pub fn sends_piece(&mut self, bytes: usize, now: Timestamp) {
+        self.pieces_from = self.pieces_from.max(now) + self.lasts(bytes);
+    }
+
+    /// When the next piece of a recording may be sent; `None` while nothing may.
+    pub fn piece_at(&self) -> Option<Timestamp> {
+        matches!(self.state, State::Ready { .. }).then_some(self.pieces_from)
+    }
+
+    /// The hub did not take a piece: it is full, or silent.
+    pub fn piece_refused(&mut self, now: Timestamp) {
+        self.pieces_from = self.pieces_from.max(now + PIECE_AGAIN);
+    }
+
+    fn lasts(&self, bytes: usize) -> Span {
+        Span::from_nanos(bytes as u64 * 8 * 1_000_000 / u64::from(self.kbit_s_max))
     }
 
     /// Takes the answer to what was ordered last.
@@ -294,6 +319,13 @@ mod tests {
         let then = Timestamp::from_millis(4000);
         assert_eq!(delivery.order(true, Timestamp::ZERO), Order::Until(then));
         assert_eq!(delivery.order(true, then), Order::Send { after: 1 });
+        assert_eq!(delivery.piece_at(), Some(then));
+        // A batch does not wait for the time that a piece takes, and the next piece waits for both.
+        delivery.sends_piece(64_000, then);
+        assert_eq!(delivery.order(true, then), Order::Send { after: 1 });
+        assert_eq!(delivery.piece_at(), Some(then + Span::from_secs(64)));
+        delivery.used(1000, then);
+        assert_eq!(delivery.piece_at(), Some(then + Span::from_secs(65)));
         assert_eq!(delivery.batch_bytes(), BATCH_BYTES_MIN);
         assert_eq!(Delivery::new("UA", 100_000).batch_bytes(), BATCH_BYTES_MAX);
     }

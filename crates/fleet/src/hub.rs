@@ -13,6 +13,7 @@ use async_nats::Client;
 use serde::{Deserialize, Serialize};
 
 use crate::connection;
+use crate::fetching::PIECES_STREAM;
 use crate::gate::Pace;
 use crate::identity::Identity;
 use crate::line::{Hub, LOG_STREAM, Subjects, inbox};
@@ -263,10 +264,12 @@ fn streams(disk_bytes: u64) -> [(&'static str, serde_json::Value); 3] {
             }),
         ),
         (
-            "INC",
+            PIECES_STREAM,
+            // A console removes pieces when it has read them. Those that none wants leave as logs do.
             serde_json::json!({
-                "name": "INC", "subjects": ["tt.1.*.inc.*.*"], "storage": "file", "retention": "limits",
+                "name": PIECES_STREAM, "subjects": ["tt.1.*.inc.*.*"], "storage": "file", "retention": "limits",
                 "max_bytes": disk_bytes / 4, "max_msg_size": 80 * 1024, "discard": "new",
+                "max_age": days_14_ns, "allow_direct": true,
             }),
         ),
     ]
@@ -317,11 +320,11 @@ fn users(users: &Users) -> String {
     );
     for (id, key) in &users.vehicles {
         let Some(id) = VehicleId::new(id) else { continue };
-        let Subjects { head, log, live, want } = Subjects::of(&id);
+        let Subjects { head, log, live, want, inc } = Subjects::of(&id);
         let (own_last, inbox) = (Subjects::of(&id).own_last(), inbox(id.as_str()));
         let _ = writeln!(
             text,
-            "  {{ nkey: {key}, permissions: {{ publish: [\"{head}\", \"{log}\", \"tt.1.{id}.inc.>\", \"{live}\", \
+            "  {{ nkey: {key}, permissions: {{ publish: [\"{head}\", \"{log}\", \"{inc}.>\", \"{live}\", \
              \"{own_last}\"], subscribe: [\"{want}\", \"{inbox}.>\"] }} }}"
         );
     }

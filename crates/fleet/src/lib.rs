@@ -1,8 +1,10 @@
 //! The vehicle's line to a fleet: what it tells, what waits for the hub, how that is delivered, and the history that a
-//! console makes of it. Nothing here can reach the engine: what comes from the hub becomes a [`line::Want`] or an end.
+//! console makes of it. Nothing here can reach the engine: what comes from the hub becomes a [`line::Want`], which is
+//! a span and numbers, or an end.
 
 mod connection;
 pub mod delivery;
+pub mod fetching;
 mod gate;
 pub mod history;
 pub mod hub;
@@ -13,6 +15,7 @@ pub mod outbox;
 #[cfg(test)]
 mod property;
 pub mod reading;
+pub mod recordings;
 pub mod status;
 pub mod tell;
 pub mod vehicle;

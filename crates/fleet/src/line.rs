@@ -23,6 +23,9 @@ pub const LOG_STREAM: &str = "LOG";
 /// A request for live data counts for this long at most.
 pub const LIVE_FOR_MAX: Span = Span::from_secs(60);
 
+/// Recordings that one wish may ask for.
+pub const WANTED_AT_ONCE: usize = 16;
+
 /// Bytes of an answer, or of a wish, that are read.
 const ANSWER_BYTES_MAX: usize = 4096;
 
@@ -42,12 +45,25 @@ pub struct Subjects {
     pub log: String,
     pub live: String,
     pub want: String,
+    /// The beginning of those of pieces.
+    pub inc: String,
 }
 
 impl Subjects {
     pub fn of(id: &VehicleId) -> Subjects {
         let subject = |end: &str| format!("tt.1.{id}.{end}");
-        Subjects { head: subject("head"), log: subject("log"), live: subject("live"), want: subject("want") }
+        Subjects {
+            head: subject("head"),
+            log: subject("log"),
+            live: subject("live"),
+            want: subject("want"),
+            inc: subject("inc"),
+        }
+    }
+
+    /// Of a piece of a recording; `*` for all pieces.
+    pub fn piece(&self, sha256: &str, number: impl fmt::Display) -> String {
+        format!("{}.{sha256}.{number}", self.inc)
     }
 
     /// Where the last message of the log is asked for.
@@ -87,11 +103,13 @@ impl fmt::Display for NoLine {
     }
 }
 
-/// A wish from the hub. This is all that anybody there can make a vehicle do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Want {
+/// A wish from the hub: a span and numbers. This is all that anybody there can make a vehicle do.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Want {
     /// Somebody looks at the vehicle: tell each change at once for this long.
-    Live(Span),
+    pub live: Option<Span>,
+    /// The numbers of incidents whose recordings are wanted.
+    pub incidents: Vec<u64>,
 }
 
 impl Want {
@@ -99,12 +117,17 @@ impl Want {
     pub fn read(payload: &[u8]) -> Option<Want> {
         #[derive(Deserialize)]
         struct Wish {
-            live_s: u64,
+            live_s: Option<u64>,
+            #[serde(default)]
+            incidents: Vec<u64>,
         }
         let payload = payload.get(..payload.len().min(ANSWER_BYTES_MAX + 1))?;
         let wish: Wish =
             (payload.len() <= ANSWER_BYTES_MAX).then(|| serde_json::from_slice(payload).ok())??;
-        Some(Want::Live(Span::from_secs(wish.live_s.min(LIVE_FOR_MAX.as_millis() / 1000))))
+        let live = wish.live_s.map(|it| Span::from_secs(it.min(LIVE_FOR_MAX.as_millis() / 1000)));
+        let is_one = live.is_some() || !wish.incidents.is_empty();
+        let is_small = wish.incidents.len() <= WANTED_AT_ONCE;
+        (is_one && is_small).then_some(Want { live, incidents: wish.incidents })
     }
 }
 
@@ -154,20 +177,14 @@ impl Line {
         Requests { client: self.client.clone(), subjects: self.subjects.clone() }
     }
 
-    /// The next wish. Other messages are passed over.
+    /// The next wish; `None` for a message that is none.
     ///
     /// # Errors
     /// Why the line is over.
-    pub async fn next(&mut self) -> Result<Want, String> {
-        loop {
-            tokio::select! {
-                why = self.gate.ended() => return Err(why),
-                message = self.wants.next() => {
-                    if let Some(want) = Want::read(&message.ok_or("the line was cut")?.payload) {
-                        return Ok(want);
-                    }
-                }
-            }
+    pub async fn next(&mut self) -> Result<Option<Want>, String> {
+        tokio::select! {
+            why = self.gate.ended() => Err(why),
+            message = self.wants.next() => Ok(Want::read(&message.ok_or("the line was cut")?.payload)),
         }
     }
 }
@@ -193,9 +210,18 @@ impl Requests {
 
     /// Appends a batch to the log, if the last message there has this number.
     pub async fn log(&self, after: u64, packed: Vec<u8>) -> Answer {
+        self.append(self.subjects.log.clone(), after, packed).await
+    }
+
+    /// Stores a piece of a recording. [`Answer::WrongLast`]: it is there already.
+    pub async fn piece(&self, sha256: &str, number: u64, piece: Vec<u8>) -> Answer {
+        self.append(self.subjects.piece(sha256, number), 0, piece).await
+    }
+
+    async fn append(&self, subject: String, after: u64, payload: Vec<u8>) -> Answer {
         let mut headers = HeaderMap::new();
         headers.insert("Nats-Expected-Last-Subject-Sequence", after.to_string().as_str());
-        let sent = self.client.request_with_headers(self.subjects.log.clone(), headers, packed.into());
+        let sent = self.client.request_with_headers(subject, headers, payload.into());
         match sent.await {
             Ok(answer) => stored(&answer.payload),
             Err(error) if error.kind() == RequestErrorKind::NoResponders => Answer::Refused,
@@ -260,11 +286,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wish_is_for_live_data_of_a_minute_at_most() {
-        assert_eq!(Want::read(br#"{"live_s":10,"stop":true}"#), Some(Want::Live(Span::from_secs(10))));
-        assert_eq!(Want::read(br#"{"live_s":86400}"#), Some(Want::Live(LIVE_FOR_MAX)));
-        for none in [&br#"{"stop":true}"#[..], b"", b"live", br#"{"live_s":-1}"#, br#"{"live_s":"9"}"#] {
-            assert_eq!(Want::read(none), None);
+    fn a_wish_is_for_live_data_of_a_minute_at_most_and_for_few_recordings() {
+        let want = |live, incidents: &[u64]| Some(Want { live, incidents: incidents.to_vec() });
+        assert_eq!(Want::read(br#"{"live_s":10,"stop":true}"#), want(Some(Span::from_secs(10)), &[]));
+        assert_eq!(Want::read(br#"{"live_s":86400}"#), want(Some(LIVE_FOR_MAX), &[]));
+        assert_eq!(Want::read(br#"{"incidents":[12,13]}"#), want(None, &[12, 13]));
+        for none in [
+            &br#"{"stop":true}"#[..],
+            b"",
+            b"live",
+            br#"{"live_s":-1}"#,
+            br#"{"live_s":"9"}"#,
+            br#"{"incidents":[]}"#,
+            br#"{"incidents":["../12"]}"#,
+            br#"{"incidents":[-1]}"#,
+            br#"{"incidents":[1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17]}"#,
+        ] {
+            assert_eq!(Want::read(none), None, "{}", String::from_utf8_lossy(none));
         }
         let long = format!(r#"{{"live_s":1}}{}"#, " ".repeat(ANSWER_BYTES_MAX));
         assert_eq!(Want::read(long.as_bytes()), None);

@@ -23,6 +23,12 @@ pub const BATCH_MESSAGES_MAX: usize = 4096;
 /// Bytes of one packed message; the rest of a batch is for its head.
 pub const MESSAGE_BYTES_MAX: usize = 240 * 1024;
 
+/// Bytes of a piece of a recording.
+pub const PIECE_BYTES: usize = 64 * 1024;
+
+/// Bytes of a recording that is sent to a fleet. A hub has 2.5 GB for pieces by default.
+pub const RECORDING_BYTES_MAX: u64 = 1 << 30;
+
 /// Characters of the name of a vehicle in subjects.
 pub const ID_CHARS_MAX: usize = 64;
 
@@ -142,6 +148,7 @@ pub enum Content {
     /// The end of the vehicle's audit log, so that a vehicle that rewrites its past is found.
     AuditHead(AuditHead),
     Incident(Incident),
+    Recording(Recording),
     /// Messages that are not known any more.
     Gap(Gap),
     /// The program ended as it was asked to.
@@ -247,6 +254,58 @@ pub struct Incident {
     pub sha256: Option<String>,
 }
 
+/// The recording of an incident comes in pieces after this, or why it does not come.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Recording {
+    pub incident: u64,
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub pieces: Option<Pieces>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refused: Option<NotSent>,
+}
+
+/// A file in pieces.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pieces {
+    /// Of the file, in hexadecimal digits.
+    pub sha256: String,
+    pub bytes: u64,
+    /// How many there are. All but the last have [`PIECE_BYTES`].
+    pub pieces: u64,
+}
+
+impl Pieces {
+    /// `None` if it has no hash, no bytes, or more than any recording has.
+    pub fn of(sha256: &str, bytes: u64) -> Option<Pieces> {
+        let is_hash = sha256.len() == 64 && sha256.bytes().all(|it| matches!(it, b'0'..=b'9' | b'a'..=b'f'));
+        let fits = (1..=RECORDING_BYTES_MAX).contains(&bytes);
+        let pieces = bytes.div_ceil(PIECE_BYTES as u64);
+        (is_hash && fits).then(|| Pieces { sha256: sha256.to_owned(), bytes, pieces })
+    }
+
+    /// The bytes of the piece with this number; the first is 0, and beyond the last one there are none.
+    pub fn len_of(&self, number: u64) -> usize {
+        let before = number.saturating_mul(PIECE_BYTES as u64);
+        usize::try_from(self.bytes.saturating_sub(before)).unwrap_or(usize::MAX).min(PIECE_BYTES)
+    }
+}
+
+/// Why a recording is not sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NotSent {
+    /// The configuration says so.
+    Never,
+    /// There is no such incident, or its recording was removed.
+    Gone,
+    /// It is still written.
+    NotFinished,
+    TooLarge,
+    /// A word of a later version.
+    #[serde(other)]
+    Unknown,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Gap {
     /// The last message that is missing; the first is that of the gap.
@@ -317,6 +376,8 @@ pub enum Malformed {
     Order,
     #[error("it comes after more than this vehicle may tell in this time, and was not read")]
     TooMuch,
+    #[error("the recording of its incident {0}: {1}")]
+    Recording(u64, &'static str),
 }
 
 impl Batch {

@@ -52,6 +52,15 @@ const SCHEMA: &str = "
     CREATE INDEX IF NOT EXISTS messages_unsent ON messages (epoch, n) WHERE acked_s IS NULL;
     CREATE INDEX IF NOT EXISTS messages_by_rank ON messages (rank, epoch, n) WHERE acked_s IS NULL;
     CREATE INDEX IF NOT EXISTS messages_acked ON messages (acked_s) WHERE acked_s IS NOT NULL;
+    CREATE TABLE IF NOT EXISTS recordings (
+        incident INTEGER PRIMARY KEY,
+        path TEXT NOT NULL,
+        sha256 TEXT NOT NULL,
+        bytes INTEGER NOT NULL,
+        sent INTEGER NOT NULL DEFAULT 0,
+        is_told INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE TABLE IF NOT EXISTS recorded (one INTEGER PRIMARY KEY CHECK (one = 1), last INTEGER NOT NULL) STRICT;
     CREATE TABLE IF NOT EXISTS life (one INTEGER PRIMARY KEY CHECK (one = 1), ran_s INTEGER NOT NULL) STRICT;
 ";
 
@@ -431,6 +440,10 @@ impl Outbox {
         Ok(())
     }
 
+    pub(crate) fn connection(&self) -> &Connection {
+        &self.connection
+    }
+
     fn ran_s(&self, now: Timestamp) -> u64 {
         self.ran_before_s + now.since(self.started).as_millis() / 1000
     }
@@ -505,7 +518,7 @@ fn rank(content: &Content) -> i64 {
         Content::Head(_) | Content::Delta(_) | Content::Unknown => 0,
         Content::Keyframe(_) => 1,
         Content::Goodbye => 2,
-        Content::Incident(_) | Content::AuditHead(_) | Content::Alarm(_) => 3,
+        Content::Incident(_) | Content::Recording(_) | Content::AuditHead(_) | Content::Alarm(_) => 3,
         Content::Gap(_) => GAP,
     }
 }
@@ -530,6 +543,6 @@ fn mark(epoch: String, n: i64) -> Mark {
     Mark { epoch, n: n.unsigned_abs() }
 }
 
-fn signed(n: u64) -> i64 {
+pub(crate) fn signed(n: u64) -> i64 {
     i64::try_from(n).unwrap_or(i64::MAX)
 }

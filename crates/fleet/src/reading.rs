@@ -1,4 +1,4 @@
-//! The console's line to the hub: it reads the streams of heads and logs, and sends nothing to a vehicle. Requests of
+//! The console's line to the hub: it reads the streams of heads and logs. Requests of
 //! JetStream are plain requests, as on the vehicle's line, and each answer is read with bounds.
 
 use std::sync::Arc;
@@ -13,6 +13,7 @@ use tokio::sync::watch;
 use tokio::time::timeout;
 
 use crate::connection;
+use crate::fetching::Pieces;
 use crate::gate::{Gate, Pace};
 use crate::hub::{has, make_heads};
 use crate::identity::Identity;
@@ -117,7 +118,7 @@ impl Reading {
 
     /// A handle for questions, which may outlive the line.
     pub fn logs(&self) -> Logs {
-        Logs { client: self.client.clone(), _gate: None }
+        Logs { client: self.client.clone(), gate: None }
     }
 
     /// The next message. What nobody can have sent as a vehicle is passed over.
@@ -239,7 +240,7 @@ fn is_complete(description: &str) -> bool {
 pub struct Logs {
     client: Client,
     /// The line, where it is there for these questions alone.
-    _gate: Option<Arc<Gate>>,
+    gate: Option<Arc<Gate>>,
 }
 
 /// A message of a log.
@@ -281,7 +282,7 @@ impl Logs {
             asked = has(&client, LOG_STREAM) => asked,
         };
         match has_logs {
-            Ok(true) => Ok(Logs { client, _gate: Some(Arc::new(gate)) }),
+            Ok(true) => Ok(Logs { client, gate: Some(Arc::new(gate)) }),
             Ok(false) => {
                 Err(NoLine::Unreachable("it has no logs: `telltale fleet streams` makes them".into()))
             }
@@ -312,6 +313,11 @@ impl Logs {
     /// The hub does not answer.
     pub async fn last(&self, id: &VehicleId) -> Result<Option<Found>, String> {
         self.get(&serde_json::json!({ "last_by_subj": Subjects::of(id).log })).await
+    }
+
+    /// The pieces of recordings, on the same line.
+    pub fn pieces(&self) -> Pieces {
+        Pieces::over(self.client.clone(), self.gate.clone())
     }
 
     async fn get(&self, wanted: &serde_json::Value) -> Result<Option<Found>, String> {

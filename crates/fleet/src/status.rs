@@ -14,6 +14,8 @@ pub struct Status {
     pub refuses_since: Option<Timestamp>,
     /// Why the disk does not take messages.
     pub disk: Option<String>,
+    /// Wishes of the hub that were not followed: they are none, or there were too many.
+    pub dropped_wishes: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -44,7 +46,7 @@ impl Status {
     /// At the start.
     pub fn new(now: Timestamp) -> Status {
         let contact = Contact::Away { since: now, why: "it was not reached yet".into() };
-        Status { contact, refuses_since: None, disk: None }
+        Status { contact, refuses_since: None, disk: None, dropped_wishes: 0 }
     }
 
     /// The fault that the operator has to know of.

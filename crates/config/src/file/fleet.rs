@@ -1,11 +1,13 @@
 //! The fleet as it is written: `fleet: { hub: tls://hub.example:4222, credentials: vehicle.nk, ca: ca.pem,
-//! max_kbit_s: 512 }`.
+//! max_kbit_s: 512, recordings: on_demand }`.
 
 use std::ops::RangeInclusive;
 
 use crate::decode::{FromNode, Spanned};
 use crate::fields::Fields;
-use telltale_yaml::schema::{default, least, most, pattern};
+use crate::fleet::Recordings;
+use telltale_yaml::decode::word;
+use telltale_yaml::schema::{default, least, most, pattern, words};
 use telltale_yaml::{Log, Members, Node, Schema, Span, key, map};
 
 /// The most that the line carries, in kbit/s.
@@ -18,6 +20,7 @@ pub(crate) struct RawFleet {
     pub credentials: Option<Spanned<String>>,
     pub ca: Option<Spanned<String>>,
     pub max_kbit_s: Option<Spanned<u64>>,
+    pub recordings: Option<Recordings>,
     pub span: Span,
 }
 
@@ -40,8 +43,23 @@ impl FromNode for RawFleet {
                     .about("The line to the hub carries no more on average.")
                     .rules(|| vec![least(*KBIT_S.start()), most(*KBIT_S.end()), default(KBIT_S_DEFAULT as usize)]),
             ),
+            recordings: fields.optional(
+                key("recordings")
+                    .about("Which recordings of incidents go to the hub: those that the console asks for, each finished one, or none.")
+                    .rules(|| vec![default(Recordings::default().as_str())]),
+            ),
             span: node.span,
         })
+    }
+}
+
+impl FromNode for Recordings {
+    fn from_node(node: &Node, log: &mut Log) -> Option<Self> {
+        word(node, log, "choice", &Recordings::ALL.map(|it| (it.as_str(), it)))
+    }
+
+    fn form(_: &mut Schema) -> Members {
+        words(Recordings::ALL.map(Recordings::as_str))
     }
 }
 

@@ -44,6 +44,7 @@ pub(crate) fn fleet(
         credentials: beside(raw.credentials.as_ref()?),
         ca: beside(raw.ca.as_ref()?),
         max_kbit_s: u32::try_from(kbit_s).unwrap_or(u32::MAX),
+        recordings: raw.recordings.unwrap_or_default(),
     })
 }
 

@@ -1,7 +1,7 @@
 //! Tests of the settings of the fleet.
 
 use super::*;
-use crate::fleet::Fleet;
+use crate::fleet::{Fleet, Recordings};
 
 const FLEET: &str = "fleet: { hub: 'tls://hub.example:4222', credentials: vehicle.nk, ca: /etc/ca.pem }\n";
 
@@ -14,8 +14,14 @@ fn a_vehicle_belongs_to_no_fleet_unless_one_is_named() {
         credentials: "etc/vehicle.nk".into(),
         ca: "/etc/ca.pem".into(),
         max_kbit_s: 512,
+        recordings: Recordings::OnDemand,
     };
     assert_eq!(loaded.fleet, Some(fleet));
+    for wanted in Recordings::ALL {
+        let fleet = FLEET.replace(" }", &format!(", recordings: {} }}", wanted.as_str()));
+        let loaded = parse("c", &format!("{GROUP}vehicle: {{ id: shuttle-03 }}\n{fleet}")).unwrap();
+        assert_eq!(loaded.fleet.map(|it| it.recordings), Some(wanted));
+    }
 }
 
 #[test]

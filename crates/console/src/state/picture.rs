@@ -76,6 +76,7 @@ impl Picture {
             Content::Head(_)
             | Content::AuditHead(_)
             | Content::Incident(_)
+            | Content::Recording(_)
             | Content::Goodbye
             | Content::Unknown => {}
         }

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)]
 
 mod hostile;
+mod recordings;
 mod server;
 mod vehicle;
 
@@ -252,9 +253,10 @@ async fn a_vehicle_hears_wishes_and_nothing_of_others() {
     let mut line = Line::open(&hub.address(), &id, &identity).await.unwrap();
     let console = hub.console().await;
     console.want("a", r#"{"stop":true}"#).await;
-    console.want("a", r#"{"live_s":5}"#).await;
-    let want = until("the wish", line.next()).await;
-    assert!(matches!(want, Ok(Want::Live(_))), "{want:?}");
+    console.want("a", r#"{"live_s":5,"incidents":[7]}"#).await;
+    assert_eq!(until("no wish", line.next()).await, Ok(None));
+    let live = Some(telltale_engine::time::Span::from_secs(5));
+    assert_eq!(until("the wish", line.next()).await, Ok(Some(Want { live, incidents: vec![7] })));
 
     let (refused, mut refusals) = mpsc::unbounded_channel();
     let seed = std::fs::read_to_string(hub.key_file("a")).unwrap();
@@ -279,6 +281,9 @@ async fn a_vehicle_hears_wishes_and_nothing_of_others() {
     }
     for subject in [
         "tt.1.b.log",
+        "tt.1.b.inc.c0ffee.0",
+        "$JS.API.STREAM.PURGE.INC",
+        "$JS.API.DIRECT.GET.INC.tt.1.a.inc.c0ffee.0",
         "tt.1.a.want",
         "tt.1.b.want",
         "$JS.API.STREAM.PURGE.LOG",

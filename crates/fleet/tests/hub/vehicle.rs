@@ -10,6 +10,7 @@ use telltale_engine::model::{Model, Parts, StageModel};
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::text::Text;
 use telltale_fleet::message::{Content, VehicleId};
+use telltale_fleet::recordings::Finished;
 use telltale_fleet::vehicle::{self, Fleet, Settings, Sources};
 use tempfile::TempDir;
 use tokio::sync::{mpsc, watch};
@@ -22,11 +23,17 @@ pub struct Vehicle {
     snapshots: watch::Sender<Arc<Snapshot>>,
     _config: watch::Sender<String>,
     pub news: mpsc::Sender<Content>,
+    pub wanted: mpsc::Receiver<u64>,
+    pub finished: mpsc::Sender<Finished>,
     pub fleet: Fleet,
 }
 
 impl Vehicle {
     pub fn start(hub: &Hub, id: &str, data: &TempDir) -> Vehicle {
+        Vehicle::with(hub, id, data, true)
+    }
+
+    pub fn with(hub: &Hub, id: &str, data: &TempDir, sends_recordings: bool) -> Vehicle {
         let clock = Clock::start();
         let model = Model::new(Parts::empty(id, StageModel::None)).unwrap();
         let mut engine = Engine::new(Arc::new(model), clock.now());
@@ -39,10 +46,14 @@ impl Vehicle {
             credentials: hub.key_file(id),
             kbit_s_max: 10_000,
             version: "0.1.0".into(),
+            sends_recordings,
         };
-        let sources = Sources { snapshots: shown, config: of_config, news: more };
+        let (wants, wanted) = mpsc::channel(16);
+        let (finished, to_send) = mpsc::channel(16);
+        let sources =
+            Sources { snapshots: shown, config: of_config, news: more, finished: to_send, wanted: wants };
         let fleet = vehicle::start(settings, Some(data.path()), sources, clock).unwrap();
-        Vehicle { engine, clock, snapshots, _config: config, news, fleet }
+        Vehicle { engine, clock, snapshots, _config: config, news, wanted, finished, fleet }
     }
 
     /// A fault of the clock, which is a WARNING.
@@ -50,6 +61,12 @@ impl Vehicle {
         let clock = wrong.then(|| Text::plain("the clock shows 1970"));
         self.engine.handle(&Input::Upkeep(Upkeep { clock, ..Upkeep::default() }), self.clock.now());
         self.snapshots.send_replace(self.engine.snapshot());
+    }
+
+    /// All that the engine shows.
+    #[allow(dead_code, reason = "the console's tests do not look at it")]
+    pub fn engine(&mut self) -> String {
+        format!("{:?}", self.engine.snapshot())
     }
 
     pub async fn end(self) {

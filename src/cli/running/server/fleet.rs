@@ -1,8 +1,8 @@
 //! Tells the fleet of this vehicle, if the configuration names one: the thread that does, and what the store knows for
-//! it. Nothing comes back from there but whether the fleet hears.
+//! it. Nothing comes back from there but whether the fleet hears, and numbers of incidents whose recordings it wants.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
@@ -11,14 +11,16 @@ use tokio::task::JoinHandle;
 
 use super::{outputs, reload};
 use crate::clock::Clock;
+use crate::config::fleet::Recordings;
 use crate::config::{self, Loaded};
 use crate::fleet::line::Hub;
-use crate::fleet::message::{AuditHead, Content, Incident, VehicleId};
+use crate::fleet::message::{AuditHead, Content, Incident, NotSent, VehicleId};
+use crate::fleet::recordings::{Finished, WISHES_AT_ONCE, refused};
 use crate::fleet::status::Status;
 use crate::fleet::vehicle::{self, Fleet, NEWS_MAX, Settings, Sources};
-use crate::record::VERSION;
 use crate::record::summary::Summary;
 use crate::record::writer::digest;
+use crate::record::{VERSION, folder};
 use crate::runtime::Link;
 use crate::store::{IncidentFilter, Store};
 
@@ -75,13 +77,24 @@ fn run(
         hub: Hub { url: fleet.hub.clone(), ca: fleet.ca.clone() },
         credentials: fleet.credentials.clone(),
         kbit_s_max: fleet.max_kbit_s,
+        sends_recordings: fleet.recordings != Recordings::Never,
         version: VERSION.to_owned(),
     };
     let (config, of_config) = watch::channel(digest(&reload::texts(loaded)));
     let (tell, news) = mpsc::channel(NEWS_MAX);
-    let sources = Sources { snapshots: outputs::latest(link.afterwards.clone()), config: of_config, news };
+    let (wants, wanted) = mpsc::channel(WISHES_AT_ONCE as usize);
+    let (send, finished) = mpsc::channel(NEWS_MAX);
+    let snapshots = outputs::latest(link.afterwards.clone());
+    let sources = Sources { snapshots, config: of_config, news, finished, wanted: wants };
+    let looking = Looking {
+        store: store.clone(),
+        recordings: folder.map(folder::folder_in),
+        is_always: fleet.recordings == Recordings::Always,
+        tell,
+        send,
+    };
     let fleet = vehicle::start(settings, folder, sources, clock)?;
-    let looking = tokio::spawn(look(store.clone(), tell));
+    let looking = tokio::spawn(looking.run(wanted));
     Ok(Running { fleet, config, looking })
 }
 
@@ -106,35 +119,90 @@ impl Telling {
     }
 }
 
-/// Tells incidents that are new or changed, and the end of the audit log where it grew.
-async fn look(store: Store, tell: mpsc::Sender<Content>) {
-    let mut incidents: BTreeMap<u64, Incident> = BTreeMap::new();
-    let mut record = 0;
-    loop {
-        let mut news = Vec::new();
-        // A store that does not answer now is asked again.
-        if let Ok(last) = store.audit_entries(None, 1).await
-            && let Some(last) = last.first().filter(|last| last.number != record)
-        {
-            record = last.number;
-            news.push(Content::AuditHead(AuditHead { record, hash: last.hash.to_string() }));
-        }
-        let filter = IncidentFilter { count: INCIDENTS, ..IncidentFilter::default() };
-        for found in store.incidents(filter).await.unwrap_or_default().iter().rev() {
-            let incident = incident(&found.summary);
-            if incidents.insert(incident.number, incident.clone()).as_ref() != Some(&incident) {
-                news.push(Content::Incident(incident));
+/// What the store knows for the fleet.
+struct Looking {
+    store: Store,
+    /// The folder of the recordings.
+    recordings: Option<PathBuf>,
+    /// Each finished recording is sent.
+    is_always: bool,
+    tell: mpsc::Sender<Content>,
+    send: mpsc::Sender<Finished>,
+}
+
+impl Looking {
+    /// Tells incidents that are new or changed, and the end of the audit log where it grew. Looks for the recordings that
+    /// are wanted.
+    async fn run(self, mut wanted: mpsc::Receiver<u64>) {
+        let mut incidents: BTreeMap<u64, Incident> = BTreeMap::new();
+        let mut record = 0;
+        let mut ticks = tokio::time::interval(LOOK_EVERY);
+        loop {
+            tokio::select! {
+                _ = ticks.tick() => {}
+                Some(number) = wanted.recv() => {
+                    self.answer(number).await;
+                    continue;
+                }
+            }
+            let mut news = Vec::new();
+            // A store that does not answer now is asked again.
+            if let Ok(last) = self.store.audit_entries(None, 1).await
+                && let Some(last) = last.first().filter(|last| last.number != record)
+            {
+                record = last.number;
+                news.push(Content::AuditHead(AuditHead { record, hash: last.hash.to_string() }));
+            }
+            let filter = IncidentFilter { count: INCIDENTS, ..IncidentFilter::default() };
+            let mut finished = Vec::new();
+            for found in self.store.incidents(filter).await.unwrap_or_default().iter().rev() {
+                let incident = incident(&found.summary);
+                finished.extend(self.finished(&found.summary, true).filter(|_| self.is_always));
+                if incidents.insert(incident.number, incident.clone()).as_ref() != Some(&incident) {
+                    news.push(Content::Incident(incident));
+                }
+            }
+            while incidents.len() > INCIDENTS as usize {
+                incidents.pop_first();
+            }
+            for content in news {
+                if self.tell.send(content).await.is_err() {
+                    return;
+                }
+            }
+            // They follow what is told of their incidents. Those that were sent are passed over there.
+            for recording in finished {
+                if self.send.send(recording).await.is_err() {
+                    return;
+                }
             }
         }
-        while incidents.len() > INCIDENTS as usize {
-            incidents.pop_first();
-        }
-        for content in news {
-            if tell.send(content).await.is_err() {
-                return;
-            }
-        }
-        tokio::time::sleep(LOOK_EVERY).await;
+    }
+
+    async fn answer(&self, number: u64) {
+        // A store that does not answer now is asked again by the console.
+        let Ok(found) = self.store.incident(number).await else { return };
+        let why = match &found {
+            None => NotSent::Gone,
+            Some(found) if found.summary.recording.is_open() => NotSent::NotFinished,
+            Some(found) => match self.finished(&found.summary, false) {
+                None => NotSent::Gone,
+                Some(finished) => {
+                    let _ = self.send.send(finished).await;
+                    return;
+                }
+            },
+        };
+        let _ = self.tell.send(refused(number, why)).await;
+    }
+
+    /// The recording of an incident, if it is finished and there.
+    fn finished(&self, summary: &Summary, by_itself: bool) -> Option<Finished> {
+        let recording = &summary.recording;
+        let path = folder::file_in(self.recordings.as_deref()?, &recording.file)?;
+        let path = std::path::absolute(path).ok()?;
+        let sha256 = recording.sha256.clone().filter(|_| recording.finished)?;
+        Some(Finished { incident: summary.id, path, sha256, bytes: recording.bytes, by_itself })
     }
 }
 

@@ -233,9 +233,14 @@ pub fn recording(recording: Option<&Recording>) -> String {
 
 /// The settings of the fleet.
 pub fn fleet(fleet: Option<&Fleet>) -> String {
-    let Some(Fleet { hub, credentials, ca, max_kbit_s }) = fleet else { return "none".to_owned() };
+    let Some(Fleet { hub, credentials, ca, max_kbit_s, recordings }) = fleet else {
+        return "none".to_owned();
+    };
     let (credentials, ca) = (credentials.display(), ca.display());
-    format!("{hub} with the key {credentials} and the authority {ca}, at most {max_kbit_s} kbit/s")
+    let recordings = recordings.as_str();
+    format!(
+        "{hub} with the key {credentials} and the authority {ca}, at most {max_kbit_s} kbit/s, recordings {recordings}"
+    )
 }
 
 /// The topics on which components report.

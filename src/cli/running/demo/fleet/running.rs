@@ -66,9 +66,12 @@ impl Vehicle {
             hub: self.hub.clone(),
             credentials: self.key_file.clone(),
             kbit_s_max: self.kbit_s_max,
+            sends_recordings: false,
             version: self.member.version.clone(),
         };
-        let sources = Sources { snapshots, config, news };
+        // Nothing is recorded here.
+        let ((wanted, _), (_, finished)) = (mpsc::channel(1), mpsc::channel(1));
+        let sources = Sources { snapshots, config, news, finished, wanted };
         let fleet = vehicle::start(settings, Some(&self.folder), sources, clock)
             .with_context(|| format!("{} cannot tell the hub", self.member.id))?;
         let mut ticks = tokio::time::interval(Duration::from_nanos(PERIOD.as_nanos()));

@@ -1,5 +1,8 @@
 //! The vehicle's side while it runs: a thread that tells the hub what the engine's snapshots show. It takes snapshots and
-//! summaries, and gives nothing back but its [`Status`]: no part of it holds a way into the engine.
+//! summaries, and gives nothing back but its [`Status`] and the numbers of incidents whose recordings are wanted: no part
+//! of it holds a way into the engine.
+
+mod recordings;
 
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
@@ -17,6 +20,7 @@ use crate::identity::{Identity, IdentityError};
 use crate::line::{Hub, Line, NoLine, OwnLast, Requests, Want};
 use crate::message::{Batch, Content, Head, Message, VehicleId, possible_ms};
 use crate::outbox::{Limits, Outbox, OutboxError, Seed};
+use crate::recordings::{Finished, Sending, Wishes};
 use crate::status::{Contact, Status};
 use crate::tell::{Teller, is_news};
 
@@ -48,6 +52,8 @@ pub struct Settings {
     /// The file of the private key.
     pub credentials: PathBuf,
     pub kbit_s_max: u32,
+    /// Recordings may be sent.
+    pub sends_recordings: bool,
     /// Of Telltale.
     pub version: String,
 }
@@ -60,6 +66,10 @@ pub struct Sources {
     pub config: watch::Receiver<String>,
     /// Incidents and heads of the audit log.
     pub news: mpsc::Receiver<Content>,
+    /// Recordings that are to be sent.
+    pub finished: mpsc::Receiver<Finished>,
+    /// The numbers of incidents whose recordings are wanted. Nothing else that the hub says leaves the thread.
+    pub wanted: mpsc::Sender<u64>,
 }
 
 /// Why the thread does not start.
@@ -119,6 +129,8 @@ pub fn start(
         live_until: Timestamp::ZERO,
         connect_at: Timestamp::ZERO,
         reconnect_wait: RECONNECT_MIN,
+        sending: None,
+        wishes: Wishes::default(),
     };
     let (thread, over) = oneshot::channel();
     std::thread::Builder::new().name("fleet".into()).spawn(move || {
@@ -154,6 +166,8 @@ type Waiting = Pin<Box<dyn Future<Output = Heard>>>;
 enum Heard {
     Line(Box<Result<Line, NoLine>>),
     Answer(Answer),
+    /// To a piece of a recording.
+    Piece(Answer),
     OwnLast(OwnLast),
 }
 
@@ -178,10 +192,14 @@ struct Vehicle {
     live_until: Timestamp,
     connect_at: Timestamp,
     reconnect_wait: Span,
+    /// The oldest recording that is to be sent.
+    sending: Option<Sending>,
+    wishes: Wishes,
 }
 
 impl Vehicle {
     async fn run(mut self, mut sources: Sources, mut ended: watch::Receiver<Option<Instant>>) {
+        self.look_for_recordings();
         let mut line: Option<Line> = None;
         let mut waiting: Option<Waiting> = None;
         let mut until = None;
@@ -190,7 +208,10 @@ impl Vehicle {
             let snapshot = sources.snapshots.borrow_and_update().clone();
             self.tell(&snapshot, &mut sources, until.is_some(), line.as_ref()).await;
             if waiting.is_none() {
-                waiting = self.next(line.as_ref(), now);
+                if line.is_some() && until.is_none() {
+                    self.announce_recording();
+                }
+                waiting = self.next(line.as_ref(), now, until.is_some());
             }
             if until.is_some() && (line.is_none() || waiting.is_none() && !self.is_worth_sending(now)) {
                 if let Some(line) = &line {
@@ -210,9 +231,22 @@ impl Vehicle {
                     self.hurry = true;
                     self.push(vec![content]);
                 }
+                Some(finished) = sources.finished.recv() => {
+                    // What was told before it stands before it.
+                    let before: Vec<Content> = std::iter::from_fn(|| sources.news.try_recv().ok()).collect();
+                    self.hurry |= !before.is_empty();
+                    self.push(before);
+                    self.take_finished(&finished);
+                }
                 heard = heard(&mut waiting) => self.hear(heard, &mut line),
                 want = next_want(&mut line) => match want {
-                    Ok(Want::Live(span)) => self.live_until = self.clock.now() + span,
+                    Ok(Some(Want { live, incidents })) => {
+                        if let Some(span) = live {
+                            self.live_until = self.clock.now() + span;
+                        }
+                        incidents.into_iter().for_each(|number| self.want(number, &sources.wanted));
+                    }
+                    Ok(None) => self.drop_wish(),
                     Err(why) => self.hang_up((&mut line, &mut waiting), &why),
                 },
                 // Its sender lives as long as the program; without it there is nothing to tell either.
@@ -318,7 +352,7 @@ impl Vehicle {
     }
 
     /// The next request to the hub, or attempt to reach it.
-    fn next(&mut self, line: Option<&Line>, now: Timestamp) -> Option<Waiting> {
+    fn next(&mut self, line: Option<&Line>, now: Timestamp, ending: bool) -> Option<Waiting> {
         let Some(line) = line else {
             if now < self.connect_at || self.delivery.is_stopped() {
                 return None;
@@ -331,7 +365,8 @@ impl Vehicle {
         };
         let requests = line.requests();
         match self.delivery.order(self.is_worth_sending(now), now) {
-            Order::Rest | Order::Until(_) => None,
+            Order::Rest | Order::Until(_) if ending => None,
+            Order::Rest | Order::Until(_) => self.next_piece(requests, now),
             Order::Ask => {
                 self.delivery.asks();
                 Some(Box::pin(async move { Heard::OwnLast(requests.own_last().await) }))
@@ -383,6 +418,7 @@ impl Vehicle {
         let answer = match heard {
             Heard::Line(opened) => return self.hear_of_line(*opened, line),
             Heard::Answer(answer) => answer,
+            Heard::Piece(answer) => return self.piece_answered(&answer),
             Heard::OwnLast(OwnLast::Nothing) => Answer::Nothing,
             Heard::OwnLast(OwnLast::Unknown(answer)) => answer,
             Heard::OwnLast(OwnLast::Stored(stored)) => {
@@ -441,6 +477,9 @@ impl Vehicle {
                 let order = self.delivery.order(true, now);
                 due = due.min(sent.max(now + Span::from_millis(100)));
                 if let Order::Until(then) = order {
+                    due = due.min(then.max(now + Span::from_millis(1)));
+                }
+                if let Some(then) = self.delivery.piece_at().filter(|_| self.sending.is_some()) {
                     due = due.min(then.max(now + Span::from_millis(1)));
                 }
             }
@@ -537,7 +576,7 @@ async fn heard(waiting: &mut Option<Waiting>) -> Heard {
     }
 }
 
-async fn next_want(line: &mut Option<Line>) -> Result<Want, String> {
+async fn next_want(line: &mut Option<Line>) -> Result<Option<Want>, String> {
     match line {
         Some(line) => line.next().await,
         None => std::future::pending().await,
