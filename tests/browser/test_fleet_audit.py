@@ -1,15 +1,20 @@
-"""The fleet keeps the heads of a vehicle's audit log: over a real hub, `telltale fleet verify` finds a log that was put back,
-which the vehicle's own files do not show."""
+"""A vehicle, a real hub and a console. The fleet keeps the heads of a vehicle's audit log: `telltale fleet verify` finds a log
+that was put back, which the vehicle's own files do not show. An engineer fetches a recording on the console's page."""
 
+import hashlib
+import json
 import os
 import re
 import shutil
 import subprocess
 
 import pytest
+from playwright.sync_api import expect
 
+from accessible import violations
+from operating import enter
 from programs import Program
-from vehicle import STARTUP_S, TELLTALE, Server, free_port, own_domain, until
+from vehicle import STARTUP_S, TELLTALE, Client, Server, free_port, own_domain, until
 
 # The vehicle looks for new records every 30 s.
 pytestmark = pytest.mark.timed
@@ -45,16 +50,21 @@ def hub(tmp_path):
 
 
 @pytest.fixture
-def console(hub, tmp_path):
-    """The data folder of a console that runs."""
+def console_server(hub, tmp_path):
     folder, url = hub
     data = tmp_path / "console"
     data.mkdir()
     server = Server(data, own_domain(), "console")
     words = [TELLTALE, "fleet", "serve", "--hub", url, "--credentials", folder / "console.nk", "--data", data]
     server.run([*words, "--listen", f"127.0.0.1:{server.port}"])
-    yield data
+    yield server
     assert server.stop() == 0, server.read_log()
+
+
+@pytest.fixture
+def console(console_server):
+    """The data folder of a console that runs."""
+    return console_server.folder
 
 
 def drive(data, config, console, is_told):
@@ -107,3 +117,45 @@ def test_an_audit_log_that_was_put_back_is_found(hub, console, tmp_path):
     drive(data, config, console, lambda: verify(console)[1] == 1)
     said, _ = verify(console)
     assert "BAD   told record" in said and "an older copy of its audit log" in said, said
+
+
+def test_an_engineer_fetches_a_recording(hub, console_server, page, tmp_path):
+    folder, url = hub
+    data, config = tmp_path / "vehicle", tmp_path / "vehicle.yaml"
+    data.mkdir()
+    config.write_text(CONFIG.format(url=url, hub=folder) + "recording: { after: 1s }\n")
+    for role in ("engineer", "control_room"):
+        console_server.add_user(role, "three words apart", role)
+    vehicle = Server(data, own_domain(), config=config)
+    vehicle.add_user("developer", "three words apart", "developer")
+    vehicle.start()
+    try:
+        assert json.loads(Client(vehicle, "developer", "three words apart").post("/api/v1/mark", note="look at this"))["incident"] == 1
+        enter(page, console_server, "control_room", "three words apart")
+        address = f"{console_server.url}/vehicles/{ID}"
+        until(lambda: page.goto(address).status == 200, TOLD_S, "the vehicle is heard")
+        incident = page.locator("#incident-1")
+        # The vehicle looks for incidents that ended every 30 s.
+        expect(incident).to_contain_text(re.compile(r"\d B|kB|MB"), timeout=1000 * TOLD_S)
+        expect(page.get_by_role("button", name="Fetch recording")).to_have_count(0)
+        page.get_by_role("button", name="Log out").click()
+        enter(page, console_server, "engineer", "three words apart")
+        page.goto(address)
+        button = page.get_by_role("button", name="Fetch recording 1", exact=True)
+        expect(button).to_be_visible()
+        assert not violations(page)
+        button.click()
+        download = page.get_by_role("link", name="Download recording 1", exact=True)
+        expect(download).to_be_visible(timeout=30_000)
+        expect(incident).to_contain_text("The recording is here.")
+        assert not violations(page)
+        with page.expect_download() as taken:
+            download.click()
+        fetched = tmp_path / "fetched.mcap"
+        taken.value.save_as(fetched)
+        said, code = telltale("incident", "verify", 1, "--data", data)
+        assert code == 0 and hashlib.sha256(fetched.read_bytes()).hexdigest() in said, said
+        said, code = telltale("replay", fetched)
+        assert code == 0, said
+    finally:
+        assert vehicle.stop() == 0, vehicle.read_log()

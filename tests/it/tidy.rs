@@ -332,7 +332,11 @@ fn the_tests_that_hold_a_requirement_are_there() {
     let named: BTreeSet<&str> = named.filter(|name| name.matches('_').count() > 1).collect();
     assert!(named.len() > 100, "{} tests are named", named.len());
     let tests = files(&root().join("tests"), "rs").into_iter().chain(files(&root().join("tests"), "py"));
-    let sources: Vec<String> = tests.chain(sources()).map(|file| fs::read_to_string(file).unwrap()).collect();
+    let sources: Vec<String> = tests
+        .chain(files(&root().join("crates"), "rs"))
+        .chain(sources())
+        .map(|file| fs::read_to_string(file).unwrap())
+        .collect();
     let is_there = |name: &&str| {
         let heads = [format!("fn {name}("), format!("def {name}(")];
         sources.iter().any(|text| heads.iter().any(|head| text.contains(head)))

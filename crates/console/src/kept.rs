@@ -11,6 +11,7 @@ use telltale_fleet::message::{Incident, VehicleId};
 use telltale_store::{Head, make_folder, make_private_file};
 
 use crate::state::incidents::INCIDENTS_MAX;
+use crate::state::recordings::Transfer;
 use crate::state::vehicle::Vehicle;
 use crate::state::{Fleet, Unwritten};
 
@@ -23,6 +24,12 @@ const SCHEMA: &str = "
         vehicle TEXT NOT NULL,
         number INTEGER NOT NULL,
         incident TEXT NOT NULL,
+        PRIMARY KEY (vehicle, number)
+    ) STRICT, WITHOUT ROWID;
+    CREATE TABLE IF NOT EXISTS recordings (
+        vehicle TEXT NOT NULL,
+        number INTEGER NOT NULL,
+        transfer TEXT NOT NULL,
         PRIMARY KEY (vehicle, number)
     ) STRICT, WITHOUT ROWID;
     CREATE TABLE IF NOT EXISTS audit_heads (
@@ -75,6 +82,7 @@ pub struct Store {
 pub struct Changes {
     vehicles: Vec<(String, String)>,
     incidents: Vec<(String, i64, String)>,
+    recordings: Vec<(String, i64, String)>,
     log_ms: i64,
     last_up_ms: i64,
     /// What it is of.
@@ -94,11 +102,16 @@ impl Changes {
             let incident = fleet.vehicle(id)?.incidents.get(number)?;
             Some((id.to_string(), i64::try_from(*number).ok()?, serde_json::to_string(incident).ok()?))
         };
+        let recording = |(id, number): &(VehicleId, u64)| {
+            let transfer = fleet.vehicle(id)?.recordings.get(number)?;
+            Some((id.to_string(), i64::try_from(*number).ok()?, serde_json::to_string(transfer).ok()?))
+        };
         let line = fleet.line();
         let up_age = if line.up_since.is_some() { Span::ZERO } else { line.last_up.age(now) };
         Changes {
             vehicles: unwritten.vehicles.iter().filter_map(kept).collect(),
             incidents: unwritten.incidents.iter().filter_map(incident).collect(),
+            recordings: unwritten.recordings.iter().filter_map(recording).collect(),
             log_ms: fleet.log_ms,
             last_up_ms: wall_ms.saturating_sub(i64::try_from(up_age.as_millis()).unwrap_or(i64::MAX)),
             unwritten,
@@ -136,6 +149,11 @@ impl Store {
             for (_, incident) in self.rows_of::<Incident>(sql, &[id.as_str()])? {
                 vehicle.take_incident(&incident);
             }
+            let sql =
+                "SELECT vehicle, '[' || number || ',' || transfer || ']' FROM recordings WHERE vehicle = ?1";
+            let recordings = self.rows_of::<(u64, Transfer)>(sql, &[id.as_str()])?;
+            vehicle.recordings = recordings.into_iter().map(|(_, numbered)| numbered).collect();
+            vehicle.recordings.retain(|number, _| vehicle.incidents.contains_key(number));
             vehicles.push(vehicle);
         }
         let reading = self
@@ -201,6 +219,14 @@ impl Store {
             let sql = "DELETE FROM incidents WHERE vehicle = ?1 AND number NOT IN (
                            SELECT number FROM incidents WHERE vehicle = ?1 ORDER BY number DESC LIMIT ?2)";
             transaction.prepare_cached(sql)?.execute(params![id, INCIDENTS_MAX as i64])?;
+        }
+        for (id, number, transfer) in &changes.recordings {
+            let sql = "INSERT INTO recordings VALUES (?1, ?2, ?3)
+                       ON CONFLICT (vehicle, number) DO UPDATE SET transfer = ?3";
+            transaction.prepare_cached(sql)?.execute(params![id, number, transfer])?;
+            let sql = "DELETE FROM recordings WHERE vehicle = ?1 AND number NOT IN (
+                           SELECT number FROM incidents WHERE vehicle = ?1)";
+            transaction.prepare_cached(sql)?.execute(params![id])?;
         }
         for (id, heads) in &changes.unwritten.heads {
             for (head, stored_ms) in heads {

@@ -1,8 +1,9 @@
 //! The console of a fleet: reads what lies at the hub, and shows all vehicles, the worst first. Nothing here acts on a
-//! vehicle: no message is ever sent to one.
+//! vehicle: the only message to one asks for recordings by their numbers.
 
 pub mod follow;
 pub mod history;
 pub mod http;
 pub mod kept;
+pub mod recordings;
 pub mod state;

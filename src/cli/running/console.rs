@@ -19,7 +19,7 @@ use crate::cli::process::{data_folder, log};
 use crate::clock::Clock;
 use crate::console::follow::Shared;
 use crate::console::http::{Console, router};
-use crate::console::kept;
+use crate::console::{kept, recordings};
 use crate::fleet::identity::Identity;
 use crate::fleet::line::Hub;
 use crate::metrics;
@@ -89,7 +89,8 @@ async fn serve(args: &Args) -> anyhow::Result<ExitCode> {
     }
     let kept = kept::Store::open(&args.data, clock)?;
     let origins = args.origins.clone();
-    let running = Running { hub, identity, store, kept, listener, tls, origins, metrics, clock };
+    let data = args.data.clone();
+    let running = Running { hub, identity, store, kept, data, listener, tls, origins, metrics, clock };
     running.run(&mut signal).await?;
     Ok(ExitCode::SUCCESS)
 }
@@ -101,6 +102,8 @@ pub struct Running {
     /// Users, sessions and the audit log.
     pub store: Store,
     pub kept: kept::Store,
+    /// The data folder.
+    pub data: PathBuf,
     pub listener: TcpListener,
     pub tls: Option<Tls>,
     /// Addresses by which browsers reach it, beside that of the listener.
@@ -115,22 +118,24 @@ impl Running {
     /// # Errors
     /// An origin is none, or what was kept cannot be read.
     pub async fn run(self, signal: &mut ShutdownSignal) -> anyhow::Result<Instant> {
-        let Running { hub, identity, store, kept, listener, tls, origins, metrics, clock } = self;
+        let Running { hub, identity, store, kept, data, listener, tls, origins, metrics, clock } = self;
         let shared = Shared::new(kept.fleet()?, clock);
         let address = listener.local_addr().context("the listener has no address")?;
         let origins = server::known_origins(address, tls.is_some(), &origins)?;
         store.record(Record::of(Action::Start, TELLTALE), None).await;
 
         let following = tokio::spawn(shared.clone().follow(hub, identity));
+        let fetching = tokio::spawn(shared.clone().fetch(data.join(recordings::FOLDER), store.clone()));
         let (end, ended) = watch::channel(false);
         let keeping = tokio::spawn(shared.clone().keep(kept, ended));
         let written = shared.clone();
         let metrics = metrics.map(|it| it.serve(Arc::new(move || metrics::console::text(&written))));
         tracing::info!("the console is at {}", server::url(address, tls.is_some()));
-        let console = Console::new(shared, store.clone(), origins, tls.is_some());
+        let console = Console::new(shared, store.clone(), &data, origins, tls.is_some());
         let requested = serve_router(listener, tls, router(console), clock, signal.requested()).await;
 
         following.abort();
+        fetching.abort();
         if let Some(metrics) = metrics {
             metrics.abort();
         }

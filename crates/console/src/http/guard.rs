@@ -47,7 +47,8 @@ pub async fn guard(State(console): State<Console>, request: Request, next: Next)
     next.run(request).await
 }
 
-/// The two addresses that take a post. All others refuse it.
+/// The addresses that take a post. All others refuse it.
 fn is_form(request: &Request) -> bool {
-    matches!(request.uri().path(), "/login" | "/logout")
+    let path = request.uri().path();
+    matches!(path, "/login" | "/logout") || path.starts_with("/vehicles/") && path.ends_with("/fetch")
 }

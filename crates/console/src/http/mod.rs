@@ -1,4 +1,5 @@
-//! The console's pages and API. Every route but login and logout is for reading, and none reaches a vehicle.
+//! The console's pages and API. Every route but login, logout and the wish for a recording is for reading, and none acts
+//! on a vehicle.
 
 mod answers;
 mod grouped;
@@ -7,11 +8,13 @@ mod history;
 mod log;
 mod login;
 mod page;
+mod recordings;
 mod row;
 #[cfg(test)]
 mod tests;
 mod vehicle;
 
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use axum::extract::DefaultBodyLimit;
@@ -41,6 +44,8 @@ pub struct Console {
     /// Users, sessions and the audit log.
     pub store: Store,
     pub clock: Clock,
+    /// The folder of the recordings.
+    pub recordings: PathBuf,
     origins: Arc<Origins>,
     /// Browsers connect over TLS, so cookies are marked for TLS only.
     secure: bool,
@@ -50,10 +55,21 @@ pub struct Console {
 }
 
 impl Console {
-    pub fn new(shared: Shared, store: Store, origins: Origins, secure: bool) -> Console {
+    /// `data`: its data folder.
+    pub fn new(shared: Shared, store: Store, data: &Path, origins: Origins, secure: bool) -> Console {
         let clock = shared.clock;
         let (origins, histories) = (Arc::new(origins), Arc::new(Semaphore::new(history::AT_A_TIME)));
-        Console { shared, store, clock, origins, secure, throttle: Arc::default(), histories }
+        let folder = data.join(crate::recordings::FOLDER);
+        Console {
+            shared,
+            store,
+            clock,
+            recordings: folder,
+            origins,
+            secure,
+            throttle: Arc::default(),
+            histories,
+        }
     }
 }
 
@@ -66,6 +82,8 @@ pub fn router(console: Console) -> Router {
         .route("/vehicles/{id}", get(vehicle::page))
         .route("/vehicles/{id}/state", get(vehicle::state))
         .route("/vehicles/{id}/log", get(log::log))
+        .route("/vehicles/{id}/incidents/{number}/fetch", post(recordings::fetch))
+        .route("/vehicles/{id}/incidents/{number}/recording", get(recordings::download))
         .route("/login", get(login::page).post(login::login))
         .route("/logout", post(login::logout))
         .route("/api/v1/vehicles", get(answers::vehicles))

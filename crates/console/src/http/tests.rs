@@ -1,5 +1,7 @@
 //! Routes and methods: none acts, and each asks for a session where it shows something.
 
+use std::path::Path;
+
 use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::http::{Method, Request, StatusCode, header};
@@ -9,7 +11,9 @@ use telltale_clock::Clock;
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::{Since, Span};
-use telltale_fleet::message::{Batch, Cause, Content, Epoch, Head, Keyframe, Message, Node, VehicleId};
+use telltale_fleet::message::{
+    Batch, Cause, Content, Epoch, Head, Incident, Keyframe, Message, Node, VehicleId,
+};
 use telltale_fleet::reading::Stream;
 use telltale_store::{DemoSecrets, Role, Store};
 use telltale_web::Origins;
@@ -70,7 +74,11 @@ async fn console() -> (Router, Shared, Store) {
         shared.fleet().take(Arrived { stream, id, batch: Ok(batch), stored_ms, age }, clock.now());
     }
     let origins = Origins::of_listener("127.0.0.1:8080".parse().unwrap(), false);
-    (router(Console::new(shared.clone(), store.clone(), origins, false)), shared, store)
+    (
+        router(Console::new(shared.clone(), store.clone(), Path::new("/nowhere"), origins, false)),
+        shared,
+        store,
+    )
 }
 
 async fn ask(router: &Router, method: Method, path: &str, cookie: &str, body: &str) -> Response {
@@ -146,6 +154,15 @@ async fn every_route_and_method_but_login_and_logout_only_reads() {
         ask(&router, Method::GET, "/vehicle/stop", &session, "").await.status(),
         StatusCode::NOT_FOUND
     );
+    for (method, path) in [
+        (Method::GET, "/vehicles/a/incidents/7/fetch"),
+        (Method::PUT, "/vehicles/a/incidents/7/fetch"),
+        (Method::POST, "/vehicles/a/incidents/7/recording"),
+        (Method::DELETE, "/vehicles/a/incidents/7/recording"),
+    ] {
+        let status = ask(&router, method, path, &session, "").await.status();
+        assert_eq!(status, StatusCode::METHOD_NOT_ALLOWED, "{path}");
+    }
     assert_eq!(
         ask(&router, Method::GET, "/logout", &session, "").await.status(),
         StatusCode::METHOD_NOT_ALLOWED
@@ -381,4 +398,87 @@ async fn a_page_escapes_what_vehicles_say_and_shows_no_old_data_as_ok() {
     let shown = page().await;
     assert!(shown.contains("data-contact=\"hub_down\"") && shown.contains("data-hub-down"), "{shown}");
     assert_eq!(ask(&router, Method::GET, "/readyz", "", "").await.status(), StatusCode::OK);
+}
+
+/// Tells a console of an incident of vehicle `a`.
+fn tell_of_incident(shared: &Shared, number: u64, sha256: Option<String>) {
+    let incident = Incident {
+        number,
+        since: 1_780_000_000_000,
+        until: sha256.as_ref().map(|_| 1_780_000_009_000),
+        stage: "active".into(),
+        causes: vec![HOSTILE.into()],
+        triggers: 1,
+        version: "0.1.0".into(),
+        config: "c0ffee".into(),
+        bytes: 1_500_000,
+        sha256,
+    };
+    let id = VehicleId::new("a").unwrap();
+    let (epoch, at) = (Epoch { start: 1, nonce: 0 }, 1_780_000_000_000);
+    let messages = vec![Message { epoch, n: number + 10, at, content: Content::Incident(incident) }];
+    let batch = Ok(Batch { id: id.clone(), key: "UA".into(), sent: at, messages });
+    let arrived = Arrived { stream: Stream::Log, id, batch, stored_ms: at, age: Span::ZERO };
+    shared.fleet().take(arrived, shared.clock.now());
+}
+
+#[tokio::test]
+async fn an_engineer_asks_for_a_recording_and_no_other_role_does() {
+    let (router, shared, store) = console().await;
+    tell_of_incident(&shared, 7, Some("ab".repeat(32)));
+    tell_of_incident(&shared, 8, None);
+    let of = |number: &str, what: &str| format!("/vehicles/a/incidents/{number}/{what}");
+    let button = "action=\"/vehicles/a/incidents/7/fetch\"><button type=\"submit\">Fetch recording";
+    for (role, asks, takes) in [
+        (Role::ControlRoom, StatusCode::FORBIDDEN, StatusCode::FORBIDDEN),
+        (Role::Authority, StatusCode::FORBIDDEN, StatusCode::NOT_FOUND),
+        (Role::Engineer, StatusCode::ACCEPTED, StatusCode::NOT_FOUND),
+    ] {
+        let session = cookie(&router, role.as_str()).await;
+        let answer = ask(&router, Method::GET, "/vehicles/a", &session, "").await;
+        let page = to_bytes(answer.into_body(), 1 << 20).await.unwrap();
+        let page = String::from_utf8(page.to_vec()).unwrap();
+        assert!(
+            page.contains("<li id=\"incident-7\" data-recording=\"none\">") && page.contains("1.5 MB"),
+            "{page}"
+        );
+        assert!(!page.contains("<img"), "{page}");
+        assert_eq!(page.contains(button), role == Role::Engineer, "{page}");
+        assert!(!page.contains("incidents/8/fetch"), "it is still recorded: {page}");
+        let status = ask(&router, Method::GET, &of("7", "recording"), &session, "").await.status();
+        assert_eq!(status, takes, "{role:?}");
+        let status = ask(&router, Method::POST, &of("7", "fetch"), &session, "").await.status();
+        assert_eq!(status, asks, "{role:?}");
+    }
+    let session = cookie(&router, "engineer").await;
+    for (number, status) in [
+        ("7", StatusCode::ACCEPTED),
+        ("8", StatusCode::CONFLICT),
+        ("9", StatusCode::NOT_FOUND),
+        ("07", StatusCode::NOT_FOUND),
+        ("..%2F7", StatusCode::NOT_FOUND),
+    ] {
+        assert_eq!(
+            ask(&router, Method::POST, &of(number, "fetch"), &session, "").await.status(),
+            status,
+            "{number}"
+        );
+    }
+    for path in [of("7", "fetch"), of("7", "recording")] {
+        let method = if path.ends_with("fetch") { Method::POST } else { Method::GET };
+        assert_eq!(ask(&router, method, &path, "", "").await.status(), StatusCode::UNAUTHORIZED);
+    }
+    let foreign = Request::post(of("7", "fetch"))
+        .header(header::HOST, "127.0.0.1:8080")
+        .header(header::ORIGIN, "http://elsewhere.example")
+        .header(header::COOKIE, &session);
+    let answer = router.clone().oneshot(foreign.body(Body::empty()).unwrap()).await.unwrap();
+    assert_eq!(answer.status(), StatusCode::FORBIDDEN);
+    let part = ask(&router, Method::GET, "/vehicles/a/state", &session, "").await;
+    let part = String::from_utf8(to_bytes(part.into_body(), 1 << 20).await.unwrap().to_vec()).unwrap();
+    assert!(part.contains("data-recording=\"asked\"") && !part.contains(button), "{part}");
+    let said = store.audit_entries(None, 100).await.unwrap();
+    let asked: Vec<_> = said.iter().filter(|it| it.action == "recording asked").collect();
+    assert_eq!(asked.iter().filter(|it| it.was_refused()).count(), 2);
+    assert!(asked.iter().all(|it| it.target == "a/7") && asked.len() == 4, "{asked:?}");
 }

@@ -9,6 +9,7 @@ use telltale_clock::unix_ms;
 use telltale_engine::module::system::OTHER_GROUP;
 use telltale_engine::state::State as Shows;
 use telltale_fleet::message::VehicleId;
+use telltale_store::Role;
 use telltale_web::common::{Asked, PageFrame, Reader, SignedIn};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, Lang, Words};
@@ -16,6 +17,7 @@ use telltale_web::texts::{HttpError, Lang, Words};
 use super::Console;
 use super::log::{LogAsked, LogHtml, log_of};
 use super::page::rendered;
+use super::recordings::{IncidentHtml, incidents};
 use super::row::{RowHtml, icon, shown};
 use crate::state::contact::Contact;
 use crate::state::picture::{Picture, Shown};
@@ -52,6 +54,8 @@ struct StateHtml {
     faults: Vec<FaultHtml>,
     more_faults: Option<String>,
     tiles: Vec<TileHtml>,
+    incidents: Vec<IncidentHtml>,
+    more_incidents: Option<String>,
     /// Something in between was missed.
     is_whole: bool,
     /// Of data that are not live.
@@ -98,7 +102,7 @@ pub async fn page(
     reader: Reader,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let state = state_of(&console, &id, reader.lang)?;
+    let state = state_of(&console, &id, session.role, reader.lang)?;
     let log = log_of(&console, &id, asked, reader.lang).await?;
     let frame = PageFrame::new(reader.lang, reader.palette);
     let (words, user) = (ConsoleWords::of(reader.lang), session.user.to_string());
@@ -108,21 +112,22 @@ pub async fn page(
 /// `GET /vehicles/ID/state`: the part of the page that changes.
 pub async fn state(
     State(console): State<Console>,
-    _: SignedIn,
+    SignedIn(session): SignedIn,
     Path(id): Path<String>,
     reader: Reader,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    Ok(rendered(&state_of(&console, &id, reader.lang)?))
+    Ok(rendered(&state_of(&console, &id, session.role, reader.lang)?))
 }
 
-fn state_of(console: &Console, id: &VehicleId, lang: Lang) -> Result<StateHtml, HttpError> {
+fn state_of(console: &Console, id: &VehicleId, role: Role, lang: Lang) -> Result<StateHtml, HttpError> {
     let now_ms = unix_ms(console.clock.wall());
     let fleet = console.shared.fleet();
     let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
     let row = fleet.row(vehicle, console.clock.now());
     let picture = &vehicle.picture;
     let (faults, more) = faults(picture, lang);
+    let (incidents, more_incidents) = incidents(vehicle, role, lang);
     let shown = shown(&row, lang, now_ms);
     Ok(StateHtml {
         words: ConsoleWords::of(lang),
@@ -136,6 +141,8 @@ fn state_of(console: &Console, id: &VehicleId, lang: Lang) -> Result<StateHtml, 
         faults,
         more_faults: (more > 0).then(|| lang.so_many_more(more)),
         tiles: tiles(picture, lang),
+        incidents,
+        more_incidents: (more_incidents > 0).then(|| lang.so_many_more(more_incidents)),
         is_whole: picture.is_whole || picture.nodes.is_empty(),
     })
 }

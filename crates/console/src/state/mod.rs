@@ -4,6 +4,7 @@
 pub mod contact;
 pub mod incidents;
 pub mod picture;
+pub mod recordings;
 pub mod search;
 #[cfg(test)]
 mod tests;
@@ -17,12 +18,13 @@ use telltale_engine::model::Stage;
 use telltale_engine::state::State;
 use telltale_engine::time::{Since, Span, Timestamp};
 use telltale_fleet::hub::VEHICLES_MAX;
-use telltale_fleet::message::{Batch, Cause, Content, Malformed, VehicleId};
+use telltale_fleet::message::{Batch, Cause, Content, Malformed, Pieces, VehicleId};
 use telltale_fleet::reading::Stream;
 use telltale_store::Head;
 
 use contact::{Contact, Counts, Judged, Line, Urgency};
 use incidents::IncidentRow;
+use recordings::{NotAsked, Step};
 use vehicle::{Times, Vehicle};
 
 /// The log is read again from this long before its known end, so that a keyframe of each vehicle is in it.
@@ -48,6 +50,7 @@ pub struct Fleet {
 pub struct Unwritten {
     pub vehicles: BTreeSet<VehicleId>,
     pub incidents: BTreeSet<(VehicleId, u64)>,
+    pub recordings: BTreeSet<(VehicleId, u64)>,
     /// Of the vehicles' audit logs, as they were told, with the hub's time in milliseconds since 1970.
     pub heads: BTreeMap<VehicleId, Vec<(Head, i64)>>,
 }
@@ -146,6 +149,7 @@ impl Fleet {
             self.refused += 1;
             return;
         }
+        let open = self.open_recordings();
         let vehicle = self.vehicles.entry(id.clone()).or_insert_with(|| Vehicle::new(id.clone()));
         let is_head = |batch: &Batch| {
             batch.messages.len() == 1 && matches!(batch.messages[0].content, Content::Head(_))
@@ -165,6 +169,18 @@ impl Fleet {
                     }
                     if let Some(number) = vehicle.take(message) {
                         self.unwritten.incidents.insert((id.clone(), number));
+                    }
+                    if let Content::Recording(said) = &message.content {
+                        match vehicle.take_recording(message.mark(), said, open, stored_ms) {
+                            Ok(true) => {
+                                self.unwritten.recordings.insert((id.clone(), said.incident));
+                            }
+                            Ok(false) => {}
+                            Err(why) => {
+                                self.refused += 1;
+                                vehicle.refuse(why);
+                            }
+                        }
                     }
                     if message.content == Content::Goodbye {
                         self.unwritten.vehicles.insert(id.clone());
@@ -198,6 +214,62 @@ impl Fleet {
         self.vehicles.values()
     }
 
+    fn open_recordings(&self) -> usize {
+        self.vehicles.values().map(|it| it.open_recordings().count()).sum()
+    }
+
+    /// Whether somebody may ask for the recording of an incident.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn may_ask(&self, id: &VehicleId, number: u64) -> Result<(), NotAsked> {
+        self.vehicles.get(id).ok_or(NotAsked::NoIncident)?.may_ask(number, self.open_recordings())
+    }
+
+    /// Somebody who may asks for it.
+    pub fn ask(&mut self, id: &VehicleId, number: u64, now_ms: i64) {
+        if let Some(vehicle) = self.vehicles.get_mut(id) {
+            vehicle.ask(number, now_ms);
+            self.unwritten.recordings.insert((id.clone(), number));
+        }
+    }
+
+    /// A recording with these pieces went on.
+    pub fn recording_is(&mut self, id: &VehicleId, number: u64, of: &Pieces, step: Step) {
+        let is_over = !step.is_open();
+        if let Some(vehicle) = self.vehicles.get_mut(id)
+            && vehicle.recording_is(number, of, step)
+            && is_over
+        {
+            self.unwritten.recordings.insert((id.clone(), number));
+        }
+    }
+
+    /// What came of a recording is not what was told.
+    pub fn refuse_recording(&mut self, id: &VehicleId, number: u64, of: &Pieces, why: &'static str) {
+        self.recording_is(id, number, of, Step::Bad(why.to_owned()));
+        self.refused += 1;
+        if let Some(vehicle) = self.vehicles.get_mut(id) {
+            vehicle.refuse(Malformed::Recording(number, why));
+        }
+    }
+
+    /// It was removed here.
+    pub fn recording_removed(&mut self, id: &VehicleId, number: u64) {
+        if let Some(transfer) = self.vehicles.get_mut(id).and_then(|it| it.recordings.get_mut(&number)) {
+            transfer.step = Step::Gone;
+            self.unwritten.recordings.insert((id.clone(), number));
+        }
+    }
+
+    /// Gives up recordings that nothing came of.
+    pub fn give_up_recordings(&mut self, now_ms: i64) {
+        for vehicle in self.vehicles.values_mut() {
+            let given_up = vehicle.give_up_recordings(now_ms).into_iter();
+            self.unwritten.recordings.extend(given_up.map(|number| (vehicle.id.clone(), number)));
+        }
+    }
+
     /// What changed since the last call.
     pub fn take_unwritten(&mut self) -> Unwritten {
         std::mem::take(&mut self.unwritten)
@@ -207,6 +279,7 @@ impl Fleet {
     pub fn put_back(&mut self, unwritten: Unwritten) {
         self.unwritten.vehicles.extend(unwritten.vehicles);
         self.unwritten.incidents.extend(unwritten.incidents);
+        self.unwritten.recordings.extend(unwritten.recordings);
         let newer = std::mem::replace(&mut self.unwritten.heads, unwritten.heads);
         for (id, heads) in newer {
             heads.into_iter().for_each(|head| self.unwritten.add_head(id.clone(), head));

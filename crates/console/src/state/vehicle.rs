@@ -12,6 +12,7 @@ use telltale_web::texts::{ID, MESSAGE, NAME, VALUE, clean};
 use super::contact::LATE_AFTER;
 use super::incidents::{INCIDENTS_MAX, cleaned};
 use super::picture::Picture;
+use super::recordings::Transfer;
 
 /// Two vehicles with one name are shown for this long after both were heard.
 const TWO_FOR: Span = Span::from_secs(600);
@@ -26,6 +27,8 @@ pub struct Vehicle {
     pub head: Option<Heard>,
     pub picture: Picture,
     pub incidents: BTreeMap<u64, Incident>,
+    /// Of these incidents.
+    pub recordings: BTreeMap<u64, Transfer>,
     /// The last place before which it said goodbye.
     goodbye: Option<Mark>,
     /// When two were heard by this name.
@@ -82,6 +85,7 @@ impl Vehicle {
             head: None,
             picture: Picture::default(),
             incidents: BTreeMap::new(),
+            recordings: BTreeMap::new(),
             goodbye: None,
             two_at: None,
             refused: None,
@@ -150,7 +154,9 @@ impl Vehicle {
     pub fn take_incident(&mut self, incident: &Incident) {
         self.incidents.insert(incident.number, cleaned(incident));
         while self.incidents.len() > INCIDENTS_MAX {
-            self.incidents.pop_first();
+            if let Some((number, _)) = self.incidents.pop_first() {
+                self.recordings.remove(&number);
+            }
         }
     }
 

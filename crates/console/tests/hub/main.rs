@@ -3,6 +3,7 @@
 // Helpers of tests are outside of tests for clippy.
 #![allow(clippy::unwrap_used)]
 
+mod recordings;
 #[path = "../../../fleet/tests/hub/server.rs"]
 #[allow(dead_code, reason = "the tests of the vehicle's side use the rest")]
 mod server;
@@ -13,7 +14,8 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::body::{Body, to_bytes};
-use axum::http::{Request, StatusCode, header};
+use axum::http::{Method, Request, StatusCode, header};
+use axum::response::Response;
 use serde_json::Value;
 use telltale_clock::Clock;
 use telltale_console::follow::Shared;
@@ -37,6 +39,10 @@ const LOOK_EVERY: Duration = Duration::from_millis(20);
 struct Running {
     router: Router,
     cookie: String,
+    /// Of an engineer.
+    engineer: String,
+    store: Store,
+    fetching: JoinHandle<()>,
     following: JoinHandle<()>,
     keeping: JoinHandle<()>,
     end: watch::Sender<bool>,
@@ -46,18 +52,36 @@ impl Running {
     async fn start(hub: &Hub, data: &TempDir) -> Running {
         let clock = Clock::start();
         let store = Store::open(data.path(), clock, DemoSecrets::Refused).unwrap();
-        let _ = store.add_user("anna", Role::ControlRoom, "three words apart").await;
-        let user = store.authenticate("anna", "three words apart").await.unwrap().unwrap();
-        let (token, _) = store.open_session(&user).await.unwrap();
+        let mut cookies = Vec::new();
+        for role in [Role::ControlRoom, Role::Engineer] {
+            let _ = store.add_user(role.as_str(), role, "three words apart").await;
+            let user = store.authenticate(role.as_str(), "three words apart").await.unwrap().unwrap();
+            let (token, _) = store.open_session(&user).await.unwrap();
+            cookies.push(format!("telltale={}", token.as_str()));
+        }
         let kept = kept::Store::open(data.path(), clock).unwrap();
         let shared = Shared::new(kept.fleet().unwrap(), clock);
         let identity = Identity::read(&hub.key_file("console")).unwrap();
         let following = tokio::spawn(shared.clone().follow(hub.address(), identity));
+        let folder = data.path().join(telltale_console::recordings::FOLDER);
+        let fetching = tokio::spawn(shared.clone().fetch(folder, store.clone()));
         let (end, ended) = watch::channel(false);
         let keeping = tokio::spawn(shared.clone().keep(kept, ended));
         let origins = Origins::of_listener("127.0.0.1:8080".parse().unwrap(), false);
-        let router = router(Console::new(shared, store, origins, false));
-        Running { router, cookie: format!("telltale={}", token.as_str()), following, keeping, end }
+        let router = router(Console::new(shared, store.clone(), data.path(), origins, false));
+        let [cookie, engineer] = cookies.try_into().unwrap();
+        Running { router, cookie, engineer, store, fetching, following, keeping, end }
+    }
+
+    /// The answer to an engineer.
+    async fn ask(&self, method: Method, path: &str) -> Response {
+        let request = Request::builder()
+            .method(method)
+            .uri(path)
+            .header(header::HOST, "127.0.0.1:8080")
+            .header(header::ORIGIN, "http://127.0.0.1:8080")
+            .header(header::COOKIE, &self.engineer);
+        self.router.clone().oneshot(request.body(Body::empty()).unwrap()).await.unwrap()
     }
 
     async fn get(&self, path: &str) -> (StatusCode, Value) {
@@ -93,8 +117,10 @@ impl Running {
 
     async fn end(self) {
         self.following.abort();
+        self.fetching.abort();
         self.end.send_replace(true);
         self.keeping.await.unwrap();
+        self.store.close().await;
     }
 }
 

@@ -2,12 +2,13 @@
 //! summaries, and gives nothing back but its [`Status`] and the numbers of incidents whose recordings are wanted: no part
 //! of it holds a way into the engine.
 
+mod opening;
 mod recordings;
 
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use rusqlite::Connection;
 use telltale_clock::{Clock, unix_ms, wall_at};
@@ -23,6 +24,7 @@ use crate::outbox::{Limits, Outbox, OutboxError, Seed};
 use crate::recordings::{Finished, Sending, Wishes};
 use crate::status::{Contact, Status};
 use crate::tell::{Teller, is_news};
+use opening::opened;
 
 /// A head is told this often, and at once after a change, but no more often than once in [`CHANGES_EVERY`].
 const HEAD_EVERY: Span = Span::from_secs(15);
@@ -33,9 +35,6 @@ const KEYFRAME_EVERY: Span = Span::from_secs(600);
 const DELTAS_WAIT: Span = Span::from_secs(10);
 
 const TIDY_EVERY: Span = Span::from_secs(60);
-
-/// An outbox that cannot be opened is tried again after this time.
-const OPENED_AGAIN: Duration = Duration::from_secs(10);
 
 /// The waits between attempts to reach the hub. Each vehicle waits up to twice as long, by its own share.
 const RECONNECT_MIN: Span = Span::from_secs(1);
@@ -531,26 +530,6 @@ impl Vehicle {
     }
 }
 
-/// Tries to open the outbox until that works; `None` if the program ends first.
-async fn opened(
-    open: impl Fn() -> Result<Outbox, OutboxError>,
-    status: &watch::Sender<Status>,
-    ended: &mut watch::Receiver<Option<Instant>>,
-) -> Option<Outbox> {
-    loop {
-        let opened = open();
-        if let Ok(outbox) = opened {
-            note_disk(status, None);
-            return Some(outbox);
-        }
-        note_disk(status, opened.err());
-        tokio::select! {
-            () = tokio::time::sleep(OPENED_AGAIN) => {}
-            _ = ended.changed() => return None,
-        }
-    }
-}
-
 fn note_disk(status: &watch::Sender<Status>, fault: Option<OutboxError>) {
     status.send_if_modified(|status| {
         let fault = fault.map(|error| error.to_string());
@@ -587,33 +566,5 @@ async fn by(until: Option<Instant>) {
     match until {
         Some(until) => tokio::time::sleep_until(until.into()).await,
         None => std::future::pending().await,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[tokio::test(start_paused = true)]
-    async fn an_outbox_that_is_locked_or_has_no_disk_is_opened_later() {
-        let (status, shown) = watch::channel(Status::new(Timestamp::ZERO));
-        let (_end, mut ended) = watch::channel(None);
-        let attempts = std::cell::Cell::new(0);
-        let seed = Seed { first: 1, nonce: 7 };
-        let open = || {
-            attempts.set(attempts.get() + 1);
-            match attempts.get() {
-                3 => Outbox::over(Connection::open_in_memory()?, Limits::default(), seed, Timestamp::ZERO),
-                _ => Err(OutboxError::Disk(rusqlite::Error::InvalidQuery)),
-            }
-        };
-        let opening = opened(open, &status, &mut ended);
-        let look = async {
-            tokio::time::sleep(OPENED_AGAIN / 2).await;
-            assert!(shown.borrow().disk.is_some());
-        };
-        let (outbox, ()) = tokio::join!(opening, look);
-        assert_eq!((outbox.map(|it| it.last()), attempts.get()), (Some(0), 3));
-        assert_eq!(shown.borrow().disk, None);
     }
 }

@@ -46,6 +46,21 @@ texts! {
         no_components: "The hub has no states of this vehicle.", "Die Zentrale hat keine Zustände dieses Fahrzeugs.";
         not_whole: "Messages are missing, so some states below may be older. The next full picture comes within ten minutes.", "Es fehlen Nachrichten, daher können einige Zustände unten älter sein. Das nächste vollständige Bild kommt binnen zehn Minuten.";
 
+        incidents: "Incidents", "Vorfälle";
+        no_incidents: "The vehicle told of none.", "Das Fahrzeug hat keine gemeldet.";
+        lasts: "lasts", "dauert an";
+        fetch: "Fetch recording", "Aufzeichnung holen";
+        download: "Download recording", "Aufzeichnung herunterladen";
+        asked_for: "Asked for; the vehicle has not answered yet.", "Angefordert; das Fahrzeug hat noch nicht geantwortet.";
+        sent_never: "The vehicle sends no recordings.", "Das Fahrzeug sendet keine Aufzeichnungen.";
+        sent_gone: "The vehicle does not have it any more.", "Das Fahrzeug hat sie nicht mehr.";
+        sent_not_finished: "It is still recorded. Ask again later.", "Sie wird noch aufgezeichnet. Später noch einmal anfordern.";
+        sent_too_large: "It is too large to be sent.", "Sie ist zu groß zum Senden.";
+        sent_unknown: "The vehicle does not send it.", "Das Fahrzeug sendet sie nicht.";
+        recording_bad: "What came was wrong and was removed:", "Was kam, war falsch und wurde entfernt:";
+        recording_gone: "It is not here any more.", "Sie ist nicht mehr hier.";
+        recording_here: "The recording is here.", "Die Aufzeichnung ist hier.";
+
         log: "Log", "Verlauf";
         last_hour: "1 hour", "1 Stunde";
         last_day: "24 hours", "24 Stunden";
@@ -87,6 +102,8 @@ texts! {
     }
 
     text off_count(count: usize) { "{count} not in service", "{count} außer Dienst" }
+
+    text recording_comes(percent: u64; of: &str) { "{percent} % of {of} are here.", "{percent} % von {of} sind hier." }
 
     text ago(age: &str) { "{age} ago", "vor {age}" }
 

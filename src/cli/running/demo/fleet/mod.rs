@@ -70,7 +70,8 @@ async fn fleet(args: &Args, count: u32) -> anyhow::Result<ExitCode> {
     let mut hub = Hub::start(folder.path(), &ids, clock).await?;
     let store = Store::in_memory(clock, DemoSecrets::Accepted)?;
     store.add_demo_console_users().await?;
-    let kept = kept::Store::open(&folder.path().join("console"), clock)?;
+    let data = folder.path().join("console");
+    let kept = kept::Store::open(&data, clock)?;
     print::text(&introduction(listener.local_addr()?, hub.process(), &members));
 
     let (end, ended) = watch::channel(None);
@@ -85,6 +86,7 @@ async fn fleet(args: &Args, count: u32) -> anyhow::Result<ExitCode> {
         identity,
         store,
         kept,
+        data,
         listener,
         tls: None,
         origins: Vec::new(),
