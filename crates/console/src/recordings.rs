@@ -278,3 +278,53 @@ fn opened(part: &Path) -> io::Result<(File, u64)> {
     file.set_len(have * PIECE_BYTES as u64)?;
     Ok((file, have))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::SystemTime;
+    use telltale_clock::Clock;
+    use telltale_store::DemoSecrets;
+
+    #[tokio::test]
+    async fn the_oldest_make_room_and_those_of_others_only_for_one_that_is_asked_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let (clock, _hand) = Clock::standing();
+        let store = crate::kept::Store::open(folder.path(), clock).unwrap();
+        let fetching = Fetching {
+            shared: Shared::new(store.fleet().unwrap(), clock),
+            audit: Store::in_memory(clock, DemoSecrets::Refused).unwrap(),
+            folder: folder.path().join(FOLDER),
+            last: BTreeMap::new(),
+            has_failed: false,
+        };
+        let [a, b] = ["a", "b"].map(|id| VehicleId::new(id).unwrap());
+        let coming = |is_asked| Coming {
+            id: a.clone(),
+            number: 9,
+            pieces: Pieces::of(&"ab".repeat(32), 1 << 30).unwrap(),
+            is_asked,
+        };
+        // Files of holes, the oldest first.
+        let make = |path: &Path, gigabytes: u64, age_s: u64| {
+            make_folder(path.parent().unwrap()).unwrap();
+            let file = File::create(path).unwrap();
+            file.set_len(gigabytes * 1_000_000_000).unwrap();
+            file.set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(1_780_000_000 - age_s)).unwrap();
+        };
+        let path = |id: &VehicleId, number| path_of(&fetching.folder, id, number);
+        make(&path(&b, 1), 6, 30);
+        make(&path(&b, 2), 2, 20);
+        make(&path(&a, 3), 1, 10);
+        let stale = path(&b, 2).with_extension("part");
+        make(&stale, 9, 0);
+        assert!(fetching.make_room(&coming(false), &[]).unwrap());
+        let there = || [path(&b, 1), path(&b, 2), path(&a, 3), stale.clone()].map(|it| it.exists());
+        assert_eq!(there(), [true, true, false, false], "its own went");
+        make(&path(&b, 4), 1, 0);
+        assert!(!fetching.make_room(&coming(false), &[]).unwrap());
+        assert_eq!(there(), [true, true, false, false]);
+        assert!(fetching.make_room(&coming(true), &[]).unwrap());
+        assert_eq!(there(), [false, true, false, false]);
+    }
+}

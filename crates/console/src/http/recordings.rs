@@ -153,7 +153,11 @@ pub async fn download(
         return Err(HttpError::Forbidden);
     }
     let file = path_of(&console.recordings, &on.0, on.1);
-    let hash = here.filter(|_| file.is_file()).ok_or(HttpError::NoRecording)?;
+    let hash = here.ok_or(HttpError::NoRecording)?;
+    if !file.is_file() {
+        console.shared.fleet().recording_removed(&on.0, on.1);
+        return Err(HttpError::NoRecording);
+    }
     if !console.store.record(record, None).await {
         return Err(HttpError::Storage);
     }

@@ -149,7 +149,9 @@ impl Fleet {
             self.refused += 1;
             return;
         }
-        let open = self.open_recordings();
+        let comes =
+            |batch: &Batch| batch.messages.iter().any(|it| matches!(it.content, Content::Recording(_)));
+        let open = if batch.as_ref().is_ok_and(comes) { self.open_recordings() } else { 0 };
         let vehicle = self.vehicles.entry(id.clone()).or_insert_with(|| Vehicle::new(id.clone()));
         let is_head = |batch: &Batch| {
             batch.messages.len() == 1 && matches!(batch.messages[0].content, Content::Head(_))

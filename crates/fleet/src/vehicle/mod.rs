@@ -280,6 +280,7 @@ impl Vehicle {
             self.tidy_at = now + TIDY_EVERY;
             let tidied = self.outbox.tidy(self.at_ms(), now);
             self.note_disk(tidied.err());
+            self.look_for_recordings();
         }
         let Some(requests) = line.map(Line::requests).filter(|_| !self.delivery.is_stopped()) else { return };
         if now < self.live_until && !lines.is_empty() {
@@ -478,7 +479,8 @@ impl Vehicle {
                 if let Order::Until(then) = order {
                     due = due.min(then.max(now + Span::from_millis(1)));
                 }
-                if let Some(then) = self.delivery.piece_at().filter(|_| self.sending.is_some()) {
+                let has_piece = self.sending.is_some() && !self.is_worth_sending(now);
+                if let Some(then) = self.delivery.piece_at().filter(|_| has_piece) {
                     due = due.min(then.max(now + Span::from_millis(1)));
                 }
             }
