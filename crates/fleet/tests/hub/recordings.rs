@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
+use telltale_fleet::delivery::Answer;
 use telltale_fleet::fetching::Pieces;
 use telltale_fleet::identity::Identity;
+use telltale_fleet::line::Line;
 use telltale_fleet::message::{Content, NotSent, PIECE_BYTES, Recording, VehicleId};
 use telltale_fleet::reading::Logs;
 use telltale_fleet::recordings::{Finished, WISHES_AT_ONCE};
@@ -67,6 +69,11 @@ async fn a_wanted_recording_comes_whole_after_the_word_that_it_does() {
         pieces.want(&id(), &[7]).await.unwrap();
         assert_eq!(until("the wish", vehicle.wanted.recv()).await, Some(7));
     }
+    // The acknowledgement of this piece was lost before.
+    let identity = Identity::read(&hub.key_file("a")).unwrap();
+    let line = Line::open(&hub.address(), &id(), &identity).await.unwrap();
+    let third = content[2 * PIECE_BYTES..3 * PIECE_BYTES].to_vec();
+    assert!(matches!(line.requests().piece(SHA, 2, third).await, Answer::Stored(_)));
     // It was asked for twice, and waits once.
     for _ in 0..2 {
         vehicle.finished.send(finished.clone()).await.unwrap();
