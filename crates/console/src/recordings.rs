@@ -41,14 +41,13 @@ const REMOVED_AT_ONCE: u64 = 16;
 enum Trouble {
     /// What came is not what was told.
     Vehicle(&'static str),
-    /// It goes on when this works again.
-    Hub(String),
-    Disk(io::Error),
+    /// The hub or the disk does not answer. It goes on when that works again.
+    Here(String),
 }
 
 impl From<io::Error> for Trouble {
     fn from(error: io::Error) -> Trouble {
-        Trouble::Disk(error)
+        Trouble::Here(error.to_string())
     }
 }
 
@@ -71,7 +70,7 @@ struct Fetching {
     folder: PathBuf,
     /// When a vehicle was asked last, or its last piece came.
     last: BTreeMap<(VehicleId, u64), Timestamp>,
-    /// The disk refused.
+    /// The hub or the disk refused, which was said.
     has_failed: bool,
 }
 
@@ -119,10 +118,9 @@ impl Fetching {
                 }
                 Ok(false) => {}
                 Err(Trouble::Vehicle(why)) => self.refuse(&hub, it, why).await,
-                Err(Trouble::Hub(why)) => tracing::debug!("a piece of a recording cannot be read: {why}"),
-                Err(Trouble::Disk(error)) => {
+                Err(Trouble::Here(why)) => {
                     if !std::mem::replace(&mut self.has_failed, true) {
-                        tracing::error!("recordings cannot be stored: {error}");
+                        tracing::error!("the recordings of vehicles do not go on: {why}");
                     }
                 }
             }
@@ -150,7 +148,7 @@ impl Fetching {
         let (pieces, part) = (&it.pieces, self.part_of(it));
         let (file, have) = opened(&part)?;
         if have < pieces.pieces {
-            let read = hub.read(&it.id, &pieces.sha256, have).await.map_err(Trouble::Hub)?;
+            let read = hub.read(&it.id, &pieces.sha256, have).await.map_err(Trouble::Here)?;
             let Some(piece) = read else { return Ok(false) };
             if piece.bytes.len() != pieces.len_of(have) {
                 return Err(Trouble::Vehicle("a piece has a wrong size"));
@@ -162,14 +160,14 @@ impl Fetching {
             if (have + 1).is_multiple_of(REMOVED_AT_ONCE) {
                 file.sync_data()?;
                 let removed = hub.remove(&it.id, &pieces.sha256, Some(piece.sequence + 1)).await;
-                removed.map_err(Trouble::Hub)?;
+                removed.map_err(Trouble::Here)?;
             }
             if have + 1 < pieces.pieces {
                 self.now_is(it, Step::Coming { pieces: pieces.clone(), have: have + 1 });
                 return Ok(true);
             }
         }
-        let more = hub.read(&it.id, &pieces.sha256, pieces.pieces).await.map_err(Trouble::Hub)?;
+        let more = hub.read(&it.id, &pieces.sha256, pieces.pieces).await.map_err(Trouble::Here)?;
         if more.is_some() {
             return Err(Trouble::Vehicle("there are more pieces than it was said to have"));
         }
@@ -186,7 +184,7 @@ impl Fetching {
         let target = format!("{}/{} sha256:{hash}", it.id, it.number);
         self.audit.record(Record::of(Action::RecordingStored, TELLTALE).on(target), None).await;
         self.now_is(it, Step::Here(pieces.clone()));
-        hub.remove(&it.id, &pieces.sha256, None).await.map_err(Trouble::Hub)?;
+        hub.remove(&it.id, &pieces.sha256, None).await.map_err(Trouble::Here)?;
         Ok(true)
     }
 
