@@ -136,7 +136,7 @@ async fn what_is_not_sent_is_said() {
 
 #[tokio::test]
 async fn whatever_is_wished_changes_nothing_in_the_engine() {
-    let (hub, pieces, data) = hub("wishes").await;
+    let (hub, _pieces, data) = hub("wishes").await;
     let mut vehicle = Vehicle::start(&hub, "a", &data);
     let before = vehicle.engine();
     let console = hub.console().await;
@@ -146,7 +146,8 @@ async fn whatever_is_wished_changes_nothing_in_the_engine() {
     }
     for number in (10..200_u64).step_by(10) {
         let wanted: Vec<u64> = (number..number + 10).collect();
-        pieces.want(&id(), &wanted).await.unwrap();
+        // One after the other: a line that is flooded loses some of them uncounted.
+        console.want("a", &format!(r#"{{"incidents":{wanted:?}}}"#)).await;
     }
     let wait = async {
         while vehicle.fleet.status().borrow().dropped_wishes < 100 {
@@ -158,7 +159,8 @@ async fn whatever_is_wished_changes_nothing_in_the_engine() {
     while let Ok(number) = vehicle.wanted.try_recv() {
         wanted.push(number);
     }
-    assert!(wanted.len() as u64 <= WISHES_AT_ONCE + 1, "{wanted:?}");
+    // A slow machine lets time pass, and each 10 s one more is looked for.
+    assert!((WISHES_AT_ONCE..WISHES_AT_ONCE + 5).contains(&(wanted.len() as u64)), "{wanted:?}");
     assert_eq!(wanted.first(), Some(&1));
     assert_eq!(vehicle.engine(), before);
     vehicle.end().await;
