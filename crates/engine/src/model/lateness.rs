@@ -66,10 +66,15 @@ impl Model {
     /// How late a declared module notices a fault with this state first, whether silence is the reason or not.
     pub fn lateness(&self, module: &ModuleSpec, state: State) -> Lateness {
         let of = |silent| self.lateness_of(Some(&module.monitor), &module.policy, Notice { state, silent });
-        let (heard, silent) = (of(false), of(true));
-        // An UNKNOWN that is reported is rare.
-        let least = if state == State::Unknown { silent.least } else { heard.least.min(silent.least) };
-        Lateness { least, most: heard.most.max(silent.most) }
+        match state {
+            // A component that reports UNKNOWN is rare.
+            State::Unknown => of(module.monitor.other().is_none()),
+            _ if state == module.policy.stale => {
+                let (heard, silent) = (of(false), of(true));
+                Lateness { most: heard.most.max(silent.most), ..heard }
+            }
+            _ => of(false),
+        }
     }
 
     /// The same for any module; `None`: a status reports its state.
