@@ -52,6 +52,7 @@ impl Vehicle {
                 other_type: None,
                 transient_local: false,
                 best_effort: false,
+                anew: false,
             }));
         }
         vehicle.report();

@@ -177,6 +177,7 @@ fn inputs() -> Vec<Input> {
             other_type: None,
             transient_local: false,
             best_effort: true,
+            anew: true,
         }),
         Input::Topic(PublisherReport {
             source: topic.clone(),
@@ -184,6 +185,7 @@ fn inputs() -> Vec<Input> {
             other_type: Some("a/msg/B".into()),
             transient_local: true,
             best_effort: false,
+            anew: false,
         }),
         Input::Output(OutputReport { error: Some("no reader".into()), ..report(Output::Stage) }),
         Input::Aggregator { other: None },

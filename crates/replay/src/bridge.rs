@@ -167,6 +167,7 @@ impl Bridge {
                     other_type: (!is_its_type).then(|| (*channel.type_name).into()),
                     transient_local: false,
                     best_effort: false,
+                    anew: false,
                 })
             }));
         }

@@ -407,7 +407,14 @@ pub(super) fn publishers(raw: &RawPublishers, model: &Model, log: &mut Log) -> O
     let source = topic(&raw.topic, model, log)?.clone();
     let other_type = raw.other_type.as_deref().map(Into::into);
     let (publishers, transient_local, best_effort) = (raw.count, raw.transient_local, raw.best_effort);
-    Some(Input::Topic(PublisherReport { source, publishers, other_type, transient_local, best_effort }))
+    Some(Input::Topic(PublisherReport {
+        source,
+        publishers,
+        other_type,
+        transient_local,
+        best_effort,
+        anew: false,
+    }))
 }
 
 /// One for each watchdog with this target.

@@ -169,6 +169,7 @@ pub fn input(choices: &mut Choices<'_>) -> Input {
             other_type: choices.one_in(4).then(|| "other/msg/Type".into()),
             transient_local: choices.one_in(2),
             best_effort: choices.one_in(4),
+            anew: choices.one_in(8),
         }),
         1 => Input::Probe(Probe {
             source: watchdog(),

@@ -224,6 +224,9 @@ pub struct PublisherReport {
     /// Whether one of them sends what is lost no second time.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub best_effort: bool,
+    /// The reader is a new one: what they told meanwhile may be lost.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub anew: bool,
 }
 
 /// The result of a probe.

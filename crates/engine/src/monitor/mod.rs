@@ -89,7 +89,7 @@ trait MonitorKind: Sized {
         false
     }
 
-    /// The topic of this slot has a publisher again after all had left: earlier messages are from another one.
+    /// The topic of this slot has a publisher again after all had left, or it has a new reader and may have lost a message.
     fn returned(&mut self, _slot: usize, _now: Timestamp) {}
 
     /// Discovery reported the publishers of the topic of this slot; `None` if there are none.

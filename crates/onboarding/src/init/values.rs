@@ -248,6 +248,7 @@ mod tests {
                         other_type: None,
                         transient_local: true,
                         best_effort: false,
+                        anew: false,
                     };
                     engine.handle(&Input::Topic(report), now);
                 }

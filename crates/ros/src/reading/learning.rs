@@ -273,6 +273,7 @@ fn say(
             other_type,
             transient_local: false,
             best_effort: false,
+            anew: false,
         })
     });
     let said: Vec<Input> = trouble.into_iter().chain(news).collect();

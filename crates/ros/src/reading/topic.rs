@@ -122,6 +122,8 @@ pub struct Topic {
     searching_until: Timestamp,
     /// The publishers and the other type that were reported last.
     said: Option<PublisherReport>,
+    /// Messages may have been lost since the reader before this one, and nothing was said of that.
+    anew: bool,
     /// It was reported that last values are not asked for.
     told_of_mix: bool,
     trial: Arc<Trial>,
@@ -158,6 +160,7 @@ impl Topic {
             subscription,
             searching_until: around.clock.now() + DISCOVERY,
             said: None,
+            anew: memory.heard.is_some(),
             told_of_mix: false,
             trial,
             around,
@@ -425,15 +428,19 @@ impl Topic {
         let now = self.around.clock.now();
         let found = publishers > 0 || other_type.is_some();
         let source = source.clone();
-        let news = PublisherReport { source, publishers, other_type, transient_local, best_effort };
-        if self.said.as_ref() == Some(&news) || self.said.is_none() && !found && now < self.searching_until {
+        let news =
+            PublisherReport { source, publishers, other_type, transient_local, best_effort, anew: self.anew };
+        if !self.anew && self.said.as_ref() == Some(&news)
+            || self.said.is_none() && !found && now < self.searching_until
+        {
             return Ok(());
         }
         if self.said.is_none() && !found && self.around.participant.is_searching() {
             self.searching_until = now + SEARCHED_AGAIN;
             return Ok(());
         }
-        self.said = Some(news.clone());
+        self.anew = false;
+        self.said = Some(PublisherReport { anew: false, ..news.clone() });
         self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await
     }
 

@@ -47,6 +47,7 @@ pub fn publishers(model: &Model) -> impl Iterator<Item = Input> + '_ {
         other_type: None,
         transient_local: false,
         best_effort: false,
+        anew: false,
     };
     model.watched.topics.iter().cloned().map(move |source| Input::Topic(news(source)))
 }

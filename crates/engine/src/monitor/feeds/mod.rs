@@ -344,7 +344,7 @@ impl Watching {
         let topic = &mut self.topics[id.0 as usize];
         topic.left |= news.publishers == 0;
         let returned = topic.left && news.publishers > 0;
-        let PublisherReport { source: _, publishers, other_type, transient_local, best_effort } =
+        let PublisherReport { source: _, publishers, other_type, transient_local, best_effort, anew } =
             news.clone();
         let news = topic.news.insert(Publishers { publishers, other_type, transient_local, best_effort });
         let keeping = news.keeping();
@@ -353,7 +353,8 @@ impl Watching {
         for reader in &topic.readers {
             let watch = &mut self.watches[reader.watch as usize];
             watch.found(reader.slot as usize, now);
-            if returned {
+            // Who keeps the last message tells it again.
+            if returned || anew && !transient_local {
                 watch.monitor.returned(reader.slot as usize, now);
             }
             watch.monitor.publishers(reader.slot as usize, keeping, now);

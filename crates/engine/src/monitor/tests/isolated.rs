@@ -322,7 +322,7 @@ fn a_watchdog_judges_how_long_an_answer_takes() {
 
 #[test]
 fn the_last_event_counts_until_the_next_one_and_none_is_ok_where_a_late_reader_would_be_told() {
-    use Do::{KeepingPublishers, Nothing, Number, Publishers};
+    use Do::{KeepingPublishers, NewReader, Nothing, Number, Publishers};
     let rule = ValueRule::Bands(at_most(4.0, 5.0));
     let events = MonitorSpec::Value { source: field(A, 0), rule, empty: Some(State::Ok) };
     check(
@@ -365,6 +365,15 @@ fn the_last_event_counts_until_the_next_one_and_none_is_ok_where_a_late_reader_w
             (900_500, Publishers(0, 0), Error, "6, at most 4 wanted; nobody publishes /a"),
             (901_000, KeepingPublishers(0, 1), Error, "6, at most 4 wanted"),
             (901_100, Number(0, 2.0), Ok, "2, at most 4"),
+            // A message may be lost between two readers.
+            (
+                902_000,
+                NewReader(0),
+                Unknown,
+                "nothing came yet of /a x, and its publisher keeps nothing for late readers (volatile)",
+            ),
+            (902_100, Number(0, 6.0), Error, "6, at most 4 wanted"),
+            (902_200, NewReader(0), Error, "6, at most 4 wanted"),
         ],
     );
 }

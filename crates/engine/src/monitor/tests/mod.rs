@@ -47,6 +47,8 @@ pub(super) enum Do {
     Publishers(usize, u32),
     /// A best-effort one.
     LossyPublisher(usize),
+    /// A volatile one, for a new reader.
+    NewReader(usize),
     /// Transient local.
     KeepingPublishers(usize, u32),
     OtherType(usize),
@@ -126,10 +128,10 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
     let sample = |topic: usize, stamp_ns, [number, pose]: [FieldValue; 2]| {
         whole(topic, stamp_ns, [number, pose, none()])
     };
-    let news = |topic: usize, publishers, other_type: Option<&str>, (transient_local, best_effort)| {
+    let news = |topic: usize, publishers, other_type: Option<&str>, (transient_local, best_effort, anew)| {
         let source = watched.topics[topic].clone();
         let other_type = other_type.map(Into::into);
-        Input::Topic(PublisherReport { source, publishers, other_type, transient_local, best_effort })
+        Input::Topic(PublisherReport { source, publishers, other_type, transient_local, best_effort, anew })
     };
     match what.clone() {
         Do::Nothing => Input::Tick,
@@ -155,10 +157,11 @@ pub(super) fn input(watched: &Watched, at_ms: u64, what: &Do) -> Input {
             let Input::Sample(sample) = input(watched, at_ms, &Do::Age(0)) else { unreachable!() };
             Input::Sample(Sample { received_wall_ns: Sample::NO_CLOCK, ..sample })
         }
-        Do::Publishers(topic, publishers) => news(topic, publishers, None, (false, false)),
-        Do::KeepingPublishers(topic, publishers) => news(topic, publishers, None, (true, false)),
-        Do::LossyPublisher(topic) => news(topic, 1, None, (false, true)),
-        Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type"), (false, false)),
+        Do::Publishers(topic, publishers) => news(topic, publishers, None, (false, false, false)),
+        Do::KeepingPublishers(topic, publishers) => news(topic, publishers, None, (true, false, false)),
+        Do::NewReader(topic) => news(topic, 1, None, (false, false, true)),
+        Do::LossyPublisher(topic) => news(topic, 1, None, (false, true, false)),
+        Do::OtherType(topic) => news(topic, 0, Some("other/msg/Type"), (false, false, false)),
         Do::Probe(outcome) => Input::Probe(Probe { source: watched.watchdogs[0].clone(), outcome }),
         Do::Status(name, level, values) => {
             let mut array = StatusArray::default();
