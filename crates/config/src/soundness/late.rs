@@ -8,7 +8,7 @@ use telltale_engine::state::State;
 pub(super) fn look(model: &Model) -> Vec<Finding> {
     let mut found = Vec::new();
     for (id, module) in (0..).map(ModuleId).zip(&model.modules) {
-        let after = model.lateness(module, State::Error).most;
+        let after = model.lateness(module, State::Error).latest();
         let near = dependencies(model)
             .filter(|(holder, index)| concerns(model, id, (*holder, *index)))
             .filter_map(|(holder, index)| match model.depends_on(holder)[index].within {

@@ -30,20 +30,27 @@ pub struct Beginning {
 pub struct Lateness {
     pub least: Span,
     pub most: Span,
+    /// How much longer it may take if a node was killed.
+    pub lease: Span,
 }
 
 impl Lateness {
-    const NONE: Lateness = Lateness { least: Span::ZERO, most: Span::ZERO };
+    const NONE: Lateness = Lateness { least: Span::ZERO, most: Span::ZERO, lease: Span::ZERO };
 
     fn up_to(most: Span) -> Lateness {
-        Lateness { least: Span::ZERO, most }
+        Lateness { most, ..Lateness::NONE }
     }
 
     /// Silence is noticed when it has lasted this long, and begins with the last message. The fault may come up to a period
     /// later, which the configuration does not say: at most half of the time that is waited, else it would be noticed for
     /// nothing.
     fn of_silence(waits: Span) -> Lateness {
-        Lateness { least: Span::from_nanos(waits.as_nanos() / 2), most: waits }
+        Lateness { least: Span::from_nanos(waits.as_nanos() / 2), most: waits, ..Lateness::NONE }
+    }
+
+    /// The latest notice, also of a node that was killed.
+    pub fn latest(self) -> Span {
+        sum(self.most, self.lease)
     }
 
     /// The middle: the fault began about so long before it was noticed.
@@ -53,7 +60,7 @@ impl Lateness {
 
     /// The middle, if it is known well enough to be compared with this limit: to a quarter of it.
     pub fn known(self, limit: Span) -> Option<Span> {
-        let open = self.most.as_nanos() - self.least.as_nanos();
+        let open = self.latest().as_nanos() - self.least.as_nanos();
         (open <= limit.as_nanos() / 2).then(|| self.about())
     }
 }
@@ -85,13 +92,13 @@ impl Model {
         Notice { state, silent }: Notice,
     ) -> Lateness {
         let by_the_clock = monitor.is_some_and(ModuleMonitor::by_the_clock);
-        let Lateness { least, most } = match monitor.and_then(ModuleMonitor::other) {
+        let Lateness { least, most, lease } = match monitor.and_then(ModuleMonitor::other) {
             _ if silent && !by_the_clock && state >= policy.stale => Lateness::of_silence(policy.timeout),
             Some(spec) => self.of_monitor(spec, state, policy.timeout),
             // A component reports its fault at once.
             None => Lateness::NONE,
         };
-        Lateness { least: sum(least, policy.raise_after), most: sum(most, policy.raise_after) }
+        Lateness { least: sum(least, policy.raise_after), most: sum(most, policy.raise_after), lease }
     }
 
     fn of_monitor(&self, spec: &MonitorSpec, state: State, timeout: Span) -> Lateness {
@@ -104,10 +111,14 @@ impl Model {
                 match spec.target {
                     ProbeTarget::Node { .. } | ProbeTarget::Service { .. } => {
                         let (least, most) = (rounds(misses.saturating_sub(1)), rounds(*misses));
-                        Lateness { least, most: sum(most, KILLED_NODE) }
+                        Lateness { least, most, lease: KILLED_NODE }
                     }
                     // A probe waits one round for its answer.
-                    _ => Lateness { least: rounds(*misses), most: rounds(misses.saturating_add(1)) },
+                    _ => Lateness {
+                        least: rounds(*misses),
+                        most: rounds(misses.saturating_add(1)),
+                        ..Lateness::NONE
+                    },
                 }
             }
             MonitorSpec::System { watchdog, .. } => {
