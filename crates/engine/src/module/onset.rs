@@ -31,7 +31,7 @@ pub(crate) struct Onset {
 struct Fault {
     /// Since when it is in ERROR, if it is.
     error: Option<Timestamp>,
-    /// That was by its silence.
+    /// Silence made it an ERROR.
     #[serde(default)]
     by_silence: bool,
     /// When it was well, the latest last. One that is followed by a longer one is forgotten.
