@@ -152,7 +152,7 @@ async fn a_table_comes_as_csv_to_who_asks_for_it() {
         let lines: Vec<&str> = answer.body.split("\r\n").collect();
         assert_eq!(
             lines[0],
-            "id,state,own,since,age_ms,silent_s,message,hardware_id,reason,class,values,cut"
+            "id,state,own,since,age_ms,silent_s,message,hardware_id,reason,class,values,cut,began"
         );
         assert!(lines[1].starts_with("sensors/lidar,error,error,"), "{lines:?}");
         assert!(lines[1].contains(",\"no \"\"packets\"\", none\","), "{lines:?}");

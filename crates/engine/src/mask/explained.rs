@@ -91,7 +91,7 @@ impl Net {
         within.explains(effect.into_iter().flatten(), &causes)
     }
 
-    /// How late this module noticed a fault.
+    /// How late the monitor of this module noticed a fault. The debounced state counts for what explains it.
     fn lateness(&self, id: ModuleId, notice: Notice) -> Lateness {
         let of_monitor = self.model.modules.get(id.0 as usize).map(|spec| &spec.monitor);
         self.model.lateness_of(of_monitor, self.policy(id), notice)
@@ -102,7 +102,8 @@ impl Net {
     pub(crate) fn began(&self, id: ModuleId) -> Option<Timestamp> {
         let Within::Limit(limit) = Within::default() else { return None };
         let own = &self.modules[id.0 as usize].own;
-        own.onset.began(own.relevant_since(), &|notice| self.lateness(id, notice).known(limit))
+        let late = |notice| self.lateness(id, notice).debounced(self.policy(id)).known(limit);
+        own.onset.began(own.relevant_since(), &late)
     }
 
     /// When the failing modules, and failing groups without members, on the paths upstream through a dependency

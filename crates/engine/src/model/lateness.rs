@@ -48,6 +48,12 @@ impl Lateness {
         Lateness { least: Span::from_nanos(waits.as_nanos() / 2), most: waits, ..Lateness::NONE }
     }
 
+    /// With the time for which a fault has to last until it counts.
+    pub(crate) fn debounced(self, policy: &Policy) -> Lateness {
+        let [least, most] = [self.least, self.most].map(|it| sum(it, policy.raise_after));
+        Lateness { least, most, ..self }
+    }
+
     /// The latest notice, also of a node that was killed.
     pub fn latest(self) -> Span {
         sum(self.most, self.lease)
@@ -72,7 +78,11 @@ fn sum(one: Span, other: Span) -> Span {
 impl Model {
     /// How late a declared module notices a fault with this state first, whether silence is the reason or not.
     pub fn lateness(&self, module: &ModuleSpec, state: State) -> Lateness {
-        let of = |silent| self.lateness_of(Some(&module.monitor), &module.policy, Notice { state, silent });
+        let of = |silent| {
+            let of_monitor =
+                self.lateness_of(Some(&module.monitor), &module.policy, Notice { state, silent });
+            of_monitor.debounced(&module.policy)
+        };
         match state {
             // A component that reports UNKNOWN is rare.
             State::Unknown => of(module.monitor.other().is_none()),
@@ -84,7 +94,8 @@ impl Model {
         }
     }
 
-    /// The same for any module; `None`: a status reports its state.
+    /// How late the monitor of any module notices a fault, without [`Policy::raise_after`]; `None`: a status reports its
+    /// state.
     pub fn lateness_of(
         &self,
         monitor: Option<&ModuleMonitor>,
@@ -92,13 +103,12 @@ impl Model {
         Notice { state, silent }: Notice,
     ) -> Lateness {
         let by_the_clock = monitor.is_some_and(ModuleMonitor::by_the_clock);
-        let Lateness { least, most, lease } = match monitor.and_then(ModuleMonitor::other) {
+        match monitor.and_then(ModuleMonitor::other) {
             _ if silent && !by_the_clock && state >= policy.stale => Lateness::of_silence(policy.timeout),
             Some(spec) => self.of_monitor(spec, state, policy.timeout),
             // A component reports its fault at once.
             None => Lateness::NONE,
-        };
-        Lateness { least: sum(least, policy.raise_after), most: sum(most, policy.raise_after), lease }
+        }
     }
 
     fn of_monitor(&self, spec: &MonitorSpec, state: State, timeout: Span) -> Lateness {

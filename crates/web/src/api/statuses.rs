@@ -72,7 +72,7 @@ pub struct StatusesAnswer<'a> {
     next: Option<u64>,
 }
 
-const COLUMNS: [&str; 12] = [
+const COLUMNS: [&str; 13] = [
     "id",
     "state",
     "own",
@@ -85,6 +85,7 @@ const COLUMNS: [&str; 12] = [
     "class",
     "values",
     "cut",
+    "began",
 ];
 
 /// `GET /api/v1/statuses`
