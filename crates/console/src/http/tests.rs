@@ -478,7 +478,7 @@ async fn an_engineer_asks_for_a_recording_and_no_other_role_does() {
     let part = String::from_utf8(to_bytes(part.into_body(), 1 << 20).await.unwrap().to_vec()).unwrap();
     assert!(part.contains("data-recording=\"asked\"") && !part.contains(button), "{part}");
     let said = store.audit_entries(None, 100).await.unwrap();
-    let asked: Vec<_> = said.iter().filter(|it| it.action == "recording asked").collect();
+    let asked: Vec<_> = said.iter().filter(|it| it.action == "recording asked for").collect();
     assert_eq!(asked.iter().filter(|it| it.was_refused()).count(), 2);
     assert!(asked.iter().all(|it| it.target == "a/7") && asked.len() == 4, "{asked:?}");
 }

@@ -119,7 +119,7 @@ async fn a_recording_that_is_asked_for_comes_through_a_restart_of_the_console() 
     let said = console.store.audit_entries(None, 100).await.unwrap();
     let count =
         |action: &str| said.iter().filter(|it| it.action == action && it.target.starts_with("a/7")).count();
-    assert_eq!(["recording asked", "recording stored", "recording exported"].map(count), [2, 1, 1]);
+    assert_eq!(["recording asked for", "recording stored", "recording exported"].map(count), [2, 1, 1]);
 
     // What the vehicle does not send is said; one that nobody asked for comes by itself.
     vehicle.news.send(incident(8, 20, &"ab".repeat(32))).await.unwrap();

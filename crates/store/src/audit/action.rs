@@ -59,7 +59,7 @@ actions! {
     IncidentNote: "incident note", "A note about an incident was written.";
     IncidentKept: "incident kept", "An incident is kept from now on, or no longer.";
     IncidentRemoved: "incident removed", "An incident was removed with its recording; with its hash.";
-    RecordingAsked: "recording asked", "A fleet's console asked a vehicle for the recording of an incident.";
+    RecordingAsked: "recording asked for", "A fleet's console asked a vehicle for the recording of an incident.";
     RecordingStored: "recording stored", "A fleet's console stored a recording that it fetched; with its hash.";
     RecordingExported: "recording exported", "Somebody took a copy of a recording from a fleet's console.";
     Omitted: "omitted", "Records that were left out, because there were too many of their kind.";

@@ -359,7 +359,7 @@ texts! {
         "incident note" => "incident note", "Notiz zu einem Vorfall";
         "incident kept" => "incident kept", "Vorfall aufbewahrt";
         "incident removed" => "incident removed", "Vorfall entfernt";
-        "recording asked" => "recording asked for", "Aufzeichnung angefordert";
+        "recording asked for" => "recording asked for", "Aufzeichnung angefordert";
         "recording stored" => "recording stored", "Aufzeichnung abgelegt";
         "recording exported" => "recording exported", "Aufzeichnung heruntergeladen";
         "omitted" => "omitted", "ausgelassen";
