@@ -134,6 +134,8 @@ def test_the_story_by_touch_alone(demo, display, trouble):
     expect(page.locator("#countermeasure[data-request=maneuver_stop]")).to_have_count(0)
     assert step(page, "stop").bounding_box() == place
     arrive(page)
+    # Nobody logs out while it still rolls.
+    expect(page.locator("#motion")).to_have_attribute("data-moving", "no")
     # A tap right after a change does not count.
     expect(page.locator("#actions[data-quiet]")).to_have_count(0)
     step(page, "logout").tap()
