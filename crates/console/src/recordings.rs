@@ -29,8 +29,8 @@ pub const STORED_BYTES_MAX: u64 = 10_000_000_000;
 /// When no piece comes it is looked again after this time.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
-/// A vehicle that does not answer is asked again after this time, and one whose pieces do not come after the longer one:
-/// the hub may have lost them.
+/// A vehicle that does not answer is asked again after the first of these times, and one that sends no pieces after the
+/// second: the hub may have lost them.
 const ASK_AGAIN: Span = Span::from_secs(10);
 const MISSED_FOR: Span = Span::from_secs(60);
 
@@ -39,7 +39,7 @@ const REMOVED_AT_ONCE: u64 = 16;
 
 /// Why a recording does not go on.
 enum Trouble {
-    /// What came is not what was told.
+    /// The pieces are not those of the recording that the vehicle announced.
     Vehicle(&'static str),
     /// The hub or the disk does not answer. It goes on when that works again.
     Here(String),
@@ -75,7 +75,8 @@ struct Fetching {
 }
 
 impl Shared {
-    /// Fetches what is asked for, and what vehicles send by themselves, into a folder, until it is aborted.
+    /// Fetches the recordings that are asked for, and those that vehicles send by themselves, into a folder, until it is
+    /// aborted.
     pub async fn fetch(self, folder: PathBuf, audit: Store) {
         let last = BTreeMap::new();
         let mut fetching = Fetching { shared: self, audit, folder, last, has_failed: false };
@@ -192,7 +193,7 @@ impl Fetching {
         self.shared.fleet().recording_is(&it.id, it.number, &it.pieces, step);
     }
 
-    /// What came is not what was told: it is removed, counted, and said.
+    /// The pieces are not those of the recording that the vehicle announced: they are removed, counted, and reported.
     async fn refuse(&self, hub: &fetching::Pieces, it: &Coming, why: &'static str) {
         let _ = fs::remove_file(self.part_of(it));
         let record = Record::of(Action::RecordingStored, TELLTALE).on(format!("{}/{}", it.id, it.number));

@@ -108,7 +108,7 @@ impl fmt::Display for NoLine {
 pub struct Want {
     /// Somebody looks at the vehicle: tell each change at once for this long.
     pub live: Option<Span>,
-    /// The numbers of incidents whose recordings are wanted.
+    /// The numbers of incidents with wanted recordings.
     pub incidents: Vec<u64>,
 }
 

@@ -71,7 +71,7 @@ pub fn refused(incident: u64, why: NotSent) -> Content {
     Content::Recording(Recording { incident, pieces: None, refused: Some(why) })
 }
 
-/// Which wishes are followed: whatever the hub says, a vehicle looks for few recordings.
+/// Limits the wishes that a vehicle follows: it looks for few recordings, however many the hub asks for.
 #[derive(Debug, Default)]
 pub struct Wishes {
     /// All that was followed is paid for by then.

@@ -247,7 +247,7 @@ impl Fleet {
         }
     }
 
-    /// What came of a recording is not what was told.
+    /// The pieces of a recording are not those that the vehicle announced.
     pub fn refuse_recording(&mut self, id: &VehicleId, number: u64, of: &Pieces, why: &'static str) {
         self.recording_is(id, number, of, Step::Bad(why.to_owned()));
         self.refused += 1;

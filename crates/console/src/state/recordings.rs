@@ -9,7 +9,7 @@ use super::vehicle::Vehicle;
 pub const OPEN_OF_VEHICLE: usize = 8;
 pub const OPEN_MAX: usize = 256;
 
-/// A recording that nothing came of in this time is given up: the hub keeps what it has for as long.
+/// A recording without a new piece for this time is given up: the hub keeps pieces for as long.
 const GIVEN_UP_AFTER_MS: i64 = 14 * 24 * 3_600_000;
 
 /// The recording of one incident.
@@ -36,7 +36,7 @@ pub enum Step {
     },
     Here(Pieces),
     Refused(NotSent),
-    /// What came is not what was told.
+    /// The pieces are not those of the recording that the vehicle announced.
     Bad(String),
     /// It was removed here, or nothing came.
     Gone,

@@ -221,10 +221,10 @@ pub struct PublisherReport {
     /// Whether all of them keep their last messages for late readers.
     #[serde(default)]
     pub transient_local: bool,
-    /// Whether one of them sends what is lost no second time.
+    /// Whether one of them is best effort: it sends a lost message no second time.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub best_effort: bool,
-    /// The reader is a new one: what they told meanwhile may be lost.
+    /// The reader is new: a message from before it may be lost.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub anew: bool,
 }

@@ -1,5 +1,5 @@
 //! The vehicle's side while it runs: a thread that tells the hub what the engine's snapshots show. It takes snapshots and
-//! summaries, and gives nothing back but its [`Status`] and the numbers of incidents whose recordings are wanted: no part
+//! summaries, and gives nothing back but its [`Status`] and the numbers of incidents with wanted recordings: no part
 //! of it holds a way into the engine.
 
 mod opening;
@@ -67,7 +67,7 @@ pub struct Sources {
     pub news: mpsc::Receiver<Content>,
     /// Recordings that are to be sent.
     pub finished: mpsc::Receiver<Finished>,
-    /// The numbers of incidents whose recordings are wanted. Nothing else that the hub says leaves the thread.
+    /// The numbers of incidents with wanted recordings. Nothing else that the hub says leaves the thread.
     pub wanted: mpsc::Sender<u64>,
 }
 
@@ -231,7 +231,7 @@ impl Vehicle {
                     self.push(vec![content]);
                 }
                 Some(finished) = sources.finished.recv() => {
-                    // What was told before it stands before it.
+                    // The messages before it stand before it in the log.
                     let before: Vec<Content> = std::iter::from_fn(|| sources.news.try_recv().ok()).collect();
                     self.hurry |= !before.is_empty();
                     self.push(before);

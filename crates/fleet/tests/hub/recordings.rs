@@ -29,7 +29,7 @@ async fn hub(name: &str) -> (Hub, Pieces, TempDir) {
     (hub, pieces, TempDir::new().unwrap())
 }
 
-/// A recording of so many bytes, each of which says where it is.
+/// A recording of so many bytes. Each byte tells its place.
 fn recording(data: &TempDir, incident: u64, bytes: usize) -> (Finished, Vec<u8>) {
     let content: Vec<u8> = (0..bytes).map(|it| (it / 251 % 256) as u8).collect();
     let path = data.path().join(format!("incident-{incident}.mcap"));
@@ -135,7 +135,7 @@ async fn what_is_not_sent_is_said() {
 }
 
 #[tokio::test]
-async fn whatever_is_wished_changes_nothing_in_the_engine() {
+async fn no_wish_changes_anything_in_the_engine() {
     let (hub, _pieces, data) = hub("wishes").await;
     let mut vehicle = Vehicle::start(&hub, "a", &data);
     let before = vehicle.engine();

@@ -8,7 +8,7 @@ use telltale_engine::time::Timestamp;
 use telltale_msg::received::Message;
 use telltale_msg::sample_bytes::Guid;
 
-/// Publishers of one topic whose last messages are kept. Of more, the oldest messages go.
+/// Publishers of one topic with a kept last message. Of more, the oldest messages go.
 const WRITERS_MAX: usize = 64;
 /// A larger message is not kept.
 const BYTES_MAX: usize = 64 << 10;

@@ -146,7 +146,7 @@ impl LoginAttempt {
         }
         let snapshot = app.published().snapshot;
         let drives = snapshot.is_under_way();
-        // Who is in charge keeps the place between stops too. An empty place is refused only while the vehicle moves: else
+        // The operator in charge keeps the place between stops too. An empty place is refused only while the vehicle moves: else
         // nobody could release or stop it.
         let is_kept = match snapshot.operator.as_deref() {
             Some(other) => other != name && drives,

@@ -57,7 +57,7 @@ texts! {
         sent_not_finished: "It is still recorded. Ask again later.", "Sie wird noch aufgezeichnet. Später noch einmal anfordern.";
         sent_too_large: "It is too large to be sent.", "Sie ist zu groß zum Senden.";
         sent_unknown: "The vehicle does not send it.", "Das Fahrzeug sendet sie nicht.";
-        recording_bad: "What came was wrong and was removed:", "Was kam, war falsch und wurde entfernt:";
+        recording_bad: "The pieces were wrong and were removed:", "Die Teile waren falsch und wurden entfernt:";
         recording_gone: "It is not here any more.", "Sie ist nicht mehr hier.";
         recording_here: "The recording is here.", "Die Aufzeichnung ist hier.";
 

@@ -208,7 +208,7 @@ texts! {
         Happened::Interrupted => "The recording ends here, because Telltale ended. What came later is not in it", "Hier endet die Aufzeichnung, weil Telltale endete. Was danach kam, steht nicht darin";
     }
 
-    /// A fault whose beginning is estimated, and the time until its notice.
+    /// A fault with an estimated beginning, and the time until its notice.
     text noticed_later(fault: &str, later: &str) {
         "{fault}; noticed {later} later", "{fault}; {later} später bemerkt"
     }

@@ -1,5 +1,5 @@
 //! Tells the fleet of this vehicle, if the configuration names one: the thread that does, and what the store knows for
-//! it. Nothing comes back from there but whether the fleet hears, and numbers of incidents whose recordings it wants.
+//! it. Nothing comes back from there but whether the fleet hears, and the numbers of incidents with recordings that it wants.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -170,7 +170,7 @@ impl Looking {
                     return;
                 }
             }
-            // They follow what is told of their incidents. Those that were sent are passed over there.
+            // The messages about their incidents come first. The outbox passes over recordings that were sent.
             for recording in finished {
                 if self.send.send(recording).await.is_err() {
                     return;

@@ -353,7 +353,7 @@ impl Watching {
         for reader in &topic.readers {
             let watch = &mut self.watches[reader.watch as usize];
             watch.found(reader.slot as usize, now);
-            // Who keeps the last message tells it again.
+            // A transient-local publisher tells its last message again.
             if returned || anew && !transient_local {
                 watch.monitor.returned(reader.slot as usize, now);
             }

@@ -435,7 +435,7 @@ fn an_event_that_was_told_earlier_ends_no_fault() {
         // It was lost, or kept.
         (41_500, Do::Older(2.0, 20_000), State::Error),
         (42_000, Do::Number(0, 2.0), State::Ok),
-        // A fault counts whatever its time: the clocks of two computers may disagree.
+        // A fault counts at any time: the clocks of two computers may disagree.
         (42_500, Do::Older(6.0, 20_000), State::Error),
     ];
     check(&mut engine, &steps);
