@@ -16,6 +16,7 @@ with_each_peer!(
     publishers_of_two_kinds_are_read_and_none_that_sends_complains,
     a_publisher_of_best_effort_that_comes_back_does_not_complain,
     a_publisher_that_sends_nothing_takes_no_last_value,
+    of_two_publishers_of_a_signal_the_one_that_published_last_counts,
     what_is_published_while_the_reader_is_replaced_is_not_lost,
     a_replaced_reader_ends_though_the_publishers_are_gone,
 );
@@ -178,6 +179,23 @@ async fn a_publisher_that_sends_nothing_takes_no_last_value(vendor: Vendor) {
     let mut reading = Reading::start(&domain).await;
     reading.signal("active", true).await;
     drop(silent);
+    reading.bridge.shutdown().await;
+}
+
+async fn of_two_publishers_of_a_signal_the_one_that_published_last_counts(vendor: Vendor) {
+    let domain = Domain::of(vendor);
+    let start = || Peer::start(&domain, &format!("{LATCHED} pub --topic rt/mission/active --type Bool"));
+    let mut newer = start();
+    newer.write(&json!({"bool": true, "age_s": 60}));
+    let mut reading = Reading::start(&domain).await;
+    reading.signal("active", true).await;
+    let mut older = start();
+    older.write(&json!({"bool": false, "age_s": 90}));
+    older.wait_matched(1);
+    older.write(&json!({"bool": true}));
+    reading.signal("active", true).await;
+    let is_false = |input: &&Input| matches!(input, Input::Signal { value: false, .. });
+    assert_eq!(reading.received.iter().find(is_false), None);
     reading.bridge.shutdown().await;
 }
 

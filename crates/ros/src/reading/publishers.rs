@@ -13,6 +13,9 @@ use telltale_engine::time::{Span, Timestamp};
 /// go; then writers that are gone are forgotten.
 const REMEMBERED_MAX: usize = 1024;
 
+/// Writers that discovery has not told of; if there are more, all are forgotten.
+const UNDISCOVERED_MAX: usize = 256;
+
 /// A sample that arrives within this time after its writer was discovered may be from before our start.
 const HISTORY: Span = Span::from_secs(3);
 /// A publisher of another quality is expected back for this long after it has gone, such as a restarted
@@ -68,6 +71,8 @@ pub struct Writers {
     /// When our reader was made, by our wall clock.
     listening: Option<SystemTime>,
     known: BTreeMap<Guid, Known>,
+    /// Writers that discovery has not told of, and when their first message came.
+    undiscovered: BTreeMap<Guid, Timestamp>,
     /// The last sequence number of each writer: samples up to it were received before.
     last: BTreeMap<Guid, i64>,
     /// When the initial writers are known.
@@ -120,6 +125,7 @@ impl Writers {
                     first: None,
                 }
             });
+            self.undiscovered.remove(&guid);
             self.known.insert(guid, Known { offer, ..known });
         }
         if self.last.len() > REMEMBERED_MAX {
@@ -128,8 +134,16 @@ impl Writers {
         wrong
     }
 
-    pub fn knows(&self, writer: &Guid) -> bool {
-        self.known.contains_key(writer)
+    /// Whether this is the first message of a writer that discovery has not told of.
+    pub fn is_first_of_undiscovered(&mut self, writer: &Guid, now: Timestamp) -> bool {
+        if self.known.contains_key(writer) || self.undiscovered.contains_key(writer) {
+            return false;
+        }
+        if self.undiscovered.len() >= UNDISCOVERED_MAX {
+            self.undiscovered.clear();
+        }
+        self.undiscovered.insert(*writer, now);
+        true
     }
 
     /// The type that a writer offers, as it stands on the wire.
@@ -158,8 +172,12 @@ impl Writers {
     /// reader that wants none: a transient-local writer has its last messages, a volatile one those that a
     /// killed reader did not acknowledge. The writer's clock decides, as long as it is plausible.
     pub fn published(&mut self, writer: &Guid, source: Option<SystemTime>, now: Timestamp) -> Published {
-        let listening = self.listening;
-        let Some(known) = self.known.get_mut(writer) else { return Published::Now };
+        let before = self.listening.zip(source).is_some_and(|(since, source)| source + CLOCKS_DIFFER < since);
+        let Some(known) = self.known.get_mut(writer) else {
+            let first = self.undiscovered.get(writer).copied().filter(|_| before);
+            let is_history = first.is_some_and(|first| now.since(first) < HISTORY);
+            return if is_history { Published::Unfound } else { Published::Now };
+        };
         let (first, first_source) = *known.first.get_or_insert((now, source));
         let burst = now.since(first) < HISTORY_BURST;
         if now.since(known.since) >= HISTORY {
@@ -173,7 +191,6 @@ impl Writers {
         if of_now || !burst && !is_faster(first_source, source, now.since(first)) {
             return Published::Now;
         }
-        let before = listening.is_some_and(|since| source + CLOCKS_DIFFER < since);
         if before && !known.heard { Published::Before } else { Published::Unfound }
     }
 
@@ -455,12 +472,24 @@ mod tests {
                 // It comes late, and no faster than a burst can: a repair.
                 (A, Some(97_000), 6000, Before),
                 (A, Some(97_000), 8000, Now),
-                ([3; 16], Some(97_000), 5100, Now),
             ];
             check(&mut writers, &cases);
         }
         // A writer that was heard before its participant was replaced is not new.
         check(&mut found(&[(A, offer(OURS, true, false))], &[A]), &[(A, Some(97_000), 5100, Unfound)]);
+    }
+
+    #[test]
+    fn an_older_message_of_a_writer_that_is_not_discovered_yet_comes_late() {
+        use Published::{Now, Unfound};
+        let mut writers = found(&[], &[]);
+        assert!(writers.is_first_of_undiscovered(&A, Timestamp::from_millis(5100)));
+        assert!(!writers.is_first_of_undiscovered(&A, Timestamp::from_millis(5200)));
+        let cases = [(A, Some(97_000), 5200, Unfound), (A, Some(98_000), 5200, Now), (A, None, 5200, Now)];
+        check(&mut writers, &cases);
+        check(&mut writers, &[(A, Some(97_000), 8100, Now)]);
+        writers.update([(A, offer(OURS, true, true))].into(), OURS, START);
+        assert!(!writers.is_first_of_undiscovered(&A, Timestamp::from_millis(5300)));
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! One topic in a task of its own: turns the samples of its readers into inputs.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::future::poll_fn;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::UNIX_EPOCH;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use bytes::Bytes;
 use tokio::sync::{mpsc, watch};
@@ -28,9 +28,6 @@ use telltale_msg::received::{Message, Stamped};
 use telltale_msg::ros_clock::RosClock;
 use telltale_msg::sample_bytes::Guid;
 use telltale_msg::subscription::{PublicationTime, Received, Subscription};
-
-/// Writers that discovery does not know are asked for again only after it has news.
-const UNKNOWN_MAX: usize = 1024;
 
 /// A topic is reported to have no publisher only after discovery had this time.
 const DISCOVERY: Span = Span::from_secs(5);
@@ -60,6 +57,8 @@ pub struct Memory {
     last_values: LastValues,
     /// When its last message came.
     heard: Option<Timestamp>,
+    /// When the newest one was published, by the clock of its writer.
+    newest: Option<(SystemTime, Guid)>,
 }
 
 impl Memory {
@@ -69,8 +68,8 @@ impl Memory {
             (false, Some(_)) => Retention::of_recorded_messages(),
             (false, None) => Retention::new(),
         };
-        let (writers, delays, troubles) = Default::default();
-        Memory { writers, delays, troubles, retention, last_values: LastValues::default(), heard: None }
+        let (writers, delays, troubles, last_values) = Default::default();
+        Memory { writers, delays, troubles, retention, last_values, heard: None, newest: None }
     }
 
     /// When the last message of its type came.
@@ -131,7 +130,6 @@ pub struct Topic {
     readers: Readers,
     memory: Memory,
     outbox: Outbox,
-    unknown: BTreeSet<Guid>,
     /// The last values that the participant before this one heard. Their publishers repeat them; the engine forgot them
     /// when that participant ended.
     forgotten: LastValues,
@@ -167,7 +165,6 @@ impl Topic {
             readers,
             memory,
             outbox,
-            unknown: BTreeSet::new(),
             forgotten,
             recorded_from: Timestamp::ZERO,
             kept: Kept::default(),
@@ -260,11 +257,8 @@ impl Topic {
     }
 
     async fn take_sample(&mut self, sample: Sample, received: Timestamp) -> Result<(), End> {
-        if !self.memory.writers.knows(&sample.writer) && !self.unknown.contains(&sample.writer) {
+        if self.memory.writers.is_first_of_undiscovered(&sample.writer, received) {
             self.follow_discovery();
-            if !self.memory.writers.knows(&sample.writer) && self.unknown.len() < UNKNOWN_MAX {
-                self.unknown.insert(sample.writer);
-            }
         }
         let dds_type = &self.subscription.dds_type;
         let published = self.memory.writers.published(&sample.writer, sample.source, received);
@@ -340,6 +334,15 @@ impl Topic {
         let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
         let received_message = Received { body, writer: *writer, wall_ns, when };
         let (mut inputs, wrong) = self.subscription.decode_by(received_message, &self.around.ros_clock);
+        // Late messages of several writers come in any order: the signal is what the newest one says.
+        let published = message.source.map(|source| (source, *writer));
+        let newest = self.memory.newest;
+        let is_older = published.zip(newest).is_some_and(|(it, last)| it.1 != last.1 && it.0 < last.0);
+        if is_older && (when != PublicationTime::Now || !late.is_zero()) {
+            inputs.retain(|input| !matches!(input, Input::Signal { .. }));
+        } else {
+            self.memory.newest = published.or(newest);
+        }
         if !late.is_zero() {
             inputs.retain(|input| !self.subscription.is_over(input, late));
             for input in &mut inputs {
@@ -448,7 +451,6 @@ impl Topic {
     fn follow_discovery(&mut self) {
         let offers = offers(&self.around.participant, &self.subscription.dds_topic);
         let dds_type = &self.subscription.dds_type;
-        self.unknown.clear();
         let now = (self.around.clock.now(), self.around.clock.wall());
         for theirs in self.memory.writers.update(offers, dds_type, now) {
             let text = || wrong_type(&theirs, &self.subscription);

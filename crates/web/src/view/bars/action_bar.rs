@@ -37,7 +37,7 @@ struct StepHtml {
     stop: Option<StopButton>,
     /// `None` in a replay.
     step: Option<NextStep>,
-    /// Logging out works in every stage but one.
+    /// Nobody logs out while the vehicle moves.
     logout: bool,
 }
 
@@ -83,7 +83,7 @@ pub fn step(view: &View<'_>) -> Fragment {
         release_version: view.seen.of(Aspect::Release),
         stop: stop(view),
         step: (!view.replay).then(|| of_stage(view)),
-        logout: view.may_act() && (snapshot.stage != Stage::Active || !view.has_stages()),
+        logout: view.may_act() && !snapshot.moves(),
     });
     Fragment { id: "step".to_owned(), html }
 }

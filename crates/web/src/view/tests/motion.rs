@@ -54,6 +54,15 @@ fn a_vehicle_drives_only_while_it_moves_by_itself() {
 }
 
 #[test]
+fn nobody_is_offered_to_log_out_while_the_vehicle_moves() {
+    let ready = || Sample::shuttle(false);
+    let logout = r#"name="logout""#;
+    check(&moved(ready(), Moving::Yes, 4), Lang::En, "step", &[r#"name="stop""#], &[logout]);
+    check(&moved(ready(), Moving::No, 0), Lang::En, "step", &[logout], &[]);
+    check(&moved(ready(), Moving::Unknown, 0), Lang::En, "step", &[logout], &[]);
+}
+
+#[test]
 fn a_request_says_what_the_vehicle_does_while_it_moves() {
     let stopping = || Sample::shuttle(true).act(OperatorAction::RequestStop);
     check_motion(&moved(stopping(), Moving::Yes, 9), Lang::En, "yes", "Stopping · 9\u{a0}km/h");
