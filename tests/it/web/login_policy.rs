@@ -314,6 +314,20 @@ async fn while_it_moves_in_standby_nobody_takes_it_over_from_elsewhere() {
 }
 
 #[tokio::test]
+async fn a_locked_vehicle_that_is_driven_by_hand_gets_its_operator_at_its_displays_alone() {
+    let (clock, _hand) = Clock::with_hand();
+    let (fixture, speed) = Fixture::with_speed(clock).await;
+    fixture.store.add_user("bert", Role::Operator, "a long password").await.unwrap();
+    fixture.input(speed(5.0)).await;
+    fixture.until(|it| it.stage == Stage::Locked && it.motion.moving == Moving::Yes).await;
+    let form = "name=bert&secret=a+long+password";
+    let far = log_in_from(&fixture, "10.0.0.9", form).await;
+    assert_eq!((far.status, far.cookie()), (StatusCode::CONFLICT, None), "{}", far.body);
+    let near = log_in_from(&fixture, "127.0.0.1", form).await;
+    assert_eq!(near.status, StatusCode::OK, "{}", near.body);
+}
+
+#[tokio::test]
 async fn between_stops_the_place_is_kept_for_its_operator_and_an_empty_one_is_open_to_all() {
     let (clock, hand) = Clock::with_hand();
     let (fixture, speed) = Fixture::with_speed_and(clock, |parts| {

@@ -148,6 +148,8 @@ async fn a_clearance_is_withdrawn_before_the_vehicle_drives_and_a_stop_does_that
         let token = operator.token().await;
         assert_eq!(operator.confirm(&token).await.status, StatusCode::OK);
         assert_eq!(operator.fixture.stage(), Stage::Cleared);
+        let over = operator.post("/login", "name=developer&secret=demo-developer").await;
+        assert_eq!((over.status, over.cookie()), (StatusCode::CONFLICT, None), "it would end the session");
         assert_eq!(operator.post(path, "").await.status, StatusCode::OK, "{path}");
         assert_eq!(operator.fixture.stage(), Stage::Standby, "{path}");
     }
