@@ -224,7 +224,8 @@ pub struct PublisherReport {
     /// Whether one of them is best effort: it sends a lost message no second time.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub best_effort: bool,
-    /// The reader is new: a message from before it may be lost.
+    /// A message may have been missed that nobody tells again: a publisher that keeps nothing, or the reader, is new, or
+    /// the publisher of the last message is gone.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub anew: bool,
 }

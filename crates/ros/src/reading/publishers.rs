@@ -75,6 +75,10 @@ pub struct Writers {
     undiscovered: BTreeMap<Guid, Timestamp>,
     /// The last sequence number of each writer: samples up to it were received before.
     last: BTreeMap<Guid, i64>,
+    /// The writer of the last sample that the present reader received.
+    spoke: Option<Guid>,
+    /// Since the last report a message may have been missed that no writer tells again.
+    missed: bool,
     /// When the initial writers are known.
     settled_at: Option<Timestamp>,
     /// Until when the reader must fit a best-effort writer, and one that keeps no last value.
@@ -98,7 +102,7 @@ struct Known {
 impl Writers {
     /// A new reader exists.
     pub fn listen(&mut self, wall: SystemTime) {
-        self.listening = Some(wall);
+        (self.listening, self.spoke) = (Some(wall), None);
     }
 
     /// Takes the news of discovery at `now`. Returns the wrong types of writers that were not known before.
@@ -115,6 +119,8 @@ impl Writers {
                 if offer.type_name != dds_type {
                     wrong.push(offer.type_name.clone());
                 }
+                // It may have spoken before it knew our reader.
+                self.missed |= self.spoke.is_some() && offer.type_name == dds_type && !offer.transient_local;
                 let heard = self.last.contains_key(&guid);
                 Known {
                     offer: offer.clone(),
@@ -128,6 +134,8 @@ impl Writers {
             self.undiscovered.remove(&guid);
             self.known.insert(guid, Known { offer, ..known });
         }
+        // What it said last may not be so any more.
+        self.missed |= self.spoke.take_if(|guid| before.contains_key(guid)).is_some();
         if self.last.len() > REMEMBERED_MAX {
             self.last.retain(|guid, _| self.known.contains_key(guid));
         }
@@ -166,6 +174,22 @@ impl Writers {
     pub fn keeps_last_value(&self, writer: &Guid, dds_type: &str) -> bool {
         let ours = |known: &Known| known.offer.transient_local && known.offer.type_name == dds_type;
         self.known.get(writer).is_some_and(ours)
+    }
+
+    /// A message that its writer kept was handed over: one that keeps nothing may have spoken after it.
+    pub fn note_kept(&mut self, dds_type: &str) {
+        self.missed |=
+            self.known.values().any(|it| it.offer.type_name == dds_type && !it.offer.transient_local);
+    }
+
+    /// Whether a message may have been missed since the last report.
+    pub fn may_have_missed(&self) -> bool {
+        self.missed
+    }
+
+    /// A report is made.
+    pub fn reported(&mut self) {
+        self.missed = false;
     }
 
     /// Judges when a message was published. The library asks every writer for its history, even for a
@@ -256,6 +280,7 @@ impl Writers {
             if offer.type_name != dds_type {
                 return Verdict::WrongType;
             }
+            self.spoke = Some(*writer);
             let last = self.last.get(writer);
             *reliably |= via != Via::BestEffort && last.is_none_or(|last| sequence >= *last);
             // A best-effort reader hands samples over in the order of arrival: one of them would overtake a
@@ -477,6 +502,34 @@ mod tests {
         }
         // A writer that was heard before its participant was replaced is not new.
         check(&mut found(&[(A, offer(OURS, true, false))], &[A]), &[(A, Some(97_000), 5100, Unfound)]);
+    }
+
+    #[test]
+    fn a_message_may_be_missed_when_its_writer_is_new_and_keeps_nothing_or_the_last_one_is_gone() {
+        let (keeps, volatile) = (offer(OURS, true, true), offer(OURS, true, false));
+        let mut writers = writers(&[(A, keeps.clone()), (B, volatile.clone())]);
+        let missed = |writers: &mut Writers| {
+            let missed = writers.may_have_missed();
+            writers.reported();
+            missed
+        };
+        assert!(!missed(&mut writers), "nothing was heard that may be over");
+        writers.judge(&A, 1, Via::Reliable, OURS);
+        let follow = |writers: &mut Writers, offers: &[(Guid, Offer)]| {
+            writers.update(offers.iter().cloned().collect(), OURS, START);
+            missed(writers)
+        };
+        let (c, d) = ([3; 16], [4; 16]);
+        let all = [(A, keeps.clone()), (B, volatile), (c, offer("theirs", true, false)), (d, keeps.clone())];
+        assert!(!follow(&mut writers, &all), "a new one tells what it keeps, or is no concern");
+        assert!(follow(&mut writers, &[&all[..], &[([5; 16], offer(OURS, true, false))]].concat()));
+        assert!(!follow(&mut writers, &all));
+        assert!(follow(&mut writers, &all[1..]), "the one that spoke last is gone");
+        writers.note_kept(OURS);
+        assert!(follow(&mut writers, &all[1..]), "one that keeps nothing may have spoken after it");
+        assert!(!follow(&mut writers, &all[3..]));
+        writers.note_kept(OURS);
+        assert!(!follow(&mut writers, &all[3..]));
     }
 
     #[test]

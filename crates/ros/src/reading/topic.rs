@@ -259,6 +259,7 @@ impl Topic {
     async fn take_sample(&mut self, sample: Sample, received: Timestamp) -> Result<(), End> {
         if self.memory.writers.is_first_of_undiscovered(&sample.writer, received) {
             self.follow_discovery();
+            self.tell_news().await?;
         }
         let dds_type = &self.subscription.dds_type;
         let published = self.memory.writers.published(&sample.writer, sample.source, received);
@@ -329,6 +330,9 @@ impl Topic {
         (when, late): (PublicationTime, Span),
         received: Timestamp,
     ) -> Result<(), End> {
+        if when == PublicationTime::Kept {
+            self.memory.writers.note_kept(&self.subscription.dds_type);
+        }
         let Message { body, writer, .. } = &**message;
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
@@ -431,9 +435,9 @@ impl Topic {
         let now = self.around.clock.now();
         let found = publishers > 0 || other_type.is_some();
         let source = source.clone();
-        let news =
-            PublisherReport { source, publishers, other_type, transient_local, best_effort, anew: self.anew };
-        if !self.anew && self.said.as_ref() == Some(&news)
+        let anew = self.anew && !transient_local || self.memory.writers.may_have_missed();
+        let news = PublisherReport { source, publishers, other_type, transient_local, best_effort, anew };
+        if !anew && self.said.as_ref() == Some(&news)
             || self.said.is_none() && !found && now < self.searching_until
         {
             return Ok(());
@@ -443,6 +447,7 @@ impl Topic {
             return Ok(());
         }
         self.anew = false;
+        self.memory.writers.reported();
         self.said = Some(PublisherReport { anew: false, ..news.clone() });
         self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await
     }

@@ -353,8 +353,7 @@ impl Watching {
         for reader in &topic.readers {
             let watch = &mut self.watches[reader.watch as usize];
             watch.found(reader.slot as usize, now);
-            // A transient-local publisher tells its last message again.
-            if returned || anew && !transient_local {
+            if returned || anew {
                 watch.monitor.returned(reader.slot as usize, now);
             }
             watch.monitor.publishers(reader.slot as usize, keeping, now);
