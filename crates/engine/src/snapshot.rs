@@ -5,6 +5,7 @@
 use super::files::count;
 use super::model::monitors::{Class, Reads};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 pub use super::counters::{Counters, Reception};
@@ -49,8 +50,8 @@ pub struct Snapshot {
     pub alarms: Arc<[Alarm]>,
     /// The number of the last alarm that was raised.
     pub last_alarm: u64,
-    /// Modules with a WARNING that the operator accepted.
-    pub accepted: Arc<[NodeId]>,
+    /// Modules with a WARNING that the operator accepted, and when; `None` before a restart.
+    pub accepted: Arc<BTreeMap<NodeId, Option<Timestamp>>>,
     /// Modules whose faults call nobody for now, by their ids. Their states are what they are without that.
     pub shelved: Arc<[Shelved]>,
     /// The requests to the vehicle, strongest first; at most one of each kind.

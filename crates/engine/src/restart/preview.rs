@@ -135,9 +135,9 @@ impl Engine {
         }
         let nodes = known.iter().filter(|(_, number)| number.is_none());
         let warned = nodes.flat_map(|&(node, _)| self.warned_in(node)).map(NodeId::Module);
-        let mut accepted: Vec<NodeId> = after.accepted.iter().copied().chain(warned).collect();
-        accepted.sort_unstable();
-        accepted.dedup();
-        after.accepted = accepted.into();
+        let accepted = Arc::make_mut(&mut after.accepted);
+        for node in warned {
+            accepted.entry(node).or_insert(Some(self.now));
+        }
     }
 }

@@ -185,10 +185,11 @@ impl Engine {
         let renamed = |node: NodeId| names.get(old.views.name(node)).copied();
         self.causes.copy_since(&old.causes, renamed);
         self.alarms.copy(&old.alarms, renamed);
-        let accepted = old.warnings.accepted().filter_map(|id| renamed(NodeId::Module(id)));
-        for node in accepted.collect::<Vec<_>>() {
+        let accepted =
+            old.warnings.accepted().filter_map(|(id, at)| Some((renamed(NodeId::Module(id))?, at)));
+        for (node, at) in accepted.collect::<Vec<_>>() {
             if let NodeId::Module(id) = node {
-                self.warnings.expect(id);
+                self.warnings.expect(id, at);
             }
         }
         self.countermeasures.keep(&old.countermeasures, &old.model, &self.model);

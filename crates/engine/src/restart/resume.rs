@@ -112,7 +112,7 @@ impl Snapshot {
             last_known,
             alarms: self.alarms.iter().map(alarm).collect(),
             last_alarm: self.last_alarm,
-            accepted: self.accepted.iter().map(|&node| name(node)).collect(),
+            accepted: self.accepted.keys().map(|&node| name(node)).collect(),
             latched: {
                 let latched = self.module_ids().filter(|&id| self.module(id).1.steps.latched);
                 latched.map(|id| name(NodeId::Module(id))).collect()
@@ -220,7 +220,7 @@ impl Engine {
         let find = |name: &str| nodes.get(name).copied();
         for name in &restored.accepted {
             if let Some(NodeId::Module(id)) = find(name) {
-                self.warnings.expect(id);
+                self.warnings.expect(id, None);
             }
         }
         for name in &restored.latched {

@@ -1,6 +1,7 @@
 //! Transitions of the stage that follow from the vehicle's state, and their effect on requests.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::machine::StageEvent;
@@ -16,7 +17,7 @@ use crate::snapshot::{Asked, Countermeasure, KnownPlace, Localization, Shelved, 
 use crate::state::State;
 use crate::text::Text;
 use crate::text::say;
-use crate::time::Span;
+use crate::time::{Span, Timestamp};
 use crate::timers::TimerKey;
 
 /// A localization that takes longer does not find the vehicle where it is said to be.
@@ -40,7 +41,7 @@ pub(crate) struct VehicleView {
     pub(crate) last_alarm: u64,
     pub(crate) asking: Arc<[(NodeId, Urgency)]>,
     pub(crate) asked: Option<Asked>,
-    pub(crate) accepted: Arc<[NodeId]>,
+    pub(crate) accepted: Arc<BTreeMap<NodeId, Option<Timestamp>>>,
     pub(crate) shelved: Arc<[Shelved]>,
     pub(crate) countermeasures: Arc<[Countermeasure]>,
     pub(crate) localization: Localization,
@@ -273,7 +274,7 @@ impl Engine {
             last_alarm: self.alarms.last_id(),
             asking: self.asks.asking.clone(),
             asked: self.asks.asked,
-            accepted: self.warnings.accepted().map(NodeId::Module).collect(),
+            accepted: Arc::new(self.warnings.accepted().map(|(id, at)| (NodeId::Module(id), at)).collect()),
             shelved: self.shelves.list().into(),
             countermeasures: self.countermeasures.list(self.net.nobody()),
             localization: self.vehicle.localization,

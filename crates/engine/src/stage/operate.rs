@@ -231,7 +231,7 @@ impl Engine {
                     self.alarms.acknowledge(|alarm| alarm.node == node, self.now, &mut self.events);
                     self.countermeasures.acknowledge(Acknowledged { node, alarm: None });
                     for id in self.warned_in(node) {
-                        self.warnings.accept(id);
+                        self.warnings.accept(id, self.now);
                     }
                 }
             }

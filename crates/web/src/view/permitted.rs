@@ -39,7 +39,7 @@ pub fn permitted(published: &Published) -> Published {
         asked: None,
         alarms: Arc::new([]),
         last_alarm: snapshot.last_alarm,
-        accepted: Arc::new([]),
+        accepted: Arc::default(),
         shelved: Arc::new([]),
         countermeasures: Arc::new([]),
         localization: Localization::default(),

@@ -260,7 +260,7 @@ fn help(view: &View<'_>, node: NodeId, state: State, urgency: Option<Urgency>) -
         return view.words.reset_here.to_owned();
     }
     // The words of the configuration ask for the acknowledgement that was given.
-    let is_accepted = state == State::Warning && view.snapshot.accepted.contains(&node);
+    let is_accepted = state == State::Warning && view.snapshot.accepted.contains_key(&node);
     if is_accepted && view.stage_of_advice() == Stage::Standby {
         return view.words.nothing_to_do.to_owned();
     }
@@ -358,14 +358,15 @@ fn add_unexplained(view: &View<'_>, entries: &mut Vec<FaultEntry>) {
 /// accepted, the entry is one that somebody has seen.
 fn acknowledgeable(view: &View<'_>, group: GroupId, modules: &[ModuleId], entry: FaultEntry) -> FaultEntry {
     let is_component = view.board.tiles.contains(&group);
-    let mut open =
-        modules.iter().filter(|&&module| !view.snapshot.accepted.contains(&NodeId::Module(module)));
+    let accepted = |module: &ModuleId| view.snapshot.accepted.get(&NodeId::Module(*module));
+    let mut open = modules.iter().filter(|module| accepted(module).is_none());
     let aspect = if is_component { Aspect::Component(group) } else { Aspect::Stage };
     let acknowledge = open.next().map(|&module| {
         let id = view.snapshot.node_name(NodeId::Module(module)).to_string();
         AcknowledgeTarget { id, aspect }
     });
-    FaultEntry { seen: acknowledge.is_none().then_some(None), acknowledge, ..entry }
+    let last = || modules.iter().filter_map(accepted).max().copied().flatten();
+    FaultEntry { seen: acknowledge.is_none().then(last), acknowledge, ..entry }
 }
 
 /// Adds alarms that are over and not acknowledged: one entry for each node. If the fault of the node is

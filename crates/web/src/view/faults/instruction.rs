@@ -213,7 +213,7 @@ fn at_a_stop(view: &View<'_>, entries: &[FaultEntry]) -> Option<Instruction> {
     let mut faults = entries.iter().filter(|entry| !entry.over && !entry.help.is_empty());
     // A WARNING keeps it there where it has to be accepted before a clearance.
     let is_open = |entry: &FaultEntry| {
-        view.stage_of_advice() == Stage::Standby && !view.snapshot.accepted.contains(&entry.node)
+        view.stage_of_advice() == Stage::Standby && !view.snapshot.accepted.contains_key(&entry.node)
     };
     let entry = faults.find(|entry| entry.state != State::Warning || is_open(entry))?;
     Some(Instruction {

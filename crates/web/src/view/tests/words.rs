@@ -274,6 +274,13 @@ fn a_warning_at_three_places_is_accepted_once() {
     let accepted = warned(three_places(true)).act(OperatorAction::Acknowledge { alarm }).published();
     check(&accepted, Lang::En, "step", &[], &["Acknowledge first"]);
     assert_eq!(accepted.snapshot.accepted.len(), 3);
+    check(
+        &accepted,
+        Lang::En,
+        "causes",
+        &[r#"<p class="seen"><span class="hush">seen</span>"#, "<time"],
+        &[],
+    );
 }
 
 #[test]
