@@ -39,13 +39,15 @@ pub enum ReaderEvent {
     Sample(RawSample),
     /// A sample was not handed over.
     Fault(String),
+    /// Another reader has taken its place: it asks for nothing that was lost before.
+    Replaced,
 }
 
 impl ReaderEvent {
     fn weight(&self) -> usize {
         match self {
             ReaderEvent::Sample(sample) => sample.weight(),
-            ReaderEvent::Fault(_) => SAMPLE_BYTES,
+            ReaderEvent::Fault(_) | ReaderEvent::Replaced => SAMPLE_BYTES,
         }
     }
 }
@@ -177,6 +179,9 @@ impl Shared {
                 Some(made) => drop(made.send_replace(Some(guid))),
                 None if lock(&self.readers).get(&id).is_some_and(|hearing| hearing.of_node) => {
                     let replaced = lock(&self.made_readers).insert(id, guid);
+                    if replaced.is_some() {
+                        self.hear(id, ReaderEvent::Replaced)?;
+                    }
                     self.own_readers.send_if_modified(|known| {
                         let is_gone = replaced.is_some_and(|old| known.remove(&old));
                         known.insert(guid) || is_gone

@@ -24,7 +24,8 @@ const OVERLAP: Span = Span::from_secs(1);
 pub struct OpenReader {
     pub id: u32,
     pub reader: RawReader,
-    /// Takes its place at this time.
+    /// Takes its place at this time. Until then it keeps what it receives: it may be the only one that does. The parent passes
+    /// over what came twice.
     next: Option<(RawReader, Timestamp)>,
     pub topic: Topic,
     pub via: Via,
@@ -143,10 +144,6 @@ impl OpenReaders {
     fn take(&mut self, samples: &mut Frame) -> Result<bool, String> {
         let mut strangers = false;
         for hearing in &mut self.readers {
-            // First, so that what comes between the two is read twice and not never.
-            if let Some((next, _)) = &mut hearing.next {
-                while let Ok(Some(_)) = next.try_take_one() {}
-            }
             // `None` is also returned for a sample without data; the next one may follow.
             let mut nothing = 0;
             while nothing < 2 && hearing.has_room() && !samples.is_full() {

@@ -20,7 +20,7 @@ const UNDISCOVERED_MAX: usize = 256;
 const HISTORY: Span = Span::from_secs(3);
 /// A publisher of another quality is expected back for this long after it has gone, such as a restarted
 /// driver: until then the reader stays one that fits it too.
-const QUALITY_REMEMBERED: Span = Span::from_secs(600);
+const QUALITY_REMEMBERED: Span = Span::from_secs(60);
 /// Publishers that exist already are found within this time after the first one: only then is it known
 /// which reader fits all of them.
 const SETTLING: Span = Span::from_secs(1);
@@ -176,10 +176,16 @@ impl Writers {
         self.known.get(writer).is_some_and(ours)
     }
 
-    /// A message that its writer kept was handed over: one that keeps nothing may have spoken after it.
-    pub fn note_kept(&mut self, dds_type: &str) {
-        self.missed |=
-            self.known.values().any(|it| it.offer.type_name == dds_type && !it.offer.transient_local);
+    /// A message may be missing of a writer that keeps nothing: what counts was kept by another one, or a reader has ended
+    /// that would have asked for it again.
+    pub fn may_miss(&mut self, dds_type: &str) {
+        let mut ours = self.known.values().filter(|it| it.offer.type_name == dds_type);
+        self.missed |= ours.any(|it| !it.offer.transient_local);
+    }
+
+    /// A message may be missing of each writer. Those that keep their last one tell it again.
+    pub fn may_miss_any(&mut self) {
+        self.missed |= self.spoke.is_some();
     }
 
     /// Whether a message may have been missed since the last report.
@@ -250,9 +256,15 @@ impl Writers {
         found.then_some(wanted)
     }
 
-    /// When to ask again which reader fits.
+    /// Until when others may be found that are there already.
     pub fn settles_at(&self, now: Timestamp) -> Option<Timestamp> {
         self.settled_at.filter(|at| now < *at)
+    }
+
+    /// When to ask again which reader fits.
+    pub fn fitting_due(&self, now: Timestamp) -> Option<Timestamp> {
+        let all = [self.settled_at, self.best_effort_until, self.volatile_until];
+        all.into_iter().flatten().filter(|at| now < *at).min()
     }
 
     /// Whether these readers ask for no last value although a writer of our type keeps one. At the beginning, while others
@@ -441,8 +453,8 @@ mod tests {
         let [best_effort, last_value] = [&[Via::BestEffort][..], &[Via::LastValue]].map(Some);
         assert_eq!(writers.fitting(true, OURS, at(5000)), best_effort);
         writers.update([(A, offer(OURS, true, true))].into(), OURS, START);
-        assert_eq!(writers.fitting(true, OURS, at(604_999)), best_effort);
-        assert_eq!(writers.fitting(true, OURS, at(605_000)), last_value);
+        assert_eq!(writers.fitting(true, OURS, at(64_999)), best_effort);
+        assert_eq!(writers.fitting(true, OURS, at(65_000)), last_value);
     }
 
     #[test]
@@ -525,10 +537,10 @@ mod tests {
         assert!(follow(&mut writers, &[&all[..], &[([5; 16], offer(OURS, true, false))]].concat()));
         assert!(!follow(&mut writers, &all));
         assert!(follow(&mut writers, &all[1..]), "the one that spoke last is gone");
-        writers.note_kept(OURS);
+        writers.may_miss(OURS);
         assert!(follow(&mut writers, &all[1..]), "one that keeps nothing may have spoken after it");
         assert!(!follow(&mut writers, &all[3..]));
-        writers.note_kept(OURS);
+        writers.may_miss(OURS);
         assert!(!follow(&mut writers, &all[3..]));
     }
 

@@ -130,8 +130,8 @@ pub struct Topic {
     readers: Readers,
     memory: Memory,
     outbox: Outbox,
-    /// The last values that the participant before this one heard. Their publishers repeat them; the engine forgot them
-    /// when that participant ended.
+    /// The last values that the participant or the reader before this one heard. Their publishers repeat them; the engine
+    /// forgot them when those ended.
     forgotten: LastValues,
     /// Of a topic that is only recorded: when the next message may be.
     recorded_from: Timestamp,
@@ -205,6 +205,9 @@ impl Topic {
                 () = until(due) => {}
                 () = poll_fn(|context| self.readers.poll(context, &mut batch, &mut faults)) => {
                     let received = self.around.clock.now();
+                    if self.readers.was_replaced() {
+                        self.memory.writers.may_miss(&self.subscription.dds_type);
+                    }
                     self.take_faults(&mut faults);
                     self.take_batch(&mut batch, received).await?;
                 }
@@ -331,7 +334,7 @@ impl Topic {
         received: Timestamp,
     ) -> Result<(), End> {
         if when == PublicationTime::Kept {
-            self.memory.writers.note_kept(&self.subscription.dds_type);
+            self.memory.writers.may_miss(&self.subscription.dds_type);
         }
         let Message { body, writer, .. } = &**message;
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -420,8 +423,8 @@ impl Topic {
 
     /// When another reader may fit, without any news of discovery.
     fn follow_due(&self) -> Option<Timestamp> {
-        let settled = self.memory.writers.settles_at(self.around.clock.now());
-        [settled, self.readers.overlap_ends()].into_iter().flatten().min()
+        let fitting = self.memory.writers.fitting_due(self.around.clock.now());
+        [fitting, self.readers.overlap_ends()].into_iter().flatten().min()
     }
 
     /// Reports the publishers, if monitors watch the topic and they have changed.
@@ -433,6 +436,9 @@ impl Topic {
             self.memory.writers.publishers(&self.subscription.dds_type);
         let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
         let now = self.around.clock.now();
+        // Without a reliable reader nothing that was lost is sent again, whatever the publishers offer.
+        let is_deaf = || !self.readers.any_reliable() && self.memory.writers.settles_at(now).is_none();
+        let best_effort = best_effort || publishers > 0 && is_deaf();
         let found = publishers > 0 || other_type.is_some();
         let source = source.clone();
         let anew = self.anew && !transient_local || self.memory.writers.may_have_missed();
@@ -466,8 +472,17 @@ impl Topic {
         let fitting = self.memory.writers.fitting(wants_last_value, dds_type, now.0);
         let Some(fitting) = fitting.or_else(|| self.readers.fitting()) else { return };
         let is_catching_up = self.memory.writers.is_catching_up(dds_type);
-        if self.readers.follow(fitting, is_catching_up, now.0) && !self.readers.any_reliable() {
-            self.memory.writers.heard_by_best_effort_alone();
+        let was_reliable = self.readers.any_reliable();
+        if self.readers.follow(fitting, is_catching_up, now.0) {
+            self.memory.writers.may_miss(dds_type);
+            match self.readers.any_reliable() {
+                false => self.memory.writers.heard_by_best_effort_alone(),
+                true if !was_reliable => {
+                    self.memory.writers.may_miss_any();
+                    self.forgotten = self.memory.last_values.clone();
+                }
+                true => {}
+            }
         }
         if wants_last_value && self.memory.writers.leaves_last_value(fitting, dds_type, now.0) {
             self.tell_of_mix();
