@@ -218,7 +218,7 @@ pub struct PublisherReport {
     pub publishers: u32,
     /// Another type under which the topic is published: `package/msg/Name`.
     pub other_type: Option<Box<str>>,
-    /// Whether all of them keep their last messages for late readers.
+    /// Whether all of them keep their last messages for late readers, and are asked for them.
     #[serde(default)]
     pub transient_local: bool,
     /// Whether one of them is best effort: it sends a lost message no second time.

@@ -103,6 +103,8 @@ impl Writers {
     /// A new reader exists.
     pub fn listen(&mut self, wall: SystemTime) {
         (self.listening, self.spoke) = (Some(wall), None);
+        // Those who are there are asked for no less than they offer.
+        (self.settled_at, self.best_effort_until, self.volatile_until) = (None, None, None);
     }
 
     /// Takes the news of discovery at `now`. Returns the wrong types of writers that were not known before.
@@ -288,11 +290,12 @@ impl Writers {
 
     /// Judges one sample.
     pub fn judge(&mut self, writer: &Guid, sequence: i64, via: Via, dds_type: &str) -> Verdict {
-        if let Some(Known { offer, reliably, .. }) = self.known.get_mut(writer) {
-            if offer.type_name != dds_type {
-                return Verdict::WrongType;
-            }
-            self.spoke = Some(*writer);
+        let known = self.known.get_mut(writer);
+        if known.as_ref().is_some_and(|known| known.offer.type_name != dds_type) {
+            return Verdict::WrongType;
+        }
+        self.spoke = Some(*writer);
+        if let Some(Known { reliably, .. }) = known {
             let last = self.last.get(writer);
             *reliably |= via != Via::BestEffort && last.is_none_or(|last| sequence >= *last);
             // A best-effort reader hands samples over in the order of arrival: one of them would overtake a

@@ -115,6 +115,11 @@ impl Readers {
         self.readers.iter().any(|reader| reader.via() != Via::BestEffort)
     }
 
+    /// Whether the publishers are asked for the last messages that they keep.
+    pub fn asks_for_last_value(&self) -> bool {
+        self.readers.iter().any(|reader| reader.via() == Via::LastValue)
+    }
+
     /// Lets the library keep more samples from now on.
     pub fn deepen(&mut self, depth: usize) {
         self.depth = depth;

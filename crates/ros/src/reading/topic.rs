@@ -227,15 +227,7 @@ impl Topic {
         self.said = None;
         self.follow_discovery();
         self.tell_news().await?;
-        if !self.subscription.wants_last_value() {
-            return Ok(());
-        }
-        let (writers, dds_type) = (&self.memory.writers, &self.subscription.dds_type);
-        for last in self.memory.last_values.of(|writer| writers.keeps_last_value(writer, dds_type)) {
-            let now = self.around.clock.now();
-            self.hand_over(&last.message, (PublicationTime::Kept, now.since(last.at)), now).await?;
-        }
-        Ok(())
+        if self.subscription.wants_last_value() { self.tell_last_values().await } else { Ok(()) }
     }
 
     async fn take_batch(&mut self, batch: &mut Vec<Sample>, received: Timestamp) -> Result<(), End> {
@@ -436,12 +428,14 @@ impl Topic {
             self.memory.writers.publishers(&self.subscription.dds_type);
         let other_type: Option<Box<str>> = other.map(|theirs| messages::ros_type_name(theirs).into());
         let now = self.around.clock.now();
-        // Without a reliable reader nothing that was lost is sent again, whatever the publishers offer.
-        let is_deaf = || !self.readers.any_reliable() && self.memory.writers.settles_at(now).is_none();
-        let best_effort = best_effort || publishers > 0 && is_deaf();
         let found = publishers > 0 || other_type.is_some();
         let source = source.clone();
-        let anew = self.anew && !transient_local || self.memory.writers.may_have_missed();
+        let is_settled = self.memory.writers.settles_at(now).is_none();
+        // What was lost is not sent again without a reliable reader, and a kept message to one that asks for it alone.
+        let best_effort = best_effort || publishers > 0 && is_settled && !self.readers.any_reliable();
+        let is_asked = !self.subscription.wants_last_value() || self.readers.asks_for_last_value();
+        let transient_local = transient_local && (!is_settled || is_asked);
+        let anew = self.anew && is_settled && !transient_local || self.memory.writers.may_have_missed();
         let news = PublisherReport { source, publishers, other_type, transient_local, best_effort, anew };
         if !anew && self.said.as_ref() == Some(&news)
             || self.said.is_none() && !found && now < self.searching_until
@@ -452,10 +446,22 @@ impl Topic {
             self.searching_until = now + SEARCHED_AGAIN;
             return Ok(());
         }
-        self.anew = false;
+        self.anew &= !is_settled;
         self.memory.writers.reported();
         self.said = Some(PublisherReport { anew: false, ..news.clone() });
-        self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await
+        self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await?;
+        // What its publishers still keep has not been missed.
+        if anew && transient_local { self.tell_last_values().await } else { Ok(()) }
+    }
+
+    /// Hands over what the publishers keep for readers that come later.
+    async fn tell_last_values(&mut self) -> Result<(), End> {
+        let (writers, dds_type) = (&self.memory.writers, &self.subscription.dds_type);
+        for last in self.memory.last_values.of(|writer| writers.keeps_last_value(writer, dds_type)) {
+            let now = self.around.clock.now();
+            self.hand_over(&last.message, (PublicationTime::Kept, now.since(last.at)), now).await?;
+        }
+        Ok(())
     }
 
     /// Takes the present writers, and chooses the readers that fit them.
@@ -477,12 +483,10 @@ impl Topic {
             self.memory.writers.may_miss(dds_type);
             match self.readers.any_reliable() {
                 false => self.memory.writers.heard_by_best_effort_alone(),
-                true if !was_reliable => {
-                    self.memory.writers.may_miss_any();
-                    self.forgotten = self.memory.last_values.clone();
-                }
+                true if !was_reliable => self.memory.writers.may_miss_any(),
                 true => {}
             }
+            self.forgotten = self.memory.last_values.clone();
         }
         if wants_last_value && self.memory.writers.leaves_last_value(fitting, dds_type, now.0) {
             self.tell_of_mix();
