@@ -486,7 +486,9 @@ impl Topic {
                 true if !was_reliable => self.memory.writers.may_miss_any(),
                 true => {}
             }
-            self.forgotten = self.memory.last_values.clone();
+            if self.subscription.watched().is_some() {
+                self.forgotten = self.memory.last_values.clone();
+            }
         }
         if wants_last_value && self.memory.writers.leaves_last_value(fitting, dds_type, now.0) {
             self.tell_of_mix();
