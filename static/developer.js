@@ -44,9 +44,9 @@
   // The page that an address belongs to, without its parameters. Each node has its own.
   const WHY = `${body.dataset.socket.split("/live?")[0]}/why`;
   const pageOf = ({ pathname, search }) => (pathname === WHY ? `${pathname}?${new URLSearchParams(search).get("node")}` : pathname);
-  const INCIDENT = /^\/(incidents\/\d+(\/what-if)?|developer\/statistics)$/;
+  const FURTHER = /^\/(incidents\/\d+(\/what-if)?|developer\/(learn|statistics))$/;
   const known = new Set([WHY, ...[...document.querySelectorAll("nav a, [data-search]")].map((link) => link.pathname)]);
-  const isKnown = (pathname) => known.has(pathname) || INCIDENT.test(pathname);
+  const isKnown = (pathname) => known.has(pathname) || FURTHER.test(pathname);
   // The answer to a form stands under the address of its page, so a reload sends nothing twice.
   if (!isKnown(location.pathname)) history.replaceState(null, "", main().dataset.page);
   let shownPage = pageOf(location);

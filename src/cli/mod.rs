@@ -10,6 +10,7 @@ mod configuration;
 mod evaluate;
 pub mod fields;
 mod junit;
+mod learned;
 mod moment;
 mod print;
 mod process;

@@ -70,6 +70,8 @@ def pages(config):
     yield f"/developer/why?node={CAUSE}", "#why"
     yield "/developer/why?node=localization", "#why"
     yield "/developer/statistics", "#statistics h3"
+    yield "/developer/learn?run=yes", "#learn[data-progress=done]"
+    yield "/developer/graph?proposed=yes", ".proposed"
     yield "/developer/audit", "#audit tbody tr"
     yield "/developer/configuration", "#configuration[data-judged=true]"
     yield "/developer/configuration?q=nothing-of-this-name", "#running .empty"

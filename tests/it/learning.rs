@@ -12,7 +12,7 @@ use telltale::store::{DemoSecrets, History, Store};
 use crate::folder::TestFolder;
 use crate::program::{run, said};
 
-const CONFIG: &str = "\
+pub const CONFIG: &str = "\
 vehicle: { id: v, name: V, stages: none }
 groups:
   - id: sensors
@@ -28,7 +28,7 @@ groups:
 
 /// A history of twenty failures of the camera, which nothing follows, and of ten of the lidar, half a second before the
 /// objects fail.
-async fn past(data: &Path) {
+pub async fn past(data: &Path) {
     let (clock, hand) = Clock::standing();
     Store::open(data, clock, DemoSecrets::Refused).unwrap().close().await;
     let (history, queue) = History::open(data, clock).unwrap();
@@ -74,7 +74,7 @@ async fn a_history_gives_proposals_that_check_accepts() {
     assert_eq!(code, Some(0), "{out}{err}");
     for line in [
         "add: perception/objects depends on sensors/lidar\n    it failed in 10 of 10 failures (72 % to 100 %), ",
-        "    noticed 0.5 s to 0.5 s after it\n    together: ",
+        "    noticed 0.5 s to 0.5 s after it\n    sensors/lidar began to fail earlier, by about 0.5 s\n    together: ",
         "remove: perception/objects depends on sensors/camera\n    sensors/camera failed 20 times, and perception/objects \
          in 0 of them\n    counterexamples: ",
         "1 to add, 1 to remove or narrow; 0 of 1 dependencies that the history shows are configured; 3 of 3 modules",

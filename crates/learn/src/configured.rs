@@ -131,5 +131,6 @@ fn without_effect(learned: &Learned, cause: usize, dependents: &[usize]) -> Opti
         cause: ModuleId(cause as u32),
         dependent: ModuleId(strongest.0 as u32),
         evidence: strongest.1.clone(),
+        direction: None,
     })
 }

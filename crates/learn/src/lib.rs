@@ -68,6 +68,19 @@ pub struct Edge {
     pub cause: ModuleId,
     pub dependent: ModuleId,
     pub evidence: Evidence,
+    /// `None` where a configured dependency says which one is the cause.
+    pub direction: Option<Direction>,
+}
+
+/// Why the one is the cause, and not the other way round.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Direction {
+    /// The cause counts the messages that the dependent reads.
+    Feeds,
+    /// The dependent failed so often while the cause stayed well.
+    Alone(usize),
+    /// The cause began earlier, in the middle by so many milliseconds, as the monitors' lateness lets it be estimated.
+    Earlier(i64),
 }
 
 /// A configured dependency that the past does not support.
@@ -96,10 +109,16 @@ pub struct Proposals {
 
 /// Learns from the past of a model's modules.
 pub fn learn(history: &History, model: &Model) -> Proposals {
-    let learned = pairs::learn(history, model);
+    learn_within(history, model, &|_| true).expect("it goes on to its end")
+}
+
+/// The same while `go_on` permits it, which is asked now and then with the bytes that the evidence takes so far. `None` if
+/// it did not.
+pub fn learn_within(history: &History, model: &Model, go_on: &dyn Fn(usize) -> bool) -> Option<Proposals> {
+    let learned = pairs::learn(history, model, go_on)?;
     let doubted = configured::doubted(model, &learned);
     let add = configured::missing(model, &doubted, &learned.direct);
-    Proposals { add, doubted, undecided: learned.undecided, learned: learned.direct }
+    Some(Proposals { add, doubted, undecided: learned.undecided, learned: learned.direct })
 }
 
 #[cfg(test)]

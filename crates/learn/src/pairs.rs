@@ -5,7 +5,7 @@ use telltale_engine::model::{Model, ModuleId};
 use super::lateness::{feeds, lateness, latest};
 use super::past::{self, Failure, History, Module};
 use super::statistics::at_least;
-use super::{CHANCE, Edge, Evidence, SHARE_LEAST, SUPPORT, WITHIN_MS};
+use super::{CHANCE, Direction, Edge, Evidence, SHARE_LEAST, SUPPORT, WITHIN_MS};
 
 /// Reports of two modules of one instant may be this far apart.
 const JITTER_MS: i64 = 200;
@@ -34,23 +34,25 @@ struct Pairs<'m> {
     latest_ms: i64,
 }
 
+/// Which of two is the cause, and why.
 enum Order {
-    First,
+    First(Direction),
     Second,
     Unknown,
 }
 
-pub(crate) fn learn(history: &History, model: &Model) -> Learned {
+/// `None` where `go_on` ends it: see [`super::learn_within`].
+pub(crate) fn learn(history: &History, model: &Model, go_on: &dyn Fn(usize) -> bool) -> Option<Learned> {
     let modules = past::modules(history);
     let count = modules.len().min(model.modules.len());
     let latest_ms = model.modules.iter().map(|it| latest(model, it)).max().unwrap_or(0);
     let mut pairs = Pairs { model, modules, explains: vec![vec![false; count]; count], latest_ms };
     let mut round = 0;
     loop {
-        let evidence = pairs.all_evidence(count);
+        let evidence = pairs.all_evidence(count, go_on)?;
         let orders = pairs.orders(&evidence);
         let is_edge = |cause: usize, dependent: usize| {
-            matches!(orders[cause][dependent], Some(Order::First))
+            matches!(orders[cause][dependent], Some(Order::First(_)))
                 && is_supported(&evidence[cause][dependent])
         };
         let mut is_new = false;
@@ -80,8 +82,12 @@ pub(crate) fn learn(history: &History, model: &Model) -> Learned {
             cause: id(cause),
             dependent: id(dependent),
             evidence: evidence[cause][dependent].clone(),
+            direction: match orders[cause][dependent] {
+                Some(Order::First(why)) => Some(why),
+                _ => None,
+            },
         });
-        return Learned { direct: direct.collect(), undecided, evidence };
+        return Some(Learned { direct: direct.collect(), undecided, evidence });
     }
 }
 
@@ -117,13 +123,24 @@ impl Pairs<'_> {
         })
     }
 
-    fn all_evidence(&self, count: usize) -> Vec<Vec<Evidence>> {
-        let mut all: Vec<Vec<Evidence>> = (0..count).map(|cause| self.evidence_of(cause, count)).collect();
+    fn all_evidence(&self, count: usize, go_on: &dyn Fn(usize) -> bool) -> Option<Vec<Vec<Evidence>>> {
+        let mut all: Vec<Vec<Evidence>> = Vec::with_capacity(count);
+        let mut bytes = count * count * size_of::<Evidence>();
+        for cause in 0..count {
+            if !go_on(bytes) {
+                return None;
+            }
+            let evidence = self.evidence_of(cause, count);
+            // Each failure has its instant, and an example has its delay too.
+            let instants = evidence.iter().map(|it| it.failures() as usize + it.delays_ms.len());
+            bytes += instants.sum::<usize>() * size_of::<i64>();
+            all.push(evidence);
+        }
         let tested = all.iter().flatten().filter(|it| it.failures() >= SUPPORT).count();
         for evidence in all.iter_mut().flatten() {
             evidence.p = (evidence.p * tested.max(1) as f64).min(1.0);
         }
-        all
+        Some(all)
     }
 
     fn evidence_of(&self, cause: usize, count: usize) -> Vec<Evidence> {
@@ -167,7 +184,7 @@ impl Pairs<'_> {
     fn order(&self, one: usize, other: usize, forth: &Evidence, back: &Evidence) -> Order {
         let specs = (&self.model.modules[one], &self.model.modules[other]);
         if feeds(specs.0, specs.1) {
-            return Order::First;
+            return Order::First(Direction::Feeds);
         }
         if feeds(specs.1, specs.0) {
             return Order::Second;
@@ -176,7 +193,7 @@ impl Pairs<'_> {
             it.counterexamples.len() >= COUNTEREXAMPLES && it.share().0 < than.share().0
         };
         if tells(back, forth) {
-            return Order::First;
+            return Order::First(Direction::Alone(back.counterexamples.len()));
         }
         if tells(forth, back) {
             return Order::Second;
@@ -186,7 +203,7 @@ impl Pairs<'_> {
         let Some(middle) = apart.get(apart.len() / 2) else { return Order::Unknown };
         let agree = apart.iter().filter(|it| it.signum() == middle.signum()).count() as f64;
         match middle.abs() >= APART_MS && agree >= SAME_ORDER * apart.len() as f64 {
-            true if *middle > 0 => Order::First,
+            true if *middle > 0 => Order::First(Direction::Earlier(*middle)),
             true => Order::Second,
             false => Order::Unknown,
         }

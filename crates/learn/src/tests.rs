@@ -9,7 +9,7 @@ use telltale_engine::state::State;
 use telltale_engine::text::Text;
 use telltale_engine::time::Span;
 
-use super::{History, Proposals, Stretch, learn};
+use super::{Direction, History, Proposals, Stretch, learn, learn_within};
 
 /// Trials are so long.
 const TRIAL_MS: i64 = 60_000;
@@ -80,6 +80,7 @@ fn a_chain_gives_its_links_and_no_edge_from_end_to_end() {
     assert_eq!(evidence.examples[1], 70_000, "the notice of the cause");
     assert_eq!(evidence.delays_ms, [300; 10]);
     assert!(evidence.lift() > 3.0 && evidence.p < 1e-3);
+    assert_eq!(found.learned[0].direction, Some(Direction::Alone(10)));
     // A configured dependency is neither proposed nor doubted.
     let found = learn(&history(3, &trials), &model(parts(3, &[(0, 1), (1, 2)])));
     assert_eq!((of(&found), found.add, found.doubted), (vec![(0, 1), (1, 2)], vec![], vec![]));
@@ -103,7 +104,8 @@ fn a_cause_that_is_noticed_last_is_the_cause() {
     assert_eq!(of(&learn(&history(2, &trials), &model(late.clone()))), [(0, 1)]);
     // If they always fail together, the known lateness tells the order. Without it nothing is proposed.
     let together = times(10, &[(0, 900), (1, 0)]);
-    assert_eq!(of(&learn(&history(2, &together), &model(late))), [(0, 1)]);
+    let found = learn(&history(2, &together), &model(late));
+    assert_eq!((of(&found), found.learned[0].direction), (vec![(0, 1)], Some(Direction::Earlier(600))));
     let at_once = learn(&history(2, &times(10, &[(0, 10), (1, 0)])), &model(parts(2, &[])));
     assert_eq!((of(&at_once), at_once.undecided), (vec![], vec![(ModuleId(0), ModuleId(1))]));
 }
@@ -176,5 +178,20 @@ fn who_measures_arrivals_comes_before_who_reads_the_messages() {
     both.modules[0].monitor = MonitorSpec::Latency { topic, window, bands }.into();
     both.modules[1].monitor = MonitorSpec::Frequency { topic, window, bands }.into();
     let at_once = history(2, &times(10, &[(0, 0), (1, 0)]));
-    assert_eq!(of(&learn(&at_once, &model(both))), [(1, 0)]);
+    let found = learn(&at_once, &model(both));
+    assert_eq!((of(&found), found.learned[0].direction), (vec![(1, 0)], Some(Direction::Feeds)));
+}
+
+#[test]
+fn the_caller_ends_it_by_its_bytes_or_its_time() {
+    let (history, model) = (history(2, &times(10, &[(0, 0), (1, 300)])), model(parts(2, &[])));
+    let most = std::cell::Cell::new(0);
+    let all = learn_within(&history, &model, &|bytes| {
+        most.set(most.get().max(bytes));
+        true
+    });
+    assert_eq!(all.map(|it| it.learned.len()), Some(1));
+    // Twenty instants and ten delays of eight bytes each for one cause, beside the table of all pairs.
+    assert!(most.get() >= 20 * 8, "{}", most.get());
+    assert_eq!(learn_within(&history, &model, &|bytes| bytes < most.get()), None);
 }

@@ -45,6 +45,11 @@ pub mod kind {
 }
 
 impl Summary {
+    /// Whether this instant lies between its first trigger and its end, in milliseconds since 1970.
+    pub fn lasts_at(&self, at_ms: i64) -> bool {
+        self.since_ms <= at_ms && self.until_ms.is_none_or(|until_ms| at_ms <= until_ms)
+    }
+
     /// Somebody marked it.
     pub fn is_marked(&self) -> bool {
         self.marks().next().is_some()

@@ -38,6 +38,7 @@ use auth::session_ends::SessionEnds;
 use auth::sign_in_out::OperatorChange;
 use auth::take_over::TakeOvers;
 use developer::audit::AuditReading;
+use developer::learn::{Learner, Learning};
 use developer::reload::Reloading;
 use http::readers::Readers;
 use live::byte_budget::Accounts;
@@ -117,6 +118,8 @@ pub struct Settings {
     pub recordings: Option<PathBuf>,
     /// Reads the configurations of what-ifs; `None` where nothing is run.
     pub what_if: Option<Examiner>,
+    /// Learns dependencies from the history; `None` where that is not offered.
+    pub learner: Option<Learner>,
     /// Marks moments in the recording; `None` if nothing is recorded.
     pub marker: Option<Marker>,
     /// The words of the pages about the recording; `None` if nothing is recorded.
@@ -156,6 +159,7 @@ pub struct Shared {
     pub trends: Trends,
     replays: Replays,
     what_ifs: WhatIfs,
+    learning: Learning,
     pub pending: PendingConfirmation,
     pub stops: Stops,
     pub hand_overs: HandOvers,
@@ -187,6 +191,7 @@ impl AppState {
             trends: Trends::default(),
             replays: Replays::new(router),
             what_ifs: WhatIfs::default(),
+            learning: Learning::default(),
             pending: PendingConfirmation::default(),
             stops: Stops::default(),
             hand_overs: HandOvers::default(),

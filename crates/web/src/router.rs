@@ -90,6 +90,7 @@ pub fn routes(has_demo: bool) -> Vec<Route> {
         on_get("/developer/why", Roles(&[Developer, Authority]), developer::why::get),
         on_get("/developer/search", Roles(&[Developer, Authority]), developer::search::get),
         on_get("/developer/graph", Roles(&[Developer, Authority]), developer::graph::get),
+        on_get("/developer/learn", Roles(&[Developer, Authority]), developer::learn::get),
         on_get("/developer/timeline", Roles(&[Developer, Authority]), developer::timeline::get),
         on_get("/developer/moment", Roles(&[Developer, Authority]), replays::moment),
         on_get("/developer/masking", Roles(&[Developer, Authority]), developer::masking::get),

@@ -45,6 +45,7 @@ const MATRIX: &[(&str, &str, [bool; 4])] = &[
     ("GET", "/developer/why", [false, true, true, false]),
     ("GET", "/developer/search", [false, true, true, false]),
     ("GET", "/developer/graph", [false, true, true, false]),
+    ("GET", "/developer/learn", [false, true, true, false]),
     ("GET", "/developer/timeline", [false, true, true, false]),
     ("GET", "/developer/masking", [false, true, true, false]),
     ("GET", "/developer/coverage", [false, true, true, false]),

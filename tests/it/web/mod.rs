@@ -12,6 +12,7 @@ mod expired_sessions;
 mod fixture;
 mod incidents;
 mod late_actions;
+mod learn;
 mod login;
 mod login_policy;
 mod open_replays;

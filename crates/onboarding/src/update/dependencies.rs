@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::insert::{Form, behind_keys, last_token};
+use super::patch::patch;
 use super::{Insertion, behind, find, id, items};
 use telltale_config::{Change, Loaded, difference};
 use telltale_yaml::{Log, Node, tree};
@@ -29,6 +30,19 @@ impl Edit {
 pub struct Edited {
     pub text: String,
     pub left: Vec<String>,
+}
+
+impl Edited {
+    /// How the text differs from that of the main file, as `patch` reads it.
+    pub fn patch(&self, loaded: &Loaded) -> String {
+        let sources = loaded.sources();
+        patch(sources.name(0), sources.text(0), &self.text)
+    }
+
+    /// All files with the new text, by their names, the main one first.
+    pub fn texts(&self, loaded: &Loaded) -> Vec<(String, String)> {
+        texts(loaded, &self.text)
+    }
 }
 
 /// Changes the dependencies of nodes, each by its whole name. A node is left as it is if it is not in the main file, or if
@@ -92,10 +106,15 @@ fn with(loaded: &Loaded, text: &str, node: &str, edits: &[&Edit]) -> Option<Stri
 
 /// The configuration with another text of its main file.
 fn read(loaded: &Loaded, text: &str) -> Option<Loaded> {
-    let texts = loaded.sources().texts().enumerate().map(|(index, (name, old))| {
+    telltale_config::of_texts(texts(loaded, text)).ok()
+}
+
+/// Its files with another text of the main one.
+fn texts(loaded: &Loaded, text: &str) -> Vec<(String, String)> {
+    let of_file = |(index, (name, old)): (usize, (&str, &str))| {
         (name.to_owned(), if index == 0 { text.to_owned() } else { old.to_owned() })
-    });
-    telltale_config::of_texts(texts).ok()
+    };
+    loaded.sources().texts().enumerate().map(of_file).collect()
 }
 
 /// A group by its path, or a module by its group's path and its own id.

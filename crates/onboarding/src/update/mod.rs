@@ -6,6 +6,7 @@ pub mod dependencies;
 mod home;
 mod insert;
 mod new;
+mod patch;
 
 use std::collections::BTreeSet;
 use std::fmt;

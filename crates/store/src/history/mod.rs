@@ -112,7 +112,8 @@ pub fn statistics_in(folder: &Path, from_ms: i64, to_ms: i64) -> Result<Statisti
 /// # Errors
 /// If there is none in `folder`, or it cannot be read.
 pub fn reported_in(folder: &Path, nodes: &[String]) -> Result<Vec<Vec<Period<State>>>, StoreError> {
-    Ok(read::reported(&opened_in(folder)?, nodes)?)
+    let reported = read::reported(&opened_in(folder)?, nodes, &|| true)?;
+    Ok(reported.expect("it goes on to its end"))
 }
 
 fn opened_in(folder: &Path) -> Result<Connection, StoreError> {
@@ -204,6 +205,24 @@ impl History {
     /// The records of some nodes, and everything else, in a span of time.
     pub async fn past(&self, query: HistoryQuery) -> Result<Past, StoreError> {
         self.reader.read(READ_WITHIN, move |connection| read::past(connection, &query)).await
+    }
+
+    /// The same as [`reported_in`], while `go_on` permits it; `None` if it did not. Blocks. The file is
+    /// read and written by others meanwhile; a history in memory is locked for each node anew.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn reported(
+        &self,
+        nodes: &[String],
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Option<Vec<Vec<Period<State>>>>, StoreError> {
+        if let Some(folder) = &self.folder {
+            return Ok(read::reported(&opened_in(folder)?, nodes, go_on)?);
+        }
+        let each = nodes.iter().map(|node| read::reported(&self.lock(), std::slice::from_ref(node), go_on));
+        let all: Option<Vec<_>> = each.collect::<rusqlite::Result<_>>()?;
+        Ok(all.map(|all| all.concat()))
     }
 
     /// Records one by one, in the order in which they were written.

@@ -112,19 +112,28 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
 pub(super) fn reported(
     connection: &Connection,
     nodes: &[String],
-) -> rusqlite::Result<Vec<Vec<Period<State>>>> {
-    let Some(to_ms) = alive_ms(connection)? else { return Ok(vec![Vec::new(); nodes.len()]) };
+    go_on: &dyn Fn() -> bool,
+) -> rusqlite::Result<Option<Vec<Vec<Period<State>>>>> {
+    const COLUMNS: &str = "SELECT id, at_ms, state, own, other IS NOT NULL FROM records
+        WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
+    let Some(to_ms) = alive_ms(connection)? else { return Ok(Some(vec![Vec::new(); nodes.len()])) };
     let query = HistoryQuery { nodes: Vec::new(), signals: Vec::new(), from_ms: 0, to_ms };
     let starts = starts(connection, &query)?;
-    let of_node = |name: &String| {
-        let rows = lasting(shown(connection, name, &query, -1)?, &starts, &query);
-        let periods = rows.into_iter().map(|(from_ms, to_ms, shown)| {
-            let is_relevant = shown.state != State::Ignore || shown.cause.is_some();
-            Period { from_ms, to_ms, value: if is_relevant { shown.own } else { State::Ignore } }
-        });
-        Ok(periods.collect())
+    let own = |row: &Row<'_>| {
+        let (state, own, has_cause) = (state(row.get(2)?), state(row.get(3)?), row.get(4)?);
+        let is_relevant = state != State::Ignore || has_cause;
+        let what = if is_relevant { own } else { State::Ignore };
+        Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
-    nodes.iter().map(of_node).collect()
+    let mut all = Vec::with_capacity(nodes.len());
+    for name in nodes {
+        if !go_on() {
+            return Ok(None);
+        }
+        let rows = lasting(dated(connection, COLUMNS, &[name], (&query, -1), own)?, &starts, &query);
+        all.push(rows.into_iter().map(|(from_ms, to_ms, value)| Period { from_ms, to_ms, value }).collect());
+    }
+    Ok(Some(all))
 }
 
 /// The stages in their order. Between two there may be a gap in which nothing was recorded.

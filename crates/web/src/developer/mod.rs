@@ -6,6 +6,7 @@ pub mod configuration;
 pub mod coverage;
 pub mod graph;
 pub mod incidents;
+pub mod learn;
 pub mod masking;
 mod page_query;
 mod pager;
@@ -47,6 +48,8 @@ pub enum Page {
     Topics,
     Configuration,
     Audit,
+    /// The graph leads there.
+    Learn,
     /// The incidents lead there.
     Statistics,
     /// The interface for programs; the help leads there.
@@ -77,6 +80,7 @@ impl Page {
             Page::Topics => "/developer/topics",
             Page::Configuration => "/developer/configuration",
             Page::Audit => "/developer/audit",
+            Page::Learn => "/developer/learn",
             Page::Statistics => "/developer/statistics",
             Page::Api => "/developer/api",
         }
@@ -85,6 +89,7 @@ impl Page {
     /// The page of the navigation that leads there.
     const fn leading(self) -> Page {
         match self {
+            Page::Learn => Page::Graph,
             Page::Statistics => Page::Incidents,
             other => other,
         }
@@ -95,7 +100,8 @@ impl Page {
         match self {
             Page::Statuses | Page::Graph | Page::Timeline => true,
             Page::Masking | Page::Coverage | Page::Topics => true,
-            Page::Incidents | Page::Configuration | Page::Audit | Page::Statistics | Page::Api => false,
+            Page::Incidents | Page::Configuration | Page::Audit => false,
+            Page::Learn | Page::Statistics | Page::Api => false,
         }
     }
 
@@ -110,6 +116,7 @@ impl Page {
             Page::Topics => words.topics,
             Page::Configuration => words.configuration,
             Page::Audit => words.audit,
+            Page::Learn => words.learned,
             Page::Statistics => words.statistics,
             Page::Api => words.api,
         }

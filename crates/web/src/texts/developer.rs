@@ -6,6 +6,7 @@ texts! {
     words DevWords {
         statuses: "Statuses", "Status";
         graph: "Graph", "Graph";
+        learned: "Learned dependencies", "Gelernte Abhängigkeiten";
         timeline: "Timeline", "Zeitverlauf";
         incidents: "Incidents", "Vorfälle";
         masking: "Masking", "Maskierung";

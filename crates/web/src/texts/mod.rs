@@ -79,6 +79,7 @@ pub mod console;
 pub mod developer;
 mod errors;
 pub mod incidents;
+pub mod learn;
 pub mod operator;
 mod refusals;
 mod states;
@@ -87,6 +88,7 @@ pub use clean::{ID, MESSAGE, NAME, VALUE, address, clean, clean_configured, clea
 pub use developer::DevWords;
 pub use errors::HttpError;
 pub use incidents::IncidentWords;
+pub use learn::LearnWords;
 pub use operator::{SessionEnd, Words};
 pub use refusals::InvalidTap;
 
@@ -159,9 +161,16 @@ pub mod tests {
 
     #[test]
     fn every_text_is_said_in_each_language_and_inserts_the_same() {
-        let words = [console::WORDS, developer::WORDS, incidents::WORDS, operator::WORDS];
-        let rows =
-            [console::ROWS, developer::ROWS, errors::ROWS, incidents::ROWS, operator::ROWS, refusals::ROWS];
+        let words = [console::WORDS, developer::WORDS, incidents::WORDS, learn::WORDS, operator::WORDS];
+        let rows = [
+            console::ROWS,
+            developer::ROWS,
+            errors::ROWS,
+            incidents::ROWS,
+            learn::ROWS,
+            operator::ROWS,
+            refusals::ROWS,
+        ];
         let all = words.into_iter().chain(rows.into_iter().flatten().copied()).flatten();
         for (name, en, de) in all {
             assert_eq!(en.trim().is_empty(), de.trim().is_empty(), "{name}");

@@ -9,19 +9,15 @@ use anyhow::{Context as _, bail};
 
 use crate::cli::EXIT_NO;
 use crate::cli::fields;
+use crate::cli::learned;
 use crate::cli::print::{self, note};
 use crate::cli::process::data_folder::DataFolder;
 use crate::config::{self, Loaded};
-use crate::engine::model::NodeId;
-use crate::learn::{History, Proposals, Stretch, learn};
+use crate::learn::{Proposals, learn};
 use crate::msg::fields::Definitions;
-use crate::onboarding::update::dependencies::{Edit, edit};
 use crate::record::folder;
 use crate::replay::Recording;
 use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, reported_in};
-
-/// Every module is compared with every other one.
-const MODULES_MAX: usize = 1_000;
 
 /// Propose dependencies from what failed with what in the history
 ///
@@ -59,24 +55,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         None => recorded(&folder, &incidents)?,
     };
-    if loaded.model.modules.len() > MODULES_MAX {
-        bail!(
-            "at most {MODULES_MAX} modules can be compared, and the configuration has {}",
-            loaded.model.modules.len()
-        );
-    }
-    let names: Vec<String> = loaded.model.modules.iter().map(|module| module.id.to_string()).collect();
-    let reported = reported_in(&folder, &names).context("the history cannot be read")?;
-    if reported.iter().all(Vec::is_empty) {
+    let reported = reported_in(&folder, &learned::names(&loaded)?).context("the history cannot be read")?;
+    let Some(history) = learned::history(reported) else {
         note!("telltale: the history has nothing of the modules of this configuration");
         return Ok(ExitCode::from(EXIT_NO));
-    }
-    let stretches = reported.into_iter().map(|periods| {
-        let stretch =
-            periods.into_iter().map(|it| Stretch { from_ms: it.from_ms, to_ms: it.to_ms, own: it.value });
-        stretch.collect()
-    });
-    let history = History { modules: stretches.collect() };
+    };
     let proposals = learn(&history, &loaded.model);
     print::text(told::told(&loaded.model, &history, &proposals, &incidents).text());
     if let Some(output) = &args.output {
@@ -111,23 +94,10 @@ fn recorded(folder: &Path, incidents: &[Incident]) -> anyhow::Result<Loaded> {
 
 /// Writes the configuration with the proposals, if it means these and nothing else.
 fn write(output: &Path, loaded: &Loaded, proposals: &Proposals) -> anyhow::Result<()> {
-    let model = &loaded.model;
-    let name = |node| model.node_name(node).to_owned();
-    let add = proposals.add.iter().map(|index| &proposals.learned[*index]).map(|edge| Edit::Add {
-        node: name(NodeId::Module(edge.dependent)),
-        on: name(NodeId::Module(edge.cause)),
-    });
-    let replace = proposals.doubted.iter().map(|doubt| Edit::Replace {
-        node: name(doubt.node),
-        index: doubt.index,
-        on: doubt.remains.iter().map(|it| name(NodeId::Module(*it))).collect(),
-    });
-    let edits: Vec<Edit> = add.chain(replace).collect();
-    if edits.is_empty() {
+    let Some(edited) = learned::edited(loaded, proposals) else {
         note!("Nothing is proposed, so nothing is written.");
         return Ok(());
-    }
-    let edited = edit(loaded, &edits);
+    };
     for node in &edited.left {
         note!("Not written, to be changed by hand: the dependencies of {node}.");
     }

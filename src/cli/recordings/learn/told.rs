@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime};
 use crate::cli::print::Lines;
 use crate::engine::model::{Dependency, DependsOn, Model, ModuleId, NodeId};
 use crate::engine::state::State;
-use crate::learn::{Edge, Evidence, History, Proposals, Stretch, modules_of};
+use crate::learn::{Direction, Edge, Evidence, History, Proposals, Stretch, modules_of};
 use crate::store::Incident;
 
 /// Times that are printed of each proposal.
@@ -27,7 +27,8 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
             }
         }
     };
-    for Edge { cause, dependent, evidence } in proposals.add.iter().map(|index| &proposals.learned[*index]) {
+    let add = proposals.add.iter().map(|index| &proposals.learned[*index]);
+    for Edge { cause, dependent, evidence, direction } in add {
         lines.add(format_args!("add: {} depends on {}", name(*dependent), name(*cause)));
         let (_, low, high) = evidence.share();
         lines.add(format_args!(
@@ -45,6 +46,9 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
             let seconds = |ms: &i64| *ms as f64 / 1000.0;
             lines.add(format_args!("    noticed {:.1} s to {:.1} s after it", seconds(first), seconds(last)));
         }
+        if let Some(direction) = direction {
+            lines.add(format_args!("    {}", why(name(*cause), name(*dependent), *direction)));
+        }
         shown(&mut lines, evidence);
     }
     for doubt in &proposals.doubted {
@@ -56,7 +60,7 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
             remains if remains.is_empty() => lines.add(format_args!("remove: {node} depends on {on}")),
             remains => lines.add(format_args!("narrow: {node} depends on {on}, to {remains}")),
         }
-        for Edge { cause, dependent, evidence } in &doubt.edges {
+        for Edge { cause, dependent, evidence, .. } in &doubt.edges {
             let others = modules_of(model, doubt.node).len() - 1;
             let others = if others > 0 { ", and no other module there failed more often" } else { "" };
             lines.add(format_args!(
@@ -89,6 +93,17 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
     lines
 }
 
+/// Why it is not the other way round.
+fn why(cause: &str, dependent: &str, direction: Direction) -> String {
+    match direction {
+        Direction::Feeds => format!("{cause} counts the messages that {dependent} reads"),
+        Direction::Alone(times) => format!("{dependent} failed {times} times while {cause} stayed well"),
+        Direction::Earlier(ms) => {
+            format!("{cause} began to fail earlier, by about {:.1} s", ms as f64 / 1000.0)
+        }
+    }
+}
+
 fn dependencies(model: &Model, node: NodeId) -> &[Dependency] {
     match node {
         NodeId::Group(id) => &model.groups[id.0 as usize].depends_on,
@@ -100,10 +115,7 @@ fn dependencies(model: &Model, node: NodeId) -> &[Dependency] {
 fn time(at_ms: i64, incidents: &[Incident]) -> String {
     let at = SystemTime::UNIX_EPOCH + Duration::from_millis(u64::try_from(at_ms).unwrap_or(0));
     let at = humantime::format_rfc3339_millis(at);
-    let is_then = |it: &&Incident| {
-        it.summary.since_ms <= at_ms && it.summary.until_ms.is_none_or(|until_ms| at_ms <= until_ms)
-    };
-    match incidents.iter().find(is_then) {
+    match incidents.iter().find(|it| it.summary.lasts_at(at_ms)) {
         Some(incident) => format!("{at} (incident {})", incident.summary.id),
         None => at.to_string(),
     }

@@ -1,6 +1,7 @@
 //! The server of `serve` and `demo`: starts and ends the engine, the DDS bridge and the web server.
 
 mod fleet;
+pub mod learn;
 mod left_over;
 pub mod metrics;
 mod other_diagnostics;
@@ -147,6 +148,7 @@ impl Server {
             working: Some(parts.bridge.working()),
             recordings: Some(incidents),
             what_if: Some(what_if::examiner(self.options.definitions.clone())),
+            learner: Some(learn::learner(self.options.definitions.clone())),
             marker: parts.recording.as_ref().map(Recording::marker),
             recording: parts.recording.as_ref().map(Recording::state),
             ..Settings::plain(origins, secure)

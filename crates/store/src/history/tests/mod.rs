@@ -83,7 +83,9 @@ fn what_a_node_reported_is_known_behind_a_mask_and_while_it_was_relevant() {
     disk.write(300, &[shown("a", State::Error, None)]);
     // The program was alive, and is not known to be since.
     disk.write(400, &[]);
-    let reported = read::reported(&disk.connection, &["a".to_owned(), "b".to_owned()]).unwrap();
+    let nodes = ["a", "b"].map(str::to_owned);
+    let reported = read::reported(&disk.connection, &nodes, &|| true).unwrap().unwrap();
+    assert_eq!(read::reported(&disk.connection, &nodes, &|| false).unwrap(), None);
     let period = |it: &Period<State>| (it.from_ms - START_MS, it.to_ms - START_MS, it.value);
     let expected =
         [(0, 100, State::Ok), (100, 200, State::Error), (200, 300, State::Ignore), (300, 400, State::Error)];

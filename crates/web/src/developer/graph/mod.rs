@@ -8,12 +8,15 @@ mod open;
 use std::cmp::Reverse;
 
 use askama::Template;
+use axum::extract::State;
 use axum::response::Html;
 
+use super::learn::Outcome;
 use super::page_query::address;
 use super::request::PageRequest;
 use super::{DevFrame, Page, PageQuery, why_address};
-use crate::texts::{NAME, clean};
+use crate::AppState;
+use crate::texts::{LearnWords, NAME, clean};
 use crate::view::node_names::reason_word;
 use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
@@ -28,6 +31,7 @@ use telltale_picture::svg::Attributes;
 use telltale_runtime::Published;
 
 const RENEW_MS: u32 = 0;
+const KEPT: &str = "&proposed=yes";
 /// Modules drawn in one group that is open: fewer where many are, so that all of them are no more
 /// than a browser draws at once.
 const MODULES: usize = 60;
@@ -55,18 +59,35 @@ const STYLE: Style = Style {
 struct GraphHtml {
     frame: PageFrame,
     dev: DevFrame,
+    it: &'static LearnWords,
     drawing: Drawing,
+    /// The end of an address at which the proposals of the history are drawn, if they are.
+    kept: &'static str,
     left_out: Vec<(String, String)>,
 }
 
-/// `GET /developer/graph?open=GROUP`
-pub async fn get(request: PageRequest) -> Html<String> {
-    Html(page(&request.published, &request.context, &request.query))
+/// `GET /developer/graph?open=GROUP&proposed=yes`
+pub async fn get(State(app): State<AppState>, request: PageRequest) -> Html<String> {
+    let last = app.learning.progress().last;
+    let proposed = last.as_deref().filter(|_| request.query.get("proposed") == "yes");
+    Html(drawn(&request.published, &request.context, &request.query, proposed))
 }
 
 pub fn page(published: &Published, context: &PageContext, query: &PageQuery) -> String {
+    drawn(published, context, query, None)
+}
+
+/// With what the history proposes.
+fn drawn(
+    published: &Published,
+    context: &PageContext,
+    query: &PageQuery,
+    proposed: Option<&Outcome>,
+) -> String {
     let view = &View::new(published, context.lang, false);
     let mut graph = Graph::of(view, query);
+    graph.kept = proposed.map_or("", |_| KEPT);
+    graph.proposed = proposed.map(|it| it.added(view.snapshot)).unwrap_or_default();
     let layout = &view.snapshot.layout;
     let beyond = graph.tops.split_off(graph.tops.len().min(BOXES));
     for top in graph.tops.clone() {
@@ -80,7 +101,9 @@ pub fn page(published: &Published, context: &PageContext, query: &PageQuery) -> 
     html(&GraphHtml {
         frame: super::frame(context),
         dev: DevFrame::new(view, context, Page::Graph, RENEW_MS),
+        it: LearnWords::of(context.lang),
         drawing: graph::draw(&STYLE, &boxes, &graph.arrows()),
+        kept: graph.kept,
         left_out: beyond.into_iter().map(name).collect(),
     })
 }
@@ -96,6 +119,10 @@ struct Graph<'a> {
     groups: Vec<Option<NodeId>>,
     modules: Vec<Option<NodeId>>,
     tops: Vec<GroupId>,
+    /// Dependencies that the history proposes: the cause, and what depends on it.
+    proposed: Vec<(NodeId, NodeId)>,
+    /// The end of the addresses that keep these.
+    kept: &'static str,
 }
 
 impl<'a> Graph<'a> {
@@ -115,6 +142,8 @@ impl<'a> Graph<'a> {
             groups: vec![None; layout.groups.len()],
             modules: vec![None; layout.modules.len()],
             tops: (0..layout.groups.len() as u32).map(GroupId).filter(is_there).collect(),
+            proposed: Vec::new(),
+            kept: "",
         }
     }
 
@@ -176,7 +205,22 @@ impl<'a> Graph<'a> {
                 attributes: if link.hot { vec![("data-hot", String::new())] } else { Vec::new() },
             }
         };
-        links.into_iter().map(arrow).collect()
+        let proposed = self.proposed.iter().filter_map(|&(cause, dependent)| {
+            let (on, from) = (self.shown(cause)?, self.shown(dependent)?);
+            (on != from).then(|| Arrow {
+                on,
+                from,
+                class: "line proposed".to_owned(),
+                title: format!(
+                    "{}: {} \u{2192} {}",
+                    LearnWords::of(self.view.lang).legend,
+                    name(cause),
+                    name(dependent)
+                ),
+                attributes: Vec::new(),
+            })
+        });
+        links.into_iter().map(arrow).chain(proposed).collect()
     }
 
     fn group(&self, id: GroupId) -> GroupBox {
@@ -192,7 +236,7 @@ impl<'a> Graph<'a> {
         };
         let toggle = vec![
             ("data-soft", String::new()),
-            ("href", self.open.toggle(&self.view.snapshot.layout, &info.path)),
+            ("href", self.open.toggle(&self.view.snapshot.layout, &info.path) + self.kept),
             ("aria-expanded", is_open.to_string()),
             ("aria-label", name.clone()),
         ];

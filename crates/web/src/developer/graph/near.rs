@@ -67,6 +67,8 @@ pub(in crate::developer) fn neighbourhood(view: &View<'_>, node: NodeId) -> Opti
         groups: vec![None; layout.groups.len()],
         modules: vec![None; layout.modules.len()],
         tops: Vec::new(),
+        proposed: Vec::new(),
+        kept: "",
     };
     let is_top = |id: &GroupId| layout.groups[id.0 as usize].parent.is_none();
     let groups = drawn.iter().filter_map(|node| if let NodeId::Group(id) = node { Some(*id) } else { None });

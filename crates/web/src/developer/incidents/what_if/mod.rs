@@ -88,7 +88,7 @@ struct WhatIfHtml {
     moment: String,
 }
 
-/// `GET /incidents/{id}/what-if?from=recorded|running&of=ID`
+/// `GET /incidents/{id}/what-if?from=recorded|running|proposed&of=ID`; `proposed` is what the history proposes.
 pub async fn get(
     State(app): State<AppState>,
     Path(id): Path<String>,
@@ -102,6 +102,7 @@ pub async fn get(
     }
     let texts = match (page.query.get("from"), &run) {
         ("running", _) => running(&app).await,
+        ("proposed", _) => proposed(&app),
         ("recorded", _) | (_, None) => recorded_texts(&app, &incident.summary).await,
         (_, Some(run)) => run.texts.clone(),
     };
@@ -145,6 +146,12 @@ async fn available(app: &AppState, id: &str) -> Result<Incident, HttpError> {
 /// The files of the running configuration.
 async fn running(app: &AppState) -> Vec<ConfigurationText> {
     reread(app, false, None).await.map(|read| read.running.to_vec()).unwrap_or_default()
+}
+
+/// The files of the running configuration with what the history proposes; none if it proposes nothing.
+fn proposed(app: &AppState) -> Vec<ConfigurationText> {
+    let last = app.learning.progress().last;
+    last.as_ref().and_then(|it| it.patched()).map(|it| it.texts.clone()).unwrap_or_default()
 }
 
 /// The files of a form; `None` if there are none, or too many.
@@ -212,7 +219,7 @@ fn what_if(
         files: texts.iter().map(file).collect(),
         changes,
         more_changes,
-        is_all: run.is_some_and(|run| run.is_all),
+        is_all: run.is_some_and(|run| run.is_all) || page.query.get("from") == "proposed",
         is_same: compared.iter().all(|it| it.result.as_ref().is_ok_and(|it| !it.differs())),
         mistakes,
         differences: differences.iter().take(DIFFERENCES).map(|text| clean(text, 4 * MESSAGE)).collect(),
