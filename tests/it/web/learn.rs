@@ -56,6 +56,10 @@ async fn a_press_has_the_history_evaluated_and_everything_stands_beside_each_pro
     let recording = Recording { finished: true, ..Recording::default() };
     let summary = Summary { id: 7, until_ms: Some(i64::MAX / 2), recording, ..Summary::default() };
     fixture.store.incident_finished(&summary).await.unwrap();
+    // A newer one of another time, in which none of the failures lies.
+    let (since_ms, recording) = (i64::MAX / 2, summary.recording.clone());
+    let other = Summary { id: 8, since_ms, recording, ..Summary::default() };
+    fixture.store.incident_finished(&other).await.unwrap();
     let (developer, authority) = (fixture.cookie_of("developer").await, fixture.cookie_of("authority").await);
     let button = "name=\"run\"";
     assert!(page(&fixture, PATH, &developer).await.contains(button));

@@ -3,6 +3,8 @@
 
 mod run;
 
+use std::collections::BTreeSet;
+
 use askama::Template;
 use axum::extract::State;
 use axum::response::{Html, IntoResponse as _, Redirect, Response};
@@ -188,7 +190,7 @@ fn shown_of(lang: Lang, outcome: &Outcome, is_old: bool, may_run: bool) -> Shown
     shown.undecided = found.undecided.iter().take(PROPOSALS).map(pair).collect();
     shown.more_undecided = found.undecided.len() - shown.undecided.len();
     shown.has_edges = !found.add.is_empty();
-    let tried = outcome.incidents.iter().find(|it| it.recording.finished && !it.recording.gone);
+    let tried = tried(&shown.proposals, &outcome.incidents);
     shown.patch = learned.patched.as_ref().map(|patched| PatchHtml {
         patch: clean_lines(&patched.patch),
         left: patched.left.iter().map(|name| clean(name, 2 * NAME)).collect(),
@@ -196,9 +198,18 @@ fn shown_of(lang: Lang, outcome: &Outcome, is_old: bool, may_run: bool) -> Shown
         problems: patched.checked.as_ref().err().map(|text| clean_lines(text)),
         what_if: tried
             .filter(|_| may_run && !patched.patch.is_empty())
-            .map(|it| format!("/incidents/{}/what-if?from=proposed", it.id)),
+            .map(|id| format!("/incidents/{id}/what-if?from=proposed")),
     });
     shown
+}
+
+/// The newest incident that can be run and that a proposal names; else the newest one.
+fn tried(proposals: &[Proposal], incidents: &[Summary]) -> Option<u64> {
+    let instants = proposals.iter().flat_map(|it| &it.evidence).flat_map(|it| &it.instants);
+    let named: BTreeSet<u64> =
+        instants.flat_map(|(_, it)| &it.all).filter_map(|instant| instant.incident).collect();
+    let runs = || incidents.iter().filter(|it| it.recording.finished && !it.recording.gone).map(|it| it.id);
+    runs().find(|id| named.contains(id)).or_else(|| runs().next())
 }
 
 struct Writer<'a> {
