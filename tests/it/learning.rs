@@ -94,6 +94,49 @@ async fn a_history_gives_proposals_that_check_accepts() {
     assert!(code == Some(2) && err.contains("--config"), "{err}");
 }
 
+pub const SILENT: &str = "vehicle: { id: v, name: V, stages: none }\nsignals:\n  moving: { topic: /moving, type: std_msgs/msg/Bool }\n\
+     groups:\n  - { id: sensors, modules: [{ id: wheels, status: wheels }] }\n";
+
+/// A history in which the wheels are silent while the robot does not move, with one counterexample of thirty.
+pub async fn silent_past(data: &Path) {
+    let (clock, hand) = Clock::standing();
+    Store::open(data, clock, DemoSecrets::Refused).unwrap().close().await;
+    let (history, queue) = History::open(data, clock).unwrap();
+    let mut records = vec![Record { at: Timestamp::ZERO, what: Recorded::Started { anew: false } }];
+    for minute in 0..60 {
+        let at = Timestamp::from_millis(minute * 60_000);
+        let moves = minute % 2 == 1;
+        // Once it is heard all the same.
+        let own = if moves || minute == 30 { State::Ok } else { State::Unknown };
+        let (name, node) = ("moving".into(), "sensors/wheels".into());
+        records.push(Record { at, what: Recorded::Signal { name, value: Some(moves) } });
+        let shown = Recorded::Shown { node, state: own, own, cause: None, said: None, began: None };
+        records.push(Record { at, what: shown });
+    }
+    hand.advance(Span::from_secs(3600));
+    queue.send(records).unwrap();
+    drop(queue);
+    history.written().await;
+}
+
+#[tokio::test]
+async fn a_module_that_is_silent_in_a_state_is_told_with_its_counterexamples() {
+    let data = TestFolder::new("learn-silent");
+    silent_past(&data).await;
+    let config = data.join("config.yaml");
+    std::fs::write(&config, SILENT).unwrap();
+    let [data, config] = [&*data, &*config].map(|it| it.to_str().unwrap());
+    let (out, err, code) = said(&run(["learn", "--data", data, "--config", config]));
+    assert_eq!(code, Some(0), "{out}{err}");
+    for line in [
+        "when: sensors/wheels has nothing to say in some states: `when: { signals: { moving: true } }`\n",
+        "    moving is false: silent 29 of 30 times (83 % to 99 %)\n    counterexamples: ",
+        "    moving is true: silent 0 of 30 times (0 % to 11 %)\n",
+    ] {
+        assert!(out.contains(line), "{line}\n{out}");
+    }
+}
+
 #[tokio::test]
 async fn nothing_recorded_is_no_answer() {
     let data = TestFolder::new("learn-nothing");

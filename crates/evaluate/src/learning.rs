@@ -73,7 +73,7 @@ impl Past {
             });
             all.collect()
         };
-        History { modules: (0..self.model.modules.len()).map(module).collect() }
+        History { modules: (0..self.model.modules.len()).map(module).collect(), facts: Vec::new() }
     }
 
     /// All trials without a gap, and the past of each module turned by a time of its own, far from that of every other:
@@ -94,7 +94,7 @@ impl Past {
             turned.sort_by_key(|it| it.from_ms);
             turned
         };
-        History { modules: (0..self.model.modules.len()).map(&mut module).collect() }
+        History { modules: (0..self.model.modules.len()).map(&mut module).collect(), facts: Vec::new() }
     }
 }
 

@@ -4,22 +4,28 @@
 //! with them more often than by chance, and with few counterexamples. Which of two comes first follows from the
 //! counterexamples of the other direction, from what the monitors read, and from when the faults began: each
 //! monitor notices late, by a time that its configuration bounds. Nothing here reads a clock or a file.
+//!
+//! A proposal of a `when` needs a module that is UNKNOWN while a signal has one value, or in a stage, and heard otherwise.
 
 mod configured;
 mod lateness;
 mod pairs;
 mod past;
+mod states;
 mod statistics;
 
 use telltale_engine::model::{Model, ModuleId, NodeId};
 
 pub use configured::{closure, closure_with, modules_of};
 pub use past::{History, Stretch};
+pub use states::{About, EPISODES, Episodes, Fact, Silence};
 pub use statistics::wilson;
 
 /// How long after a cause its effect may begin, and how long a cause has to last to be evidence for or against one.
 /// This is the time in which a cause explains a fault, unless the configuration says another one.
 pub const WITHIN_MS: i64 = 5_000;
+/// Reports of two modules of one instant may be this far apart.
+const JITTER_MS: i64 = 200;
 /// So many failures of a cause have to speak for an edge.
 pub const SUPPORT: u64 = 5;
 /// At most this probability that any of the proposed edges is due to chance.
@@ -105,6 +111,8 @@ pub struct Proposals {
     pub doubted: Vec<Doubt>,
     /// Modules that fail together, and nothing says which one is the cause.
     pub undecided: Vec<(ModuleId, ModuleId)>,
+    /// Modules that are silent in some stages, or while a signal has a value.
+    pub silences: Vec<Silence>,
 }
 
 /// Learns from the past of a model's modules.
@@ -118,7 +126,8 @@ pub fn learn_within(history: &History, model: &Model, go_on: &dyn Fn(usize) -> b
     let learned = pairs::learn(history, model, go_on)?;
     let doubted = configured::doubted(model, &learned);
     let add = configured::missing(model, &doubted, &learned.direct);
-    Some(Proposals { add, doubted, undecided: learned.undecided, learned: learned.direct })
+    let silences = states::silences(history, model);
+    Some(Proposals { add, doubted, undecided: learned.undecided, learned: learned.direct, silences })
 }
 
 #[cfg(test)]

@@ -5,10 +5,8 @@ use telltale_engine::model::{Model, ModuleId};
 use super::lateness::{feeds, lateness, latest};
 use super::past::{self, Failure, History, Module};
 use super::statistics::at_least;
-use super::{CHANCE, Direction, Edge, Evidence, SHARE_LEAST, SUPPORT, WITHIN_MS};
+use super::{CHANCE, Direction, Edge, Evidence, JITTER_MS, SHARE_LEAST, SUPPORT, WITHIN_MS};
 
-/// Reports of two modules of one instant may be this far apart.
-const JITTER_MS: i64 = 200;
 /// So many counterexamples of the other direction tell which of two is the cause.
 const COUNTEREXAMPLES: usize = 3;
 /// The order of two beginnings is known if so many of them agree, and if they are this far apart.

@@ -2,7 +2,7 @@
 
 use telltale_engine::state::State;
 
-use super::WITHIN_MS;
+use super::{Fact, WITHIN_MS};
 
 /// A module reported one state from one instant to another, in milliseconds since 1970.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,6 +17,8 @@ pub struct Stretch {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct History {
     pub modules: Vec<Vec<Stretch>>,
+    /// What else held then.
+    pub facts: Vec<Fact>,
 }
 
 /// A module failed after it was well.

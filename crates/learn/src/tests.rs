@@ -42,7 +42,7 @@ fn model(parts: Parts) -> Model {
 
 /// In each trial these modules fail, so many milliseconds after ten seconds, for ten seconds.
 fn history(count: usize, trials: &[Vec<(usize, i64)>]) -> History {
-    let mut history = History { modules: vec![Vec::new(); count] };
+    let mut history = History { modules: vec![Vec::new(); count], ..History::default() };
     for (index, trial) in trials.iter().enumerate() {
         let zero = index as i64 * TRIAL_MS;
         for (module, stretches) in history.modules.iter_mut().enumerate() {

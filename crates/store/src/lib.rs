@@ -35,8 +35,8 @@ pub use disk::health::Fault;
 pub use disk::repair::{BackupState, DataState, Repaired, check_data, repair, restore};
 pub use history::{
     HISTORY_FILE, History, HistoryLine, HistoryQuery, LineKind, LineQuery, Minute, MinuteSums, NodeFigures,
-    NodePast, NodeStatistics, Past, PastAlarm, PastEvent, Period, Resolution, SavedHistory, Statistics,
-    Stretch, Trend, TrendPoint, TrendQuery, ValueTrend, VersionStatistics, between_failures_ms,
+    NodePast, NodeStatistics, Past, PastAlarm, PastEvent, Period, Reported, Resolution, SavedHistory,
+    Statistics, Stretch, Trend, TrendPoint, TrendQuery, ValueTrend, VersionStatistics, between_failures_ms,
     history_damage, how_long_ms, past_in, per_100_km, repair_history, reported_in, statistics_in, way,
 };
 pub use incidents::{

@@ -25,7 +25,7 @@ use tokio::sync::oneshot;
 pub use alarms::PastAlarm;
 pub use damage::{SavedHistory, history_damage, repair_history};
 pub use lines::{HistoryLine, LineKind, LineQuery};
-pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period};
+pub use read::{HistoryQuery, NodePast, Past, PastEvent, Period, Reported};
 use reader::Reader;
 pub use statistics::{
     NodeFigures, NodeStatistics, Statistics, VersionStatistics, between_failures_ms, how_long_ms, per_100_km,
@@ -39,7 +39,6 @@ use super::database::files::{odd_beside, put_aside, put_odd_aside};
 use super::database::foreign;
 use super::private_file::make_private_file;
 use telltale_clock::Clock;
-use telltale_engine::state::State;
 use telltale_engine::time::Timestamp;
 use telltale_engine::view::record::Record;
 use trends::TrendWriter;
@@ -106,13 +105,12 @@ pub fn statistics_in(folder: &Path, from_ms: i64, to_ms: i64) -> Result<Statisti
     Ok(statistics::statistics(&opened_in(folder)?, from_ms, to_ms)?)
 }
 
-/// What each of these nodes reported by itself in a history that another process may write: IGNORE while it was not
-/// relevant, and its own state while it was masked.
+/// What these nodes reported, and these signals, in a history that another process may write.
 ///
 /// # Errors
 /// If there is none in `folder`, or it cannot be read.
-pub fn reported_in(folder: &Path, nodes: &[String]) -> Result<Vec<Vec<Period<State>>>, StoreError> {
-    let reported = read::reported(&opened_in(folder)?, nodes, &|| true)?;
+pub fn reported_in(folder: &Path, nodes: &[String], signals: &[String]) -> Result<Reported, StoreError> {
+    let reported = read::reported(&opened_in(folder)?, (nodes, signals), &|| true)?;
     Ok(reported.expect("it goes on to its end"))
 }
 
@@ -207,22 +205,21 @@ impl History {
         self.reader.read(READ_WITHIN, move |connection| read::past(connection, &query)).await
     }
 
-    /// The same as [`reported_in`], while `go_on` permits it; `None` if it did not. Blocks. The file is
-    /// read and written by others meanwhile; a history in memory is locked for each node anew.
+    /// The same as [`reported_in`], while `go_on` permits it; `None` if it did not. Blocks. The file is read and written by
+    /// others meanwhile; a history in memory is locked.
     ///
     /// # Errors
     /// If it cannot be read.
     pub fn reported(
         &self,
         nodes: &[String],
+        signals: &[String],
         go_on: &dyn Fn() -> bool,
-    ) -> Result<Option<Vec<Vec<Period<State>>>>, StoreError> {
-        if let Some(folder) = &self.folder {
-            return Ok(read::reported(&opened_in(folder)?, nodes, go_on)?);
-        }
-        let each = nodes.iter().map(|node| read::reported(&self.lock(), std::slice::from_ref(node), go_on));
-        let all: Option<Vec<_>> = each.collect::<rusqlite::Result<_>>()?;
-        Ok(all.map(|all| all.concat()))
+    ) -> Result<Option<Reported>, StoreError> {
+        Ok(match &self.folder {
+            Some(folder) => read::reported(&opened_in(folder)?, (nodes, signals), go_on)?,
+            None => read::reported(&self.lock(), (nodes, signals), go_on)?,
+        })
     }
 
     /// Records one by one, in the order in which they were written.

@@ -108,15 +108,25 @@ pub fn past(connection: &Connection, query: &HistoryQuery) -> rusqlite::Result<P
     Ok(past)
 }
 
-/// What each of these nodes reported by itself, as long as it was relevant, in the whole history. Bounded by its rows.
+/// What nodes reported by themselves in the whole history, and what else held then.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Reported {
+    /// Of each node: IGNORE while it was not relevant, and its own state while it was masked.
+    pub nodes: Vec<Vec<Period<State>>>,
+    pub signals: Vec<Vec<Period<bool>>>,
+    pub stages: Vec<Period<Stage>>,
+}
+
+/// Bounded by the rows of the history. `None` if `go_on` ends it.
 pub(super) fn reported(
     connection: &Connection,
-    nodes: &[String],
+    (nodes, signals): (&[String], &[String]),
     go_on: &dyn Fn() -> bool,
-) -> rusqlite::Result<Option<Vec<Vec<Period<State>>>>> {
+) -> rusqlite::Result<Option<Reported>> {
     const COLUMNS: &str = "SELECT id, at_ms, state, own, other IS NOT NULL FROM records
         WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
-    let Some(to_ms) = alive_ms(connection)? else { return Ok(Some(vec![Vec::new(); nodes.len()])) };
+    // Of a history in which nothing is written nothing is found.
+    let to_ms = alive_ms(connection)?.unwrap_or(0);
     let query = HistoryQuery { nodes: Vec::new(), signals: Vec::new(), from_ms: 0, to_ms };
     let starts = starts(connection, &query)?;
     let own = |row: &Row<'_>| {
@@ -125,13 +135,18 @@ pub(super) fn reported(
         let what = if is_relevant { own } else { State::Ignore };
         Ok(Dated { id: row.get(0)?, at_ms: row.get(1)?, what })
     };
-    let mut all = Vec::with_capacity(nodes.len());
+    let mut all = Reported { stages: stages(connection, &query)?, ..Reported::default() };
     for name in nodes {
         if !go_on() {
             return Ok(None);
         }
         let rows = lasting(dated(connection, COLUMNS, &[name], (&query, -1), own)?, &starts, &query);
-        all.push(rows.into_iter().map(|(from_ms, to_ms, value)| Period { from_ms, to_ms, value }).collect());
+        let period = |(from_ms, to_ms, value)| Period { from_ms, to_ms, value };
+        all.nodes.push(rows.into_iter().map(period).collect());
+    }
+    for name in signals {
+        let rows = levels(connection, SIGNAL, Some(name), &query, -1)?;
+        all.signals.push(held(rows, &starts, &query, |value| value.map(|value| value == 1)));
     }
     Ok(Some(all))
 }

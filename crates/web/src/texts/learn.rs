@@ -30,6 +30,8 @@ texts! {
         incident: "incident", "Vorfall";
         undecided: "Undecided", "Unentschieden";
         undecided_about: "These fail together, and nothing tells which one is the cause. So nothing is proposed.", "Diese fallen zusammen aus, und nichts verrät, was die Ursache ist. Darum wird nichts vorgeschlagen.";
+        silences: "Silent in some states", "In manchen Zuständen stumm";
+        silences_about: "With this `when` in the configuration, the module does not matter there. It is not in the patch.", "Mit diesem `when` in der Konfiguration zählt das Modul dort nicht. Im Patch steht es nicht.";
         patch: "Patch for the configuration", "Patch für die Konfiguration";
         by_hand: "Not in the patch, because it is written in another form or file. Change by hand the dependencies of", "Nicht im Patch, weil es anders oder in einer anderen Datei geschrieben ist. Ändern Sie von Hand die Abhängigkeiten von";
         accepted: "`check` accepts the changed configuration without a warning.", "`check` nimmt die geänderte Konfiguration ohne Warnung an.";
@@ -60,6 +62,10 @@ texts! {
     text without_effect(is_one_of_many: bool; cause: &str, dependent: &str, part: usize, whole: u64, high: &str) {
         true => "{cause} failed {whole} times, {dependent} in {part} of them (at most {high} %), and no other module there more often.", "{cause} ist {whole}-mal ausgefallen, {dependent} dabei {part}-mal (höchstens {high} %) und kein anderes Modul dort öfter.";
         false => "{cause} failed {whole} times, and {dependent} in {part} of them (at most {high} %).", "{cause} ist {whole}-mal ausgefallen, {dependent} dabei {part}-mal (höchstens {high} %).";
+    }
+
+    text silent_times(part: usize, whole: u64, low: &str, high: &str) {
+        "silent {part} of {whole} times ({low} % to {high} %)", "{part} von {whole} Mal stumm ({low} % bis {high} %)"
     }
 
     /// Why the one is the cause, and not the other way round.

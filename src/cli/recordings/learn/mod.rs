@@ -21,9 +21,9 @@ use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, repo
 
 /// Propose dependencies from what failed with what in the history
 ///
-/// It looks for modules that fail whenever another one fails, and for dependencies whose cause fails without an effect. Each
-/// proposal has its counterexamples beside it. It reads the data folder and changes nothing, also while `serve` writes.
-/// A proposal is never in force by itself: `-o` writes the configuration with all proposals, to read it, `check` it, and try
+/// It looks for modules that fail whenever another one fails, for dependencies whose cause fails without an effect, and for
+/// modules that are silent in some stages or while a signal has a value. Each proposal has its counterexamples beside it. It reads the data folder and changes nothing, also while `serve` writes.
+/// A proposal is never in force by itself: `-o` writes the configuration with all changes of dependencies, to read it, `check` it, and try
 /// it on kept incidents with `replay --what-if`.
 ///
 /// Exit codes: 0; 1 where nothing is recorded.
@@ -55,7 +55,8 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         }
         None => recorded(&folder, &incidents)?,
     };
-    let reported = reported_in(&folder, &learned::names(&loaded)?).context("the history cannot be read")?;
+    let (modules, signals) = learned::names(&loaded)?;
+    let reported = reported_in(&folder, &modules, &signals).context("the history cannot be read")?;
     let Some(history) = learned::history(reported) else {
         note!("telltale: the history has nothing of the modules of this configuration");
         return Ok(ExitCode::from(EXIT_NO));
@@ -95,7 +96,7 @@ fn recorded(folder: &Path, incidents: &[Incident]) -> anyhow::Result<Loaded> {
 /// Writes the configuration with the proposals, if it means these and nothing else.
 fn write(output: &Path, loaded: &Loaded, proposals: &Proposals) -> anyhow::Result<()> {
     let Some(edited) = learned::edited(loaded, proposals) else {
-        note!("Nothing is proposed, so nothing is written.");
+        note!("No dependency is to be changed, so nothing is written.");
         return Ok(());
     };
     for node in &edited.left {

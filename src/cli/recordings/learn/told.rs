@@ -5,7 +5,7 @@ use std::time::{Duration, SystemTime};
 use crate::cli::print::Lines;
 use crate::engine::model::{Dependency, DependsOn, Model, ModuleId, NodeId};
 use crate::engine::state::State;
-use crate::learn::{Direction, Edge, Evidence, History, Proposals, Stretch, modules_of};
+use crate::learn::{Direction, EPISODES, Edge, Evidence, History, Proposals, Stretch, modules_of};
 use crate::store::Incident;
 
 /// Times that are printed of each proposal.
@@ -79,6 +79,29 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
             name(*one),
             name(*other)
         ));
+    }
+    for silence in &proposals.silences {
+        let module = name(silence.module);
+        lines.add(format_args!(
+            "when: {module} has nothing to say in some states: `when: {}`",
+            silence.when(model)
+        ));
+        for (value, episodes) in silence.episodes.iter().enumerate().filter(|(_, it)| it.count() >= EPISODES)
+        {
+            let (low, high) = episodes.silent_share();
+            lines.add(format_args!(
+                "    {}: silent {} of {} times ({:.0} % to {:.0} %)",
+                silence.value(model, value),
+                episodes.silent.len(),
+                episodes.count(),
+                low * 100.0,
+                high * 100.0
+            ));
+            let counterexamples = silence.against(value);
+            if !counterexamples.is_empty() {
+                lines.add(format_args!("    counterexamples: {}", times(counterexamples)));
+            }
+        }
     }
     let is_failing = |stretches: &&Vec<_>| stretches.iter().any(|it: &Stretch| it.own > State::Ok);
     lines.add(format_args!(

@@ -15,8 +15,8 @@ pub fn learner(definitions: Definitions) -> Learner {
         let bad = |error: &dyn ToString| NotLearned::Bad(error.to_string());
         let texts = texts.iter().map(|it| (it.name.clone(), it.text.clone()));
         let loaded = config::of_texts(texts).map_err(|problems| bad(&problems))?;
-        let names = learned::names(&loaded).map_err(|error| bad(&error))?;
-        let reported = history.reported(&names, &|| go_on(0)).map_err(|error| bad(&error))?;
+        let (modules, signals) = learned::names(&loaded).map_err(|error| bad(&error))?;
+        let reported = history.reported(&modules, &signals, &|| go_on(0)).map_err(|error| bad(&error))?;
         let history = learned::history(reported.ok_or(NotLearned::TooMuch)?).ok_or(NotLearned::Nothing)?;
         let proposals = learn_within(&history, &loaded.model, go_on).ok_or(NotLearned::TooMuch)?;
         let has_failed = |it: &&Vec<_>| it.iter().any(|it: &crate::learn::Stretch| it.own > State::Ok);

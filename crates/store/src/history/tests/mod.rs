@@ -77,15 +77,27 @@ fn said(node: &str, state: State, message: &str, silent_s: Option<u64>) -> Recor
 #[test]
 fn what_a_node_reported_is_known_behind_a_mask_and_while_it_was_relevant() {
     let mut disk = Disk::new(ROWS_MAX);
-    disk.write(0, &[Recorded::Started { anew: false }, said("a", State::Ok, "", None)]);
+    let signal = |value| Recorded::Signal { name: "active".into(), value };
+    disk.write(0, &[Recorded::Started { anew: false }, said("a", State::Ok, "", None), signal(Some(true))]);
     disk.write(100, &[shown("a", State::Ignore, Some("b"))]);
-    disk.write(200, &[shown("a", State::Ignore, None)]);
+    disk.write(200, &[shown("a", State::Ignore, None), signal(None), Recorded::Stage(Stage::Active)]);
     disk.write(300, &[shown("a", State::Error, None)]);
     // The program was alive, and is not known to be since.
     disk.write(400, &[]);
     let nodes = ["a", "b"].map(str::to_owned);
-    let reported = read::reported(&disk.connection, &nodes, &|| true).unwrap().unwrap();
-    assert_eq!(read::reported(&disk.connection, &nodes, &|| false).unwrap(), None);
+    let signals = ["active".to_owned()];
+    let read = |go_on| read::reported(&disk.connection, (&nodes, &signals), &|| go_on).unwrap();
+    let Reported { nodes: reported, signals, stages } = read(true).unwrap();
+    assert_eq!(read(false), None);
+    let since = |from: i64, to: i64| (from + START_MS, to + START_MS);
+    let [signal] = &signals[0][..] else { panic!("{signals:?}") };
+    assert_eq!(
+        ((signal.from_ms, signal.to_ms), signal.value),
+        (since(0, 200), true),
+        "it is not known later"
+    );
+    let [stage] = &stages[..] else { panic!("{stages:?}") };
+    assert_eq!(((stage.from_ms, stage.to_ms), stage.value), (since(200, 400), Stage::Active));
     let period = |it: &Period<State>| (it.from_ms - START_MS, it.to_ms - START_MS, it.value);
     let expected =
         [(0, 100, State::Ok), (100, 200, State::Error), (200, 300, State::Ignore), (300, 400, State::Error)];

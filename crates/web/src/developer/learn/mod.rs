@@ -19,7 +19,7 @@ use crate::view::page::frame::PageFrame;
 use crate::view::{PageContext, View, html};
 use crate::{AppState, unlocked};
 use telltale_engine::model::{DependsOn, Model, ModuleId, NodeId};
-use telltale_learn::{Direction, Doubt, Edge, modules_of};
+use telltale_learn::{Direction, Doubt, EPISODES, Edge, Episodes, Silence, modules_of};
 use telltale_record::summary::Summary;
 use telltale_runtime::Published;
 use telltale_store::Role;
@@ -71,6 +71,14 @@ struct Proposal {
     more: usize,
 }
 
+/// A module that is silent in some states.
+struct SilenceHtml {
+    module: NodeLink,
+    when: String,
+    /// Each value with its sentence and its counterexamples.
+    values: Vec<(String, String, Instants)>,
+}
+
 struct PatchHtml {
     patch: String,
     left: Vec<String>,
@@ -91,6 +99,8 @@ struct Shown {
     more: usize,
     undecided: Vec<(NodeLink, NodeLink)>,
     more_undecided: usize,
+    silences: Vec<SilenceHtml>,
+    more_silences: usize,
     /// The graph has something to show.
     has_edges: bool,
     patch: Option<PatchHtml>,
@@ -165,6 +175,8 @@ fn shown_of(lang: Lang, outcome: &Outcome, is_old: bool, may_run: bool) -> Shown
         more: 0,
         undecided: Vec::new(),
         more_undecided: 0,
+        silences: Vec::new(),
+        more_silences: 0,
         has_edges: false,
         patch: None,
     };
@@ -189,6 +201,8 @@ fn shown_of(lang: Lang, outcome: &Outcome, is_old: bool, may_run: bool) -> Shown
     let pair = |(one, other): &(ModuleId, ModuleId)| (writer.module(*one), writer.module(*other));
     shown.undecided = found.undecided.iter().take(PROPOSALS).map(pair).collect();
     shown.more_undecided = found.undecided.len() - shown.undecided.len();
+    shown.silences = found.silences.iter().take(PROPOSALS).map(|it| writer.silence(it)).collect();
+    shown.more_silences = found.silences.len() - shown.silences.len();
     shown.has_edges = !found.add.is_empty();
     let tried = tried(&shown.proposals, &outcome.incidents);
     shown.patch = learned.patched.as_ref().map(|patched| PatchHtml {
@@ -264,6 +278,23 @@ impl Writer<'_> {
         }
     }
 
+    fn silence(&self, silence: &Silence) -> SilenceHtml {
+        let name = self.model.node_name(NodeId::Module(silence.module));
+        let known = silence.episodes.iter().enumerate().filter(|(_, it)| it.count() >= EPISODES);
+        let of_value = |(value, it): (usize, &Episodes)| {
+            let (low, high) = it.silent_share();
+            let [low, high] = [low, high].map(|share| format!("{:.0}", share * 100.0));
+            let sentence = self.lang.silent_times(it.silent.len(), it.count(), &low, &high);
+            let value_name = clean(&silence.value(self.model, value), 2 * NAME);
+            (value_name, sentence, self.instants(&[name], silence.against(value)))
+        };
+        SilenceHtml {
+            module: self.module(silence.module),
+            when: clean(&silence.when(self.model), MESSAGE),
+            values: known.map(of_value).collect(),
+        }
+    }
+
     /// Against as many dependents.
     fn evidence(&self, edge: &Edge, dependents: usize) -> EvidenceRow {
         let Edge { cause, dependent, evidence, direction } = edge;
@@ -281,8 +312,8 @@ impl Writer<'_> {
             noticed: String::new(),
             why: String::new(),
             instants: [
-                (words.examples, self.instants(names, &evidence.examples)),
-                (words.counterexamples, self.instants(names, &evidence.counterexamples)),
+                (words.examples, self.instants(&names, &evidence.examples)),
+                (words.counterexamples, self.instants(&names, &evidence.counterexamples)),
             ],
         };
         if let (Some(direction), Some(first), Some(last)) = (*direction, first, last) {
@@ -293,6 +324,8 @@ impl Writer<'_> {
             row.sentence = lang.failed_together(part, whole, &low, &high);
             let p =
                 if evidence.p < P_LEAST { format!("< {P_LEAST:e}") } else { format!("= {:.0e}", evidence.p) };
+            // It is not broken over two lines.
+            let p = p.replace(' ', "\u{a0}").replace('-', "\u{2011}");
             row.chance = lang.than_by_chance(&format!("{:.0}", evidence.lift()), &p);
             row.noticed = lang.noticed(*first < 0, *last >= 0, &seconds(*first), &seconds(*last));
             row.why = lang.direction(direction, &cause, &dependent, &earlier);
@@ -301,15 +334,15 @@ impl Writer<'_> {
     }
 
     /// The newest of them.
-    fn instants(&self, [cause, dependent]: [&str; 2], all: &[i64]) -> Instants {
+    fn instants(&self, nodes: &[&str], all: &[i64]) -> Instants {
         let instant = |at_ms: &i64| {
             let (until, at) = ((at_ms + SPAN_S * 500).to_string(), at_ms.to_string());
             let span = SPAN_S.to_string();
-            let fields =
-                [("node", cause), ("node", dependent), ("span", &*span), ("until", &*until), ("at", &*at)];
+            let nodes = nodes.iter().map(|node| ("node", *node));
+            let fields = nodes.chain([("span", &*span), ("until", &*until), ("at", &*at)]);
             Instant {
                 at: wall_time(*at_ms),
-                timeline: format!("/developer/timeline{}", address(fields.into_iter())),
+                timeline: format!("/developer/timeline{}", address(fields)),
                 incident: self.incidents.iter().find(|it| it.lasts_at(*at_ms)).map(|it| it.id),
             }
         };
