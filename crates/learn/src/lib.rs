@@ -126,7 +126,7 @@ pub fn learn_within(history: &History, model: &Model, go_on: &dyn Fn(usize) -> b
     let learned = pairs::learn(history, model, go_on)?;
     let doubted = configured::doubted(model, &learned);
     let add = configured::missing(model, &doubted, &learned.direct);
-    let silences = states::silences(history, model);
+    let silences = states::silences(history, model, go_on)?;
     Some(Proposals { add, doubted, undecided: learned.undecided, learned: learned.direct, silences })
 }
 

@@ -106,11 +106,19 @@ impl Silence {
 }
 
 /// Modules that are silent at a value and heard at another one. A module that is not relevant has no say.
-pub(crate) fn silences(history: &History, model: &Model) -> Vec<Silence> {
-    let mut all = Vec::new();
+/// `None` where `go_on` ends it: see [`super::learn_within`].
+pub(crate) fn silences(
+    history: &History,
+    model: &Model,
+    go_on: &dyn Fn(usize) -> bool,
+) -> Option<Vec<Silence>> {
+    let (mut all, mut bytes) = (Vec::new(), 0);
     for (index, (stretches, spec)) in history.modules.iter().zip(&model.modules).enumerate() {
         let late_ms = latest(model, spec) + JITTER_MS;
         for fact in &history.facts {
+            if !go_on(bytes) {
+                return None;
+            }
             let mut episodes = vec![Episodes::default(); fact.about.values()];
             for &(from_ms, to_ms, value) in &fact.periods {
                 let Some(of_value) = episodes.get_mut(value) else { continue };
@@ -131,11 +139,12 @@ pub(crate) fn silences(history: &History, model: &Model) -> Vec<Silence> {
             let heard: Vec<usize> = those(&|_, high| high <= SHARE_DOUBTED);
             if !silent.is_empty() && !heard.is_empty() {
                 let (module, about) = (ModuleId(index as u32), fact.about);
+                bytes += episodes.iter().map(|it| it.count() as usize * size_of::<i64>()).sum::<usize>();
                 all.push(Silence { module, about, silent, heard, episodes });
             }
         }
     }
-    all
+    Some(all)
 }
 
 /// Whether the module said nothing all the time; `None` if the time is too short, or the module was not relevant, or the
@@ -186,7 +195,9 @@ mod tests {
             stretches.push(Stretch { from_ms: middle_ms, to_ms, own: *own });
             periods.push((from_ms, to_ms, *value));
         }
-        silences(&History { modules: vec![stretches], facts: vec![Fact { about, periods }] }, &model())
+        let history = History { modules: vec![stretches], facts: vec![Fact { about, periods }] };
+        assert_eq!(silences(&history, &model(), &|_| false), None);
+        silences(&history, &model(), &|_| true).expect("it goes on to its end")
     }
 
     fn minutes(all: &[(usize, usize, State)]) -> Vec<(usize, State)> {
