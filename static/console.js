@@ -91,5 +91,6 @@
     setTimeout(go, EVERY_MS);
   };
   showTimes(document);
-  setTimeout(go, EVERY_MS);
+  // The past does not change.
+  if (part()) setTimeout(go, EVERY_MS);
 })();

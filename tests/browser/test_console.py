@@ -79,6 +79,13 @@ def vehicles(client):
     return json.loads(get(client, "/api/v1/vehicles"))
 
 
+def then(client):
+    """The page of the vehicle in fault at its first alarm, on the day before this demo or earlier."""
+    told = json.loads(get(client, f"/api/v1/vehicles/{IN_FAULT}/history?from=2020-01-01T00:00:00Z"))
+    at = next(it["at"] for it in told["messages"] if it["kind"] == "alarm")
+    return f"/vehicles/{IN_FAULT}?at={at}"
+
+
 def row(page, vehicle):
     return page.locator(f"#v-{vehicle}")
 
@@ -133,7 +140,8 @@ def test_the_pages_fit_and_are_accessible(demo, client, chromium, trouble, lang,
     page.goto(demo.url + "/login")
     assert not violations(page)
     enter(page, demo, *CONTROL)
-    for path, there in [("/", f"#v-{IN_FAULT}"), (f"/vehicles/{IN_FAULT}", ".tile"), ("/?q=robot", f"#v-{SWITCHED_OFF}")]:
+    pages = [("/", f"#v-{IN_FAULT}"), (f"/vehicles/{IN_FAULT}", ".tile"), ("/?q=robot", f"#v-{SWITCHED_OFF}")]
+    for path, there in [*pages, (then(client), ".replay-sign")]:
         page.goto(demo.url + path)
         for width, height in SIZES:
             page.set_viewport_size({"width": width, "height": height})
@@ -173,6 +181,30 @@ def test_a_vehicle_has_a_page_that_follows_it(demo, console):
     expect(tile).to_contain_text("Waiting for")
     # Nothing was loaded again: the alarm of now comes by itself, before all that was there.
     expect(console.locator("#log .lines li").filter(has_text="localization/tf_quality").first).to_contain_text("Alarm")
+
+
+def test_a_vehicle_is_shown_as_it_was_in_the_frame_of_a_replay(demo, client, console):
+    console.goto(demo.url + then(client))
+    asked = []
+    console.on("request", lambda request: asked.append(request.url))
+    expect(console.locator(".replay-sign")).to_have_text(re.compile(r"Replay \d+ \w+ \d{4}, \d\d:\d\d:\d\d"))
+    frame = "getComputedStyle(document.body, '::after').border"
+    assert console.evaluate(frame).startswith("6px solid"), console.evaluate(frame)
+    expect(row(console, IN_FAULT)).to_have_attribute("data-state", "error")
+    expect(console.locator(".wrong li").first).to_contain_text(re.compile("wait for it: "))
+    expect(console.locator("#log li[aria-current]").first).to_contain_text("Alarm")
+    alarm = console.url
+    console.get_by_role("link", name="Next change").click()
+    console.wait_for_url(lambda url: url > alarm)
+    console.get_by_role("link", name="Previous change").click()
+    expect(console.locator("#log li[aria-current]").first).to_contain_text("Alarm")
+    console.get_by_role("link", name="24 hours").click()
+    expect(console.locator(".replay-sign")).to_be_visible()
+    assert not [url for url in asked if re.search("/(state|log)([?]|$)", url)], asked
+    console.get_by_role("link", name="Back to now").click()
+    console.wait_for_url(f"{demo.url}/vehicles/{IN_FAULT}")
+    expect(console.locator("#log [data-kind=goodbye] a").first).to_be_visible()
+    assert console.locator("[data-replay]").count() == 0
 
 
 def test_a_vehicle_that_says_goodbye_is_off_and_grey(console):

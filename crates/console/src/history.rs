@@ -58,6 +58,16 @@ pub struct Told<'a> {
 }
 
 impl Known {
+    /// All messages, in their order.
+    pub fn messages(&self) -> impl Iterator<Item = &Message> {
+        self.history.messages()
+    }
+
+    /// Takes what was told in one batch.
+    pub fn take(&mut self, batch: Batch) {
+        self.contradictions += self.history.take(batch).contradictions;
+    }
+
     /// The number of the oldest message of this log that the hub has.
     pub fn oldest_is(&mut self, number: u64) {
         self.is_from_oldest = self.first == Some(number);
@@ -139,7 +149,7 @@ pub async fn read(
             Ok(batch) => {
                 // What follows is later still.
                 let is_over = batch.messages.iter().all(|it| it.at > to_ms.saturating_add(MARGIN_MS));
-                known.contradictions += known.history.take(batch).contradictions;
+                known.take(batch);
                 if is_over {
                     known.is_whole = true;
                     break;

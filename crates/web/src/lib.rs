@@ -90,8 +90,16 @@ pub mod common {
     pub use crate::http::plain_errors::in_words;
     pub use crate::http::respond::{FormOf, Reader, Speaks, cookie, json_answer, refusal};
     pub use crate::pages::{asset, healthz, not_found, wrong_method};
+    pub use crate::replays::asked_ms;
     pub use crate::view::Home;
     pub use crate::view::page::frame::PageFrame;
+}
+
+/// The description of an interface for programs.
+pub mod describe {
+    pub use crate::api::openapi::{About, Described, Description, OPENAPI, document, get as openapi};
+    pub use crate::api::operation::{Content, Operation, Tag};
+    pub use crate::schema::{of, words};
 }
 
 /// The settings of the server from the command line.

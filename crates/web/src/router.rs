@@ -19,7 +19,7 @@ use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
 
 use super::AppState;
-use super::api::openapi::{Described, Description, document};
+use super::api::openapi::{Described, Description, VEHICLE, document};
 use super::api::operation::Operation;
 use super::api::operations as op;
 use super::auth::login;
@@ -157,7 +157,7 @@ pub fn openapi(secure: bool) -> Value {
         let Route { method, path, access, operation, .. } = route;
         operation.map(|operation| Described { method: method.clone(), path, access: *access, operation })
     };
-    document(routes.iter().filter_map(described), secure)
+    document(&VEHICLE, routes.iter().filter_map(described), secure)
 }
 
 /// The service of all routes, behind the guard.

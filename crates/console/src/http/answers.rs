@@ -6,19 +6,27 @@ use std::time::Duration;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
-use serde::{Deserialize, Deserializer};
+use schemars::JsonSchema;
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
+use telltale_engine::model::Stage;
 use telltale_engine::state::State as Shows;
-use telltale_fleet::message::VehicleId;
-use telltale_web::common::{Asked, Format, SignedIn, Table, json_answer};
+use telltale_fleet::message::{Alarm, VehicleId};
+use telltale_web::common::{Asked, Format, Moment, SignedIn, Table, json_answer};
+use telltale_web::describe::words;
 use telltale_web::texts::HttpError;
 use tokio::time::timeout;
 
 use super::Console;
+use super::history::past;
+use crate::state::contact::Contact;
 use crate::state::incidents::{GroupBy, grouped};
 use crate::state::picture::{Picture, Shown};
 use crate::state::search::Search;
 use crate::state::{Row, time};
+
+/// The log of so long before a moment is read for its snapshot.
+const AROUND_MS: i64 = 24 * 3_600_000;
 
 /// For the answer of the store.
 const READY_WITHIN: Duration = Duration::from_millis(1500);
@@ -74,64 +82,171 @@ fn flat(row: &Row) -> Value {
     flat
 }
 
-/// `GET /api/v1/vehicles/ID/snapshot`: with the names of a vehicle's own snapshot, and how old it is.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SnapshotAsked {
+    /// A moment of the past, by the vehicle's clock.
+    at: Option<Moment>,
+}
+
+/// What all nodes of a vehicle show.
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleSnapshot")]
+pub struct SnapshotAnswer {
+    vehicle: String,
+    name: String,
+    /// Of a moment: `live` if its states are surely known, `off` after a goodbye, else `lost`.
+    contact: Contact,
+    /// How old it is, in seconds; of a moment, how long before it this was told.
+    age_s: Option<f64>,
+    /// The number of the last message in it, and when that was made by the vehicle's clock.
+    seq: Option<u64>,
+    #[schemars(schema_with = "words::some_time")]
+    at: Option<String>,
+    /// The moment that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(schema_with = "words::time")]
+    moment: Option<String>,
+    /// Nothing is missing in it.
+    whole: bool,
+    #[schemars(schema_with = "words::some_stage")]
+    stage: Option<Stage>,
+    #[schemars(schema_with = "words::state")]
+    overall: Shows,
+    motion: Motion,
+    groups: Vec<Group>,
+    /// The nodes that others name as their cause.
+    roots: Vec<Root>,
+    alarms: Vec<OpenAlarm>,
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleMotion")]
+struct Motion {
+    speed_mps: Option<f64>,
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleNode")]
+struct Node {
+    id: String,
+    #[schemars(schema_with = "words::state")]
+    state: Shows,
+    /// As if nothing were masked.
+    #[schemars(schema_with = "words::state")]
+    own: Shows,
+    message: String,
+    reason: Option<Reason>,
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleReason")]
+struct Reason {
+    masked_by: Vec<String>,
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleGroup")]
+struct Group {
+    #[serde(flatten)]
+    node: Node,
+    modules: Vec<Node>,
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleRoot")]
+struct Root {
+    node: String,
+    /// How many nodes name it.
+    masks: u32,
+}
+
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleAlarm")]
+struct OpenAlarm {
+    id: u64,
+    node: String,
+    acknowledged: bool,
+    active: bool,
+    message: String,
+}
+
+/// `GET /api/v1/vehicles/ID/snapshot?at`: with the names of a vehicle's own snapshot, and how old it is.
 pub async fn snapshot(
     State(console): State<Console>,
     _: SignedIn,
     Path(id): Path<String>,
+    Asked(SnapshotAsked { at }): Asked<SnapshotAsked>,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
+    let past = match at {
+        Some(Moment(ms)) => Some(past(&console, &id, ms, AROUND_MS).await?.0),
+        None => None,
+    };
     let fleet = console.shared.fleet();
     let vehicle = fleet.vehicle(&id).ok_or(HttpError::NotFound)?;
-    let row = fleet.row(vehicle, console.clock.now());
-    let picture = &vehicle.picture;
+    let now = fleet.row(vehicle, console.clock.now());
+    let (row, picture) = match &past {
+        Some(past) => (past.row(now), &past.picture),
+        None => (now, &vehicle.picture),
+    };
     let speed_mps = row.speed_kmh.map(|kmh| (f64::from(kmh) / 3.6 * 10.0).round() / 10.0);
-    let answer = json!({
-        "vehicle": row.id, "name": row.name, "contact": row.contact, "age_s": row.age_s,
-        "seq": picture.end.map(|mark| mark.n),
-        "at": picture.at_ms.map(time),
-        "whole": picture.is_whole,
-        "stage": row.stage, "overall": row.state,
-        "motion": { "speed_mps": speed_mps },
-        "groups": groups(picture), "roots": roots(picture), "alarms": alarms(picture),
-    });
-    Ok(json_answer(StatusCode::OK, &answer))
+    let answer = SnapshotAnswer {
+        vehicle: row.id,
+        name: row.name,
+        contact: row.contact,
+        age_s: row.age_s,
+        seq: picture.end.map(|mark| mark.n),
+        at: picture.at_ms.map(time),
+        moment: past.as_ref().map(|past| time(past.at_ms)),
+        whole: picture.is_whole,
+        stage: row.stage,
+        overall: row.state,
+        motion: Motion { speed_mps },
+        groups: groups(picture),
+        roots: roots(picture),
+        alarms: alarms(picture),
+    };
+    Ok(json_answer(StatusCode::OK, &json!(answer)))
 }
 
-fn shown(name: &str, shown: &Shown) -> Value {
-    let reason = shown.cause.as_ref().map(|cause| json!({ "masked_by": [cause] }));
-    json!({ "id": name, "state": shown.state, "own": shown.own, "message": shown.words, "reason": reason })
+fn shown(name: &str, shown: &Shown) -> Node {
+    let reason = shown.cause.iter().map(|cause| Reason { masked_by: vec![cause.clone()] }).next();
+    Node { id: name.to_owned(), state: shown.state, own: shown.own, message: shown.words.clone(), reason }
 }
 
 /// The groups with their modules: the name of a module begins with that of its group.
-fn groups(picture: &Picture) -> Vec<Value> {
-    let mut groups: BTreeMap<&str, (Option<&Shown>, Vec<Value>)> = BTreeMap::new();
+fn groups(picture: &Picture) -> Vec<Group> {
+    let mut groups: BTreeMap<&str, (Option<&Shown>, Vec<Node>)> = BTreeMap::new();
     for (name, node) in &picture.nodes {
         match name.split_once('/') {
             None => groups.entry(name).or_default().0 = Some(node),
             Some((group, _)) => groups.entry(group).or_default().1.push(shown(name, node)),
         }
     }
-    let group = |(name, (node, modules)): (&str, (Option<&Shown>, Vec<Value>))| {
+    let group = |(name, (node, modules)): (&str, (Option<&Shown>, Vec<Node>))| {
         let unknown = Shown { state: Shows::Unknown, own: Shows::Unknown, cause: None, words: String::new() };
-        let mut group = shown(name, node.unwrap_or(&unknown));
-        group["modules"] = Value::from(modules);
-        group
+        Group { node: shown(name, node.unwrap_or(&unknown)), modules }
     };
     groups.into_iter().map(group).collect()
 }
 
-/// The nodes that others name as their cause.
-fn roots(picture: &Picture) -> Vec<Value> {
+fn roots(picture: &Picture) -> Vec<Root> {
     let mut masks: BTreeMap<&str, u32> = BTreeMap::new();
     for cause in picture.nodes.values().filter_map(|node| node.cause.as_deref()) {
         *masks.entry(cause).or_default() += 1;
     }
-    masks.into_iter().map(|(node, masks)| json!({ "node": node, "masks": masks })).collect()
+    masks.into_iter().map(|(node, masks)| Root { node: node.to_owned(), masks }).collect()
 }
 
-fn alarms(picture: &Picture) -> Vec<Value> {
-    let alarm = |it: &telltale_fleet::message::Alarm| json!({ "id": it.number, "node": it.node, "acknowledged": it.acknowledged, "active": it.active, "message": it.words });
+fn alarms(picture: &Picture) -> Vec<OpenAlarm> {
+    let alarm = |it: &Alarm| OpenAlarm {
+        id: it.number,
+        node: it.node.clone(),
+        acknowledged: it.acknowledged,
+        active: it.active,
+        message: it.words.clone(),
+    };
     picture.alarms.values().map(alarm).collect()
 }
 

@@ -5,6 +5,7 @@ use axum::http::StatusCode;
 use axum::response::Response;
 use serde::Deserialize;
 use serde_json::json;
+use telltale_clock::unix_ms;
 use telltale_engine::time::Span;
 use telltale_fleet::message::VehicleId;
 use telltale_web::common::{Asked, Moment, SignedIn, json_answer};
@@ -12,6 +13,7 @@ use telltale_web::texts::HttpError;
 
 use super::Console;
 use crate::history::{self, Known, Part};
+use crate::state::past::Past;
 use crate::state::time;
 
 /// Histories that are read at a time. Others wait, within the time of a request.
@@ -36,7 +38,7 @@ pub async fn get(
     Asked(asked): Asked<HistoryAsked>,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let wall_ms = telltale_clock::unix_ms(console.clock.wall());
+    let wall_ms = unix_ms(console.clock.wall());
     let to = asked.to.map_or(i64::MAX, |Moment(ms)| ms);
     let from = asked.from.map_or(wall_ms.min(to).saturating_sub(UNASKED_MS), |Moment(ms)| ms);
     let known = known(&console, &id, from, to).await?;
@@ -53,6 +55,44 @@ pub async fn get(
         "contradictions": known.contradictions, "refused": known.refused, "whole": told.is_whole,
     });
     Ok(json_answer(StatusCode::OK, &answer))
+}
+
+/// A keyframe is at most so old, as a rule.
+const NEAR_MS: i64 = 20 * 60_000;
+
+/// A vehicle's clock may be ahead of the console's by so much without a word.
+const AHEAD_MS: i64 = 5000;
+
+/// What a vehicle showed at a moment by its own clock, and its log of so many milliseconds before and after.
+///
+/// # Errors
+/// There is no such vehicle, the moment is still to come, or the hub does not answer.
+pub async fn past(
+    console: &Console,
+    id: &VehicleId,
+    at_ms: i64,
+    around_ms: i64,
+) -> Result<(Past, Known), HttpError> {
+    let last_told = {
+        let (wall_ms, now) = (unix_ms(console.clock.wall()), console.clock.now());
+        let fleet = console.shared.fleet();
+        let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
+        let ahead_ms = vehicle.skew_ms().unwrap_or(0).max(AHEAD_MS);
+        if at_ms > wall_ms.saturating_add(ahead_ms) {
+            return Err(HttpError::Future);
+        }
+        vehicle.last_told(wall_ms, now)
+    };
+    let [from, to] = [at_ms.saturating_sub(around_ms), at_ms.saturating_add(around_ms)];
+    let around = known(console, id, from, to).await?;
+    let past = if around.is_whole {
+        Past::of(&around, at_ms, last_told)
+    } else {
+        // It may have ended before the moment.
+        let near = known(console, id, at_ms.saturating_sub(NEAR_MS), at_ms).await?;
+        Past::of(&near, at_ms, last_told.filter(|_| near.is_whole))
+    };
+    Ok((past, around))
 }
 
 /// Reads what a vehicle told of a time by its own clock, in milliseconds since 1970.

@@ -41,7 +41,7 @@ telltale_engine::words! {
 }
 
 impl Reach {
-    const fn ms(self) -> i64 {
+    pub const fn ms(self) -> i64 {
         match self {
             Reach::Hour => HOUR_MS,
             Reach::Day => 24 * HOUR_MS,
@@ -50,7 +50,7 @@ impl Reach {
     }
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LogAsked {
     #[serde(default)]
@@ -62,6 +62,8 @@ pub struct LogAsked {
 pub struct LogHtml {
     words: &'static ConsoleWords,
     id: String,
+    /// Of an address in the past: its moment.
+    at: String,
     /// The place of the last message in it.
     noted: String,
     reach: &'static str,
@@ -87,15 +89,10 @@ pub async fn log(
     reader: Reader,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    Ok(rendered(&log_of(&console, &id, asked, reader.lang).await?))
+    Ok(rendered(&log_of(&console, &id, asked.log, reader.lang).await?))
 }
 
-pub async fn log_of(
-    console: &Console,
-    id: &VehicleId,
-    LogAsked { log }: LogAsked,
-    lang: Lang,
-) -> Result<LogHtml, HttpError> {
+pub async fn log_of(console: &Console, id: &VehicleId, log: Reach, lang: Lang) -> Result<LogHtml, HttpError> {
     let words = ConsoleWords::of(lang);
     let noted = {
         let fleet = console.shared.fleet();
@@ -104,21 +101,57 @@ pub async fn log_of(
     let from = unix_ms(console.clock.wall()).saturating_sub(log.ms());
     // Without its hub the console has no log, and the rest of the page all the same.
     let (lines, notes) = match known(console, id, from, i64::MAX).await {
-        Ok(known) => (lines(&known, from, lang), remarks(&known, lang)),
+        Ok(known) => (shown(lines(&known, from, lang), from, i64::MAX), remarks(&known, lang)),
         Err(HttpError::NotFound) => return Err(HttpError::NotFound),
         Err(_) => (Vec::new(), vec![words.log_unread.to_owned()]),
     };
-    let reaches =
-        [(Reach::Hour, words.last_hour), (Reach::Day, words.last_day), (Reach::All, words.last_14_days)];
-    Ok(LogHtml {
-        words,
-        id: id.to_string(),
-        noted,
-        reach: log.as_str(),
-        reaches: reaches.map(|(reach, word)| (reach.as_str(), word)),
-        lines,
-        notes,
-    })
+    Ok(LogHtml { noted, lines, notes, ..LogHtml::of(id, log, lang) })
+}
+
+/// The log up to a moment, and the moments of the lines before it and after it.
+pub fn log_until(
+    known: &Known,
+    id: &VehicleId,
+    at_ms: i64,
+    reach: Reach,
+    lang: Lang,
+) -> (LogHtml, [Option<i64>; 2]) {
+    let from = at_ms.saturating_sub(reach.ms());
+    let lines = lines(known, from, lang);
+    let moments = || lines.iter().map(|(at, _)| *at);
+    let steps = [moments().filter(|at| *at < at_ms).max(), moments().filter(|at| *at > at_ms).min()];
+    let log = LogHtml {
+        at: time(at_ms),
+        lines: shown(lines, from, at_ms),
+        notes: remarks(known, lang),
+        ..LogHtml::of(id, reach, lang)
+    };
+    (log, steps)
+}
+
+impl LogHtml {
+    /// Without lines.
+    fn of(id: &VehicleId, reach: Reach, lang: Lang) -> LogHtml {
+        let words = ConsoleWords::of(lang);
+        let reaches =
+            [(Reach::Hour, words.last_hour), (Reach::Day, words.last_day), (Reach::All, words.last_14_days)];
+        LogHtml {
+            words,
+            id: id.to_string(),
+            at: String::new(),
+            noted: String::new(),
+            reach: reach.as_str(),
+            reaches: reaches.map(|(reach, word)| (reach.as_str(), word)),
+            lines: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// The lines of a time, the newest first, as many as a page has.
+fn shown(lines: Vec<(i64, LineHtml)>, from: i64, to: i64) -> Vec<LineHtml> {
+    let asked = lines.into_iter().rev().filter(|(at, _)| (from..=to).contains(at));
+    asked.take(LINES_MAX).map(|(_, line)| line).collect()
 }
 
 fn remarks(known: &Known, lang: Lang) -> Vec<String> {
@@ -136,7 +169,8 @@ fn remarks(known: &Known, lang: Lang) -> Vec<String> {
     remarks
 }
 
-fn lines(known: &Known, from: i64, lang: Lang) -> Vec<LineHtml> {
+/// All lines with their times, the newest last.
+fn lines(known: &Known, from: i64, lang: Lang) -> Vec<(i64, LineHtml)> {
     let mut missing = Vec::new();
     let mut run = Run::default();
     let mut lines = Vec::new();
@@ -156,8 +190,7 @@ fn lines(known: &Known, from: i64, lang: Lang) -> Vec<LineHtml> {
     }
     let last_ms = lines.last().map_or(from, |(at, _)| *at);
     lines.extend(missing.iter().map(|gap| (last_ms, gap_line(gap, last_ms, lang))));
-    let asked = lines.into_iter().rev().filter(|(at, _)| *at >= from);
-    asked.take(LINES_MAX).map(|(_, line)| line).collect()
+    lines
 }
 
 fn gap_line(gap: &Unknown, at_ms: i64, lang: Lang) -> LineHtml {

@@ -5,22 +5,27 @@ use std::collections::BTreeMap;
 use askama::Template;
 use axum::extract::{Path, State};
 use axum::response::Response;
+use serde::Deserialize;
 use telltale_clock::unix_ms;
 use telltale_engine::module::system::OTHER_GROUP;
 use telltale_engine::state::State as Shows;
+use telltale_engine::time::{Span, how_long};
 use telltale_fleet::message::VehicleId;
 use telltale_store::Role;
-use telltale_web::common::{Asked, PageFrame, Reader, SignedIn};
+use telltale_web::common::{Asked, PageFrame, Reader, SignedIn, asked_ms};
 use telltale_web::texts::console::ConsoleWords;
-use telltale_web::texts::{HttpError, Lang, Words};
+use telltale_web::texts::{HttpError, IncidentWords, Lang, Words};
 
 use super::Console;
-use super::log::{LogAsked, LogHtml, log_of};
+use super::history::past;
+use super::log::{LogHtml, Reach, log_of, log_until};
 use super::page::rendered;
 use super::recordings::{IncidentHtml, incidents};
 use super::row::{RowHtml, icon, shown};
 use crate::state::contact::Contact;
+use crate::state::past::Past;
 use crate::state::picture::{Picture, Shown};
+use crate::state::time;
 
 /// Components of a page, and modules of one that are named; the rest is counted.
 const TILES_MAX: usize = 100;
@@ -35,8 +40,27 @@ struct VehicleHtml {
     frame: PageFrame,
     words: &'static ConsoleWords,
     user: String,
+    /// The moment that is shown; `None` shows the present.
+    past: Option<PastHtml>,
     state: StateHtml,
     log: LogHtml,
+}
+
+struct PastHtml {
+    words: &'static IncidentWords,
+    at: String,
+    /// The addresses of the moments before and after it.
+    previous: Option<String>,
+    next: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PageAsked {
+    #[serde(default)]
+    log: Reach,
+    /// A moment of the past.
+    at: Option<String>,
 }
 
 /// The part that changes each second.
@@ -53,13 +77,18 @@ struct StateHtml {
     rows: Vec<RowHtml>,
     faults: Vec<FaultHtml>,
     more_faults: Option<String>,
+    /// Said where there are none.
+    no_faults: &'static str,
     tiles: Vec<TileHtml>,
+    no_components: &'static str,
     incidents: Vec<IncidentHtml>,
     more_incidents: Option<String>,
-    /// Something in between was missed.
-    is_whole: bool,
+    /// Why these states may not be right.
+    doubt: Option<&'static str>,
     /// Of data that are not live.
     age: String,
+    /// It is not followed, and has no incidents.
+    is_past: bool,
 }
 
 /// The name of a module in its group, and what it shows.
@@ -98,15 +127,28 @@ pub async fn page(
     State(console): State<Console>,
     SignedIn(session): SignedIn,
     Path(id): Path<String>,
-    Asked(asked): Asked<LogAsked>,
+    Asked(PageAsked { log, at }): Asked<PageAsked>,
     reader: Reader,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let state = state_of(&console, &id, session.role, reader.lang)?;
-    let log = log_of(&console, &id, asked, reader.lang).await?;
-    let frame = PageFrame::new(reader.lang, reader.palette);
-    let (words, user) = (ConsoleWords::of(reader.lang), session.user.to_string());
-    Ok(rendered(&VehicleHtml { frame, words, user, state, log }))
+    let lang = reader.lang;
+    let (past, state, log) = match asked_ms(at.as_deref())? {
+        Some(at_ms) => {
+            let (past, known) = past(&console, &id, at_ms, log.ms()).await?;
+            let (log_html, steps) = log_until(&known, &id, at_ms, log, lang);
+            let address = |ms| format!("/vehicles/{id}?at={}&log={}", time(ms), log.as_str());
+            let [previous, next] = steps.map(|step| step.map(address));
+            let html = PastHtml { words: IncidentWords::of(lang), at: time(at_ms), previous, next };
+            (Some(html), state_then(&console, &id, &past, lang)?, log_html)
+        }
+        None => {
+            let state = state_of(&console, &id, session.role, lang)?;
+            (None, state, log_of(&console, &id, log, lang).await?)
+        }
+    };
+    let frame = PageFrame::new(lang, reader.palette);
+    let (words, user) = (ConsoleWords::of(lang), session.user.to_string());
+    Ok(rendered(&VehicleHtml { frame, words, user, past, state, log }))
 }
 
 /// `GET /vehicles/ID/state`: the part of the page that changes.
@@ -125,26 +167,73 @@ fn state_of(console: &Console, id: &VehicleId, role: Role, lang: Lang) -> Result
     let fleet = console.shared.fleet();
     let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
     let row = fleet.row(vehicle, console.clock.now());
-    let picture = &vehicle.picture;
-    let (faults, more) = faults(picture, lang);
     let (incidents, more_incidents) = incidents(vehicle, role, lang);
     let shown = shown(&row, lang, now_ms);
     Ok(StateHtml {
-        words: ConsoleWords::of(lang),
-        id: id.to_string(),
-        frame_id: telltale_web::assets::url(lang.as_str()),
         hub_down: fleet.line().up_since.is_none(),
-        contact: row.contact.as_str(),
-        noted: picture.noted_place(),
         age: if row.contact == Contact::Live { String::new() } else { shown.age.clone() },
-        rows: vec![shown],
-        faults,
-        more_faults: (more > 0).then(|| lang.so_many_more(more)),
-        tiles: tiles(picture, lang),
         incidents,
         more_incidents: (more_incidents > 0).then(|| lang.so_many_more(more_incidents)),
-        is_whole: picture.is_whole || picture.nodes.is_empty(),
+        ..StateHtml::of(id, &vehicle.picture, row.contact, shown, lang)
     })
+}
+
+/// What it showed at a moment.
+fn state_then(console: &Console, id: &VehicleId, past: &Past, lang: Lang) -> Result<StateHtml, HttpError> {
+    let words = ConsoleWords::of(lang);
+    let row = {
+        let fleet = console.shared.fleet();
+        let vehicle = fleet.vehicle(id).ok_or(HttpError::NotFound)?;
+        past.row(fleet.row(vehicle, console.clock.now()))
+    };
+    let is_known = past.contact != Contact::Lost;
+    let is_old = |age: &Span| past.contact != Contact::Live && *age >= Span::from_secs(1);
+    let age = past.age().filter(is_old);
+    let mut shown = shown(&row, lang, past.at_ms);
+    shown.age = age.map(|age| lang.before_that(&how_long(age))).unwrap_or_default();
+    if !is_known {
+        words.not_known.clone_into(&mut shown.word);
+    }
+    let mut state = StateHtml {
+        age: shown.age.clone(),
+        is_past: true,
+        ..StateHtml::of(id, &past.picture, past.contact, shown, lang)
+    };
+    if let Some(first) = state.faults.first() {
+        (state.rows[0].cause, state.rows[0].node) = (first.title.clone(), first.node.clone());
+    }
+    state.no_faults = if is_known { words.no_faults } else { words.not_known };
+    state.no_components = words.no_keyframe;
+    state.doubt = (!is_known && !past.picture.nodes.is_empty()).then_some(words.not_proven);
+    Ok(state)
+}
+
+impl StateHtml {
+    /// Without its incidents, for data that are not old.
+    fn of(id: &VehicleId, picture: &Picture, contact: Contact, row: RowHtml, lang: Lang) -> StateHtml {
+        let words = ConsoleWords::of(lang);
+        let (faults, more) = faults(picture, lang);
+        let is_whole = picture.is_whole || picture.nodes.is_empty();
+        StateHtml {
+            words,
+            id: id.to_string(),
+            frame_id: telltale_web::assets::url(lang.as_str()),
+            hub_down: false,
+            contact: contact.as_str(),
+            noted: picture.noted_place(),
+            rows: vec![row],
+            faults,
+            more_faults: (more > 0).then(|| lang.so_many_more(more)),
+            no_faults: if picture.nodes.is_empty() { words.not_known } else { words.no_faults },
+            tiles: tiles(picture, lang),
+            no_components: words.no_components,
+            incidents: Vec::new(),
+            more_incidents: None,
+            doubt: (!is_whole).then_some(words.not_whole),
+            age: String::new(),
+            is_past: false,
+        }
+    }
 }
 
 /// The nodes that are ill themselves, the worst first, and how many more there are.

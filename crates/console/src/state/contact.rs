@@ -1,6 +1,7 @@
 //! Whether a vehicle is heard, and where it stands among all: judged from when its last head came, by the console's own
 //! clock, and from the console's line to the hub.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use telltale_engine::state::State;
 use telltale_engine::time::{Since, Span, Timestamp};
@@ -14,7 +15,7 @@ pub const BACK_WITHIN: Span = Span::from_secs(150);
 
 telltale_engine::words! {
     /// Whether a vehicle is heard.
-    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize)]
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, JsonSchema)]
     #[serde(rename_all = "snake_case")]
     pub enum Contact {
         Live = "live",

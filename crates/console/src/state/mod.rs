@@ -3,6 +3,7 @@
 
 pub mod contact;
 pub mod incidents;
+pub mod past;
 pub mod picture;
 pub mod recordings;
 pub mod search;

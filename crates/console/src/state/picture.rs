@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 use telltale_engine::model::Stage;
+use telltale_engine::module::system::OTHER_GROUP;
 use telltale_engine::state::State;
 use telltale_fleet::message::{Alarm, Content, Keyframe, Mark, Message};
 use telltale_web::texts::{ID, MESSAGE, clean};
@@ -41,6 +42,17 @@ impl Picture {
     /// The place of the last message that people read of in the log; empty if there is none.
     pub fn noted_place(&self) -> String {
         self.noted.map(|mark| format!("{}-{}", mark.epoch, mark.n)).unwrap_or_default()
+    }
+
+    /// The worst of its components; UNKNOWN if there are none.
+    pub fn overall(&self) -> State {
+        // Statuses that no group takes, of which there are none.
+        let is_empty = |group: &str| {
+            let is_of = |name: &String| name.split_once('/').is_some_and(|(of, _)| of == group);
+            group == OTHER_GROUP && !self.nodes.keys().any(is_of)
+        };
+        let groups = self.nodes.iter().filter(|(name, _)| !name.contains('/') && !is_empty(name));
+        groups.map(|(_, node)| node.state).max().unwrap_or(State::Unknown)
     }
 
     /// Takes the next message of the log. One that is not newer is passed over.

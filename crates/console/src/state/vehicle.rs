@@ -179,6 +179,15 @@ impl Vehicle {
         self.two_at.is_some_and(|at| now.since(at) <= TWO_FOR)
     }
 
+    /// The last message of its log that its last head names, and when that head was made by its own clock, in milliseconds since
+    /// 1970. `wall_ms` is the present.
+    pub fn last_told(&self, wall_ms: i64, now: Timestamp) -> Option<(Mark, i64)> {
+        let heard = self.head.as_ref()?;
+        let age_ms = i64::try_from(heard.at.age(now).as_millis()).unwrap_or(i64::MAX);
+        let last = Mark { epoch: heard.mark.epoch, n: heard.head.last };
+        Some((last, wall_ms.saturating_sub(age_ms).saturating_add(heard.skew_ms)))
+    }
+
     /// By how much its clock is ahead, if that is worth a word, in milliseconds.
     pub fn skew_ms(&self) -> Option<i64> {
         let skew = self.head.as_ref()?.skew_ms;

@@ -3,6 +3,7 @@
 // Helpers of tests are outside of tests for clippy.
 #![allow(clippy::unwrap_used)]
 
+mod past;
 mod recordings;
 #[path = "../../../fleet/tests/hub/server.rs"]
 #[allow(dead_code, reason = "the tests of the vehicle's side use the rest")]

@@ -71,24 +71,43 @@ pub struct Described<'a> {
     pub operation: &'a Operation,
 }
 
+/// What a document says of its interface as a whole.
+#[derive(Debug)]
+pub struct About {
+    pub title: &'static str,
+    pub text: &'static str,
+    /// Who has tokens.
+    pub token: &'static str,
+}
+
+/// Of a vehicle's own server.
+pub const VEHICLE: About = About {
+    title: "Telltale",
+    text: ABOUT,
+    token: "Of `telltale user token NAME`, for a developer or an authority.",
+};
+
 /// The document of these routes. `secure` says how the cookie is named.
-pub fn document<'a>(routes: impl Iterator<Item = Described<'a>>, secure: bool) -> Value {
+pub fn document<'a>(about: &About, routes: impl Iterator<Item = Described<'a>>, secure: bool) -> Value {
     let mut schemas = generator();
     let mut paths = Map::new();
+    let mut used = Vec::new();
     for route in routes {
+        used.push(route.operation.tag);
         let path = route.operation.path.unwrap_or(route.path);
         let entry = paths.entry(path).or_insert_with(|| json!({}));
         entry[route.method.as_str().to_lowercase()] = operation(&route, path, &mut schemas);
     }
+    let tags = Tag::ALL.iter().filter(|tag| used.contains(tag));
     let tags: Vec<Value> =
-        Tag::ALL.iter().map(|tag| json!({ "name": tag.as_str(), "description": tag.about() })).collect();
+        tags.map(|tag| json!({ "name": tag.as_str(), "description": tag.about() })).collect();
     json!({
         "openapi": "3.1.0",
         "info": {
-            "title": "Telltale",
+            "title": about.title,
             "version": VERSION,
             "x-telltale-version": env!("CARGO_PKG_VERSION"),
-            "description": ABOUT,
+            "description": about.text,
             "license": { "name": "Apache-2.0", "identifier": "Apache-2.0" },
         },
         "servers": [{ "url": "/" }],
@@ -99,7 +118,7 @@ pub fn document<'a>(routes: impl Iterator<Item = Described<'a>>, secure: bool) -
             "securitySchemes": {
                 "token": {
                     "type": "http", "scheme": "bearer",
-                    "description": "Of `telltale user token NAME`, for a developer or an authority.",
+                    "description": about.token,
                 },
                 "session": {
                     "type": "apiKey", "in": "cookie", "name": cookie_name(secure),
@@ -119,12 +138,11 @@ fn generator() -> SchemaGenerator {
 
 fn operation(route: &Described<'_>, path: &str, schemas: &mut SchemaGenerator) -> Value {
     let &Described { access, operation: it, .. } = route;
-    let mut parameters: Vec<Value> = it.id_in_path.map(|(about, example)| {
-        json!({ "name": "id", "in": "path", "required": true, "description": about, "schema": { "type": "string" },
+    let in_path = it.in_path.iter().map(|(name, about, example)| {
+        json!({ "name": name, "in": "path", "required": true, "description": about, "schema": { "type": "string" },
                 "example": example })
-    })
-    .into_iter()
-    .collect();
+    });
+    let mut parameters: Vec<Value> = in_path.collect();
     parameters.extend(it.query.into_iter().flat_map(query));
     let mut value = json!({
         "operationId": it.id,
@@ -239,6 +257,7 @@ fn answers(route: &Described<'_>, schemas: &mut SchemaGenerator) -> Value {
             content["text/csv"] = json!({ "schema": { "type": "string" } });
             ("200", "The rows.", content)
         }
+        Content::Begun => ("202", "It was asked for.", json!({ "application/json": {} })),
         Content::Text => ("200", "It does.", json!({ "text/plain": { "schema": { "type": "string" } } })),
         Content::Mcap => {
             ("200", "The file, or the range that is asked for.", json!({ "application/octet-stream": {} }))
@@ -303,7 +322,9 @@ fn curl(route: &Described<'_>, path: &str) -> String {
     if let Content::Mcap = it.answer {
         words.push("-O".to_owned());
     }
-    let path = path.replace("{id}", it.id_in_path.map_or("", |(_, example)| example));
+    let fill =
+        |path: String, (name, _, example): &(&str, &str, &str)| path.replace(&format!("{{{name}}}"), example);
+    let path = it.in_path.iter().fold(path.to_owned(), fill);
     let query = if is_get { it.example } else { "" };
     words.push(format!("\"$URL{path}{query}\""));
     words.join(" ")

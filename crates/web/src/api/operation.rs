@@ -16,8 +16,8 @@ pub struct Operation {
     pub about: &'static str,
     /// The path, if the route's own takes the rest of an address.
     pub path: Option<&'static str>,
-    /// The part of the path in braces: what it is, and one for the example.
-    pub id_in_path: Option<(&'static str, &'static str)>,
+    /// The parts of the path in braces: the name of each, what it is, and one for the example.
+    pub in_path: &'static [(&'static str, &'static str, &'static str)],
     pub query: Option<SchemaOf>,
     pub form: Option<SchemaOf>,
     pub answer: Content,
@@ -38,6 +38,8 @@ pub enum Content {
     /// JSON, or CSV.
     Table(SchemaOf),
     Text,
+    /// Something began that takes a while.
+    Begun,
     /// A recording.
     Mcap,
     /// Messages over a WebSocket.
@@ -81,7 +83,7 @@ impl Operation {
         summary: "",
         about: "",
         path: None,
-        id_in_path: None,
+        in_path: &[],
         query: None,
         form: None,
         answer: Content::Json(nothing),

@@ -25,7 +25,7 @@ pub use differences::differences;
 use missing::Missing;
 pub use moment::moment;
 use opening::Opening;
-pub use page::{control, get, state};
+pub use page::{asked_ms, control, get, state};
 use player::{Controls, PlayState};
 pub use screen::{first as first_screen, get as screen, is_page};
 pub use subject::{ServedFile, Subject};

@@ -200,7 +200,7 @@ fn is_screen(address: &str) -> bool {
 }
 
 /// The moment that an address asks for, in milliseconds since 1970; `None` if it asks for none.
-pub(super) fn asked_ms(at: Option<&str>) -> Result<Option<i64>, HttpError> {
+pub fn asked_ms(at: Option<&str>) -> Result<Option<i64>, HttpError> {
     let Some(text) = at else { return Ok(None) };
     let utc = || humantime::parse_rfc3339_weak(text).ok().map(telltale_clock::unix_ms);
     text.parse().ok().or_else(utc).map(Some).ok_or(HttpError::BadMoment)

@@ -30,6 +30,10 @@ pub fn stage(_: &mut SchemaGenerator) -> Schema {
     of(Stage::ALL.map(Stage::as_str))
 }
 
+pub fn some_stage(_: &mut SchemaGenerator) -> Schema {
+    of_some(Stage::ALL.map(Stage::as_str))
+}
+
 pub fn moving(_: &mut SchemaGenerator) -> Schema {
     of(Moving::ALL.map(Moving::as_str))
 }

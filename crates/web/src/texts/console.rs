@@ -46,6 +46,10 @@ texts! {
         no_components: "The hub has no states of this vehicle.", "Die Zentrale hat keine Zustände dieses Fahrzeugs.";
         not_whole: "Messages are missing, so some states below may be older. The next full picture comes within ten minutes.", "Es fehlen Nachrichten, daher können einige Zustände unten älter sein. Das nächste vollständige Bild kommt binnen zehn Minuten.";
 
+        no_keyframe: "The hub has no full picture of this vehicle from this time before the moment. Choose a longer time at the log, or another moment.", "Die Zentrale hat aus dieser Zeit vor dem Augenblick kein vollständiges Bild dieses Fahrzeugs. Beim Verlauf einen längeren Zeitraum wählen oder einen anderen Augenblick.";
+        not_proven: "Messages about this moment are missing. These states were told before it, and may have been others by then.", "Zu diesem Augenblick fehlen Nachrichten. Diese Zustände wurden davor gemeldet und können inzwischen andere gewesen sein.";
+        until_moment: "until this moment", "bis zu diesem Augenblick";
+
         incidents: "Incidents", "Vorfälle";
         no_incidents: "The vehicle told of none.", "Das Fahrzeug hat keine gemeldet.";
         lasts: "lasts", "dauert an";
@@ -106,6 +110,8 @@ texts! {
     text recording_comes(percent: u64; of: &str) { "{percent} % of {of} are here.", "{percent} % von {of} sind hier." }
 
     text ago(age: &str) { "{age} ago", "vor {age}" }
+
+    text before_that(age: &str) { "{age} before", "{age} davor" }
 
     text clock_ahead(seconds: u64) { "its clock is {seconds} s ahead", "seine Uhr geht {seconds} s vor" }
 

@@ -104,7 +104,7 @@ errors! {
         "Write a moment in the address as milliseconds since 1970, at=1795621444500, or in UTC, at=2026-11-25T15:44:04.5Z.", "Ein Zeitpunkt steht in der Adresse in Millisekunden seit 1970, at=1795621444500, oder in UTC, at=2026-11-25T15:44:04.5Z.";
     /// A moment that is still to come, and no recording to say so.
     Future, NOT_FOUND: "Still to come", "Noch nicht";
-        "This moment is later than now, so nothing can show it.", "Dieser Zeitpunkt liegt in der Zukunft: Nichts kann ihn zeigen.";
+        "This moment is later than now, so nothing can show it. Choose an earlier one.", "Dieser Zeitpunkt liegt in der Zukunft: Nichts kann ihn zeigen. Einen früheren wählen.";
     /// A long recording is being read for its replay.
     Opening, SERVICE_UNAVAILABLE: "Opening the recording", "Die Aufzeichnung wird geöffnet";
         "It is read from its beginning to its end. This page goes on by itself.", "Sie wird vom Anfang bis zum Ende gelesen. Diese Seite geht von selbst weiter.";

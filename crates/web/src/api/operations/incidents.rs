@@ -6,10 +6,10 @@ use crate::api::operation::{Content, Operation, Tag};
 use crate::incidents::{KeepForm, Listed, MarkForm, Marked, NoteForm, Whole};
 use crate::schema::of;
 
-const ID: (&str, &str) = ("The number of an incident.", "1");
+const ID: (&str, &str, &str) = ("id", "The number of an incident.", "1");
 const NO_INCIDENT: (u16, &str) = (404, "There is no incident with this number.");
 
-const INCIDENT_ONE: Operation = Operation { tag: Tag::Incidents, id_in_path: Some(ID), ..Operation::PLAIN };
+const INCIDENT_ONE: Operation = Operation { tag: Tag::Incidents, in_path: &[ID], ..Operation::PLAIN };
 
 pub const INCIDENTS: Operation = Operation {
     id: "incidents",

@@ -100,7 +100,7 @@ pub const ACKNOWLEDGE: Operation = Operation {
     summary: "Acknowledge an alarm or a warning",
     about: "An alarm by its number, a WARNING by the name of its node, with the slashes in it.",
     path: Some("/alarms/{id}/acknowledge"),
-    id_in_path: Some(("The number of an alarm, or the name of a node.", "1")),
+    in_path: &[("id", "The number of an alarm, or the name of a node.", "1")],
     ..ACTION
 };
 
@@ -118,7 +118,7 @@ pub const RESET: Operation = Operation {
     summary: "Reset a module that is held",
     about: "The name of the module has slashes in it.",
     path: Some("/modules/{id}/reset"),
-    id_in_path: Some(("The name of a module.", "sensors/velodyne_packet_alive")),
+    in_path: &[("id", "The name of a module.", "sensors/velodyne_packet_alive")],
     ..ACTION
 };
 
