@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
 
-use crate::web;
+use crate::{console, web};
 
 /// Print the description of the interface for programs
 ///
@@ -27,6 +27,8 @@ enum What {
     Snapshot,
     /// The JSON Schema of the messages of `/api/v1/stream`
     Stream,
+    /// The OpenAPI document of the console of a fleet
+    Console,
 }
 
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
@@ -34,6 +36,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         What::Openapi => web::openapi(true),
         What::Snapshot => web::snapshot_schema(),
         What::Stream => web::stream_schema(),
+        What::Console => console::http::openapi(true),
     };
     super::print::text(&(serde_json::to_string_pretty(&document)? + "\n"));
     Ok(ExitCode::SUCCESS)

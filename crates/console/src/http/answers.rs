@@ -6,7 +6,7 @@ use std::time::Duration;
 use axum::extract::{Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
-use schemars::JsonSchema;
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 use telltale_engine::model::Stage;
@@ -31,11 +31,12 @@ const AROUND_MS: i64 = 24 * 3_600_000;
 /// For the answer of the store.
 const READY_WITHIN: Duration = Duration::from_millis(1500);
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VehiclesAsked {
     /// Words that all of them have.
     #[serde(default)]
+    #[schemars(with = "String")]
     q: Search,
     format: Option<Format>,
 }
@@ -250,12 +251,18 @@ fn alarms(picture: &Picture) -> Vec<OpenAlarm> {
     picture.alarms.values().map(alarm).collect()
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct IncidentsAsked {
+    /// What the groups have in common: `cause` without it.
     #[serde(default, deserialize_with = "group")]
+    #[schemars(schema_with = "group_words")]
     group: Option<GroupBy>,
     format: Option<Format>,
+}
+
+fn group_words(_: &mut SchemaGenerator) -> Schema {
+    words::of(GroupBy::ALL.map(GroupBy::as_str))
 }
 
 fn group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<GroupBy>, D::Error> {

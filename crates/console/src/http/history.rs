@@ -3,12 +3,14 @@
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::Response;
-use serde::Deserialize;
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
 use telltale_clock::unix_ms;
 use telltale_engine::time::Span;
 use telltale_fleet::message::VehicleId;
 use telltale_web::common::{Asked, Moment, SignedIn, json_answer};
+use telltale_web::describe::words;
 use telltale_web::texts::HttpError;
 
 use super::Console;
@@ -23,11 +25,32 @@ const READ_WITHIN: Span = Span::from_secs(8);
 /// Without a time to begin with: so far back.
 const UNASKED_MS: i64 = 3_600_000;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HistoryAsked {
+    /// Only what was told at this time or later.
     from: Option<Moment>,
+    /// Only what was told at this time or earlier.
     to: Option<Moment>,
+}
+
+/// What a vehicle told.
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleHistory")]
+pub struct HistoryAnswer {
+    vehicle: String,
+    #[schemars(schema_with = "words::time")]
+    from: String,
+    /// Each has `epoch`, `n`, `at`, `kind`, and what its kind has; kinds that you do not know are to be passed over.
+    messages: Vec<Map<String, Value>>,
+    /// What is missing in between: `epoch`, the first number `n`, the last one `to`, and `why`, if the vehicle says it.
+    unknown: Vec<Map<String, Value>>,
+    /// Messages that were told again with other content.
+    contradictions: usize,
+    /// Batches that cannot be read.
+    refused: usize,
+    /// Nothing is left out. If not, ask again from the time of the last message.
+    whole: bool,
 }
 
 /// `GET /api/v1/vehicles/ID/history?from&to`: messages in their order, by the vehicle's clock.
@@ -46,15 +69,20 @@ pub async fn get(
     let (mut messages, mut missing) = (Vec::new(), Vec::new());
     for part in &told.parts {
         match part {
-            Part::Message(message) => messages.push(history::message(message)),
-            Part::Missing(it) => missing.push(history::missing(it)),
+            Part::Message(message) => messages.extend(history::message(message).as_object().cloned()),
+            Part::Missing(it) => missing.extend(history::missing(it).as_object().cloned()),
         }
     }
-    let answer = json!({
-        "vehicle": id.as_str(), "from": time(from), "messages": messages, "unknown": missing,
-        "contradictions": known.contradictions, "refused": known.refused, "whole": told.is_whole,
-    });
-    Ok(json_answer(StatusCode::OK, &answer))
+    let answer = HistoryAnswer {
+        vehicle: id.to_string(),
+        from: time(from),
+        messages,
+        unknown: missing,
+        contradictions: known.contradictions,
+        refused: known.refused,
+        whole: told.is_whole,
+    };
+    Ok(json_answer(StatusCode::OK, &json!(answer)))
 }
 
 /// A keyframe is at most so old, as a rule.

@@ -7,6 +7,7 @@ mod guard;
 mod history;
 mod log;
 mod login;
+mod operations;
 mod page;
 mod recordings;
 mod row;
@@ -20,17 +21,21 @@ use std::sync::{Arc, Mutex};
 use axum::extract::DefaultBodyLimit;
 use axum::http::StatusCode;
 use axum::middleware::{from_fn, from_fn_with_state};
-use axum::routing::{get, post};
+use axum::routing::{MethodRouter, get, post};
 use axum::{Extension, Router};
 use telltale_clock::Clock;
 use telltale_store::Store;
 use telltale_web::common::{
     Home, Throttle, asset, healthz, in_words, not_found, secure_headers, wrong_method,
 };
+use telltale_web::describe::Description;
 use telltale_web::{BODY_BYTES_MAX, Origins};
 use tokio::sync::Semaphore;
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::timeout::TimeoutLayer;
+
+use operations as op;
+pub use operations::document as openapi;
 
 use crate::follow::Shared;
 
@@ -73,26 +78,54 @@ impl Console {
     }
 }
 
+/// One row of the table of routes.
+struct Route {
+    path: &'static str,
+    answer: MethodRouter<Console>,
+    /// For programs; `None` for pages.
+    told: Option<op::Told>,
+}
+
+impl Route {
+    fn told(self, told: op::Told) -> Route {
+        Route { told: Some(told), ..self }
+    }
+}
+
+fn on(path: &'static str, answer: MethodRouter<Console>) -> Route {
+    Route { path, answer, told: None }
+}
+
+/// All routes.
+fn routes() -> Vec<Route> {
+    vec![
+        on("/", get(page::get)),
+        on("/overview", get(page::overview)),
+        on("/vehicles/{id}", get(vehicle::page)),
+        on("/vehicles/{id}/state", get(vehicle::state)),
+        on("/vehicles/{id}/log", get(log::log)),
+        on("/vehicles/{id}/incidents/{number}/fetch", post(recordings::fetch)).told(op::FETCH),
+        on("/vehicles/{id}/incidents/{number}/recording", get(recordings::download)).told(op::RECORDING),
+        on("/login", get(login::page).post(login::login)),
+        on("/logout", post(login::logout)),
+        on("/api/v1/vehicles", get(answers::vehicles)).told(op::VEHICLES),
+        on("/api/v1/vehicles/{id}/snapshot", get(answers::snapshot)).told(op::SNAPSHOT),
+        on("/api/v1/vehicles/{id}/history", get(history::get)).told(op::HISTORY),
+        on("/api/v1/incidents", get(answers::incidents)).told(op::INCIDENTS),
+        on("/api/v1/openapi.json", get(op::openapi)).told(op::DOCUMENT),
+        on("/healthz", get(healthz)).told(op::HEALTHZ),
+        on("/readyz", get(answers::readyz)).told(op::READYZ),
+        on("/static/{*path}", get(asset)),
+    ]
+}
+
 /// The service of all routes.
 pub fn router(console: Console) -> Router {
     let secure = console.secure;
-    Router::new()
-        .route("/", get(page::get))
-        .route("/overview", get(page::overview))
-        .route("/vehicles/{id}", get(vehicle::page))
-        .route("/vehicles/{id}/state", get(vehicle::state))
-        .route("/vehicles/{id}/log", get(log::log))
-        .route("/vehicles/{id}/incidents/{number}/fetch", post(recordings::fetch))
-        .route("/vehicles/{id}/incidents/{number}/recording", get(recordings::download))
-        .route("/login", get(login::page).post(login::login))
-        .route("/logout", post(login::logout))
-        .route("/api/v1/vehicles", get(answers::vehicles))
-        .route("/api/v1/vehicles/{id}/snapshot", get(answers::snapshot))
-        .route("/api/v1/vehicles/{id}/history", get(history::get))
-        .route("/api/v1/incidents", get(answers::incidents))
-        .route("/healthz", get(healthz))
-        .route("/readyz", get(answers::readyz))
-        .route("/static/{*path}", get(asset))
+    let with = |router: Router<Console>, route: Route| router.route(route.path, route.answer);
+    routes()
+        .into_iter()
+        .fold(Router::new(), with)
         .method_not_allowed_fallback(wrong_method)
         .fallback(not_found)
         .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
@@ -101,6 +134,7 @@ pub fn router(console: Console) -> Router {
         .layer(TimeoutLayer::with_status_code(StatusCode::REQUEST_TIMEOUT, REQUEST_TIMEOUT))
         .layer(from_fn(in_words))
         .layer(Extension(Home::Fleet))
+        .layer(Extension(Description::of(op::document(secure))))
         .layer(from_fn_with_state(secure, secure_headers))
         .with_state(console)
 }

@@ -1,5 +1,9 @@
 //! Routes and methods: none acts, and each asks for a session where it shows something.
 
+#[path = "../../../../tests/it/schemas.rs"]
+#[allow(dead_code, reason = "the tests of a vehicle's interface use the rest")]
+mod schemas;
+
 use std::path::Path;
 
 use axum::Router;
@@ -22,6 +26,7 @@ use tower::ServiceExt as _;
 use super::{Console, router};
 use crate::follow::Shared;
 use crate::state::{Arrived, Fleet};
+use schemas::Strict;
 
 const SECRET: &str = "three words apart";
 const HOSTILE: &str = "<img src=x onerror=alert(1)>";
@@ -114,7 +119,7 @@ async fn json(router: &Router, path: &str, cookie: &str) -> Value {
     serde_json::from_slice(&to_bytes(answer.into_body(), 1 << 20).await.unwrap()).unwrap()
 }
 
-const READ: [&str; 15] = [
+const READ: [&str; 16] = [
     "/",
     "/overview",
     "/overview?q=a",
@@ -128,6 +133,7 @@ const READ: [&str; 15] = [
     "/api/v1/vehicles/a/snapshot",
     "/api/v1/vehicles/a/snapshot?at=2026-05-28T20:26:40Z",
     "/api/v1/vehicles/a/history",
+    "/api/v1/openapi.json",
     "/api/v1/incidents",
     "/api/v1/incidents?group=version",
 ];
@@ -483,4 +489,45 @@ async fn an_engineer_asks_for_a_recording_and_no_other_role_does() {
     let asked: Vec<_> = said.iter().filter(|it| it.action == "recording asked for").collect();
     assert_eq!(asked.iter().filter(|it| it.was_refused()).count(), 2);
     assert!(asked.iter().all(|it| it.target == "a/7") && asked.len() == 4, "{asked:?}");
+}
+
+#[tokio::test]
+async fn each_route_for_programs_is_described_and_answers_as_that() {
+    let (router, shared, _store) = console().await;
+    tell_of_incident(&shared, 7, Some("ab".repeat(32)));
+    let session = cookie(&router, "engineer").await;
+    let document = json(&router, "/api/v1/openapi.json", &session).await;
+    let mut ids = std::collections::HashSet::new();
+    for route in super::routes() {
+        let Some((method, _, operation)) = route.told else {
+            assert!(!route.path.starts_with("/api/"), "{} is not described", route.path);
+            continue;
+        };
+        let told = &document["paths"][route.path][method.as_str().to_lowercase()];
+        assert_eq!(told["operationId"], operation.id, "{}", route.path);
+        assert!(ids.insert(operation.id) && !operation.summary.is_empty(), "{}", operation.id);
+        assert_eq!(route.path.matches('{').count(), operation.in_path.len(), "{}", route.path);
+        let path = route.path.replace("{id}", "a").replace("{number}", "7");
+        let answer = ask(&router, method, &path, &session, "").await;
+        let status = answer.status().as_str().to_owned();
+        let described = &told["responses"][&status];
+        assert!(described.is_object(), "{path}: {status} is not described");
+        let media = answer.headers()[header::CONTENT_TYPE].to_str().unwrap().to_owned();
+        let body = to_bytes(answer.into_body(), 1 << 20).await.unwrap();
+        if status == "200" && media == "application/json" {
+            let pointer = format!(
+                "/paths/{}/get/responses/200/content/application~1json/schema",
+                route.path.replace('/', "~1")
+            );
+            let value = serde_json::from_slice(&body).unwrap();
+            assert_eq!(Strict::at(&document, &pointer).fault(&value), None, "{path}");
+        }
+        if let Some((_, query)) = told["x-curl"].as_str().unwrap().trim_end_matches('"').split_once('?') {
+            let answer = ask(&router, Method::GET, &format!("{path}?{query}"), &session, "").await;
+            assert!(matches!(answer.status().as_u16(), 200 | 503), "{path}?{query}: {}", answer.status());
+        }
+    }
+    let described = document["paths"].as_object().unwrap().values();
+    assert_eq!(described.map(|it| it.as_object().unwrap().len()).sum::<usize>(), ids.len());
+    assert_eq!(document["paths"]["/api/v1/incidents"]["get"]["x-roles"][0], "control_room");
 }

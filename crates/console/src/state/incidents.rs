@@ -2,8 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use schemars::JsonSchema;
 use serde::Serialize;
 use telltale_fleet::message::{Incident, VehicleId, possible_ms};
+use telltale_web::describe::words;
 use telltale_web::texts::{ID, VALUE, clean};
 
 use super::time;
@@ -25,11 +27,15 @@ telltale_engine::words! {
 }
 
 /// An incident of a vehicle, for programs.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+#[schemars(rename = "Incident")]
 pub struct IncidentRow {
     pub vehicle: String,
     pub number: u64,
+    #[schemars(schema_with = "words::time")]
     pub since: String,
+    /// Nothing while it lasts.
+    #[schemars(schema_with = "words::some_time")]
     pub until: Option<String>,
     pub stage: String,
     pub causes: Vec<String>,
@@ -41,14 +47,18 @@ pub struct IncidentRow {
 }
 
 /// Incidents with something in common.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "IncidentGroup")]
 pub struct Group {
     /// The common cause, version or hash of the configuration.
     pub group: String,
     pub count: usize,
     pub vehicles: BTreeSet<String>,
     pub versions: BTreeSet<String>,
+    /// When the first and the last of them began.
+    #[schemars(schema_with = "words::time")]
     pub first: String,
+    #[schemars(schema_with = "words::time")]
     pub last: String,
     /// The newest of them.
     pub incidents: Vec<IncidentRow>,

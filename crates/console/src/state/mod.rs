@@ -14,6 +14,7 @@ pub mod vehicle;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, UNIX_EPOCH};
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Serialize;
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
@@ -22,6 +23,7 @@ use telltale_fleet::hub::VEHICLES_MAX;
 use telltale_fleet::message::{Batch, Cause, Content, Malformed, Pieces, VehicleId};
 use telltale_fleet::reading::Stream;
 use telltale_store::Head;
+use telltale_web::describe::words;
 
 use contact::{Contact, Counts, Judged, Line, Urgency};
 use incidents::IncidentRow;
@@ -75,14 +77,19 @@ pub struct Arrived {
 }
 
 /// A vehicle in one line, for programs and the page.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+#[schemars(rename = "Vehicle")]
 pub struct Row {
     pub id: String,
     pub name: String,
+    #[schemars(schema_with = "words::state")]
     pub state: State,
+    #[schemars(schema_with = "cause")]
     pub cause: Option<Cause>,
     /// Since when it shows this state, by the hub's clock.
+    #[schemars(schema_with = "words::some_time")]
     pub since: Option<String>,
+    #[schemars(schema_with = "words::some_stage")]
     pub stage: Option<Stage>,
     pub contact: Contact,
     pub age_s: Option<f64>,
@@ -103,6 +110,13 @@ pub struct Row {
     pub urgency: Urgency,
     #[serde(skip)]
     pub since_ms: Option<i64>,
+}
+
+fn cause(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({
+        "type": ["object", "null"], "required": ["node", "words"],
+        "properties": { "node": { "type": "string" }, "words": { "type": "string" } },
+    })
 }
 
 impl Fleet {

@@ -1,5 +1,9 @@
 //! A vehicle as it was: its page and its snapshot of a moment of the log at a real hub.
 
+#[path = "../../../../tests/it/schemas.rs"]
+#[allow(dead_code, reason = "the tests of a vehicle's interface use the rest")]
+mod schemas;
+
 use axum::body::to_bytes;
 use axum::http::{Method, StatusCode};
 use telltale_clock::unix_ms;
@@ -9,6 +13,8 @@ use telltale_engine::state::State;
 use telltale_fleet::delivery::Answer;
 use telltale_fleet::line::Line;
 use telltale_fleet::message::{Alarm, Batch, Epoch, Gap, GapReason, Keyframe, Message, Node};
+
+use schemas::Strict;
 
 use super::*;
 
@@ -99,6 +105,19 @@ async fn a_vehicle_is_shown_as_it_was_and_what_is_missing_is_not_known() {
     assert_eq!(snapshot(650).await, ["lost", "unknown", "active"], "no keyframe came after what is missing");
     assert_eq!(snapshot(750).await, ["live", "ok", "active"]);
     assert_eq!(snapshot(1300).await, ["off", "ok", "active"]);
+
+    let document = console.get("/api/v1/openapi.json").await.1;
+    for (what, query) in
+        [("history", "?from=2020-01-01T00:00:00Z"), ("snapshot", &format!("?at={}", then(350)))]
+    {
+        let path = format!("~1api~1v1~1vehicles~1{{id}}~1{what}");
+        let schema = Strict::at(
+            &document,
+            &format!("/paths/{path}/get/responses/200/content/application~1json/schema"),
+        );
+        let (_, answer) = console.get(&format!("/api/v1/vehicles/a/{what}{query}")).await;
+        assert_eq!(schema.fault(&answer), None, "{what}");
+    }
 
     let page = async |at_s: i64| {
         let (status, page) = console.html(&format!("/vehicles/a?at={}", then(at_s))).await;

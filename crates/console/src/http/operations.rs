@@ -1,0 +1,199 @@
+//! The routes of the console for programs, in words and types, and the OpenAPI document that is made of them.
+
+use axum::http::HeaderMap;
+use axum::response::Response;
+use axum::{Extension, http::Method};
+use serde_json::Value;
+use telltale_store::Role;
+use telltale_web::Access;
+use telltale_web::common::SignedIn;
+use telltale_web::describe::{self, About, Content, Described, Description, OPENAPI, Operation, Tag, of};
+
+use super::answers::{IncidentsAsked, SnapshotAnswer, SnapshotAsked, VehiclesAsked};
+use super::history::{HistoryAnswer, HistoryAsked};
+use super::routes;
+use crate::state::Row;
+use crate::state::incidents::Group;
+
+const ABOUT: About = About {
+    title: "Telltale, the console of a fleet",
+    text: "The interface of a fleet's console for programs. Programs send `Authorization: Bearer TOKEN`, with a token from \
+        `telltale user token NAME`. Nothing here acts on a vehicle. Errors are `{\"error\": \"...\"}`.\n\nThe version of the \
+        interface is the `1` in its paths. Within it routes, parameters, keys and words may be added, and none is removed or \
+        changes its meaning: take no notice of what you do not know.",
+    token: "Of `telltale user token NAME`.",
+};
+
+/// Everybody who may use a console.
+const EACH: Access = Access::Roles(&Role::OF_CONSOLE);
+
+/// A route that is described: its method, who may use it, and its words.
+pub type Told = (Method, Access, &'static Operation);
+
+const VEHICLE: (&str, &str, &str) = ("id", "The name of a vehicle on the hub.", "shuttle-03");
+const NUMBER: (&str, &str, &str) = ("number", "The number of an incident of this vehicle.", "7");
+const BAD_QUERY: (u16, &str) =
+    (400, "A parameter is unknown or has a wrong value; the answer says what to write.");
+const NO_VEHICLE: (u16, &str) = (404, "No such vehicle was heard.");
+const TOO_SLOW: (u16, &str) = (408, "The hub does not give out the log in time. Ask for a shorter time.");
+const NO_HUB: (u16, &str) = (503, "The hub does not answer, and the log lies there. Try again.");
+
+const OF_VEHICLE: Operation = Operation { in_path: &[VEHICLE], ..Operation::PLAIN };
+const OF_INCIDENT: Operation =
+    Operation { tag: Tag::Incidents, in_path: &[VEHICLE, NUMBER], ..Operation::PLAIN };
+
+pub const VEHICLES: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "vehicles",
+        tag: Tag::Tables,
+        summary: "All vehicles",
+        about: "Each in one line, the one that needs somebody most first.",
+        query: Some(of::<VehiclesAsked>),
+        answer: Content::Table(of::<Vec<Row>>),
+        refusals: &[BAD_QUERY],
+        example: "?q=lidar&format=csv",
+        ..Operation::PLAIN
+    },
+);
+
+pub const SNAPSHOT: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "snapshot",
+        summary: "What all nodes of a vehicle show",
+        about: "From its last keyframe and what changed since; `at` asks for a moment of its log.",
+        query: Some(of::<SnapshotAsked>),
+        answer: Content::Json(of::<SnapshotAnswer>),
+        refusals: &[
+            BAD_QUERY,
+            (404, "No such vehicle was heard, or the moment is still to come."),
+            TOO_SLOW,
+            NO_HUB,
+        ],
+        example: "?at=2026-11-20T12:00:00Z",
+        ..OF_VEHICLE
+    },
+);
+
+pub const HISTORY: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "history",
+        tag: Tag::Tables,
+        summary: "What a vehicle told between two instants",
+        about: "By its own clock; without an instant of the last hour. `unknown` lists what is missing in between.",
+        query: Some(of::<HistoryAsked>),
+        answer: Content::Json(of::<HistoryAnswer>),
+        refusals: &[BAD_QUERY, NO_VEHICLE, TOO_SLOW, NO_HUB],
+        example: "?from=2026-11-20T12:00:00Z",
+        ..OF_VEHICLE
+    },
+);
+
+pub const INCIDENTS: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "incidents",
+        tag: Tag::Incidents,
+        summary: "The incidents of all vehicles in groups",
+        about: "The largest group first.",
+        query: Some(of::<IncidentsAsked>),
+        answer: Content::Table(of::<Vec<Group>>),
+        refusals: &[BAD_QUERY],
+        example: "?group=version",
+        ..Operation::PLAIN
+    },
+);
+
+pub const FETCH: Told = (
+    Method::POST,
+    Access::Roles(&[Role::Engineer]),
+    &Operation {
+        id: "fetch",
+        summary: "Ask a vehicle for the recording of an incident",
+        about: "The console asks until the vehicle answers. It is no order: the vehicle's configuration decides.",
+        answer: Content::Begun,
+        refusals: &[
+            (404, "The vehicle told of no such incident."),
+            (409, "It is still recorded."),
+            (429, "Too many recordings are awaited."),
+            (503, "The audit log takes no record, so nothing was asked for."),
+        ],
+        ..OF_INCIDENT
+    },
+);
+
+pub const RECORDING: Told = (
+    Method::GET,
+    Access::Roles(&[Role::Engineer, Role::Authority]),
+    &Operation {
+        id: "recording",
+        summary: "The recording of an incident",
+        about: "An MCAP file; ranges of it too.",
+        answer: Content::Mcap,
+        refusals: &[(404, "It is not here."), (503, "The audit log takes no record, so nothing is sent.")],
+        ..OF_INCIDENT
+    },
+);
+
+pub const DOCUMENT: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "openapi",
+        tag: Tag::Description,
+        summary: "This document",
+        about: "It says nothing about the vehicles.",
+        answer: Content::Description(OPENAPI),
+        ..Operation::PLAIN
+    },
+);
+
+pub const HEALTHZ: Told = (
+    Method::GET,
+    Access::Open,
+    &Operation {
+        id: "healthz",
+        tag: Tag::Session,
+        summary: "Whether the console runs",
+        answer: Content::Text,
+        ..Operation::PLAIN
+    },
+);
+
+pub const READYZ: Told = (
+    Method::GET,
+    Access::Open,
+    &Operation {
+        id: "readyz",
+        tag: Tag::Session,
+        summary: "Whether the console works",
+        about: "Also while the hub is away.",
+        answer: Content::Text,
+        refusals: &[(503, "Its store does not answer.")],
+        ..Operation::PLAIN
+    },
+);
+
+/// The OpenAPI document of all routes that are for programs.
+pub fn document(secure: bool) -> Value {
+    let routes = routes();
+    let all = routes.iter().flat_map(|route| route.told.iter().map(move |told| (route.path, told)));
+    let all = all.map(|(path, (method, access, operation))| Described {
+        method: method.clone(),
+        path,
+        access: *access,
+        operation,
+    });
+    describe::document(&ABOUT, all, secure)
+}
+
+/// `GET /api/v1/openapi.json`
+pub async fn openapi(_: SignedIn, description: Extension<Description>, headers: HeaderMap) -> Response {
+    describe::openapi(description, headers).await
+}
