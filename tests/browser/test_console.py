@@ -119,6 +119,7 @@ def test_a_wrong_password_is_said(demo, page, trouble):
 
 def test_no_route_acts(demo, client):
     paths = ["/", "/overview", f"/vehicles/{IN_FAULT}", f"/vehicles/{IN_FAULT}/state", f"/vehicles/{IN_FAULT}/log", "/api/v1/vehicles", f"/api/v1/vehicles/{IN_FAULT}/snapshot", f"/api/v1/vehicles/{IN_FAULT}/history"]
+    paths += [f"/api/v1/vehicles/{IN_FAULT}/log", f"/api/v1/vehicles/{IN_FAULT}/incidents", "/api/v1/groups", "/api/v1/openapi.json"]
     paths += ["/api/v1/incidents", "/healthz", "/readyz"]
     expected = [(method, path, 405) for path in paths for method in ("POST", "PUT", "PATCH", "DELETE")]
     expected += [(method, "/vehicle/stop", 404) for method in ("GET", "POST", "PUT")]

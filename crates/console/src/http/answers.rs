@@ -11,16 +11,17 @@ use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 use telltale_engine::model::Stage;
 use telltale_engine::state::State as Shows;
-use telltale_fleet::message::{Alarm, VehicleId};
+use telltale_fleet::message::{Alarm, Incident, VehicleId};
 use telltale_web::common::{Asked, Format, Moment, SignedIn, Table, json_answer};
 use telltale_web::describe::words;
-use telltale_web::texts::HttpError;
+use telltale_web::texts::{HttpError, Lang};
 use tokio::time::timeout;
 
 use super::Console;
 use super::history::past;
+use super::recordings::told;
 use crate::state::contact::Contact;
-use crate::state::incidents::{GroupBy, grouped};
+use crate::state::incidents::{GroupBy, IncidentRow, grouped, row as incident_row};
 use crate::state::picture::{Picture, Shown};
 use crate::state::search::Search;
 use crate::state::{Row, time};
@@ -37,8 +38,8 @@ pub struct VehiclesAsked {
     /// Words that all of them have.
     #[serde(default)]
     #[schemars(with = "String")]
-    q: Search,
-    format: Option<Format>,
+    pub q: Search,
+    pub format: Option<Format>,
 }
 
 /// `GET /api/v1/vehicles?q&format`: all vehicles, the worst first.
@@ -284,6 +285,61 @@ pub async fn incidents(
     let columns = &["group", "count", "vehicles", "versions", "first", "last"];
     let table = Table { name: "incidents", columns, rows: &groups, next: None };
     table.answer(Format::of(asked.format, &headers), &groups)
+}
+
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TableAsked {
+    format: Option<Format>,
+}
+
+/// An incident of one vehicle.
+#[derive(Debug, Serialize, JsonSchema)]
+#[schemars(rename = "VehicleIncident")]
+pub struct OwnIncident {
+    #[serde(flatten)]
+    incident: IncidentRow,
+    /// Of its recording, if that is finished.
+    bytes: u64,
+    sha256: Option<String>,
+    /// How its recording came so far: `none`, `asked`, `coming`, `here`, `refused`, `bad` or `gone`.
+    recording: &'static str,
+}
+
+/// `GET /api/v1/vehicles/ID/incidents?format`: the incidents of one vehicle, the newest first.
+pub async fn incidents_of(
+    State(console): State<Console>,
+    _: SignedIn,
+    Path(id): Path<String>,
+    Asked(asked): Asked<TableAsked>,
+    headers: HeaderMap,
+) -> Result<Response, HttpError> {
+    let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
+    let fleet = console.shared.fleet();
+    let vehicle = fleet.vehicle(&id).ok_or(HttpError::NotFound)?;
+    let own = |(number, it): (&u64, &Incident)| OwnIncident {
+        incident: incident_row(&id, it),
+        bytes: it.bytes,
+        sha256: it.sha256.clone(),
+        recording: told(vehicle.recordings.get(number).map(|it| &it.step), Lang::default()).0,
+    };
+    let rows: Vec<OwnIncident> = vehicle.incidents.iter().rev().map(own).collect();
+    let columns = &[
+        "vehicle",
+        "number",
+        "since",
+        "until",
+        "stage",
+        "causes",
+        "triggers",
+        "version",
+        "config",
+        "bytes",
+        "sha256",
+        "recording",
+    ];
+    let table = Table { name: "incidents", columns, rows: &rows, next: None };
+    Ok(table.answer(Format::of(asked.format, &headers), &rows))
 }
 
 /// `GET /readyz`: the console works, also while the hub is away.

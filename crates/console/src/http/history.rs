@@ -1,7 +1,7 @@
 //! The API of one vehicle's history, and the bounds on histories that are read at a time.
 
 use axum::extract::{Path, State};
-use axum::http::StatusCode;
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use telltale_clock::unix_ms;
 use telltale_engine::time::Span;
 use telltale_fleet::message::VehicleId;
-use telltale_web::common::{Asked, Moment, SignedIn, json_answer};
+use telltale_web::common::{Asked, Format, Moment, SignedIn, Table, json_answer};
 use telltale_web::describe::words;
 use telltale_web::texts::HttpError;
 
@@ -32,7 +32,35 @@ pub struct HistoryAsked {
     from: Option<Moment>,
     /// Only what was told at this time or earlier.
     to: Option<Moment>,
+    pub format: Option<Format>,
 }
+
+impl HistoryAsked {
+    /// From when to when.
+    pub fn span(&self, wall_ms: i64) -> (i64, i64) {
+        let to = self.to.map_or(i64::MAX, |Moment(ms)| ms);
+        (self.from.map_or(wall_ms.min(to).saturating_sub(UNASKED_MS), |Moment(ms)| ms), to)
+    }
+}
+
+/// The columns of a CSV. What is missing is a row without a kind, and the last row is a `cut` if there is more.
+const COLUMNS: [&str; 15] = [
+    "epoch",
+    "n",
+    "at",
+    "kind",
+    "stage",
+    "number",
+    "node",
+    "words",
+    "active",
+    "acknowledged",
+    "incident",
+    "causes",
+    "to",
+    "why",
+    "nodes",
+];
 
 /// What a vehicle told.
 #[derive(Debug, Serialize, JsonSchema)]
@@ -53,19 +81,31 @@ pub struct HistoryAnswer {
     whole: bool,
 }
 
-/// `GET /api/v1/vehicles/ID/history?from&to`: messages in their order, by the vehicle's clock.
+/// `GET /api/v1/vehicles/ID/history?from&to&format`: messages in their order, by the vehicle's clock.
 pub async fn get(
     State(console): State<Console>,
     _: SignedIn,
     Path(id): Path<String>,
     Asked(asked): Asked<HistoryAsked>,
+    headers: HeaderMap,
 ) -> Result<Response, HttpError> {
     let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
-    let wall_ms = unix_ms(console.clock.wall());
-    let to = asked.to.map_or(i64::MAX, |Moment(ms)| ms);
-    let from = asked.from.map_or(wall_ms.min(to).saturating_sub(UNASKED_MS), |Moment(ms)| ms);
+    let (from, to) = asked.span(unix_ms(console.clock.wall()));
     let known = known(&console, &id, from, to).await?;
     let told = known.told(from, to);
+    let format = Format::of(asked.format, &headers);
+    if format == Format::Csv {
+        let row = |part: &Part<'_>| match part {
+            Part::Message(message) => history::message(message),
+            Part::Missing(it) => history::missing(it),
+        };
+        let mut rows: Vec<Value> = told.parts.iter().map(row).collect();
+        if !told.is_whole {
+            rows.push(json!({ "kind": "cut" }));
+        }
+        let table = Table { name: "history", columns: &COLUMNS, rows: &rows, next: None };
+        return Ok(table.answer(format, &rows));
+    }
     let (mut messages, mut missing) = (Vec::new(), Vec::new());
     for part in &told.parts {
         match part {

@@ -4,18 +4,21 @@ use std::collections::BTreeMap;
 
 use askama::Template;
 use axum::extract::{Path, State};
+use axum::http::HeaderMap;
 use axum::response::Response;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use telltale_clock::unix_ms;
 use telltale_engine::model::Stage;
 use telltale_fleet::history::Unknown;
 use telltale_fleet::message::{Alarm, Content, Epoch, GapReason, Message, VehicleId};
-use telltale_web::common::{Asked, Reader, SignedIn};
+use telltale_web::common::{Asked, Format, Reader, SignedIn, Table};
+use telltale_web::describe::words;
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, ID, Lang, MESSAGE, clean};
 
 use super::Console;
-use super::history::known;
+use super::history::{HistoryAsked, known};
 use super::page::rendered;
 use crate::history::{Known, Part};
 use crate::state::time;
@@ -64,6 +67,8 @@ pub struct LogHtml {
     id: String,
     /// Of an address in the past: its moment.
     at: String,
+    /// When it begins.
+    from: String,
     /// The place of the last message in it.
     noted: String,
     reach: &'static str,
@@ -72,12 +77,49 @@ pub struct LogHtml {
     notes: Vec<String>,
 }
 
-struct LineHtml {
+/// A line of the log.
+#[derive(Serialize, JsonSchema)]
+#[schemars(rename = "LogLine")]
+pub struct LineHtml {
+    #[schemars(schema_with = "words::time")]
     at: String,
+    /// `alarm`, `seen`, `over`, `stage`, `goodbye`; `gap` if messages are missing, `cut` if there is more than is read at once.
     kind: &'static str,
+    /// For people, in the language of `Accept-Language`.
     word: &'static str,
     text: String,
     node: String,
+}
+
+/// `GET /api/v1/vehicles/ID/log?from&to&format`: the log as people read it, the oldest line first.
+pub async fn table(
+    State(console): State<Console>,
+    _: SignedIn,
+    Path(id): Path<String>,
+    Asked(asked): Asked<HistoryAsked>,
+    reader: Reader,
+    headers: HeaderMap,
+) -> Result<Response, HttpError> {
+    let id = VehicleId::new(&id).ok_or(HttpError::NotFound)?;
+    let (from, to) = asked.span(unix_ms(console.clock.wall()));
+    let known = known(&console, &id, from, to).await?;
+    let told = lines(&known, from, reader.lang).into_iter().filter(|(at, _)| (from..=to).contains(at));
+    let mut rows: Vec<LineHtml> = told.map(|(_, line)| line).collect();
+    if !known.is_whole {
+        let words = ConsoleWords::of(reader.lang);
+        let last_ms = known.messages().last().map_or(from, |message| message.at);
+        let text = words.log_more.to_owned();
+        rows.push(LineHtml {
+            at: time(last_ms),
+            kind: "cut",
+            word: words.not_known,
+            text,
+            node: String::new(),
+        });
+    }
+    let columns = &["at", "kind", "word", "text", "node"];
+    let table = Table { name: "log", columns, rows: &rows, next: None };
+    Ok(table.answer(Format::of(asked.format, &headers), &rows))
 }
 
 /// `GET /vehicles/ID/log?log=24h`: the part of the page with the log.
@@ -105,7 +147,7 @@ pub async fn log_of(console: &Console, id: &VehicleId, log: Reach, lang: Lang) -
         Err(HttpError::NotFound) => return Err(HttpError::NotFound),
         Err(_) => (Vec::new(), vec![words.log_unread.to_owned()]),
     };
-    Ok(LogHtml { noted, lines, notes, ..LogHtml::of(id, log, lang) })
+    Ok(LogHtml { noted, lines, notes, ..LogHtml::of(id, log, from, lang) })
 }
 
 /// The log up to a moment, and the moments of the lines before it and after it.
@@ -124,14 +166,14 @@ pub fn log_until(
         at: time(at_ms),
         lines: shown(lines, from, at_ms),
         notes: remarks(known, lang),
-        ..LogHtml::of(id, reach, lang)
+        ..LogHtml::of(id, reach, from, lang)
     };
     (log, steps)
 }
 
 impl LogHtml {
     /// Without lines.
-    fn of(id: &VehicleId, reach: Reach, lang: Lang) -> LogHtml {
+    fn of(id: &VehicleId, reach: Reach, from: i64, lang: Lang) -> LogHtml {
         let words = ConsoleWords::of(lang);
         let reaches =
             [(Reach::Hour, words.last_hour), (Reach::Day, words.last_day), (Reach::All, words.last_14_days)];
@@ -139,6 +181,7 @@ impl LogHtml {
             words,
             id: id.to_string(),
             at: String::new(),
+            from: time(from),
             noted: String::new(),
             reach: reach.as_str(),
             reaches: reaches.map(|(reach, word)| (reach.as_str(), word)),

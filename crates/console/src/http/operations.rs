@@ -9,8 +9,10 @@ use telltale_web::Access;
 use telltale_web::common::SignedIn;
 use telltale_web::describe::{self, About, Content, Described, Description, OPENAPI, Operation, Tag, of};
 
-use super::answers::{IncidentsAsked, SnapshotAnswer, SnapshotAsked, VehiclesAsked};
+use super::answers::{IncidentsAsked, OwnIncident, SnapshotAnswer, SnapshotAsked, TableAsked, VehiclesAsked};
+use super::grouped::CauseGroup;
 use super::history::{HistoryAnswer, HistoryAsked};
+use super::log::LineHtml;
 use super::routes;
 use crate::state::Row;
 use crate::state::incidents::Group;
@@ -87,10 +89,58 @@ pub const HISTORY: Told = (
         summary: "What a vehicle told between two instants",
         about: "By its own clock; without an instant of the last hour. `unknown` lists what is missing in between.",
         query: Some(of::<HistoryAsked>),
-        answer: Content::Json(of::<HistoryAnswer>),
+        answer: Content::Table(of::<HistoryAnswer>),
         refusals: &[BAD_QUERY, NO_VEHICLE, TOO_SLOW, NO_HUB],
         example: "?from=2026-11-20T12:00:00Z",
         ..OF_VEHICLE
+    },
+);
+
+pub const LOG: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "log",
+        tag: Tag::Tables,
+        summary: "The log of a vehicle as people read it",
+        about: "Alarms, stages, the ends of Telltale, and what is not known, the oldest first.",
+        query: Some(of::<HistoryAsked>),
+        answer: Content::Table(of::<Vec<LineHtml>>),
+        refusals: &[BAD_QUERY, NO_VEHICLE, TOO_SLOW, NO_HUB],
+        example: "?from=2026-11-20T12:00:00Z&format=csv",
+        ..OF_VEHICLE
+    },
+);
+
+pub const INCIDENTS_OF_VEHICLE: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "vehicle_incidents",
+        tag: Tag::Incidents,
+        summary: "The incidents of a vehicle",
+        about: "The newest first, with how their recordings came so far.",
+        query: Some(of::<TableAsked>),
+        answer: Content::Table(of::<Vec<OwnIncident>>),
+        refusals: &[BAD_QUERY, NO_VEHICLE],
+        example: "?format=csv",
+        ..OF_VEHICLE
+    },
+);
+
+pub const GROUPS: Told = (
+    Method::GET,
+    EACH,
+    &Operation {
+        id: "groups",
+        tag: Tag::Tables,
+        summary: "The vehicles that are not well, by cause",
+        about: "The worst group first, then the largest. Vehicles that are not heard are grouped by that.",
+        query: Some(of::<VehiclesAsked>),
+        answer: Content::Table(of::<Vec<CauseGroup<'static>>>),
+        refusals: &[BAD_QUERY],
+        example: "?format=csv",
+        ..Operation::PLAIN
     },
 );
 

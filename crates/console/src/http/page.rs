@@ -49,6 +49,7 @@ struct FleetHtml {
     /// With what is searched for.
     address: String,
     csv: String,
+    groups_csv: String,
     frame_id: String,
     hub_down: bool,
     counts: Vec<(&'static str, usize, &'static str)>,
@@ -128,6 +129,7 @@ fn fleet(console: &Console, q: &Search, lang: Lang) -> FleetHtml {
         words,
         address: format!("/overview?{asked}"),
         csv: format!("/api/v1/vehicles?format=csv&{asked}"),
+        groups_csv: format!("/api/v1/groups?format=csv&{asked}"),
         // Another program has other words and other files.
         frame_id: telltale_web::assets::url(lang.as_str()),
         hub_down,

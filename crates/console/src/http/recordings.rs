@@ -63,7 +63,8 @@ pub fn incidents(vehicle: &Vehicle, role: Role, lang: Lang) -> (Vec<IncidentHtml
     (shown.collect(), vehicle.incidents.len().saturating_sub(INCIDENTS_MAX))
 }
 
-fn told(step: Option<&Step>, lang: Lang) -> (&'static str, String) {
+/// The step in a word for programs, and in words for people.
+pub fn told(step: Option<&Step>, lang: Lang) -> (&'static str, String) {
     let words = ConsoleWords::of(lang);
     let (name, text) = match step {
         None => ("none", ""),

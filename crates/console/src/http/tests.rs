@@ -119,7 +119,7 @@ async fn json(router: &Router, path: &str, cookie: &str) -> Value {
     serde_json::from_slice(&to_bytes(answer.into_body(), 1 << 20).await.unwrap()).unwrap()
 }
 
-const READ: [&str; 16] = [
+const READ: [&str; 19] = [
     "/",
     "/overview",
     "/overview?q=a",
@@ -133,6 +133,9 @@ const READ: [&str; 16] = [
     "/api/v1/vehicles/a/snapshot",
     "/api/v1/vehicles/a/snapshot?at=2026-05-28T20:26:40Z",
     "/api/v1/vehicles/a/history",
+    "/api/v1/vehicles/a/log",
+    "/api/v1/vehicles/a/incidents",
+    "/api/v1/groups",
     "/api/v1/openapi.json",
     "/api/v1/incidents",
     "/api/v1/incidents?group=version",
@@ -187,7 +190,8 @@ async fn what_is_shown_needs_a_session_of_a_console() {
         assert_eq!(status, expected, "{path}");
     }
     // The log of a vehicle lies at the hub, which is not there.
-    let status = |path: &str| match path.ends_with("/history") || path.contains("at=2026") {
+    let of_log = ["/history", "/a/log", "at=2026-05-28T20:26:40Z"];
+    let status = |path: &str| match of_log.iter().any(|end| path.ends_with(end)) {
         true => StatusCode::SERVICE_UNAVAILABLE,
         false => StatusCode::OK,
     };
@@ -387,6 +391,11 @@ async fn the_overview_goes_with_the_number_of_vehicles_and_finds_some_of_them() 
     assert!(rows.next().unwrap().starts_with(expected) && rows.next().is_none(), "{csv}");
     let csv = get("/api/v1/incidents?format=csv").await;
     assert_eq!(csv, "group,count,vehicles,versions,first,last\r\n");
+    let csv = get("/api/v1/groups?format=csv&q=n00").await;
+    let expected = "contact,state,node,words,count,versions,vehicles\r\n\
+        live,error,can/bus,\"'=bus, silent\",3,0.2.0,n003 n006 n009\r\n";
+    assert_eq!(csv, expected);
+    assert!(many.contains("<a href=\"/?q=can/bus\">can/bus</a>"), "{many}");
 }
 
 #[tokio::test]
@@ -459,6 +468,9 @@ async fn an_engineer_asks_for_a_recording_and_no_other_role_does() {
         assert_eq!(status, asks, "{role:?}");
     }
     let session = cookie(&router, "engineer").await;
+    let told = json(&router, "/api/v1/vehicles/a/incidents", &session).await;
+    assert_eq!((&told[0]["number"], &told[0]["recording"]), (&8.into(), &"none".into()), "{told}");
+    assert_eq!((&told[1]["recording"], &told[1]["bytes"]), (&"asked".into(), &1_500_000.into()), "{told}");
     for (number, status) in [
         ("7", StatusCode::ACCEPTED),
         ("8", StatusCode::CONFLICT),

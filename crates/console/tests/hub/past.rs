@@ -154,6 +154,24 @@ async fn a_vehicle_is_shown_as_it_was_and_what_is_missing_is_not_known() {
     // The log of now leads there, and its lines to their moments.
     let now = console.html("/vehicles/a").await.1;
     assert!(now.contains(&format!("href=\"/vehicles/a?at={}&amp;log=24h\"", then(1200))), "{now}");
+    let csv = async |what: &str| {
+        let path = format!("/api/v1/vehicles/a/{what}?format=csv&from={}&to={}", then(250), then(750));
+        console.html(&path).await.1
+    };
+    let line = |at_s: i64, rest: &str| format!("{},{rest}\r\n", then(at_s));
+    let expected = ["at,kind,word,text,node\r\n".to_owned()]
+        .into_iter()
+        .chain([
+            line(300, "alarm,Alarm,no packets,sensors/lidar"),
+            line(400, "seen,Acknowledged,no packets,sensors/lidar"),
+            line(600, "gap,Not known,3 messages are missing: the vehicle had no room for more,"),
+        ])
+        .collect::<String>();
+    assert_eq!(csv("log").await, expected);
+    let history = csv("history").await;
+    let kinds: Vec<&str> = history.lines().skip(1).filter_map(|row| row.split(',').nth(3)).collect();
+    assert_eq!(kinds, ["alarm", "delta", "alarm", "", "delta", "keyframe"], "{history}");
+    assert!(history.contains("0000000700000009,6,,,"), "{history}");
     let milliseconds = format!("/vehicles/a?at={}&log=1h", began_ms + 350_000);
     assert!(console.html(&milliseconds).await.1.contains("no packets"));
 

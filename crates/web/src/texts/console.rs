@@ -72,6 +72,7 @@ texts! {
         log_empty: "Nothing happened in this time.", "In dieser Zeit ist nichts geschehen.";
         log_unread: "The log cannot be read now: the hub does not answer.", "Der Verlauf ist gerade nicht lesbar: Die Zentrale antwortet nicht.";
         log_cut: "There is more than is read at once: the newest is missing here. Choose a shorter time.", "Es gibt mehr, als auf einmal gelesen wird: Das Neueste fehlt hier. Einen kürzeren Zeitraum wählen.";
+        log_more: "there is more than is read at once; go on from here", "es gibt mehr, als auf einmal gelesen wird; von hier aus weiterlesen";
         log_contradicts: "The vehicle told some of it twice, with different content. The first one counts here.", "Das Fahrzeug hat einiges zweimal gemeldet, mit verschiedenem Inhalt. Hier gilt das Erste.";
         alarm: "Alarm", "Alarm";
         alarm_over: "Over", "Vorbei";
