@@ -18,12 +18,14 @@ use axum::body::{Body, to_bytes};
 use axum::http::{Method, Request, StatusCode, header};
 use axum::response::Response;
 use serde_json::Value;
-use telltale_clock::Clock;
+use telltale_clock::{Clock, unix_ms};
 use telltale_console::follow::Shared;
 use telltale_console::http::{Console, router};
 use telltale_console::kept;
+use telltale_fleet::delivery::Answer;
 use telltale_fleet::identity::Identity;
-use telltale_fleet::message::{Content, Incident, VehicleId};
+use telltale_fleet::line::Line;
+use telltale_fleet::message::{Batch, Content, Incident, VehicleId};
 use telltale_store::{DemoSecrets, Role, Store};
 use telltale_web::Origins;
 use tempfile::TempDir;
@@ -114,6 +116,14 @@ impl Running {
 
     async fn contact(&self, contact: &str) -> Value {
         self.vehicle_with(contact, |vehicle| vehicle["contact"] == contact).await
+    }
+
+    /// Nothing more is written to the disk.
+    async fn kill(self) {
+        self.following.abort();
+        self.fetching.abort();
+        self.keeping.abort();
+        self.store.close().await;
     }
 
     async fn end(self) {
@@ -217,10 +227,8 @@ async fn a_hostile_vehicle_changes_nothing_but_itself() {
         .unwrap();
     let goodbye = r#"{"epoch":"ffffffffffffffff","n":1,"at":1780000000000,"kind":"goodbye"}"#;
     let id = |text| VehicleId::new(text).unwrap();
-    let of_another =
-        telltale_fleet::message::Batch::pack(&id("a"), "UA", 1_780_000_000_000, &[goodbye]).unwrap();
-    let no_head =
-        telltale_fleet::message::Batch::pack(&id("bad"), "UA", 1_780_000_000_000, &[goodbye]).unwrap();
+    let of_another = Batch::pack(&id("a"), "UA", 1_780_000_000_000, &[goodbye]).unwrap();
+    let no_head = Batch::pack(&id("bad"), "UA", 1_780_000_000_000, &[goodbye]).unwrap();
     for subject in ["tt.1.bad.head", "tt.1.bad.log"] {
         for payload in [&b"\0\xff"[..], b"", &of_another, &vec![7; 200 * 1024]] {
             hostile.publish(subject, payload.to_vec().into()).await.unwrap();
@@ -244,5 +252,95 @@ async fn a_hostile_vehicle_changes_nothing_but_itself() {
     assert_eq!((&bad["state"], &bad["age_s"]), (&"unknown".into(), &Value::Null), "{bad}");
     let good = vehicles.as_array().unwrap().iter().find(|it| it["id"] == "a").unwrap();
     assert_eq!((&good["contact"], &good["refused"]), (&"live".into(), &0.into()), "{good}");
+    console.end().await;
+}
+
+#[tokio::test]
+async fn a_console_that_is_killed_knows_all_again_from_the_hub() {
+    let mut hub = Hub::start("killed").await;
+    hub.enrol("a");
+    let (data, console_data) = (TempDir::new().unwrap(), TempDir::new().unwrap());
+    let console = Running::start(&hub, &console_data).await;
+    let mut vehicle = Vehicle::start(&hub, "a", &data);
+    vehicle.clock_is(true);
+    console.vehicle_with("the WARNING", |it| it["state"] == "warning").await;
+    console.kill().await;
+    vehicle.clock_is(false);
+    let console = Running::start(&hub, &console_data).await;
+    console
+        .vehicle_with("what came meanwhile", |it| it["contact"] == "live" && it["state"] != "warning")
+        .await;
+    let whole = async {
+        while console.get("/api/v1/vehicles/a/snapshot").await.1["whole"] != true {
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    };
+    until("the picture", whole).await;
+    let (_, history) = console.get("/api/v1/vehicles/a/history").await;
+    assert_eq!((&history["unknown"], &history["contradictions"]), (&serde_json::json!([]), &0.into()));
+    vehicle.end().await;
+    console.contact("off").await;
+    console.end().await;
+}
+
+#[tokio::test]
+async fn a_vehicle_of_a_later_version_with_markup_and_a_wrong_clock_is_read_as_far_as_it_is_known() {
+    let mut hub = Hub::start("later").await;
+    hub.enrol("a");
+    let data = TempDir::new().unwrap();
+    let console = Running::start(&hub, &data).await;
+    let (id, key) = (VehicleId::new("a").unwrap(), Identity::read(&hub.key_file("a")).unwrap());
+    let line = Line::open(&hub.address(), &id, &key).await.unwrap();
+    // Its clock is a day ahead.
+    let at_ms = unix_ms(Clock::start().wall()) + 24 * 3_600_000;
+    let markup = "<img src=x onerror=alert(1)>\u{202e}";
+    let told = |n: u64, mut content: Value| {
+        for (key, value) in [("epoch", "0000000700000009".into()), ("n", n.into()), ("at", at_ms.into())] {
+            content[key] = value;
+        }
+        content["later"] = serde_json::json!({ "key": [1] });
+        content.to_string()
+    };
+    let node =
+        serde_json::json!({ "node": markup, "state": "error", "own": "error", "words": markup, "hue": 7 });
+    let all = serde_json::json!({ "kind": "keyframe", "stage": "active", "nodes": [node] });
+    let alarm = serde_json::json!({
+        "kind": "alarm", "number": 1, "node": markup, "active": true, "acknowledged": false, "words": markup
+    });
+    let messages =
+        [told(1, all), told(2, serde_json::json!({ "kind": "teleport", "to": 5 })), told(3, alarm)];
+    let messages: Vec<&str> = messages.iter().map(String::as_str).collect();
+    let packed = Batch::pack(&id, key.public(), at_ms, &messages).unwrap();
+    assert_eq!(line.requests().log(0, packed).await, Answer::Stored(1));
+    // One from a clock that no vehicle has, and one whose messages go backwards.
+    let impossible = messages[0].replace(&at_ms.to_string(), "9999999999999");
+    let packed = Batch::pack(&id, key.public(), at_ms, &[&impossible]).unwrap();
+    assert_eq!(line.requests().log(1, packed).await, Answer::Stored(2));
+    let packed = Batch::pack(&id, key.public(), at_ms, &[messages[2], messages[1]]).unwrap();
+    assert_eq!(line.requests().log(2, packed).await, Answer::Stored(3));
+    let head = serde_json::json!({
+        "kind": "head", "name": markup, "state": "error", "cause": { "node": markup, "words": markup }, "since": at_ms,
+        "stage": "active", "unacknowledged": 1, "version": markup, "config": markup, "last": 3
+    });
+    let packed = Batch::pack(&id, key.public(), at_ms, &[&told(3, head)]).unwrap();
+    line.requests().head(packed).await;
+
+    let shown = console.vehicle_with("the vehicle", |it| it["contact"] == "live" && it["refused"] == 2).await;
+    let skew_s = shown["clock_skew_s"].as_f64().unwrap();
+    assert!((86_000.0..87_000.0).contains(&skew_s), "{shown}");
+    let (_, snapshot) = console.get("/api/v1/vehicles/a/snapshot").await;
+    assert_eq!((&snapshot["whole"], &snapshot["seq"]), (&true.into(), &3.into()), "{snapshot}");
+    // The moments of its log are those of its clock.
+    let then = format!("/vehicles/a?at={at_ms}");
+    for (path, said) in [("/", "its clock is 864"), ("/vehicles/a", "onerror"), (&then, "data-replay")] {
+        let answer = console.ask(Method::GET, path).await;
+        assert_eq!(answer.status(), StatusCode::OK, "{path}");
+        let page = to_bytes(answer.into_body(), 1 << 22).await.unwrap();
+        let page = String::from_utf8_lossy(&page);
+        assert!(
+            page.contains(said) && !page.contains("<img") && !page.contains('\u{202e}'),
+            "{path}: {page}"
+        );
+    }
     console.end().await;
 }

@@ -4,15 +4,10 @@
 #[allow(dead_code, reason = "the tests of a vehicle's interface use the rest")]
 mod schemas;
 
-use axum::body::to_bytes;
-use axum::http::{Method, StatusCode};
-use telltale_clock::unix_ms;
 use telltale_console::state::time;
 use telltale_engine::model::Stage;
 use telltale_engine::state::State;
-use telltale_fleet::delivery::Answer;
-use telltale_fleet::line::Line;
-use telltale_fleet::message::{Alarm, Batch, Epoch, Gap, GapReason, Keyframe, Message, Node};
+use telltale_fleet::message::{Alarm, Epoch, Gap, GapReason, Keyframe, Message, Node};
 
 use schemas::Strict;
 

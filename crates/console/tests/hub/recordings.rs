@@ -5,8 +5,7 @@ use std::os::unix::fs::PermissionsExt as _;
 
 use axum::body::to_bytes;
 use axum::http::{Method, StatusCode};
-use telltale_fleet::line::Line;
-use telltale_fleet::message::{Batch, NotSent, PIECE_BYTES, Pieces};
+use telltale_fleet::message::{NotSent, PIECE_BYTES, Pieces};
 use telltale_fleet::reading::Logs;
 use telltale_fleet::recordings::{Finished, refused};
 

@@ -3,7 +3,9 @@
 // Helpers of tests are outside of tests for clippy.
 #![allow(clippy::unwrap_used)]
 
+mod faults;
 mod hostile;
+mod proxy;
 mod recordings;
 mod server;
 mod vehicle;

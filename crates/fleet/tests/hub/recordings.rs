@@ -14,14 +14,14 @@ use tempfile::TempDir;
 use crate::server::{Hub, until};
 use crate::vehicle::Vehicle;
 
-const SHA: &str = "c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00";
+pub const SHA: &str = "c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00c0ffee00";
 
 fn id() -> VehicleId {
     VehicleId::new("a").unwrap()
 }
 
 /// A hub with a vehicle `a`, and a console's line to it.
-async fn hub(name: &str) -> (Hub, Pieces, TempDir) {
+pub async fn hub(name: &str) -> (Hub, Pieces, TempDir) {
     let mut hub = Hub::start(name).await;
     hub.enrol("a");
     let console = Identity::read(&hub.key_file("console")).unwrap();
@@ -30,7 +30,7 @@ async fn hub(name: &str) -> (Hub, Pieces, TempDir) {
 }
 
 /// A recording of so many bytes. Each byte tells its place.
-fn recording(data: &TempDir, incident: u64, bytes: usize) -> (Finished, Vec<u8>) {
+pub fn recording(data: &TempDir, incident: u64, bytes: usize) -> (Finished, Vec<u8>) {
     let content: Vec<u8> = (0..bytes).map(|it| (it / 251 % 256) as u8).collect();
     let path = data.path().join(format!("incident-{incident}.mcap"));
     std::fs::write(&path, &content).unwrap();
@@ -38,7 +38,7 @@ fn recording(data: &TempDir, incident: u64, bytes: usize) -> (Finished, Vec<u8>)
     (Finished { incident, path, sha256, bytes: bytes as u64, by_itself: false }, content)
 }
 
-async fn piece(pieces: &Pieces, number: u64) -> Vec<u8> {
+pub async fn piece(pieces: &Pieces, number: u64) -> Vec<u8> {
     let wait = async {
         loop {
             if let Some(piece) = pieces.read(&id(), SHA, number).await.unwrap() {

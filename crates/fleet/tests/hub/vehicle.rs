@@ -1,5 +1,6 @@
 //! A vehicle's program, as far as the fleet goes.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,6 +10,7 @@ use telltale_engine::input::{Input, Upkeep};
 use telltale_engine::model::{Model, Parts, StageModel};
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::text::Text;
+use telltale_fleet::line;
 use telltale_fleet::message::{Content, VehicleId};
 use telltale_fleet::recordings::Finished;
 use telltale_fleet::vehicle::{self, Fleet, Settings, Sources};
@@ -34,6 +36,16 @@ impl Vehicle {
     }
 
     pub fn with(hub: &Hub, id: &str, data: &TempDir, sends_recordings: bool) -> Vehicle {
+        Vehicle::over(hub.address(), hub.key_file(id), id, data, sends_recordings)
+    }
+
+    pub fn over(
+        hub: line::Hub,
+        credentials: PathBuf,
+        id: &str,
+        data: &TempDir,
+        sends_recordings: bool,
+    ) -> Vehicle {
         let clock = Clock::start();
         let model = Model::new(Parts::empty(id, StageModel::None)).unwrap();
         let mut engine = Engine::new(Arc::new(model), clock.now());
@@ -42,8 +54,8 @@ impl Vehicle {
         let (news, more) = mpsc::channel(vehicle::NEWS_MAX);
         let settings = Settings {
             id: VehicleId::new(id).unwrap(),
-            hub: hub.address(),
-            credentials: hub.key_file(id),
+            hub,
+            credentials,
             kbit_s_max: 10_000,
             version: "0.1.0".into(),
             sends_recordings,
