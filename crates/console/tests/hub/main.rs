@@ -17,6 +17,7 @@ use axum::Router;
 use axum::body::{Body, to_bytes};
 use axum::http::{Method, Request, StatusCode, header};
 use axum::response::Response;
+use futures_util::future::join_all;
 use serde_json::Value;
 use telltale_clock::{Clock, unix_ms};
 use telltale_console::follow::Shared;
@@ -342,5 +343,63 @@ async fn a_vehicle_of_a_later_version_with_markup_and_a_wrong_clock_is_read_as_f
             "{path}: {page}"
         );
     }
+    console.end().await;
+}
+
+#[tokio::test]
+async fn five_hundred_vehicles_are_shown_each_with_its_state_and_its_log() {
+    const COUNT: usize = 500;
+    let ids: Vec<String> = (0..COUNT).map(|n| format!("v{n:03}")).collect();
+    let hub = Hub::start_of("many", &ids).await;
+    let data = TempDir::new().unwrap();
+    let console = Running::start(&hub, &data).await;
+    let at_ms = unix_ms(Clock::start().wall());
+    let tell = async |n: usize| {
+        let (id, key) = (VehicleId::new(&ids[n]).unwrap(), Identity::read(&hub.key_file(&ids[n])).unwrap());
+        let line = Line::open(&hub.address(), &id, &key).await.unwrap();
+        let state = if n.is_multiple_of(10) { "error" } else { "ok" };
+        let head = serde_json::json!({
+            "epoch": "0000000700000009", "n": 1, "at": at_ms, "kind": "head", "name": format!("Nr. {n}"), "state": state,
+            "cause": { "node": "can/bus", "words": "silent" }, "since": at_ms, "stage": "active", "unacknowledged": 0,
+            "version": "0.1.0", "config": "c0ffee", "last": 1
+        });
+        let all = serde_json::json!({
+            "epoch": "0000000700000009", "n": 1, "at": at_ms, "kind": "keyframe", "stage": "active",
+            "nodes": [{ "node": "can", "state": state, "own": state }]
+        });
+        let pack = |message: &Value| Batch::pack(&id, key.public(), at_ms, &[&message.to_string()]).unwrap();
+        line.requests().head(pack(&head)).await;
+        assert!(matches!(line.requests().log(0, pack(&all)).await, Answer::Stored(_)));
+        line
+    };
+    // They stay connected.
+    let mut lines = Vec::new();
+    for begin in (0..COUNT).step_by(25) {
+        lines.extend(join_all((begin..begin + 25).map(&tell)).await);
+    }
+    let live = async {
+        loop {
+            let vehicles = console.vehicles().await;
+            let vehicles = vehicles.as_array().unwrap();
+            if vehicles.iter().filter(|it| it["contact"] == "live").count() == COUNT {
+                return vehicles.clone();
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    };
+    let vehicles = until("all vehicles", live).await;
+    assert!(vehicles[..50].iter().all(|it| it["state"] == "error") && vehicles[50]["state"] == "ok");
+    let (_, groups) = console.get("/api/v1/groups").await;
+    assert_eq!((&groups[0]["count"], groups.as_array().unwrap().len()), (&50.into(), 1), "{groups}");
+    let whole =
+        async |id: &str| console.get(&format!("/api/v1/vehicles/{id}/snapshot")).await.1["whole"] == true;
+    let logs = async {
+        for id in &ids {
+            while !whole(id).await {
+                tokio::time::sleep(LOOK_EVERY).await;
+            }
+        }
+    };
+    until("all logs", logs).await;
     console.end().await;
 }

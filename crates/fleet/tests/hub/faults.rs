@@ -119,3 +119,36 @@ async fn a_hub_that_is_full_of_recordings_takes_messages_and_the_rest_when_it_ha
     vehicle.end().await;
     console.history_with("a", |seen| seen.last() == Some(&Content::Goodbye)).await;
 }
+
+#[tokio::test]
+async fn a_cluster_that_loses_the_leader_of_its_logs_goes_on_without_a_loss() {
+    let mut nodes = Hub::start_cluster("cluster").await;
+    let leader = until("a leader", nodes[0].console().await.leader()).await;
+    // The vehicle talks to another node, which stays.
+    let at = nodes.iter().position(|node| node.node_name() != leader).unwrap();
+    let data = TempDir::new().unwrap();
+    let mut vehicle = Vehicle::start(&nodes[at], "a", &data);
+    vehicle.tell(true, 1).await;
+    let console = nodes[at].console().await;
+    console.history_with("a", |seen| records(seen) == [1]).await;
+    let led = nodes.iter_mut().find(|node| node.node_name() == leader).unwrap();
+    led.kill();
+    vehicle.tell(false, 2).await;
+    let elected = async {
+        while console.leader().await == leader {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    until("another leader", elected).await;
+    vehicle.tell(true, 3).await;
+    // An answer that never came is waited for 25 s.
+    let arrived = async {
+        while records(&console.contents("a").await) != [1, 2, 3] {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(90), arrived).await.expect("the messages arrive");
+    vehicle.end().await;
+    let seen = console.history_with("a", |seen| seen.last() == Some(&Content::Goodbye)).await;
+    assert_eq!(records(&seen), [1, 2, 3]);
+}

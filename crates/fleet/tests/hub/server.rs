@@ -7,6 +7,7 @@ use std::process::Child;
 use std::time::Duration;
 
 use async_nats::{Client, ConnectOptions};
+use serde_json::Value;
 use telltale_fleet::history::History;
 use telltale_fleet::hub::{CONFIG_FILE, CONSOLE_KEY_FILE, HubFolder, Server, make_streams};
 use telltale_fleet::identity::Identity;
@@ -42,9 +43,69 @@ pub struct Hub {
 
 impl Hub {
     pub async fn start(name: &str) -> Hub {
+        Hub::start_of(name, &[]).await
+    }
+
+    /// With these vehicles enrolled.
+    pub async fn start_of(name: &str, ids: &[String]) -> Hub {
+        let mut hub = Hub::configured(name);
+        for id in ids {
+            hub.configured.enrol(&VehicleId::new(id).unwrap(), &hub.key_file(id)).unwrap();
+        }
+        hub.start_again().await;
+        let console = Identity::read(&hub.key_file("console")).unwrap();
+        for _ in 0..2 {
+            until("the streams", make_streams(&hub.address(), &console, DISK_BYTES)).await.unwrap();
+        }
+        hub
+    }
+
+    /// Three nodes of one hub with an enrolled vehicle `a`, each of which keeps all logs.
+    pub async fn start_cluster(name: &str) -> [Hub; 3] {
+        let mut first = Hub::configured(name);
+        first.configured.enrol(&VehicleId::new("a").unwrap(), &first.key_file("a")).unwrap();
+        let routes = [(); 3].map(|()| free_port());
+        let others: Vec<String> = routes.iter().map(|port| format!("nats://127.0.0.1:{port}")).collect();
+        let mut nodes = [(); 3].map(|()| {
+            let folder = tempfile::Builder::new().prefix(&format!("hub-{name}-")).tempdir().unwrap();
+            copy(first.folder.path(), folder.path());
+            let configured = HubFolder::open(folder.path()).unwrap();
+            Hub { folder, configured, port: free_port(), process: None }
+        });
+        for (node, route) in nodes.iter().zip(routes) {
+            let file = node.folder.path().join(CONFIG_FILE);
+            let config = fs::read_to_string(&file).unwrap();
+            let config = config.replace(&first.port.to_string(), &node.port.to_string());
+            let config =
+                config.replace("server_name: telltale-hub", &format!("server_name: {}", node.node_name()));
+            let cluster =
+                format!("cluster {{ name: fleet, listen: \"127.0.0.1:{route}\", routes: {others:?} }}\n");
+            fs::write(file, config + &cluster).unwrap();
+        }
+        for node in &mut nodes {
+            node.start_again().await;
+        }
+        let console = Identity::read(&first.key_file("console")).unwrap();
+        let made = async {
+            // The nodes elect their first leader.
+            while make_streams(&nodes[0].address(), &console, DISK_BYTES).await.is_err() {
+                tokio::time::sleep(LOOK_EVERY).await;
+            }
+            nodes[0].console().await.replicate_logs().await;
+        };
+        until("the streams of the cluster", made).await;
+        nodes
+    }
+
+    /// In a cluster.
+    pub fn node_name(&self) -> String {
+        format!("node-{}", self.port)
+    }
+
+    /// Its folder, and no process.
+    fn configured(name: &str) -> Hub {
         let folder = tempfile::Builder::new().prefix(&format!("hub-{name}-")).tempdir().unwrap();
-        // Nobody else takes a port that was free a moment ago.
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port = free_port();
         let key = rcgen::KeyPair::generate().unwrap();
         let names = vec!["localhost".to_owned(), "127.0.0.1".to_owned()];
         let certificate = rcgen::CertificateParams::new(names).unwrap().self_signed(&key).unwrap();
@@ -58,13 +119,7 @@ impl Hub {
             disk_bytes: DISK_BYTES,
         };
         let configured = HubFolder::make(folder.path(), server).unwrap();
-        let mut hub = Hub { folder, configured, port, process: None };
-        hub.start_again().await;
-        let console = Identity::read(&hub.folder.path().join(CONSOLE_KEY_FILE)).unwrap();
-        for _ in 0..2 {
-            until("the streams", make_streams(&hub.address(), &console, DISK_BYTES)).await.unwrap();
-        }
-        hub
+        Hub { folder, configured, port, process: None }
     }
 
     pub fn address(&self) -> line::Hub {
@@ -156,6 +211,11 @@ impl Drop for Hub {
     }
 }
 
+/// Nobody else takes a port that was free a moment ago.
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
+
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
@@ -174,14 +234,45 @@ pub struct Console {
 }
 
 impl Console {
+    /// What JetStream answers about the stream of logs.
+    async fn ask(&self, what: &str, body: String) -> Value {
+        let subject = format!("$JS.API.STREAM.{what}.LOG");
+        let answer = self.client.request(subject, body.into()).await;
+        answer.ok().and_then(|it| serde_json::from_slice(&it.payload).ok()).unwrap_or_default()
+    }
+
+    async fn replicate_logs(&self) {
+        let mut config = self.ask("INFO", String::new()).await["config"].take();
+        config["num_replicas"] = 3.into();
+        while self.ask("UPDATE", config.to_string()).await["config"]["num_replicas"] != 3 {
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+        let is_there = |node: &Value| node["current"] == true;
+        while self.replicas().await.iter().filter(|node| is_there(node)).count() != 2 {
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    }
+
+    async fn replicas(&self) -> Vec<Value> {
+        self.ask("INFO", String::new()).await["cluster"]["replicas"].as_array().cloned().unwrap_or_default()
+    }
+
+    /// The node that leads the stream of logs.
+    pub async fn leader(&self) -> String {
+        loop {
+            if let Some(leader) = self.ask("INFO", String::new()).await["cluster"]["leader"].as_str() {
+                return leader.to_owned();
+            }
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    }
+
     /// The messages of a vehicle, when they are as `is_it` wants them. None is missing, and no place is not known.
     pub async fn history_with(&self, id: &str, is_it: impl Fn(&[Content]) -> bool) -> Vec<Content> {
         let mut seen = Vec::new();
         let wait = async {
             loop {
-                let history = self.history(id).await;
-                assert_eq!(history.unknown(), []);
-                seen = history.messages().map(|message| message.content.clone()).collect();
+                seen = self.contents(id).await;
                 if is_it(&seen) {
                     return;
                 }
@@ -192,6 +283,13 @@ impl Console {
             panic!("the history of {id} stays {seen:?}");
         }
         seen
+    }
+
+    /// The messages of a vehicle. None is missing, and no place is not known.
+    pub async fn contents(&self, id: &str) -> Vec<Content> {
+        let history = self.history(id).await;
+        assert_eq!(history.unknown(), []);
+        history.messages().map(|message| message.content.clone()).collect()
     }
 
     async fn history(&self, id: &str) -> History {
