@@ -5,5 +5,6 @@ pub mod follow;
 pub mod history;
 pub mod http;
 pub mod kept;
+pub mod past;
 pub mod recordings;
 pub mod state;

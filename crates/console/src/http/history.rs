@@ -15,7 +15,7 @@ use telltale_web::texts::HttpError;
 
 use super::Console;
 use crate::history::{self, Known, Part};
-use crate::state::past::Past;
+use crate::past::Past;
 use crate::state::time;
 
 /// Histories that are read at a time. Others wait, within the time of a request.

@@ -22,8 +22,8 @@ use super::log::{LogHtml, Reach, log_of, log_until};
 use super::page::rendered;
 use super::recordings::{IncidentHtml, incidents};
 use super::row::{RowHtml, icon, shown};
+use crate::past::Past;
 use crate::state::contact::Contact;
-use crate::state::past::Past;
 use crate::state::picture::{Picture, Shown};
 use crate::state::time;
 

@@ -3,7 +3,6 @@
 
 pub mod contact;
 pub mod incidents;
-pub mod past;
 pub mod picture;
 pub mod recordings;
 pub mod search;

@@ -5,10 +5,10 @@ use telltale_engine::state::State;
 use telltale_engine::time::Span;
 use telltale_fleet::message::{Content, Mark, Message};
 
-use super::Row;
-use super::contact::{Contact, Judged, LATE_AFTER};
-use super::picture::Picture;
 use crate::history::Known;
+use crate::state::Row;
+use crate::state::contact::{Contact, Judged, LATE_AFTER};
+use crate::state::picture::Picture;
 
 /// What a vehicle showed at a moment, by its own clock.
 #[derive(Debug)]
