@@ -143,7 +143,9 @@ pub async fn log_of(console: &Console, id: &VehicleId, log: Reach, lang: Lang) -
     let from = unix_ms(console.clock.wall()).saturating_sub(log.ms());
     // Without its hub the console has no log, and the rest of the page all the same.
     let (lines, notes) = match known(console, id, from, i64::MAX).await {
-        Ok(known) => (shown(lines(&known, from, lang), from, i64::MAX), remarks(&known, lang)),
+        Ok(known) => {
+            (shown(lines(&known, from, lang), from, i64::MAX), remarks(&known, (from, i64::MAX), lang))
+        }
         Err(HttpError::NotFound) => return Err(HttpError::NotFound),
         Err(_) => (Vec::new(), vec![words.log_unread.to_owned()]),
     };
@@ -165,7 +167,7 @@ pub fn log_until(
     let log = LogHtml {
         at: time(at_ms),
         lines: shown(lines, from, at_ms),
-        notes: remarks(known, lang),
+        notes: remarks(known, (from, at_ms), lang),
         ..LogHtml::of(id, reach, from, lang)
     };
     (log, steps)
@@ -197,9 +199,12 @@ fn shown(lines: Vec<(i64, LineHtml)>, from: i64, to: i64) -> Vec<LineHtml> {
     asked.take(LINES_MAX).map(|(_, line)| line).collect()
 }
 
-fn remarks(known: &Known, lang: Lang) -> Vec<String> {
+fn remarks(known: &Known, (from, to): (i64, i64), lang: Lang) -> Vec<String> {
     let words = ConsoleWords::of(lang);
     let mut remarks = Vec::new();
+    if !known.messages().any(|message| (from..=to).contains(&message.at)) {
+        remarks.push(words.log_none.to_owned());
+    }
     if !known.is_whole {
         remarks.push(words.log_cut.to_owned());
     }

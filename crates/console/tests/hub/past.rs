@@ -142,6 +142,7 @@ async fn a_vehicle_is_shown_as_it_was_and_what_is_missing_is_not_known() {
     assert!(gone.contains("Messages about this moment are missing") && !gone.contains("Nothing is wrong"));
     let none = page(30).await;
     assert!(none.contains("has no full picture") && !none.contains("class=\"tile\""), "{none}");
+    assert!(none.contains("no message of this vehicle from this time") && !none.contains("Nothing happened"));
     assert!(none.contains("aria-disabled=\"true\" rel=\"prev\""), "{none}");
     let off = page(1300).await;
     assert!(off.contains("<b>Telltale ended</b>") || off.contains("<b>Vehicle off</b>"), "{off}");

@@ -70,6 +70,7 @@ texts! {
         last_day: "24 hours", "24 Stunden";
         last_14_days: "14 days", "14 Tage";
         log_empty: "Nothing happened in this time.", "In dieser Zeit ist nichts geschehen.";
+        log_none: "The hub has no message of this vehicle from this time.", "Die Zentrale hat aus dieser Zeit keine Nachricht dieses Fahrzeugs.";
         log_unread: "The log cannot be read now: the hub does not answer.", "Der Verlauf ist gerade nicht lesbar: Die Zentrale antwortet nicht.";
         log_cut: "There is more than is read at once: the newest is missing here. Choose a shorter time.", "Es gibt mehr, als auf einmal gelesen wird: Das Neueste fehlt hier. Einen kürzeren Zeitraum wählen.";
         log_more: "there is more than is read at once; go on from here", "es gibt mehr, als auf einmal gelesen wird; von hier aus weiterlesen";
