@@ -35,6 +35,8 @@ const LEASE_MIN: Span = Span::from_secs(5);
 const NUMBERS: u16 = 10;
 /// No announcement of a participant has a number as high as those of the copies.
 const COPIES_FROM: u64 = 1 << 32;
+/// An announcement that is sent again is no longer than this.
+const KEPT_BYTES_MAX: usize = 4096;
 /// The longest packet of UDP.
 const PACKET_BYTES_MAX: usize = 1 << 16;
 
@@ -119,8 +121,17 @@ impl Announced {
 
     fn hear(&self, packet: &[u8]) {
         if let Some(said) = spdp::read(packet) {
-            lock(&self.table).hear(said, self.clock.now());
+            lock(&self.table).hear(said, packet, self.clock.now());
         }
+    }
+
+    /// The last announcement of a participant as it was sent.
+    pub fn packet(&self, prefix: &Prefix) -> Option<Box<[u8]>> {
+        lock(&self.table)
+            .participants
+            .get(prefix)
+            .map(|known| known.packet.clone())
+            .filter(|it| !it.is_empty())
     }
 
     pub fn now(&self) -> Timestamp {
@@ -143,7 +154,7 @@ impl Announced {
 
     /// A participant has left: it said so to the library, or it is our own and has ended.
     pub fn has_left(&self, prefix: &Prefix) {
-        lock(&self.table).hear(Said::Leaving(*prefix), self.clock.now());
+        lock(&self.table).hear(Said::Leaving(*prefix), &[], self.clock.now());
     }
 
     pub fn life(&self, prefix: &Prefix) -> Life {
@@ -216,6 +227,8 @@ struct Table {
 #[derive(Debug)]
 struct Known {
     announcement: Announcement,
+    /// As it was sent; empty if that is large.
+    packet: Box<[u8]>,
     heard: Timestamp,
     is_met: bool,
     left: Option<Timestamp>,
@@ -239,7 +252,7 @@ impl Known {
 }
 
 impl Table {
-    fn hear(&mut self, said: Said, now: Timestamp) {
+    fn hear(&mut self, said: Said, packet: &[u8], now: Timestamp) {
         let announcement = match said {
             Said::Leaving(prefix) => {
                 if let Some(known) = self.participants.get_mut(&prefix) {
@@ -249,10 +262,12 @@ impl Table {
             }
             Said::Here(announcement) => announcement,
         };
+        let packet = Box::from(if packet.len() > KEPT_BYTES_MAX { &[] } else { packet });
         if let Some(known) = self.participants.get_mut(&announcement.prefix) {
             // Its messages from before it left may come by another way.
             if known.left.is_none_or(|left| now.since(left) >= LEAVING) {
-                (known.announcement, known.heard, known.left) = (announcement, now, None);
+                (known.announcement, known.packet) = (announcement, packet);
+                (known.heard, known.left) = (now, None);
             }
             return;
         }
@@ -269,7 +284,8 @@ impl Table {
             self.participants.remove(&oldest);
         }
         let prefix = announcement.prefix;
-        self.participants.insert(prefix, Known { announcement, heard: now, is_met: false, left: None });
+        self.participants
+            .insert(prefix, Known { announcement, packet, heard: now, is_met: false, left: None });
     }
 
     fn life(&self, prefix: &Prefix, now: Timestamp) -> Life {
@@ -302,8 +318,8 @@ mod tests {
     #[test]
     fn a_participant_lives_for_three_leases_or_until_it_leaves() {
         let mut table = Table::default();
-        table.hear(Said::Here(here(1, 10)), at(100));
-        table.hear(Said::Here(here(2, 1)), at(100));
+        table.hear(Said::Here(here(1, 10)), &[], at(100));
+        table.hear(Said::Here(here(2, 1)), &[], at(100));
         let life = |table: &Table, prefix, seconds| table.life(&[prefix; 12], at(seconds));
         assert_eq!(life(&table, 1, 129), Life::Heard(at(100)));
         assert_eq!(life(&table, 1, 130), Life::Over);
@@ -311,10 +327,10 @@ mod tests {
         assert_eq!(life(&table, 3, 100), Life::Unheard);
         assert_eq!(table.to_repeat(at(109), |_| true).len(), 2);
         assert_eq!(table.to_repeat(at(110), |_| true), [[1; 12]]);
-        table.hear(Said::Leaving([1; 12]), at(111));
-        table.hear(Said::Here(here(1, 10)), at(111));
+        table.hear(Said::Leaving([1; 12]), &[], at(111));
+        table.hear(Said::Here(here(1, 10)), &[], at(111));
         assert_eq!((life(&table, 1, 111), table.to_repeat(at(111), |_| true).len()), (Life::Over, 0));
-        table.hear(Said::Here(here(1, 10)), at(112));
+        table.hear(Said::Here(here(1, 10)), &[], at(112));
         assert_eq!(life(&table, 1, 112), Life::Heard(at(112)), "somebody else said that it left");
     }
 
@@ -322,7 +338,7 @@ mod tests {
     fn no_copy_outlasts_the_life_of_its_participant() {
         let mut table = Table::default();
         for (prefix, lease) in [(1, 10), (2, 1), (3, 1000)] {
-            table.hear(Said::Here(here(prefix, lease)), at(100));
+            table.hear(Said::Here(here(prefix, lease)), &[], at(100));
         }
         // When what the library was told ends, for a copy at each of these seconds.
         let ends = |prefix: u8, seconds: u64| {
@@ -340,20 +356,20 @@ mod tests {
     #[test]
     fn in_a_flood_those_that_we_have_met_are_kept_and_repeated_alone() {
         let mut table = Table::default();
-        table.hear(Said::Here(here(1, 10)), at(100));
+        table.hear(Said::Here(here(1, 10)), &[], at(100));
         table.participants.get_mut(&[1; 12]).unwrap().is_met = true;
         for number in 0..3 * PARTICIPANTS_MAX as u32 {
             let mut prefix = [9; 12];
             prefix[..4].copy_from_slice(&number.to_le_bytes());
             let mut stranger = here(9, 10);
             stranger.prefix = prefix;
-            table.hear(Said::Here(stranger), at(101));
+            table.hear(Said::Here(stranger), &[], at(101));
         }
         assert_eq!(table.participants.len(), PARTICIPANTS_MAX);
         assert_eq!(table.to_repeat(at(102), |_| true), [[1; 12]]);
         let mut table = Table::default();
-        table.hear(Said::Here(here(1, 10)), at(100));
-        table.hear(Said::Here(here(2, 10)), at(100));
+        table.hear(Said::Here(here(1, 10)), &[], at(100));
+        table.hear(Said::Here(here(2, 10)), &[], at(100));
         let discovered = |prefix: &Prefix| *prefix == [2; 12];
         assert_eq!(table.to_repeat(at(101), discovered), [[2; 12]], "the library has survived it");
     }

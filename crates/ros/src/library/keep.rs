@@ -25,6 +25,9 @@ const PAUSE: Duration = Duration::from_millis(5);
 /// A younger process is not replaced for a participant that it has lost. So one that nobody can keep, because its lease
 /// is shorter than the library's own intervals, costs little.
 const AGE_MIN: Span = Span::from_secs(5);
+/// The library announces itself once, and after ten seconds again: if the first announcement is lost, the participants that
+/// live know nothing of ours for so long.
+const ANNOUNCED_AGAIN_FOR: Span = Span::from_secs(10);
 
 /// Runs until the process is over, and says goodbye for it. `port` is where it listens for announcements.
 pub async fn run(
@@ -37,33 +40,39 @@ pub async fn run(
     let prefix = spdp::prefix(&own);
     tokio::select! {
         _ = shared.ended() => {}
-        () = keep(prefix, port, &shared, orders) => {}
+        () = keep(prefix, port, networks.as_deref(), &shared, orders) => {}
     }
     shared.announced.has_left(&prefix);
     // As long as it lives it may announce itself again.
     shared.over().await;
-    say_goodbye(&own, networks.as_deref(), &shared).await;
+    // One that was killed says nothing, and Fast DDS does not read what the library says: its writers would keep the readers
+    // for a lease, and wait for what they acknowledge.
+    tell_others(&spdp::goodbye(&own), &prefix, networks.as_deref(), &shared).await;
 }
 
-/// Tells those that live that a participant is gone. One that was killed says nothing, and Fast DDS does not read what
-/// the library says: its writers would keep the readers for a lease, and wait for what they acknowledge.
-async fn say_goodbye(own: &Guid, networks: Option<&[Ipv4Addr]>, shared: &Shared) {
+/// Sends a packet about our participant to those that live.
+async fn tell_others(packet: &[u8], own: &Prefix, networks: Option<&[Ipv4Addr]>, shared: &Shared) {
     let announced = &*shared.announced;
     let from = match networks {
         Some([ip]) => *ip,
         _ => Ipv4Addr::UNSPECIFIED,
     };
-    // The interface may be gone, and those who are not told notice it by the lease.
+    // The interface may be gone.
     let Ok(socket) = UdpSocket::bind((from, 0)).await else { return };
-    let goodbye = spdp::goodbye(own);
-    for participant in announced.to_repeat(|it| shared.has_discovered(it)) {
-        for address in announced.addresses(&participant) {
-            let _ = socket.send_to(&goodbye, address).await;
+    for participant in announced.to_repeat(|it| shared.has_discovered(it)).iter().filter(|it| *it != own) {
+        for address in announced.addresses(participant) {
+            let _ = socket.send_to(packet, address).await;
         }
     }
 }
 
-async fn keep(own: Prefix, port: u16, shared: &Shared, orders: mpsc::WeakSender<Order>) {
+async fn keep(
+    own: Prefix,
+    port: u16,
+    networks: Option<&[Ipv4Addr]>,
+    shared: &Shared,
+    orders: mpsc::WeakSender<Order>,
+) {
     let announced = &*shared.announced;
     let socket = match UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).await {
         Ok(socket) => socket,
@@ -77,7 +86,13 @@ async fn keep(own: Prefix, port: u16, shared: &Shared, orders: mpsc::WeakSender<
     loop {
         rounds.tick().await;
         announced.note_met(&shared.seen());
-        let is_old = announced.now().since(started) >= AGE_MIN;
+        let age = announced.now().since(started);
+        let is_old = age >= AGE_MIN;
+        if age < ANNOUNCED_AGAIN_FOR
+            && let Some(packet) = announced.packet(&own)
+        {
+            tell_others(&packet, &own, networks, shared).await;
+        }
         for (participant, loss) in shared.lost() {
             match judge(loss, announced.life(&participant), shared.seen().has_any_of(&participant)) {
                 Judgement::Over => {
