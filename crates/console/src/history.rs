@@ -63,7 +63,7 @@ impl Known {
         self.history.messages()
     }
 
-    /// Takes what was told in one batch.
+    /// Takes the messages of one batch.
     pub fn take(&mut self, batch: Batch) {
         self.contradictions += self.history.take(batch).contradictions;
     }

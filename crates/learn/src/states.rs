@@ -1,4 +1,4 @@
-//! States in which a module is silent: the values of a signal, or stages, in which nothing is to be expected of it.
+//! Finds stages, and values of signals, while a module is always silent: nothing is to be expected of it then.
 
 use telltale_engine::model::{Model, ModuleId, Stage};
 use telltale_engine::state::State;
@@ -11,7 +11,7 @@ use super::{JITTER_MS, SHARE_DOUBTED, wilson};
 pub const EPISODES: u64 = 20;
 /// The module is silent in more than this share of them: the lower end of the interval of 95 %.
 pub const SILENT_LEAST: f64 = 0.8;
-/// What is left of an episode lasts at least so long after the module had its time to fall silent, or to be heard.
+/// An episode lasts at least so long after the module had its time to fall silent, or to be heard.
 const EPISODE_MS: i64 = 1_000;
 
 /// What else the history knows.
@@ -31,7 +31,7 @@ pub struct Fact {
     pub periods: Vec<(i64, i64, usize)>,
 }
 
-/// When a value began to hold: those times in which the module was silent, and those in which it was heard.
+/// The times at which a value began to hold: those when the module stayed silent, and those when it was heard.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Episodes {
     pub silent: Vec<i64>,
@@ -43,7 +43,7 @@ impl Episodes {
         (self.silent.len() + self.heard.len()) as u64
     }
 
-    /// The interval of 95 % of the share in which the module is silent.
+    /// The interval of 95 % of the share of silent episodes.
     pub fn silent_share(&self) -> (f64, f64) {
         wilson(self.silent.len() as u64, self.count())
     }
@@ -71,7 +71,7 @@ impl About {
 }
 
 impl Silence {
-    /// The `when` to be written for it. It stays relevant at values of which too little is known.
+    /// The `when` to be written for it. It stays relevant at values with too few episodes.
     pub fn when(&self, model: &Model) -> String {
         match self.about {
             About::Signal(index) => {
@@ -86,7 +86,7 @@ impl Silence {
         }
     }
 
-    /// When a value began at which the module did not do what it does otherwise at this value.
+    /// The exceptions at this value: the times when the module was heard, or silent, against its habit.
     pub fn against(&self, value: usize) -> &[i64] {
         let Episodes { silent, heard } = &self.episodes[value];
         match (self.silent.contains(&value), self.heard.contains(&value)) {

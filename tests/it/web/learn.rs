@@ -56,7 +56,7 @@ async fn a_press_has_the_history_evaluated_and_everything_stands_beside_each_pro
     let recording = Recording { finished: true, ..Recording::default() };
     let summary = Summary { id: 7, until_ms: Some(i64::MAX / 2), recording, ..Summary::default() };
     fixture.store.incident_finished(&summary).await.unwrap();
-    // A newer one of another time, in which none of the failures lies.
+    // A newer one, without any of the failures.
     let (since_ms, recording) = (i64::MAX / 2, summary.recording.clone());
     let other = Summary { id: 8, since_ms, recording, ..Summary::default() };
     fixture.store.incident_finished(&other).await.unwrap();

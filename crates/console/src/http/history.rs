@@ -28,9 +28,9 @@ const UNASKED_MS: i64 = 3_600_000;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HistoryAsked {
-    /// Only what was told at this time or later.
+    /// Only messages of this time or later.
     from: Option<Moment>,
-    /// Only what was told at this time or earlier.
+    /// Only messages of this time or earlier.
     to: Option<Moment>,
     pub format: Option<Format>,
 }
@@ -43,7 +43,7 @@ impl HistoryAsked {
     }
 }
 
-/// The columns of a CSV. What is missing is a row without a kind, and the last row is a `cut` if there is more.
+/// The columns of a CSV. A row without a kind stands for missing messages, and the last row is a `cut` if there are more.
 const COLUMNS: [&str; 15] = [
     "epoch",
     "n",

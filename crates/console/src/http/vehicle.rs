@@ -178,7 +178,7 @@ fn state_of(console: &Console, id: &VehicleId, role: Role, lang: Lang) -> Result
     })
 }
 
-/// What it showed at a moment.
+/// The state of the vehicle at a moment.
 fn state_then(console: &Console, id: &VehicleId, past: &Past, lang: Lang) -> Result<StateHtml, HttpError> {
     let words = ConsoleWords::of(lang);
     let row = {

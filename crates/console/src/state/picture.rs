@@ -46,7 +46,7 @@ impl Picture {
 
     /// The worst of its components; UNKNOWN if there are none.
     pub fn overall(&self) -> State {
-        // Statuses that no group takes, of which there are none.
+        // The group for other statuses is empty.
         let is_empty = |group: &str| {
             let is_of = |name: &String| name.split_once('/').is_some_and(|(of, _)| of == group);
             group == OTHER_GROUP && !self.nodes.keys().any(is_of)

@@ -19,7 +19,7 @@ pub enum Mode {
     BlackHole,
     /// So many bytes pass at once, then none for 20 ms.
     Slow(usize),
-    /// What is open is reset, and what comes too.
+    /// Open connections and new ones are reset.
     Reset,
 }
 
@@ -68,7 +68,7 @@ impl Proxy {
 async fn carry(client: TcpStream, target: String, mut mode: watch::Receiver<Mode>, cut: usize) {
     let Ok(server) = TcpStream::connect(target).await else { return };
     for stream in [&client, &server] {
-        // What is dropped is reset.
+        // A dropped connection is reset.
         stream.set_zero_linger().unwrap();
     }
     let (from_client, to_client) = client.into_split();

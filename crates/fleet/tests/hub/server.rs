@@ -60,7 +60,7 @@ impl Hub {
         hub
     }
 
-    /// Three nodes of one hub with an enrolled vehicle `a`, each of which keeps all logs.
+    /// Three nodes of one hub, which all keep every log, and an enrolled vehicle `a`.
     pub async fn start_cluster(name: &str) -> [Hub; 3] {
         let mut first = Hub::configured(name);
         first.configured.enrol(&VehicleId::new("a").unwrap(), &first.key_file("a")).unwrap();

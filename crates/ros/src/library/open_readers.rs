@@ -24,8 +24,8 @@ const OVERLAP: Span = Span::from_secs(1);
 pub struct OpenReader {
     pub id: u32,
     pub reader: RawReader,
-    /// Takes its place at this time. Until then it keeps what it receives: it may be the only one that does. The parent passes
-    /// over what came twice.
+    /// Takes its place at this time. Until then it keeps its samples, because it may be the only one to receive them. The
+    /// parent passes over those that came twice.
     next: Option<(RawReader, Timestamp)>,
     pub topic: Topic,
     pub via: Via,

@@ -136,7 +136,7 @@ impl Writers {
             self.undiscovered.remove(&guid);
             self.known.insert(guid, Known { offer, ..known });
         }
-        // What it said last may not be so any more.
+        // Its last message may be out of date.
         self.missed |= self.spoke.take_if(|guid| before.contains_key(guid)).is_some();
         if self.last.len() > REMEMBERED_MAX {
             self.last.retain(|guid, _| self.known.contains_key(guid));
@@ -178,7 +178,7 @@ impl Writers {
         self.known.get(writer).is_some_and(ours)
     }
 
-    /// A message may be missing of a writer that keeps nothing: what counts was kept by another one, or a reader has ended
+    /// A message of a writer that keeps nothing may be missing: another writer's kept message counts, or the reader has ended
     /// that would have asked for it again.
     pub fn may_miss(&mut self, dds_type: &str) {
         let mut ours = self.known.values().filter(|it| it.offer.type_name == dds_type);

@@ -431,7 +431,7 @@ impl Topic {
         let found = publishers > 0 || other_type.is_some();
         let source = source.clone();
         let is_settled = self.memory.writers.settles_at(now).is_none();
-        // What was lost is not sent again without a reliable reader, and a kept message to one that asks for it alone.
+        // Lost messages are sent again to a reliable reader alone, and kept ones to a reader that asks for them.
         let best_effort = best_effort || publishers > 0 && is_settled && !self.readers.any_reliable();
         let is_asked = !self.subscription.wants_last_value() || self.readers.asks_for_last_value();
         let transient_local = transient_local && (!is_settled || is_asked);
@@ -450,7 +450,7 @@ impl Topic {
         self.memory.writers.reported();
         self.said = Some(PublisherReport { anew: false, ..news.clone() });
         self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await?;
-        // What its publishers still keep has not been missed.
+        // Messages that the publishers still keep are not missed.
         if anew && transient_local { self.tell_last_values().await } else { Ok(()) }
     }
 

@@ -125,7 +125,7 @@ pub(super) fn reported(
 ) -> rusqlite::Result<Option<Reported>> {
     const COLUMNS: &str = "SELECT id, at_ms, state, own, other IS NOT NULL FROM records
         WHERE kind = 1 AND node = (SELECT id FROM nodes WHERE name = ?)";
-    // Of a history in which nothing is written nothing is found.
+    // An empty history has nothing.
     let to_ms = alive_ms(connection)?.unwrap_or(0);
     let query = HistoryQuery { nodes: Vec::new(), signals: Vec::new(), from_ms: 0, to_ms };
     let starts = starts(connection, &query)?;

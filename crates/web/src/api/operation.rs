@@ -16,7 +16,7 @@ pub struct Operation {
     pub about: &'static str,
     /// The path, if the route's own takes the rest of an address.
     pub path: Option<&'static str>,
-    /// The parts of the path in braces: the name of each, what it is, and one for the example.
+    /// The parts of the path in braces, each with its name, its meaning and an example.
     pub in_path: &'static [(&'static str, &'static str, &'static str)],
     pub query: Option<SchemaOf>,
     pub form: Option<SchemaOf>,

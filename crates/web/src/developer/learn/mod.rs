@@ -65,7 +65,7 @@ struct Proposal {
     word: &'static str,
     node: NodeLink,
     on: Vec<NodeLink>,
-    /// What is left of the dependency; empty unless it is narrowed.
+    /// The rest of a narrowed dependency.
     remains: Vec<NodeLink>,
     evidence: Vec<EvidenceRow>,
     more: usize,
@@ -303,7 +303,7 @@ impl Writer<'_> {
         let [cause, dependent] = names.map(|name| clean(name, 2 * NAME));
         let (part, whole, (_, low, high)) = (evidence.examples.len(), evidence.failures(), evidence.share());
         let [low, high] = [low, high].map(|share| format!("{:.0}", share * 100.0));
-        // What is earlier is said in words.
+        // The words say which one is earlier.
         let seconds = |ms: i64| lang.quantity(&format!("{:.1}", ms.abs() as f64 / 1000.0), 1.0, "");
         let (first, last) = (evidence.delays_ms.iter().min(), evidence.delays_ms.iter().max());
         let mut row = EvidenceRow {

@@ -166,7 +166,7 @@ async fn incidents(app: &AppState) -> Result<Vec<Summary>, HttpError> {
         let filter = IncidentFilter { before, ..IncidentFilter::default() };
         let page = app.store.incidents(filter).await.map_err(HttpError::from)?;
         let is_last = page.len() < INCIDENTS_PAGE_MAX as usize;
-        // Without what is not looked at.
+        // Only the fields that the page shows.
         all.extend(page.into_iter().map(|Incident { summary: it, .. }| Summary {
             id: it.id,
             since_ms: it.since_ms,
