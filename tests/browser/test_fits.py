@@ -154,6 +154,17 @@ def test_a_warning_keeps_its_count_and_its_icon(server, vehicle, german, trouble
             expect(page.locator(f"#tile-can {part}")).to_be_visible()
 
 
+def test_the_tick_is_whole_beside_the_question_for_the_stop(server, vehicle, german, trouble):
+    page, _ = german
+    vehicle.set("can: battery", 1, "18 %")
+    page.set_viewport_size({"width": 800, "height": 480})
+    page.goto(server.url + "/")
+    expect(page.locator("#step button[name=localize]").first).to_be_visible()
+    expect(page.locator("#causes .title")).to_have_text("Batterie ist schwach")
+    tick, bar = (page.locator(part).bounding_box() for part in ("#causes button[name=acknowledge]", "#actions"))
+    assert tick["y"] + tick["height"] <= bar["y"], (tick, bar)
+
+
 # Inside which words a line of the faults' titles ends, without a hyphen of theirs.
 TORN = """() => [...document.querySelectorAll("#causes .title")].flatMap(title => {
   const node = title.firstChild, torn = [];
