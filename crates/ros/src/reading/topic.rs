@@ -268,6 +268,7 @@ impl Topic {
             Verdict::Skip => {
                 return match self.forgotten.remove(&sample.writer, sample.sequence) {
                     Some(LastValue { message, at }) => {
+                        self.memory.writers.may_miss(dds_type);
                         self.hand_over(&message, (PublicationTime::Kept, received.since(at)), received).await
                     }
                     None => Ok(()),
@@ -312,7 +313,10 @@ impl Topic {
         let when = match published {
             Published::Now => PublicationTime::Now,
             Published::Unfound => PublicationTime::Late,
-            Published::Before if keeps => PublicationTime::Kept,
+            Published::Before if keeps => {
+                self.memory.writers.may_miss(dds_type);
+                PublicationTime::Kept
+            }
             Published::Before => PublicationTime::Past,
         };
         self.hand_over(&message, (when, late), received).await
@@ -325,9 +329,6 @@ impl Topic {
         (when, late): (PublicationTime, Span),
         received: Timestamp,
     ) -> Result<(), End> {
-        if when == PublicationTime::Kept {
-            self.memory.writers.may_miss(&self.subscription.dds_type);
-        }
         let Message { body, writer, .. } = &**message;
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
@@ -435,7 +436,7 @@ impl Topic {
         let best_effort = best_effort || publishers > 0 && is_settled && !self.readers.any_reliable();
         let is_asked = !self.subscription.wants_last_value() || self.readers.asks_for_last_value();
         let transient_local = transient_local && (!is_settled || is_asked);
-        let anew = self.anew && is_settled && !transient_local || self.memory.writers.may_have_missed();
+        let anew = self.anew && !transient_local || self.memory.writers.may_have_missed();
         let news = PublisherReport { source, publishers, other_type, transient_local, best_effort, anew };
         if !anew && self.said.as_ref() == Some(&news)
             || self.said.is_none() && !found && now < self.searching_until
@@ -446,7 +447,7 @@ impl Topic {
             self.searching_until = now + SEARCHED_AGAIN;
             return Ok(());
         }
-        self.anew &= !is_settled;
+        self.anew &= !is_settled && transient_local;
         self.memory.writers.reported();
         self.said = Some(PublisherReport { anew: false, ..news.clone() });
         self.outbox.send(Stamped::new(Input::Topic(news), now), 0).await?;
@@ -480,10 +481,11 @@ impl Topic {
         let is_catching_up = self.memory.writers.is_catching_up(dds_type);
         let was_reliable = self.readers.any_reliable();
         if self.readers.follow(fitting, is_catching_up, now.0) {
-            self.memory.writers.may_miss(dds_type);
             match self.readers.any_reliable() {
                 false => self.memory.writers.heard_by_best_effort_alone(),
-                true if !was_reliable => self.memory.writers.may_miss_any(),
+                true if !was_reliable && self.said.as_ref().is_some_and(|said| said.best_effort) => {
+                    self.memory.writers.may_miss_any();
+                }
                 true => {}
             }
             if self.subscription.watched().is_some() {
