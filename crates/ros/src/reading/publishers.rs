@@ -75,7 +75,7 @@ pub struct Writers {
     undiscovered: BTreeMap<Guid, Timestamp>,
     /// The last sequence number of each writer: samples up to it were received before.
     last: BTreeMap<Guid, i64>,
-    /// The writer of the last sample that the present reader received.
+    /// The writer of the last sample that was handed over, since the present reader exists.
     spoke: Option<Guid>,
     /// Since the last report a message may have been missed that no writer tells again.
     missed: bool,
@@ -190,6 +190,11 @@ impl Writers {
         self.missed |= self.spoke.is_some();
     }
 
+    /// A sample of this writer is handed over.
+    pub fn speaks(&mut self, writer: &Guid) {
+        self.spoke = Some(*writer);
+    }
+
     /// Whether a message may have been missed since the last report.
     pub fn may_have_missed(&self) -> bool {
         self.missed
@@ -290,12 +295,10 @@ impl Writers {
 
     /// Judges one sample.
     pub fn judge(&mut self, writer: &Guid, sequence: i64, via: Via, dds_type: &str) -> Verdict {
-        let known = self.known.get_mut(writer);
-        if known.as_ref().is_some_and(|known| known.offer.type_name != dds_type) {
-            return Verdict::WrongType;
-        }
-        self.spoke = Some(*writer);
-        if let Some(Known { reliably, .. }) = known {
+        if let Some(Known { offer, reliably, .. }) = self.known.get_mut(writer) {
+            if offer.type_name != dds_type {
+                return Verdict::WrongType;
+            }
             let last = self.last.get(writer);
             *reliably |= via != Via::BestEffort && last.is_none_or(|last| sequence >= *last);
             // A best-effort reader hands samples over in the order of arrival: one of them would overtake a
@@ -529,7 +532,7 @@ mod tests {
             missed
         };
         assert!(!missed(&mut writers), "nothing was heard that may be over");
-        writers.judge(&A, 1, Via::Reliable, OURS);
+        writers.speaks(&A);
         let follow = |writers: &mut Writers, offers: &[(Guid, Offer)]| {
             writers.update(offers.iter().cloned().collect(), OURS, START);
             missed(writers)

@@ -330,6 +330,7 @@ impl Topic {
         received: Timestamp,
     ) -> Result<(), End> {
         let Message { body, writer, .. } = &**message;
+        self.memory.writers.speaks(writer);
         let since_epoch = self.around.clock.wall().duration_since(UNIX_EPOCH).unwrap_or_default();
         let wall_ns = i64::try_from(since_epoch.as_nanos()).unwrap_or(i64::MAX);
         let received_message = Received { body, writer: *writer, wall_ns, when };
