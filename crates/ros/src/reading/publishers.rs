@@ -18,6 +18,9 @@ const UNDISCOVERED_MAX: usize = 256;
 
 /// A sample that arrives within this time after its writer was discovered may be from before our start.
 const HISTORY: Span = Span::from_secs(3);
+/// The same of a writer that keeps its last message: it is asked for that after the others are found, and may have to send
+/// it twice.
+const KEPT_HISTORY: Span = Span::from_secs(10);
 /// A publisher of another quality is expected back for this long after it has gone, such as a restarted
 /// driver: until then the reader stays one that fits it too.
 const QUALITY_REMEMBERED: Span = Span::from_secs(60);
@@ -217,7 +220,8 @@ impl Writers {
         };
         let (first, first_source) = *known.first.get_or_insert((now, source));
         let burst = now.since(first) < HISTORY_BURST;
-        if now.since(known.since) >= HISTORY {
+        let history = if known.offer.transient_local { KEPT_HISTORY } else { HISTORY };
+        if now.since(known.since) >= history {
             return Published::Now;
         }
         let Some(source) = source else {
@@ -268,10 +272,10 @@ impl Writers {
         self.settled_at.filter(|at| now < *at)
     }
 
-    /// When to ask again which reader fits.
-    pub fn fitting_due(&self, now: Timestamp) -> Option<Timestamp> {
+    /// When to ask again which reader fits, after it was asked last.
+    pub fn fitting_due(&self, asked: Timestamp) -> Option<Timestamp> {
         let all = [self.settled_at, self.best_effort_until, self.volatile_until];
-        all.into_iter().flatten().filter(|at| now < *at).min()
+        all.into_iter().flatten().filter(|at| asked < *at).min()
     }
 
     /// Whether these readers ask for no last value although a writer of our type keeps one. At the beginning, while others
@@ -514,7 +518,7 @@ mod tests {
                 (A, Some(99_960), 5120, Now),
                 // It comes late, and no faster than a burst can: a repair.
                 (A, Some(97_000), 6000, Before),
-                (A, Some(97_000), 8000, Now),
+                (A, Some(97_000), if transient_local { 15_000 } else { 8000 }, Now),
             ];
             check(&mut writers, &cases);
         }

@@ -125,6 +125,8 @@ pub struct Topic {
     anew: bool,
     /// It was reported that last values are not asked for.
     told_of_mix: bool,
+    /// When the present writers were taken last.
+    followed: Timestamp,
     trial: Arc<Trial>,
     around: TopicContext,
     readers: Readers,
@@ -160,6 +162,7 @@ impl Topic {
             said: None,
             anew: memory.heard.is_some(),
             told_of_mix: false,
+            followed: Timestamp::ZERO,
             trial,
             around,
             readers,
@@ -205,8 +208,10 @@ impl Topic {
                 () = until(due) => {}
                 () = poll_fn(|context| self.readers.poll(context, &mut batch, &mut faults)) => {
                     let received = self.around.clock.now();
-                    if self.readers.was_replaced() {
-                        self.memory.writers.may_miss(&self.subscription.dds_type);
+                    match (self.readers.was_replaced(), self.readers.asks_for_last_value()) {
+                        (true, true) => self.memory.writers.may_miss(&self.subscription.dds_type),
+                        (true, false) => self.memory.writers.may_miss_any(),
+                        (false, _) => {}
                     }
                     self.take_faults(&mut faults);
                     self.take_batch(&mut batch, received).await?;
@@ -417,7 +422,7 @@ impl Topic {
 
     /// When another reader may fit, without any news of discovery.
     fn follow_due(&self) -> Option<Timestamp> {
-        let fitting = self.memory.writers.fitting_due(self.around.clock.now());
+        let fitting = self.memory.writers.fitting_due(self.followed);
         [fitting, self.readers.overlap_ends()].into_iter().flatten().min()
     }
 
@@ -471,6 +476,7 @@ impl Topic {
         let offers = offers(&self.around.participant, &self.subscription.dds_topic);
         let dds_type = &self.subscription.dds_type;
         let now = (self.around.clock.now(), self.around.clock.wall());
+        self.followed = now.0;
         for theirs in self.memory.writers.update(offers, dds_type, now) {
             let text = || wrong_type(&theirs, &self.subscription);
             self.memory.troubles.add(TroubleKind::WrongType, 1, text);
