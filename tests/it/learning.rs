@@ -97,7 +97,7 @@ async fn a_history_gives_proposals_that_check_accepts() {
 pub const SILENT: &str = "vehicle: { id: v, name: V, stages: none }\nsignals:\n  moving: { topic: /moving, type: std_msgs/msg/Bool }\n\
      groups:\n  - { id: sensors, modules: [{ id: wheels, status: wheels }] }\n";
 
-/// A history in which the wheels are silent while the robot does not move, with one counterexample of thirty.
+/// A history: the wheels are silent while the robot does not move, with one counterexample of thirty.
 pub async fn silent_past(data: &Path) {
     let (clock, hand) = Clock::standing();
     Store::open(data, clock, DemoSecrets::Refused).unwrap().close().await;

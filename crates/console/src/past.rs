@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(at(&all, 500), (Contact::Live, Error));
         assert_eq!(at(&all, 535), (Contact::Live, Error), "it was heard a moment ago");
         assert_eq!(at(&all, 536), (Contact::Lost, Error), "a message is missing, and nobody knows from when");
-        assert_eq!(at(&all, 950), (Contact::Lost, Ok), "what is missing may be of another node");
+        assert_eq!(at(&all, 950), (Contact::Lost, Ok), "the gap may be of another node");
         assert_eq!(at(&all, 1500), (Contact::Off, Ok));
         assert_eq!(at(&all, 5030), (Contact::Live, Ok));
         assert_eq!(at(&all, 5100), (Contact::Lost, Ok), "nothing was heard of it since");

@@ -120,7 +120,7 @@ pub fn learn(history: &History, model: &Model) -> Proposals {
     learn_within(history, model, &|_| true).expect("it goes on to its end")
 }
 
-/// The same while `go_on` permits it, which is asked now and then with the bytes that the evidence takes so far. `None` if
+/// The same while `go_on` permits it: it is asked now and then with the bytes of the evidence so far. `None` if
 /// it did not.
 pub fn learn_within(history: &History, model: &Model, go_on: &dyn Fn(usize) -> bool) -> Option<Proposals> {
     let learned = pairs::learn(history, model, go_on)?;

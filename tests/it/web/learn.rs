@@ -1,4 +1,4 @@
-//! The page of learned dependencies: who may have the history evaluated, what it finds, and that only one evaluation runs.
+//! The page of learned dependencies: the roles that may have the history evaluated, its proposals, and that only one evaluation runs.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
@@ -22,7 +22,7 @@ use crate::learning::{CONFIG, SILENT, past, silent_past};
 
 const PATH: &str = "/developer/learn";
 
-/// A vehicle with this history and configuration of the command's tests, which is learned from by this.
+/// A vehicle with this history, the configuration of the command's tests, and this learner.
 async fn vehicle(data: &TestFolder, text: &str, learner: Learner) -> Fixture {
     let loaded = config::parse("config.yaml", text).unwrap();
     let mut fixture = Fixture::changed(|parts| *parts = Parts::clone(&loaded.model)).await;
@@ -63,7 +63,7 @@ async fn a_press_has_the_history_evaluated_and_everything_stands_beside_each_pro
     let (developer, authority) = (fixture.cookie_of("developer").await, fixture.cookie_of("authority").await);
     let button = "name=\"run\"";
     assert!(page(&fixture, PATH, &developer).await.contains(button));
-    // Who may only look starts nothing.
+    // An authority may only look, and starts nothing.
     let read_only = page(&fixture, &format!("{PATH}?run=yes"), &authority).await;
     assert!(read_only.contains("data-progress=\"none\"") && !read_only.contains(button), "{read_only}");
     run(&fixture, &developer).await;

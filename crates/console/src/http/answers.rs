@@ -49,8 +49,7 @@ pub async fn vehicles(
     Asked(VehiclesAsked { q, format }): Asked<VehiclesAsked>,
     headers: HeaderMap,
 ) -> Response {
-    let mut rows = console.shared.fleet().rows(console.clock.now());
-    rows.retain(|row| q.finds(row));
+    let rows = console.found(&q);
     let flat: Vec<Value> = rows.iter().map(flat).collect();
     let table = Table { name: "vehicles", columns: &COLUMNS, rows: &flat, next: None };
     table.answer(Format::of(format, &headers), &rows)

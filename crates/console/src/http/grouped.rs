@@ -118,8 +118,7 @@ pub async fn get(
     Asked(VehiclesAsked { q, format }): Asked<VehiclesAsked>,
     headers: HeaderMap,
 ) -> Response {
-    let mut rows = console.shared.fleet().rows(console.clock.now());
-    rows.retain(|row| q.finds(row));
+    let rows = console.found(&q);
     let group = |((_, node), rows): ((Urgency, &'_ str), Vec<&'_ Row>)| {
         let cause = rows[0].cause.as_ref().filter(|_| !node.is_empty());
         json!(CauseGroup {

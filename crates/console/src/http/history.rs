@@ -71,7 +71,7 @@ pub struct HistoryAnswer {
     from: String,
     /// Each has `epoch`, `n`, `at`, `kind`, and what its kind has; kinds that you do not know are to be passed over.
     messages: Vec<Map<String, Value>>,
-    /// What is missing in between: `epoch`, the first number `n`, the last one `to`, and `why`, if the vehicle says it.
+    /// The gaps in between: `epoch`, the first missing number `n`, the last one `to`, and `why`, if the vehicle says it.
     unknown: Vec<Map<String, Value>>,
     /// Messages that were told again with other content.
     contradictions: usize,

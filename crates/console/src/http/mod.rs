@@ -38,6 +38,8 @@ use operations as op;
 pub use operations::document as openapi;
 
 use crate::follow::Shared;
+use crate::state::Row;
+use crate::state::search::Search;
 
 /// The time for a whole request.
 const REQUEST_TIMEOUT: std::time::Duration = std::time::Duration::from_secs(10);
@@ -55,11 +57,18 @@ pub struct Console {
     /// Browsers connect over TLS, so cookies are marked for TLS only.
     secure: bool,
     throttle: Arc<Mutex<Throttle>>,
-    /// Whose turn it is to read a history.
+    /// Permits to read a history.
     histories: Arc<Semaphore>,
 }
 
 impl Console {
+    /// The vehicles that a search finds, the worst first.
+    pub fn found(&self, q: &Search) -> Vec<Row> {
+        let mut rows = self.shared.fleet().rows(self.clock.now());
+        rows.retain(|row| q.finds(row));
+        rows
+    }
+
     /// `data`: its data folder.
     pub fn new(shared: Shared, store: Store, data: &Path, origins: Origins, secure: bool) -> Console {
         let clock = shared.clock;

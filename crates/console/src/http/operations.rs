@@ -29,7 +29,7 @@ const ABOUT: About = About {
 /// Everybody who may use a console.
 const EACH: Access = Access::Roles(&Role::OF_CONSOLE);
 
-/// A route that is described: its method, who may use it, and its words.
+/// A described route: its method, its roles, and its words.
 pub type Told = (Method, Access, &'static Operation);
 
 const VEHICLE: (&str, &str, &str) = ("id", "The name of a vehicle on the hub.", "shuttle-03");
@@ -87,7 +87,7 @@ pub const HISTORY: Told = (
         id: "history",
         tag: Tag::Tables,
         summary: "What a vehicle told between two instants",
-        about: "By its own clock; without an instant of the last hour. `unknown` lists what is missing in between.",
+        about: "By its own clock; without an instant of the last hour. `unknown` lists the gaps in between.",
         query: Some(of::<HistoryAsked>),
         answer: Content::Table(of::<HistoryAnswer>),
         refusals: &[BAD_QUERY, NO_VEHICLE, TOO_SLOW, NO_HUB],
@@ -103,7 +103,7 @@ pub const LOG: Told = (
         id: "log",
         tag: Tag::Tables,
         summary: "The log of a vehicle as people read it",
-        about: "Alarms, stages, the ends of Telltale, and what is not known, the oldest first.",
+        about: "Alarms, stages, the ends of Telltale, and the gaps, the oldest first.",
         query: Some(of::<HistoryAsked>),
         answer: Content::Table(of::<Vec<LineHtml>>),
         refusals: &[BAD_QUERY, NO_VEHICLE, TOO_SLOW, NO_HUB],

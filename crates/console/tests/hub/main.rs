@@ -269,7 +269,7 @@ async fn a_console_that_is_killed_knows_all_again_from_the_hub() {
     vehicle.clock_is(false);
     let console = Running::start(&hub, &console_data).await;
     console
-        .vehicle_with("what came meanwhile", |it| it["contact"] == "live" && it["state"] != "warning")
+        .vehicle_with("the news of its absence", |it| it["contact"] == "live" && it["state"] != "warning")
         .await;
     let whole = async {
         while console.get("/api/v1/vehicles/a/snapshot").await.1["whole"] != true {

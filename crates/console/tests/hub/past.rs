@@ -97,7 +97,7 @@ async fn a_vehicle_is_shown_as_it_was_and_what_is_missing_is_not_known() {
     assert_eq!(snapshot(299).await, ["live", "ok", "active"]);
     assert_eq!(snapshot(350).await, ["live", "error", "active"]);
     assert_eq!(snapshot(550).await, ["lost", "error", "active"]);
-    assert_eq!(snapshot(650).await, ["lost", "unknown", "active"], "no keyframe came after what is missing");
+    assert_eq!(snapshot(650).await, ["lost", "unknown", "active"], "no keyframe came after the gap");
     assert_eq!(snapshot(750).await, ["live", "ok", "active"]);
     assert_eq!(snapshot(1300).await, ["off", "ok", "active"]);
 

@@ -76,7 +76,7 @@ pub struct Described<'a> {
 pub struct About {
     pub title: &'static str,
     pub text: &'static str,
-    /// Who has tokens.
+    /// The users that have tokens.
     pub token: &'static str,
 }
 

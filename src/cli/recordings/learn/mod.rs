@@ -21,7 +21,7 @@ use crate::store::{INCIDENTS_PAGE_MAX, Incident, IncidentFilter, Incidents, repo
 
 /// Propose dependencies from what failed with what in the history
 ///
-/// It looks for modules that fail whenever another one fails, for dependencies whose cause fails without an effect, and for
+/// It looks for modules that fail whenever another one fails, for dependencies with a cause that fails without an effect, and for
 /// modules that are silent in some stages or while a signal has a value. Each proposal has its counterexamples beside it. It reads the data folder and changes nothing, also while `serve` writes.
 /// A proposal is never in force by itself: `-o` writes the configuration with all changes of dependencies, to read it, `check` it, and try
 /// it on kept incidents with `replay --what-if`.

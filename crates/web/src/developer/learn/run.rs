@@ -18,7 +18,7 @@ use telltale_store::{History, INCIDENTS_PAGE_MAX, Incident, IncidentFilter};
 
 /// A history that takes longer is not evaluated here.
 const WITHIN: Span = Span::from_secs(60);
-/// Nor one whose evidence takes more memory.
+/// Nor one with more bytes of evidence.
 const BYTES_MAX: usize = 128 << 20;
 /// The newest incidents are named beside what happened in them.
 const INCIDENTS_MAX: usize = 2_000;
@@ -51,7 +51,7 @@ pub struct Learned {
 pub struct Patched {
     pub texts: Vec<ConfigurationText>,
     pub patch: String,
-    /// Nodes whose dependencies have to be changed by hand.
+    /// Nodes with dependencies that have to be changed by hand.
     pub left: Vec<String>,
     /// What `check` says: its warnings, or its errors.
     pub checked: Result<Option<String>, String>,
