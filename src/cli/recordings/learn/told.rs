@@ -2,10 +2,10 @@
 
 use std::time::{Duration, SystemTime};
 
+use crate::cli::learned;
 use crate::cli::print::Lines;
 use crate::engine::model::{Dependency, DependsOn, Model, ModuleId, NodeId};
-use crate::engine::state::State;
-use crate::learn::{Direction, EPISODES, Edge, Evidence, History, Proposals, Stretch, modules_of};
+use crate::learn::{Direction, EPISODES, Edge, Evidence, History, Proposals, modules_of};
 use crate::store::Incident;
 
 /// Times that are printed of each proposal.
@@ -103,7 +103,7 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
             }
         }
     }
-    let is_failing = |stretches: &&Vec<_>| stretches.iter().any(|it: &Stretch| it.own > State::Ok);
+    let is_failing = |stretches: &&Vec<_>| learned::has_failed(stretches);
     lines.add(format_args!(
         "{} to add, {} to remove or narrow; {} of {} dependencies that the history shows are configured; {} of {} modules ever failed",
         proposals.add.len(),

@@ -2,7 +2,6 @@
 
 use crate::cli::{fields, learned};
 use crate::config::{self, Examined, Loaded};
-use crate::engine::state::State;
 use crate::learn::{Proposals, learn_within};
 use crate::msg::fields::Definitions;
 use crate::record::ring::ConfigurationText;
@@ -19,7 +18,7 @@ pub fn learner(definitions: Definitions) -> Learner {
         let reported = history.reported(&modules, &signals, &|| go_on(0)).map_err(|error| bad(&error))?;
         let history = learned::history(reported.ok_or(NotLearned::TooMuch)?).ok_or(NotLearned::Nothing)?;
         let proposals = learn_within(&history, &loaded.model, go_on).ok_or(NotLearned::TooMuch)?;
-        let has_failed = |it: &&Vec<_>| it.iter().any(|it: &crate::learn::Stretch| it.own > State::Ok);
+        let has_failed = |it: &&Vec<_>| crate::cli::learned::has_failed(it);
         Ok(Learned {
             model: loaded.model.clone(),
             failed: history.modules.iter().filter(has_failed).count(),
