@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use serde_json::{Map, Value, json};
 use telltale_engine::Engine;
@@ -12,9 +12,9 @@ use telltale_engine::time::Span;
 
 use super::figures::{self, Figures};
 use super::judge::{judge, judge_engine};
-use super::machine::Machine;
+use super::machine::{Machine, of_each};
 use super::plan::{Place, Plan};
-use super::rules::{Rule, Said, of_engine, of_modules};
+use super::rules::{Rule, of_engine, of_modules};
 use super::statistics::{holm, mcnemar, wilcoxon};
 use super::track::{Track, begun, track};
 use super::truth::Present;
@@ -77,27 +77,15 @@ pub fn run(
     progress: &(dyn Fn(u64) + Sync),
 ) -> Results {
     let prepared: Vec<OnceLock<Engines>> = (0..variant::count() * 2).map(|_| OnceLock::new()).collect();
-    let (next, done) = (AtomicU64::new(seeds.start), AtomicU64::new(0));
-    let trials: Mutex<BTreeMap<u64, Trial>> = Mutex::default();
-    std::thread::scope(|scope| {
-        for _ in 0..threads.max(1) {
-            scope.spawn(|| {
-                loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed >= seeds.end {
-                        return;
-                    }
-                    let plan = Plan::draw(seed, machine.faults());
-                    let number = variant::of_seed(seed);
-                    let index = number * 2 + u64::from(plan.place == Place::AtAStop);
-                    let engines =
-                        prepared[index as usize].get_or_init(|| Engines::new(machine, number, plan.place));
-                    let trial = trial(machine, &plan, engines);
-                    trials.lock().unwrap_or_else(PoisonError::into_inner).insert(seed, trial);
-                    progress(done.fetch_add(1, Ordering::Relaxed) + 1);
-                }
-            });
-        }
+    let done = AtomicU64::new(0);
+    let trials = of_each(&seeds, threads, |seed| {
+        let plan = Plan::draw(seed, machine.faults());
+        let number = variant::of_seed(seed);
+        let index = number * 2 + u64::from(plan.place == Place::AtAStop);
+        let engines = prepared[index as usize].get_or_init(|| Engines::new(machine, number, plan.place));
+        let trial = trial(machine, &plan, engines);
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1);
+        trial
     });
     let mut results = Results {
         machine: machine.name(),
@@ -106,7 +94,7 @@ pub fn run(
         baselines: BTreeMap::new(),
         curve: vec![Vec::new(); CURVE_MS.len()],
     };
-    for (_, trial) in trials.into_inner().unwrap_or_else(PoisonError::into_inner) {
+    for trial in trials {
         results.ours.push(trial.ours);
         for (rule, figures) in trial.baselines {
             results.baselines.entry(rule).or_default().push(figures);
@@ -133,11 +121,12 @@ fn trial(machine: &dyn Machine, plan: &Plan, engines: &Engines) -> Trial {
         judge_engine(&present, shown, &off, &mut figures);
         figures
     };
+    let said = |rule: Rule| of_modules(rule, &engines.model, &off);
     let of_rule = |rule: Rule| match rule {
         Rule::Off => of_engine_track(&off),
         Rule::Always => of_engine_track(&track(&engines.always, &history)),
-        Rule::Aggregator => judge(&present, &said(rule, engines, &off), Some(&off.0[0].1)),
-        Rule::Modules | Rule::Dependent | Rule::Window => judge(&present, &said(rule, engines, &off), None),
+        Rule::Aggregator => judge(&present, &said(rule), Some(&off.0[0].1)),
+        Rule::Modules | Rule::Dependent | Rule::Window => judge(&present, &said(rule), None),
     };
     let ours = of_engine_track(&ours);
     let point = |engine: &Option<Engine>| match engine {
@@ -149,10 +138,6 @@ fn trial(machine: &dyn Machine, plan: &Plan, engines: &Engines) -> Trial {
         baselines: Rule::ALL.into_iter().map(|rule| (rule, of_rule(rule))).collect(),
         ours,
     }
-}
-
-fn said(rule: Rule, engines: &Engines, off: &Track) -> Vec<Said> {
-    of_modules(rule, &engines.model, off)
 }
 
 /// Ours against another rule, trial by trial.
@@ -170,6 +155,12 @@ pub struct Comparison {
 impl Results {
     pub fn faults(&self) -> u64 {
         Figures::sum(&self.ours).faults
+    }
+
+    /// Each rule by its name, ours first.
+    pub fn rules(&self) -> impl Iterator<Item = (&'static str, &Vec<Figures>)> {
+        let baselines = self.baselines.iter().map(|(rule, trials)| (rule.name(), trials));
+        std::iter::once(("ours", &self.ours)).chain(baselines)
     }
 
     pub fn comparisons(&self) -> Vec<Comparison> {

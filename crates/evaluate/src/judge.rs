@@ -8,7 +8,7 @@ use telltale_engine::snapshot::Snapshot;
 use telltale_engine::state::State;
 
 use super::figures::Figures;
-use super::rules::{Said, top};
+use super::rules::Said;
 use super::track::Track;
 use super::truth::Present;
 
@@ -98,7 +98,7 @@ fn lasting(fault: &Present, changes: impl Iterator<Item = u64>, holds: impl Fn(u
 fn names(fault: &Present, grouped: Option<&Snapshot>) -> BTreeSet<NodeId> {
     let modules = fault.modules.iter().map(|id| NodeId::Module(*id));
     match grouped {
-        Some(snapshot) => modules.filter_map(|node| top(snapshot, node).map(NodeId::Group)).collect(),
+        Some(snapshot) => modules.map(|node| NodeId::Group(snapshot.layout.outermost(node))).collect(),
         None => modules.collect(),
     }
 }
@@ -106,7 +106,7 @@ fn names(fault: &Present, grouped: Option<&Snapshot>) -> BTreeSet<NodeId> {
 /// Whether the vehicle or the tile of the fault is OK on the display while one of its modules is not.
 fn is_green(snapshot: &Snapshot, fault: &Present) -> bool {
     let bad = fault.modules.iter().filter(|id| super::truth::is_bad(snapshot.own(NodeId::Module(**id))));
-    let mut tiles = bad.filter_map(|id| top(snapshot, NodeId::Module(*id)));
+    let mut tiles = bad.map(|id| snapshot.layout.outermost(NodeId::Module(*id)));
     tiles.any(|tile| snapshot.overall == State::Ok || snapshot.group(tile).1.state == State::Ok)
 }
 

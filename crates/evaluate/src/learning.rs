@@ -2,14 +2,13 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use telltale_engine::model::{Model, ModuleId, NodeId};
 use telltale_engine::state::State;
 use telltale_learn::{Edge, History, Stretch, closure, closure_with, learn};
 
-use super::machine::Machine;
+use super::machine::{Machine, of_each};
 use super::plan::{Injection, Place, Plan};
 use super::random::Random;
 use super::track::{Track, begun, track};
@@ -43,24 +42,12 @@ impl Past {
         let off = variant::off(&model);
         let engines = [Place::OnItsWay, Place::AtAStop]
             .map(|place| (place, begun(off.clone(), machine.beginning(place))));
-        let next = AtomicU64::new(seeds.start);
-        let trials: Mutex<BTreeMap<u64, Vec<Vec<Stretch>>>> = Mutex::default();
-        std::thread::scope(|scope| {
-            for _ in 0..threads.max(1) {
-                scope.spawn(|| {
-                    while let seed = next.fetch_add(1, Ordering::Relaxed)
-                        && seed < seeds.end
-                    {
-                        let plan = draw(machine, seed, only);
-                        let engine = &engines.iter().find(|(place, _)| *place == plan.place).expect("both").1;
-                        let history = machine.history(plan.place, &plan.injections, plan.length_ms);
-                        let stretches = stretches(&model, &track(engine, &history), plan.length_ms);
-                        trials.lock().unwrap_or_else(PoisonError::into_inner).insert(seed, stretches);
-                    }
-                });
-            }
+        let trials = of_each(&seeds, threads, |seed| {
+            let plan = draw(machine, seed, only);
+            let engine = &engines.iter().find(|(place, _)| *place == plan.place).expect("both").1;
+            let history = machine.history(plan.place, &plan.injections, plan.length_ms);
+            stretches(&model, &track(engine, &history), plan.length_ms)
         });
-        let trials = trials.into_inner().unwrap_or_else(PoisonError::into_inner).into_values().collect();
         Past { model, trials }
     }
 

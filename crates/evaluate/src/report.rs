@@ -23,15 +23,11 @@ pub fn markdown(results: &Results) -> String {
             results.faults()
         ),
     );
-    let rules = || {
-        let baselines = results.baselines.iter().map(|(rule, trials)| (rule.name(), trials));
-        std::iter::once(("ours", &results.ours)).chain(baselines)
-    };
     line(
         &mut out,
         "| Rule | First right | Precision | Recall | Rank | Alarms a fault |\n|---|---|---|---|---|---|",
     );
-    for (name, trials) in rules() {
+    for (name, trials) in results.rules() {
         let [first, precision, recall, rank, alarms, _] = figures::ratios(trials).map(shown);
         line(&mut out, format_args!("| {name} | {first} | {precision} | {recall} | {rank} | {alarms} |"));
     }
@@ -39,7 +35,7 @@ pub fn markdown(results: &Results) -> String {
         &mut out,
         "\n| Rule | Time to the cause, p50 | p95 | Hidden faults | Hidden for |\n|---|---|---|---|---|",
     );
-    for (name, trials) in rules() {
+    for (name, trials) in results.rules() {
         let [p50, p95] = figures::times(trials).map(|it| shown(scaled(it, 1e-3)));
         let [count, _, seconds] = figures::hidden(trials).map(shown);
         line(&mut out, format_args!("| {name} | {p50} s | {p95} s | {count} | {seconds} s |"));

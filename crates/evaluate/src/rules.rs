@@ -4,7 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use telltale_engine::model::{GroupId, Model, ModuleId, NodeId};
+use telltale_engine::model::{Model, ModuleId, NodeId};
 use telltale_engine::snapshot::Snapshot;
 use telltale_engine::state::State;
 
@@ -78,19 +78,7 @@ pub fn of_engine(track: &Track) -> Vec<Said> {
 
 /// Whether a node is a part of the vehicle, and not of Telltale.
 fn counts(snapshot: &Snapshot, node: NodeId) -> bool {
-    top(snapshot, node).is_none_or(|group| snapshot.group(group).0.is_tile())
-}
-
-/// The top group of a node.
-pub fn top(snapshot: &Snapshot, node: NodeId) -> Option<GroupId> {
-    let mut group = match node {
-        NodeId::Group(id) => id,
-        NodeId::Module(id) => snapshot.module(id).0.group,
-    };
-    while let Some(parent) = snapshot.group(group).0.parent {
-        group = parent;
-    }
-    Some(group)
+    snapshot.group(snapshot.layout.outermost(node)).0.is_tile()
 }
 
 /// What another rule makes of a run without masking.
@@ -113,16 +101,10 @@ struct Follow {
 
 impl Follow {
     fn new(model: &Model, rule: Rule) -> Follow {
-        let direct = model.modules.iter().map(|module| {
-            let mut all: Vec<NodeId> =
-                module.depends_on.iter().flat_map(|it| it.on.nodes().to_vec()).collect();
-            let mut group = Some(module.group);
-            while let Some(id) = group {
-                let spec = &model.groups[id.0 as usize];
-                all.extend(spec.depends_on.iter().flat_map(|it| it.on.nodes().to_vec()));
-                group = spec.parent;
-            }
-            all
+        let direct = (0..model.modules.len()).map(|index| {
+            let module = NodeId::Module(ModuleId(index as u32));
+            let holders = std::iter::once(module).chain(model.around(module).map(NodeId::Group));
+            holders.flat_map(|it| model.depends_on(it)).flat_map(|it| it.on.nodes()).copied().collect()
         });
         let direct = direct.collect();
         Follow { rule, direct, since: BTreeMap::new(), window: None, before: BTreeSet::new(), alarms: 0 }
@@ -144,8 +126,10 @@ impl Follow {
             Rule::Aggregator => {
                 let mut groups: Vec<NodeId> = Vec::new();
                 for id in &order {
-                    let group = top(snapshot, NodeId::Module(*id)).map(NodeId::Group);
-                    groups.extend(group.filter(|it| !groups.contains(it)));
+                    let group = NodeId::Group(snapshot.layout.outermost(NodeId::Module(*id)));
+                    if !groups.contains(&group) {
+                        groups.push(group);
+                    }
                 }
                 groups
             }

@@ -47,11 +47,10 @@ impl Present {
                 [off, with].iter().flat_map(|it| it.0.iter().map(|(at, _)| *at)).collect();
             let others = || alone.iter().enumerate().filter(|(other, _)| *other != index).map(|(_, it)| it);
             times.extend(others().flat_map(|it| it.0.iter().map(|(at, _)| *at)));
-            times.sort_unstable();
-            times.dedup();
             times.push(plan.length_ms);
             times.extend(injection.spells.iter().flat_map(|(from, to)| [*from, *to]));
             times.sort_unstable();
+            times.dedup();
             let is_there = |ms: u64| injection.spells.iter().any(|(from, to)| (*from..*to).contains(&ms));
             let is_distinct = |ms: u64| {
                 is_there(ms) && reports(off, ms) && reports(with, ms) && !others().any(|it| reports(it, ms))

@@ -71,12 +71,8 @@ pub fn draw(shipped: &Arc<Model>, number: u64) -> (Arc<Model>, Mistake) {
 
 /// Every dependency: the node that has it, and its index there.
 fn places(parts: &Parts) -> Vec<(NodeId, usize)> {
-    let nodes = NodeId::all(parts.groups.len(), parts.modules.len());
-    let count = |node: NodeId| match node {
-        NodeId::Group(id) => parts.groups[id.0 as usize].depends_on.len(),
-        NodeId::Module(id) => parts.modules[id.0 as usize].depends_on.len(),
-    };
-    nodes.flat_map(|node| (0..count(node)).map(move |index| (node, index))).collect()
+    let of = |node: NodeId| (0..parts.depends_on(node).len()).map(move |index| (node, index));
+    parts.nodes().flat_map(of).collect()
 }
 
 /// The model without each of its dependencies in turn.

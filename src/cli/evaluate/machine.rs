@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::{Context as _, bail};
 
 use crate::cli::running::demo::load_config;
 use crate::cli::running::vehicle::in_process::{Ears, listening, publishers};
@@ -22,7 +22,7 @@ use crate::engine::text::Text;
 use crate::engine::time::Timestamp;
 use crate::evaluate::machine::{self, History, STEP, Step};
 use crate::evaluate::plan::{Fault, Injection, Place};
-use crate::sim::machine::{Departure, Order};
+use crate::sim::machine::Order;
 
 /// A machine comes to its place within this time, or never.
 const COMES_WITHIN_MS: u64 = 120_000;
@@ -32,35 +32,22 @@ const SETTLES_MS: u64 = 5_000;
 /// The shuttle's stops in a campaign: so far apart that it drives for longer than a trial takes.
 const STOPS: [(&str, f64); 2] = [("start", -150.0), ("end", 550.0)];
 
-/// The modules that name each fault of the machines.
-const TRUTHS: [(&str, &[&str]); 14] = [
-    ("sensor_outage", &["sensors/velodyne_packet_alive"]),
-    ("localization_jump", &["localization/tf_quality", "localization/scan_matching"]),
-    ("costmap_delay", &["perception/costmap_delay"]),
-    ("planner_stall", &["planning/planner_submitted"]),
-    ("can_loss", &["can/bus"]),
-    ("low_battery", &["can/battery"]),
-    ("camera_crash", &["sensors/camera_driver"]),
-    ("lidar_outage", &["lidars/front"]),
-    ("wheel_slip", &["base/wheel_slip"]),
-    ("localization_lost", &["localization/certainty"]),
-    ("navigation_stall", &["navigation/commands"]),
-    ("controller_crash", &["navigation/controller"]),
-    ("docking_failed", &["docking/charging"]),
-    ("battery_low", &["battery/charge"]),
-];
-
-/// Faults of a machine from which others follow.
-const SPREADING: [&str; 9] = [
-    "sensor_outage",
-    "localization_jump",
-    "costmap_delay",
-    "planner_stall",
-    "can_loss",
-    "camera_crash",
-    "lidar_outage",
-    "wheel_slip",
-    "controller_crash",
+/// The modules that name each fault of the machines, and whether others follow from it.
+const TRUTHS: [(&str, &[&str], bool); 14] = [
+    ("sensor_outage", &["sensors/velodyne_packet_alive"], true),
+    ("localization_jump", &["localization/tf_quality", "localization/scan_matching"], true),
+    ("costmap_delay", &["perception/costmap_delay"], true),
+    ("planner_stall", &["planning/planner_submitted"], true),
+    ("can_loss", &["can/bus"], true),
+    ("low_battery", &["can/battery"], false),
+    ("camera_crash", &["sensors/camera_driver"], true),
+    ("lidar_outage", &["lidars/front"], true),
+    ("wheel_slip", &["base/wheel_slip"], true),
+    ("localization_lost", &["localization/certainty"], false),
+    ("navigation_stall", &["navigation/commands"], false),
+    ("controller_crash", &["navigation/controller"], true),
+    ("docking_failed", &["docking/charging"], false),
+    ("battery_low", &["battery/charge"], false),
 ];
 
 /// How a fault is made.
@@ -93,11 +80,11 @@ impl Simulated {
         let model = &loaded.model;
         let (mut faults, mut causes) = (Vec::new(), Vec::new());
         for info in kind.faults() {
-            let (_, truth) = TRUTHS.iter().find(|(name, _)| *name == info.name).context(info.name)?;
+            let (_, truth, spreads) = TRUTHS.iter().find(|it| it.0 == info.name).context(info.name)?;
             faults.push(Fault {
                 name: info.name.to_owned(),
                 truth: truth.iter().map(|it| (*it).to_owned()).collect(),
-                spreads: SPREADING.contains(&info.name),
+                spreads: *spreads,
                 urgency: truth.iter().filter_map(|id| urgency(model, id)).max().unwrap_or(0),
             });
             causes.push(Cause::Machine(info.name));
@@ -285,13 +272,4 @@ fn urgency(model: &Model, id: &str) -> Option<u8> {
         Urgency::BeReady => 1,
         Urgency::TakeOver => 2,
     })
-}
-
-/// The machine of this name.
-pub fn named(name: &str) -> anyhow::Result<Simulated> {
-    match name {
-        "shuttle" => Simulated::new(Kind::Shuttle(Departure::Cleared)),
-        "robot" => Simulated::new(Kind::Robot),
-        _ => Err(anyhow!("no machine is called {name}: shuttle or robot")),
-    }
 }

@@ -11,11 +11,13 @@ use anyhow::{Context as _, ensure};
 use clap::ValueEnum;
 
 use crate::cli::print::{self, Lines};
+use crate::cli::running::vehicle::machine::Kind;
 use crate::evaluate::campaign::{self, CURVE_MS, Results};
 use crate::evaluate::figures::{self, Figure, Figures};
 use crate::evaluate::learning;
 use crate::evaluate::report;
-use machine::named;
+use crate::sim::machine::Departure;
+use machine::Simulated;
 
 /// The most trials of one call: some days of one core.
 const SEEDS_MAX: u64 = 1_000_000;
@@ -51,8 +53,17 @@ enum Word {
     Robot,
 }
 
+impl Word {
+    fn machine(self) -> anyhow::Result<Simulated> {
+        Simulated::new(match self {
+            Word::Shuttle => Kind::Shuttle(Departure::Cleared),
+            Word::Robot => Kind::Robot,
+        })
+    }
+}
+
 pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
-    let machine = named(args.machine.to_possible_value().as_ref().map_or("", |it| it.get_name()))?;
+    let machine = args.machine.machine()?;
     let threads = args.threads.or(std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
     let all = args.seeds.end - args.seeds.start;
     let progress = |done: u64| {
@@ -105,10 +116,6 @@ fn summary(results: &Results) -> String {
         seeds.end - 1,
         results.faults()
     ));
-    let rules = || {
-        std::iter::once(("ours", &results.ours))
-            .chain(results.baselines.iter().map(|(it, all)| (it.name(), all)))
-    };
     lines.add("");
     lines.add(format_args!(
         "{:<11}{:>12}{:>11}{:>9}{:>7}{:>9}{:>9}{:>9}{:>8}{:>10}",
@@ -123,7 +130,7 @@ fn summary(results: &Results) -> String {
         "hidden",
         "hidden s"
     ));
-    for (name, trials) in rules() {
+    for (name, trials) in results.rules() {
         let [first, precision, recall, rank, alarms, _] = figures::ratios(trials).map(value);
         let [p50, p95] =
             figures::times(trials).map(|it| value(Figure { value: it.value.map(|ms| ms / 1000.0), ..it }));
@@ -175,8 +182,8 @@ mod tests {
     use crate::learn::learn;
 
     /// What two hundred trials teach, and what the same trials teach when their times are shuffled.
-    fn learned(name: &str) {
-        let machine = named(name).expect("its configuration is right");
+    fn learned(word: Word) {
+        let machine = word.machine().expect("its configuration is right");
         let past = Past::of(&machine, 0, 1..201, None, 1);
         let effects = Effects::of(&machine);
         let score = effects.score(&learn(&past.part(0..200), machine.model()).learned);
@@ -192,11 +199,11 @@ mod tests {
 
     #[test]
     fn the_shuttle_s_dependencies_are_learned_from_two_hundred_trials() {
-        learned("shuttle");
+        learned(Word::Shuttle);
     }
 
     #[test]
     fn the_robot_s_dependencies_are_learned_from_two_hundred_trials() {
-        learned("robot");
+        learned(Word::Robot);
     }
 }
