@@ -96,13 +96,9 @@ impl Fetching {
         let (asked, coming) = {
             let mut fleet = self.shared.fleet();
             fleet.give_up_recordings(unix_ms(clock.wall()));
+            self.last.retain(|(id, number), _| fleet.vehicle(id).is_some_and(|it| it.is_open(*number)));
             open(&fleet)
         };
-        let is_open = |key: &(VehicleId, u64)| {
-            asked.get(&key.0).is_some_and(|it| it.contains(&key.1))
-                || coming.iter().any(|it| it.id == key.0 && it.number == key.1)
-        };
-        self.last.retain(|key, _| is_open(key));
         for (id, numbers) in asked {
             self.ask(&hub, &id, &numbers, ASK_AGAIN).await;
         }

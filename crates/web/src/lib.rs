@@ -82,13 +82,14 @@ pub mod common {
     pub use crate::admission::peer::{CameFrom, source_of};
     pub use crate::api::query::{Asked, Moment};
     pub use crate::api::table::{Format, Table};
-    pub use crate::auth::login::DEVICE_LIFE;
+    pub use crate::auth::login::{DEVICE_LIFE, set_cookie};
     pub use crate::http::guard::{
         SignedIn, admitted, bearer, device_cookie_name, has_own_origin, one_session,
     };
     pub use crate::http::headers::secure as secure_headers;
     pub use crate::http::plain_errors::in_words;
     pub use crate::http::respond::{FormOf, Reader, Speaks, cookie, json_answer, refusal};
+    pub use crate::incidents::{sent_recording, wall_time};
     pub use crate::pages::{asset, healthz, not_found, wrong_method};
     pub use crate::replays::asked_ms;
     pub use crate::view::Home;

@@ -1,6 +1,5 @@
 //! The API: what all vehicles show, what all nodes of one show, and the incidents of the fleet.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use axum::extract::{Path, State};
@@ -216,28 +215,18 @@ fn shown(name: &str, shown: &Shown) -> Node {
     Node { id: name.to_owned(), state: shown.state, own: shown.own, message: shown.words.clone(), reason }
 }
 
-/// The groups with their modules: the name of a module begins with that of its group.
 fn groups(picture: &Picture) -> Vec<Group> {
-    let mut groups: BTreeMap<&str, (Option<&Shown>, Vec<Node>)> = BTreeMap::new();
-    for (name, node) in &picture.nodes {
-        match name.split_once('/') {
-            None => groups.entry(name).or_default().0 = Some(node),
-            Some((group, _)) => groups.entry(group).or_default().1.push(shown(name, node)),
-        }
-    }
-    let group = |(name, (node, modules)): (&str, (Option<&Shown>, Vec<Node>))| {
-        let unknown = Shown { state: Shows::Unknown, own: Shows::Unknown, cause: None, words: String::new() };
-        Group { node: shown(name, node.unwrap_or(&unknown)), modules }
-    };
-    groups.into_iter().map(group).collect()
+    let unknown = Shown { state: Shows::Unknown, own: Shows::Unknown, cause: None, words: String::new() };
+    let groups = picture.groups().into_iter().map(|(name, (node, modules))| Group {
+        node: shown(name, node.unwrap_or(&unknown)),
+        modules: modules.into_iter().map(|(name, node)| shown(name, node)).collect(),
+    });
+    groups.collect()
 }
 
 fn roots(picture: &Picture) -> Vec<Root> {
-    let mut masks: BTreeMap<&str, u32> = BTreeMap::new();
-    for cause in picture.nodes.values().filter_map(|node| node.cause.as_deref()) {
-        *masks.entry(cause).or_default() += 1;
-    }
-    masks.into_iter().map(|(node, masks)| Root { node: node.to_owned(), masks }).collect()
+    let root = |(node, waiting): (&str, Vec<_>)| Root { node: node.to_owned(), masks: waiting.len() as u32 };
+    picture.waiting().into_iter().map(root).collect()
 }
 
 fn alarms(picture: &Picture) -> Vec<OpenAlarm> {

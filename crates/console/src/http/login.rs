@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use askama::Template;
 use axum::extract::State;
-use axum::http::header::{RETRY_AFTER, SET_COOKIE};
-use axum::http::{Extensions, HeaderMap, HeaderValue, StatusCode};
+use axum::http::header::RETRY_AFTER;
+use axum::http::{Extensions, HeaderMap, StatusCode};
 use axum::response::{Html, IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use serde_json::json;
@@ -16,7 +16,7 @@ use telltale_store::audit::{Action, Record};
 use telltale_store::{Caller, Role, SESSION_LIFE, SessionKind, Token, Verified};
 use telltale_web::common::{
     CameFrom, DEVICE_LIFE, FormOf, PageFrame, Reader, SignedIn, Source, Speaks, cookie, device_cookie_name,
-    json_answer, refusal,
+    json_answer, refusal, set_cookie,
 };
 use telltale_web::cookie_name;
 use telltale_web::texts::console::ConsoleWords;
@@ -115,13 +115,11 @@ pub async fn login(
                     ),
                     Speaks::Html => Redirect::to("/").into_response(),
                 };
-                let name = cookie_name(console.secure);
-                set_cookie(&mut answer, &console, name, token.as_str(), SESSION_LIFE);
+                set_cookie(&mut answer, console.secure, cookie_name, token.as_str(), SESSION_LIFE);
                 if device.is_none()
                     && let Ok(token) = console.store.know_device(&user).await
                 {
-                    let name = device_cookie_name(console.secure);
-                    set_cookie(&mut answer, &console, name, token.as_str(), DEVICE_LIFE);
+                    set_cookie(&mut answer, console.secure, device_cookie_name, token.as_str(), DEVICE_LIFE);
                 }
                 return answer;
             }
@@ -212,13 +210,6 @@ pub async fn logout(
         Speaks::Json => json_answer(StatusCode::OK, &json!({})),
         Speaks::Html => Redirect::to("/login").into_response(),
     };
-    set_cookie(&mut answer, &console, cookie_name(console.secure), "", Duration::ZERO);
+    set_cookie(&mut answer, console.secure, cookie_name, "", Duration::ZERO);
     answer
-}
-
-fn set_cookie(answer: &mut Response, console: &Console, name: &str, value: &str, life: Duration) {
-    let (age_s, suffix) = (life.as_secs(), if console.secure { "; Secure" } else { "" });
-    let cookie = format!("{name}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite=Strict{suffix}");
-    let cookie = HeaderValue::try_from(cookie).expect("names and hexadecimal digits are visible ASCII");
-    answer.headers_mut().append(SET_COOKIE, cookie);
 }

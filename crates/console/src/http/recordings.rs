@@ -1,9 +1,7 @@
 //! The incidents of a vehicle on its page, and their recordings: an engineer asks for one, and takes it as a file.
 
-use axum::body::Body;
 use axum::extract::{Path, Request, State};
-use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE, ETAG};
-use axum::http::{HeaderValue, StatusCode};
+use axum::http::StatusCode;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde_json::json;
 use telltale_clock::unix_ms;
@@ -11,11 +9,9 @@ use telltale_fleet::message::{NotSent, VehicleId};
 use telltale_record::retention::size;
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Role, Session};
-use telltale_web::common::{CameFrom, Reader, SignedIn, Speaks, json_answer};
+use telltale_web::common::{CameFrom, Reader, SignedIn, Speaks, json_answer, sent_recording};
 use telltale_web::texts::console::ConsoleWords;
 use telltale_web::texts::{HttpError, Lang};
-use tower::ServiceExt as _;
-use tower_http::services::ServeFile;
 
 use super::Console;
 use crate::recordings::path_of;
@@ -162,17 +158,6 @@ pub async fn download(
     if !console.store.record(record, None).await {
         return Err(HttpError::Storage);
     }
-    // `ServeFile` reads nothing of a request but its headers and method.
-    let (parts, _) = request.into_parts();
-    let sent = match ServeFile::new(file).oneshot(Request::from_parts(parts, Body::empty())).await {
-        Ok(sent) => sent,
-        Err(never) => match never {},
-    };
-    let mut answer = sent.map(Body::new).into_response();
-    let headers = answer.headers_mut();
-    headers.insert(CONTENT_TYPE, HeaderValue::from_static("application/octet-stream"));
-    let name = format!("attachment; filename=\"{}-incident-{}.mcap\"", on.0, on.1);
-    headers.extend(HeaderValue::from_str(&name).ok().map(|name| (CONTENT_DISPOSITION, name)));
-    headers.extend(HeaderValue::from_str(&format!("\"{hash}\"")).ok().map(|tag| (ETAG, tag)));
-    Ok(answer)
+    let name = format!("{}-incident-{}.mcap", on.0, on.1);
+    Ok(sent_recording(&file, &name, &hash, request).await)
 }

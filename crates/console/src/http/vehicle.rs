@@ -1,7 +1,5 @@
 //! The page of one vehicle, to read: what it shows, its faults with their causes, its components as tiles, and its log.
 
-use std::collections::BTreeMap;
-
 use askama::Template;
 use axum::extract::{Path, State};
 use axum::response::Response;
@@ -90,9 +88,6 @@ struct StateHtml {
     /// It is not followed, and has no incidents.
     is_past: bool,
 }
-
-/// The name of a module in its group, and what it shows.
-type Module<'a> = (&'a str, &'a Shown);
 
 struct FaultHtml {
     state: &'static str,
@@ -239,12 +234,7 @@ impl StateHtml {
 /// The nodes that are ill themselves, the worst first, and how many more there are.
 fn faults(picture: &Picture, lang: Lang) -> (Vec<FaultHtml>, usize) {
     let words = ConsoleWords::of(lang);
-    let mut waiting: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    for (name, node) in &picture.nodes {
-        if let Some(cause) = node.cause.as_deref() {
-            waiting.entry(cause).or_default().push(name);
-        }
-    }
+    let waiting = picture.waiting();
     let is_ill = |node: &Shown| matches!(node.state, Shows::Error | Shows::Warning | Shows::Unknown);
     // A group shows what its modules show. It is ill itself only if others wait for it.
     let counts = |name: &str| name.contains('/') || waiting.contains_key(name);
@@ -273,15 +263,9 @@ fn faults(picture: &Picture, lang: Lang) -> (Vec<FaultHtml>, usize) {
     (ill.into_iter().take(FAULTS_MAX).map(fault).collect(), more)
 }
 
-/// A tile for each component, with its modules: the name of a module begins with that of its group.
+/// A tile for each component, with its modules.
 fn tiles(picture: &Picture, lang: Lang) -> Vec<TileHtml> {
-    let mut groups: BTreeMap<&str, (Option<&Shown>, Vec<Module<'_>>)> = BTreeMap::new();
-    for (name, node) in &picture.nodes {
-        match name.split_once('/') {
-            None => groups.entry(name).or_default().0 = Some(node),
-            Some((group, module)) => groups.entry(group).or_default().1.push((module, node)),
-        }
-    }
+    let mut groups = picture.groups();
     // Statuses that no group takes, of which there are none.
     groups.retain(|name, (_, modules)| *name != OTHER_GROUP || !modules.is_empty());
     groups
@@ -291,7 +275,7 @@ fn tiles(picture: &Picture, lang: Lang) -> Vec<TileHtml> {
         .collect()
 }
 
-fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<Module<'_>>, lang: Lang) -> TileHtml {
+fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<(&str, &Shown)>, lang: Lang) -> TileHtml {
     let words = Words::of(lang);
     let state = node.map_or(Shows::Unknown, |it| it.state);
     let (reason, icon, word) = look(state, node.and_then(|it| it.cause.as_deref()), lang);
@@ -304,10 +288,11 @@ fn tile(name: &str, node: Option<&Shown>, mut modules: Vec<Module<'_>>, lang: La
     };
     modules.sort_by_key(|(_, it)| std::cmp::Reverse((it.state != Shows::Ignore, it.state)));
     let more = modules.len().saturating_sub(MODULES_MAX);
-    let module = |(name, shown): Module<'_>| {
+    let module = |(whole, shown): (&str, &Shown)| {
         let (_, icon, word) = look(shown.state, shown.cause.as_deref(), lang);
         let state = shown.state.as_str();
-        ModuleHtml { name: name.to_owned(), state, icon, word, words: shown.words.clone() }
+        let name = whole.split_once('/').map_or(whole, |(_, name)| name).to_owned();
+        ModuleHtml { name, state, icon, word, words: shown.words.clone() }
     };
     TileHtml {
         name: name.to_owned(),

@@ -11,7 +11,6 @@ mod tests;
 pub mod vehicle;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::time::{Duration, UNIX_EPOCH};
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Serialize;
@@ -22,6 +21,7 @@ use telltale_fleet::hub::VEHICLES_MAX;
 use telltale_fleet::message::{Batch, Cause, Content, Malformed, Pieces, VehicleId};
 use telltale_fleet::reading::Stream;
 use telltale_store::Head;
+pub use telltale_web::common::wall_time as time;
 use telltale_web::describe::words;
 
 use contact::{Contact, Counts, Judged, Line, Urgency};
@@ -377,10 +377,4 @@ pub fn counts(rows: &[Row]) -> Counts {
         counts.add(row.contact, row.state, row.urgency);
     }
     counts
-}
-
-/// A time as programs read it.
-pub fn time(ms: i64) -> String {
-    let at = UNIX_EPOCH + Duration::from_millis(u64::try_from(ms).unwrap_or(0));
-    humantime::format_rfc3339_millis(at).to_string()
 }

@@ -38,6 +38,9 @@ pub struct Shown {
     pub words: String,
 }
 
+/// What a group shows, and its modules by their whole names: the name of a module begins with that of its group.
+type Group<'a> = (Option<&'a Shown>, Vec<(&'a str, &'a Shown)>);
+
 impl Picture {
     /// The place of the last message that people read of in the log; empty if there is none.
     pub fn noted_place(&self) -> String {
@@ -53,6 +56,28 @@ impl Picture {
         };
         let groups = self.nodes.iter().filter(|(name, _)| !name.contains('/') && !is_empty(name));
         groups.map(|(_, node)| node.state).max().unwrap_or(State::Unknown)
+    }
+
+    pub fn groups(&self) -> BTreeMap<&str, Group<'_>> {
+        let mut groups: BTreeMap<&str, Group<'_>> = BTreeMap::new();
+        for (name, node) in &self.nodes {
+            match name.split_once('/') {
+                None => groups.entry(name).or_default().0 = Some(node),
+                Some((group, _)) => groups.entry(group).or_default().1.push((name, node)),
+            }
+        }
+        groups
+    }
+
+    /// The nodes that wait for each cause.
+    pub fn waiting(&self) -> BTreeMap<&str, Vec<&str>> {
+        let mut waiting: BTreeMap<_, Vec<&str>> = BTreeMap::new();
+        for (name, node) in &self.nodes {
+            if let Some(cause) = node.cause.as_deref() {
+                waiting.entry(cause).or_default().push(name);
+            }
+        }
+        waiting
     }
 
     /// Takes the next message of the log. One that is not newer is passed over.

@@ -63,23 +63,30 @@ impl Vehicle {
         self.recordings.iter().filter(|(_, it)| it.step.is_open()).map(|(number, it)| (*number, it))
     }
 
-    /// Whether somebody may ask for a recording; `open` is how many are open in the whole fleet.
+    pub fn is_open(&self, number: u64) -> bool {
+        self.recordings.get(&number).is_some_and(|it| it.step.is_open())
+    }
+
+    /// Whether a recording may come: it is open already, or there is room; `open` is how many are open in the whole fleet.
+    fn may_open(&self, number: u64, open: usize) -> bool {
+        let has_room = open < OPEN_MAX && self.open_recordings().count() < OPEN_OF_VEHICLE;
+        self.is_open(number) || has_room
+    }
+
+    /// Whether somebody may ask for a recording.
     ///
     /// # Errors
     /// Why not.
     pub fn may_ask(&self, number: u64, open: usize) -> Result<(), NotAsked> {
         let incident = self.incidents.get(&number).ok_or(NotAsked::NoIncident)?;
         incident.sha256.as_ref().ok_or(NotAsked::NoRecording)?;
-        let is_open = self.recordings.get(&number).is_some_and(|it| it.step.is_open());
-        let has_room = open < OPEN_MAX && self.open_recordings().count() < OPEN_OF_VEHICLE;
-        if is_open || has_room { Ok(()) } else { Err(NotAsked::TooMany) }
+        if self.may_open(number, open) { Ok(()) } else { Err(NotAsked::TooMany) }
     }
 
     /// Somebody asks for a recording. One that comes already goes on.
     pub fn ask(&mut self, number: u64, now_ms: i64) {
-        let told = self.recordings.get(&number).and_then(|it| it.told);
-        let is_open = self.recordings.get(&number).is_some_and(|it| it.step.is_open());
-        if !is_open {
+        if !self.is_open(number) {
+            let told = self.recordings.get(&number).and_then(|it| it.told);
             let asked = Transfer { step: Step::Asked, is_asked: true, since_ms: now_ms, told };
             self.recordings.insert(number, asked);
         }
@@ -114,10 +121,7 @@ impl Vehicle {
                 if incident.sha256.as_ref() != Some(&pieces.sha256) || incident.bytes != pieces.bytes {
                     return wrong("it is not the one of the incident");
                 }
-                // One that goes on, or was asked for, has its place already.
-                let is_open = known.is_some_and(|it| it.step.is_open());
-                let has_room = open < OPEN_MAX && self.open_recordings().count() < OPEN_OF_VEHICLE;
-                if !is_open && !has_room {
+                if !self.may_open(number, open) {
                     return wrong("more come at once than are taken");
                 }
                 Step::Coming { pieces: pieces.clone(), have: 0 }

@@ -269,7 +269,7 @@ async fn leave(
         Speaks::Json => json_answer(StatusCode::OK, &json!({})),
         Speaks::Html => Redirect::to("/login").into_response(),
     };
-    set_cookie(&mut answer, &app, cookie_name(app.settings.secure), "", 0);
+    set_cookie(&mut answer, app.settings.secure, cookie_name, "", Duration::ZERO);
     answer
 }
 
@@ -285,8 +285,7 @@ async fn known_device(app: &AppState, headers: &HeaderMap, source: IpAddr, name:
 /// one.
 async fn make_known(app: &AppState, user: &Verified, answer: &mut Response) {
     if let Ok(Ok(token)) = timeout(DEVICE_WITHIN, app.store.know_device(user)).await {
-        let name = device_cookie_name(app.settings.secure);
-        set_cookie(answer, app, name, token.as_str(), DEVICE_LIFE.as_secs());
+        set_cookie(answer, app.settings.secure, device_cookie_name, token.as_str(), DEVICE_LIFE);
     }
 }
 
@@ -344,12 +343,19 @@ fn welcome(app: &AppState, reader: &Reader, token: &Token, session: &Session) ->
         }
         Speaks::Html => Redirect::to("/").into_response(),
     };
-    set_cookie(&mut answer, app, cookie_name(app.settings.secure), token.as_str(), COOKIE_LIFE.as_secs());
+    set_cookie(&mut answer, app.settings.secure, cookie_name, token.as_str(), COOKIE_LIFE);
     answer
 }
 
-fn set_cookie(answer: &mut Response, app: &AppState, name: &str, value: &str, age_s: u64) {
-    let suffix = if app.settings.secure { "; Secure" } else { "" };
+/// `secure` as in [`cookie_name`].
+pub fn set_cookie(
+    answer: &mut Response,
+    secure: bool,
+    name: fn(bool) -> &'static str,
+    value: &str,
+    life: Duration,
+) {
+    let (name, age_s, suffix) = (name(secure), life.as_secs(), if secure { "; Secure" } else { "" });
     let cookie = format!("{name}={value}; Path=/; Max-Age={age_s}; HttpOnly; SameSite=Strict{suffix}");
     let cookie = HeaderValue::try_from(cookie).expect("names and hexadecimal digits are visible ASCII");
     answer.headers_mut().append(SET_COOKIE, cookie);

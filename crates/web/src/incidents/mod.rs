@@ -30,7 +30,7 @@ use telltale_record::writer::Place;
 use telltale_store::audit::{Action, Record};
 use telltale_store::{Incident, StoreError};
 
-pub use download::get as download;
+pub use download::{get as download, sent as sent_recording};
 pub use json::{Listed, Marked, Whole, listed, time as wall_time, whole};
 pub(crate) use mark::mark_moment;
 pub use mark::{MarkForm, Marker, Marking, NotMarked, mark};
