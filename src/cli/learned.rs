@@ -59,8 +59,3 @@ pub fn edited(loaded: &Loaded, proposals: &Proposals) -> Option<Edited> {
     let edits: Vec<Edit> = add.chain(replace).collect();
     (!edits.is_empty()).then(|| edit(loaded, &edits))
 }
-
-/// Whether a module was well and then was not. Before its first report it is unknown, which is no failure.
-pub fn has_failed(stretches: &[Stretch]) -> bool {
-    stretches.windows(2).any(|pair| pair[0].own == State::Ok && pair[1].own > State::Ok)
-}

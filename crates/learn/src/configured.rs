@@ -1,6 +1,6 @@
 //! What the configuration says already, and what of it the past does not support.
 
-use telltale_engine::model::{DependsOn, GroupId, Model, ModuleId, NodeId};
+use telltale_engine::model::{DependsOn, Model, ModuleId, NodeId};
 
 use super::pairs::Learned;
 use super::{Doubt, Edge, SHARE_DOUBTED, SHARE_LEAST};
@@ -10,25 +10,17 @@ pub fn modules_of(model: &Model, node: NodeId) -> Vec<usize> {
     match node {
         NodeId::Module(id) => vec![id.0 as usize],
         NodeId::Group(id) => {
-            let is_below = |group: GroupId| ancestors(model, group).any(|it| it == id);
-            (0..model.modules.len()).filter(|index| is_below(model.modules[*index].group)).collect()
+            let is_below =
+                |index: &usize| model.around(NodeId::Module(ModuleId(*index as u32))).any(|it| it == id);
+            (0..model.modules.len()).filter(is_below).collect()
         }
     }
 }
 
-/// A group and the groups that it is in.
-fn ancestors(model: &Model, group: GroupId) -> impl Iterator<Item = GroupId> {
-    std::iter::successors(Some(group), |id| model.groups[id.0 as usize].parent)
-}
-
 /// Each dependency: its node, its position there, and the nodes that it names.
 fn dependencies(model: &Model) -> impl Iterator<Item = (NodeId, usize, &DependsOn)> {
-    NodeId::all(model.groups.len(), model.modules.len()).flat_map(|node| {
-        let all = match node {
-            NodeId::Group(id) => &model.groups[id.0 as usize].depends_on,
-            NodeId::Module(id) => &model.modules[id.0 as usize].depends_on,
-        };
-        all.iter().enumerate().map(move |(index, it)| (node, index, &it.on))
+    model.nodes().flat_map(|node| {
+        model.depends_on(node).iter().enumerate().map(move |(index, it)| (node, index, &it.on))
     })
 }
 

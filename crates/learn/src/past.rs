@@ -21,6 +21,16 @@ pub struct History {
     pub facts: Vec<Fact>,
 }
 
+impl History {
+    /// How many modules were well and then were not. Before its first report a module is unknown, which is no failure.
+    pub fn failed(&self) -> usize {
+        let has_failed = |stretches: &&Vec<Stretch>| {
+            stretches.windows(2).any(|pair| pair[0].own == State::Ok && pair[1].own > State::Ok)
+        };
+        self.modules.iter().filter(has_failed).count()
+    }
+}
+
 /// A module failed after it was well.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Failure {
@@ -125,6 +135,24 @@ mod tests {
 
     fn stretches(all: &[(i64, i64, State)]) -> Vec<Stretch> {
         all.iter().map(|&(from_ms, to_ms, own)| Stretch { from_ms, to_ms, own }).collect()
+    }
+
+    #[test]
+    fn a_module_that_was_never_well_has_not_failed() {
+        use State::{Error, Ignore, Ok, Unknown, Warning};
+        for (states, failed) in [
+            (&[][..], 0),
+            (&[Unknown], 0),
+            (&[Unknown, Ok], 0),
+            (&[Unknown, Error, Ok, Ignore], 0),
+            (&[Ok, Ignore, Error], 0),
+            (&[Unknown, Ok, Warning], 1),
+            (&[Ok, Unknown, Ok, Error], 1),
+        ] {
+            let all: Vec<_> = (0..).zip(states).map(|(from, own)| (from, from + 1, *own)).collect();
+            let modules = vec![stretches(&all), Vec::new()];
+            assert_eq!(History { modules, facts: Vec::new() }.failed(), failed, "{states:?}");
+        }
     }
 
     #[test]

@@ -1,12 +1,10 @@
 //! The proposals as text, each with its evidence.
 
-use std::time::{Duration, SystemTime};
-
-use crate::cli::learned;
 use crate::cli::print::Lines;
-use crate::engine::model::{Dependency, DependsOn, Model, ModuleId, NodeId};
+use crate::engine::model::{Model, ModuleId, NodeId};
 use crate::learn::{Direction, EPISODES, Edge, Evidence, History, Proposals, modules_of};
 use crate::store::Incident;
+use crate::web::common::wall_time;
 
 /// Times that are printed of each proposal.
 const TIMES: usize = 3;
@@ -52,9 +50,8 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
         shown(&mut lines, evidence);
     }
     for doubt in &proposals.doubted {
-        let on = dependencies(model, doubt.node).get(doubt.index).map(|it| &it.on);
-        let on =
-            on.map_or(&[][..], DependsOn::nodes).iter().map(|it| model.node_name(*it)).collect::<Vec<_>>();
+        let on = model.depends_on(doubt.node).get(doubt.index).map_or(&[][..], |it| it.on.nodes());
+        let on: Vec<&str> = on.iter().map(|it| model.node_name(*it)).collect();
         let (node, on) = (model.node_name(doubt.node), on.join(", "));
         match doubt.remains.iter().map(|it| name(*it)).collect::<Vec<_>>().join(", ") {
             remains if remains.is_empty() => lines.add(format_args!("remove: {node} depends on {on}")),
@@ -103,14 +100,13 @@ pub fn told(model: &Model, history: &History, proposals: &Proposals, incidents: 
             }
         }
     }
-    let is_failing = |stretches: &&Vec<_>| learned::has_failed(stretches);
     lines.add(format_args!(
         "{} to add, {} to remove or narrow; {} of {} dependencies that the history shows are configured; {} of {} modules ever failed",
         proposals.add.len(),
         proposals.doubted.len(),
         proposals.learned.len() - proposals.add.len(),
         proposals.learned.len(),
-        history.modules.iter().filter(is_failing).count(),
+        history.failed(),
         history.modules.len()
     ));
     lines
@@ -127,19 +123,11 @@ fn why(cause: &str, dependent: &str, direction: Direction) -> String {
     }
 }
 
-fn dependencies(model: &Model, node: NodeId) -> &[Dependency] {
-    match node {
-        NodeId::Group(id) => &model.groups[id.0 as usize].depends_on,
-        NodeId::Module(id) => &model.modules[id.0 as usize].depends_on,
-    }
-}
-
 /// An instant in UTC, with the incident then.
 fn time(at_ms: i64, incidents: &[Incident]) -> String {
-    let at = SystemTime::UNIX_EPOCH + Duration::from_millis(u64::try_from(at_ms).unwrap_or(0));
-    let at = humantime::format_rfc3339_millis(at);
+    let at = wall_time(at_ms);
     match incidents.iter().find(|it| it.summary.lasts_at(at_ms)) {
         Some(incident) => format!("{at} (incident {})", incident.summary.id),
-        None => at.to_string(),
+        None => at,
     }
 }

@@ -18,10 +18,9 @@ pub fn learner(definitions: Definitions) -> Learner {
         let reported = history.reported(&modules, &signals, &|| go_on(0)).map_err(|error| bad(&error))?;
         let history = learned::history(reported.ok_or(NotLearned::TooMuch)?).ok_or(NotLearned::Nothing)?;
         let proposals = learn_within(&history, &loaded.model, go_on).ok_or(NotLearned::TooMuch)?;
-        let has_failed = |it: &&Vec<_>| crate::cli::learned::has_failed(it);
         Ok(Learned {
             model: loaded.model.clone(),
-            failed: history.modules.iter().filter(has_failed).count(),
+            failed: history.failed(),
             patched: patched(&loaded, &proposals, &definitions),
             proposals,
         })

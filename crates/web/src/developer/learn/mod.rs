@@ -4,6 +4,7 @@
 mod run;
 
 use std::collections::BTreeSet;
+use std::slice::from_ref;
 
 use askama::Template;
 use axum::extract::State;
@@ -16,12 +17,11 @@ use super::{DevFrame, NodeLink, Page, why_address};
 use crate::incidents::wall_time;
 use crate::texts::{HttpError, Lang, LearnWords, MESSAGE, NAME, clean, clean_lines};
 use crate::view::page::frame::PageFrame;
-use crate::view::{PageContext, View, html};
+use crate::view::{View, html};
 use crate::{AppState, unlocked};
-use telltale_engine::model::{DependsOn, Model, ModuleId, NodeId};
+use telltale_engine::model::{Model, ModuleId, NodeId};
 use telltale_learn::{Direction, Doubt, EPISODES, Edge, Episodes, Silence, modules_of};
 use telltale_record::summary::Summary;
-use telltale_runtime::Published;
 use telltale_store::Role;
 
 const PATH: &str = "/developer/learn";
@@ -45,9 +45,12 @@ struct Instant {
     incident: Option<u64>,
 }
 
-struct Instants {
-    all: Vec<Instant>,
-    more: usize,
+/// The first of several, and how many more there are.
+type Few<T> = (Vec<T>, usize);
+
+fn few<I: IntoIterator, T>(all: I, most: usize, of: impl FnMut(I::Item) -> T) -> Few<T> {
+    let mut all = all.into_iter();
+    (all.by_ref().take(most).map(of).collect(), all.count())
 }
 
 /// What the past says of one cause.
@@ -57,7 +60,7 @@ struct EvidenceRow {
     noticed: String,
     why: String,
     /// For and against it, each with its word.
-    instants: [(&'static str, Instants); 2],
+    instants: [(&'static str, Few<Instant>); 2],
 }
 
 struct Proposal {
@@ -67,8 +70,7 @@ struct Proposal {
     on: Vec<NodeLink>,
     /// The rest of a narrowed dependency.
     remains: Vec<NodeLink>,
-    evidence: Vec<EvidenceRow>,
-    more: usize,
+    evidence: Few<EvidenceRow>,
 }
 
 /// A module that is silent in some states.
@@ -76,34 +78,34 @@ struct SilenceHtml {
     module: NodeLink,
     when: String,
     /// Each value with its sentence and its counterexamples.
-    values: Vec<(String, String, Instants)>,
+    values: Vec<(String, String, Few<Instant>)>,
 }
 
 struct PatchHtml {
     patch: String,
     left: Vec<String>,
-    warnings: Option<String>,
-    problems: Option<String>,
+    checked: Result<Option<String>, String>,
     /// The address of a what-if with it.
     what_if: Option<String>,
+}
+
+/// What was learned.
+struct Found {
+    summary: String,
+    proposals: Few<Proposal>,
+    undecided: Few<[NodeLink; 2]>,
+    silences: Few<SilenceHtml>,
+    /// The graph has something to show.
+    has_edges: bool,
+    patch: Option<PatchHtml>,
 }
 
 struct Shown {
     at: String,
     /// The configuration is another one now.
     is_old: bool,
-    /// Why nothing is learned.
-    trouble: String,
-    summary: String,
-    proposals: Vec<Proposal>,
-    more: usize,
-    undecided: Vec<(NodeLink, NodeLink)>,
-    more_undecided: usize,
-    silences: Vec<SilenceHtml>,
-    more_silences: usize,
-    /// The graph has something to show.
-    has_edges: bool,
-    patch: Option<PatchHtml>,
+    /// Or why nothing is learned.
+    found: Result<Found, String>,
 }
 
 #[derive(Template)]
@@ -121,107 +123,74 @@ struct LearnHtml {
 
 /// `GET /developer/learn`; with `run=yes` a developer has the history evaluated.
 pub async fn get(State(app): State<AppState>, request: PageRequest) -> Result<Response, HttpError> {
-    let may_run = request.session.role == Role::Developer;
-    if may_run && request.query.get("run") == "yes" {
-        unlocked(&request.published)?;
+    let PageRequest { published, context, query, session, .. } = &request;
+    let may_run = session.role == Role::Developer;
+    if may_run && query.get("run") == "yes" {
+        unlocked(published)?;
         run::start(&app).await?;
         return Ok(Redirect::to(PATH).into_response());
     }
     let running = run::running(&app);
     let Progress { is_running, last } = app.learning.progress();
-    let is_old = |it: &Outcome| running.as_ref().is_none_or(|running| *running != it.texts);
-    let now = Now {
-        is_there: app.settings.learner.is_some() && app.settings.history.is_some() && running.is_some(),
-        is_running,
-        last: last.as_deref().map(|it| (it, is_old(it))),
-    };
-    Ok(Html(page(&request.published, &request.context, may_run, &now)).into_response())
-}
-
-/// What there is to show.
-#[derive(Debug, Default)]
-pub struct Now<'a> {
-    pub is_there: bool,
-    pub is_running: bool,
-    /// The last evaluation, and whether it is for another configuration.
-    pub last: Option<(&'a Outcome, bool)>,
-}
-
-pub fn page(published: &Published, context: &PageContext, may_run: bool, now: &Now<'_>) -> String {
-    let view = &View::new(published, context.lang, false);
-    let it = LearnWords::of(context.lang);
-    let mut dev = DevFrame::new(view, context, Page::Learn, RENEW_MS);
-    dev.fixed = !now.is_running;
-    let shown = now.last.filter(|_| !now.is_running);
-    html(&LearnHtml {
+    let shown = last.filter(|_| !is_running).map(|last| Shown {
+        at: wall_time(last.at_ms),
+        is_old: running.as_ref().is_none_or(|running| *running != last.texts),
+        found: found(context.lang, &last, may_run),
+    });
+    let mut dev = DevFrame::new(&View::new(published, context.lang, false), context, Page::Learn, RENEW_MS);
+    dev.fixed = !is_running;
+    let page = html(&LearnHtml {
         frame: super::frame(context),
         dev,
-        it,
+        it: LearnWords::of(context.lang),
         may_run,
-        is_there: now.is_there,
-        is_running: now.is_running,
-        shown: shown.map(|(outcome, is_old)| shown_of(context.lang, outcome, is_old, may_run)),
-    })
+        is_there: app.settings.learner.is_some() && app.settings.history.is_some() && running.is_some(),
+        is_running,
+        shown,
+    });
+    Ok(Html(page).into_response())
 }
 
-fn shown_of(lang: Lang, outcome: &Outcome, is_old: bool, may_run: bool) -> Shown {
+fn found(lang: Lang, outcome: &Outcome, may_run: bool) -> Result<Found, String> {
     let it = LearnWords::of(lang);
-    let mut shown = Shown {
-        at: wall_time(outcome.at_ms),
-        is_old,
-        trouble: String::new(),
-        summary: String::new(),
-        proposals: Vec::new(),
-        more: 0,
-        undecided: Vec::new(),
-        more_undecided: 0,
-        silences: Vec::new(),
-        more_silences: 0,
-        has_edges: false,
-        patch: None,
-    };
-    let learned = match &outcome.result {
-        Ok(learned) => learned,
-        Err(why) => {
-            shown.trouble = match why {
-                NotLearned::Nothing => it.nothing.to_owned(),
-                NotLearned::TooMuch => it.too_much.to_owned(),
-                NotLearned::Bad(why) => format!("{}: {}", it.failed, clean(why, 4 * MESSAGE)),
-            };
-            return shown;
-        }
-    };
+    let learned = outcome.result.as_ref().map_err(|why| match why {
+        NotLearned::Nothing => it.nothing.to_owned(),
+        NotLearned::TooMuch => it.too_much.to_owned(),
+        NotLearned::Bad(why) => format!("{}: {}", it.failed, clean(why, 4 * MESSAGE)),
+    })?;
     let found = &learned.proposals;
     let writer = Writer { lang, model: &learned.model, incidents: &outcome.incidents };
-    shown.summary = lang.learned_in_all(found.learned.len(), learned.failed, learned.model.modules.len());
-    let add = found.add.iter().take(PROPOSALS).map(|index| writer.added(&found.learned[*index]));
-    let doubted = found.doubted.iter().take(PROPOSALS).map(|it| writer.doubted(it));
-    shown.proposals = add.chain(doubted).collect();
-    shown.more = found.add.len() + found.doubted.len() - shown.proposals.len();
-    let pair = |(one, other): &(ModuleId, ModuleId)| (writer.module(*one), writer.module(*other));
-    shown.undecided = found.undecided.iter().take(PROPOSALS).map(pair).collect();
-    shown.more_undecided = found.undecided.len() - shown.undecided.len();
-    shown.silences = found.silences.iter().take(PROPOSALS).map(|it| writer.silence(it)).collect();
-    shown.more_silences = found.silences.len() - shown.silences.len();
-    shown.has_edges = !found.add.is_empty();
-    let tried = tried(&shown.proposals, &outcome.incidents);
-    shown.patch = learned.patched.as_ref().map(|patched| PatchHtml {
-        patch: clean_lines(&patched.patch),
-        left: patched.left.iter().map(|name| clean(name, 2 * NAME)).collect(),
-        warnings: patched.checked.as_ref().ok().and_then(Option::as_deref).map(clean_lines),
-        problems: patched.checked.as_ref().err().map(|text| clean_lines(text)),
-        what_if: tried
-            .filter(|_| may_run && !patched.patch.is_empty())
-            .map(|id| format!("/incidents/{id}/what-if?from=proposed")),
-    });
-    shown
+    let add = found.add.iter().map(|index| (None, from_ref(&found.learned[*index])));
+    let doubted = found.doubted.iter().map(|doubt| (Some(doubt), &doubt.edges[..]));
+    let proposals = few(add.chain(doubted), PROPOSALS, |(doubt, edges)| writer.proposal(doubt, edges));
+    let tried = tried(&proposals.0, &outcome.incidents).filter(|_| may_run);
+    Ok(Found {
+        summary: lang.learned_in_all(found.learned.len(), learned.failed, learned.model.modules.len()),
+        proposals,
+        undecided: few(&found.undecided, PROPOSALS, |(one, other)| {
+            [*one, *other].map(|it| writer.module(it))
+        }),
+        silences: few(&found.silences, PROPOSALS, |it| writer.silence(it)),
+        has_edges: !found.add.is_empty(),
+        patch: learned.patched.as_ref().map(|patched| PatchHtml {
+            patch: clean_lines(&patched.patch),
+            left: patched.left.iter().map(|name| clean(name, 2 * NAME)).collect(),
+            checked: match &patched.checked {
+                Ok(warnings) => Ok(warnings.as_deref().map(clean_lines)),
+                Err(problems) => Err(clean_lines(problems)),
+            },
+            what_if: tried
+                .filter(|_| !patched.patch.is_empty())
+                .map(|id| format!("/incidents/{id}/what-if?from=proposed")),
+        }),
+    })
 }
 
 /// The newest incident that can be run and that a proposal names; else the newest one.
 fn tried(proposals: &[Proposal], incidents: &[Summary]) -> Option<u64> {
-    let instants = proposals.iter().flat_map(|it| &it.evidence).flat_map(|it| &it.instants);
+    let instants = proposals.iter().flat_map(|it| &it.evidence.0).flat_map(|it| &it.instants);
     let named: BTreeSet<u64> =
-        instants.flat_map(|(_, it)| &it.all).filter_map(|instant| instant.incident).collect();
+        instants.flat_map(|(_, it)| &it.0).filter_map(|instant| instant.incident).collect();
     let runs = || incidents.iter().filter(|it| it.recording.finished && !it.recording.gone).map(|it| it.id);
     runs().find(|id| named.contains(id)).or_else(|| runs().next())
 }
@@ -242,39 +211,29 @@ impl Writer<'_> {
         self.node(NodeId::Module(id))
     }
 
-    fn added(&self, edge: &Edge) -> Proposal {
+    /// A doubted dependency with its evidence, or one that its only edge adds.
+    fn proposal(&self, doubt: Option<&Doubt>, edges: &[Edge]) -> Proposal {
         let words = LearnWords::of(self.lang);
-        Proposal {
-            kind: "add",
-            word: words.add,
-            node: self.module(edge.dependent),
-            on: vec![self.module(edge.cause)],
-            remains: Vec::new(),
-            evidence: vec![self.evidence(edge, 1)],
-            more: 0,
-        }
-    }
-
-    fn doubted(&self, doubt: &Doubt) -> Proposal {
-        let words = LearnWords::of(self.lang);
-        let all = match doubt.node {
-            NodeId::Group(id) => &self.model.groups[id.0 as usize].depends_on,
-            NodeId::Module(id) => &self.model.modules[id.0 as usize].depends_on,
+        let (node, on, remains) = match doubt {
+            Some(Doubt { node, index, remains, .. }) => {
+                let on = self.model.depends_on(*node).get(*index).map_or(&[][..], |it| it.on.nodes());
+                (*node, on.to_vec(), &remains[..])
+            }
+            None => (NodeId::Module(edges[0].dependent), vec![NodeId::Module(edges[0].cause)], &[][..]),
         };
-        let on = all.get(doubt.index).map_or(&[][..], |it| DependsOn::nodes(&it.on));
-        let (kind, word) = match doubt.remains[..] {
-            [] => ("remove", words.remove),
+        let (kind, word) = match (doubt, remains) {
+            (None, _) => ("add", words.add),
+            (_, []) => ("remove", words.remove),
             _ => ("narrow", words.narrow),
         };
-        let dependents = modules_of(self.model, doubt.node).len();
+        let dependents = modules_of(self.model, node).len();
         Proposal {
             kind,
             word,
-            node: self.node(doubt.node),
+            node: self.node(node),
             on: on.iter().map(|it| self.node(*it)).collect(),
-            remains: doubt.remains.iter().map(|it| self.module(*it)).collect(),
-            evidence: doubt.edges.iter().take(MODULES).map(|edge| self.evidence(edge, dependents)).collect(),
-            more: doubt.edges.len().saturating_sub(MODULES),
+            remains: remains.iter().map(|it| self.module(*it)).collect(),
+            evidence: few(edges, MODULES, |edge| self.evidence(edge, dependents)),
         }
     }
 
@@ -334,7 +293,7 @@ impl Writer<'_> {
     }
 
     /// The newest of them.
-    fn instants(&self, nodes: &[&str], all: &[i64]) -> Instants {
+    fn instants(&self, nodes: &[&str], all: &[i64]) -> Few<Instant> {
         let instant = |at_ms: &i64| {
             let (until, at) = ((at_ms + SPAN_S * 500).to_string(), at_ms.to_string());
             let span = SPAN_S.to_string();
@@ -346,9 +305,6 @@ impl Writer<'_> {
                 incident: self.incidents.iter().find(|it| it.lasts_at(*at_ms)).map(|it| it.id),
             }
         };
-        Instants {
-            all: all.iter().rev().take(INSTANTS).map(instant).collect(),
-            more: all.len().saturating_sub(INSTANTS),
-        }
+        few(all.iter().rev(), INSTANTS, instant)
     }
 }
