@@ -1,7 +1,6 @@
 //! `telltale learn` on a data folder: its proposals, and that `check` accepts the file that it writes.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use telltale::clock::Clock;
 use telltale::engine::state::State;
@@ -26,26 +25,28 @@ groups:
         depends_on: [sensors/camera]
 ";
 
-/// A history of twenty failures of the camera, which nothing follows, and of ten of the lidar, half a second before the
-/// objects fail.
-pub async fn past(data: &Path) {
+fn shown(at_ms: u64, node: &str, own: State) -> (u64, Recorded) {
+    (at_ms, Recorded::Shown { node: node.into(), state: own, own, cause: None, said: None, began: None })
+}
+
+/// A history that begins with a start of the program, with these records and their times in milliseconds.
+async fn write(data: &Path, records: Vec<(u64, Recorded)>) {
     let (clock, hand) = Clock::standing();
     Store::open(data, clock, DemoSecrets::Refused).unwrap().close().await;
     let (history, queue) = History::open(data, clock).unwrap();
-    let shown = |at_ms: u64, node: &str, own: State| Record {
-        at: Timestamp::from_millis(at_ms),
-        what: Recorded::Shown {
-            node: Arc::from(node),
-            state: own,
-            own,
-            cause: None,
-            said: None,
-            began: None,
-        },
-    };
-    let mut records = vec![Record { at: Timestamp::ZERO, what: Recorded::Started { anew: false } }];
-    records
-        .extend(["sensors/lidar", "sensors/camera", "perception/objects"].map(|it| shown(0, it, State::Ok)));
+    hand.advance(Span::from_secs(3600));
+    let record = |(at_ms, what)| Record { at: Timestamp::from_millis(at_ms), what };
+    let started = (0, Recorded::Started { anew: false });
+    queue.send([started].into_iter().chain(records).map(record).collect()).unwrap();
+    drop(queue);
+    history.written().await;
+}
+
+/// A history of twenty failures of the camera, which nothing follows, and of ten of the lidar, half a second before the
+/// objects fail.
+pub async fn past(data: &Path) {
+    let nodes = ["sensors/lidar", "sensors/camera", "perception/objects"];
+    let mut records = Vec::from(nodes.map(|it| shown(0, it, State::Ok)));
     for minute in 1..=30 {
         let at = minute * 60_000;
         let failing: &[(&str, u64)] = match minute % 3 {
@@ -56,10 +57,7 @@ pub async fn past(data: &Path) {
             records.extend(failing.iter().map(|(node, late)| shown(at + late + after, node, own)));
         }
     }
-    hand.advance(Span::from_secs(3600));
-    queue.send(records).unwrap();
-    drop(queue);
-    history.written().await;
+    write(data, records).await;
 }
 
 #[tokio::test]
@@ -99,24 +97,15 @@ pub const SILENT: &str = "vehicle: { id: v, name: V, stages: none }\nsignals:\n 
 
 /// A history: the wheels are silent while the robot does not move, with one counterexample of thirty.
 pub async fn silent_past(data: &Path) {
-    let (clock, hand) = Clock::standing();
-    Store::open(data, clock, DemoSecrets::Refused).unwrap().close().await;
-    let (history, queue) = History::open(data, clock).unwrap();
-    let mut records = vec![Record { at: Timestamp::ZERO, what: Recorded::Started { anew: false } }];
+    let mut records = Vec::new();
     for minute in 0..60 {
-        let at = Timestamp::from_millis(minute * 60_000);
-        let moves = minute % 2 == 1;
+        let (at, moves) = (minute * 60_000, minute % 2 == 1);
         // Once it is heard all the same.
         let own = if moves || minute == 30 { State::Ok } else { State::Unknown };
-        let (name, node) = ("moving".into(), "sensors/wheels".into());
-        records.push(Record { at, what: Recorded::Signal { name, value: Some(moves) } });
-        let shown = Recorded::Shown { node, state: own, own, cause: None, said: None, began: None };
-        records.push(Record { at, what: shown });
+        records.push((at, Recorded::Signal { name: "moving".into(), value: Some(moves) }));
+        records.push(shown(at, "sensors/wheels", own));
     }
-    hand.advance(Span::from_secs(3600));
-    queue.send(records).unwrap();
-    drop(queue);
-    history.written().await;
+    write(data, records).await;
 }
 
 #[tokio::test]

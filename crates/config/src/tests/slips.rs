@@ -6,18 +6,10 @@ use telltale_engine::text::Text;
 
 #[test]
 fn a_tab_is_pointed_at() {
-    check(
-        "groups:\n- id: a\n\tmodules: []\n",
-        &[
-            "3:1: this is not YAML: a tab indents this line (use spaces: YAML allows no tab in an indentation)",
-        ],
-    );
-    check(
-        "groups:\n  - id: a\n    modules:\n\t- { id: m, status: s }\n",
-        &[
-            "4:1: this is not YAML: a tab indents this line (use spaces: YAML allows no tab in an indentation)",
-        ],
-    );
+    let help = "this is not YAML: a tab indents this line (use spaces: YAML allows no tab in an indentation)";
+    check("groups:\n- id: a\n\tmodules: []\n", &[&format!("3:1: {help}")]);
+    let module = "groups:\n  - id: a\n    modules:\n\t- { id: m, status: s }\n";
+    check(module, &[&format!("4:1: {help}")]);
 }
 
 #[test]
@@ -138,30 +130,25 @@ fn a_key_that_stands_too_far_out_is_answered_with_its_place() {
     );
 }
 
-#[test]
-fn a_word_in_the_place_of_a_number_is_given_none_by_chance() {
+fn is_no_number(limit: &str, written: &str, help: &str) {
+    let monitor = format!("{{ value: {{ status: s, key: k, {limit}: {written} }} }}");
     check(
-        "groups: [{ id: a, modules: [{ id: m, monitor: { value: { status: s, key: k, error_above: CHARGING } } }] }]\n",
-        &[
-            "1:90: expected a number, found `CHARGING` (write the number that is meant: the definition of a message has those of its names)",
-        ],
+        &format!("groups: [{{ id: a, modules: [{{ id: m, monitor: {monitor} }}] }}]\n"),
+        &[&format!("1:90: expected a number, found `{written}` (write the number {help})")],
     );
 }
 
 #[test]
+fn a_word_in_the_place_of_a_number_is_given_none_by_chance() {
+    let help = "that is meant: the definition of a message has those of its names";
+    is_no_number("error_above", "CHARGING", help);
+}
+
+#[test]
 fn a_percentage_is_no_number() {
-    check(
-        "groups: [{ id: a, modules: [{ id: m, monitor: { value: { status: s, key: k, error_below: 25.60 V } } }] }]\n",
-        &[
-            "1:90: expected a number, found `25.60 V` (write the number alone, in the unit of the value: `25.60`)",
-        ],
-    );
-    check(
-        "groups: [{ id: a, modules: [{ id: m, monitor: { value: { status: s, key: k, error_below: 20% } } }] }]\n",
-        &[
-            "1:90: expected a number, found `20%` (write the number alone, in the unit of the value: `20`, or `0.2` where it goes from 0 to 1)",
-        ],
-    );
+    is_no_number("error_below", "25.60 V", "alone, in the unit of the value: `25.60`");
+    let help = "alone, in the unit of the value: `20`, or `0.2` where it goes from 0 to 1";
+    is_no_number("error_below", "20%", help);
 }
 
 #[test]

@@ -230,9 +230,17 @@ fn without_its_file_an_incident_is_known_by_its_triggers() {
     assert_eq!(told, expected);
 }
 
+fn has_limits(values: &[(&str, &str)], expected: &[(&str, &str, f64)]) {
+    let values: Vec<(Box<str>, Box<str>)> =
+        values.iter().map(|(key, value)| ((*key).into(), (*value).into())).collect();
+    let limits = Limit::reported(&values);
+    let found: Vec<_> = limits.iter().map(|(of, limit)| (*of, &*limit.name, limit.value)).collect();
+    assert_eq!(found, expected);
+}
+
 #[test]
 fn the_limits_of_a_report_bound_what_its_monitor_measures() {
-    let values: Vec<(Box<str>, Box<str>)> = [
+    let values = [
         ("source", "lidar"),
         ("rate_hz", "9"),
         ("warning_below", "8"),
@@ -240,34 +248,27 @@ fn the_limits_of_a_report_bound_what_its_monitor_measures() {
         ("error_below", "5"),
         ("error_above", "nan"),
         ("warning_above", "none"),
-    ]
-    .map(|(key, value)| (key.into(), value.into()))
-    .into();
-    let limits = Limit::reported(&values);
-    let found: Vec<_> = limits.iter().map(|(of, limit)| (*of, &*limit.name, limit.value)).collect();
-    assert_eq!(found, [("rate_hz", "warning_below", 8.0), ("rate_hz", "error_below", 5.0)]);
-    assert!(Limit::reported(&values[2..3]).is_empty(), "a limit of nothing");
+    ];
+    has_limits(&values, &[("rate_hz", "warning_below", 8.0), ("rate_hz", "error_below", 5.0)]);
+    // A limit of nothing.
+    has_limits(&values[2..3], &[]);
 }
 
 #[test]
 fn limits_that_name_their_number_bound_that_one() {
-    let values: Vec<(Box<str>, Box<str>)> = [
+    let values = [
         ("translation_m", "0.2"),
         ("rotation_deg", "3"),
         ("translation_m_warning_above", "0.5"),
         ("translation_m_error_above", "1"),
         ("rotation_deg_error_above", "20"),
-    ]
-    .map(|(key, value)| (key.into(), value.into()))
-    .into();
-    let limits = Limit::reported(&values);
-    let found: Vec<_> = limits.iter().map(|(of, limit)| (*of, &*limit.name, limit.value)).collect();
+    ];
     let expected = [
         ("translation_m", "warning_above", 0.5),
         ("translation_m", "error_above", 1.0),
         ("rotation_deg", "error_above", 20.0),
     ];
-    assert_eq!(found, expected);
+    has_limits(&values, &expected);
     for (key, is_limit) in [
         ("error_above", true),
         ("rotation_deg_error_above", true),
